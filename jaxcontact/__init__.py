@@ -1,0 +1,54 @@
+"""jaxcontact: contact laws and impacts, differentiable in JAX."""
+
+from typing import Any as _Any
+
+from ._bounce import Bounce as Bounce
+from ._bounce import bounce as bounce
+from ._contact import Contact as Contact
+from ._contact import Material as Material
+from ._impact import Impact as Impact
+from ._impact import Status as Status
+from ._impact import Trajectory as Trajectory
+from ._impact import impact as impact
+from ._impact import restitution as restitution
+from ._impact import trajectory as trajectory
+from ._laws import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
+from ._laws import AbstractHuntCrossley as AbstractHuntCrossley
+from ._laws import AbstractLaw as AbstractLaw
+from ._laws import AntypovElliott as AntypovElliott
+from ._laws import CarvalhoMartins as CarvalhoMartins
+from ._laws import ConstantDamping as ConstantDamping
+from ._laws import Damped as Damped
+from ._laws import EnergyLoss as EnergyLoss
+from ._laws import ExactRestitution as ExactRestitution
+from ._laws import Flores as Flores
+from ._laws import Gonthier as Gonthier
+from ._laws import HerbertMcWhannell as HerbertMcWhannell
+from ._laws import Hertz as Hertz
+from ._laws import HuGuo as HuGuo
+from ._laws import HuntCrossley as HuntCrossley
+from ._laws import Jankowski as Jankowski
+from ._laws import KelvinVoigt as KelvinVoigt
+from ._laws import KuwabaraKono as KuwabaraKono
+from ._laws import LankaraniNikravesh as LankaraniNikravesh
+from ._laws import LeeWang as LeeWang
+from ._laws import MarhefkaOrin as MarhefkaOrin
+from ._laws import Thornton as Thornton
+from ._laws import Tsuji as Tsuji
+from ._laws import ZhiyingQishao as ZhiyingQishao
+from ._laws import exact_damping_factor as exact_damping_factor
+from ._laws import get_law as get_law
+from ._laws import list_laws as list_laws
+from ._laws import power as power
+from ._laws import register_law as register_law
+
+__version__ = "0.1.0"
+
+
+def __getattr__(name: str) -> _Any:
+    # matplotlib is loaded by those who plot.
+    if name == "plot":
+        from . import plot
+
+        return plot
+    raise AttributeError(f"module 'jaxcontact' has no attribute {name!r}")

@@ -1,0 +1,174 @@
+"""What touches: materials, and the contact they make."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from ._parameter import POSITIVE, Range, as_parameter, parameter, shown
+
+EXPONENT = Range(low=1.0, high=3.0, inside=1.5)
+POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.25)
+
+
+class Material(eqx.Module):
+    """An isotropic elastic material.
+
+    Arguments: `youngs_modulus` E > 0 in Pa; `poisson_ratio` ν in (-1, 0.5]; `density` ρ > 0 in
+    kg/m³, needed only where a mass follows from it. Raises ValueError for a Python scalar out of
+    range.
+    """
+
+    youngs_modulus: Float[Array, "..."] = parameter("youngs_modulus", POSITIVE)
+    poisson_ratio: Float[Array, "..."] = parameter("poisson_ratio", POISSON)
+    density: Float[Array, "..."] | None = eqx.field(
+        default=None,
+        converter=lambda rho: None if rho is None else as_parameter(rho, "density", POSITIVE),
+    )
+
+    @property
+    def compliance(self) -> Float[Array, "..."]:
+        """h = (1-ν²)/E in 1/Pa, the material's share in the Hertz stiffness."""
+        return (1 - jnp.square(self.poisson_ratio)) / self.youngs_modulus
+
+    def sphere_mass(self, radius: ArrayLike) -> Float[Array, "..."]:
+        """Mass (4/3)π R³ ρ in kg of a solid sphere; ValueError if the material has no density."""
+        if self.density is None:
+            raise ValueError(
+                "Argument `density` of the material must be given for a mass, but is None; "
+                "or give `mass` to the contact."
+            )
+        return 4 / 3 * jnp.pi * as_parameter(radius, "radius", POSITIVE) ** 3 * self.density
+
+
+def _hertz_stiffness(
+    compliance: Float[Array, "..."], radius: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    return 4 / 3 * jnp.sqrt(radius) / compliance
+
+
+class Contact(eqx.Module):
+    """One contact: the effective mass and the elastic force K δⁿ that the laws build on.
+
+    Arguments: `mass` m > 0 in kg, the effective mass m1 m2/(m1+m2); `stiffness` K > 0 in N/mⁿ;
+    `exponent` n in [1, 3]. All broadcast. Mass and stiffness are leaves. A Python number for n is
+    static and specialises the compiled code (another number compiles anew); an array makes n a
+    leaf, which can be differentiated and batched at some cost in speed. Raises ValueError for a
+    Python scalar out of range. For Hertz contacts use `sphere_sphere`, `sphere_plane` and
+    `sphere_socket`.
+    """
+
+    mass: Float[Array, "..."] = parameter("mass", POSITIVE)
+    stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
+    _static_exponent: float | None = eqx.field(static=True, default=None)
+    _traced_exponent: Float[Array, "..."] | None = None
+
+    def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
+        self.mass = as_parameter(mass, "mass", POSITIVE)
+        self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
+        value = as_parameter(exponent, "exponent", EXPONENT)
+        concrete = isinstance(exponent, int | float)
+        self._static_exponent = float(exponent) if concrete else None
+        self._traced_exponent = None if concrete else value
+
+    def __repr__(self) -> str:
+        return (
+            f"Contact(mass={shown(self.mass)}, stiffness={shown(self.stiffness)}, "
+            f"exponent={shown(self.exponent)})"
+        )
+
+    @property
+    def exponent(self) -> float | Float[Array, "..."]:
+        """The exponent n: a float if it was given as a Python number, an array otherwise."""
+        if self._static_exponent is not None:
+            return self._static_exponent
+        assert self._traced_exponent is not None
+        return self._traced_exponent
+
+    @classmethod
+    def sphere_sphere(
+        cls,
+        radius: ArrayLike,
+        other_radius: ArrayLike,
+        sphere: Material,
+        other: Material,
+        *,
+        mass: ArrayLike | None = None,
+    ) -> Contact:
+        """Hertz contact of two solid spheres: K = 4/(3(h1+h2)) √(R1 R2/(R1+R2)), n = 3/2.
+
+        Arguments: radii in m and materials; h = (1-ν²)/E. `mass` is the effective mass in kg; left
+        out, it follows from the densities. Raises ValueError for a Python scalar out of range or a
+        missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
+        doi 10.1017/CBO9781139171731.
+        """
+        first = as_parameter(radius, "radius", POSITIVE)
+        second = as_parameter(other_radius, "other_radius", POSITIVE)
+        stiffness = _hertz_stiffness(
+            sphere.compliance + other.compliance, first / (first + second) * second
+        )
+        if mass is None:
+            first_mass, second_mass = sphere.sphere_mass(first), other.sphere_mass(second)
+            mass = first_mass / (first_mass + second_mass) * second_mass
+        return cls(mass, stiffness)
+
+    @classmethod
+    def sphere_plane(
+        cls,
+        radius: ArrayLike,
+        sphere: Material,
+        plane: Material | None = None,
+        *,
+        mass: ArrayLike | None = None,
+    ) -> Contact:
+        """Hertz contact of a solid sphere with a fixed plane: K = 4/(3(h1+h2)) √R, n = 3/2.
+
+        Arguments: radius in m; the sphere's material; the plane's, or None for a rigid one
+        (h2 = 0). `mass` in kg; left out, it is the sphere's. Raises ValueError for a Python scalar
+        out of range or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
+        doi 10.1017/CBO9781139171731.
+        """
+        radius = as_parameter(radius, "radius", POSITIVE)
+        compliance = sphere.compliance + (0.0 if plane is None else plane.compliance)
+        return cls(
+            sphere.sphere_mass(radius) if mass is None else mass,
+            _hertz_stiffness(compliance, radius),
+        )
+
+    @classmethod
+    def sphere_socket(
+        cls,
+        radius: ArrayLike,
+        socket_radius: ArrayLike,
+        sphere: Material,
+        socket: Material | None = None,
+        *,
+        mass: ArrayLike | None = None,
+    ) -> Contact:
+        """Hertz contact of a sphere in a fixed socket: K = 4/(3(h1+h2)) √(R1 R2/(R2-R1)), n = 3/2.
+
+        Arguments: `radius` R1 of the sphere and `socket_radius` R2 > R1 in m; the materials, None
+        for a rigid socket. `mass` in kg; left out, it is the sphere's. A socket that is not wider
+        than the sphere gives NaN in its lane. Hertz's theory wants an indentation small beside the
+        clearance R2 - R1. Raises ValueError for Python scalars out of range (R2 ≤ R1 among them) or
+        a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
+        doi 10.1017/CBO9781139171731.
+        """
+        inner = as_parameter(radius, "radius", POSITIVE)
+        outer = as_parameter(socket_radius, "socket_radius", POSITIVE)
+        both_python = not isinstance(radius, jax.Array) and not isinstance(socket_radius, jax.Array)
+        if both_python and inner.ndim == outer.ndim == 0 and not outer > inner:
+            raise ValueError(
+                f"Argument `socket_radius` must be larger than `radius` = {radius!r}, "
+                f"but is {socket_radius!r}."
+            )
+        wider = outer > inner
+        clearance = jnp.where(wider, outer - inner, 1)
+        effective = jnp.where(wider, inner / clearance * outer, jnp.nan)
+        compliance = sphere.compliance + (0.0 if socket is None else socket.compliance)
+        return cls(
+            sphere.sphere_mass(inner) if mass is None else mass,
+            _hertz_stiffness(compliance, effective),
+        )

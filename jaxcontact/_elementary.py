@@ -1,0 +1,105 @@
+"""Elementary functions without cancellation, with the right derivatives at their removable points.
+
+Each closed form below loses all digits where its argument vanishes, so a power series takes over
+there. Both branches see a safe argument: the branch that is not chosen must not poison the
+derivative of the one that is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+# Each series is cut where its first omitted term is below half an ulp of float64 at the switch.
+_PSI_SERIES = tuple(1 / math.factorial(k + 2) for k in range(18))
+_ATANH_SERIES = tuple(1 / (2 * k + 3) for k in range(16))
+_ARC_SERIES = tuple(
+    math.gamma(k + 1) * math.gamma(1.5) / math.gamma(k + 1.5) / 2**k for k in range(24)
+)
+
+
+_SINC_SERIES = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(10))
+
+
+def horner(coefficients: Sequence[float], x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """The polynomial `sum_k coefficients[k] x^k`."""
+    result = jnp.full_like(x, coefficients[-1])
+    for coefficient in reversed(coefficients[:-1]):
+        result = result * x + coefficient
+    return result
+
+
+def psi(z: Float[Array, "..."]) -> Float[Array, "..."]:
+    """ψ(z) = (e^z - 1 - z)/z², with ψ(0) = 1/2."""
+    small = jnp.abs(z) < 1
+    z_series = jnp.where(small, z, 0)
+    z_closed = jnp.where(small, 1, z)
+    closed = (jnp.expm1(z_closed) - z_closed) / jnp.square(z_closed)
+    return jnp.where(small, horner(_PSI_SERIES, z_series), closed)
+
+
+def kappa(z: Float[Array, "..."]) -> Float[Array, "..."]:
+    """κ(z) = (e^z - 1)/z, with κ(0) = 1."""
+    small = jnp.abs(z) < 1
+    z_series = jnp.where(small, z, 0)
+    z_closed = jnp.where(small, 1, z)
+    return jnp.where(small, 1 + z * horner(_PSI_SERIES, z_series), jnp.expm1(z_closed) / z_closed)
+
+
+def speed_of(y: Float[Array, "..."], alpha: Float[Array, "..."]) -> Float[Array, "..."]:
+    """(e^(αy) - 1)/α, the speed that belongs to y = ln(1 + αv)/α; y itself at α = 0.
+
+    Cheaper than `y κ(αy)`: only a small α, not a small y, needs the series, and few terms of it.
+    """
+    small = jnp.abs(alpha) < 1e-3
+    z = jnp.where(small, alpha * y, 0)
+    series = y * (1 + z / 2 * (1 + z / 3 * (1 + z / 4 * (1 + z / 5))))
+    divisor = jnp.where(small, 1, alpha)
+    return jnp.where(small, series, jnp.expm1(divisor * y) / divisor)
+
+
+def log1p_over(u: Float[Array, "..."]) -> Float[Array, "..."]:
+    """ln(1 + u)/u for u > -1, with the value 1 at u = 0."""
+    small = jnp.abs(u) < 0.5
+    u_series = jnp.where(small, u, 0)
+    u_closed = jnp.where(small, 1, u)
+    series = 1 - u_series * log_remainder(u_series)
+    return jnp.where(small, series, jnp.log1p(u_closed) / u_closed)
+
+
+def log_remainder(u: Float[Array, "..."]) -> Float[Array, "..."]:
+    """L(u) = (u - ln(1 + u))/u² for u > -1, with L(0) = 1/2."""
+    small = jnp.abs(u) < 0.5
+    u_series = jnp.where(small, u, 0)
+    u_closed = jnp.where(small, 1, u)
+    # ln(1+u) = 2 atanh(q): its series in q² converges three times faster than the one in u.
+    q = u_series / (2 + u_series)
+    series = (1 - q) * (1 - q * (1 - q) * horner(_ATANH_SERIES, jnp.square(q))) / 2
+    closed = (u_closed - jnp.log1p(u_closed)) / jnp.square(u_closed)
+    return jnp.where(small, series, closed)
+
+
+def arc_over_sine(cosine: Float[Array, "..."]) -> Float[Array, "..."]:
+    """C(ζ) = arccos(ζ)/√(1-ζ²) for ζ > -1, continued to arcosh(ζ)/√(ζ²-1) beyond ζ = 1."""
+    near = jnp.abs(cosine - 1) < 0.3
+    below = cosine < 1
+    c_near = jnp.where(near, cosine, 1)
+    c_below = jnp.where(near | ~below, 0, cosine)
+    c_above = jnp.where(near | below, 2, cosine)
+    # arccos(1-y)/√(y(2-y)) is a hypergeometric series in y/2, analytic through y = 0.
+    series = horner(_ARC_SERIES, 1 - c_near)
+    angle = jnp.arccos(c_below) / jnp.sqrt((1 - c_below) * (1 + c_below))
+    sine = jnp.sqrt((c_above - 1) * (c_above + 1))
+    area = jnp.log(c_above + sine) / sine
+    return jnp.where(near, series, jnp.where(below, angle, area))
+
+
+def sinc_root(x: Float[Array, "..."]) -> Float[Array, "..."]:
+    """sin(√x)/√x for x > 0, continued to sinh(√-x)/√-x for x < 0, with the value 1 at x = 0."""
+    near = jnp.abs(x) < 1
+    root = jnp.sqrt(jnp.where(near, 1, jnp.abs(x)))
+    far = jnp.where(x > 0, jnp.sin(root), jnp.sinh(jnp.where(x > 0, 0, root))) / root
+    return jnp.where(near, horner(_SINC_SERIES, jnp.where(near, x, 0)), far)

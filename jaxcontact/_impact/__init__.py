@@ -1,0 +1,9 @@
+"""One impact: scaling, closed forms, phase angle, event-terminated solve, and the front door."""
+
+from ._impact import impact as impact
+from ._impact import restitution as restitution
+from ._result import Impact as Impact
+from ._result import Status as Status
+from ._trajectory import Energy as Energy
+from ._trajectory import Trajectory as Trajectory
+from ._trajectory import trajectory as trajectory

@@ -1,0 +1,153 @@
+"""What `impact`, `restitution` and `trajectory` share: checks, conversion, and the scaled lanes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from .._contact import EXPONENT, Contact
+from .._laws import VELOCITY_THRESHOLD, AbstractLaw
+from .._parameter import Range, as_parameter, is_valid, sanitised
+from ._form import AbstractForm, HuntCrossleyForm, OscillatorForm, reduce
+from ._motion import Motion
+from ._scale import Scale, scale_of
+
+SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
+FORCE = Range(inside=0.0)
+
+
+class Problem(eqx.Module):
+    """An impact to solve: converted to one precision, its leaves of one rank or scalar."""
+
+    law: AbstractLaw
+    contact: Contact
+    velocity: Float[Array, "..."]
+    external_force: Float[Array, "..."] | None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The broadcast shape of everything."""
+        return np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(self)))
+
+
+def problem_of(
+    law: AbstractLaw,
+    contact: Contact,
+    velocity: ArrayLike,
+    external_force: ArrayLike | None = None,
+) -> Problem:
+    """Convert and check what can be checked without looking into arrays."""
+    _check_kinds(law, contact)
+    if external_force is not None:
+        if isinstance(external_force, int | float) and external_force == 0:
+            external_force = None
+        else:
+            external_force = as_parameter(external_force, "external_force", FORCE)
+    n = contact.exponent
+    if law.exponents is not None and isinstance(n, float) and n not in law.exponents:
+        allowed = " or ".join(f"{exponent:g}" for exponent in law.exponents)
+        raise ValueError(
+            f"Argument `contact` must have the exponent {allowed} for `{type(law).__name__}`, "
+            f"but has {n:g}."
+        )
+    velocity = as_parameter(velocity, "velocity", SPEED)
+    return uniform(Problem(law, contact, velocity, external_force))
+
+
+def _check_kinds(law: Any, contact: Any) -> None:
+    if not isinstance(law, AbstractLaw):
+        raise ValueError(f"Argument `law` must be a contact law (see `list_laws`), but is {law!r}.")
+    if not isinstance(contact, Contact):
+        raise ValueError(f"Argument `contact` must be a `Contact`, but is {contact!r}.")
+
+
+def uniform(tree: Any) -> Any:
+    """`tree` with its numbers in one precision, the highest among them, and of one rank."""
+    # A Python number left in a law is a value, not a choice: another one must not compile anew.
+    tree = jax.tree.map(lambda leaf: jnp.asarray(leaf) if type(leaf) is float else leaf, tree)
+    leaves = [leaf for leaf in jax.tree.leaves(tree) if eqx.is_inexact_array(leaf)]
+    # A Python number is weakly typed and follows the arrays; alone it has the default precision.
+    strong = [leaf.dtype for leaf in leaves if not leaf.weak_type]
+    double = jnp.dtype("float64")
+    dtype = (
+        (double if double in strong else jnp.dtype("float32")) if strong else jnp.zeros(()).dtype
+    )
+    rank = max(leaf.ndim for leaf in leaves)
+
+    def convert(leaf: Any) -> Any:
+        if not eqx.is_inexact_array(leaf):
+            return leaf
+        if 0 < leaf.ndim < rank:
+            leaf = leaf.reshape((1,) * (rank - leaf.ndim) + leaf.shape)
+        return jax.lax.convert_element_type(leaf, dtype)
+
+    return jax.tree.map(convert, tree)
+
+
+class Reduced(eqx.Module):
+    """A problem in scaled units, and which lanes of it are worth solving."""
+
+    form: AbstractForm
+    traced_exponent: Float[Array, "..."] | None
+    push: Float[Array, "..."] | None
+    scale: Scale
+    valid: Bool[Array, "..."]
+    static_exponent: float | None = eqx.field(static=True)
+
+    @property
+    def n(self) -> float | Float[Array, "..."]:
+        """The exponent, a float where it is concrete."""
+        if self.static_exponent is not None:
+            return self.static_exponent
+        assert self.traced_exponent is not None
+        return self.traced_exponent
+
+    def motion(self, *, audited: bool = False) -> Motion:
+        """The lanes as a solver sees them."""
+        return Motion(self.form, self.traced_exponent, self.push, self.static_exponent, audited)
+
+
+def reduced(problem: Problem) -> Reduced:
+    """The scaled problem. Bad lanes are marked, and solved with harmless numbers in place."""
+    contact = problem.contact
+    n = contact.exponent
+    valid = is_valid(problem.law) & is_valid(contact) & SPEED.holds(problem.velocity)
+    traced = None
+    if not isinstance(n, float):
+        good = EXPONENT.holds(n)
+        if problem.law.exponents is not None:
+            good = good & jnp.any(jnp.stack([n == e for e in problem.law.exponents]), axis=0)
+        valid = valid & good
+        traced = jnp.where(good, n, EXPONENT.inside)
+        contact = eqx.tree_at(lambda c: c._traced_exponent, contact, traced)
+    push = problem.external_force
+    if push is not None:
+        valid = valid & FORCE.holds(push)
+        push = jnp.where(FORCE.holds(push), push, 0)
+    contact = sanitised(contact)
+    velocity = jnp.where(SPEED.holds(problem.velocity), problem.velocity, SPEED.inside)
+    scale = scale_of(contact, velocity)
+    form, sound = _sound(reduce(sanitised(problem.law), contact, scale))
+    return Reduced(
+        form=form,
+        traced_exponent=traced,
+        push=None if push is None else push / scale.force,
+        scale=scale,
+        valid=valid & sound,
+        static_exponent=n if isinstance(n, float) else None,
+    )
+
+
+def _sound(form: AbstractForm) -> tuple[AbstractForm, Bool[Array, "..."]]:
+    """A law of the user's may compute a damping that is negative or not finite: mark it."""
+    if isinstance(form, HuntCrossleyForm | OscillatorForm):
+        name = "alpha" if isinstance(form, HuntCrossleyForm) else "zeta"
+        number = getattr(form, name)
+        good = (number >= 0) & jnp.isfinite(number)
+        return eqx.tree_at(lambda f: getattr(f, name), form, jnp.where(good, number, 0)), good
+    return form, jnp.asarray(True)

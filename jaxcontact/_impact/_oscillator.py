@@ -1,0 +1,170 @@
+"""The oscillator laws solved: x'' = -(xⁿ + 2ζ √((n+1)/2) x^((n-1)/2) x'), x(0) = 0, x'(0) = 1.
+
+With `s²/2 = x^(n+1)/(n+1)` and `dτ = (xⁿ/s) dt` this is s'' + 2ζ s' + s = 0, whose solution is
+elementary: s = e^(-ζτ) sin(ωτ)/ω, ω² = 1-ζ². In terms of `C(ζ) = arccos(ζ)/ω`, which is analytic
+through critical damping, the turn is at τ = C. A contact without tension ends at τ = 2C, one with
+tension at τ = π/ω. Time follows from `dt = ((n+1)/2)^(-n/(n+1)) s^(-(n-1)/(n+1)) dτ`.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax.scipy.special import betaln
+from jaxtyping import Array, Float
+
+from .._elementary import arc_over_sine, sinc_root
+from ._quadrature import Exponent, end_rule, for_nodes, n_is_one
+from ._scaled import Scaled
+
+Lane = Float[Array, "..."]
+
+
+def solve_oscillator(zeta: Lane, n: Exponent, ending: str) -> Scaled:
+    """Everything about the scaled impact with damping ratio ζ ≥ 0 and exponent n in [1, 3].
+
+    `ending` is "tension" (until x = 0; ζ < 1), "clamped" (until the force vanishes) or "approach"
+    (damping on approach only, elastic rebound). Restitution and extrema by formula, times by
+    quadrature, except for n = 1, where they are formulas too.
+    """
+    zeta = zeta + jnp.zeros_like(jnp.asarray(n, zeta.dtype))
+    bound = ending == "tension"
+    settled = (zeta >= 1) if bound else jnp.zeros_like(zeta, dtype=bool)
+    zeta = jnp.where(settled, 0, zeta)
+    turn = arc_over_sine(zeta)
+    s_max = jnp.exp(-zeta * turn)
+    compression = _compression_time(zeta, turn, n)
+    if ending == "tension":
+        duration = _half_period_time(zeta, n)
+    elif ending == "clamped":
+        duration = compression + _clamped_rebound_time(zeta, turn, n)
+    else:
+        duration = compression + _elastic_rebound_time(s_max, n)
+    return Scaled(
+        restitution=restitution_of_oscillator(zeta, ending),
+        duration=duration,
+        compression_time=compression,
+        max_indentation=((n + 1) / 2 * jnp.square(s_max)) ** (1 / (n + 1)),
+        max_force=_max_force(zeta, n),
+        converged=jnp.ones_like(settled),
+        settled=settled,
+    )
+
+
+def restitution_of_oscillator(zeta: Lane, ending: str) -> Lane:
+    """e of the damping ratio ζ: e^(-πζ/ω) with tension, e^(-2ζC) clamped, e^(-ζC) on approach."""
+    if ending == "tension":
+        bound = zeta >= 1
+        return jnp.where(bound, 0, jnp.exp(-_decrement(jnp.where(bound, 0, zeta))))
+    loss = zeta * arc_over_sine(zeta)
+    return jnp.exp(-2 * loss if ending == "clamped" else -loss)
+
+
+def _decrement(zeta: Lane) -> Lane:
+    return jnp.pi * zeta / jnp.sqrt((1 - zeta) * (1 + zeta))
+
+
+def _weakness(n: Exponent) -> Exponent:
+    """q of dt ~ s^(-q) dτ: the strength of the singularity of time at touch and separation."""
+    return (n - 1) / (n + 1)
+
+
+def _time_unit(n: Exponent) -> Exponent:
+    return ((n + 1) / 2) ** (-n / (n + 1))
+
+
+def _rule(n: Exponent, zeta: Lane) -> tuple[Lane, Lane, Exponent]:
+    """Nodes, weights and exponent -q of the time integral; the last axis is that of the nodes."""
+    q = _weakness(n)
+    nodes, weights = end_rule(q, zeta, 20 if zeta.dtype == jnp.float64 else 10)
+    return nodes, weights, -for_nodes(q)
+
+
+def _compression_time(zeta: Lane, turn: Lane, n: Exponent) -> Lane:
+    if n_is_one(n):
+        return turn
+    nodes, weights, power = _rule(n, zeta)
+    tau = turn[..., None] * nodes
+    zeta_ = zeta[..., None]
+    s_over_tau = jnp.exp(-zeta_ * tau) * sinc_root((1 - zeta_) * (1 + zeta_) * jnp.square(tau))
+    integral = jnp.sum(weights * s_over_tau**power, axis=-1)
+    return _time_unit(n) * turn ** (1 - _weakness(n)) * integral
+
+
+def _half_period_time(zeta: Lane, n: Exponent) -> Lane:
+    """From touch to x = 0 with tension: the whole half period, each half from its own end."""
+    omega = jnp.sqrt((1 - zeta) * (1 + zeta))
+    if n_is_one(n):
+        return jnp.pi / omega
+    q = _weakness(n)
+    nodes, weights, power = _rule(n, zeta)
+    u = nodes / 2
+    shape = jnp.sin(jnp.pi * u) / u
+    decrement_ = _decrement(zeta)[..., None]
+    first = (jnp.exp(-decrement_ * u) * shape) ** power
+    second = (jnp.exp(-decrement_ * (1 - u)) * shape) ** power
+    integral = jnp.sum(weights * (first + second), axis=-1)
+    return _time_unit(n) * jnp.pi * (2 * omega) ** (q - 1) * integral
+
+
+def _clamped_rebound_time(zeta: Lane, turn: Lane, n: Exponent) -> Lane:
+    """From the turn to the vanishing of the force, which is as far in τ as from touch to turn."""
+    if n_is_one(n):
+        return turn
+    q = _weakness(n)
+    # Weak damping: the force vanishes close to x = 0, where the integrand is singular. Take the
+    # whole way to x = 0 and subtract the last bit, both from the singular end.
+    weak = zeta < 0.2
+    zeta_weak = jnp.where(weak, zeta, 0.1)
+    # The last bit grows as ζ^(2/(n+1)), with infinite slope at ζ = 0: its derivative is zero there.
+    damped = zeta_weak > 0
+    last = 2 * jnp.arcsin(jnp.where(damped, zeta_weak, 0.1))
+    whole = _end_time(zeta_weak, jnp.pi - jnp.arccos(zeta_weak), n)
+    rest = jnp.where(damped, _end_time(zeta_weak, last, n), 0)
+    nodes, weights = end_rule(0.0, zeta, 20)
+    tau = turn[..., None] * (1 + nodes)
+    zeta_ = jnp.where(weak, 0.5, zeta)[..., None]
+    s = tau * jnp.exp(-zeta_ * tau) * sinc_root((1 - zeta_) * (1 + zeta_) * jnp.square(tau))
+    safe_s = jnp.where(weak[..., None], 1, s)
+    direct = _time_unit(n) * turn * jnp.sum(weights * safe_s ** -for_nodes(q), axis=-1)
+    return jnp.where(weak, whole - rest, direct)
+
+
+def _end_time(zeta: Lane, angle: Lane, n: Exponent) -> Lane:
+    """Time spent in the last `angle` = ωτ before x = 0; ζ < 1."""
+    omega = jnp.sqrt((1 - zeta) * (1 + zeta))
+    nodes, weights, power = _rule(n, zeta)
+    phi = angle[..., None] * nodes
+    decay = jnp.exp(-(zeta / omega)[..., None] * (jnp.pi - phi))
+    s_over_phi = decay * sinc_root(jnp.square(phi)) / omega[..., None]
+    integral = jnp.sum(weights * s_over_phi**power, axis=-1)
+    return _time_unit(n) * angle ** (1 - _weakness(n)) / omega * integral
+
+
+def _elastic_rebound_time(s_max: Lane, n: Exponent) -> Lane:
+    """From rest at s_max back to x = 0 without damping: a quarter period, ∫ cos^(-q)."""
+    q = jnp.asarray(_weakness(n), s_max.dtype)
+    half = jnp.asarray(0.5, s_max.dtype)
+    quarter = jnp.exp(betaln((1 - q) / 2, half)) / 2
+    return _time_unit(n) * s_max ** (-_weakness(n)) * quarter
+
+
+def _max_force(zeta: Lane, n: Exponent) -> Lane:
+    """The largest of ((n+1)/2)^(n/(n+1)) s^q (s + 2ζv): where 2ζq v² + (1+q-4ζ²) s v = 2ζ s²."""
+    q = _weakness(n)
+    b = 1 + q - 4 * jnp.square(zeta)
+    # For n = 1 the root is |b|; the derivative of the square root is guarded where it vanishes.
+    square = jnp.square(b) + 16 * jnp.square(zeta) * q
+    root = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
+    early = b <= 0
+    v = jnp.where(early, jnp.where(square > 0, root - b, 1), 4 * zeta)
+    s = jnp.where(early, 4 * zeta * q, root + b)
+    # Along the motion s² + v² + 2ζsv = e^(-2ζτ), which turns the direction into the moment.
+    size = jnp.sqrt(jnp.square(s) + jnp.square(v) + 2 * zeta * s * v)
+    s, v = s / size, v / size
+    amplitude = jnp.exp(-zeta * s * arc_over_sine(v + zeta * s))
+    s, v = s * amplitude, v * amplitude
+    # s vanishes (the force is largest at touch) only for n = 1, where s^q is 1.
+    positive = s > 0
+    return (
+        jnp.where(positive, jnp.where(positive, s, 1) ** q, 1) * (s + 2 * zeta * v) / _time_unit(n)
+    )

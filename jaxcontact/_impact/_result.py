@@ -1,0 +1,85 @@
+"""What an impact returns."""
+
+from __future__ import annotations
+
+import enum
+
+import equinox as eqx
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float, Int
+
+from .._parameter import shown
+
+
+class Status(enum.IntEnum):
+    """How an impact ended; the values of `Impact.status`."""
+
+    SEPARATED = 0
+    """The bodies came apart."""
+    SETTLED = 1
+    """They stay in contact: restitution and rebound are zero, the duration is infinite."""
+    NOT_CONVERGED = 2
+    """The numbers cannot be trusted and are NaN; try another method, or more `steps`."""
+    INVALID_INPUT = 3
+    """A parameter of this lane is out of its range; its numbers are NaN."""
+
+
+class Impact(eqx.Module):
+    """The summary of an impact; every array has the broadcast shape of law, contact and speed.
+
+    `restitution` e = -v(+)/v(-), dimensionless; `rebound_velocity` in m/s; `duration` of contact
+    and `compression_time` until the indentation is largest, in s; `max_indentation` in m;
+    `max_force` in N, the largest force of the whole contact; `energy_loss` in J; `status`, see
+    `Status`; `error_estimate`, the relative error estimated for restitution and duration (the
+    larger one), for methods that estimate it; `steps`, the accepted steps, for methods that step.
+    `method` names what was used.
+    """
+
+    restitution: Float[Array, "..."]
+    rebound_velocity: Float[Array, "..."]
+    duration: Float[Array, "..."]
+    compression_time: Float[Array, "..."]
+    max_indentation: Float[Array, "..."]
+    max_force: Float[Array, "..."]
+    energy_loss: Float[Array, "..."]
+    status: Int[Array, "..."]
+    error_estimate: Float[Array, "..."] | None
+    steps: Int[Array, "..."] | None
+    method: str = eqx.field(static=True)
+
+    def __repr__(self) -> str:
+        units = {
+            "restitution": "",
+            "rebound_velocity": "m/s",
+            "duration": "s",
+            "compression_time": "s",
+            "max_indentation": "m",
+            "max_force": "N",
+            "energy_loss": "J",
+        }
+        lines = [f"Impact by method {self.method!r}"]
+        for name, unit in units.items():
+            lines.append(f"  {name:<17}{_show(getattr(self, name))} {unit}".rstrip())
+        lines.append(f"  {'status':<17}{_show_status(self.status)}")
+        return "\n".join(lines)
+
+
+def _show(value: Array) -> str:
+    if isinstance(value, Tracer) or not eqx.is_array(value) or value.ndim == 0:
+        return shown(value)
+    array = np.asarray(value)
+    good = array[np.isfinite(array)]
+    if good.size == 0:
+        return f"shape {array.shape}, none finite"
+    return f"shape {array.shape}, from {good.min():.6g} to {good.max():.6g}"
+
+
+def _show_status(value: Array) -> str:
+    if isinstance(value, Tracer) or not eqx.is_array(value):
+        return str(value)
+    kinds, counts = np.unique(np.asarray(value), return_counts=True)
+    names = [Status(int(kind)).name.lower() for kind in kinds]
+    if np.ndim(value) == 0:
+        return names[0]
+    return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))

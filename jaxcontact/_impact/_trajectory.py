@@ -1,0 +1,202 @@
+"""A whole impact as a function of time."""
+
+from __future__ import annotations
+
+import operator
+from typing import NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from .._contact import Contact
+from .._laws import AbstractLaw
+from ._bracket import bracketed_root, ratio
+from ._event import EventOptions, Leg, solve_leg
+from ._front_door import Problem, problem_of, reduced
+from ._lanes import over_lanes
+from ._methods import Options, event_options, options_of
+from ._motion import Motion, Number, State
+from ._result import Status
+from ._runge_kutta import step
+from ._sensitivity import with_sensitivity
+
+
+class Energy(eqx.Module):
+    """Where the energy is, in J: shape (..., samples).
+
+    `kinetic` = ½ m δ'²; `elastic` = ∫ F(δ, 0) dδ, what the contact stores; `dissipated`, the work
+    of damping, integrated along the motion; `external`, the work of the external force. `total` =
+    kinetic + elastic + dissipated - external is the initial energy ½ m v0² up to the tolerance: an
+    independent check of the solve.
+    """
+
+    kinetic: Float[Array, "..."]
+    elastic: Float[Array, "..."]
+    dissipated: Float[Array, "..."]
+    external: Float[Array, "..."]
+
+    @property
+    def total(self) -> Float[Array, "..."]:
+        """kinetic + elastic + dissipated - external, in J."""
+        return self.kinetic + self.elastic + self.dissipated - self.external
+
+
+class Trajectory(eqx.Module):
+    """An impact sampled uniformly in time, from touch to separation; shape (..., samples).
+
+    `time` in s, `indentation` in m, `velocity` δ' in m/s (positive while closing), `force` in N,
+    `energy`, see `Energy`; `status` as in `Impact`, shape (...). A contact that settles is followed
+    until its second turn, when that is certain.
+    """
+
+    time: Float[Array, "..."]
+    indentation: Float[Array, "..."]
+    velocity: Float[Array, "..."]
+    force: Float[Array, "..."]
+    energy: Energy
+    status: Int[Array, "..."]
+
+
+def trajectory(
+    law: AbstractLaw,
+    contact: Contact,
+    velocity: ArrayLike,
+    *,
+    samples: int = 200,
+    rtol: float | None = None,
+    atol: float | None = None,
+    steps: int | None = None,
+    solver: diffrax.AbstractSolver | None = None,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+    external_force: ArrayLike | None = None,
+) -> Trajectory:
+    """The motion of an impact: m δ'' = -F(δ, δ') + external force, δ(0) = 0, δ'(0) = velocity.
+
+    Arguments as for `impact` with the event method, which this uses; `samples` ≥ 2 moments, equally
+    spaced, the first at touch and the last at separation. Between the steps of the solver the
+    motion is found by a step of order 8, not by interpolation.
+
+    Returns a `Trajectory`; bad lanes are flagged in `.status`, their numbers NaN. Raises ValueError
+    as `impact` does. Source: see `impact`.
+    """
+    if not isinstance(samples, int) or samples < 2:
+        raise ValueError(
+            f"Argument `samples` must be a whole number of at least 2, but is {samples!r}."
+        )
+    problem = problem_of(law, contact, velocity, external_force)
+    options = options_of("event", rtol, atol, steps, solver, adjoint)
+    return _trajectory(problem, options, samples)
+
+
+class _Path(NamedTuple):
+    t: Array
+    x: Array
+    v: Array
+    force: Array
+    elastic: Array
+    loss: Array
+    converged: Array
+    settled: Array
+
+
+@eqx.filter_jit
+def _trajectory(problem: Problem, options: Options, samples: int) -> Trajectory:
+    lanes = reduced(problem)
+    how = event_options(options, lanes.scale.length.dtype == jnp.float64)
+
+    def one_lane(motion: Motion) -> _Path:
+        return _path(motion, how, samples)
+
+    lane = one_lane if options.adjoint is not None else with_sensitivity(one_lane)
+    path = over_lanes(lane, lanes.motion(audited=True))
+    shape = problem.shape
+    scale = lanes.scale
+    solved = path.converged & jnp.isfinite(path.t[..., -1])
+    status = jnp.where(path.settled, int(Status.SETTLED), int(Status.SEPARATED))
+    status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
+    status = jnp.where(lanes.valid, status, int(Status.INVALID_INPUT))
+    good = (lanes.valid & solved)[..., None]
+
+    def result(value: Array, unit: Array) -> Array:
+        filled = jnp.where(good, value * unit[..., None], jnp.nan)
+        return jnp.broadcast_to(filled, (*shape, samples))
+
+    work = jnp.zeros_like(path.x) if lanes.push is None else lanes.push[..., None] * path.x
+    return Trajectory(
+        time=result(path.t, scale.time),
+        indentation=result(path.x, scale.length),
+        velocity=result(path.v, scale.speed),
+        force=result(path.force, scale.force),
+        energy=Energy(
+            # The unit of energy is ½ m v0²: the scaled energies, in units of m v0², count double.
+            kinetic=result(jnp.square(path.v), scale.energy),
+            elastic=result(2 * path.elastic, scale.energy),
+            dissipated=result(2 * path.loss, scale.energy),
+            external=result(2 * work, scale.energy),
+        ),
+        status=jnp.broadcast_to(status, shape),
+    )
+
+
+def _path(motion: Motion, options: EventOptions, samples: int) -> _Path:
+    def run(state: State, compressing: Array) -> tuple[State, Leg]:
+        leg = solve_leg(motion, state, compressing, options)
+        return leg.end._replace(u=jnp.zeros_like(leg.end.u)), leg
+
+    flags = jnp.asarray([True, False])
+    _, legs = jax.lax.scan(run, motion.start(), flags)
+    turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
+    fractions = jnp.linspace(0, 1, samples, dtype=end.t.dtype)
+
+    def sample(fraction: Number) -> tuple[State, Number, Number]:
+        moment = fraction * end.t
+        on_way_in = moment <= turn.t
+        leg = jax.tree.map(lambda leaf: jnp.where(on_way_in, leaf[0], leaf[1]), legs)
+        state = _state_at(motion, leg, jax.lax.stop_gradient(moment), moment, on_way_in)
+        return state, motion.force(state, on_way_in), motion.stored(state)
+
+    states, forces, elastic = jax.vmap(sample)(fractions)
+    # Touch and separation are known: no sample may lie outside the contact by its rounding.
+    w = jnp.maximum(states.w, 0).at[0].set(0)
+    return _Path(
+        t=fractions * end.t,
+        x=w**motion.order,
+        v=jax.vmap(motion.velocity)(states),
+        force=forces if motion.form.tension else jnp.maximum(forces, 0),
+        elastic=elastic,
+        loss=states.loss if states.loss is not None else jnp.zeros_like(w),
+        converged=jnp.all(legs.arrived),
+        settled=motion.settled(end),
+    )
+
+
+def _state_at(
+    motion: Motion, leg: Leg, frozen_moment: Number, moment: Number, compressing: Array
+) -> State:
+    """The state at a time, one step of the right size after the last accepted state before it."""
+    before = leg.taken & (leg.states.t <= frozen_moment)
+    left = jnp.clip(jnp.sum(before) - 1, 0, jnp.sum(leg.taken) - 2)
+    moments = jax.lax.stop_gradient(leg.moments)
+    size = moments[left + 1] - moments[left]
+    start = jax.tree.map(lambda leaf: leaf[left], leg.states)
+
+    def later(motion: Motion, state: State, fraction: Number) -> State:
+        return step(lambda s: motion.rate(s, compressing), state, fraction * size)
+
+    frozen, frozen_start = jax.lax.stop_gradient((motion, start))
+    fraction = bracketed_root(
+        lambda fraction: frozen_moment - later(frozen, frozen_start, fraction).t,
+        frozen_moment - frozen_start.t,
+        frozen_moment - jax.lax.stop_gradient(leg.states.t[left + 1]),
+        iterations=20,
+    )
+    fraction = jax.lax.stop_gradient(jnp.clip(fraction, 0, 1))
+    # One Newton step changes no digit of the fraction, and gives it its derivative.
+    reached = later(motion, start, fraction)
+    clock = jax.lax.stop_gradient(motion.rate(reached, compressing).t * size)
+    missing = moment - reached.t
+    fraction = fraction + ratio(missing - jax.lax.stop_gradient(missing), clock)
+    return later(motion, start, fraction)

@@ -1,0 +1,36 @@
+"""Contact laws: pure force functions, their parameters, and a registry of names."""
+
+from ._base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
+from ._base import AbstractLaw as AbstractLaw
+from ._damping_relation import exact_damping_factor as exact_damping_factor
+from ._damping_relation import rebound_exponent as rebound_exponent
+from ._damping_relation import restitution_of as restitution_of
+from ._energy_loss import EnergyLoss as EnergyLoss
+from ._exact import ExactRestitution as ExactRestitution
+from ._hunt_crossley import AbstractHuntCrossley as AbstractHuntCrossley
+from ._hunt_crossley import ConstantDamping as ConstantDamping
+from ._hunt_crossley import Damped as Damped
+from ._hunt_crossley import Hertz as Hertz
+from ._hunt_crossley import MarhefkaOrin as MarhefkaOrin
+from ._oscillator import AbstractOscillator as AbstractOscillator
+from ._oscillator import AntypovElliott as AntypovElliott
+from ._oscillator import Jankowski as Jankowski
+from ._oscillator import KelvinVoigt as KelvinVoigt
+from ._oscillator import Thornton as Thornton
+from ._oscillator import Tsuji as Tsuji
+from ._power import power as power
+from ._published import CarvalhoMartins as CarvalhoMartins
+from ._published import Flores as Flores
+from ._published import Gonthier as Gonthier
+from ._published import HerbertMcWhannell as HerbertMcWhannell
+from ._published import HuGuo as HuGuo
+from ._published import HuntCrossley as HuntCrossley
+from ._published import LankaraniNikravesh as LankaraniNikravesh
+from ._published import LeeWang as LeeWang
+from ._published import ZhiyingQishao as ZhiyingQishao
+from ._registry import Description as Description
+from ._registry import describe as describe
+from ._registry import get_law as get_law
+from ._registry import list_laws as list_laws
+from ._registry import register_law as register_law
+from ._viscoelastic import KuwabaraKono as KuwabaraKono

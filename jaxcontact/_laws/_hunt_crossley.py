@@ -1,0 +1,153 @@
+"""The Hunt-Crossley family F = K δⁿ (1 + α δ'/v0), and those members that are given α directly."""
+
+from __future__ import annotations
+
+import abc
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .._parameter import NOT_NEGATIVE, as_parameter, parameter
+from ._base import VELOCITY_THRESHOLD, AbstractLaw
+from ._power import power
+from ._registry import register_law
+
+if TYPE_CHECKING:
+    from .._contact import Contact
+
+
+class AbstractHuntCrossley(AbstractLaw):
+    """A law F = K δⁿ (1 + α δ'/v0); a subclass says what α is and gets the closed form for it.
+
+    In a free impact 1 + α δ'/v0 stays positive. An external pull can make it negative; the force is
+    then zero, unless the law was made with `tension=True`.
+    """
+
+    tension: bool = eqx.field(static=True, default=False, kw_only=True)
+
+    @abc.abstractmethod
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """The dimensionless α of F = K δⁿ (1 + α δ'/v0).
+
+        Arguments: the contact and the closing speed v0 in m/s, both optional where α depends on
+        neither. Raises ValueError where they are needed and missing.
+        """
+
+    def force(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+    ) -> Float[Array, "..."]:
+        """F = K δⁿ max(0, 1 + α δ'/v0) in N, and zero for δ < 0.
+
+        Arguments: indentation δ in m, its rate δ' in m/s, the contact, and the closing speed v0 at
+        touch in m/s; all broadcast. Below `VELOCITY_THRESHOLD` the threshold stands for v0. With
+        `tension=True` the force is not clamped.
+        """
+        speed = jnp.maximum(as_parameter(impact_velocity, "impact_velocity"), VELOCITY_THRESHOLD)
+        elastic = contact.stiffness * power(
+            as_parameter(indentation, "indentation"), contact.exponent
+        )
+        damping = self.damping_factor(contact, speed) / speed
+        factor = 1 + damping * as_parameter(velocity, "velocity")
+        return elastic * (factor if self.tension else jnp.maximum(factor, 0))
+
+
+def _needs(argument: object, name: str, law: AbstractLaw) -> None:
+    if argument is None:
+        raise ValueError(
+            f"Argument `{name}` is needed for `{type(law).__name__}`, whose α depends on it, "
+            "but is None."
+        )
+
+
+@register_law(
+    "hertz",
+    formula="0",
+    source="Hertz 1882, doi 10.1515/crll.1882.92.156",
+    valid="elastic contact",
+)
+class Hertz(AbstractHuntCrossley):
+    """The elastic contact, F = K δⁿ (n = 3/2 for Hertz's spheres); restitution 1.
+
+    Source: Hertz (1882), J. reine angew. Math. 92:156, doi 10.1515/crll.1882.92.156.
+    """
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, ""]:
+        """α = 0."""
+        return jnp.asarray(0.0)
+
+
+@register_law("damped", formula="α", source="the family's own parameter", valid="α ≥ 0")
+class Damped(AbstractHuntCrossley):
+    """The family with its one number given directly: F = K δⁿ (1 + α δ'/v0).
+
+    `alpha` ≥ 0, dimensionless. Raises ValueError for a Python scalar out of range.
+    """
+
+    alpha: Float[Array, "..."] = parameter("alpha", NOT_NEGATIVE)
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """α itself."""
+        return self.alpha
+
+
+@register_law(
+    "constant_damping",
+    formula="c v0/K",
+    source="Hunt & Crossley 1975, doi 10.1115/1.3423596",
+    valid="c ≥ 0; e falls with speed",
+)
+class ConstantDamping(AbstractHuntCrossley):
+    """A constant hysteresis damping factor: F = K δⁿ + c δⁿ δ', so that α = c v0/K.
+
+    `c` ≥ 0 in N s/m^(n+1). Restitution falls with the closing speed. Raises ValueError for a Python
+    scalar out of range. Source: Hunt & Crossley (1975), J. Appl. Mech. 42:440,
+    doi 10.1115/1.3423596.
+    """
+
+    c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE)
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """α = c v0/K; ValueError if `contact` or `velocity` is missing."""
+        _needs(contact, "contact", self)
+        _needs(velocity, "velocity", self)
+        assert contact is not None and velocity is not None  # for the type checker
+        return self.c * as_parameter(velocity, "velocity") / contact.stiffness
+
+
+@register_law(
+    "marhefka_orin",
+    formula="3 a v0/2",
+    source="Marhefka & Orin 1999, doi 10.1109/3468.798060",
+    valid="a v0 small: then e = 1 - a v0",
+)
+class MarhefkaOrin(AbstractHuntCrossley):
+    """A law that needs no memory of v0: F = K δⁿ (1 + (3/2) a δ'), meant to give e = 1 - a v0.
+
+    `a` ≥ 0 in s/m. Good for small a v0; α = (3/2) a v0. Raises ValueError for a Python scalar out
+    of range. Source: Marhefka & Orin (1999), IEEE Trans. Syst. Man Cybern. A 29:566,
+    doi 10.1109/3468.798060.
+    """
+
+    a: Float[Array, "..."] = parameter("a", NOT_NEGATIVE)
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """α = (3/2) a v0; ValueError if `velocity` is missing."""
+        _needs(velocity, "velocity", self)
+        assert velocity is not None  # for the type checker
+        return 1.5 * self.a * as_parameter(velocity, "velocity")

@@ -1,0 +1,70 @@
+"""Laws by name."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from ._base import AbstractLaw
+
+_Law = TypeVar("_Law", bound=type[AbstractLaw])
+
+
+@dataclasses.dataclass(frozen=True)
+class Description:
+    """A registered law: its name and class, and in words its formula, source and range."""
+
+    name: str
+    cls: type[AbstractLaw]
+    formula: str
+    source: str
+    valid: str
+
+
+_REGISTRY: dict[str, Description] = {}
+
+
+def register_law(
+    name: str, *, formula: str = "", source: str = "", valid: str = ""
+) -> Callable[[_Law], _Law]:
+    """Class decorator that makes a law known by `name` to `get_law`, `list_laws` and the commands.
+
+    Arguments: `formula` (α(e) or the force), `source` (with doi) and `valid` (its range) are the
+    words shown in tables. Raises ValueError if another class holds the name already; registering
+    the same class again (a notebook cell run twice) replaces it.
+    """
+
+    def register(cls: _Law) -> _Law:
+        known = _REGISTRY.get(name)
+        if known is not None and known.cls.__qualname__ != cls.__qualname__:
+            raise ValueError(
+                f"Argument `name` must be new, but {name!r} already names "
+                f"`{known.cls.__qualname__}`."
+            )
+        _REGISTRY[name] = Description(name, cls, formula, source, valid)
+        return cls
+
+    return register
+
+
+def describe(name: str) -> Description:
+    """The description of a registered law; ValueError with the known names if there is none."""
+    if name not in _REGISTRY:
+        known = ", ".join(_REGISTRY)
+        raise ValueError(f"Argument `name` must be one of {known}, but is {name!r}.")
+    return _REGISTRY[name]
+
+
+def get_law(name: str, **parameters: Any) -> AbstractLaw:
+    """The law called `name`, built from its parameters: `get_law("hu_guo", e=0.7)`.
+
+    Raises ValueError for an unknown name (the message lists the known ones) or a parameter out of
+    its range, TypeError for a parameter the law does not have.
+    """
+    return describe(name).cls(**parameters)
+
+
+def list_laws() -> list[str]:
+    """The names of all registered laws, yours included, in order of registration."""
+    return list(_REGISTRY)

@@ -1,0 +1,127 @@
+"""Numbers at the door: conversion, ranges and the error messages that go with them."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Range:
+    """The interval a parameter must lie in; `inside` is a harmless member of it."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    low_open: bool = False
+    high_open: bool = False
+    inside: float = 0.5
+
+    def __str__(self) -> str:
+        low_bracket = "(" if self.low_open or math.isinf(self.low) else "["
+        high_bracket = ")" if self.high_open or math.isinf(self.high) else "]"
+        return f"{low_bracket}{self.low:g}, {self.high:g}{high_bracket}"
+
+    def holds(self, x: Any) -> Any:
+        """Whether x lies inside; NaN and the infinities never do. Works on floats and arrays."""
+        above = (x > self.low) if self.low_open else (x >= self.low)
+        below = (x < self.high) if self.high_open else (x <= self.high)
+        return above & below & (abs(x) < math.inf)
+
+
+POSITIVE = Range(low=0.0, low_open=True, inside=1.0)
+NOT_NEGATIVE = Range(low=0.0, inside=0.0)
+REAL = Range(inside=0.0)
+RESTITUTION = Range(low=0.0, high=1.0, low_open=True, inside=0.5)
+RESTITUTION_FROM_ZERO = Range(low=0.0, high=1.0, inside=0.5)
+
+
+def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
+    """Turn a number or an array into a floating-point JAX array.
+
+    A Python or numpy scalar outside `allowed` raises ValueError, because there is no batch for a
+    flag to live in. Arrays and traced values pass: their bad lanes are flagged by `impact`.
+    """
+    if isinstance(value, jax.Array):
+        array = value
+    else:
+        scalar = isinstance(value, int | float | np.integer | np.floating)
+        if scalar and not isinstance(value, bool) and not allowed.holds(float(value)):
+            raise ValueError(f"Argument `{name}` must be in {allowed}, but is {value!r}.")
+        try:
+            # A Python number stays weakly typed: it follows the precision of the arrays it meets.
+            array = jnp.asarray(float(value) if isinstance(value, int | float) else value)
+        except (TypeError, ValueError):
+            array = None
+    if array is None or not (
+        jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)
+    ):
+        raise ValueError(
+            f"Argument `{name}` must be a real number or an array of real numbers, "
+            f"but is {value!r}."
+        )
+    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+
+
+def parameter(name: str, allowed: Range = REAL) -> Any:
+    """A field of an equinox module that holds a differentiable number with a known range."""
+    return eqx.field(
+        converter=functools.partial(as_parameter, name=name, allowed=allowed),
+        metadata={"allowed": allowed},
+    )
+
+
+def ranges(module: eqx.Module) -> dict[str, Range]:
+    """The range of every field of `module` that was declared with `parameter`."""
+    return {
+        field.name: field.metadata["allowed"]
+        for field in dataclasses.fields(module)
+        if "allowed" in field.metadata
+    }
+
+
+def is_valid(module: eqx.Module) -> Bool[Array, "..."]:
+    """Whether all declared parameters of `module` lie in their ranges, lane by lane."""
+    valid = jnp.asarray(True)
+    for name, allowed in ranges(module).items():
+        value = getattr(module, name)
+        if value is not None:
+            valid = valid & allowed.holds(value)
+    return valid
+
+
+def sanitised(module: Any) -> Any:
+    """`module` with every out-of-range number replaced by a harmless one.
+
+    The bad lanes are flagged elsewhere; this keeps their infinities out of the arithmetic, so that
+    a derivative of the good lanes never meets 0 times inf.
+    """
+    names = [name for name in ranges(module) if getattr(module, name) is not None]
+    if not names:
+        return module
+    clean = [
+        jnp.where(
+            ranges(module)[name].holds(getattr(module, name)),
+            getattr(module, name),
+            jnp.asarray(ranges(module)[name].inside, getattr(module, name).dtype),
+        )
+        for name in names
+    ]
+    return eqx.tree_at(lambda m: [getattr(m, name) for name in names], module, clean)
+
+
+def shown(value: Any) -> str:
+    """A number as people write it; arrays in short, traced values by their type."""
+    if not eqx.is_array(value) or isinstance(value, Tracer):
+        return eqx.tree_pformat(value)
+    if value.ndim == 0:
+        return f"{value.item():.9g}"
+    return np.array2string(np.asarray(value), precision=6, separator=", ", threshold=6)
