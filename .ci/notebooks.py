@@ -1,0 +1,57 @@
+"""Executes every notebook of a folder afresh; the committed ones must show their outputs."""
+
+import sys
+import time
+from pathlib import Path
+
+import nbformat
+from nbclient import NotebookClient
+from nbclient.exceptions import CellExecutionError
+
+CELL_TIMEOUT = 600  # seconds; a cell that hangs must not hang the whole run
+
+
+def outputs(notebook: nbformat.NotebookNode) -> list[nbformat.NotebookNode]:
+    return [x for cell in notebook.cells if cell.cell_type == "code" for x in cell.outputs]
+
+
+def complaint(path: Path) -> str | None:
+    """What is wrong with a notebook, as committed or when executed."""
+    notebook = nbformat.read(path, as_version=4)
+    committed = outputs(notebook)
+    if not committed:
+        return "is committed without outputs"
+    if any(x.output_type == "error" for x in committed):
+        return "is committed with an error"
+    client = NotebookClient(
+        notebook,
+        timeout=CELL_TIMEOUT,
+        kernel_name="python3",
+        resources={"metadata": {"path": str(path.parent)}},
+    )
+    try:
+        client.execute()
+    except CellExecutionError as error:
+        return f"fails:\n{error}"
+    # A cell may be marked to go on after an exception; none is meant to have one.
+    if any(x.output_type == "error" for x in outputs(notebook)):
+        return "shows an error"
+    return None
+
+
+def main(folder: Path) -> int:
+    paths = sorted(folder.glob("*.ipynb"))
+    if not paths:
+        print(f"no notebooks in {folder}")
+        return 1
+    bad = 0
+    for path in paths:
+        start = time.perf_counter()
+        wrong = complaint(path)
+        bad += wrong is not None
+        print(f"{path.name}: {wrong or f'{time.perf_counter() - start:.0f} s'}", flush=True)
+    return min(bad, 1)
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))

@@ -1,0 +1,350 @@
+"""The oracle against itself: two ways to each number, and what has been published or follows by
+hand.
+
+Everything else is held against `tests/oracle/reference.json`, so these tests ask whether that file
+can be trusted.
+"""
+
+import itertools
+import json
+import math
+
+import numpy as np
+import pytest
+from mpmath import mp, mpf
+from scipy.integrate import solve_ivp
+
+from tests import oracle
+from tests.oracle.generate import jobs, row
+
+# Two derivations that share no step agree to the digits that two differentiations may cost.
+TWO_WAYS = mpf("1e-45")
+# A float64 Runge-Kutta method in the plain variables, whose order the power law spoils at touch.
+PLAIN_SOLVER = 2e-9
+# The stored digits, one unit of rounding in the last of thirty and more in differences.
+STORED_VALUE, STORED_SLOPE = mpf("1e-28"), mpf("1e-20")
+
+
+def assert_close(left: oracle.Impact, right: oracle.Impact, tolerance: mpf) -> None:
+    with mp.workdps(oracle.DIGITS + 10):
+        for f in oracle.FIELDS:
+            a, b = getattr(left, f), getattr(right, f)
+            assert abs(a - b) <= tolerance * max(1, abs(b)), f
+
+
+# --- Hunt and Crossley's family -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", ["1", "1.25", "1.5", "2", "3"])
+@pytest.mark.parametrize("alpha", ["-0.2", "0", "1e-8", "0.3", "5", "40"])
+def test_energy_integral_and_equation_of_motion_agree(alpha, n):
+    by_motion = oracle.hunt_crossley_by_motion(alpha, n)
+    assert_close(by_motion, oracle.hunt_crossley(alpha, n), TWO_WAYS)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "published"),
+    [
+        ("0", 3.2180654597190431),
+        ("0.5", 3.3382527559374),
+        ("2", 3.7802580375305),
+        ("5", 4.7978629204156),
+        ("20", 9.2346448597224),
+    ],
+)
+def test_durations_computed_elsewhere(alpha, published):
+    assert float(oracle.hunt_crossley(alpha, "1.5").duration) == pytest.approx(published, rel=2e-14)
+
+
+def test_elastic_impact_is_a_beta_function():
+    for n in ("1", "1.25", "1.5", "2", "3"):
+        impact = oracle.hunt_crossley("0", n)
+        with mp.workdps(oracle.DIGITS):
+            p = 1 / (mpf(n) + 1)
+            deepest = mp.power((mpf(n) + 1) / 2, p)
+            assert abs(impact.duration - 2 * deepest * p * mp.beta(p, "0.5")) < TWO_WAYS
+            assert abs(impact.max_indentation - deepest) < TWO_WAYS
+
+
+def test_restitution_satisfies_its_equation():
+    for alpha in ("1e-8", "0.3", "5"):
+        e = oracle.hunt_crossley(alpha, "1.5").e
+        with mp.workdps(oracle.DIGITS + 10):
+            a = mpf(alpha)
+            assert abs(a * (1 + e) - mp.log((1 + a) / (1 - a * e))) < TWO_WAYS
+    # At alpha = 2e6 the first digit of 1 - alpha e comes after 870 000 zeros.
+    with mp.workdps(oracle.DIGITS):
+        assert abs(oracle.hunt_crossley("2e6", "1.5").e - mpf("5e-7")) < TWO_WAYS
+
+
+def test_small_damping_follows_its_expansion():
+    e = oracle.hunt_crossley("1e-8", "1.5").e
+    with mp.workdps(oracle.DIGITS):
+        a = mpf("1e-8")
+        assert abs(e - (1 - 2 * a / 3 + 4 * a**2 / 9)) < a**3
+
+
+# --- the oscillators ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("n", ["1", "1.5", "2"])
+@pytest.mark.parametrize("zeta", ["0.1", "0.5", "0.975"])
+def test_restitution_with_tension_is_the_linear_oscillators(zeta, n):
+    impact = oracle.oscillator(zeta, n, "tension")
+    with mp.workdps(oracle.DIGITS + 10):
+        z = mpf(zeta)
+        w = mp.sqrt(1 - z * z)
+        assert abs(impact.e / mp.exp(-mp.pi * z / w) - 1) < TWO_WAYS
+        if n == "1":
+            assert abs(impact.duration - mp.pi / w) < TWO_WAYS * 100
+
+
+@pytest.mark.parametrize("n", ["1", "1.5"])
+@pytest.mark.parametrize("zeta", ["0.05", "0.7", "1", "1.001", "5", "50"])
+def test_restitution_without_tension_is_schwager_and_poeschels(zeta, n):
+    impact = oracle.oscillator(zeta, n, "clamped")
+    with mp.workdps(oracle.DIGITS + 20):
+        z = mpf(zeta)
+        w = mp.sqrt(abs(1 - z * z))
+        if z < 1:
+            expected = mp.exp(-z * mp.atan2(2 * z * w, 2 * z * z - 1) / w)
+        else:
+            expected = mp.exp(-2) if z == 1 else mp.power((z + w) / (z - w), -z / w)
+        assert abs(impact.e / expected - 1) < TWO_WAYS
+
+
+def test_damping_on_approach_only_gives_back_what_the_spring_took():
+    for zeta in ("0.2", "1", "1000"):
+        impact = oracle.oscillator(zeta, "1.5", "approach")
+        elastic = oracle.hunt_crossley("0", "1.5")
+        with mp.workdps(oracle.DIGITS + 10):
+            taken = mp.power(impact.max_indentation, mpf("2.5")) / mpf("2.5")
+            assert abs(impact.e**2 / 2 / taken - 1) < TWO_WAYS
+            # Elastic times go as e**(-1/5).
+            rebound = impact.duration - impact.compression_time
+            assert abs(rebound * mp.power(impact.e, mpf("0.2")) / elastic.duration - 0.5) < TWO_WAYS
+
+
+def test_an_overdamped_oscillator_has_no_end_in_tension():
+    with pytest.raises(ValueError, match="overdamped"):
+        oracle.oscillator("1", "1.5", "tension")
+
+
+# --- Kuwabara and Kono; gravity -------------------------------------------------------------------
+
+
+def test_viscoelastic_loss_starts_as_published():
+    # 1 - e = C1 (3/2 a) - C2 (3/2 a)**2 + ..., C2 = 3/5 C1**2 (Schwager & Poeschel 1998).
+    slope = oracle.derivative(oracle.kuwabara_kono, ("0", "1.5", True), 0)["e"]
+    curvature = oracle.derivative(oracle.kuwabara_kono, ("0", "1.5", True), 0, 2)["e"]
+    c1 = float(-slope / mpf("1.5"))
+    assert c1 == pytest.approx(1.15344, abs=1e-5)
+    assert float(curvature) / 2 / 1.5**2 == pytest.approx(0.6 * c1**2, rel=1e-14)
+
+
+def test_the_clamp_of_a_weak_damper_is_not_stepped_over():
+    # The force ends when x = -n a v, that is n a before the indentation does.
+    free = oracle.kuwabara_kono("1e-9", "1.5", True)
+    clamped = oracle.kuwabara_kono("1e-9", "1.5", False)
+    assert float(free.duration - clamped.duration) == pytest.approx(1.5e-9, rel=1e-6)
+
+
+def test_gravity_does_not_change_an_elastic_rebound():
+    for gamma in ("0.5", "-0.05"):
+        assert abs(oracle.with_gravity("0", "1.5", gamma).e - 1) < TWO_WAYS
+
+
+def test_no_gravity_is_the_free_impact():
+    assert_close(oracle.with_gravity("2", "1.5", "0"), oracle.hunt_crossley("2", "1.5"), TWO_WAYS)
+
+
+def test_a_pushed_contact_may_settle():
+    settled = oracle.with_gravity("2", "1.5", "0.5")
+    assert settled.settled
+    assert settled.e == 0
+    assert not oracle.with_gravity("0.3", "1.5", "0.5").settled
+
+
+def plain_motion(force, push, ending):
+    """(e, duration, deepest) from the plain variables in float64: a third way, blunt but without
+    any trick.
+    """
+
+    def right_side(t, y):
+        return [y[1], push - force(max(y[0], 0.0), y[1])]
+
+    def turn(t, y):
+        return y[1]
+
+    turn.direction = -1
+    ending.terminal, ending.direction = True, -1
+    solution = solve_ivp(
+        right_side, (0.0, 100.0), [0.0, 1.0], method="DOP853", rtol=1e-12, atol=1e-13,
+        events=[ending, turn],
+    )  # fmt: skip
+    return -solution.y_events[0][0][1], solution.t_events[0][0], solution.y_events[1][0][0]
+
+
+def separation(t, y):
+    return y[0] if t > 0.01 else 1.0
+
+
+PLAIN = {
+    "kuwabara_kono": (
+        ("0.6", "1.5", True),
+        lambda x, v: x**1.5 + 0.9 * np.sqrt(x) * v,
+        0.0,
+        separation,
+    ),
+    "kuwabara_kono clamped": (
+        ("0.6", "1.5", False),
+        lambda x, v: x**1.5 + 0.9 * np.sqrt(x) * v,
+        0.0,
+        lambda t, y: y[0] + 0.9 * y[1],
+    ),
+    "oscillator": (
+        ("0.3", "1.5", "tension"),
+        lambda x, v: x**1.5 + 0.3 * math.sqrt(5) * x**0.25 * v,
+        0.0,
+        separation,
+    ),
+    "with_gravity": (
+        ("0.3", "1.5", "0.5"),
+        lambda x, v: x**1.5 * max(0.0, 1 + 0.3 * v),
+        0.5,
+        separation,
+    ),
+    # A pull of 0.5 opens the clamp on the way out.
+    "with_gravity pulled": (
+        ("3", "1.5", "-0.5"),
+        lambda x, v: x**1.5 * max(0.0, 1 + 3 * v),
+        -0.5,
+        separation,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_series_agree_with_a_plain_solver(name):
+    args, force, push, ending = PLAIN[name]
+    impact = getattr(oracle, name.split()[0])(*args)
+    found = plain_motion(force, push, ending)
+    expected = [float(x) for x in (impact.e, impact.duration, impact.max_indentation)]
+    assert found == pytest.approx(expected, rel=PLAIN_SOLVER)
+
+
+@pytest.mark.parametrize(
+    ("function", "args"),
+    [
+        (oracle.kuwabara_kono, ("5", "1.5", True)),
+        (oracle.oscillator, ("0.95", "1.5", "tension")),
+        (oracle.with_gravity, ("2", "1.5", "0.1")),
+    ],
+)
+def test_series_do_not_depend_on_order_or_precision(function, args):
+    assert_close(function(*args, order=45, bits=300), function(*args), TWO_WAYS)
+
+
+# --- derivatives ----------------------------------------------------------------------------------
+
+
+def test_slopes_of_the_restitution_follow_its_equation():
+    # Differentiate alpha (1 + e) = ln((1 + alpha)/(1 - alpha e)) by hand.
+    for alpha in ("0.3", "5", "20"):
+        e = oracle.hunt_crossley(alpha, "1.5").e
+        slope = oracle.derivative(oracle.hunt_crossley, (alpha, "1.5"), 0)["e"]
+        with mp.workdps(40):
+            a = mpf(alpha)
+            left = 1 + e - 1 / (1 + a) - e / (1 - a * e)
+            right = a / (1 - a * e) - a
+            assert abs(slope / (left / right) - 1) < mpf("1e-24")
+    published = oracle.derivative(oracle.hunt_crossley, ("0.3", "1.5"), 0)["e"]
+    assert float(published) == pytest.approx(-0.4668278443722693, rel=1e-15)
+
+
+def test_a_kink_has_no_derivative():
+    # The force of a Kelvin-Voigt contact peaks at touch from zeta = 1/2 on.
+    slopes = oracle.derivative(oracle.oscillator, ("0.5", "1", "tension"), 0)
+    assert slopes["max_force"] is None
+    assert slopes["e"] is not None
+
+
+def test_strings_are_decimals_and_floats_are_themselves():
+    decimal, binary = oracle.hunt_crossley("0.3", "1.5").e, oracle.hunt_crossley(0.3, 1.5).e
+    assert 0 < abs(decimal - binary) < 1e-16
+
+
+# --- the stored file ------------------------------------------------------------------------------
+
+STORED = json.loads(oracle.REFERENCE_FILE.read_text())
+
+
+def test_the_file_holds_the_whole_grid_and_nothing_else():
+    wanted: dict[str, list] = {}
+    for job in jobs():
+        wanted.setdefault(job.function, []).append(job.args)
+    assert STORED["fields"] == list(oracle.FIELDS)
+    assert {k: [r["args"] for r in rows] for k, rows in STORED["cases"].items()} == wanted
+
+
+def live() -> list:
+    """A handful of the grid: every function, and both ends of the parameter where it costs
+    little.
+    """
+    chosen = {
+        ("hunt_crossley", "0", "1.5"),
+        ("hunt_crossley", "14.4", "1.25"),
+        ("hunt_crossley", "1.6e6", "3"),
+        ("oscillator", ".95", "1.5", "tension"),
+        ("oscillator", ".999", "1", "clamped"),
+        ("oscillator", "0", "1.5", "approach"),
+        ("kuwabara_kono", "0", "1.5", False),
+        ("kuwabara_kono", "3", "1.5", True),
+        ("with_gravity", "2", "1.5", ".5"),
+    }
+    found = [job for job in jobs() if (job.function, *job.args.values()) in chosen]
+    assert len(found) == len(chosen)
+    return found
+
+
+@pytest.mark.parametrize(
+    "job", live(), ids=lambda j: f"{j.function}-{'-'.join(map(str, j.args.values()))}"
+)
+def test_stored_answers_are_what_the_oracle_says_today(job):
+    stored = next(r for r in STORED["cases"][job.function] if r["args"] == job.args)
+    fresh = row(job)
+
+    def agree(a: list, b: list, tolerance: mpf) -> None:
+        for x, y in zip(a, b, strict=True):
+            assert (x is None) == (y is None)
+            if x is not None:
+                assert abs(mpf(x) - mpf(y)) <= tolerance * max(1, abs(mpf(y)))
+
+    with mp.workdps(40):
+        agree(stored["value"], fresh["value"], STORED_VALUE)
+        for key in ("d", "d2"):
+            assert stored.get(key, {}).keys() == fresh.get(key, {}).keys()
+            for name, slopes in stored.get(key, {}).items():
+                agree(slopes, fresh[key][name], STORED_SLOPE)
+    assert stored.get("settled", False) == fresh.get("settled", False)
+
+
+def test_stored_slopes_are_those_of_the_stored_values():
+    # Between neighbours of the grid the mean slope lies between the slopes at the two ends, e being
+    # convex in alpha.
+    rows = [c for c in oracle.cases("hunt_crossley") if c.args["n"] == 1.5]
+    for left, right in itertools.pairwise(rows):
+        mean = (right.value["e"] - left.value["e"]) / (right.args["alpha"] - left.args["alpha"])
+        slack = 1e-6 * abs(mean)
+        assert left.d["alpha"]["e"] - slack <= mean <= right.d["alpha"]["e"] + slack
+
+
+def test_every_stored_impact_is_possible():
+    for function in STORED["cases"]:
+        for case in oracle.cases(function):
+            value = case.value
+            assert 0 <= value["e"] <= 1, case
+            assert value["energy_loss"] == pytest.approx(1 - value["e"] ** 2, abs=1e-15), case
+            assert 0 < value["compression_time"] < value["duration"], case
+            assert value["max_force"] > 0, case
+            assert case.settled == (value["e"] == 0), case

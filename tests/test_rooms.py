@@ -1,0 +1,231 @@
+"""The house's arrows: a room imports only from below, and heavy guests come in only where they are
+used.
+
+The source is parsed, not run, so that an import inside a function is seen too. What stands under
+``if TYPE_CHECKING`` is for readers and is left alone.
+"""
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+PACKAGE = "jaxcontact"
+ROOT = Path(__file__).parents[1] / PACKAGE
+
+# From the ground up. A room may import rooms on lower floors, and nothing of its own floor but
+# itself.
+FLOORS = [
+    {"_parameter", "_elementary", "_implicit", "data"},
+    {"_laws"},
+    {"_contact"},
+    {"_impact"},
+    {"_bounce", "_scene", "_sweep", "_fit", "_export"},
+    {"plot"},
+    {"paper"},
+    {"_cli"},
+    {"__init__"},
+    {"__main__"},
+]
+FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
+
+# Where a library may be imported at all, and where while a module is being loaded; None is
+# everywhere.
+ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
+    "diffrax": (set(FLOOR) - {"_laws", "_contact", *FLOORS[0]}, None),
+    "optimistix": (set(FLOOR) - {"_laws", "_contact", *FLOORS[0]}, None),
+    "matplotlib": ({"plot", "paper", "_cli"}, {"plot"}),
+    "optax": ({"_fit"}, set()),
+    "xarray": (None, set()),
+    "zarr": (None, set()),
+    "tqdm": (None, set()),
+    "tests": (set(), set()),
+    "benchmarks": (set(), set()),
+}
+
+
+@dataclass(frozen=True)
+class Import:
+    """One imported module, by its absolute name, and whether loading the file imports it."""
+
+    name: str
+    line: int
+    at_load: bool
+
+
+def _is_type_checking(test: ast.expr) -> bool:
+    return (isinstance(test, ast.Name) and test.id == "TYPE_CHECKING") or (
+        isinstance(test, ast.Attribute) and test.attr == "TYPE_CHECKING"
+    )
+
+
+def _walk(node: ast.AST, at_load: bool = True) -> Iterator[tuple[ast.AST, bool]]:
+    """All nodes, each with whether it runs while the module is loaded."""
+    yield node, at_load
+    if isinstance(node, ast.If) and _is_type_checking(node.test):
+        for child in node.orelse:
+            yield from _walk(child, at_load)
+        return
+    for name, value in ast.iter_fields(node):
+        deferred = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        inside = at_load and not (deferred and name == "body")
+        for child in value if isinstance(value, list) else [value]:
+            if isinstance(child, ast.AST):
+                yield from _walk(child, inside)
+
+
+def _imports(node: ast.AST, at_load: bool, package: list[str]) -> Iterator[Import]:
+    if isinstance(node, ast.Import):
+        for alias in node.names:
+            yield Import(alias.name, node.lineno, at_load)
+    elif isinstance(node, ast.ImportFrom):
+        base = package[: len(package) - node.level + 1] if node.level else []
+        stem = [*base, *([node.module] if node.module else [])]
+        # `from . import _laws` names a room, `from ._laws import Hertz` does not: the longer name
+        # serves both.
+        for alias in node.names:
+            yield Import(".".join([*stem, alias.name]), node.lineno, at_load)
+
+
+def _dotted(node: ast.AST) -> str:
+    if isinstance(node, ast.Attribute):
+        return f"{_dotted(node.value)}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def _room(parts: tuple[str, ...]) -> str:
+    return parts[0].removesuffix(".py")
+
+
+def violations(root: Path) -> list[str]:
+    """Every breach of the arrows in a package tree, as lines that say where and what."""
+    found = []
+    for path in sorted(root.rglob("*.py")):
+        parts = path.relative_to(root).parts
+        room = _room(parts)
+        where = "/".join(parts)
+        if room not in FLOOR:
+            found.append(f"{where}: room {room} has no floor")
+            continue
+        package = [PACKAGE, *parts[:-1]]
+        for node, at_load in _walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Attribute):
+                name = _dotted(node)
+                if name == "jax._src":
+                    found.append(f"{where}:{node.lineno}: uses jax._src")
+                if room != "_cli" and name.startswith("jax.config."):
+                    if at_load:
+                        found.append(f"{where}:{node.lineno}: touches jax.config while loading")
+                    elif name == "jax.config.update":
+                        found.append(f"{where}:{node.lineno}: sets jax.config")
+            for imported in _imports(node, at_load, package):
+                complaint = _complaint(room, imported)
+                if complaint:
+                    found.append(f"{where}:{imported.line}: {complaint}")
+    return found
+
+
+def _complaint(room: str, imported: Import) -> str | None:
+    top, _, rest = imported.name.partition(".")
+    if imported.name.startswith("jax._src"):
+        return "imports jax._src"
+    if imported.name.startswith("jax.config") and imported.at_load and room != "_cli":
+        return "imports jax.config"
+    if top == PACKAGE:
+        target = rest.split(".")[0]
+        # Whatever is not a room is a name of the package itself.
+        target = target if target in FLOOR else "__init__"
+        if target != room and FLOOR[target] >= FLOOR[room]:
+            return f"{room} may not import {target}"
+    if top in ALLOWED:
+        anywhere, at_load = ALLOWED[top]
+        if anywhere is not None and room not in anywhere:
+            return f"{room} may not import {top}"
+        if imported.at_load and at_load is not None and room not in at_load:
+            return f"{room} may import {top} only inside functions"
+    return None
+
+
+def test_the_arrows_hold():
+    assert violations(ROOT) == []
+
+
+def test_loading_the_package_loads_no_plotting():
+    code = f"import sys, {PACKAGE}; sys.exit('matplotlib' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT.parent)
+
+
+GOOD = {
+    "_laws/_base.py": """
+        from typing import TYPE_CHECKING
+        import jax
+        from .._parameter import parameter
+        from ._registry import register
+        if TYPE_CHECKING:
+            from .._contact import Contact
+        def twice():
+            return jax.config.jax_enable_x64
+    """,
+    "_impact/_solve.py": "import diffrax\nfrom .. import _laws\nfrom .._contact import Contact\n",
+    "_fit/_adam.py": "def fit():\n    import optax\n",
+    "plot/__init__.py": "import matplotlib.pyplot as plt\nfrom .._impact import impact\n",
+    "_cli/__init__.py": "import jax\njax.config.update('jax_enable_x64', True)\n",
+    "__init__.py": "from ._impact import impact as impact\n",
+    "__main__.py": "from ._cli import main\nfrom jaxcontact import impact\n",
+}
+
+BAD = [
+    ("_contact.py", "from ._impact import impact", "_contact may not import _impact"),
+    ("_contact.py", "from . import _impact", "_contact may not import _impact"),
+    ("_contact.py", "import jaxcontact._impact", "_contact may not import _impact"),
+    (
+        "_laws/_a.py",
+        "def f():\n    from .._contact import Contact",
+        "_laws may not import _contact",
+    ),
+    ("_laws/_a.py", "import jaxcontact as jc", "_laws may not import __init__"),
+    ("_laws/_a.py", "import diffrax", "_laws may not import diffrax"),
+    ("_laws/_a.py", "def f():\n    import diffrax", "_laws may not import diffrax"),
+    ("_sweep/_a.py", "from .._fit import fit", "_sweep may not import _fit"),
+    ("_impact/_a.py", "from .._sweep._table import Table", "_impact may not import _sweep"),
+    ("_impact/_a.py", "from matplotlib import pyplot", "_impact may not import matplotlib"),
+    ("paper/_a.py", "import matplotlib.pyplot", "only inside functions"),
+    ("_fit/_a.py", "import optax", "only inside functions"),
+    ("_sweep/_a.py", "def f():\n    import optax", "_sweep may not import optax"),
+    ("_sweep/_a.py", "class A:\n    import xarray", "only inside functions"),
+    ("_impact/_a.py", "import jax\njax.config.update('a', 1)", "touches jax.config"),
+    ("_impact/_a.py", "def f():\n    jax.config.update('a', 1)", "sets jax.config"),
+    ("_impact/_a.py", "import jax\nX = jax.config.jax_enable_x64", "touches jax.config"),
+    ("_impact/_a.py", "def f(x=jax.config.jax_enable_x64):\n    pass", "touches jax.config"),
+    ("_impact/_a.py", "from jax import config", "imports jax.config"),
+    ("_impact/_a.py", "from jax._src import core", "imports jax._src"),
+    ("_impact/_a.py", "import jax\njax._src.core", "uses jax._src"),
+    ("_attic.py", "", "has no floor"),
+    ("_impact/_a.py", "from tests import oracle", "_impact may not import tests"),
+    ("_laws/_a.py", "if TYPE_CHECKING:\n    pass\nelse:\n    from .._impact import x", "_impact"),
+]
+
+
+def build(root: Path, files: dict[str, str]) -> Path:
+    for name, text in files.items():
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lines = text.splitlines()
+        indent = min((len(x) - len(x.lstrip()) for x in lines if x.strip()), default=0)
+        path.write_text("\n".join(x[indent:] for x in lines))
+    return root
+
+
+def test_a_sound_house_passes(tmp_path):
+    assert violations(build(tmp_path, GOOD)) == []
+
+
+@pytest.mark.parametrize(("name", "text", "complaint"), BAD)
+def test_a_breach_is_seen(tmp_path, name, text, complaint):
+    found = violations(build(tmp_path, {**GOOD, name: text}))
+    assert len(found) == 1
+    assert complaint in found[0]
