@@ -25,10 +25,15 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
         leaves, structure = jax.tree.flatten(problem)
         kinds = jax.eval_shape(solve, problem)
 
-        # Flags and counts travel as numbers: a derivative rule has no good word for integers.
+        # Flags and counts travel as numbers: a derivative rule has no good word for integers. And
+        # all of it depends on the input, if only in form: a rule whose outcome is in part constant
+        # fails under jit of vmap (jax 0.10.2).
         def on_leaves(*leaves: jax.Array) -> Out:
             outcome = solve(jax.tree.unflatten(structure, leaves))
-            return jax.tree.map(lambda out: out.astype(leaves[0].dtype), outcome)
+            form = jnp.isnan(leaves[0])
+            return jax.tree.map(
+                lambda out: jnp.where(form, out, out).astype(leaves[0].dtype), outcome
+            )
 
         solved = jax.custom_jvp(on_leaves)
 
