@@ -1,5 +1,6 @@
 """jaxcontact: contact laws and impacts, differentiable in JAX."""
 
+from importlib import import_module as _import_module
 from typing import Any as _Any
 
 from ._bounce import Bounce as Bounce
@@ -48,7 +49,5 @@ __version__ = "0.1.0"
 def __getattr__(name: str) -> _Any:
     # matplotlib is loaded by those who plot.
     if name == "plot":
-        from . import plot
-
-        return plot
+        return _import_module(".plot", __name__)
     raise AttributeError(f"module 'jaxcontact' has no attribute {name!r}")

@@ -53,12 +53,13 @@ def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
     if isinstance(value, jax.Array):
         array = value
     else:
-        scalar = isinstance(value, int | float | np.integer | np.floating)
-        if scalar and not isinstance(value, bool) and not allowed.holds(float(value)):
+        python = isinstance(value, int | float) and not isinstance(value, bool)
+        scalar = python or isinstance(value, np.integer | np.floating)
+        if scalar and not allowed.holds(float(value)):
             raise ValueError(f"Argument `{name}` must be in {allowed}, but is {value!r}.")
         try:
             # A Python number stays weakly typed: it follows the precision of the arrays it meets.
-            array = jnp.asarray(float(value) if isinstance(value, int | float) else value)
+            array = jnp.asarray(float(value) if python else value)
         except (TypeError, ValueError):
             array = None
     if array is None or not (

@@ -55,7 +55,7 @@ class AbstractOscillator(AbstractLaw):
         # Two roots, not the root of a product: K m overflows float32 where its root does not.
         damping = (
             self.damping_ratio(contact)
-            * jnp.sqrt(2 * (n + 1) * jnp.ones(()))
+            * jnp.sqrt(jnp.asarray(2 * (n + 1)))
             * jnp.sqrt(contact.stiffness)
             * jnp.sqrt(contact.mass)
         )

@@ -1,0 +1,173 @@
+"""Run time of one impact against its error, all ways side by side: `python benchmarks/methods.py`.
+
+What counts are the ratios; the times belong to the machine that is printed with them. Compile time
+is kept apart. Errors are against the closed form, which the tests hold to 40-digit arithmetic.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import diffrax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from scipy.integrate import solve_ivp
+
+import jaxcontact as jc
+
+CONTACT = jc.Contact(mass=1.0, stiffness=1.4e8)
+VELOCITY = 4.2
+REPEATS = 5
+
+
+def lanes(count: int) -> jax.Array:
+    """Restitutions from 0.1 to 1, in an order that mixes them."""
+    return jnp.asarray(np.random.default_rng(0).uniform(0.1, 1.0, count))
+
+
+def scipy_solver(e: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What most people write: solve_ivp with an event, one impact after another, scaled."""
+    found = []
+    for alpha in 1.5 * (1 - e) / e:
+
+        def rate(t, y, alpha=alpha):
+            force = max(y[0], 0.0) ** 1.5 * (1 + alpha * y[1])
+            return (y[1], -force)
+
+        def apart(t, y):
+            return y[0]
+
+        apart.terminal, apart.direction = True, -1
+        end = solve_ivp(rate, (0, 1e3), (0, 1), "DOP853", events=apart, rtol=1e-9, atol=1e-12)
+        found.append((-end.y_events[0][0, 1], end.t_events[0][0]))
+    return tuple(np.array(found).T)
+
+
+def plain_diffrax(e: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """diffrax in (x, v), vmapped: no scaling of the coordinates, no closed form."""
+
+    def one(alpha):
+        def rate(t, y, args):
+            x = jnp.where(y[0] > 0, y[0], 1)
+            power = jnp.where(y[0] > 0, x * jnp.sqrt(x), 0)
+            return jnp.stack([y[1], -power * (1 + alpha * y[1])])
+
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(rate),
+            diffrax.Tsit5(),
+            0.0,
+            1e3,
+            0.01,
+            jnp.array([0.0, 1.0]),
+            stepsize_controller=diffrax.PIDController(rtol=1e-9, atol=1e-9),
+            event=diffrax.Event(
+                lambda t, y, args, **_: y[0], optx.Newton(1e-10, 1e-10), direction=False
+            ),
+            max_steps=1024,
+            throw=False,
+        )
+        return -solution.ys[-1, 1], solution.ts[-1]
+
+    return jax.vmap(one)(1.5 * (1 - e) / e)
+
+
+def ours(**how) -> Callable:
+    """`jc.impact` for e and duration, in scaled units."""
+
+    def solve(e):
+        hit = jc.impact(jc.HuGuo(e=e), CONTACT, VELOCITY, **how)
+        length = (1.0 * VELOCITY**2 / 1.4e8) ** 0.4
+        return hit.restitution, hit.duration * (VELOCITY / length)
+
+    return solve
+
+
+def summary(e: jax.Array) -> tuple:
+    """Everything `jc.impact` knows."""
+    hit = jc.impact(jc.HuGuo(e=e), CONTACT, VELOCITY)
+    length = (1.0 * VELOCITY**2 / 1.4e8) ** 0.4
+    return (hit.restitution, hit.duration * (VELOCITY / length), hit.max_force, hit.max_indentation)
+
+
+WAYS: dict[str, tuple[Callable, int, bool]] = {
+    # name: (function, lanes, whether it is jitted)
+    "scipy DOP853, rtol 1e-9": (scipy_solver, 200, False),
+    "diffrax plain, Tsit5 1e-9": (plain_diffrax, 20_000, True),
+    "event, rtol 1e-9": (ours(method="event"), 20_000, True),
+    "phase, 32 steps": (ours(method="phase"), 100_000, True),
+    "exact, e and duration": (ours(), 400_000, True),
+    "exact, summary": (summary, 400_000, True),
+    "restitution alone": (lambda e: (jc.restitution(jc.HuGuo(e=e)), None), 4_000_000, True),
+}
+
+
+def measure(name: str) -> dict:
+    """Seconds to compile, microseconds an impact (the fastest repeat), and the worst errors."""
+    solve, count, jitted = WAYS[name]
+    e = lanes(count)
+    compile_time = 0.0
+    if jitted:
+        start = time.perf_counter()
+        solve = jax.jit(solve).lower(e).compile()
+        compile_time = time.perf_counter() - start
+    else:
+        e = np.asarray(e)
+    times = []
+    for _ in range(REPEATS if jitted else 1):
+        start = time.perf_counter()
+        result = jax.block_until_ready(solve(e))
+        times.append(time.perf_counter() - start)
+    true_e, true_duration = jax.jit(ours())(lanes(count))
+    duration = result[1]
+    return {
+        "way": name,
+        "lanes": count,
+        "compile_s": compile_time,
+        "us_per_impact": 1e6 * min(times) / count,
+        "error_e": float(np.max(np.abs(result[0] / true_e - 1))),
+        "error_duration": None
+        if duration is None
+        else float(np.max(np.abs(duration / true_duration - 1))),
+    }
+
+
+def main() -> None:
+    """Print the table; with --out also write it as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, help="JSON file to write")
+    arguments = parser.parse_args()
+    rows = [measure(name) for name in WAYS]
+    slowest = rows[0]["us_per_impact"]
+    print(f"{'way':28}{'lanes':>9}{'compile/s':>11}{'us/impact':>12}{'x scipy':>10}  errors e, T")
+    for row in rows:
+        row["times_scipy"] = slowest / row["us_per_impact"]
+        duration = row["error_duration"]
+        print(
+            f"{row['way']:28}{row['lanes']:9}{row['compile_s']:11.2f}{row['us_per_impact']:12.3f}"
+            f"{row['times_scipy']:10.0f}  {row['error_e']:.0e}  "
+            f"{'' if duration is None else f'{duration:.0e}'}"
+        )
+    machine = {
+        "processor": platform.machine(),
+        "device": str(jax.devices()[0].device_kind),
+        "jax": jax.__version__,
+        "diffrax": diffrax.__version__,
+        "precision": "float64",
+    }
+    print(machine)
+    if arguments.out:
+        arguments.out.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

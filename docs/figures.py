@@ -1,0 +1,60 @@
+"""Makes the figures that the README shows: `python docs/figures.py`."""
+
+from pathlib import Path
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp
+import matplotlib
+import numpy as np
+
+matplotlib.use("Agg")
+from matplotlib import pyplot
+
+import jaxcontact as jc
+
+HERE = Path(__file__).parent
+# Okabe and Ito's colours, told apart with every kind of colour vision.
+COLOURS = ("#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00")
+LAWS = (
+    ("Hunt-Crossley", jc.HuntCrossley),
+    ("Lankarani-Nikravesh", jc.LankaraniNikravesh),
+    ("Flores et al.", jc.Flores),
+    ("Hu-Guo", jc.HuGuo),
+    ("Carvalho-Martins", jc.CarvalhoMartins),
+)
+
+
+def delivered() -> None:
+    """What each law delivers for the restitution it is asked for, and its hysteresis at e = 0.5."""
+    asked = jnp.linspace(0.05, 1, 96)
+    contact = jc.Contact(mass=1.0, stiffness=1.4e8)
+    figure, (left, right) = pyplot.subplots(1, 2, figsize=(8.4, 3.6), layout="constrained")
+    for (name, law), colour in zip(LAWS, COLOURS, strict=True):
+        left.plot(asked, jc.restitution(law(e=asked)), color=colour, label=name)
+        path = jc.trajectory(law(e=0.5), contact, 4.2, samples=300)
+        right.plot(1e3 * path.indentation, 1e-3 * path.force, color=colour)
+    left.plot([0, 1], [0, 1], color="black", linestyle="--", linewidth=1, label="exact law")
+    left.set(
+        xlabel="restitution asked for", ylabel="restitution delivered", xlim=(0, 1), ylim=(0, 1)
+    )
+    left.legend(frameon=False, fontsize="small", loc="lower right")
+    right.set(
+        xlabel="indentation / mm",
+        ylabel="force / kN",
+        title="1 kg, 1.4e8 N/m$^{1.5}$, 4.2 m/s, e = 0.5 asked for",
+    )
+    right.title.set_fontsize("small")
+    right.set_xlim(left=0)
+    right.set_ylim(bottom=0)
+    for axes in (left, right):
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(HERE / "delivered.png", dpi=130, metadata={"Software": None})
+    worst = {n: float(np.max(np.abs(jc.restitution(law(e=asked)) - asked))) for n, law in LAWS}
+    print(worst)
+
+
+if __name__ == "__main__":
+    delivered()

@@ -1,0 +1,1 @@
+"""Small real measurements, each with its source in SOURCES.md beside it."""

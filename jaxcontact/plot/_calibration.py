@@ -1,0 +1,76 @@
+"""The figure of a calibration: measured restitution against speed, and the fitted curves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from .._fit import Calibration
+
+# Okabe & Ito: told apart by readers with any colour vision; the style tells them apart in grey.
+_CURVES = (("#D55E00", "-"), ("#0072B2", "--"), ("#009E73", "-."))
+_KEPT, _MARKED = "#555555", "#CC79A7"
+_ROOM = 0.35
+
+
+def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
+    """Draw e against approach speed (m/s): kept and marked pairs, and each fit ± 2 standard errors.
+
+    Marked pairs outside the frame are drawn at its edge as arrows, so that none is hidden. Returns
+    the axes, new ones if `ax` is None.
+    """
+    if ax is None:
+        import matplotlib.pyplot as plt
+
+        ax = plt.figure(figsize=(7.0, 4.6), layout="constrained").add_subplot()
+    pairs, flagged = result.pairs, result.outliers.flagged
+    v, e = pairs.velocity, pairs.restitution
+    low, high = float(e[~flagged].min()), float(e[~flagged].max())
+    room = _ROOM * max(high - low, 0.02)
+    low, high = low - room, high + room
+    ax.plot(v[~flagged], e[~flagged], ".", color=_KEPT, alpha=0.6, ms=5, mew=0, label="kept")
+    _draw_marked(ax, v[flagged], e[flagged], (low, high))
+    for (colour, style), fit in zip(_CURVES, result.kept.fits, strict=False):
+        ax.plot(result.grid, fit.grid, style, color=colour, lw=1.8, label=fit.curve.label)
+        if fit.grid_error is not None:
+            ax.fill_between(
+                result.grid,
+                fit.grid - 2 * fit.grid_error,
+                fit.grid + 2 * fit.grid_error,
+                color=colour,
+                alpha=0.22,
+                lw=0,
+            )
+    ax.set_ylim(low, high)
+    margin = 0.04 * max(float(np.ptp(v)), 0.1)
+    ax.set_xlim(max(float(v.min()) - margin, 0.0), float(v.max()) + margin)
+    ax.set_xlabel("approach speed $v$ / (m/s)")
+    air = {True: "drag taken out", False: "drag left in"}[pairs.flight.drag is not None]
+    ax.set_ylabel("restitution $e$" + ("" if pairs.layout == "table" else f" ({air})"))
+    # Outside the frame it covers no data, whatever the data are.
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, fontsize="small")
+    return ax
+
+
+def _draw_marked(ax: Axes, v: np.ndarray, e: np.ndarray, frame: tuple[float, float]) -> None:
+    low, high = frame
+    edge = 0.02 * (high - low)
+    inside = (e >= low + edge) & (e <= high - edge)
+    label = f"marked, left out ({len(e)})"
+    if not inside.all():
+        label += "; ▲▼ off scale"
+    groups = (
+        ("x", inside, e),
+        ("^", e > high - edge, np.full_like(e, high - edge)),
+        ("v", e < low + edge, np.full_like(e, low + edge)),
+    )
+    for marker, which, height in groups:
+        if which.any():
+            ax.plot(
+                v[which], height[which], marker, color=_MARKED, ms=6, clip_on=False, label=label
+            )
+            label = "_"  # one entry in the legend

@@ -1,0 +1,186 @@
+"""`jaxcontact calibrate`: what it prints and writes, and what it refuses."""
+
+import json
+import os
+import stat
+
+import numpy as np
+import pytest
+
+from jaxcontact._cli import main
+from jaxcontact._cli._calibrate import FIGURE, NUMBERS
+from tests.test_fit.simulate import recording
+
+HEADER = "ball,drop_height_m,trial,bounce,interval_s\n"
+GOOD = recording(lambda v: 0.88, 1)
+
+
+@pytest.fixture
+def good(tmp_path):
+    path = tmp_path / "good.csv"
+    path.write_text(GOOD)
+    return path
+
+
+def test_the_shipped_ball(tmp_path, capsys):
+    out = tmp_path / "new" / "folder"
+    assert main(["calibrate", "--out", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert "ball blue" in printed.out
+    assert "23 of 294 pairs" in printed.out
+    assert str(out / NUMBERS) in printed.out
+    # The first line of progress comes before anything is compiled.
+    assert printed.err.startswith("[  0.0 s] reading the recording")
+    assert "compiling and fitting Kuwabara-Kono" in printed.err
+    assert sorted(p.name for p in out.iterdir()) == [NUMBERS, FIGURE]
+    data = json.loads((out / NUMBERS).read_text())
+    assert data["recording"]["ball"] == "blue"
+    assert data["outlier_rule"]["marked"] == 23
+    assert (out / FIGURE).read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_file_of_one_s_own(good, tmp_path, capsys):
+    assert main(["calibrate", str(good), "--out", str(tmp_path / "o"), "--quiet"]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert "none of 220 pairs" in printed.out
+    data = json.loads((tmp_path / "o" / NUMBERS).read_text())
+    found = data["without_marked"]["fits"][0]["estimates"][0]
+    assert abs(found["value"] - 0.88) < 4 * found["standard_error"]
+
+
+def test_the_current_folder_is_the_default(good, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["calibrate", good.name, "--law", "constant_damping", "--quiet"]) == 0
+    assert (tmp_path / FIGURE).exists()
+    assert (tmp_path / NUMBERS).exists()
+
+
+@pytest.mark.parametrize(
+    ("law", "laws"),
+    [
+        ("kuwabara_kono", ["exact", "kuwabara_kono"]),
+        ("hu_guo", ["hu_guo", "kuwabara_kono", "constant_damping"]),
+    ],
+)
+def test_a_choice_of_law(good, tmp_path, capsys, law, laws):
+    assert main(["calibrate", str(good), "--law", law, "--out", str(tmp_path), "--quiet"]) == 0
+    data = json.loads((tmp_path / NUMBERS).read_text())
+    assert [fit["law"] for fit in data["without_marked"]["fits"]] == laws
+    assert ("e delivered" in capsys.readouterr().out) == (law == "hu_guo")
+
+
+def test_drag_mass_and_stiffness(tmp_path, capsys):
+    drag = ["--mass", "0.0027", "--radius", "0.02", "--drag-coefficient", "0.5"]
+    options = ["--ball", "pingpong", *drag, "--stiffness", "1e6", "--law", "kuwabara_kono"]
+    assert main(["calibrate", *options, "--out", str(tmp_path), "--quiet"]) == 0
+    assert "taken out of the flights" in capsys.readouterr().out
+    data = json.loads((tmp_path / NUMBERS).read_text())
+    constant, viscous = data["without_marked"]["fits"]
+    assert abs(constant["estimates"][0]["value"] - 0.955) < 0.002
+    kappa, _, a = viscous["estimates"]
+    np.testing.assert_allclose(a["value"] * (1e6 / 0.0027) ** 0.4, kappa["value"], rtol=1e-12)
+
+
+def test_files_are_replaced_and_readable(good, tmp_path):
+    for name in (FIGURE, NUMBERS):
+        (tmp_path / name).write_text("old")
+    options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet"]
+    assert main(["calibrate", str(good), *options]) == 0
+    mask = os.umask(0)
+    os.umask(mask)
+    for name in (FIGURE, NUMBERS):
+        path = tmp_path / name
+        assert path.read_bytes() != b"old"
+        assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~mask
+
+
+BAD_FILES = {
+    "missing column": (
+        "ball,drop_height_m,trial,bounce\na,1,1,1\n",
+        "row 1, column interval_s: is missing",
+    ),
+    "text": (HEADER + "a,1,1,1,0.4\na,1,1,2,fast\n", "row 3, column interval_s: 'fast'"),
+    "negative": (HEADER + "a,1,1,1,0.4\na,1,1,2,-0.36\n", "row 3, column interval_s: must be"),
+    "not a number": (HEADER + "a,1,1,1,nan\n", "row 2, column interval_s: 'nan'"),
+    "few": (HEADER + "a,1,1,1,0.4\na,1,1,2,0.36\n", "row 3, column interval_s: 1 usable pairs"),
+    "no rows": (HEADER, "row 1, column interval_s: holds a header"),
+    "empty": ("", "row 1: is empty"),
+    "two balls": (HEADER + "a,1,1,1,.4\nb,1,1,1,.4\n", "row 3, column ball: holds several"),
+    "heights": (
+        "ball,drop_height_m,trial,rebound_height_m\na,0.5,1,high\n",
+        "row 2, column rebound_height_m: 'high' is not a number",
+    ),
+    "table": ("velocity,restitution\n1,0.9\n2,\n", "row 3, column restitution: is empty"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_a_bad_file_is_named_and_nothing_is_written(case, tmp_path, capsys):
+    text, message = BAD_FILES[case]
+    path, out = tmp_path / "bad.csv", tmp_path / "out"
+    path.write_text(text)
+    assert main(["calibrate", str(path), "--out", str(out)]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    error = [line for line in printed.err.splitlines() if line.startswith("error: ")]
+    assert len(error) == 1
+    assert f"{path}, {message}" in error[0]
+    assert not out.exists()
+    assert [p.name for p in tmp_path.iterdir()] == ["bad.csv"]
+
+
+BAD_OPTIONS = {
+    "no such file": (["none.csv"], "none.csv: cannot be read"),
+    "no such ball": (["--ball", "golf"], "has no ball 'golf'; it holds pingpong, blue, tennis"),
+    "no such law": (["--law", "nonsense"], "--law: Argument `law` must be one of"),
+    "half a drag": (["--radius", "0.02"], "also give --mass and --drag-coefficient"),
+    "mass alone": (["--mass", "0.1"], "or --stiffness, for A"),
+    "air alone": (["--air-density", "1.2"], "--air-density alone cannot correct for drag"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_OPTIONS)
+def test_bad_options_are_refused(case, tmp_path, monkeypatch, capsys):
+    options, message = BAD_OPTIONS[case]
+    monkeypatch.chdir(tmp_path)
+    assert main(["calibrate", *options]) == 2
+    assert message in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--gravity", "--mass", "--radius", "--stiffness"])
+@pytest.mark.parametrize("value", ["-1", "0", "nan", "inf", "x"])
+def test_bad_numbers_are_refused(option, value, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["calibrate", f"{option}={value}"])
+    assert caught.value.code == 2
+    assert option in capsys.readouterr().err
+
+
+def test_a_file_in_place_of_the_folder_is_refused(good, capsys):
+    assert main(["calibrate", str(good), "--out", str(good)]) == 2
+    assert "is not a folder" in capsys.readouterr().err
+    assert good.read_text() == GOOD
+
+
+def test_a_folder_that_cannot_be_written_is_an_error(good, tmp_path, capsys):
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    out = blocked / "below"
+    options = ["--law", "constant_damping", "--out", str(out), "--quiet"]
+    assert main(["calibrate", str(good), *options]) == 2
+    assert str(blocked) in capsys.readouterr().err
+
+
+def test_a_fit_that_does_not_converge_is_said(good, tmp_path, capsys, monkeypatch):
+    from jaxcontact._fit import _calibrate, _minimise
+
+    def impatient(loss, start, *data):
+        return _minimise.minimise(loss, start, *data, max_evaluations=2)
+
+    monkeypatch.setattr(_calibrate, "minimise", impatient)
+    options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet"]
+    assert main(["calibrate", str(good), *options]) == 1
+    assert "NO: 2 evaluations were not enough" in capsys.readouterr().out
+    assert json.loads((tmp_path / NUMBERS).read_text())["converged"] is False

@@ -1,0 +1,33 @@
+"""Files appear whole or not at all."""
+
+import os
+
+import pytest
+
+from jaxcontact._cli._files import write_all
+
+
+def test_all_are_written(tmp_path):
+    contents = {tmp_path / "a" / "x": b"1", tmp_path / "y": b"2"}
+    write_all(contents)
+    assert {path: path.read_bytes() for path in contents} == contents
+    assert {p.name for p in tmp_path.iterdir()} == {"a", "y"}
+
+
+def test_a_failure_leaves_the_old_and_no_scraps(tmp_path):
+    old = tmp_path / "x"
+    old.write_bytes(b"old")
+    with pytest.raises(TypeError):
+        write_all({old: b"new", tmp_path / "y": "no bytes"})
+    assert old.read_bytes() == b"old"
+    assert [p.name for p in tmp_path.iterdir()] == ["x"]
+
+
+def test_a_failure_while_renaming_leaves_no_scraps(tmp_path, monkeypatch):
+    def refuse(source, target):
+        raise PermissionError("no")
+
+    monkeypatch.setattr(os, "replace", refuse)
+    with pytest.raises(PermissionError):
+        write_all({tmp_path / "x": b"1", tmp_path / "y": b"2"})
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,74 @@
+"""`jaxcontact laws`: every law, and the restitution it delivers."""
+
+import json
+
+import numpy as np
+import pytest
+
+from jaxcontact._cli import main
+from jaxcontact._laws import list_laws
+
+# Delivered e for e = .9 .7 .5 .3 .1, to four decimals, from the energy balance in 40 digits.
+PUBLISHED = {
+    "hunt_crossley": (0.9090, 0.7680, 0.6630, 0.5813, 0.5158),
+    "lankarani_nikravesh": (0.9132, 0.7960, 0.7252, 0.6842, 0.6653),
+    "flores": (0.8939, 0.6832, 0.4704, 0.2562, 0.0694),
+    "hu_guo": (0.8999, 0.6973, 0.4877, 0.2707, 0.0741),
+    "gonthier": (0.8764, 0.6696, 0.4877, 0.3042, 0.1010),
+    "carvalho_martins": (0.9000, 0.7000, 0.5002, 0.3040, 0.1289),
+    "exact": (0.9, 0.7, 0.5, 0.3, 0.1),
+}
+
+FOUR_DECIMALS = 5.1e-5
+
+
+@pytest.fixture(scope="module")
+def rows():
+    from jaxcontact._cli._laws import table
+
+    return {row["law"]: row for row in table()}
+
+
+def test_every_law_is_there_with_its_source(rows):
+    assert list(rows) == list_laws()
+    for row in rows.values():
+        assert row["formula"]
+        assert row["source"]
+
+
+@pytest.mark.parametrize("law", PUBLISHED)
+def test_what_they_deliver(rows, law):
+    np.testing.assert_allclose(
+        list(rows[law]["delivers"].values()), PUBLISHED[law], atol=FOUR_DECIMALS
+    )
+
+
+def test_every_law_with_e_delivers_something(rows):
+    for name, row in rows.items():
+        if row["delivers"] is None:
+            assert name in {
+                "hertz",
+                "damped",
+                "constant_damping",
+                "marhefka_orin",
+                "energy_loss",
+                "kuwabara_kono",
+            }
+        else:
+            assert all(e is not None and 0 <= e <= 1 for e in row["delivers"].values())
+
+
+def test_the_table(capsys):
+    assert main(["laws", "--quiet"]) == 0
+    out = capsys.readouterr().out
+    line = next(line for line in out.splitlines() if line.startswith("hu_guo"))
+    for text in ("3(1-e)/(2e)", "0.8999", "0.6973", "0.4877", "0.2707", "0.0741", "Hu & Guo 2015"):
+        assert text in line
+    hertz = next(line for line in out.splitlines() if line.startswith("hertz"))
+    assert hertz.split().count("-") == 5
+
+
+def test_json_is_strict(capsys):
+    assert main(["laws", "--json", "--quiet"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert [row["law"] for row in rows] == list_laws()

@@ -1,0 +1,60 @@
+"""e(v) of the speed-dependent laws, by other means than the library's."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+
+def constant_damping(b: float) -> Callable[[float], float]:
+    """e(v) of F = K δⁿ (1 + b δ'): the root of α(1+e) = ln[(1+α)/(1-αe)] at α = b v."""
+
+    def law(v: float) -> float:
+        alpha = b * v
+        # e = 0 is always a root; the other lies above it and below 1/α, where the logarithm ends.
+        top = min(1.0, (1 - 1e-12) / alpha)
+        return float(
+            brentq(
+                lambda e: np.log((1 + alpha) / (1 - alpha * e)) - alpha * (1 + e),
+                1e-3,
+                top,
+                xtol=1e-14,
+            )
+        )
+
+    return law
+
+
+def _viscous_restitution(strength: float) -> float:
+    """e of x'' = -(x^1.5 + strength √x x'), x(0) = 0, x'(0) = 1, ended where x returns to 0."""
+
+    def motion(t, state):
+        root = np.sqrt(max(state[0], 0.0))
+        return [state[1], -(root**3 + strength * root * state[1])]
+
+    def end(t, state):
+        return state[0] if t > 0.5 else 1.0
+
+    end.direction, end.terminal = -1, True
+    run = solve_ivp(
+        motion, (0, 20), [0.0, 1.0], method="DOP853", rtol=1e-10, atol=1e-12, events=end
+    )
+    return -float(run.y_events[0][0][1])
+
+
+_STRENGTHS = np.linspace(0.0, 0.45, 25)
+_SPLINE = CubicSpline(_STRENGTHS, [_viscous_restitution(s) for s in _STRENGTHS])
+
+
+def kuwabara_kono(kappa: float) -> Callable[[float], float]:
+    """e(v) for κ = A (K/m)^(2/5): one curve of 1.5 κ v^(1/5), integrated and interpolated."""
+
+    def law(v: float) -> float:
+        strength = 1.5 * kappa * v**0.2
+        if not 0 <= strength <= _STRENGTHS[-1]:
+            raise ValueError(f"Argument `v` must keep the strength in the table, but is {v!r}.")
+        return float(_SPLINE(strength))
+
+    return law
