@@ -50,26 +50,30 @@ def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
     A Python or numpy scalar outside `allowed` raises ValueError, because there is no batch for a
     flag to live in. Arrays and traced values pass: their bad lanes are flagged by `impact`.
     """
-    if isinstance(value, jax.Array):
-        array = value
-    else:
-        python = isinstance(value, int | float) and not isinstance(value, bool)
-        scalar = python or isinstance(value, np.integer | np.floating)
-        if scalar and not allowed.holds(float(value)):
-            raise ValueError(f"Argument `{name}` must be in {allowed}, but is {value!r}.")
-        try:
-            # A Python number stays weakly typed: it follows the precision of the arrays it meets.
-            array = jnp.asarray(float(value) if python else value)
-        except (TypeError, ValueError):
-            array = None
-    if array is None or not (
-        jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)
-    ):
-        raise ValueError(
-            f"Argument `{name}` must be a real number or an array of real numbers, "
-            f"but is {value!r}."
-        )
+    array = value if isinstance(value, jax.Array) else _from_python(value, name, allowed)
+    if not (jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)):
+        raise _not_a_number(value, name)
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+
+
+def _from_python(value: Any, name: str, allowed: Range) -> Array:
+    try:
+        plain = np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise _not_a_number(value, name) from error
+    if plain.dtype.kind not in "fiu":
+        raise _not_a_number(value, name)
+    scalar = plain.ndim == 0 and not isinstance(value, np.ndarray)
+    if scalar and not allowed.holds(float(plain)):
+        raise ValueError(f"Argument `{name}` must be in {allowed}, but is {value!r}.")
+    # A Python number stays weakly typed: it follows the precision of the arrays it meets.
+    return jnp.asarray(float(value) if isinstance(value, int | float) else plain)
+
+
+def _not_a_number(value: Any, name: str) -> ValueError:
+    return ValueError(
+        f"Argument `{name}` must be a real number or an array of real numbers, but is {value!r}."
+    )
 
 
 def parameter(name: str, allowed: Range = REAL) -> Any:

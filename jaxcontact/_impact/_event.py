@@ -9,11 +9,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from ._form import Flag, GeneralForm
 from ._motion import Motion, State
-from ._peak import largest_force
+from ._peak import Path, largest_force
 from ._scaled import Scaled
 
 # Far beyond any contact: a nominal end close to the event makes the step controller stall.
@@ -38,9 +38,7 @@ class Leg(eqx.Module):
     """One half of an impact: its last state, all accepted states, and whether its event came."""
 
     end: State
-    moments: Float[Array, " steps"]
-    states: State
-    taken: Bool[Array, " steps"]
+    path: Path
     arrived: Bool[Array, ""]
     steps: Int[Array, ""]
 
@@ -77,36 +75,42 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, options: EventOpt
     steps = solution.stats["num_accepted_steps"]
     return Leg(
         end=jax.tree.map(lambda leaf: leaf[steps], solution.ys),
-        moments=solution.ts,
-        states=solution.ys,
-        taken=jnp.arange(solution.ts.size) <= steps,
+        path=Path(solution.ts, solution.ys, jnp.arange(solution.ts.size) <= steps),
         arrived=jnp.asarray(solution.result == diffrax.RESULTS.event_occurred),
         steps=steps,
     )
 
 
-def solve_event(motion: Motion, options: EventOptions) -> Scaled:
-    """The outcome of one lane. Both legs run through the same compiled solve."""
+def solve_legs(motion: Motion, options: EventOptions) -> tuple[Leg, Bool[Array, "2"]]:
+    """Both legs of an impact, stacked, and whether each is the compression.
 
-    def run(state: State, compressing: Flag) -> tuple[State, tuple]:
+    They run through the same compiled solve.
+    """
+
+    def run(state: State, compressing: Flag) -> tuple[State, Leg]:
         leg = solve_leg(motion, state, compressing, options)
-        force = largest_force(motion, leg.moments, leg.states, leg.taken, compressing)
         # The event puts the velocity at the turn within its tolerance of zero: now it is zero.
-        start = leg.end._replace(u=jnp.zeros_like(leg.end.u))
-        return start, (leg.end, force, leg.arrived, leg.steps)
+        return leg.end._replace(u=jnp.zeros_like(leg.end.u)), leg
 
-    start = motion.start()
-    _, (ends, forces, arrived, steps) = jax.lax.scan(run, start, jnp.asarray([True, False]))
-    turn, end = (jax.tree.map(operator.itemgetter(leg), ends) for leg in (0, 1))
+    flags = jnp.asarray([True, False])
+    return jax.lax.scan(run, motion.start(), flags)[1], flags
+
+
+def solve_event(motion: Motion, options: EventOptions) -> Scaled:
+    """The outcome of one lane."""
+    legs, flags = solve_legs(motion, options)
+    turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
+    # Apart from the solve, so that it costs nothing where nobody asks for it.
+    forces = jax.vmap(lambda leg, flag: largest_force(motion, leg, flag))(legs.path, flags)
     max_force = jnp.max(forces)
     max_indentation = turn.w**motion.order
     compression_time = turn.t
-    converged = jnp.all(arrived)
+    converged = jnp.all(legs.arrived)
     settled = motion.settled(end)
     if motion.push is not None and not isinstance(motion.form, GeneralForm):
         # With strong damping the bodies creep to rest and never turn: no event will come, but the
         # end is known. Every form but the general one is xⁿ at rest.
-        creeps = ~arrived[0] & motion.held(turn)
+        creeps = ~legs.arrived[0] & motion.held(turn)
         static = jnp.where(creeps, motion.push, 1) ** (1 / motion.n)
         max_indentation = jnp.where(creeps, static, max_indentation)
         max_force = jnp.where(creeps, jnp.maximum(max_force, motion.push), max_force)
@@ -120,5 +124,5 @@ def solve_event(motion: Motion, options: EventOptions) -> Scaled:
         max_force=max_force,
         converged=converged,
         settled=settled,
-        steps=jnp.sum(steps),
+        steps=jnp.sum(legs.steps),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -11,19 +13,22 @@ from ._motion import Motion, Number, State
 from ._runge_kutta import step
 
 
-def largest_force(
-    motion: Motion,
-    moments: Float[Array, " steps"],
-    states: State,
-    taken: Bool[Array, " steps"],
-    compressing: Bool[Array, ""],
-) -> Number:
-    """The largest force among the `taken` states and between them, to the accuracy of a step.
+class Path(NamedTuple):
+    """States along a stretch of motion, when (in regularised time), and which of them are real."""
+
+    moments: Float[Array, " steps"]
+    states: State
+    taken: Bool[Array, " steps"]
+
+
+def largest_force(motion: Motion, path: Path, compressing: Bool[Array, ""]) -> Number:
+    """The largest force among the taken states and between them, to the accuracy of a step.
 
     The step that holds the maximum is taken again by one Runge-Kutta step of a fraction θ, chosen
     so that the force is stationary. A stationary value does not move with θ to first order, so θ
     may be a constant to the derivative.
     """
+    moments, states, taken = path
     # Where nothing was taken the touch stands in, so that no infinity enters the arithmetic.
     states = jax.tree.map(lambda leaf: jnp.where(taken, leaf, leaf[0]), states)
     moments = jax.lax.stop_gradient(jnp.where(taken, moments, moments[0]))

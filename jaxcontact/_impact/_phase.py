@@ -16,7 +16,7 @@ from jaxtyping import Array, Int
 
 from ._form import Flag, HuntCrossleyForm
 from ._motion import Motion, Number, State
-from ._peak import largest_force
+from ._peak import Path, largest_force
 from ._runge_kutta import NODES, step_with_error
 from ._scaled import Scaled
 
@@ -97,7 +97,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> Scaled:
     def peak(indices: Int[Array, " nodes"], flag: Flag) -> Number:
         part = jax.tree.map(lambda leaf: leaf[indices], states)
         taken = jnp.ones(half + 1, dtype=bool)
-        return largest_force(motion, polars.tau[indices], part, taken, flag)
+        return largest_force(motion, Path(polars.tau[indices], part, taken), flag)
 
     legs = jnp.asarray(np.arange(half + 1) + np.array([[0], [half]]))
     forces = jax.vmap(peak)(legs, jnp.array([True, False]))

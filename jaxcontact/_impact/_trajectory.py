@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from .._contact import Contact
 from .._laws import AbstractLaw
 from ._bracket import bracketed_root, ratio
-from ._event import EventOptions, Leg, solve_leg
+from ._event import EventOptions, Leg, solve_legs
 from ._front_door import Problem, problem_of, reduced
 from ._lanes import over_lanes
 from ._methods import Options, event_options, options_of
@@ -142,12 +142,7 @@ def _trajectory(problem: Problem, options: Options, samples: int) -> Trajectory:
 
 
 def _path(motion: Motion, options: EventOptions, samples: int) -> _Path:
-    def run(state: State, compressing: Array) -> tuple[State, Leg]:
-        leg = solve_leg(motion, state, compressing, options)
-        return leg.end._replace(u=jnp.zeros_like(leg.end.u)), leg
-
-    flags = jnp.asarray([True, False])
-    _, legs = jax.lax.scan(run, motion.start(), flags)
+    legs, _ = solve_legs(motion, options)
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
     fractions = jnp.linspace(0, 1, samples, dtype=end.t.dtype)
 
@@ -177,11 +172,11 @@ def _state_at(
     motion: Motion, leg: Leg, frozen_moment: Number, moment: Number, compressing: Array
 ) -> State:
     """The state at a time, one step of the right size after the last accepted state before it."""
-    before = leg.taken & (leg.states.t <= frozen_moment)
-    left = jnp.clip(jnp.sum(before) - 1, 0, jnp.sum(leg.taken) - 2)
-    moments = jax.lax.stop_gradient(leg.moments)
+    before = leg.path.taken & (leg.path.states.t <= frozen_moment)
+    left = jnp.clip(jnp.sum(before) - 1, 0, jnp.sum(leg.path.taken) - 2)
+    moments = jax.lax.stop_gradient(leg.path.moments)
     size = moments[left + 1] - moments[left]
-    start = jax.tree.map(lambda leaf: leaf[left], leg.states)
+    start = jax.tree.map(lambda leaf: leaf[left], leg.path.states)
 
     def later(motion: Motion, state: State, fraction: Number) -> State:
         return step(lambda s: motion.rate(s, compressing), state, fraction * size)
@@ -190,7 +185,7 @@ def _state_at(
     fraction = bracketed_root(
         lambda fraction: frozen_moment - later(frozen, frozen_start, fraction).t,
         frozen_moment - frozen_start.t,
-        frozen_moment - jax.lax.stop_gradient(leg.states.t[left + 1]),
+        frozen_moment - jax.lax.stop_gradient(leg.path.states.t[left + 1]),
         iterations=20,
     )
     fraction = jax.lax.stop_gradient(jnp.clip(fraction, 0, 1))
