@@ -91,7 +91,8 @@ def _bounce(
 
     _, records = jax.lax.scan(one, (fall, speed), None, length=bounces)
     moved = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), records)
-    bad = jnp.broadcast_to(~valid, shape)[..., None]
+    flags = moved.status == int(Status.INVALID_INPUT)
+    bad = jnp.broadcast_to(~valid, shape)[..., None] | flags
 
     def flagged(leaf: Array) -> Array:
         if jnp.issubdtype(leaf.dtype, jnp.integer):

@@ -52,8 +52,12 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, options: EventOpt
     def gap(t: object, y: State, args: Motion, **kwargs: object) -> Array:
         return args.gap(y, compressing)
 
+    # Neither a step nor a root can be asked for more than rounding lets them have.
+    rounding = float(jnp.finfo(start.u.dtype).eps)
+    finest = 10 * rounding
     # The moment of the event is a root of the last step's interpolant: cheap to find sharply.
-    finder = optx.Newton(rtol=1e-2 * options.rtol, atol=1e-2 * options.atol)
+    sharp = max(_SAFETY * min(options.rtol, options.atol), 3 * finest)
+    finder = optx.Newton(rtol=sharp, atol=sharp)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(rate),
         options.solver,
@@ -64,7 +68,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, options: EventOpt
         args=motion,
         saveat=diffrax.SaveAt(t0=True, steps=True),
         stepsize_controller=diffrax.PIDController(
-            rtol=_SAFETY * options.rtol, atol=_SAFETY * options.atol
+            rtol=max(_SAFETY * options.rtol, finest), atol=max(_SAFETY * options.atol, finest)
         ),
         event=diffrax.Event(gap, finder, direction=False),
         adjoint=options.adjoint,
