@@ -19,7 +19,7 @@ class Bounce(eqx.Module):
     `time` in s, when impact k begins, counted from the release; `impact_velocity` in m/s;
     `restitution`; `height` in m, to which the ball rises after it; `status` as in `Impact`. After
     the ball has come too slow for an impact (`VELOCITY_THRESHOLD`) the status is SETTLED and the
-    numbers are those of a ball at rest: no speed, no height, the time of its last impact.
+    numbers are those of a ball at rest: no speed, no height, the time at which it came to rest.
     """
 
     time: Float[Array, "..."]

@@ -50,20 +50,23 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, options: EventOpt
         return motion.rate(state, compressing)
 
     def gap(t: object, y: State, args: Motion, **kwargs: object) -> Array:
-        return args.gap(y, compressing)
+        # diffrax compares it with a Python 0.0, which has the default precision.
+        return args.gap(y, compressing).astype(jnp.zeros(()).dtype)
 
     # Neither a step nor a root can be asked for more than rounding lets them have.
     rounding = float(jnp.finfo(start.u.dtype).eps)
     finest = 10 * rounding
+    # Python numbers would give the time the default precision, and the state with it.
+    dtype = start.w.dtype
     # The moment of the event is a root of the last step's interpolant: cheap to find sharply.
     sharp = max(_SAFETY * min(options.rtol, options.atol), 3 * finest)
     finder = optx.Newton(rtol=sharp, atol=sharp)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(rate),
         options.solver,
-        t0=0.0,
-        t1=_FAR,
-        dt0=_FIRST_STEP,
+        t0=jnp.zeros((), dtype),
+        t1=jnp.asarray(_FAR, dtype),
+        dt0=jnp.asarray(_FIRST_STEP, dtype),
         y0=start,
         args=motion,
         saveat=diffrax.SaveAt(t0=True, steps=True),

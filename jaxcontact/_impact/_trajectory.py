@@ -118,13 +118,17 @@ def _trajectory(problem: Problem, options: Options, samples: int) -> Trajectory:
     status = jnp.where(path.settled, int(Status.SETTLED), int(Status.SEPARATED))
     status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
     status = jnp.where(lanes.valid, status, int(Status.INVALID_INPUT))
-    good = (lanes.valid & solved)[..., None]
+
+    def along_samples(number: Array) -> Array:
+        return number.reshape(number.shape + (1,) * (number.ndim > 0))
+
+    good = along_samples(lanes.valid & solved)
 
     def result(value: Array, unit: Array) -> Array:
-        filled = jnp.where(good, value * unit[..., None], jnp.nan)
+        filled = jnp.where(good, value * along_samples(unit), jnp.nan)
         return jnp.broadcast_to(filled, (*shape, samples))
 
-    work = jnp.zeros_like(path.x) if lanes.push is None else lanes.push[..., None] * path.x
+    work = jnp.zeros_like(path.x) if lanes.push is None else along_samples(lanes.push) * path.x
     return Trajectory(
         time=result(path.t, scale.time),
         indentation=result(path.x, scale.length),

@@ -56,7 +56,7 @@ class LankaraniNikravesh(AbstractHuntCrossley):
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
         """α = 3(1-e²)/4."""
-        return 0.75 * (1 - jnp.square(self.e))
+        return 0.75 * (1 - self.e) * (1 + self.e)
 
 
 @register_law(
@@ -192,7 +192,7 @@ class ZhiyingQishao(AbstractHuntCrossley):
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
         """α = (3/4)(1-e²) exp(2(1-e))."""
-        return 0.75 * (1 - jnp.square(self.e)) * jnp.exp(2 * (1 - self.e))
+        return 0.75 * (1 - self.e) * (1 + self.e) * jnp.exp(2 * (1 - self.e))
 
 
 @register_law(

@@ -1,0 +1,239 @@
+"""Every registered law a second time: its force written down again in mpmath, and its numbers.
+
+A damping factor (family F = K d^n (1 + alpha v/v0)) or a damping term (all other laws) is a
+function of mpmath numbers, transcribed from the publications and not from the library.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from fractions import Fraction
+
+import mpmath as mp
+
+import jaxcontact as jc
+
+THRESHOLD = "1e-9"
+
+
+def of(text: str) -> mp.mpf:
+    """A number as a publication prints it."""
+    fraction = Fraction(text)
+    return mp.mpf(fraction.numerator) / fraction.denominator
+
+
+def exact_alpha(e):
+    """alpha (1 + e) = ln((1 + alpha)/(1 - alpha e)) by bisection, away from the root alpha = 0."""
+    if e == 1:
+        return mp.mpf(0)
+    with mp.workdps(mp.mp.dps + 20):
+        low, high = mp.mpf(1 - e) / 2, 1 / e
+
+        def surplus(a):
+            return a * (1 + e) - mp.log1p(a) + mp.log1p(-a * e)
+
+        # Positive below the root, minus infinity at 1/e. Close to it work with the logarithm.
+        if e < mp.mpf("0.05"):
+            alpha = high
+            for _ in range(60):
+                alpha = -mp.expm1(mp.log1p(alpha) - alpha * (1 + e)) / e
+            return alpha
+        for _ in range(int(3.4 * mp.mp.dps)):
+            middle = (low + high) / 2
+            low, high = (middle, high) if surplus(middle) > 0 else (low, middle)
+        return (low + high) / 2
+
+
+def energy_loss_alpha(e, beta, n="1.5"):
+    """The loss integral by quadrature, not by the beta function."""
+    n = mp.mpf(n)
+    integral = mp.quad(lambda u: u**n * mp.sqrt(1 - u**beta), [0, 0.5, 1])
+    return (1 - e) / e / ((n + 1) * integral)
+
+
+def zeta_of_half_period(e):
+    return -mp.log(e) / mp.sqrt(mp.pi**2 + mp.log(e) ** 2)
+
+
+def clamped_zeta(e):
+    """ln e = -zeta atan2(2 zeta w, 2 zeta^2 - 1)/w, and its continuation beyond zeta = 1."""
+    if e == 1:
+        return mp.mpf(0)
+
+    def decrement(zeta):
+        if zeta < 1:
+            w = mp.sqrt(1 - zeta**2)
+            return zeta * mp.atan2(2 * zeta * w, 2 * zeta**2 - 1) / w
+        w = mp.sqrt(zeta**2 - 1)
+        return zeta * mp.log((zeta + w) / (zeta - w)) / w
+
+    low, high = mp.mpf(0), 10 / e
+    with mp.workdps(mp.mp.dps + 20):
+        for _ in range(int(4 * mp.mp.dps)):
+            middle = (low + high) / 2
+            low, high = (middle, high) if decrement(middle) < -mp.log(e) else (low, middle)
+    return low
+
+
+def tsuji(e):
+    text = "1.2728 -4.2783 11.087 -22.348 27.467 -18.022 4.8218"
+    return mp.sqrt(2) * sum(of(c) * e**i for i, c in enumerate(text.split()))
+
+
+def thornton(e):
+    text = (
+        "-6.918798 -16.41105 146.8049 -796.4559 2928.711 -7206.864 11494.29 -11342.18 6276.757 "
+        "-1489.915"
+    )
+    power = sum(of(h) * e ** (i + 1) for i, h in enumerate(text.split()))
+    return mp.sqrt(1 / (1 - (1 + e) ** 2 * mp.exp(power)) - 1)
+
+
+def jankowski(e):
+    return 9 * mp.sqrt(5) / 2 * (1 - e**2) / (e * (e * (9 * mp.pi - 16) + 16))
+
+
+@dataclasses.dataclass(frozen=True)
+class Law:
+    """What a test needs to know of a law.
+
+    `alpha(*parameters, K, v0)` for the family; `damping(d, v, K, m, *parameters)`, the force beside
+    K d^n, for the others. `parameters` are three sets of numbers, the last at the edge where the
+    contact is elastic (for Tsuji nearly so); `from_zero`: e = 0 is allowed.
+    """
+
+    cls: type[jc.AbstractLaw]
+    parameters: tuple[tuple[float, ...], ...] = ((0.85,), (0.4,), (1.0,))
+    alpha: Callable | None = None
+    damping: Callable | None = None
+    names: tuple[str, ...] = ("e",)
+    exponent: float = 1.5
+    pulls: bool = False
+    options: tuple[tuple[str, bool], ...] = ()
+    from_zero: bool = False
+
+    def make(self, *parameters, **options):
+        return self.cls(**dict(zip(self.names, parameters, strict=True)), **dict(self.options))
+
+    def force(self, d, v, K, m, v0, *parameters):
+        """The force in mpmath."""
+        if d < 0:
+            return mp.mpf(0)
+        elastic = K * mp.power(d, self.exponent)
+        if self.alpha is not None:
+            speed = max(v0, of(THRESHOLD))
+            force = elastic * (1 + self.alpha(*parameters, K, speed) / speed * v)
+        else:
+            force = elastic + self.damping(d, v, K, m, *parameters)
+        return force if self.pulls else max(force, mp.mpf(0))
+
+
+def kelvin_voigt(zeta):
+    return lambda d, v, K, m, e: 2 * zeta(e) * mp.sqrt(K * m) * v
+
+
+def root_quarter(a):
+    return lambda d, v, K, m, e: a(e) * mp.sqrt(m * K) * mp.power(d, "0.25") * v
+
+
+def thornton_term(d, v, K, m, e):
+    return 2 * thornton(e) * mp.sqrt(of("3/2") * m * K * mp.sqrt(d)) * v
+
+
+def jankowski_term(d, v, K, m, e):
+    return 2 * jankowski(e) * mp.sqrt(m * K * mp.sqrt(d)) * v if v > 0 else mp.mpf(0)
+
+
+def antypov_elliott(e):
+    return mp.sqrt(5) * zeta_of_half_period(e)
+
+
+LAWS = {
+    "hertz": Law(jc.Hertz, ((), (), ()), alpha=lambda K, v: mp.mpf(0), names=()),
+    "damped": Law(jc.Damped, ((0.7,), (30.0,), (0.0,)), alpha=lambda a, K, v: a, names=("alpha",)),
+    "constant_damping": Law(
+        jc.ConstantDamping,
+        ((4e7,), (5e8,), (0.0,)),
+        alpha=lambda c, K, v: c * v / K,
+        names=("c",),
+    ),
+    "marhefka_orin": Law(
+        jc.MarhefkaOrin,
+        ((0.1,), (0.6,), (0.0,)),
+        alpha=lambda a, K, v: of("3/2") * a * v,
+        names=("a",),
+    ),
+    "energy_loss": Law(
+        jc.EnergyLoss,
+        ((0.85, 2.2), (0.4, 3.5), (1.0, 2.0)),
+        alpha=lambda e, beta, K, v: energy_loss_alpha(e, beta),
+        names=("e", "beta"),
+    ),
+    "exact": Law(jc.ExactRestitution, alpha=lambda e, K, v: exact_alpha(e)),
+    "hunt_crossley": Law(
+        jc.HuntCrossley, alpha=lambda e, K, v: of("3/2") * (1 - e), from_zero=True
+    ),
+    "lankarani_nikravesh": Law(
+        jc.LankaraniNikravesh, alpha=lambda e, K, v: of("3/4") * (1 - e**2), from_zero=True
+    ),
+    "flores": Law(jc.Flores, alpha=lambda e, K, v: of("8/5") * (1 - e) / e),
+    "hu_guo": Law(jc.HuGuo, alpha=lambda e, K, v: of("3/2") * (1 - e) / e),
+    "gonthier": Law(jc.Gonthier, alpha=lambda e, K, v: (1 - e**2) / e),
+    "carvalho_martins": Law(
+        jc.CarvalhoMartins,
+        alpha=lambda e, K, v: 3 * (1 - e) * (11 - e) / (2 * (1 + 9 * e)),
+        from_zero=True,
+    ),
+    "herbert_mcwhannell": Law(
+        jc.HerbertMcWhannell,
+        alpha=lambda e, K, v: 6 * (1 - e) / ((2 * e - 1) ** 2 + 3),
+        from_zero=True,
+    ),
+    "zhiying_qishao": Law(
+        jc.ZhiyingQishao,
+        alpha=lambda e, K, v: of("3/4") * (1 - e**2) * mp.exp(2 * (1 - e)),
+        from_zero=True,
+    ),
+    "lee_wang": Law(jc.LeeWang, alpha=lambda e, K, v: of("3/4") * (1 - e), from_zero=True),
+    "kelvin_voigt": Law(
+        jc.KelvinVoigt, damping=kelvin_voigt(zeta_of_half_period), exponent=1.0, pulls=True
+    ),
+    "antypov_elliott": Law(jc.AntypovElliott, damping=root_quarter(antypov_elliott), pulls=True),
+    "tsuji": Law(jc.Tsuji, damping=root_quarter(tsuji), pulls=True, from_zero=True),
+    "thornton": Law(jc.Thornton, damping=thornton_term),
+    "jankowski": Law(jc.Jankowski, damping=jankowski_term),
+    "kuwabara_kono": Law(
+        jc.KuwabaraKono,
+        ((2e-4,), (5e-3,), (0.0,)),
+        damping=lambda d, v, K, m, A: of("3/2") * A * K * mp.sqrt(d) * v,
+        names=("A",),
+        pulls=True,
+    ),
+}
+
+CLAMPED = {
+    f"{name} without tension": dataclasses.replace(
+        LAWS[name], pulls=False, options=(("tension", False),)
+    )
+    for name in ("antypov_elliott", "tsuji", "kuwabara_kono")
+} | {
+    "kelvin_voigt without tension": dataclasses.replace(
+        LAWS["kelvin_voigt"],
+        damping=kelvin_voigt(clamped_zeta),
+        pulls=False,
+        options=(("tension", False),),
+    ),
+}
+
+PULLING = {
+    f"{name} with tension": dataclasses.replace(
+        LAWS[name], pulls=True, options=(("tension", True),)
+    )
+    for name in ("hu_guo", "exact", "thornton", "constant_damping")
+}
+
+VARIANTS = LAWS | CLAMPED | PULLING
+
+FAMILY = [name for name, law in LAWS.items() if law.alpha is not None]
+ALPHA_OF_E = [name for name in FAMILY if LAWS[name].names == ("e",)]

@@ -1,0 +1,191 @@
+"""Numbers at the door of every law: ranges, messages, precision, shapes; and what is printed."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from tests.test_laws.table import ALPHA_OF_E, FAMILY, LAWS, VARIANTS
+
+ROUNDING = 1e-14
+"""A few products: measured 7e-16."""
+
+NAN, INF = float("nan"), float("inf")
+
+
+def bad_numbers(name, argument):
+    """What a parameter may not be, and the range the message should show."""
+    if argument == "e":
+        zero = () if LAWS[name].from_zero else (0.0,)
+        return r"\[0, 1\]" if LAWS[name].from_zero else r"\(0, 1\]", (-0.1, 1.1, *zero)
+    if argument == "beta":
+        return r"\(0, inf\)", (0.0, -1.0)
+    return r"\[0, inf\)", (-1.0,)
+
+
+ARGUMENTS = [(name, argument) for name, law in LAWS.items() for argument in law.names]
+
+
+@pytest.mark.parametrize(("name", "argument"), ARGUMENTS)
+def test_scalars_out_of_range(name, argument):
+    law = LAWS[name]
+    good = dict(zip(law.names, law.parameters[0], strict=True))
+    allowed, numbers = bad_numbers(name, argument)
+    for number in (*numbers, NAN, INF, -INF, np.float64(-2.0), np.float32(-2.0), -3):
+        with pytest.raises(
+            ValueError, match=f"`{argument}` must be in {allowed}, but is"
+        ) as caught:
+            law.cls(**(good | {argument: number}))
+        assert repr(number) in str(caught.value)
+    for thing in ("0.5", None, 0.5j, True, [0.5, "x"], jnp.array(0.5j), jnp.array(True), object()):
+        with pytest.raises(ValueError, match=f"`{argument}` must be a real number"):
+            law.cls(**(good | {argument: thing}))
+
+
+@pytest.mark.parametrize(("name", "argument"), ARGUMENTS)
+def test_arrays_out_of_range_pass(name, argument):
+    law = LAWS[name]
+    good = dict(zip(law.names, law.parameters[0], strict=True))
+    _, numbers = bad_numbers(name, argument)
+    mixed = jnp.array([*numbers, NAN, good[argument]])
+    made = law.cls(**(good | {argument: mixed}))
+    np.testing.assert_array_equal(getattr(made, argument), mixed)
+    if name == "kuwabara_kono":  # it has no formula; its lanes are those of `impact`
+        return
+    needs = name in ("constant_damping", "marhefka_orin", "energy_loss")
+    found = jc.restitution(made, *((jc.Contact(mass=1.0, stiffness=1e8), 1.0) if needs else ()))
+    np.testing.assert_array_equal(np.isnan(found), [True] * (len(numbers) + 1) + [False])
+    assert 0 < found[-1] < 1
+
+
+def test_traced_numbers_pass():
+    found = jax.jit(lambda e: jc.restitution(jc.HuGuo(e=e)))(jnp.array([0.5, 1.5]))
+    np.testing.assert_array_equal(np.isnan(found), [False, True])
+
+
+def test_whole_numbers_are_numbers():
+    for one in (1, np.int64(1), jnp.array(1), jnp.array([1, 1]), [1, 1], np.array([1.0, 1.0])):
+        assert jnp.issubdtype(jc.HuGuo(e=one).e.dtype, jnp.floating)
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_shapes_broadcast(name):
+    law = VARIANTS[name]
+    numbers = [jnp.full((2, 1, 1), x) for x in law.parameters[0]]
+    contact = jc.Contact(mass=jnp.full((1, 3, 1), 0.5), stiffness=1e8, exponent=law.exponent)
+    d, v = jnp.linspace(-1e-3, 1e-3, 4).reshape(1, 1, 4), jnp.asarray(0.3)
+    found = law.make(*numbers).force(d, v, contact, 1.0)
+    wide = (2 if law.names else 1, 3, 4)
+    assert jnp.broadcast_shapes(found.shape, (1, 3, 1)) == wide
+    contact = jc.Contact(mass=0.5, stiffness=1e8, exponent=law.exponent)
+    alone = [law.make(*law.parameters[0]).force(float(x), 0.3, contact, 1.0) for x in d.ravel()]
+    assert all(x.shape == () for x in alone)
+    np.testing.assert_allclose(
+        np.broadcast_to(found, wide), np.broadcast_to(alone, wide), rtol=ROUNDING
+    )
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_single_precision_stays(name):
+    law = VARIANTS[name]
+    single = [jnp.asarray([1e-4, -1e-4, 2e-4], jnp.float32), jnp.asarray(0.1, jnp.float32)]
+    m, K, v0 = (jnp.asarray(x, jnp.float32) for x in (0.5, 1e8, 1.0))
+    contact = jc.Contact(mass=m, stiffness=K, exponent=law.exponent)
+    numbers = [jnp.asarray(x, jnp.float32) for x in law.parameters[1]]
+    of_arrays = law.make(*numbers).force(*single, contact, v0)
+    assert of_arrays.dtype == jnp.float32
+    # Python numbers follow the arrays, in the law, the contact and the speed.
+    of_numbers = law.make(*law.parameters[1]).force(
+        *single, jc.Contact(mass=0.5, stiffness=1e8, exponent=law.exponent), 1.0
+    )
+    assert of_numbers.dtype == jnp.float32
+    double = law.make(*law.parameters[1]).force(
+        *(x.astype(float) for x in single), jc.Contact(0.5, 1e8, law.exponent), 1.0
+    )
+    assert double.dtype == jnp.float64
+    np.testing.assert_allclose(of_arrays, double, rtol=SINGLE)
+    np.testing.assert_allclose(of_numbers, double, rtol=SINGLE)
+
+
+SINGLE = 1e-6
+"""Force in single precision: measured 1.5e-7."""
+
+
+@pytest.mark.parametrize("name", ALPHA_OF_E)
+def test_speeds_below_the_threshold(name):
+    law = LAWS[name].make(0.5)
+    contact = jc.Contact(mass=1.0, stiffness=1e8)
+    speeds = jnp.array([0.0, 1e-300, 1e-12, jc.VELOCITY_THRESHOLD, 2 * jc.VELOCITY_THRESHOLD])
+    force = np.asarray(law.force(1e-3, 1e-9, contact, speeds))
+    np.testing.assert_array_equal(force[:3], force[3])
+    assert force[4] < force[3]
+    # c = alpha K/v0 at the threshold, finite.
+    alpha = float(law.damping_factor())
+    np.testing.assert_allclose(force[3], 1e8 * 1e-3**1.5 * (1 + alpha), rtol=ROUNDING)
+
+
+@pytest.mark.parametrize("law", [jc.ConstantDamping(c=1e8), jc.MarhefkaOrin(a=0.5)])
+def test_laws_without_memory_have_no_threshold(law):
+    contact = jc.Contact(mass=1.0, stiffness=1e8)
+    speeds = jnp.array([0.0, 1e-300, 1e-9, 1e-3, 5.0])
+    force = law.force(1e-3, 0.4, contact, speeds)
+    np.testing.assert_allclose(force, force[-1], rtol=ROUNDING)
+    assert force[-1] > 1e8 * 1e-3**1.5
+
+
+@pytest.mark.parametrize("name", FAMILY)
+def test_pull_is_a_choice(name):
+    law = LAWS[name]
+    contact = jc.Contact(mass=1.0, stiffness=1e8)
+    rates = jnp.array([-1e3, 1.0])
+    default = law.make(*law.parameters[1])
+    assert default.tension is False
+    clamped = default.force(1e-3, rates, contact, 1.0)
+    pulling = law.cls(**dict(zip(law.names, law.parameters[1], strict=True)), tension=True)
+    free = pulling.force(1e-3, rates, contact, 1.0)
+    assert clamped[1] == free[1] > 0
+    if name == "hertz":
+        assert clamped[0] == free[0] > 0
+    else:
+        assert clamped[0] == 0 and free[0] < 0
+
+
+def test_which_laws_pull_by_default():
+    pulls = {name for name, law in LAWS.items() if law.make(*law.parameters[0]).tension}
+    assert pulls == {"kelvin_voigt", "antypov_elliott", "tsuji", "jankowski", "kuwabara_kono"}
+
+
+def test_derivative_in_a_traced_exponent():
+    """d/dn of K d^n (1 + a v) is ln(d) times the force; finite at touch and apart."""
+    d = jnp.array([1e-3, 0.3, 0.0, -1e-3])
+
+    def force(n, d):
+        return jc.Damped(alpha=0.5).force(d, 0.2, jc.Contact(1.0, 1e6, n), 1.0)
+
+    value, slope = jax.jit(jax.vmap(jax.value_and_grad(force), (None, 0)))(jnp.asarray(1.8), d)
+    expected = 1e6 * np.array([1e-3, 0.3]) ** 1.8 * 1.1
+    np.testing.assert_allclose(value, [*expected, 0, 0], rtol=ROUNDING)
+    np.testing.assert_allclose(slope, [*(expected * np.log([1e-3, 0.3])), 0, 0], rtol=ROUNDING)
+
+
+def test_repr():
+    assert repr(jc.HuGuo(e=0.7)) == "HuGuo(e=0.7)"
+    assert repr(jc.Hertz()) == "Hertz()"
+    assert repr(jc.HuGuo(e=0.7, tension=True)) == "HuGuo(e=0.7, tension=True)"
+    assert repr(jc.EnergyLoss(e=0.5, beta=2.5)) == "EnergyLoss(e=0.5, beta=2.5)"
+    assert repr(jc.Thornton(e=0.5)) == "Thornton(e=0.5)"
+    assert repr(jc.KelvinVoigt(e=jnp.array([0.5, 0.6]), tension=False)) == (
+        "KelvinVoigt(tension=False, e=[0.5, 0.6])"
+    )
+    seen = []
+    jax.jit(lambda e: seen.append(repr(jc.HuGuo(e=e))))(jnp.ones(3))
+    assert seen == ["HuGuo(e=f64[3])"]
+
+
+def test_laws_are_pytrees_of_their_numbers():
+    for law in LAWS.values():
+        made = law.make(*law.parameters[0])
+        leaves, structure = jax.tree.flatten(made)
+        np.testing.assert_array_equal(leaves, law.parameters[0])
+        assert repr(jax.tree.unflatten(structure, leaves)) == repr(made)

@@ -1,0 +1,165 @@
+"""Laws by name, and a law of one's own."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._laws import _registry, describe
+
+CONTACT = jc.Contact(mass=0.2, stiffness=1e8)
+
+
+@pytest.fixture(autouse=True)
+def registry_as_it_was(monkeypatch):
+    monkeypatch.setattr(_registry, "_REGISTRY", dict(_registry._REGISTRY))
+
+
+def test_names_are_in_order_of_registration():
+    names = jc.list_laws()
+    assert len(names) == len(set(names)) == 21
+    assert {"hertz", "hu_guo", "kelvin_voigt", "kuwabara_kono"} <= set(names)
+    names.clear()  # a copy
+    assert jc.list_laws()
+
+
+def test_get_law():
+    law = jc.get_law("hu_guo", e=0.7)
+    assert type(law) is jc.HuGuo and law.e == 0.7 and law.tension is False
+    assert jc.get_law("hu_guo", e=0.7, tension=True).tension is True
+    with pytest.raises(TypeError, match="alpha"):
+        jc.get_law("hu_guo", alpha=0.7)
+    with pytest.raises(ValueError, match=r"`e` must be in \(0, 1\], but is 7"):
+        jc.get_law("hu_guo", e=7)
+
+
+def test_unknown_name_lists_the_known():
+    with pytest.raises(ValueError, match="'hu_gou'") as caught:
+        jc.get_law("hu_gou", e=0.7)
+    assert all(name in str(caught.value) for name in jc.list_laws())
+
+
+def test_describe():
+    known = describe("hu_guo")
+    assert known.cls is jc.HuGuo
+    assert known.formula == "3(1-e)/(2e)"
+    assert "10.1007/s11044-015-9453-z" in known.source
+    assert known.valid
+    assert all(describe(name).source and describe(name).formula for name in jc.list_laws())
+
+
+def test_a_name_is_held_by_one_class():
+    with pytest.raises(ValueError, match="'hu_guo' already names `HuGuo`"):
+
+        @jc.register_law("hu_guo")
+        class Other(jc.AbstractHuntCrossley):
+            def damping_factor(self, contact=None, velocity=None):
+                return jnp.asarray(0.0)
+
+    assert describe("hu_guo").cls is jc.HuGuo
+
+
+def test_a_cell_may_be_run_twice():
+    def cell(value):
+        @jc.register_law("mine")
+        class Mine(jc.AbstractHuntCrossley):
+            def damping_factor(self, contact=None, velocity=None):
+                return jnp.asarray(value)
+
+        return Mine
+
+    first, second = cell(0.1), cell(0.2)
+    assert first is not second
+    assert describe("mine").cls is second
+    assert jc.list_laws().count("mine") == 1
+    assert jc.list_laws()[-1] == "mine"
+
+
+def test_laws_are_abstract_or_final():
+    with pytest.raises(TypeError, match="abstract"):
+        jc.AbstractLaw()
+    with pytest.raises(TypeError, match="abstract"):
+        jc.AbstractHuntCrossley()
+
+
+# --- A law of one's own, in ten lines -------------------------------------------------------------
+
+
+class Dashpot(jc.AbstractLaw):
+    """F = K d^n + c d v, with the number held as a plain array."""
+
+    c: jax.Array
+
+    def force(self, indentation, velocity, contact, impact_velocity):
+        d = jnp.maximum(indentation, 0)
+        return contact.stiffness * d**contact.exponent + self.c * d * velocity
+
+
+class Square(jc.AbstractHuntCrossley):
+    """A formula of one's own, and not a good one."""
+
+    e: jax.Array
+
+    def damping_factor(self, contact=None, velocity=None):
+        return 1.5 * (1 - self.e) / jnp.square(self.e)
+
+
+SAME = 1e-14
+"""The same number on two ways: measured 1e-15."""
+
+EVENT = 1e-8
+"""Event solves with tolerance 1e-9: measured 5e-10."""
+
+SLOPE = 1e-6
+"""A derivative of one with 1e-11, against its own differences: measured 5e-8."""
+
+
+def test_own_law_in_general_form():
+    jc.register_law("dashpot", formula="K d^n + c d v")(Dashpot)
+    law = jc.get_law("dashpot", c=jnp.asarray(4e5))
+    hit = jc.impact(law, CONTACT, 1.5)
+    assert hit.method == "event" and hit.status == jc.Status.SEPARATED
+    assert 0.3 < hit.restitution < 0.95
+    np.testing.assert_allclose(hit.restitution, jc.restitution(law, CONTACT, 1.5), rtol=SAME)
+    np.testing.assert_allclose(hit.energy_loss, 0.1 * 1.5**2 * (1 - hit.restitution**2), rtol=SAME)
+    path = jc.trajectory(law, CONTACT, 1.5, samples=20)
+    np.testing.assert_allclose(path.velocity[-1], -hit.rebound_velocity, rtol=EVENT)
+    np.testing.assert_allclose(path.energy.total, 0.1 * 1.5**2, rtol=EVENT)
+
+    def e(c):
+        return jc.impact(Dashpot(c=c), CONTACT, 1.5, rtol=1e-11, atol=1e-11).restitution
+
+    cs = jnp.array([1e5, 4e5, 4e5 + 40, 4e5 - 40])
+    batch, slopes = jax.jit(jax.vmap(jax.value_and_grad(e)))(cs)
+    np.testing.assert_allclose(batch[1], hit.restitution, rtol=EVENT)
+    np.testing.assert_allclose(slopes[1], (batch[2] - batch[3]) / 80, rtol=SLOPE)
+
+
+def test_own_law_in_the_family():
+    jc.register_law("square")(Square)
+    law = jc.get_law("square", e=jnp.asarray(0.6))
+    alpha = 1.5 * 0.4 / 0.36
+    hit = jc.impact(law, CONTACT, 1.5)
+    assert hit.method == "exact"
+    known = jc.impact(jc.Damped(alpha=alpha), CONTACT, 1.5)
+    np.testing.assert_allclose(hit.restitution, known.restitution, rtol=SAME)
+    np.testing.assert_allclose(hit.duration, known.duration, rtol=SAME)
+    np.testing.assert_allclose(jc.restitution(law), known.restitution, rtol=SAME)
+    path = jc.trajectory(law, CONTACT, 1.5, samples=20)
+    np.testing.assert_allclose(path.time[-1], hit.duration, rtol=EVENT)
+
+    def duration(e):
+        return jc.impact(Square(e=e), CONTACT, 1.5).duration
+
+    es = jnp.array([0.6, 0.6 + 1e-5, 0.6 - 1e-5])
+    batch = jax.jit(jax.vmap(duration))(es)
+    np.testing.assert_allclose(batch[0], hit.duration, rtol=SAME)
+    np.testing.assert_allclose(jax.grad(duration)(es[0]), (batch[1] - batch[2]) / 2e-5, rtol=SLOPE)
+
+
+def test_own_law_gone_wrong_is_flagged():
+    hit = jc.impact(Square(e=jnp.array([0.6, 1.2, 0.0, jnp.nan])), CONTACT, 1.5)
+    bad = int(jc.Status.INVALID_INPUT)
+    np.testing.assert_array_equal(hit.status, [0, bad, bad, bad])
+    np.testing.assert_array_equal(np.isnan(hit.duration), [False, True, True, True])
