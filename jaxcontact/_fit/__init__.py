@@ -12,10 +12,10 @@ from ._curves import constant_laws as constant_laws
 from ._curves import parameters_of as parameters_of
 from ._flight import Drag as Drag
 from ._flight import Flight as Flight
+from ._record import to_dict as to_dict
 from ._recording import COLUMNS as COLUMNS
 from ._recording import Recording as Recording
 from ._recording import RecordingError as RecordingError
 from ._recording import parse_recording as parse_recording
 from ._recording import read_recording as read_recording
 from ._report import report as report
-from ._report import to_dict as to_dict

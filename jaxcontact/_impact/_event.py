@@ -20,8 +20,6 @@ from ._scaled import Scaled
 _FAR = 1e12
 # The controller bounds the error of a step. Measured, the outcome is up to twenty times worse.
 _SAFETY = 0.02
-# Well inside a contact, which lasts at least 3 in scaled units, and at most a tenth of it.
-_FIRST_STEP = 0.05
 
 
 class EventOptions(eqx.Module):
@@ -56,7 +54,8 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, options: EventOpt
     # Neither a step nor a root can be asked for more than rounding lets them have.
     rounding = float(jnp.finfo(start.u.dtype).eps)
     finest = 10 * rounding
-    # Python numbers would give the time the default precision, and the state with it.
+    # Python numbers would give the time the default precision, and the state with it. A first step
+    # given as an array would be checked at run time, by a callback: the controller chooses it.
     dtype = start.w.dtype
     # The moment of the event is a root of the last step's interpolant: cheap to find sharply.
     sharp = max(_SAFETY * min(options.rtol, options.atol), 3 * finest)
@@ -66,7 +65,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, options: EventOpt
         options.solver,
         t0=jnp.zeros((), dtype),
         t1=jnp.asarray(_FAR, dtype),
-        dt0=jnp.asarray(_FIRST_STEP, dtype),
+        dt0=None,
         y0=start,
         args=motion,
         saveat=diffrax.SaveAt(t0=True, steps=True),

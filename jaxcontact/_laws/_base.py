@@ -64,7 +64,7 @@ class AbstractLaw(eqx.Module):
     def __repr__(self) -> str:
         numbers = (
             f"{field.name}={shown(getattr(self, field.name))}"
-            for field in sorted(dataclasses.fields(self), key=lambda field: field.kw_only)
+            for field in sorted(dataclasses.fields(self), key=lambda field: bool(field.kw_only))
             if field.name != "tension" or self.tension is not field.default
         )
         return f"{type(self).__name__}({', '.join(numbers)})"

@@ -176,7 +176,7 @@ def test_repr():
     assert repr(jc.EnergyLoss(e=0.5, beta=2.5)) == "EnergyLoss(e=0.5, beta=2.5)"
     assert repr(jc.Thornton(e=0.5)) == "Thornton(e=0.5)"
     assert repr(jc.KelvinVoigt(e=jnp.array([0.5, 0.6]), tension=False)) == (
-        "KelvinVoigt(tension=False, e=[0.5, 0.6])"
+        "KelvinVoigt(e=[0.5, 0.6], tension=False)"
     )
     seen = []
     jax.jit(lambda e: seen.append(repr(jc.HuGuo(e=e))))(jnp.ones(3))
