@@ -97,6 +97,13 @@ class OscillatorForm(AbstractForm):
     tension: bool = eqx.field(static=True)
     approach_only: bool = eqx.field(static=True)
 
+    @property
+    def ending(self) -> str:
+        """How the contact ends: "approach" (damped on approach only), "tension" or "clamped"."""
+        if self.approach_only:
+            return "approach"
+        return "tension" if self.tension else "clamped"
+
     def order(self, n: Exponent) -> int:
         """The k of x = w^k."""
         return _smallest_order(n + 1, (n + 1) / 2) if isinstance(n, float) else 2
@@ -180,16 +187,24 @@ class GeneralForm(AbstractForm):
         return as_parameter(force, "force") / self.scale.force
 
 
+def closed_form(
+    law: AbstractLaw, contact: Contact | None, velocity: Lane | None
+) -> HuntCrossleyForm | OscillatorForm | None:
+    """The form of a law that is solved in closed form; None for other laws."""
+    if isinstance(law, AbstractHuntCrossley):
+        alpha = law.damping_factor(contact, velocity)
+        return HuntCrossleyForm(alpha=alpha, tension=law.tension)
+    if isinstance(law, AbstractOscillator):
+        zeta = law.damping_ratio(contact)
+        return OscillatorForm(zeta=zeta, tension=law.tension, approach_only=law.approach_only)
+    return None
+
+
 def reduce(law: AbstractLaw, contact: Contact, scale: Scale) -> AbstractForm:
     """The form of a law. It keeps only the numbers the scaled problem depends on, unbroadcast."""
-    if isinstance(law, AbstractHuntCrossley):
-        return HuntCrossleyForm(alpha=law.damping_factor(contact, scale.speed), tension=law.tension)
-    if isinstance(law, AbstractOscillator):
-        return OscillatorForm(
-            zeta=law.damping_ratio(contact),
-            tension=law.tension,
-            approach_only=law.approach_only,
-        )
+    closed = closed_form(law, contact, scale.speed)
+    if closed is not None:
+        return closed
     if isinstance(law, KuwabaraKono):
         return ViscoelasticForm(a=law.A / scale.time, tension=law.tension)
     return GeneralForm(law=law, contact=contact, scale=scale, tension=law.tension)

@@ -113,7 +113,10 @@ class Reduced(eqx.Module):
 
     def motion(self, *, audited: bool = False) -> Motion:
         """The lanes as a solver sees them."""
-        return Motion(self.form, self.traced_exponent, self.push, self.static_exponent, audited)
+        # XLA would fold a solve of constants (Hertz's law has no other numbers), and take a minute.
+        numbers = (self.form, self.traced_exponent, self.push)
+        form, traced, push = jax.lax.optimization_barrier(numbers)
+        return Motion(form, traced, push, self.static_exponent, audited)
 
 
 def reduced(problem: Problem) -> Reduced:
@@ -136,18 +139,18 @@ def reduced(problem: Problem) -> Reduced:
     contact = sanitised(contact)
     velocity = jnp.where(SPEED.holds(problem.velocity), problem.velocity, SPEED.inside)
     scale = scale_of(contact, velocity)
-    form, sound = _sound(reduce(sanitised(problem.law), contact, scale))
+    form, good_form = sound(reduce(sanitised(problem.law), contact, scale))
     return Reduced(
         form=form,
         traced_exponent=traced,
         push=None if push is None else push / scale.force,
         scale=scale,
-        valid=valid & sound,
+        valid=valid & good_form,
         static_exponent=n if isinstance(n, float) else None,
     )
 
 
-def _sound(form: AbstractForm) -> tuple[AbstractForm, Bool[Array, "..."]]:
+def sound(form: AbstractForm) -> tuple[AbstractForm, Bool[Array, "..."]]:
     """A law of the user's may compute a damping that is negative or not finite: mark it."""
     if isinstance(form, HuntCrossleyForm | OscillatorForm):
         name = "alpha" if isinstance(form, HuntCrossleyForm) else "zeta"

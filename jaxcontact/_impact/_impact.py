@@ -5,7 +5,7 @@ from __future__ import annotations
 import diffrax
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
 from .._laws import (
@@ -15,7 +15,8 @@ from .._laws import (
     restitution_of,
 )
 from .._parameter import is_valid, sanitised
-from ._front_door import Problem, problem_of, reduced, uniform
+from ._form import AbstractForm, HuntCrossleyForm, OscillatorForm, closed_form
+from ._front_door import Problem, problem_of, reduced, sound, uniform
 from ._methods import Options, choose, options_of, solve
 from ._oscillator import restitution_of_oscillator
 from ._result import Impact, Status
@@ -81,7 +82,10 @@ def _impact(problem: Problem, options: Options) -> Impact:
     good = lanes.valid & solved
 
     def result(value: Float[Array, "..."], unit: Float[Array, "..."]) -> Float[Array, "..."]:
-        return _fill(jnp.where(good, value * unit, jnp.nan), shape)
+        # An infinite time stays out of the product: 0 times inf is no derivative of the unit.
+        usable = good & jnp.isfinite(value)
+        product = jnp.where(usable, value, 1) * unit
+        return _fill(jnp.where(usable, product, jnp.where(good, value, jnp.nan)), shape)
 
     one = jnp.ones_like(scale.speed)
     restitution = jnp.where(scaled.settled, 0, scaled.restitution)
@@ -139,27 +143,25 @@ def restitution(
     return _restitution(problem, options_of(method, None, None, None, None, None))
 
 
-def _closed_restitution(
-    law: AbstractLaw, contact: Contact | None, velocity: Float[Array, "..."] | None
-) -> tuple[Float[Array, "..."], Bool[Array, "..."]]:
-    if isinstance(law, AbstractHuntCrossley):
-        number = law.damping_factor(contact, velocity)
-        good = (number >= 0) & jnp.isfinite(number)
-        return restitution_of(jnp.where(good, number, 0)), good
-    assert isinstance(law, AbstractOscillator)
-    number = law.damping_ratio(contact)
-    good = (number >= 0) & jnp.isfinite(number)
-    ending = "approach" if law.approach_only else "tension" if law.tension else "clamped"
-    return restitution_of_oscillator(jnp.where(good, number, 0), ending), good
-
-
 @eqx.filter_jit
 def _restitution_alone(law: AbstractLaw) -> Float[Array, "..."]:
-    e, good = _closed_restitution(sanitised(law), None, None)
-    return jnp.where(good & is_valid(law), e, jnp.nan)
+    form = closed_form(sanitised(law), None, None)
+    assert form is not None  # the caller has looked
+    form, good = sound(form)
+    return jnp.where(good & is_valid(law), _of_form(form), jnp.nan)
 
 
 @eqx.filter_jit
 def _restitution(problem: Problem, options: Options) -> Float[Array, "..."]:
-    # Under this jit whatever else the solve computes is dead code, and removed.
-    return _impact(problem, options).restitution
+    lanes = reduced(problem)
+    if choose(options.method, lanes.form, pushed=False) != "exact":
+        # Under this jit whatever else the solve computes is dead code, and removed.
+        return _impact(problem, options).restitution
+    return _fill(jnp.where(lanes.valid, _of_form(lanes.form), jnp.nan), problem.shape)
+
+
+def _of_form(form: AbstractForm) -> Float[Array, "..."]:
+    if isinstance(form, HuntCrossleyForm):
+        return restitution_of(form.alpha)
+    assert isinstance(form, OscillatorForm)
+    return restitution_of_oscillator(form.zeta, form.ending)

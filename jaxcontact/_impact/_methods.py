@@ -105,8 +105,7 @@ def solve(reduced: Reduced, method: str, options: Options) -> Scaled:
         if isinstance(form, HuntCrossleyForm):
             return solve_hunt_crossley(form.alpha, reduced.n)
         assert isinstance(form, OscillatorForm)
-        ending = "approach" if form.approach_only else "tension" if form.tension else "clamped"
-        return solve_oscillator(form.zeta, reduced.n, ending)
+        return solve_oscillator(form.zeta, reduced.n, form.ending)
     if method == "phase":
         steps = 32 if options.steps is None else options.steps
         tolerance = options.rtol if options.rtol is not None else (1e-6 if double else 1e-4)

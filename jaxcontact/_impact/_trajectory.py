@@ -125,6 +125,8 @@ def _trajectory(problem: Problem, options: Options, samples: int) -> Trajectory:
     good = along_samples(lanes.valid & solved)
 
     def result(value: Array, unit: Array) -> Array:
+        # One path may stand for all lanes, which differ in their units alone.
+        value = value.reshape((1,) * (len(shape) + 1 - value.ndim) + value.shape)
         filled = jnp.where(good, value * along_samples(unit), jnp.nan)
         return jnp.broadcast_to(filled, (*shape, samples))
 

@@ -1,0 +1,85 @@
+"""What these tests share: the oracle's grid as arrays, its names for an outcome, and units."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxcontact as jc
+from jaxcontact._laws import AbstractOscillator
+from tests.oracle import FIELDS, cases
+
+UNIT = {1.0: jc.Contact(1.0, 1.0, 1.0), 1.5: jc.Contact(1.0, 1.0, 1.5)}
+"""Contacts whose impact at unit speed is the scaled problem of the oracle, by exponent."""
+
+
+class GivenRatio(AbstractOscillator):
+    """The oscillator with its damping ratio given."""
+
+    zeta: jax.Array
+
+    def damping_ratio(self, contact=None):
+        return self.zeta
+
+
+class GivenRatioOnApproach(GivenRatio):
+    """The same, damped on approach only."""
+
+    approach_only = True
+
+
+def given_ratio(zeta, ending: str) -> AbstractOscillator:
+    if ending == "approach":
+        return GivenRatioOnApproach(zeta=zeta)
+    return GivenRatio(zeta=zeta, tension=ending == "tension")
+
+
+def grid(function: str, **fixed):
+    """The oracle's cases that have the arguments given."""
+    return [c for c in cases(function) if all(c.args[k] == x for k, x in fixed.items())]
+
+
+def column(some, name: str) -> jax.Array:
+    """An argument of the cases, as an array."""
+    return jnp.array([c.args[name] for c in some])
+
+
+def values(some) -> dict[str, np.ndarray]:
+    return {f: np.array([c.value[f] for c in some]) for f in FIELDS}
+
+
+def slopes(some, by: str, table: str = "d") -> dict[str, np.ndarray]:
+    """A derivative of the outcome, case by case; NaN where the outcome has a kink."""
+    rows = [getattr(c, table)[by] for c in some]
+    return {f: np.array([np.nan if r[f] is None else r[f] for r in rows]) for f in FIELDS}
+
+
+def outcome(hit, initial_energy=0.5) -> dict[str, jax.Array]:
+    """A `jc.Impact` or a scaled outcome under the oracle's names, the loss as the oracle has it."""
+    e = hit.restitution
+    lost = hit.energy_loss / initial_energy if isinstance(hit, jc.Impact) else (1 - e) * (1 + e)
+    rest = {f: getattr(hit, f) for f in FIELDS if f not in ("e", "energy_loss")}
+    return {"e": e, "energy_loss": lost, **rest}
+
+
+def errors(got, want) -> dict[str, np.ndarray]:
+    """Relative errors; those of the energy loss in units of the initial energy."""
+    result = {}
+    for f in FIELDS:
+        reference = np.asarray(want[f], np.float64)
+        error = np.abs(np.asarray(got[f], np.float64) - reference)
+        elastic = reference == 0
+        result[f] = error if f == "energy_loss" else error / np.where(elastic, 1, np.abs(reference))
+    return result
+
+
+def assert_within(errors_, tolerances: dict[str, float], labels=None) -> None:
+    """Every error within its tolerance; NaN is not."""
+    for f, tolerance in tolerances.items():
+        bad = ~(errors_[f] <= tolerance)
+        where = np.flatnonzero(bad) if labels is None else np.asarray(labels)[bad]
+        assert not bad.any(), f"{f}: {np.nanmax(errors_[f]):.2e} > {tolerance:.0e} at {where}"
+
+
+def finite(tree) -> bool:
+    return all(bool(jnp.all(jnp.isfinite(x))) for x in jax.tree.leaves(tree) if eqx.is_array(x))

@@ -1,0 +1,177 @@
+"""First derivatives in both modes, second ones of the closed form, against the oracle."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from mpmath import mp, mpf
+
+import jaxcontact as jc
+from jaxcontact._impact._closed_form import solve_hunt_crossley
+from jaxcontact._impact._oscillator import solve_oscillator
+from tests.test_impact import units
+from tests.test_impact.support import column, grid, outcome, slopes, values
+
+TOLERANCE = {"exact": 1e-11, "event": 1e-7, "phase": 1e-7}
+"""Relative to the derivative or, where that is small, to 1e-3 of its unit: measured 2e-14, 3e-8
+(event, at rtol 1e-11) and 2.1e-8 (phase)."""
+
+SMALL = 1e-3
+
+FIRST, SECOND = 1e-12, 1e-11
+"""Closed forms by their one number, over all of its range: measured 1.3e-13 and 4e-13."""
+
+OPTIONS = {"exact": {}, "event": {"rtol": 1e-11}, "phase": {}}
+
+# The phase method says where it stops being right.
+RANGE = {"exact": np.inf, "event": np.inf, "phase": 14.4}
+
+
+class Threefold(jc.AbstractHuntCrossley):
+    """α = α₀ + the α of the energy-loss law + that of a constant c: every parameter at once."""
+
+    alpha: jax.Array
+    energy_loss: jc.EnergyLoss
+    constant: jc.ConstantDamping
+
+    def damping_factor(self, contact=None, velocity=None):
+        parts = (self.energy_loss, self.constant)
+        return self.alpha + sum(part.damping_factor(contact, velocity) for part in parts)
+
+
+def energy_loss_numbers(n, beta):
+    """g, dg/dβ and dg/dn of α = g (1-e)/e, from the integral itself."""
+
+    def g(beta, n):
+        ratio = (n + 1) / beta
+        return beta / (n + 1) / mp.beta(ratio, mpf(3) / 2)
+
+    with mp.workdps(40):
+        at = mpf(float(beta)), mpf(float(n))
+        return [float(x) for x in (g(*at), mp.diff(g, at, (1, 0)), mp.diff(g, at, (0, 1)))]
+
+
+def problem(largest: float):
+    """Lanes from e = 1 to 1e-6, each at another place in SI units, and dα/dθ."""
+    some = [c for c in grid("hunt_crossley", n=1.5) if c.args["alpha"] <= largest]
+    alpha = np.asarray(column(some, "alpha"))
+    places = {
+        "K": [1.4e8, 2.5e10, 3.0, 8e-3, 1e15, 4.2e5, 7e8, 1e6],
+        "m": [1.0, 3e-8, 2e-3, 5e4, 1e-12, 0.7, 60.0, 0.02],
+        "v": [4.2, 0.3, 1e-6, 12.0, 9e2, 0.05, 1.7, 3e-3],
+        "n": [1.5],
+        "beta": [2.5, 2.0, 1.5, 4.0, 2.4, 3.0, 1.0],
+    }
+    p = {k: np.resize(np.array(x), alpha.shape) for k, x in places.items()}
+    g, g_beta, g_n = np.array(
+        [energy_loss_numbers(n, b) for n, b in zip(p["n"], p["beta"], strict=True)]
+    ).T
+    # Shares of α that leave no derivative a difference of large numbers.
+    by_e, by_c = 0.2 * alpha, 0.5 * alpha
+    e = g / (g + by_e)
+    p |= {"alpha": 0.3 * alpha, "e": e, "c": by_c * p["K"] / p["v"]}
+    of_alpha = {
+        "alpha": np.ones_like(alpha),
+        "e": -g / e**2,
+        "beta": g_beta * by_e / g,
+        "n": g_n * by_e / g,
+        "c": p["v"] / p["K"],
+        "K": -by_c / p["K"],
+        "v": by_c / p["v"],
+        "m": np.zeros_like(alpha),
+    }
+    return some, p, of_alpha
+
+
+def quantities(hit):
+    return {"e": hit.restitution} | {f: getattr(hit, f) for f in units.QUANTITIES if f != "e"}
+
+
+@pytest.mark.parametrize(
+    ("method", "traced"),
+    [
+        ("exact", True),
+        pytest.param("exact", False, marks=pytest.mark.slow),
+        ("event", False),
+        ("phase", False),
+    ],
+)
+def test_first_derivatives_by_every_parameter(method, traced):
+    some, p, of_alpha = problem(RANGE[method])
+    parameters = {k: jnp.asarray(x) for k, x in p.items() if traced or k != "n"}
+
+    def solve(p):
+        contact = jc.Contact(p["m"], p["K"], p["n"] if traced else 1.5)
+        law = Threefold(
+            p["alpha"], jc.EnergyLoss(e=p["e"], beta=p["beta"]), jc.ConstantDamping(c=p["c"])
+        )
+        return quantities(jc.impact(law, contact, p["v"], method=method, **OPTIONS[method]))
+
+    @jax.jit
+    @jax.vmap
+    def everything(p):
+        return solve(p), jax.jacfwd(solve)(p), jax.jacrev(solve)(p)
+
+    got, forward, reverse = everything(parameters)
+    value, by_alpha, by_n = values(some), slopes(some, "alpha"), slopes(some, "n")
+    for f in units.QUANTITIES:
+        in_si = np.float64(units.unit(f, p) * value[f])
+        assert np.allclose(got[f], in_si, rtol=TOLERANCE[method], atol=0), f
+        for by in parameters:
+            want = units.slope(f, by, p, value[f], by_alpha[f], by_n[f], of_alpha[by])
+            size = np.maximum(np.abs(want), SMALL * units.natural(f, by, p))
+            for mode, slope in (("forward", forward), ("reverse", reverse)):
+                error = np.max(np.abs(np.asarray(slope[f][by]) - want) / size)
+                assert error <= TOLERANCE[method], f"d {f}/d {by}, {mode}: {error:.2e}"
+
+
+def assert_slopes(got, want, tolerance, number, label):
+    """Relative errors; below a number of 1, where slopes may vanish, to 1e-3 at least."""
+    least = np.where(np.asarray(number) < 1, SMALL, 0)
+    for f in units.QUANTITIES:
+        error = np.abs(got[f] - want[f]) / np.maximum(np.abs(want[f]), least)
+        assert error.max() <= tolerance, f"{label} of {f}: {error.max():.2e} at {error.argmax()}"
+
+
+@pytest.mark.parametrize("n", [1.0, 1.5, pytest.param(3.0, marks=pytest.mark.slow)])
+def test_hunt_crossley_by_its_damping_factor(n):
+    some = grid("hunt_crossley", n=n)
+
+    def solve(alpha):
+        return outcome(solve_hunt_crossley(alpha, n))
+
+    def slope(alpha):
+        return jax.jvp(solve, (alpha,), (jnp.ones_like(alpha),))[1]
+
+    @jax.jit
+    def everything(alpha):
+        backwards = jax.grad(lambda alpha: jnp.sum(slope(alpha)["duration"]))(alpha)
+        return *jax.jvp(slope, (alpha,), (jnp.ones_like(alpha),)), backwards
+
+    alpha = column(some, "alpha")
+    first, second, backwards = everything(alpha)
+    curvature = slopes(some, "alpha", "d2")
+    assert_slopes(first, slopes(some, "alpha"), FIRST, alpha, "slope")
+    assert_slopes(second, curvature, SECOND, alpha, "curvature")
+    reverse_over_forward = second | {"duration": backwards}
+    assert_slopes(reverse_over_forward, curvature, SECOND, alpha, "curvature, the other way")
+
+
+@pytest.mark.parametrize("ending", ["tension", "clamped", "approach"])
+def test_oscillators_by_their_damping_ratio(ending):
+    some = grid("oscillator", ending=ending, n=1.5)
+
+    def solve(zeta):
+        return outcome(solve_oscillator(zeta, 1.5, ending))
+
+    @jax.jit
+    def everything(zeta):
+        ones = jnp.ones_like(zeta)
+        solved, back = jax.vjp(solve, zeta)
+        zeros = jax.tree.map(jnp.zeros_like, solved)
+        reverse = {f: back(zeros | {f: ones})[0] for f in units.QUANTITIES}
+        return jax.jvp(solve, (zeta,), (ones,))[1], reverse
+
+    zeta = column(some, "zeta")
+    for slope in everything(zeta):
+        assert_slopes(slope, slopes(some, "zeta"), FIRST, zeta, "slope")

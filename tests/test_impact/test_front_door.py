@@ -1,0 +1,296 @@
+"""What the front door lets in, flags, and turns away."""
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jaxcontact as jc
+from tests.test_impact.support import finite
+
+CONTACT = jc.Contact(0.7, 3e8)
+LAW = jc.HuGuo(e=0.6)
+METHODS = ["exact", "phase", "event"]
+NUMBERS = (
+    "restitution rebound_velocity duration compression_time max_indentation max_force energy_loss"
+).split()
+
+
+def same(left, right):
+    return all(np.array_equal(getattr(left, f), getattr(right, f)) for f in NUMBERS)
+
+
+def lane(hit, index):
+    return jax.tree.map(lambda leaf: leaf[index], hit)
+
+
+# --- Bad lanes ------------------------------------------------------------------------------------
+
+GOOD = {"e": 0.6, "K": 3e8, "m": 0.7, "v": 1.3, "force": 0.5, "n": 1.5}
+BAD = [
+    *({"v": x} for x in (0.0, -1.0, 1e-10, np.nan, np.inf)),
+    *({"e": x} for x in (0.0, -0.2, 1.01, np.nan, np.inf)),
+    *({"K": x} for x in (0.0, -3e8, np.nan, np.inf)),
+    *({"m": x} for x in (0.0, -0.7, np.nan, np.inf)),
+]
+LANES = [GOOD, *(GOOD | bad for bad in BAD), GOOD | {"e": 0.9}]
+
+
+def batch(lanes, name):
+    return jnp.array([x[name] for x in lanes])
+
+
+def solve(p, method):
+    return jc.impact(jc.HuGuo(e=p["e"]), jc.Contact(p["m"], p["K"]), p["v"], method=method)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_bad_lanes_are_flagged_and_their_neighbours_untouched(method):
+    names = ("e", "K", "m", "v")
+    hit = solve({k: batch(LANES, k) for k in names}, method)
+    good = np.array([x in (LANES[0], LANES[-1]) for x in LANES])
+    assert (hit.status[good] == jc.Status.SEPARATED).all()
+    assert (hit.status[~good] == jc.Status.INVALID_INPUT).all()
+    for f in NUMBERS:
+        value = np.asarray(getattr(hit, f))
+        assert np.isfinite(value[good]).all() and np.isnan(value[~good]).all(), f
+    harmless = [x if ok else GOOD for x, ok in zip(LANES, good, strict=True)]
+    without = solve({k: batch(harmless, k) for k in names}, method)
+    assert same(lane(hit, good), lane(without, good))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_bad_lanes_spoil_no_derivative(method):
+    """Neither that of their neighbours nor that of what all lanes share."""
+
+    def total(p):
+        hit = solve(p, method)
+        good = hit.status == jc.Status.SEPARATED
+        numbers = hit.restitution + 1e3 * hit.duration + 1e-5 * hit.max_force
+        return jnp.sum(jnp.where(good, numbers, 0))
+
+    gradient = jax.jit(jax.grad(total))
+    for varied in ("ev", "Km"):
+        p = {k: batch(LANES, k) if k in varied else jnp.array(GOOD[k]) for k in "eKmv"}
+        slope = gradient(p)
+        assert finite(slope)
+        for k in "eKmv":
+            kept = slope[k] if k not in varied else slope[k][jnp.array([0, -1])]
+            assert (kept != 0).all(), k
+
+
+def test_lanes_that_did_not_converge_spoil_no_derivative():
+    def total(p):
+        law = jc.Damped(alpha=jnp.array([0.5, 1e6]))
+        hit = jc.impact(law, jc.Contact(p["m"], p["K"]), p["v"], method="phase")
+        return hit.duration[0] + 0 * jnp.sum(jnp.nan_to_num(hit.duration))
+
+    assert finite(jax.grad(total)({k: jnp.array(GOOD[k]) for k in "Kmv"}))
+
+
+def test_bad_exponents_and_forces_are_flagged():
+    n = jnp.array([1.5, 0.9, 3.1, np.nan, 2.0, np.inf])
+    hit = jc.impact(LAW, jc.Contact(0.7, 3e8, n), 1.3)
+    assert (hit.status == jnp.array([0, 3, 3, 3, 0, 3])).all()
+    alone = jc.impact(LAW, jc.Contact(0.7, 3e8, 2.0), 1.3)
+    assert np.isclose(hit.duration[4], alone.duration, rtol=1e-13, atol=0)
+    linear = jc.impact(jc.KelvinVoigt(e=0.6), jc.Contact(0.7, 3e8, n.at[4].set(1.0)), 1.3)
+    assert (linear.status == jnp.array([3, 3, 3, 3, 0, 3])).all()
+    forces = jnp.array([9.8, np.nan, np.inf, 0.0])
+    pushed = jc.impact(LAW, CONTACT, 1.3, external_force=forces)
+    assert (pushed.status == jnp.array([0, 3, 3, 0])).all()
+
+
+class Negative(jc.AbstractHuntCrossley):
+    """A user's law whose α is not always one."""
+
+    alpha: jax.Array
+
+    def damping_factor(self, contact=None, velocity=None):
+        return self.alpha
+
+
+def test_a_damping_factor_of_the_users_is_checked():
+    hit = jc.impact(Negative(jnp.array([0.3, -0.1, np.nan, np.inf])), CONTACT, 1.3)
+    assert (hit.status == jnp.array([0, 3, 3, 3])).all()
+
+
+# --- What raises ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: jc.impact(LAW, CONTACT, -1.0), ["velocity", "-1.0", "[1e-09, inf)"]),
+        (lambda: jc.impact(LAW, CONTACT, 0), ["velocity", "0"]),
+        (lambda: jc.impact(LAW, CONTACT, float("nan")), ["velocity", "nan"]),
+        (lambda: jc.impact(LAW, CONTACT, np.float64(-2.0)), ["velocity", "-2.0"]),
+        (lambda: jc.impact(LAW, CONTACT, "fast"), ["velocity", "real number", "fast"]),
+        (lambda: jc.HuGuo(e=1.2), ["e", "(0, 1]", "1.2"]),
+        (lambda: jc.HuGuo(e=0), ["e", "(0, 1]", "0"]),
+        (lambda: jc.Contact(1.0, -5.0), ["stiffness", "(0, inf)", "-5.0"]),
+        (lambda: jc.Contact(0.0, 5.0), ["mass", "(0, inf)", "0.0"]),
+        (lambda: jc.Contact(1.0, 5.0, 3.5), ["exponent", "[1, 3]", "3.5"]),
+        (lambda: jc.EnergyLoss(e=0.5, beta=-1.0), ["beta", "-1.0"]),
+        (lambda: jc.impact("hu_guo", CONTACT, 1.0), ["law", "hu_guo", "list_laws"]),
+        (lambda: jc.impact(jc.HuGuo, CONTACT, 1.0), ["law", "HuGuo"]),
+        (lambda: jc.impact(LAW, 1.0, 1.0), ["contact", "Contact", "1.0"]),
+        (lambda: jc.impact(LAW, CONTACT, 1.0, method="magic"), ["method", "magic", "event"]),
+        (lambda: jc.impact(jc.KelvinVoigt(e=0.5), CONTACT, 1.0), ["contact", "exponent 1", "1.5"]),
+        (lambda: jc.impact(jc.Tsuji(e=0.5), jc.Contact(1.0, 1.0, 1.0), 1.0), ["1.5", "Tsuji"]),
+        (
+            lambda: jc.impact(LAW, CONTACT, 1.0, method="exact", external_force=9.8),
+            ["method", "'event'", "external force"],
+        ),
+        (
+            lambda: jc.impact(jc.KuwabaraKono(A=1e-6), CONTACT, 1.0, method="exact"),
+            ["method", "'event'", "closed form"],
+        ),
+        (
+            lambda: jc.impact(jc.Thornton(e=0.5), CONTACT, 1.0, method="phase"),
+            ["method", "'event'", "clamped"],
+        ),
+        (
+            lambda: jc.impact(LAW, CONTACT, 1.0, method="phase", external_force=1.0),
+            ["method", "'event'", "external force"],
+        ),
+        (lambda: jc.impact(LAW, CONTACT, 1.0, method="phase", steps=7), ["steps", "even", "7"]),
+        (lambda: jc.impact(LAW, CONTACT, 1.0, steps=1), ["steps", "1"]),
+        (lambda: jc.impact(LAW, CONTACT, 1.0, steps=10.0), ["steps", "whole", "10.0"]),
+        (lambda: jc.impact(LAW, CONTACT, 1.0, rtol=0.0), ["rtol", "(0, 1)", "0.0"]),
+        (lambda: jc.impact(LAW, CONTACT, 1.0, atol=2.0), ["atol", "(0, 1)", "2.0"]),
+        (lambda: jc.impact(LAW, CONTACT, 1.0, solver="Tsit5"), ["solver", "AbstractSolver"]),
+        (lambda: jc.impact(LAW, CONTACT, 1.0, adjoint=1), ["adjoint", "AbstractAdjoint"]),
+        (lambda: jc.impact(LAW, CONTACT, 1.0, external_force=np.inf), ["external_force", "inf"]),
+        (lambda: jc.trajectory(LAW, CONTACT, 1.0, samples=1), ["samples", "1"]),
+        (lambda: jc.trajectory(LAW, CONTACT, -1.0), ["velocity", "-1.0"]),
+        (lambda: jc.restitution(jc.ConstantDamping(c=1.0)), ["contact", "ConstantDamping"]),
+        (lambda: jc.restitution(jc.ConstantDamping(c=1.0), CONTACT), ["velocity"]),
+        (lambda: jc.restitution(jc.MarhefkaOrin(a=1.0)), ["velocity", "MarhefkaOrin"]),
+        (lambda: jc.restitution(jc.KuwabaraKono(A=1e-6)), ["contact", "KuwabaraKono"]),
+        (lambda: jc.restitution(LAW, CONTACT, 1.0, method="magic"), ["method", "magic"]),
+    ],
+)
+def test_scalars_out_of_range_raise(make, words):
+    with pytest.raises(ValueError, match="Argument `") as caught:
+        make()
+    for word in words:
+        assert word in str(caught.value)
+
+
+def test_no_default_is_checked_away_by_tracing():
+    # The same value, traced: a flag instead of an error.
+    hit = jax.jit(lambda v: jc.impact(LAW, CONTACT, v))(-1.0)
+    assert hit.status == jc.Status.INVALID_INPUT
+
+
+# --- Options --------------------------------------------------------------------------------------
+
+# Two ways through the same steps; measured 4e-15 and 6e-14.
+SAME_STEPS = 1e-12
+# A derivative through the steps, at rtol 1e-11; measured 3e-10.
+ADJOINT = 1e-7
+
+
+def test_an_adjoint_of_the_users_agrees_with_the_default():
+    def duration(e, adjoint, **options):
+        hit = jc.impact(
+            jc.HuGuo(e=e), CONTACT, 1.3, method="event", adjoint=adjoint, rtol=1e-11, **options
+        )
+        return hit.duration
+
+    default = jax.value_and_grad(duration)(0.6, None)
+    exact = jax.grad(lambda e: jc.impact(jc.HuGuo(e=e), CONTACT, 1.3).duration)(0.6)
+    backwards = jax.value_and_grad(duration)(0.6, diffrax.RecursiveCheckpointAdjoint())
+    e = jnp.array(0.6)
+    direct = jax.jvp(lambda e: duration(e, diffrax.DirectAdjoint(), steps=64), (e,), (e / e,))
+    for value, slope in (default, backwards, direct):
+        assert np.isclose(value, default[0], rtol=SAME_STEPS, atol=0)
+        assert np.isclose(slope, exact, rtol=ADJOINT, atol=0)
+
+
+def test_too_few_steps_are_not_converged():
+    hit = jc.impact(jc.HuGuo(e=jnp.array([0.6, 0.01])), CONTACT, 1.3, method="event", steps=5)
+    assert (hit.status == jc.Status.NOT_CONVERGED).all()
+    for f in NUMBERS:
+        assert np.isnan(getattr(hit, f)).all(), f
+
+
+def test_no_external_force_is_the_free_path():
+    free = jc.impact(LAW, CONTACT, 1.3)
+    for none in (None, 0, 0.0):
+        hit = jc.impact(LAW, CONTACT, 1.3, external_force=none)
+        assert hit.method == "exact" and same(hit, free)
+    pushed = jc.impact(LAW, CONTACT, 1.3, external_force=jnp.array(0.0))
+    assert pushed.method == "event"
+    assert np.isclose(pushed.duration, free.duration, rtol=1e-8, atol=0)
+
+
+def test_auto_is_the_cheapest_right_method():
+    assert jc.impact(LAW, CONTACT, 1.3).method == "exact"
+    assert jc.impact(jc.AntypovElliott(e=0.6), CONTACT, 1.3).method == "exact"
+    viscoelastic = jc.impact(jc.KuwabaraKono(A=1e-6), CONTACT, 1.3)
+    assert viscoelastic.method == "event" and viscoelastic.steps is not None
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_shapes_broadcast(method):
+    law = jc.HuGuo(e=jnp.array([[0.5], [0.7], [0.9]]))
+    hit = jc.impact(law, CONTACT, jnp.array([1.0, 2.0, 3.0, 4.0]), method=method)
+    leaves = [leaf for leaf in jax.tree.leaves(hit) if eqx.is_array(leaf)]
+    assert len(leaves) >= len(NUMBERS) + 1
+    assert all(leaf.shape == (3, 4) for leaf in leaves)
+    one = jc.impact(jc.HuGuo(e=0.7), CONTACT, 3.0, method=method)
+    for f in NUMBERS:
+        assert getattr(one, f).shape == ()
+        # Vector code rounds otherwise (measured 4e-16), and an adaptive solve then steps otherwise.
+        rtol = 1e-8 if method == "event" else 1e-12
+        assert np.isclose(getattr(hit, f)[1, 2], getattr(one, f), rtol=rtol, atol=0), f
+    assert np.ptp(hit.restitution, axis=1).max() == 0
+
+
+def test_the_summary_reads_well():
+    text = repr(jc.impact(LAW, CONTACT, 1.3))
+    assert "Impact by method 'exact'" in text and "separated" in text and "m/s" in text
+    many = repr(jc.impact(LAW, CONTACT, jnp.array([1.0, -1.0])))
+    assert "1 separated, 1 invalid_input" in many
+    assert "shape" in repr(jc.impact(LAW, CONTACT, jnp.array([-1.0])))
+    jax.jit(lambda v: repr(jc.impact(LAW, CONTACT, v)) and v)(1.0)
+
+
+# --- Properties -----------------------------------------------------------------------------------
+
+positive = st.floats(1e-4, 1e4)
+
+
+@given(positive, positive, positive, st.floats(0.01, 1.0))
+@settings(max_examples=40)
+def test_scaling(mass, stiffness, velocity, e):
+    law, place = jc.Flores(e=jnp.array(e)), [jnp.array(x) for x in (mass, stiffness, velocity)]
+    hit = jc.impact(law, jc.Contact(place[0], place[1]), place[2])
+    unit = jc.impact(law, jc.Contact(jnp.array(1.0), jnp.array(1.0)), jnp.array(1.0))
+    assert hit.restitution == unit.restitution
+    length = (mass * velocity**2 / stiffness) ** 0.4
+    assert np.isclose(hit.duration, unit.duration * length / velocity, rtol=1e-12)
+    lost = 0.5 * mass * velocity**2 * (1 - float(hit.restitution) ** 2)
+    assert np.isclose(hit.energy_loss, lost, rtol=1e-10, atol=1e-12 * mass * velocity**2)
+    assert hit.energy_loss >= 0
+    # The elastic contact is the shortest: 3.218 of its units.
+    assert hit.duration * velocity >= 3.218 * length
+    assert hit.rebound_velocity == hit.restitution * velocity
+
+
+@given(st.floats(0, 1e5), st.floats(1e-6, 1e3))
+@settings(max_examples=40)
+def test_more_damping_means_less_rebound_and_a_longer_shallower_contact(alpha, more):
+    law = jc.Damped(alpha=jnp.array([alpha, alpha * (1 + 1e-6) + more]))
+    hit = jc.impact(law, CONTACT, 1.3)
+    assert hit.restitution[1] < hit.restitution[0]
+    assert hit.max_indentation[1] < hit.max_indentation[0]
+    assert hit.duration[1] >= hit.duration[0] * (1 - 1e-13)
+    assert hit.compression_time[1] < hit.compression_time[0] * (1 + 1e-13)
+    assert (hit.max_force > 0).all() and (hit.compression_time < hit.duration).all()

@@ -1,0 +1,123 @@
+"""A push or a pull while in contact: separation later or earlier, or never."""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from tests.test_impact.support import UNIT, assert_within, column, errors, grid, outcome, values
+
+# At the default rtol of 1e-9: measured 3.3e-9 (n = 3/2), 7.5e-9 (n = 1), twice that for the loss.
+PROMISE, LOSS = 1e-8, 2e-8
+# At rtol 1e-11, relative to the slope or 1e-3: measured 3.6e-7 where de/dΓ is small, else 1e-9.
+SLOPE = 1e-6
+
+
+@pytest.mark.parametrize("n", [1.5, 1.0])
+def test_against_the_oracle(n):
+    some = grid("with_gravity", n=n)
+    law = jc.Damped(alpha=column(some, "alpha"))
+    hit = jc.impact(law, UNIT[n], 1.0, external_force=column(some, "gamma"))
+    settled = np.array([c.settled for c in some])
+    assert settled.sum() == 1
+    assert (hit.status == jnp.where(settled, jc.Status.SETTLED, jc.Status.SEPARATED)).all()
+    assert hit.method == "event"
+    error = errors(outcome(hit), values(some))
+    # The oracle's duration of a contact that settles is the time of its second turn.
+    assert np.isinf(hit.duration[settled]).all()
+    error["duration"] = np.where(settled, 0, error["duration"])
+    tolerances = dict.fromkeys(error, PROMISE) | {"energy_loss": LOSS}
+    assert_within(error, tolerances)
+
+
+BALL = jc.Contact(0.02, 1e6)
+WEIGHT = 0.02 * 9.81
+
+
+def test_a_slow_bounce_settles():
+    velocity = jnp.array([1e-6, 1e-5, 1e-4, 1e-3, 1.0])
+    hit = jc.impact(jc.HuGuo(e=0.6), BALL, velocity, external_force=WEIGHT)
+    assert (hit.status == jnp.array([1, 1, 1, 1, 0])).all()
+    settled = hit.status == jc.Status.SETTLED
+    assert np.isinf(hit.duration[settled]).all()
+    assert (hit.restitution[settled] == 0).all() and (hit.rebound_velocity[settled] == 0).all()
+    energy = 0.5 * 0.02 * np.asarray(velocity) ** 2
+    assert np.allclose(hit.energy_loss[settled], energy[settled], rtol=1e-14)
+    assert np.isfinite(hit.max_indentation).all() and (hit.max_force > WEIGHT).all()
+    # What is fast hardly feels its weight.
+    free = jc.impact(jc.HuGuo(e=0.6), BALL, 1.0)
+    assert 0.97 * free.restitution < hit.restitution[-1] < free.restitution
+
+
+def test_strong_damping_creeps_to_rest():
+    contact = jc.Contact(jnp.array(0.02), jnp.array(1e6))
+    velocity = jnp.array([1e-6, 1e-5])
+    hit = jc.impact(jc.Damped(alpha=1e4), contact, velocity, external_force=WEIGHT)
+    static = (WEIGHT / 1e6) ** (2 / 3)
+    assert (hit.status == jc.Status.SETTLED).all() and np.isinf(hit.duration).all()
+    assert np.allclose(hit.max_indentation, static, rtol=1e-12, atol=0)
+    # The force at touch is damping; it falls to the weight.
+    assert (hit.max_force >= WEIGHT).all()
+
+
+def test_a_push_delays_and_a_pull_hastens():
+    forces = jnp.array([-4.0, -1.0, 0.0, 1.0, 4.0])
+    hit = jc.impact(jc.HuGuo(e=0.6), jc.Contact(0.7, 3e5), 0.3, external_force=forces)
+    assert (hit.status == jc.Status.SEPARATED).all()
+    assert (jnp.diff(hit.duration) > 0).all() and (jnp.diff(hit.max_indentation) > 0).all()
+    # At x = 0 the constant force has done no work: without damping e is 1.
+    elastic = jc.impact(jc.Damped(alpha=0.0), jc.Contact(0.7, 3e5), 0.3, external_force=forces)
+    assert np.allclose(elastic.restitution, 1, rtol=PROMISE)
+    assert np.abs(elastic.energy_loss).max() <= LOSS * 0.5 * 0.7 * 0.3**2
+
+
+def test_a_pull_that_the_contact_may_not_follow():
+    # With 1 + α v/v0 < 0 the force is zero, unless the law may pull: then the contact lasts longer.
+    pulled = {
+        tension: jc.impact(
+            jc.Damped(alpha=2.0, tension=tension), UNIT[1.5], 1.0, external_force=-0.5
+        )
+        for tension in (False, True)
+    }
+    assert all(hit.status == jc.Status.SEPARATED for hit in pulled.values())
+    assert pulled[True].duration >= pulled[False].duration * (1 - PROMISE)
+
+
+def test_derivatives_under_gravity():
+    some = [c for c in grid("with_gravity", n=1.5) if not c.settled]
+
+    def solve(alpha, gamma):
+        hit = jc.impact(jc.Damped(alpha=alpha), UNIT[1.5], 1.0, external_force=gamma, rtol=1e-11)
+        return jnp.stack([hit.restitution, hit.duration, hit.max_indentation])
+
+    @jax.jit
+    @jax.vmap
+    def everything(alpha, gamma):
+        return jax.jacfwd(solve, (0, 1))(alpha, gamma), jax.jacrev(solve, (0, 1))(alpha, gamma)
+
+    names = ("e", "duration", "max_indentation")
+    for slopes in everything(column(some, "alpha"), column(some, "gamma")):
+        for slope, by in zip(slopes, ("alpha", "gamma"), strict=True):
+            want = np.array([[c.d[by][f] for f in names] for c in some], dtype=float)
+            error = np.abs(slope - want) / np.maximum(np.abs(want), 1e-3)
+            assert np.isfinite(slope).all()
+            assert np.nanmax(error) <= SLOPE
+
+
+def test_a_settled_neighbour_spoils_no_derivative():
+    def total(mass):
+        hit = jc.impact(
+            jc.HuGuo(e=0.6), jc.Contact(mass, 1e6), jnp.array([1e-5, 1.0]), external_force=WEIGHT
+        )
+        return jnp.sum(hit.restitution) + hit.duration[1]
+
+    assert jnp.isfinite(jax.grad(total)(0.02))
+
+
+def test_another_solver_settles_too():
+    hit = jc.impact(
+        jc.HuGuo(e=0.6), BALL, jnp.array([1e-5, 1.0]), external_force=WEIGHT, solver=diffrax.Tsit5()
+    )
+    assert (hit.status == jnp.array([jc.Status.SETTLED, jc.Status.SEPARATED])).all()

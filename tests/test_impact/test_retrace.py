@@ -1,0 +1,125 @@
+"""New numbers never compile anew; new choices do."""
+
+import contextlib
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import pytest
+
+import jaxcontact as jc
+
+_compiled = []
+
+
+def _listen(event, duration, **kwargs):
+    if event == "/jax/core/compile/backend_compile_duration":
+        _compiled.append(event)
+
+
+jax.monitoring.register_event_duration_secs_listener(_listen)
+
+
+@contextlib.contextmanager
+def compilations(expected):
+    before = len(_compiled)
+    yield
+    count = len(_compiled) - before
+    assert (count == 0) == (expected == 0), f"{count} compilations"
+
+
+class Counting(jc.AbstractLaw):
+    """Kelvin and Voigt's force by a user who counts how often it is traced."""
+
+    c: jax.Array | float
+    seen: list = eqx.field(static=True)
+
+    def force(self, indentation, velocity, contact, impact_velocity):
+        self.seen.append(1)
+        return contact.stiffness * indentation + self.c * velocity
+
+    def __hash__(self):
+        return id(self)
+
+
+class Seen(list):
+    """A list that may be static."""
+
+    def __hash__(self):
+        return id(self)
+
+    def __eq__(self, other):
+        return self is other
+
+
+def hu_guo(e, mass, stiffness, velocity, **options):
+    law, contact = jc.HuGuo(e=e), jc.Contact(mass, stiffness)
+    return jc.impact(law, contact, velocity, **options)
+
+
+NUMBERS = [(0.5, 1.0, 1e8, 2.0), (0.6, 0.03, 3e5, 0.1), (1, 2, 10**9, 1)]
+
+
+def arrays(numbers):
+    return [jnp.asarray(float(x)) for x in numbers]
+
+
+@pytest.mark.parametrize("method", ["exact", "event", "phase"])
+def test_impact(method):
+    hu_guo(*NUMBERS[0], method=method)
+    with compilations(0):
+        for numbers in NUMBERS[1:]:
+            hu_guo(*numbers, method=method)
+            hu_guo(*arrays(numbers), method=method)
+
+
+def test_another_shape_or_exponent_does_compile():
+    hu_guo(*NUMBERS[0])
+    with compilations(1):
+        hu_guo(*arrays(NUMBERS[0])[:3], jnp.arange(1.0, 18.0))
+    with compilations(1):
+        jc.impact(jc.HuGuo(e=0.5), jc.Contact(1.0, 1e8, 1.4375), 2.0)
+
+
+def test_a_traced_exponent_is_a_number():
+    def solve(n):
+        return jc.impact(jc.HuGuo(e=0.5), jc.Contact(1.0, 1e8, jnp.asarray(n)), 2.0)
+
+    solve(1.5)
+    with compilations(0):
+        solve(1.7)
+
+
+def test_restitution():
+    jc.restitution(jc.HuGuo(e=0.5))
+    contact = jc.Contact(1.0, 1e8)
+    jc.restitution(jc.ConstantDamping(c=1e7), contact, 1.0)
+    with compilations(0):
+        jc.restitution(jc.HuGuo(e=0.6))
+        jc.restitution(jc.HuGuo(e=jnp.asarray(0.7)))
+        jc.restitution(jc.ConstantDamping(c=2e7), jc.Contact(2.0, 3e8), 4.0)
+
+
+def test_trajectory_and_a_law_of_the_users():
+    seen = Seen()
+
+    def solve(c, mass, velocity):
+        return jc.trajectory(Counting(c=c, seen=seen), jc.Contact(mass, 1e6, 1.0), velocity)
+
+    solve(1.0, 1.0, 2.0)
+    traced = len(seen)
+    assert traced > 0
+    with compilations(0):
+        solve(2.0, 0.5, 1.0)
+        solve(*arrays((3.0, 0.7, 0.1)))
+    assert len(seen) == traced
+
+
+def test_an_external_force():
+    def solve(force):
+        return jc.impact(jc.HuGuo(e=0.5), jc.Contact(1.0, 1e8), 2.0, external_force=force)
+
+    solve(9.81)
+    with compilations(0):
+        solve(3)
+        solve(jnp.asarray(0.0))

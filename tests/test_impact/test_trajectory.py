@@ -1,0 +1,193 @@
+"""The path of an impact: against its own summary, its law, scipy, and the balance of energy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxcontact as jc
+from tests.test_impact.support import UNIT, finite
+
+# At the default rtol of 1e-9, in units of the largest value: measured 8e-10 for the energy, 4e-10
+# against scipy.
+SUMMARY, BALANCE, SAMPLE = 1e-8, 1e-8, 1e-8
+CONTACT = jc.Contact(0.7, 3e8)
+MASS, STIFFNESS, SPEED = 0.7, 3e8, 1.3
+HU_GUO = jc.HuGuo(e=0.5)
+KUWABARA_KONO = jc.KuwabaraKono(A=4e-6)
+LAWS = {"hu_guo": HU_GUO, "kuwabara_kono": KUWABARA_KONO}
+
+
+@pytest.fixture(scope="module")
+def paths():
+    return {name: jc.trajectory(law, CONTACT, SPEED) for name, law in LAWS.items()}
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_it_spans_the_contact_uniformly(paths, name):
+    path = paths[name]
+    assert path.status == jc.Status.SEPARATED and finite(path)
+    for leaf in jax.tree.leaves(path)[:4]:
+        assert leaf.shape == (200,)
+    assert path.time[0] == 0 and path.indentation[0] == 0 and path.velocity[0] == SPEED
+    steps = np.diff(path.time)
+    assert np.ptp(steps) <= 1e-12 * path.time[-1]
+    assert (path.indentation >= 0).all() and (path.indentation[1:-1] > 0).all()
+    assert path.indentation[-1] <= SAMPLE * path.indentation.max()
+
+
+def test_it_agrees_with_the_summary(paths):
+    path, hit = paths["hu_guo"], jc.impact(HU_GUO, CONTACT, SPEED)
+    assert hit.method == "exact"
+    assert np.isclose(path.time[-1], hit.duration, rtol=SUMMARY, atol=0)
+    assert np.isclose(-path.velocity[-1] / SPEED, hit.restitution, rtol=SUMMARY, atol=0)
+    # Samples miss the extrema by the square of their distance.
+    assert (
+        0.9995 * hit.max_indentation < path.indentation.max() <= (1 + SUMMARY) * hit.max_indentation
+    )
+    assert 0.9995 * hit.max_force < path.force.max() <= (1 + SUMMARY) * hit.max_force
+    lost = path.energy.dissipated[-1]
+    assert np.isclose(lost, hit.energy_loss, rtol=SUMMARY, atol=0)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_energy_is_kept(paths, name):
+    energy = paths[name].energy
+    initial = 0.5 * MASS * SPEED**2
+    assert np.abs(energy.total / initial - 1).max() <= BALANCE
+    assert (energy.external == 0).all() and (energy.elastic >= 0).all()
+    assert (np.diff(energy.dissipated) >= -BALANCE * initial).all()
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_force_is_the_law_s(paths, name):
+    path = paths[name]
+    force = LAWS[name].force(path.indentation, path.velocity, CONTACT, jnp.array(SPEED))
+    assert np.allclose(path.force, force, rtol=1e-12, atol=1e-12 * float(jnp.abs(force).max()))
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_the_velocity_is_the_rate_of_the_indentation(paths, name):
+    path = paths[name]
+    t, x = np.asarray(path.time), np.asarray(path.indentation)
+    # Of fourth order; δ^(3/2) spoils it next to touch and separation. Measured 1e-7.
+    step = t[1] - t[0]
+    rate = (x[:-4] - 8 * x[1:-3] + 8 * x[3:-1] - x[4:]) / (12 * step)
+    error = np.abs(rate - path.velocity[2:-2])[5:-5] / SPEED
+    assert error.max() <= 1e-6
+
+
+def hu_guo_by_hand(t, y):
+    x = max(y[0], 0.0)
+    return [y[1], -STIFFNESS / MASS * x**1.5 * (1 + 1.5 * y[1] / SPEED)]
+
+
+def kuwabara_kono_by_hand(t, y):
+    x = max(y[0], 0.0)
+    return [y[1], -STIFFNESS / MASS * (x**1.5 + 1.5 * 4e-6 * np.sqrt(x) * y[1])]
+
+
+@pytest.mark.parametrize(
+    ("name", "by_hand"), [("hu_guo", hu_guo_by_hand), ("kuwabara_kono", kuwabara_kono_by_hand)]
+)
+def test_samples_against_scipy(paths, name, by_hand):
+    path = paths[name]
+    t = np.asarray(path.time)
+    solution = solve_ivp(
+        by_hand, (0, t[-1]), [0.0, SPEED], method="DOP853", t_eval=t, rtol=1e-12, atol=1e-16
+    )
+    x, v = solution.y
+    x_error = np.abs(path.indentation - x).max() / x.max()
+    v_error = np.abs(path.velocity - v).max() / SPEED
+    assert x_error <= SAMPLE and v_error <= SAMPLE
+
+
+# At rtol 1e-11 and a step of 1e-5: measured 4e-8.
+DIFFERENCE, STEP = 1e-7, 1e-5
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_derivatives_of_samples(name):
+    """Of time, indentation, velocity and force, by the law's parameter and the speed."""
+
+    def samples(p):
+        law = jc.HuGuo(e=p[0]) if name == "hu_guo" else jc.KuwabaraKono(A=p[0] * 4e-6)
+        path = jc.trajectory(law, CONTACT, p[1], samples=8, rtol=1e-11)
+        units = (1e-3, 1e-3, 1.0, 1e4)
+        parts = (path.time, path.indentation, path.velocity, path.force)
+        return jnp.stack([part / unit for part, unit in zip(parts, units, strict=True)])
+
+    at = jnp.array([0.5 if name == "hu_guo" else 1.0, SPEED])
+    points = [
+        at,
+        *(at + step for step in STEP * jnp.eye(2)),
+        *(at - step for step in STEP * jnp.eye(2)),
+    ]
+    values, forward, reverse = jax.jit(
+        jax.vmap(lambda p: (samples(p), jax.jacfwd(samples)(p), jax.jacrev(samples)(p)))
+    )(jnp.stack(points))
+    assert finite((values, forward, reverse))
+    assert np.allclose(forward[0], reverse[0], rtol=1e-10, atol=1e-10)
+    difference = np.moveaxis(np.asarray(values[1:3] - values[3:5]) / (2 * STEP), 0, -1)
+    # As √δ at separation: the quotient of Kuwabara and Kono's last force is that of roundings.
+    difference[3, -1], forward = 0, forward.at[:, 3, -1].set(0)
+    error = np.abs(forward[0] - difference).max()
+    assert error <= DIFFERENCE * np.abs(difference).max()
+
+
+def test_batches_and_bad_lanes():
+    law = jc.HuGuo(e=jnp.array([[0.5], [0.8], [-1.0]]))
+    path = jc.trajectory(law, CONTACT, jnp.array([1.0, SPEED, np.nan, 2.0]), samples=50)
+    assert path.indentation.shape == path.energy.elastic.shape == (3, 4, 50)
+    want = np.zeros((3, 4), int)
+    want[2], want[:, 2] = jc.Status.INVALID_INPUT, jc.Status.INVALID_INPUT
+    assert (path.status == want).all()
+    assert np.isnan(path.time[want > 0]).all() and np.isfinite(path.time[want == 0]).all()
+    alone = jc.trajectory(HU_GUO, CONTACT, SPEED, samples=50)
+    # The adaptive solve rounds, and so steps, otherwise in a batch.
+    scale = float(alone.indentation.max())
+    assert np.abs(path.indentation[0, 1] - alone.indentation).max() <= SAMPLE * scale
+
+
+def test_a_bad_lane_spoils_no_derivative():
+    def total(mass):
+        path = jc.trajectory(HU_GUO, jc.Contact(mass, 3e8), jnp.array([1.0, -1.0]), samples=5)
+        return jnp.sum(path.indentation[0])
+
+    assert jnp.isfinite(jax.grad(total)(0.7)) and jax.grad(total)(0.7) != 0
+
+
+def test_gravity_and_settling():
+    force = jnp.array([0.05, 0.5])
+    law = jc.Damped(alpha=2.0)
+    path = jc.trajectory(law, UNIT[1.5], 1.0, samples=60, external_force=force)
+    assert (path.status == jnp.array([jc.Status.SEPARATED, jc.Status.SETTLED])).all()
+    assert np.abs(path.energy.total - 0.5).max() <= BALANCE
+    assert np.allclose(path.energy.external, force[:, None] * path.indentation, rtol=1e-14)
+    # The one that settles is followed to its second turn, still in contact.
+    assert path.indentation[1, -1] > 0.1
+    assert abs(path.velocity[1, -1]) <= SAMPLE
+    assert finite((path.time, path.force))
+
+
+def test_too_few_steps_are_flagged():
+    path = jc.trajectory(HU_GUO, CONTACT, SPEED, steps=4)
+    assert path.status == jc.Status.NOT_CONVERGED
+    assert np.isnan(path.time).all() and np.isnan(path.force).all()
+
+
+def test_a_contact_without_tension_never_pulls():
+    law = jc.KuwabaraKono(A=4e-5, tension=False)
+    path = jc.trajectory(law, CONTACT, SPEED)
+    assert (path.force >= 0).all() and path.force[-1] <= SAMPLE * path.force.max()
+    assert path.indentation[-1] > 0
+    pulling = jc.trajectory(jc.KuwabaraKono(A=4e-5), CONTACT, SPEED)
+    assert pulling.force.min() < 0
+
+
+def test_hertz_is_symmetric_in_time():
+    path = jc.trajectory(jc.Hertz(), CONTACT, SPEED, samples=101)
+    scale = path.indentation.max()
+    assert np.allclose(path.indentation, path.indentation[::-1], rtol=0, atol=SAMPLE * scale)
+    assert (path.energy.dissipated == 0).all()
