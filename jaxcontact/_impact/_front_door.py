@@ -42,7 +42,9 @@ def problem_of(
     external_force: ArrayLike | None = None,
 ) -> Problem:
     """Convert and check what can be checked without looking into arrays."""
-    _check_kinds(law, contact)
+    check_law(law)
+    if not isinstance(contact, Contact):
+        raise ValueError(f"Argument `contact` must be a `Contact`, but is {contact!r}.")
     if external_force is not None:
         if isinstance(external_force, int | float) and external_force == 0:
             external_force = None
@@ -59,11 +61,10 @@ def problem_of(
     return uniform(Problem(law, contact, velocity, external_force))
 
 
-def _check_kinds(law: Any, contact: Any) -> None:
+def check_law(law: Any) -> None:
+    """Raise ValueError for what is not a law."""
     if not isinstance(law, AbstractLaw):
         raise ValueError(f"Argument `law` must be a contact law (see `list_laws`), but is {law!r}.")
-    if not isinstance(contact, Contact):
-        raise ValueError(f"Argument `contact` must be a `Contact`, but is {contact!r}.")
 
 
 def uniform(tree: Any) -> Any:

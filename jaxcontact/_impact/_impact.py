@@ -14,9 +14,9 @@ from .._laws import (
     AbstractOscillator,
     restitution_of,
 )
-from .._parameter import is_valid, sanitised
+from .._parameter import as_parameter, is_valid, sanitised
 from ._form import AbstractForm, HuntCrossleyForm, OscillatorForm, closed_form
-from ._front_door import Problem, problem_of, reduced, sound, uniform
+from ._front_door import SPEED, Problem, check_law, problem_of, reduced, sound, uniform
 from ._methods import Options, choose, options_of, solve
 from ._oscillator import restitution_of_oscillator
 from ._result import Impact, Status
@@ -127,28 +127,35 @@ def restitution(
     Raises ValueError for a Python scalar out of range or a missing argument. Inverse, for the exact
     law: `exact_damping_factor`. Source: see `impact`.
     """
+    check_law(law)
+    options = options_of(method, None, None, None, None, None)
     closed = isinstance(law, AbstractHuntCrossley | AbstractOscillator)
-    if closed and method in ("auto", "exact") and contact is None and velocity is None:
-        return _restitution_alone(uniform(law))
-    if contact is None or velocity is None:
-        missing = "contact" if contact is None else "velocity"
-        if isinstance(law, AbstractHuntCrossley):
-            law.damping_factor(contact, velocity)  # raises for the argument it needs
-            velocity = 1.0 if velocity is None else velocity
-        if contact is None or velocity is None:
-            raise ValueError(
-                f"Argument `{missing}` is needed for `{type(law).__name__}`, but is None."
-            )
-    problem = problem_of(law, contact, velocity)
-    return _restitution(problem, options_of(method, None, None, None, None, None))
+    if contact is not None and velocity is not None:
+        return _restitution(problem_of(law, contact, velocity), options)
+    if closed and method in ("auto", "exact"):
+        speed = None if velocity is None else as_parameter(velocity, "velocity", SPEED)
+        return _restitution_alone(*uniform((law, contact, speed)))
+    missing = "contact" if contact is None else "velocity"
+    raise ValueError(
+        f"Argument `{missing}` is needed for `{type(law).__name__}` by method {method!r}, "
+        "but is None."
+    )
 
 
 @eqx.filter_jit
-def _restitution_alone(law: AbstractLaw) -> Float[Array, "..."]:
-    form = closed_form(sanitised(law), None, None)
+def _restitution_alone(
+    law: AbstractLaw, contact: Contact | None, velocity: Float[Array, "..."] | None
+) -> Float[Array, "..."]:
+    valid = is_valid(law)
+    if contact is not None:
+        valid, contact = valid & is_valid(contact), sanitised(contact)
+    if velocity is not None:
+        fast = SPEED.holds(velocity)
+        valid, velocity = valid & fast, jnp.where(fast, velocity, SPEED.inside)
+    form = closed_form(sanitised(law), contact, velocity)
     assert form is not None  # the caller has looked
     form, good = sound(form)
-    return jnp.where(good & is_valid(law), _of_form(form), jnp.nan)
+    return jnp.where(good & valid, _of_form(form), jnp.nan)
 
 
 @eqx.filter_jit

@@ -92,3 +92,32 @@ def test_derivatives():
     e = jax.vmap(jax.grad(lambda e: jc.restitution(jc.ExactRestitution(e=e))))(ASKED)
     assert np.allclose(e, 1, rtol=1e-13)
     assert jax.grad(lambda e: jc.restitution(jc.HuGuo(e=e)))(1.0) == pytest.approx(1.0, rel=1e-14)
+
+
+def test_only_what_alpha_depends_on_is_needed():
+    velocity = jnp.array([1.0, 2.0, -1.0])
+    e = jc.restitution(jc.MarhefkaOrin(a=0.1), velocity=velocity)
+    same = jc.restitution(jc.Damped(alpha=0.15 * velocity))
+    assert np.allclose(e[:2], same[:2], rtol=1e-15)
+    assert np.isnan(e[2])
+    of_n = jc.restitution(jc.EnergyLoss(0.5, 2.0), contact=CONTACT)
+    assert of_n == pytest.approx(float(jc.restitution(jc.EnergyLoss(0.5, 2.0))), rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((jc.ConstantDamping(c=1.0), None, 1.0), "`contact` is needed"),
+        ((jc.ConstantDamping(c=1.0), CONTACT), "`velocity` is needed"),
+        ((jc.KuwabaraKono(A=1.0),), "`contact` is needed"),
+        ((3,), "`law` must be a contact law"),
+    ],
+)
+def test_what_is_missing_is_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        jc.restitution(*arguments)
+
+
+def test_an_unknown_method_is_named_first():
+    with pytest.raises(ValueError, match="`method` must be one of .* but is 'magic'"):
+        jc.restitution(jc.HuGuo(e=0.5), method="magic")

@@ -103,11 +103,11 @@ def test_samples_against_scipy(paths, name, by_hand):
     assert x_error <= SAMPLE and v_error <= SAMPLE
 
 
-# At rtol 1e-11 and a step of 1e-5: measured 4e-8.
-DIFFERENCE, STEP = 1e-7, 1e-5
+# At rtol 1e-11 and a step of 1e-5: measured 2.2e-6, the noise of 1e-11 over the step.
+DIFFERENCE, STEP = 1e-5, 1e-5
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", ["kuwabara_kono", pytest.param("hu_guo", marks=pytest.mark.slow)])
 def test_derivatives_of_samples(name):
     """Of time, indentation, velocity and force, by the law's parameter and the speed."""
 
