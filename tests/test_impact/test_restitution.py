@@ -119,5 +119,5 @@ def test_what_is_missing_is_named(arguments, message):
 
 
 def test_an_unknown_method_is_named_first():
-    with pytest.raises(ValueError, match="`method` must be one of .* but is 'magic'"):
+    with pytest.raises(ValueError, match=r"`method` must be one of .* but is 'magic'"):
         jc.restitution(jc.HuGuo(e=0.5), method="magic")
