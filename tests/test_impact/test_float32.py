@@ -111,3 +111,16 @@ def test_python_numbers_follow_the_arrays():
     assert jc.impact(law, jc.Contact(1.0, 1e8), 1.0).duration.dtype == jnp.float64
     mixed = jc.impact(jc.HuGuo(e=single(0.5)), jc.Contact(1.0, jnp.array([1e8])), 1.0)
     assert mixed.duration.dtype == jnp.float64
+
+
+def test_no_lane_of_many_is_lost_to_rounding():
+    """A root asked for too sharply steps to and fro: that was one lane in a thousand."""
+    alpha = jnp.asarray(np.linspace(0, 20, 4001, dtype=np.float32))
+    contact = jc.Contact(1.0, 1.0)
+    hit = jc.impact(jc.Damped(alpha=alpha), contact, 1.0, method="event")
+    viscous = jc.impact(jc.KuwabaraKono(A=alpha / 20), contact, 1.0)
+    assert hit.duration.dtype == viscous.duration.dtype == jnp.float32
+    assert (hit.status == jc.Status.SEPARATED).all()
+    assert (viscous.status == jc.Status.SEPARATED).all()
+    exact = jc.restitution(jc.Damped(alpha=alpha))
+    assert np.allclose(hit.restitution, exact, rtol=0, atol=RESTITUTION)
