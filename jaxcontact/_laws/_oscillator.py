@@ -182,6 +182,21 @@ _THORNTON = (
     6276.757,
     -1489.915,
 )
+# The same polynomial in powers of 1-e: its terms cancel at e = 1 as those in e do, up to 1e4 to 1,
+# but these are the exact sums, taken in decimals.
+_THORNTON_AT_ONE = (
+    -12.181848,
+    68.525798,
+    -454.45475,
+    2293.3307,
+    -7919.0789,
+    18681.661,
+    -29962.436,
+    32069.698,
+    -21897.542,
+    8622.393,
+    -1489.915,
+)
 
 
 @register_law(
@@ -206,7 +221,10 @@ class Thornton(AbstractOscillator):
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         """ζ = γ √(6/5)."""
         # 1/(1-q) - 1 = q/(1-q): no cancellation near e = 1, where q is small.
-        log_q = 2 * jnp.log1p(self.e) + horner(_THORNTON, self.e)
+        fit = jnp.where(
+            self.e > 0.5, horner(_THORNTON_AT_ONE, 1 - self.e), horner(_THORNTON, self.e)
+        )
+        log_q = 2 * jnp.log1p(self.e) + fit
         gamma_squared = jnp.exp(log_q) / -jnp.expm1(log_q)
         return jnp.sqrt(1.2 * gamma_squared)
 
