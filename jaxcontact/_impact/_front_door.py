@@ -114,7 +114,7 @@ class Reduced(eqx.Module):
 
     def motion(self, *, audited: bool = False) -> Motion:
         """The lanes as a solver sees them."""
-        # XLA would fold a solve of constants (Hertz's law has no other numbers), and take a minute.
+        # XLA would fold a solve of constants (Hertz's law has no other numbers), for forty seconds.
         numbers = (self.form, self.traced_exponent, self.push)
         form, traced, push = jax.lax.optimization_barrier(numbers)
         return Motion(form, traced, push, self.static_exponent, audited)
