@@ -111,20 +111,22 @@ def test_derivatives_by_height_and_restitution():
 
 def test_a_ball_that_stops():
     law = jc.Damped(alpha=200.0)
-    run = jc.bounce(law, CONTACT, height=1.0, gravity=GRAVITY, bounces=10)
+    how = {"gravity": GRAVITY, "bounces": 10, "rest_velocity": jc.VELOCITY_THRESHOLD}
+    run = jc.bounce(law, CONTACT, height=1.0, **how)
     moving = np.asarray(run.status == jc.Status.SEPARATED)
     count = int(moving.sum())
     assert 3 <= count <= 6
     assert np.all(moving[:count]) and np.all(np.asarray(run.status)[count:] == jc.Status.SETTLED)
     assert np.all(run.impact_velocity[:count] >= jc.VELOCITY_THRESHOLD)
     assert run.impact_velocity[count - 1] * run.restitution[count - 1] < jc.VELOCITY_THRESHOLD
-    for field in (run.height, run.impact_velocity, run.restitution):
+    assert 0 < run.impact_velocity[count] < jc.VELOCITY_THRESHOLD
+    assert np.all(run.impact_velocity[count + 1 :] == 0)
+    for field in (run.height, run.restitution):
         assert np.all(np.asarray(field)[count:] == 0)
+    assert np.all(np.isinf(run.duration[count:])) and np.all(np.isfinite(run.duration[:count]))
     assert np.all(np.asarray(run.time)[count:] == run.time[count])
     assert np.all(np.isfinite(run.time))
-    slope = jax.grad(lambda h: jc.bounce(law, CONTACT, h, gravity=GRAVITY, bounces=10).time[-1])(
-        1.0
-    )
+    slope = jax.grad(lambda h: jc.bounce(law, CONTACT, h, **how).time[-1])(1.0)
     assert np.isfinite(slope) and slope > 0
 
 

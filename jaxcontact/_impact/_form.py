@@ -11,6 +11,7 @@ from __future__ import annotations
 import abc
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -198,6 +199,14 @@ def closed_form(
         zeta = law.damping_ratio(contact)
         return OscillatorForm(zeta=zeta, tension=law.tension, approach_only=law.approach_only)
     return None
+
+
+def restitution_is_constant(law: AbstractLaw, contact: Contact) -> bool:
+    """Whether e is the same at every speed; known for the laws that are solved in closed form."""
+    try:
+        return jax.eval_shape(lambda: closed_form(law, contact, None)) is not None
+    except (TypeError, ValueError):  # the law needs the speed
+        return False
 
 
 def reduce(law: AbstractLaw, contact: Contact, scale: Scale) -> AbstractForm:

@@ -1,0 +1,199 @@
+"""The front door of the bouncing ball."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike
+
+from .._contact import EXPONENT, Contact
+from .._impact import Status, problem_of, restitution_is_constant
+from .._laws import VELOCITY_THRESHOLD, AbstractLaw
+from .._parameter import POSITIVE, Range, as_parameter, sanitised
+from ._impact_options import ImpactOptions
+from ._result import Bounce
+from ._touches import Touches, alike, one_by_one
+
+_REST = Range(low=VELOCITY_THRESHOLD, inside=1.0)
+# A law's own force under the weight may differ from the weight by its rounding.
+_STATIC = 1e-4
+
+
+def bounce(
+    law: AbstractLaw,
+    contact: Contact,
+    height: ArrayLike,
+    *,
+    gravity: ArrayLike = 9.81,
+    bounces: int = 20,
+    gravity_in_contact: bool = False,
+    rest_velocity: ArrayLike | None = None,
+    method: str = "auto",
+    rtol: float | None = None,
+    atol: float | None = None,
+) -> Bounce:
+    """Drop a ball and follow its touches: v_1 = √(2gh), v_(k+1) = e(v_k) v_k, h_k = v_(k+1)²/(2g).
+
+    Arguments: the law and the contact of ball and ground (whose mass is then the ball's); the drop
+    `height` h in m of the ball's lowest point; `gravity` g in m/s²; how many `bounces` to follow.
+    They broadcast. Each impact has its own speed: a law whose restitution depends on speed changes
+    from bounce to bounce. Flights are in vacuum. `method`, `rtol`, `atol` as in `impact`.
+
+    With `gravity_in_contact` the weight m g pushes during contact, too: the impacts are event
+    solves, their restitution falls as the ball slows down, and at last it does not leave the
+    ground: it has come to rest. Without, gravity acts in flight only, which is good while the
+    ball hits much faster than √(g δ_s), δ_s = (m g/K)^(1/n) its static indentation. The bounces
+    would then go on for ever, each contact longer than the one before (for n > 1): rest is a
+    threshold, `rest_velocity` in m/s, √(g δ_s) if not given (`VELOCITY_THRESHOLD` where gravity
+    acts in contact).
+
+    Returns a `Bounce`; a bad lane is NaN and flagged. Raises ValueError for a Python scalar out of
+    range. Source: elementary ballistics, and `impact`.
+    """
+    if isinstance(bounces, bool) or not isinstance(bounces, int) or bounces < 1:
+        raise ValueError(
+            f"Argument `bounces` must be a whole number of at least 1, but is {bounces!r}."
+        )
+    if not isinstance(gravity_in_contact, bool):
+        raise ValueError(
+            f"Argument `gravity_in_contact` must be True or False, but is {gravity_in_contact!r}."
+        )
+    height = as_parameter(height, "height", POSITIVE)
+    gravity = as_parameter(gravity, "gravity", POSITIVE)
+    if rest_velocity is not None:
+        rest_velocity = as_parameter(rest_velocity, "rest_velocity", _REST)
+    options = ImpactOptions(method, rtol, atol)
+    return _bounce(
+        law, contact, height, gravity, rest_velocity, bounces, gravity_in_contact, options
+    )
+
+
+class _Run(eqx.Module):
+    """What the touches of a run share, in one shape and precision; bad numbers made harmless."""
+
+    height: Array
+    gravity: Array
+    speed: Array
+    rest: Array
+    static: Array
+    valid: Array
+
+
+@eqx.filter_jit
+def _bounce(
+    law: AbstractLaw,
+    contact: Contact,
+    height: Array,
+    gravity: Array,
+    rest: Array | None,
+    bounces: int,
+    gravity_in_contact: bool,
+    options: ImpactOptions,
+) -> Bounce:
+    run = _run(law, contact, height, gravity, rest, gravity_in_contact)
+    n = _exponent(contact)
+    if gravity_in_contact:
+        weight = _weight(contact, run.gravity)
+        touches = one_by_one(law, contact, run.speed, run.rest, weight, options, bounces)
+    elif restitution_is_constant(law, contact):
+        first = options.impact(law, contact, run.speed)
+        power = (1 - n) / (1 + n)
+        power = power if isinstance(power, float) else power[..., None]
+        touches = alike(first, run.speed, power, run.rest, bounces)
+        e = jnp.where(first.status == int(Status.SEPARATED), first.restitution, 0)
+        return _assembled(touches, run, e)
+    else:
+        touches = one_by_one(law, contact, run.speed, run.rest, None, options, bounces)
+    return _assembled(touches, run, None)
+
+
+def _exponent(contact: Contact) -> float | Array:
+    n = contact.exponent
+    return n if isinstance(n, float) else jnp.where(EXPONENT.holds(n), n, EXPONENT.inside)
+
+
+def _weight(contact: Contact, gravity: Array) -> Array:
+    return sanitised(contact).mass.astype(gravity.dtype) * gravity
+
+
+def _run(
+    law: AbstractLaw,
+    contact: Contact,
+    height: Array,
+    gravity: Array,
+    rest: Array | None,
+    gravity_in_contact: bool,
+) -> _Run:
+    valid = POSITIVE.holds(height) & POSITIVE.holds(gravity)
+    height, gravity = jnp.where(valid, height, 1), jnp.where(valid, gravity, 1)
+    speed = jnp.sqrt(2 * gravity * height)
+    # The shape and the precision that `impact` will answer in.
+    problem = problem_of(law, contact, speed)
+    shape, dtype = problem.shape, problem.velocity.dtype
+    if rest is not None:
+        shape = np.broadcast_shapes(shape, rest.shape)
+
+    def fill(value: Array) -> Array:
+        return jnp.broadcast_to(value, shape).astype(dtype)
+
+    height, gravity, speed = fill(height), fill(gravity), fill(speed)
+    safe = sanitised(contact)
+    weight = _weight(contact, gravity)
+    static = fill((weight / safe.stiffness.astype(dtype)) ** (1 / _exponent(contact)))
+    if rest is None:
+        felt = jnp.zeros_like(static) if gravity_in_contact else jnp.sqrt(gravity * static)
+        rest = jnp.maximum(felt, VELOCITY_THRESHOLD)
+    else:
+        valid = valid & _REST.holds(rest)
+        rest = jnp.where(_REST.holds(rest), rest, _REST.inside)
+    held = law.force(static, jnp.zeros_like(static), contact, jnp.ones_like(static))
+    static = jnp.where(jnp.abs(held - weight) <= _STATIC * weight, static, jnp.nan)
+    return _Run(height, gravity, speed, fill(rest), static, fill(valid).astype(bool))
+
+
+def _assembled(touches: Touches, run: _Run, constant_e: Array | None) -> Bounce:
+    """The record of a run; `constant_e` is the restitution where it is the same at all speeds."""
+    valid = run.valid[..., None]
+    status = jnp.where(valid, touches.status, int(Status.INVALID_INPUT))
+    leaves = status == int(Status.SEPARATED)
+    settled = status == int(Status.SETTLED)
+    gravity = run.gravity[..., None]
+    rebound = touches.restitution * touches.speed
+    away = touches.duration + 2 * rebound / gravity
+    # The first touch ends the fall; each other one ends a contact and a flight.
+    fall = jnp.sqrt(2 * run.height / run.gravity)[..., None]
+    time = jnp.cumsum(jnp.concatenate([fall, away[..., :-1]], axis=-1), axis=-1)
+    rests = jnp.any(settled, axis=-1)
+    first_rest = jnp.argmax(settled, axis=-1, keepdims=True)
+    remaining = None
+    if constant_e is not None:
+        last = jnp.where(rests[..., None], first_rest, touches.speed.shape[-1] - 1)
+        speed = jnp.take_along_axis(touches.speed, last, axis=-1)[..., 0]
+        ends = constant_e < 1
+        lost = jnp.where(ends, 1 - constant_e, 1)
+        remaining = jnp.where(ends, 2 * constant_e * speed / (run.gravity * lost), jnp.inf)
+    rest_time = jnp.take_along_axis(time, first_rest, axis=-1)[..., 0]
+
+    good = leaves | settled
+
+    def flagged(value: Array) -> Array:
+        return jnp.where(good, value, jnp.nan)
+
+    def of_run(value: Array) -> Array:
+        return jnp.where(jnp.all(good, axis=-1), value, jnp.nan)
+
+    return Bounce(
+        time=flagged(time),
+        duration=flagged(jnp.where(leaves, touches.duration, jnp.inf)),
+        impact_velocity=flagged(touches.speed),
+        restitution=flagged(touches.restitution),
+        height=flagged(jnp.square(rebound) / (2 * gravity)),
+        status=status,
+        rest_time=of_run(jnp.where(rests, rest_time, jnp.inf)),
+        rest_velocity=of_run(run.rest),
+        rest_indentation=of_run(run.static),
+        remaining_flight=None if remaining is None else of_run(remaining),
+        drop_height=of_run(run.height),
+        gravity=of_run(run.gravity),
+    )

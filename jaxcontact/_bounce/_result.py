@@ -1,0 +1,98 @@
+"""What a bouncing ball leaves behind."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from .._impact import Status
+from .._parameter import as_parameter, shown
+
+
+class Bounce(eqx.Module):
+    """The touches of a bouncing ball, in order: shape (..., bounces).
+
+    `time` in s, when touch k begins, counted from the release; its `duration` in s;
+    `impact_velocity` in m/s; `restitution`; `height` in m, to which the ball rises after it;
+    `status` as in `Impact`.
+
+    At its touch of status SETTLED the ball comes to rest: it never leaves, restitution and height
+    are 0 and the duration is infinite. What follows repeats that touch, with no speed.
+
+    Of the whole run, shape (...): `rest_time` in s, when that touch begins, infinite if `bounces`
+    were too few to see it; `rest_velocity` in m/s, below which a touch counts as rest;
+    `rest_indentation` δ = (m g/K)^(1/n) in m, how far the ball then sinks in, NaN for a law whose
+    force at rest is not K δⁿ; `remaining_flight` in s, the sum of the infinitely many flights
+    after the last touch listed (if no threshold ended them), 2 e v/(g (1-e)), without the contacts
+    between them, whose times grow; None where e depends on the speed. `drop_height` in m and
+    `gravity` in m/s² are those given.
+    """
+
+    time: Float[Array, "..."]
+    duration: Float[Array, "..."]
+    impact_velocity: Float[Array, "..."]
+    restitution: Float[Array, "..."]
+    height: Float[Array, "..."]
+    status: Int[Array, "..."]
+    rest_time: Float[Array, "..."]
+    rest_velocity: Float[Array, "..."]
+    rest_indentation: Float[Array, "..."]
+    remaining_flight: Float[Array, "..."] | None
+    drop_height: Float[Array, "..."]
+    gravity: Float[Array, "..."]
+
+    def height_at(self, time: ArrayLike) -> Float[Array, "..."]:
+        """The height of the ball's lowest point above the ground at any time, in m.
+
+        `time` in s, shape (samples,) or (..., samples). 0 in contact (indentations are not
+        resolved) and at rest; NaN after the flight that follows the last touch listed, and in bad
+        lanes; the drop height before the release.
+        """
+        time = as_parameter(time, "time").astype(self.time.dtype)
+        shape = np.broadcast_shapes(time.shape, (*self.rest_time.shape, 1))
+        time = jnp.broadcast_to(time, shape)
+        touched = jnp.sum(self.time[..., None, :] <= time[..., :, None], axis=-1)
+        last = jnp.maximum(touched - 1, 0)
+
+        def of_last(field: Array) -> Array:
+            return jnp.take_along_axis(field, last, axis=-1)
+
+        gravity = self.gravity[..., None]
+        falling = self.drop_height[..., None] - gravity * jnp.square(jnp.maximum(time, 0)) / 2
+        resting = of_last(self.status) == int(Status.SETTLED)
+        leaves = of_last(self.time) + jnp.where(resting, 0, of_last(self.duration))
+        speed = of_last(self.restitution * self.impact_velocity)
+        flown = jnp.maximum(time - leaves, 0)
+        flying = flown * (speed - gravity * flown / 2)
+        unknown = (touched == self.time.shape[-1]) & (flown * gravity > 2 * speed)
+        # Rounding may put the end of a flight below the ground, never the ball.
+        flying = jnp.where(unknown, jnp.nan, jnp.maximum(flying, 0))
+        return jnp.where(touched == 0, falling, jnp.where(resting, 0, flying))
+
+    def __repr__(self) -> str:
+        numbers = {
+            "bounces": str(self.time.shape[-1]),
+            "first touch": f"{_shown(self.time, 0)} s, {_shown(self.impact_velocity, 0)} m/s",
+            "last height": f"{_shown(self.height, -1)} m",
+            "rest_time": f"{shown(self.rest_time)} s",
+            "rest_indentation": f"{shown(self.rest_indentation)} m",
+            "status": _statuses(self.status),
+        }
+        return "Bounce\n" + "\n".join(f"  {name:<17}{text}" for name, text in numbers.items())
+
+
+def _shown(values: Array, index: int) -> str:
+    return shown(values[..., index]) if eqx.is_array(values) else str(values)
+
+
+def _statuses(status: Array) -> str:
+    if isinstance(status, Tracer) or not eqx.is_array(status):
+        return str(status)
+    kinds, counts = np.unique(np.asarray(status), return_counts=True)
+    return ", ".join(
+        f"{count} {Status(int(kind)).name.lower()}"
+        for kind, count in zip(kinds, counts, strict=True)
+    )
