@@ -7,6 +7,8 @@ from ._bounce import Bounce as Bounce
 from ._bounce import bounce as bounce
 from ._contact import Contact as Contact
 from ._contact import Material as Material
+from ._fit import VelocityProfile as VelocityProfile
+from ._fit import fit_velocity_profile as fit_velocity_profile
 from ._impact import Impact as Impact
 from ._impact import Status as Status
 from ._impact import Trajectory as Trajectory

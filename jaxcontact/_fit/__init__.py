@@ -19,3 +19,5 @@ from ._recording import RecordingError as RecordingError
 from ._recording import parse_recording as parse_recording
 from ._recording import read_recording as read_recording
 from ._report import report as report
+from ._velocity_profile import VelocityProfile as VelocityProfile
+from ._velocity_profile import fit_velocity_profile as fit_velocity_profile

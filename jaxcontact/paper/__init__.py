@@ -1,0 +1,12 @@
+"""Hu & Guo (2015) reproduced: figures, tables, and published numbers beside ours."""
+
+from ._ball import ball_table as ball_table
+from ._ball_figures import fig8 as fig8
+from ._ball_figures import fig9 as fig9
+from ._ball_figures import fig10 as fig10
+from ._fig3 import fig3 as fig3
+from ._fig4 import fig4 as fig4
+from ._fig5 import fig5 as fig5
+from ._fig6 import fig6 as fig6
+from ._reproduction import Reproduction as Reproduction
+from ._reproduction import Table as Table

@@ -1,0 +1,81 @@
+"""The bouncing ball of Table 2 and its twenty impacts: four laws, five restitutions, one batch."""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._contact import Contact
+from .._impact import impact, trajectory
+from .._laws import Damped
+from ._column import column
+from ._reproduction import Table
+from ._style import FOUR_LAWS, RESTITUTIONS
+
+MASS, RADIUS, HEIGHT, GRAVITY, STIFFNESS = 1.0, 0.1, 1.0, 9.8, 1.4e8
+"""Table 2, in kg, m, m, m/s² and N/m^1.5."""
+
+DROP = HEIGHT - RADIUS
+"""How far the ball's lowest point falls, in m."""
+
+SPEED = float(np.sqrt(2 * GRAVITY * DROP))
+"""The speed at contact in m/s, Eq. 41 and 42."""
+
+SAMPLES = 200
+
+
+class Impacts(NamedTuple):
+    """All twenty in SI units: shape (4, 5) for laws and restitutions, (4, 5, samples) for paths."""
+
+    time: np.ndarray
+    indentation: np.ndarray
+    velocity: np.ndarray
+    force: np.ndarray
+    alpha: np.ndarray
+    max_indentation: np.ndarray
+    duration: np.ndarray
+    max_force: np.ndarray
+    rebound_velocity: np.ndarray
+    energy_loss: np.ndarray
+    restitution: np.ndarray
+
+
+def impacts() -> Impacts:
+    """The twenty impacts, as in the paper without gravity during contact."""
+    return _impacts(str(jnp.result_type(float)))
+
+
+@functools.cache
+def _impacts(dtype: str) -> Impacts:
+    e = jnp.asarray(RESTITUTIONS, dtype)
+    alpha = jnp.stack([law.law(e=e).damping_factor() for law in FOUR_LAWS])
+    # One law with one number stands for all four: one compiled solve serves them.
+    law, contact = Damped(alpha=alpha), Contact(mass=MASS, stiffness=STIFFNESS)
+    path = trajectory(law, contact, SPEED, samples=SAMPLES)
+    hit = impact(law, contact, SPEED)
+    solved = (
+        *(path.time, path.indentation, path.velocity, path.force),
+        *(alpha, hit.max_indentation, hit.duration, hit.max_force),
+        *(hit.rebound_velocity, hit.energy_loss, hit.restitution),
+    )
+    return Impacts(*map(np.asarray, solved))
+
+
+def ball_table() -> Table:
+    """The outcome of all twenty, law by law, each from e = 1.0 down to 0.2."""
+    solved = impacts()
+    names = [column(law.law) for law in FOUR_LAWS]
+    return {
+        "law": np.repeat(names, len(RESTITUTIONS)),
+        "e_in": np.tile(RESTITUTIONS, len(FOUR_LAWS)),
+        "alpha": solved.alpha.ravel(),
+        "max_deformation_m": solved.max_indentation.ravel(),
+        "duration_s": solved.duration.ravel(),
+        "max_force_N": solved.max_force.ravel(),
+        "rebound_velocity_m_per_s": solved.rebound_velocity.ravel(),
+        "energy_loss_J": solved.energy_loss.ravel(),
+        "e_out": solved.restitution.ravel(),
+    }

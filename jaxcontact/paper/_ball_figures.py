@@ -1,0 +1,58 @@
+"""Figs. 8, 9 and 10: the ball's impact under four laws, a panel for each."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ._ball import SAMPLES, Impacts, ball_table, impacts
+from ._column import column
+from ._reproduction import Reproduction, Table
+from ._style import FOUR_LAWS, RESTITUTIONS, SHADES, legend_above, sheet
+
+_MILLI, _KILO = 1e3, 1e-3
+
+
+def fig8() -> Reproduction:
+    """Deformation against time; tables "curves" and "ball", the outcome of all twenty."""
+    solved = impacts()
+    x, y = _MILLI * solved.time, _MILLI * solved.indentation
+    return _panels(solved, x, y, "time / ms", "deformation / mm")
+
+
+def fig9() -> Reproduction:
+    """Deformation velocity against time; tables as for `fig8`."""
+    solved = impacts()
+    return _panels(solved, _MILLI * solved.time, solved.velocity, "time / ms", "velocity / (m/s)")
+
+
+def fig10() -> Reproduction:
+    """Contact force against deformation, the hysteresis loops; tables as for `fig8`."""
+    solved = impacts()
+    x, y = _MILLI * solved.indentation, _KILO * solved.force
+    return _panels(solved, x, y, "deformation / mm", "force / kN")
+
+
+def _panels(solved: Impacts, x: np.ndarray, y: np.ndarray, across: str, up: str) -> Reproduction:
+    figure, axes = sheet(2, 2, height=3.9, sharex=True, sharey=True)
+    for i, (law, ax) in enumerate(zip(FOUR_LAWS, axes, strict=True)):
+        for j, e in enumerate(RESTITUTIONS):
+            ax.plot(x[i, j], y[i, j], color=SHADES[e], linewidth=1.1, label=f"e = {e:.1f}")
+        ax.title.set_text(f"({law.panel}) {law.name}")
+    for ax in axes[2:]:
+        ax.set_xlabel(across)
+    for ax in axes[::2]:
+        ax.set_ylabel(up)
+    legend_above(figure, axes[0], columns=5)
+    return Reproduction(figure, {"curves": _curves(solved), "ball": ball_table()})
+
+
+def _curves(solved: Impacts) -> Table:
+    names = [column(law.law) for law in FOUR_LAWS]
+    return {
+        "law": np.repeat(names, len(RESTITUTIONS) * SAMPLES),
+        "e_in": np.tile(np.repeat(RESTITUTIONS, SAMPLES), len(names)),
+        "time_s": solved.time.ravel(),
+        "deformation_m": solved.indentation.ravel(),
+        "velocity_m_per_s": solved.velocity.ravel(),
+        "force_N": solved.force.ravel(),
+    }

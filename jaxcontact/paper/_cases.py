@@ -1,0 +1,74 @@
+"""The two impacts of Eq. 15 that Figs. 3 and 4 are drawn for, solved once for both."""
+
+from __future__ import annotations
+
+import functools
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._contact import Contact
+from .._impact import impact, trajectory
+from .._laws import ConstantDamping
+
+
+class Case(NamedTuple):
+    """A hysteresis damping factor c in N s/m^2.5, a closing speed in m/s, the published β."""
+
+    label: str
+    c: float
+    velocity: float
+    beta: float
+
+
+CASES = (
+    Case("case 1, 0.8 m/s", c=2.0e9, velocity=0.8, beta=2.408),
+    Case("case 2, 0.1 m/s", c=2.0e10, velocity=0.1, beta=2.395),
+)
+
+MASS, STIFFNESS = 0.033, 1.07e10
+"""Of both cases, in kg and N/m^1.5: a steel sphere of radius 10 mm."""
+
+SAMPLES = 801
+"""Moments of each impact: cubics through them give δ' to 7e-9 of v0, worst next to touch."""
+
+
+class Impacts(NamedTuple):
+    """Both cases at once, in SI units.
+
+    The samples of the motion, touch to separation, have the shape (2, samples); the rest, of shape
+    (2,): α = c v0/K, the outcome, and the force at the turn.
+    """
+
+    time: np.ndarray
+    indentation: np.ndarray
+    velocity: np.ndarray
+    force: np.ndarray
+    alpha: np.ndarray
+    restitution: np.ndarray
+    duration: np.ndarray
+    compression_time: np.ndarray
+    max_indentation: np.ndarray
+    turning_force: np.ndarray
+
+
+def impacts() -> Impacts:
+    """The two cases, solved in the precision JAX is set to; the outcome is the closed form's."""
+    return _impacts(str(jnp.result_type(float)))
+
+
+@functools.cache
+def _impacts(dtype: str) -> Impacts:
+    law = ConstantDamping(c=jnp.asarray([case.c for case in CASES], dtype))
+    speed = jnp.asarray([case.velocity for case in CASES], dtype)
+    contact = Contact(mass=MASS, stiffness=STIFFNESS)
+    path = trajectory(law, contact, speed, samples=SAMPLES)
+    hit = impact(law, contact, speed)
+    solved = (
+        *(path.time, path.indentation, path.velocity, path.force),
+        law.damping_factor(contact, speed),
+        *(hit.restitution, hit.duration, hit.compression_time, hit.max_indentation),
+        law.force(hit.max_indentation, 0.0, contact, speed),
+    )
+    return Impacts(*map(np.asarray, solved))

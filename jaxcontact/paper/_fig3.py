@@ -1,0 +1,54 @@
+"""Fig. 3: velocity and deformation against time, for the two impacts of Eq. 15."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ._cases import CASES, impacts
+from ._reproduction import Reproduction
+from ._style import sheet
+
+
+def fig3() -> Reproduction:
+    """The whole impact of both cases, the turn dotted, and in a table how each ends.
+
+    Tables: "motion" (case, time, deformation, velocity) and "impact" (per case α = c v0/K, the
+    restitution it delivers, duration, time and depth of the turn).
+    """
+    solved = impacts()
+    figure, axes = sheet(2, 2, height=3.0)
+    for i, case in enumerate(CASES):
+        top, bottom = axes[i], axes[2 + i]
+        time, turn = solved.time[i] * 1e6, float(solved.compression_time[i]) * 1e6
+        top.axhline(0, color="0.7", linewidth=0.6)
+        top.plot(time, solved.velocity[i], color="black", linewidth=1.2)
+        bottom.plot(time, solved.indentation[i] * 1e6, color="black", linewidth=1.2)
+        for ax in (top, bottom):
+            ax.axvline(turn, color="0.5", ls=":", linewidth=0.8)
+            ax.set_xlim(0, float(time[-1]))
+            ax.locator_params(axis="x", nbins=4)
+        top.tick_params(labelbottom=False)
+        top.title.set_text(case.label)
+        top.set_ylim(-1.1 * case.velocity, 1.1 * case.velocity)
+        top.set_yticks([-case.velocity, 0, case.velocity])
+        bottom.set_ylim(bottom=0)
+        bottom.set_xlabel("time / µs")
+    axes[0].set_ylabel("velocity / (m/s)")
+    axes[2].set_ylabel("deformation / µm")
+    samples = solved.time.shape[1]
+    motion = {
+        "case": np.repeat(np.arange(1, len(CASES) + 1), samples),
+        "time_s": solved.time.ravel(),
+        "deformation_m": solved.indentation.ravel(),
+        "velocity_m_per_s": solved.velocity.ravel(),
+    }
+    outcome = {
+        "case": np.arange(1, len(CASES) + 1),
+        "impact_velocity_m_per_s": np.array([case.velocity for case in CASES]),
+        "alpha": solved.alpha,
+        "restitution": solved.restitution,
+        "duration_s": solved.duration,
+        "compression_time_s": solved.compression_time,
+        "max_deformation_m": solved.max_indentation,
+    }
+    return Reproduction(figure, {"motion": motion, "impact": outcome})

@@ -1,0 +1,75 @@
+"""β of Eq. 22 by regression, for every choice that the paper leaves open."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from .._fit import VelocityProfile, fit_velocity_profile
+from ._cases import CASES
+from ._compression import SAMPLINGS, Compression, Sampling
+from ._reproduction import Table
+
+INTERVALS = 1000
+"""Between the samples of a regression."""
+
+FEWER = (20, 50, 200, 1000)
+"""Numbers of intervals that divide `INTERVALS`."""
+
+DEFAULT: tuple[Sampling, bool] = ("indentation", False)
+"""Samples uniform in δ, the residual in δ': a fit of the curve as Fig. 4 draws it."""
+
+_RESIDUALS = {False: "velocity", True: "velocity squared"}
+
+
+def regress(
+    curve: Compression,
+    sampling: Sampling = DEFAULT[0],
+    squared: bool = DEFAULT[1],
+    intervals: int = INTERVALS,
+) -> VelocityProfile:
+    """The profile nearest to a compression; see `fit_velocity_profile`."""
+    depth = curve.positions(sampling, INTERVALS)
+    # Fewer samples are a subset, by weight: one length is compiled once.
+    chosen = np.arange(INTERVALS + 1) % (INTERVALS // intervals) == 0
+    return fit_velocity_profile(depth, curve.velocity_at(depth), weights=chosen, squared=squared)
+
+
+def regression_tables(curves: list[Compression]) -> dict[str, Table]:
+    """The tables "regression", "band" and "samples" of Fig. 4, for the curves of both cases."""
+    number = np.arange(1, len(CASES) + 1)
+    choices = list(itertools.product(SAMPLINGS, _RESIDUALS))
+    fits = [[regress(curve, *choice) for choice in choices] for curve in curves]
+    beta = np.array([[fit.beta for fit in row] for row in fits])
+    residual = np.array([[fit.residual for fit in row] for row in fits])
+    published = np.array([case.beta for case in CASES])
+    default = beta[:, choices.index(DEFAULT)]
+    low, high = beta.min(axis=1), beta.max(axis=1)
+    each = len(choices)
+    fewer = np.array([[regress(curve, intervals=n).beta for n in FEWER] for curve in curves])
+    return {
+        "regression": {
+            "case": number.repeat(each),
+            "uniform_in": np.tile([sampling for sampling, _ in choices], len(CASES)),
+            "residual_in": np.tile([_RESIDUALS[squared] for _, squared in choices], len(CASES)),
+            "beta": beta.ravel(),
+            "published_beta": published.repeat(each),
+            "difference": (beta - published[:, None]).ravel(),
+            "rms_residual": residual.ravel(),
+        },
+        "band": {
+            "case": number,
+            "published_beta": published,
+            "beta": default,
+            "difference": default - published,
+            "lowest_beta": low,
+            "highest_beta": high,
+            "published_inside": (low <= published) & (published <= high),
+        },
+        "samples": {
+            "case": number.repeat(len(FEWER)),
+            "intervals": np.tile(FEWER, len(CASES)),
+            "beta": fewer.ravel(),
+        },
+    }

@@ -1,0 +1,94 @@
+"""One look for all figures: column width, colours for any colour vision, one style for each law."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from .._laws import AbstractHuntCrossley, Flores, HuGuo, HuntCrossley, LankaraniNikravesh
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLUMN = 3.4
+"""The width of a column in inches: all text is set for it."""
+
+_FONT = {"size": 8.0, "small": 7.0}
+
+
+class PaperLaw(NamedTuple):
+    """One of the four laws the paper compares; the panel letter is that of its Figs. 8 to 10."""
+
+    panel: str
+    name: str
+    law: type[AbstractHuntCrossley]
+    colour: str
+    style: str
+
+
+# Okabe and Ito's colours; the dashes tell the laws apart in grey.
+FOUR_LAWS = (
+    PaperLaw("a", "Lankarani-Nikravesh", LankaraniNikravesh, "#56B4E9", "-."),
+    PaperLaw("b", "Hunt-Crossley", HuntCrossley, "#E69F00", "--"),
+    PaperLaw("c", "Flores et al.", Flores, "#009E73", ":"),
+    PaperLaw("d", "Hu-Guo", HuGuo, "#0072B2", "-"),
+)
+
+RESTITUTIONS = (1.0, 0.8, 0.6, 0.4, 0.2)
+"""The values of e in Figs. 8 to 10."""
+
+# Dark to light, as brightness alone orders them: samples of matplotlib's cividis.
+SHADES = dict(
+    zip(RESTITUTIONS, ("#00224E", "#35456C", "#666970", "#948E77", "#C8B866"), strict=True)
+)
+
+REFERENCE = {"color": "black", "linestyle": (0, (5, 2)), "linewidth": 0.8}
+"""For what a law should give: the exact diagonal."""
+
+
+def sheet(
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    width: float = COLUMN,
+    height: float = 2.4,
+    sharex: bool = False,
+    sharey: bool = False,
+) -> tuple[Figure, list[Axes]]:
+    """A figure with its axes, row by row; its own canvas, so that no display is needed.
+
+    `width` and `height` of the whole in inches; `sharex` and `sharey` as in matplotlib.
+    """
+    from matplotlib import rc_context
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    style: dict[Any, Any] = {
+        "font.size": _FONT["size"],
+        "axes.labelsize": _FONT["size"],
+        "axes.titlesize": _FONT["size"],
+        "xtick.labelsize": _FONT["small"],
+        "ytick.labelsize": _FONT["small"],
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.linewidth": 0.6,
+    }
+    with rc_context(style):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
+    return figure, list(axes.flat)
+
+
+def legend_above(figure: Figure, axes: Axes, columns: int = 2) -> None:
+    """The legend of `axes` over the whole figure, where it covers no data."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles,
+        labels,
+        loc="outside upper center",
+        ncols=columns,
+        frameon=False,
+        fontsize=_FONT["small"],
+        handlelength=2.6,
+    )
