@@ -30,18 +30,24 @@ class Mask:
 class Column:
     """`values` where all masks hold, and `otherwise` elsewhere, over the dimensions of a sweep.
 
-    `values` has one axis for each of `dims`, in ascending order, and then those of its own.
+    `stored` has one axis for each of `dims`, in ascending order, and then those of its own: an
+    array, or one on disk that is read when it is asked for.
     """
 
     dims: tuple[int, ...]
-    values: np.ndarray
+    stored: Any
     masks: tuple[Mask, ...] = ()
     otherwise: Any = None
 
     @property
+    def values(self) -> np.ndarray:
+        """What is stored, as an array."""
+        return np.asarray(self.stored[...])
+
+    @property
     def own_shape(self) -> tuple[int, ...]:
         """The shape of one lane's value."""
-        return self.values.shape[len(self.dims) :]
+        return self.stored.shape[len(self.dims) :]
 
     def array(self, shape: Sequence[int]) -> np.ndarray:
         """The whole array, over dimensions of the given lengths: a read-only view if possible."""
@@ -77,7 +83,7 @@ class Column:
             good = np.broadcast_to(within(mask.good, mask.dims, self.dims), lanes)
             values[~good] = self.otherwise
         outside = tuple(mask for mask in masks if mask not in inside)
-        return replace(self, values=values, masks=outside)
+        return replace(self, stored=values, masks=outside)
 
     def taken(self, dim: int, index: int) -> Column:
         """The column at one place of a dimension, which is gone; later ones move up."""

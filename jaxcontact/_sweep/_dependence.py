@@ -266,7 +266,8 @@ def _of_constant(value: Any) -> Fact:
     if plain.dtype.kind not in "biuf" or plain.size == 0:
         return frozenset()
     first = plain.reshape(-1)[0]
-    return Known(first) if bool(np.all(plain == first)) else frozenset()
+    same = (plain == first) | ((plain != plain) & (first != first))
+    return Known(first) if bool(np.all(same)) else frozenset()
 
 
 def _after(step: Step, reads: list[Fact]) -> list[Fact]:

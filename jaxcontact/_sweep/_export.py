@@ -33,12 +33,12 @@ def dataset(sweep: Sweep) -> xarray.Dataset:
     arrays = {}
     for name, column in sweep.columns().items():
         own = [f"{name}_{k}" for k in range(len(column.own_shape))]
-        arrays[name] = ([*sweep.dims, *own], column.array(sweep.shape), _attributes(name))
+        arrays[name] = ([*sweep.dims, *own], column.array(sweep.shape), attributes_of(name))
     if "status" not in arrays:
-        arrays["status"] = (list(sweep.dims), sweep.status, _attributes("status"))
+        arrays["status"] = (list(sweep.dims), sweep.status, attributes_of("status"))
     along = sweep.dims_of_axes()
     coordinates: dict[str, Any] = {
-        name: ([along[name]], values, _attributes(name)) for name, values in sweep.axes.items()
+        name: ([along[name]], values, attributes_of(name)) for name, values in sweep.axes.items()
     }
     attributes: dict[str, Any] = {
         "source": f"jaxcontact {version()}",
@@ -47,7 +47,7 @@ def dataset(sweep: Sweep) -> xarray.Dataset:
     }
     for name, value in sweep.fixed.items():
         if isinstance(value, np.generic):
-            coordinates[name] = ((), value, _attributes(name))
+            coordinates[name] = ((), value, attributes_of(name))
         else:
             attributes[name] = str(value)
     for name in sweep.fields:
@@ -64,11 +64,12 @@ def version() -> str:
         return "(not installed)"
 
 
-def _attributes(name: str) -> dict[str, Any]:
+def attributes_of(name: str) -> dict[str, Any]:
+    """What the attributes of a dataset say of an axis or a field."""
     if name == "status":
         return {
             "long_name": "status",
-            "flag_values": np.array([int(status) for status in Status], np.int32),
+            "flag_values": [int(status) for status in Status],
             "flag_meanings": " ".join(status.name.lower() for status in Status),
         }
     words, unit = meaning(name)

@@ -42,6 +42,7 @@ class Group:
 class Plan:
     """All groups, those of few dimensions first, and how the arrays follow from them."""
 
+    program: Program
     fields: tuple[Field, ...]
     leaves: tuple[Dependence, ...]
     groups: tuple[Group, ...]
@@ -114,7 +115,7 @@ class _Planner:
         if not self.program.pure:
             # What else it does, it does for every lane: nothing is skipped.
             everything = [Dependence(frozenset(self.all))] * count
-            return Plan(tuple(fields), tuple(everything), (whole,), checks, whole)
+            return Plan(self.program, tuple(fields), tuple(everything), (whole,), checks, whole)
         leaves = dependences(self.reading)
         together: dict[tuple[Dims, frozenset[int]], list[tuple[str, int | Constant]]] = {}
         for slot in {slot for leaf in leaves for slot in leaf.conditions} | set(checks):
@@ -131,7 +132,7 @@ class _Planner:
         ]
         # Flags first: a sweep that is interrupted then knows them.
         groups.sort(key=lambda g: (not is_flag(min(g.keys)), len(g.dims), g.dims))
-        return Plan(tuple(fields), tuple(leaves), tuple(groups), checks, whole)
+        return Plan(self.program, tuple(fields), tuple(leaves), tuple(groups), checks, whole)
 
     def _group(
         self,

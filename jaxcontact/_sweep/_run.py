@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from ._axes import Grid
 from ._blocks import cut, padded
+from ._devices import Workers
 from ._plan import Group, is_flag
 from ._progress import Listener
 
@@ -38,6 +40,11 @@ class Block:
     def lanes(self) -> int:
         """The number of lanes that are no padding."""
         return math.prod(s.stop for s in self.useful)
+
+    def forms(self) -> list[jax.ShapeDtypeStruct]:
+        """Shape and type of the useful part of what the call returns."""
+        lanes = tuple(s.stop for s in self.useful)
+        return [jax.ShapeDtypeStruct(lanes + kind.shape, kind.dtype) for kind in self.group.kinds]
 
     def results(self, outputs: Sequence[jax.Array]) -> Arrays:
         """The useful part of what the call returned, by key."""
@@ -102,31 +109,65 @@ def _ordered(
         )
 
 
-def compute(blocks: Iterator[Block]) -> Iterator[tuple[Block, Arrays]]:
-    """The results of all blocks; while one is being read the next is being computed."""
-    waiting = None
-    for block in blocks:
-        coming = block, block.call(*block.arguments())
-        if waiting is not None:
-            yield waiting[0], waiting[0].results(waiting[1])
-        waiting = coming
-    if waiting is not None:
-        yield waiting[0], waiting[0].results(waiting[1])
+def compute(
+    blocks: Iterable[Block],
+    workers: Workers,
+    keep: Callable[[Block, Arrays], None] | None = None,
+) -> Iterator[tuple[Block, Arrays | None]]:
+    """Compute blocks and yield them in order, with their results, in every process.
+
+    While one is being read the next ones are being computed. With `keep`, which is called with the
+    results of a block by the process that has computed it, processes do not exchange results, and
+    None stands for them.
+    """
+    waiting: deque[tuple[list[Block], Sequence[jax.Array]]] = deque()
+    blocks = iter(blocks)
+    for turn in itertools.count():
+        group = list(itertools.islice(blocks, workers.processes))
+        started = ()
+        if workers.process < len(group):
+            block = group[workers.process]
+            started = block.call(*workers.placed(turn, block.arguments()))
+        if group:
+            waiting.append((group, started))
+        while waiting and (not group or len(waiting) > workers.ahead):
+            yield from _read(*waiting.popleft(), workers, keep)
+        if not group:
+            return
+
+
+def _read(
+    group: list[Block],
+    started: Sequence[jax.Array],
+    workers: Workers,
+    keep: Callable[[Block, Arrays], None] | None,
+) -> Iterator[tuple[Block, Arrays | None]]:
+    mine = {}
+    if workers.process < len(group):
+        mine = group[workers.process].results(started)
+        if keep is not None:
+            keep(group[workers.process], mine)
+    if keep is not None:
+        yield from ((block, None) for block in group)
+        return
+    forms = [block.forms() for block in group] + [[]] * (workers.processes - len(group))
+    everyone = workers.exchanged(list(mine.values()), forms)
+    for block, found in zip(group, everyone, strict=False):
+        yield block, dict(zip(block.group.keys, found, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
     """The arrays of a run by key, and the part of the lanes that was computed, 1 at the end."""
 
-    arrays: Arrays
+    arrays: Mapping[str, Any]
     done: float
 
 
 def collect(
-    groups: Sequence[Group],
+    blocks: Sequence[Block],
     grid: Grid,
-    most: int,
-    order: Order | None,
+    workers: Workers,
     tell: Listener,
     unfinished: Mapping[str, Any],
 ) -> Outcome:
@@ -135,27 +176,41 @@ def collect(
     An interrupt from the keyboard ends it early: what has not been computed then holds the numbers
     `unfinished`, by key. An interrupt before anything of use is there is passed on.
     """
-    arrays = {
-        key: np.empty(shape_of(group, grid) + kind.shape, kind.dtype)
-        for group in groups
-        for key, kind in zip(group.keys, group.kinds, strict=True)
-    }
+    arrays = empty_arrays(blocks, grid)
     finished: set[int] = set()
-    total = sum(math.prod(shape_of(group, grid)) for group in groups)
+    total = sum(block.lanes for block in blocks)
     done = 0
     try:
-        for block, results in compute(blocks_of(groups, grid, most, order)):
+        for block, results in compute(blocks, workers):
+            assert results is not None
             for key, result in results.items():
                 arrays[key][block.place] = result
             finished.add(block.number)
             done += block.lanes
             tell(done, total)
     except KeyboardInterrupt:
-        missing = [b for b in blocks_of(groups, grid, most, order) if b.number not in finished]
-        if not finished or any(is_flag(key) for b in missing for key in b.group.keys):
-            raise
-        for block in missing:
-            for key in block.group.keys:
-                arrays[key][block.place] = unfinished[key]
+        missing = [block for block in blocks if block.number not in finished]
+        fill(arrays, missing, unfinished, workers)
         return Outcome(arrays, done / total)
     return Outcome(arrays, 1.0)
+
+
+def empty_arrays(blocks: Sequence[Block], grid: Grid) -> Arrays:
+    """Arrays that have room for the results of all blocks."""
+    return {
+        key: np.empty(shape_of(group, grid) + kind.shape, kind.dtype)
+        for group in dict.fromkeys(block.group for block in blocks)
+        for key, kind in zip(group.keys, group.kinds, strict=True)
+    }
+
+
+def fill(
+    arrays: Arrays, missing: Sequence[Block], unfinished: Mapping[str, Any], workers: Workers
+) -> None:
+    """After an interrupt: put `unfinished` where nothing was computed, if the rest is of use."""
+    # Other processes wait for results that will not come.
+    if workers.processes > 1 or any(is_flag(key) for b in missing for key in b.group.keys):
+        raise KeyboardInterrupt
+    for block in missing:
+        for key in block.group.keys:
+            arrays[key][block.place] = unfinished[key]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import os
 import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -16,10 +17,13 @@ from jaxtyping import ArrayLike
 from .._impact import Status
 from ._axes import Grid, Input, check_call, grid_of
 from ._column import Column, Mask, within
+from ._devices import Workers, workers_of
 from ._fields import Field
 from ._plan import Group, Plan, flag_key, leaf_key, plan_of
 from ._progress import Listener, progress_of
-from ._run import Arrays, blocks_of, collect, compute, shape_of
+from ._resume import collect_stored
+from ._run import blocks_of, collect, compute, shape_of
+from ._signature import signature_of
 from ._table import Sweep
 
 _LANES = 1 << 16
@@ -34,6 +38,8 @@ def sweep(
     *,
     samples: Mapping[str, ArrayLike] | None = None,
     batch_size: int | None = None,
+    store: str | os.PathLike | None = None,
+    mesh: jax.sharding.Mesh | None = None,
     reduce: tuple[Any, Fold] | None = None,
     cost: Callable[..., Any] | None = None,
     progress: bool | Listener | None = None,
@@ -61,6 +67,12 @@ def sweep(
     computed in its order, so that a slow lane holds up only lanes as slow as itself. Where a sweep
     returns `steps`, a coarse sweep tells what the cost depends on.
 
+    `store`: a path (with the extra `data`) to which blocks are written as they are finished. A
+    sweep that was killed goes on from there and ends with the same bits; the store of another
+    function, other axes or another version is refused. Results may then be larger than the memory:
+    a field is read when it is asked for. `mesh`: a `jax.sharding.Mesh` whose devices take blocks in
+    turn; under `jax.distributed` processes do so too, without it. Neither changes a bit.
+
     `progress`: None shows a line on stderr after a second if it is a terminal or a notebook; True
     and False decide; a function is called with the lanes done and all lanes. Ctrl-C ends a sweep
     early with a warning: lanes that were not computed are NaN and NOT_CONVERGED, `table.complete`
@@ -73,15 +85,35 @@ def sweep(
     ValueError for an argument that `fn` does not take or lacks, and for axes that are no numbers.
     """
     check_batch(batch_size)
+    if store is not None and (reduce is not None or cost is not None):
+        other = "reduce" if reduce is not None else "cost"
+        raise ValueError(
+            f"Argument `store` must be None with `{other}`, but is {os.fspath(store)!r}: a store "
+            "holds every lane in its place."
+        )
     grid = grid_of(samples, axes)
     check_call(fn, grid)
     most = batch_size or (_LANES if jax.default_backend() == "cpu" else _LANES_ACCELERATED)
-    with progress_of(progress) as tell:
-        plan = plan_of(fn, grid)
+    workers = workers_of(mesh)
+    plan = plan_of(fn, grid)
+    with progress_of(progress if workers.process == 0 else False) as tell:
         if reduce is not None:
-            return _reduced(fn, plan, grid, most, reduce, tell)
-        order = None if cost is None else _order_by(cost, grid, most)
-        outcome = collect(plan.groups, grid, most, order, tell, _unfinished(plan))
+            return _reduced(fn, plan, grid, most, workers, reduce, tell)
+        order = None if cost is None else _order_by(cost, grid, most, workers)
+        blocks = list(blocks_of(plan.groups, grid, most, order))
+        if store is None:
+            outcome = collect(blocks, grid, workers, tell, _unfinished(plan))
+        else:
+            outcome = collect_stored(
+                store,
+                signature_of(plan.program, name_of(fn), grid, most),
+                _names(plan),
+                blocks,
+                grid,
+                workers,
+                tell,
+                _unfinished(plan),
+            )
     if outcome.done < 1:
         _warn(outcome.done)
     return _table(plan, plan.groups, grid, outcome.arrays, outcome.done, name_of(fn))
@@ -107,7 +139,7 @@ def _table(
     plan: Plan,
     groups: tuple[Group, ...],
     grid: Grid,
-    arrays: Arrays,
+    arrays: Mapping[str, Any],
     done: float,
     function: str,
 ) -> Sweep:
@@ -136,6 +168,15 @@ def _unfinished(plan: Plan) -> dict[str, Any]:
     return numbers
 
 
+def _names(plan: Plan) -> dict[str, str]:
+    """The names of the arrays of the output, by key."""
+    return {
+        leaf_key(leaf): name
+        for field in plan.fields
+        for name, leaf in zip(field.leaf_names(), field.leaves, strict=True)
+    }
+
+
 def _warn(done: float) -> None:
     warnings.warn(
         f"The sweep was interrupted with {100 * done:.0f} % of its work done: lanes that were not "
@@ -144,7 +185,9 @@ def _warn(done: float) -> None:
     )
 
 
-def _order_by(cost: Callable[..., Any], grid: Grid, most: int) -> Callable[[Group], np.ndarray]:
+def _order_by(
+    cost: Callable[..., Any], grid: Grid, most: int, workers: Workers
+) -> Callable[[Group], np.ndarray]:
     """The lanes of a group from the dearest to the cheapest, as `cost` predicts."""
     taken = _taken(cost)
     given = tuple(i for i in grid.inputs if taken is None or i.name in taken)
@@ -155,7 +198,8 @@ def _order_by(cost: Callable[..., Any], grid: Grid, most: int) -> Callable[[Grou
     if len(plan.leaves) != 1 or plan.whole.kinds[0].shape != ():
         raise ValueError("Argument `cost` must return one number for each lane.")
     groups = tuple(group for group in plan.groups if leaf_key(0) in group.keys)
-    outcome = collect(groups, asked, most, None, lambda done, total: None, _unfinished(plan))
+    blocks = list(blocks_of(groups, asked, most))
+    outcome = collect(blocks, asked, workers, lambda done, total: None, _unfinished(plan))
     (group,) = groups
     predicted = outcome.arrays[leaf_key(0)]
 
@@ -184,6 +228,7 @@ def _reduced(
     plan: Plan,
     grid: Grid,
     most: int,
+    workers: Workers,
     reduce: tuple[Any, Fold],
     tell: Listener,
 ) -> Sweep:
@@ -198,14 +243,15 @@ def _reduced(
         )
     done = 0
     try:
-        for block, arrays in compute(blocks_of((plan.whole,), grid, most)):
+        for block, arrays in compute(blocks_of((plan.whole,), grid, most), workers):
+            assert arrays is not None
             part = _part(grid, block.place)
             table = _table(plan, (plan.whole,), part, arrays, 1.0, name_of(fn))
             value = fold(value, table)
             done += block.lanes
             tell(done, grid.size)
     except KeyboardInterrupt:
-        if not done:
+        if not done or workers.processes > 1:
             raise
         _warn(done / grid.size)
     field = Field("value", (), None, value)

@@ -134,14 +134,15 @@ class Sweep:
         given = self.columns().get("status")
         if given is not None:
             return given
-        floats = [c for c in self._columns if np.issubdtype(c.values.dtype, np.inexact)]
+        floats = [c for c in self._columns if np.issubdtype(c.stored.dtype, np.inexact)]
         checks = tuple(mask for mask in self._checks if not mask.good.all())
         masks = [mask for c in floats for mask in c.masks if not any(map(mask.same, checks))]
         dims = tuple(sorted({d for part in (*floats, *masks) for d in part.dims}))
         lost = np.zeros(tuple(self.shape[d] for d in dims), bool)
         for column in floats:
-            own = tuple(range(len(column.dims), column.values.ndim))
-            lost |= within(np.asarray(np.isnan(column.values).any(own)), column.dims, dims)
+            nan = np.isnan(column.values)
+            own = tuple(range(len(column.dims), nan.ndim))
+            lost |= within(np.asarray(nan.any(own)), column.dims, dims)
         for mask in masks:
             lost |= ~within(mask.good, mask.dims, dims)
         codes = np.where(lost, int(Status.NOT_CONVERGED), int(Status.SEPARATED)).astype(np.int32)

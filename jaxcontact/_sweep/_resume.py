@@ -1,0 +1,115 @@
+"""The loop of a sweep into a store: finished blocks are not computed again."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from ._axes import Grid
+from ._devices import Workers
+from ._export import attributes_of
+from ._plan import Group, is_flag
+from ._progress import Listener
+from ._run import Arrays, Block, Outcome, compute, fill, shape_of
+from ._store import Coordinate, Stored, open_store
+
+_FLAGS = "flags/"
+"""The group of a store that holds flags, where they are not taken for results."""
+
+
+def collect_stored(
+    path: str | os.PathLike,
+    signature: Mapping[str, Any],
+    names: Mapping[str, str],
+    blocks: Sequence[Block],
+    grid: Grid,
+    workers: Workers,
+    tell: Listener,
+    unfinished: Mapping[str, Any],
+) -> Outcome:
+    """Compute the blocks that the store at `path` lacks; the arrays are those of the store.
+
+    `names` are those of the arrays in the store, by key. Nothing is read from it before it is
+    asked for, but flags: the results may be larger than the memory. Raises ValueError for a store
+    of another sweep.
+    """
+    names = {key: names.get(key, _FLAGS + key.split()[-1]) for b in blocks for key in b.group.keys}
+    store = open_store(
+        path,
+        signature,
+        _forms(blocks, grid, names),
+        [_places(block, names) for block in blocks],
+        _coordinates(grid),
+    )
+    missing = [block for block in blocks if not store.finished(block.number)]
+    # Every process has looked before any of them writes: all agree on what is missing.
+    workers.meet("store opened")
+    total = sum(block.lanes for block in blocks)
+    done = total - sum(block.lanes for block in missing)
+    finished: set[int] = set()
+
+    def keep(block: Block, results: Arrays) -> None:
+        store.write(block.number, {names[key]: result for key, result in results.items()})
+
+    try:
+        for block, _ in compute(missing, workers, keep):
+            finished.add(block.number)
+            done += block.lanes
+            tell(done, total)
+    except KeyboardInterrupt:
+        arrays = {key: np.asarray(store.arrays()[name][...]) for key, name in names.items()}
+        lacking = [block for block in missing if block.number not in finished]
+        fill(arrays, lacking, unfinished, workers)
+        return Outcome(arrays, done / total)
+    workers.meet("store complete")
+    found = store.arrays()
+    return Outcome(
+        {
+            key: np.asarray(found[name][...]) if is_flag(key) else found[name]
+            for key, name in names.items()
+        },
+        1.0,
+    )
+
+
+def _arrays(group: Group) -> list[tuple[str, jax.ShapeDtypeStruct]]:
+    return list(zip(group.keys, group.kinds, strict=True))
+
+
+def _forms(blocks: Sequence[Block], grid: Grid, names: Mapping[str, str]) -> dict[str, Stored]:
+    forms = {}
+    for block in blocks:
+        for key, kind in _arrays(block.group):
+            if names[key] in forms:
+                continue
+            # The first block is a whole one.
+            lanes = tuple(s.stop for s in block.useful)
+            name = names[key].split("/")[-1]
+            own = tuple(f"{name}_{k}" for k in range(len(kind.shape)))
+            forms[names[key]] = Stored(
+                dims=tuple(grid.dims[d] for d in block.group.dims) + own,
+                shape=shape_of(block.group, grid) + kind.shape,
+                chunk=lanes + kind.shape,
+                dtype=np.dtype(kind.dtype),
+                attributes=attributes_of(name),
+            )
+    return forms
+
+
+def _places(block: Block, names: Mapping[str, str]) -> dict[str, tuple[slice, ...]]:
+    return {
+        names[key]: block.place + tuple(slice(0, length) for length in kind.shape)
+        for key, kind in _arrays(block.group)
+    }
+
+
+def _coordinates(grid: Grid) -> dict[str, Coordinate]:
+    return {
+        i.name: Coordinate(grid.dims[i.dim], i.values, attributes_of(i.name))
+        for i in grid.inputs
+        if i.dim is not None
+    }
