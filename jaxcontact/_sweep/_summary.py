@@ -23,7 +23,7 @@ def shown(sweep: Sweep) -> str:
     lanes = int(np.prod(sweep.shape, dtype=int))
     lines = [f"Sweep of {sweep.function}: {lengths or 'no axes'}, {lanes:,} lanes"]
     for name, values in sweep.axes.items():
-        lines.append(f"  {name:<8}{_range(values)} {meaning(name)[1]}".rstrip())
+        lines += _wrapped(name, f"{_range(values)} {meaning(name)[1]}".rstrip())
     if sweep.fixed:
         fixed = ", ".join(f"{k} = {_number(value)}" for k, value in sweep.fixed.items())
         lines += _wrapped("fixed", fixed)
@@ -34,18 +34,13 @@ def shown(sweep: Sweep) -> str:
         own = f" {column.own_shape}" if column.own_shape else ""
         fields.append(f"{name}({over}){own}")
     lines += _wrapped("fields", ", ".join(fields) or "none")
-    lines += _wrapped("status", status_counts(sweep))
+    counts = ", ".join(f"{n:,} {_status(code)}" for code, n in sweep.status_counts().items())
+    lines += _wrapped("status", counts)
     if not sweep.complete:
         lines += _wrapped(
             "stopped", f"{100 * sweep.done:.0f} % of the work is done; the other lanes are NaN"
         )
     return "\n".join(lines)
-
-
-def status_counts(sweep: Sweep) -> str:
-    """How many lanes ended in which way: "960 separated, 40 invalid_input"."""
-    counts = sorted(sweep.status_column.counts(sweep.shape).items())
-    return ", ".join(f"{number:,} {_status(code)}" for code, number in counts)
 
 
 def _status(code: int) -> str:
@@ -69,7 +64,7 @@ def _wrapped(head: str, text: str) -> list[str]:
     return textwrap.wrap(
         text,
         _WIDTH,
-        initial_indent=f"  {head:<8}",
+        initial_indent=f"  {head:<7} ",
         subsequent_indent=" " * _INDENT,
         break_long_words=False,
         break_on_hyphens=False,

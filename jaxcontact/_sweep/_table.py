@@ -148,6 +148,10 @@ class Sweep:
         codes = np.where(lost, int(Status.NOT_CONVERGED), int(Status.SEPARATED)).astype(np.int32)
         return Column(dims, codes, checks, int(Status.INVALID_INPUT)).settled()
 
+    def status_counts(self) -> dict[int, int]:
+        """How many lanes ended in which way, by the values of `Status`."""
+        return dict(sorted(self.status_column.counts(self.shape).items()))
+
     def select(self, /, *, method: str | None = None, **where: float) -> Sweep:
         """The sweep at one number of one or more axes, which are no dimensions any more.
 
