@@ -25,6 +25,7 @@ def collect_stored(
     path: str | os.PathLike,
     signature: Mapping[str, Any],
     names: Mapping[str, str],
+    conditions: Mapping[str, Sequence[str]],
     blocks: Sequence[Block],
     grid: Grid,
     workers: Workers,
@@ -33,7 +34,8 @@ def collect_stored(
 ) -> Outcome:
     """Compute the blocks that the store at `path` lacks; the arrays are those of the store.
 
-    `names` are those of the arrays in the store, by key. Nothing is read from it before it is
+    `names` are those of the arrays in the store, by key; `conditions` are the keys of the flags
+    that must be true for an array to hold. Nothing is read from it before it is
     asked for, but flags: the results may be larger than the memory. Raises ValueError for a store
     of another sweep.
     """
@@ -41,7 +43,7 @@ def collect_stored(
     store = open_store(
         path,
         signature,
-        _forms(blocks, grid, names),
+        _forms(blocks, grid, names, conditions),
         [_places(block, names) for block in blocks],
         _coordinates(grid),
     )
@@ -80,7 +82,12 @@ def _arrays(group: Group) -> list[tuple[str, jax.ShapeDtypeStruct]]:
     return list(zip(group.keys, group.kinds, strict=True))
 
 
-def _forms(blocks: Sequence[Block], grid: Grid, names: Mapping[str, str]) -> dict[str, Stored]:
+def _forms(
+    blocks: Sequence[Block],
+    grid: Grid,
+    names: Mapping[str, str],
+    conditions: Mapping[str, Sequence[str]],
+) -> dict[str, Stored]:
     forms = {}
     for block in blocks:
         for key, kind in _arrays(block.group):
@@ -90,12 +97,16 @@ def _forms(blocks: Sequence[Block], grid: Grid, names: Mapping[str, str]) -> dic
             lanes = tuple(s.stop for s in block.useful)
             name = names[key].split("/")[-1]
             own = tuple(f"{name}_{k}" for k in range(len(kind.shape)))
+            attributes = dict(attributes_of(name))
+            if conditions.get(key):
+                # For those who read the store by themselves.
+                attributes["valid_where"] = " ".join(names[flag] for flag in conditions[key])
             forms[names[key]] = Stored(
                 dims=tuple(grid.dims[d] for d in block.group.dims) + own,
                 shape=shape_of(block.group, grid) + kind.shape,
                 chunk=lanes + kind.shape,
                 dtype=np.dtype(kind.dtype),
-                attributes=attributes_of(name),
+                attributes=attributes,
             )
     return forms
 

@@ -108,6 +108,7 @@ def sweep(
                 store,
                 signature_of(plan.program, name_of(fn), grid, most),
                 _names(plan),
+                _conditions(plan),
                 blocks,
                 grid,
                 workers,
@@ -174,6 +175,14 @@ def _names(plan: Plan) -> dict[str, str]:
         leaf_key(leaf): name
         for field in plan.fields
         for name, leaf in zip(field.leaf_names(), field.leaves, strict=True)
+    }
+
+
+def _conditions(plan: Plan) -> dict[str, list[str]]:
+    """The flags that must be true for an array of the output to hold, by key."""
+    return {
+        leaf_key(i): [flag_key(slot) for slot in leaf.conditions]
+        for i, leaf in enumerate(plan.leaves)
     }
 
 

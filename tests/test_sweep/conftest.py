@@ -1,0 +1,9 @@
+import pytest
+
+from tests.test_sweep import lanes
+
+
+@pytest.fixture(scope="session")
+def on_one_device():
+    """All methods and a gradient, computed here."""
+    return lanes.swept()
