@@ -68,6 +68,12 @@ def collect_stored(
         fill(arrays, lacking, unfinished, workers)
         return Outcome(arrays, done / total)
     workers.meet("store complete")
+    lacking = store.lacking()
+    if lacking:
+        raise ValueError(
+            "Argument `store` must be a path that all processes see at once, but in "
+            f"{os.fspath(path)} process {workers.process} does not see {len(lacking)} blocks."
+        )
     found = store.arrays()
     return Outcome(
         {

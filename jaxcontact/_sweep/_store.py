@@ -77,6 +77,10 @@ class BlockStore:
         """Whether a block is there and sound; this reads it."""
         return self.read(number) is not None
 
+    def lacking(self) -> list[int]:
+        """The blocks that nobody has written, without a look at what the others hold."""
+        return np.flatnonzero(np.asarray(self._checksums[...]) == 0).tolist()
+
     def write(self, number: int, arrays: Mapping[str, np.ndarray]) -> None:
         """Write a block. The checksum comes last: until then it does not count."""
         for name, place in self._blocks[number].items():

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxcontact._sweep._devices import Workers
 from jaxcontact._sweep._store import BlockStore
 from tests.test_sweep.lanes import ROOT, arrays_of, durations, many, outcome, same, script
 
@@ -128,6 +129,15 @@ def test_another_version_is_refused(store, monkeypatch):
     monkeypatch.setattr("jaxcontact._sweep._signature.version", lambda: "0.0.1")
     with pytest.raises(ValueError, match=r"`jaxcontact` \('.*' there, '0.0.1' here\)"):
         many(store=store)
+
+
+def test_processes_must_see_the_same_store(tmp_path, monkeypatch):
+    """Two processes with a disk each would end with half of the blocks."""
+    alone = Workers(process=1, processes=2)
+    monkeypatch.setattr("jaxcontact._sweep._sweep.workers_of", lambda mesh: alone)
+    monkeypatch.setattr(Workers, "meet", lambda self, where: None)
+    with pytest.raises(ValueError, match=r"process 1 does not see .* blocks"):
+        many(store=tmp_path / "sweep.zarr")
 
 
 def test_xarray_opens_the_store(store, whole):

@@ -67,6 +67,7 @@ def test_blocks_come_back_bit_for_bit(tmp_path):
         store.write(number, part(number))
     again = opened(tmp_path / "a.zarr")
     assert finished(again) == [0, 3, 6]
+    assert again.lacking() == [1, 2, 4, 5]
     for number in (0, 3, 6):
         assert same(again.read(number), part(number))
 
