@@ -1,3 +1,4 @@
+import jax
 import pytest
 
 from tests.test_sweep import lanes
@@ -6,4 +7,5 @@ from tests.test_sweep import lanes
 @pytest.fixture(scope="session")
 def on_one_device():
     """All methods and a gradient, computed here."""
-    return lanes.swept()
+    with jax.default_device(jax.devices("cpu")[0]):
+        return lanes.swept()

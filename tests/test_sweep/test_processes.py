@@ -33,6 +33,7 @@ np.savez(f"{folder}/folded-{process}.npz", value=folded())
 """
 
 
+@pytest.mark.slow
 def test_two_processes_equal_one_bit_for_bit(tmp_path, on_one_device):
     pytest.importorskip("zarr")
     with socket.socket() as free:
