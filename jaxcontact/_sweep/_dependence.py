@@ -60,6 +60,7 @@ class Reading:
     def __init__(self, program: Program, inputs: Sequence[Dims]):
         self.program = program
         self._constants: dict[Constant, Fact] = {}
+        self._made: dict[Any, Constant] = {}
         self._users: dict[int, list[int]] = {}
         for number, step in enumerate(program.steps):
             for where in step.reads:
@@ -107,6 +108,12 @@ class Reading:
         news = self.given(slots, value)
         return [self._fact(where, news) for where in self.program.outputs]
 
+    def _constant(self, slot: int, fact: Known) -> Constant:
+        kind = self.program.shapes[slot]
+        value = np.full(kind.shape, fact.value, kind.dtype)
+        # The same object for the same constant, so that equal steps are seen to be equal.
+        return self._made.setdefault((kind.shape, kind.dtype, value.tobytes()), Constant(value))
+
     def specialised(
         self, conditions: Iterable[int], outputs: Sequence[int | Constant]
     ) -> tuple[tuple[Step, ...], list[int | Constant]]:
@@ -124,8 +131,7 @@ class Reading:
                 return where
             fact = self._fact(where, news)
             if isinstance(fact, Known):
-                kind = self.program.shapes[where]
-                return Constant(np.full(kind.shape, fact.value, kind.dtype))
+                return self._constant(where, fact)
             return instead.get(where, where)
 
         for step in self.program.steps:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -121,6 +122,47 @@ def needed(
         wanted.difference_update(step.writes)
         wanted.update(read for read in step.reads if isinstance(read, int))
     return tuple(reversed(kept)), wanted
+
+
+class Shared:
+    """Steps of several versions of a program, numbered so that equal work has one number."""
+
+    def __init__(self, inputs: int):
+        self.steps: list[Step] = []
+        self._slots = itertools.count(inputs)
+        self._seen: dict[Any, int] = {}
+        self._makers: dict[int, int] = {}
+
+    def add(self, steps: Sequence[Step], outputs: Sequence[int | Constant]) -> list[int | Constant]:
+        """Take in one version; its outputs, as slots of the shared steps."""
+        where: dict[int, int] = {}
+
+        def shared(place: int | Constant) -> int | Constant:
+            return place if isinstance(place, Constant) else where.get(place, place)
+
+        for step in steps:
+            reads = tuple(map(shared, step.reads))
+            # The slots that a step writes tell it from all others of its program.
+            key = step.writes, reads
+            if key not in self._seen:
+                self._seen[key] = len(self.steps)
+                writes = tuple(next(self._slots) for _ in step.writes)
+                self._makers.update(dict.fromkeys(writes, len(self.steps)))
+                self.steps.append(Step(step.primitive, step.params, reads, writes))
+            where.update(zip(step.writes, self.steps[self._seen[key]].writes, strict=True))
+        return [shared(place) for place in outputs]
+
+    def numbers_of(self, output: int | Constant) -> set[int]:
+        """The numbers of the steps that an output is made of."""
+        found: set[int] = set()
+        waiting = [output]
+        while waiting:
+            place = waiting.pop()
+            maker = None if isinstance(place, Constant) else self._makers.get(place)
+            if maker is not None and maker not in found:
+                found.add(maker)
+                waiting += self.steps[maker].reads
+        return found
 
 
 def run(

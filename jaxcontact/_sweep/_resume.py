@@ -6,13 +6,12 @@ import os
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 
 from ._axes import Grid
 from ._devices import Workers
 from ._export import attributes_of
-from ._plan import Group, is_flag
+from ._plan import is_flag
 from ._progress import Listener
 from ._run import Arrays, Block, Outcome, compute, fill, shape_of
 from ._store import Coordinate, Stored, open_store
@@ -39,7 +38,8 @@ def collect_stored(
     asked for, but flags: the results may be larger than the memory. Raises ValueError for a store
     of another sweep.
     """
-    names = {key: names.get(key, _FLAGS + key.split()[-1]) for b in blocks for key in b.group.keys}
+    keys = dict.fromkeys(part.array.key for block in blocks for part in block.parts)
+    names = {key: names.get(key, _FLAGS + key.split()[-1]) for key in keys}
     store = open_store(
         path,
         signature,
@@ -84,10 +84,6 @@ def collect_stored(
     )
 
 
-def _arrays(group: Group) -> list[tuple[str, jax.ShapeDtypeStruct]]:
-    return list(zip(group.keys, group.kinds, strict=True))
-
-
 def _forms(
     blocks: Sequence[Block],
     grid: Grid,
@@ -95,32 +91,31 @@ def _forms(
     conditions: Mapping[str, Sequence[str]],
 ) -> dict[str, Stored]:
     forms = {}
-    for block in blocks:
-        for key, kind in _arrays(block.group):
-            if names[key] in forms:
-                continue
+    for part in (part for block in blocks for part in block.parts):
+        name, array = names[part.array.key], part.array
+        if name in forms:
+            continue
+        own = tuple(f"{name.split('/')[-1]}_{k}" for k in range(len(array.kind.shape)))
+        attributes = dict(attributes_of(name))
+        if conditions.get(array.key):
+            # For those who read the store by themselves.
+            attributes["valid_where"] = " ".join(names[flag] for flag in conditions[array.key])
+        forms[name] = Stored(
+            dims=tuple(grid.dims[d] for d in array.dims) + own,
+            shape=shape_of(array.dims, grid) + array.kind.shape,
             # The first block is a whole one.
-            lanes = tuple(s.stop for s in block.useful)
-            name = names[key].split("/")[-1]
-            own = tuple(f"{name}_{k}" for k in range(len(kind.shape)))
-            attributes = dict(attributes_of(name))
-            if conditions.get(key):
-                # For those who read the store by themselves.
-                attributes["valid_where"] = " ".join(names[flag] for flag in conditions[key])
-            forms[names[key]] = Stored(
-                dims=tuple(grid.dims[d] for d in block.group.dims) + own,
-                shape=shape_of(block.group, grid) + kind.shape,
-                chunk=lanes + kind.shape,
-                dtype=np.dtype(kind.dtype),
-                attributes=attributes,
-            )
+            chunk=part.form.shape,
+            dtype=np.dtype(array.kind.dtype),
+            attributes=attributes,
+        )
     return forms
 
 
 def _places(block: Block, names: Mapping[str, str]) -> dict[str, tuple[slice, ...]]:
     return {
-        names[key]: block.place + tuple(slice(0, length) for length in kind.shape)
-        for key, kind in _arrays(block.group)
+        names[part.array.key]: part.place
+        + tuple(slice(0, length) for length in part.array.kind.shape)
+        for part in block.parts
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections import deque
@@ -15,7 +16,7 @@ import numpy as np
 from ._axes import Grid
 from ._blocks import cut, padded
 from ._devices import Workers
-from ._plan import Group, is_flag
+from ._plan import Array, Group, is_flag
 from ._progress import Listener
 
 Arrays = dict[str, np.ndarray]
@@ -24,39 +25,50 @@ Order = Callable[[Group], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
-    """One call of a compiled function, and where its results belong."""
+class Part:
+    """One array that a block brings."""
 
     number: int
-    group: Group
+    """Its number among the results of the call."""
+    array: Array
+    useful: tuple[slice, ...]
+    """What of it is no padding."""
+    place: tuple[Any, ...]
+    """Where in the whole array it belongs: slices, or indices lane by lane."""
+
+    @property
+    def form(self) -> jax.ShapeDtypeStruct:
+        """Shape and type of what is no padding."""
+        lanes = tuple(s.stop for s in self.useful)
+        return jax.ShapeDtypeStruct(lanes + self.array.kind.shape, self.array.kind.dtype)
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """One call of a compiled function, and the parts of its results that no other block brings."""
+
+    number: int
     call: Callable[..., Sequence[jax.Array]]
     arguments: Callable[[], list[np.ndarray]]
-    useful: tuple[slice, ...]
-    """The part of what the call returns that is no padding."""
-    place: tuple[Any, ...]
-    """Where in the arrays of the group it belongs: slices, or indices lane by lane."""
+    parts: tuple[Part, ...]
+    place: tuple[slice, ...] = ()
+    """The part of the dimensions of its group, if it is a part of a grid."""
 
     @property
     def lanes(self) -> int:
         """The number of lanes that are no padding."""
-        return math.prod(s.stop for s in self.useful)
-
-    def forms(self) -> list[jax.ShapeDtypeStruct]:
-        """Shape and type of the useful part of what the call returns."""
-        lanes = tuple(s.stop for s in self.useful)
-        return [jax.ShapeDtypeStruct(lanes + kind.shape, kind.dtype) for kind in self.group.kinds]
+        return max(math.prod(s.stop for s in part.useful) for part in self.parts)
 
     def results(self, outputs: Sequence[jax.Array]) -> Arrays:
-        """The useful part of what the call returned, by key."""
+        """What the call returned, by key, without padding."""
         return {
-            key: np.asarray(out)[self.useful]
-            for key, out in zip(self.group.keys, outputs, strict=True)
+            part.array.key: np.asarray(outputs[part.number])[part.useful] for part in self.parts
         }
 
 
-def shape_of(group: Group, grid: Grid) -> tuple[int, ...]:
-    """The lengths of the dimensions of a group."""
-    return tuple(grid.shape[d] for d in group.dims)
+def shape_of(dims: Sequence[int], grid: Grid) -> tuple[int, ...]:
+    """The lengths of some dimensions."""
+    return tuple(grid.shape[d] for d in dims)
 
 
 def blocks_of(
@@ -65,7 +77,7 @@ def blocks_of(
     """All blocks of all groups, each of at most `most` lanes."""
     numbers = itertools.count()
     for group in groups:
-        many = math.prod(shape_of(group, grid)) > most and not is_flag(group.keys[0])
+        many = math.prod(shape_of(group.dims, grid)) > most and not group.flags
         if order is not None and many:
             yield from _ordered(group, grid, most, order(group), numbers)
         else:
@@ -73,40 +85,55 @@ def blocks_of(
 
 
 def _in_place(group: Group, grid: Grid, most: int, numbers: Iterator[int]) -> Iterator[Block]:
-    made = cut(shape_of(group, grid), most)
+    shape = shape_of(group.dims, grid)
+    # Arrays that lie apart are as small as their dimensions, whatever the product of these is.
+    made = cut(shape, math.prod(shape) if group.apart else most)
     inputs = [grid.inputs[i] for i in group.inputs]
 
-    def arguments(part: tuple[slice, ...]) -> list[np.ndarray]:
-        pieces = dict(zip(group.dims, zip(part, made.block, strict=True), strict=True))
+    def arguments(place: tuple[slice, ...]) -> list[np.ndarray]:
+        pieces = dict(zip(group.dims, zip(place, made.block, strict=True), strict=True))
         return [i.values if i.dim is None else padded(i.values, *pieces[i.dim]) for i in inputs]
 
-    for part in made.blocks:
-        useful = tuple(slice(0, s.stop - s.start) for s in part)
-        call = group.grid
-        yield Block(next(numbers), group, call, lambda part=part: arguments(part), useful, part)
+    for place in made.blocks:
+        along = dict(zip(group.dims, place, strict=True))
+        parts = [
+            Part(
+                number,
+                array,
+                tuple(slice(0, along[d].stop - along[d].start) for d in array.dims),
+                tuple(along[d] for d in array.dims),
+            )
+            for number, array in enumerate(group.arrays)
+            # What does not vary along a dimension comes with the first block along it.
+            if all(along[d].start == 0 for d in group.dims if d not in array.dims)
+        ]
+        yield Block(
+            next(numbers), group.grid, functools.partial(arguments, place), tuple(parts), place
+        )
 
 
 def _ordered(
     group: Group, grid: Grid, most: int, order: np.ndarray, numbers: Iterator[int]
 ) -> Iterator[Block]:
     made = cut((len(order),), most)
-    shape = shape_of(group, grid)
+    shape = shape_of(group.dims, grid)
     inputs = [grid.inputs[i] for i in group.inputs]
 
-    def arguments(part: slice) -> list[np.ndarray]:
-        lanes = np.unravel_index(padded(order, part, made.block[0]), shape)
-        places = dict(zip(group.dims, lanes, strict=True))
-        return [i.values if i.dim is None else i.values[places[i.dim]] for i in inputs]
+    def places(lanes: np.ndarray) -> dict[int, np.ndarray]:
+        return dict(zip(group.dims, np.unravel_index(lanes, shape), strict=True))
 
-    for (part,) in made.blocks:
-        yield Block(
-            next(numbers),
-            group,
-            group.lanes,
-            lambda part=part: arguments(part),
-            (slice(0, part.stop - part.start),),
-            np.unravel_index(order[part], shape),
-        )
+    def arguments(piece: slice) -> list[np.ndarray]:
+        at = places(padded(order, piece, made.block[0]))
+        return [i.values if i.dim is None else i.values[at[i.dim]] for i in inputs]
+
+    for (piece,) in made.blocks:
+        at = places(order[piece])
+        useful = (slice(0, piece.stop - piece.start),)
+        parts = [
+            Part(number, array, useful, tuple(at[d] for d in array.dims))
+            for number, array in enumerate(group.arrays)
+        ]
+        yield Block(next(numbers), group.lanes, functools.partial(arguments, piece), tuple(parts))
 
 
 def compute(
@@ -150,10 +177,12 @@ def _read(
     if keep is not None:
         yield from ((block, None) for block in group)
         return
-    forms = [block.forms() for block in group] + [[]] * (workers.processes - len(group))
+    forms = [[part.form for part in block.parts] for block in group]
+    forms += [[]] * (workers.processes - len(group))
     everyone = workers.exchanged(list(mine.values()), forms)
     for block, found in zip(group, everyone, strict=False):
-        yield block, dict(zip(block.group.keys, found, strict=True))
+        keys = [part.array.key for part in block.parts]
+        yield block, dict(zip(keys, found, strict=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +212,8 @@ def collect(
     try:
         for block, results in compute(blocks, workers):
             assert results is not None
-            for key, result in results.items():
-                arrays[key][block.place] = result
+            for part in block.parts:
+                arrays[part.array.key][part.place] = results[part.array.key]
             finished.add(block.number)
             done += block.lanes
             tell(done, total)
@@ -198,9 +227,8 @@ def collect(
 def empty_arrays(blocks: Sequence[Block], grid: Grid) -> Arrays:
     """Arrays that have room for the results of all blocks."""
     return {
-        key: np.empty(shape_of(group, grid) + kind.shape, kind.dtype)
-        for group in dict.fromkeys(block.group for block in blocks)
-        for key, kind in zip(group.keys, group.kinds, strict=True)
+        array.key: np.empty(shape_of(array.dims, grid) + array.kind.shape, array.kind.dtype)
+        for array in dict.fromkeys(part.array for block in blocks for part in block.parts)
     }
 
 
@@ -208,9 +236,9 @@ def fill(
     arrays: Arrays, missing: Sequence[Block], unfinished: Mapping[str, Any], workers: Workers
 ) -> None:
     """After an interrupt: put `unfinished` where nothing was computed, if the rest is of use."""
+    parts = [part for block in missing for part in block.parts]
     # Other processes wait for results that will not come.
-    if workers.processes > 1 or any(is_flag(key) for b in missing for key in b.group.keys):
+    if workers.processes > 1 or any(is_flag(part.array.key) for part in parts):
         raise KeyboardInterrupt
-    for block in missing:
-        for key in block.group.keys:
-            arrays[key][block.place] = unfinished[key]
+    for part in parts:
+        arrays[part.array.key][part.place] = unfinished[part.array.key]

@@ -145,7 +145,7 @@ def _table(
     function: str,
 ) -> Sweep:
     """The table of arrays that groups of a plan have filled."""
-    dims = {key: group.dims for group in groups for key in group.keys}
+    dims = {array.key: array.dims for group in groups for array in group.arrays}
     masks = {key: Mask(dims[key], arrays[key]) for key in arrays if key in dims}
     columns = []
     for i, leaf in enumerate(plan.leaves):
@@ -161,8 +161,9 @@ def _unfinished(plan: Plan) -> dict[str, Any]:
     """What stands in lanes that were not computed."""
     numbers: dict[str, Any] = {}
     for group in plan.groups:
-        for key, kind in zip(group.keys, group.kinds, strict=True):
-            numbers[key] = jnp.nan if jnp.issubdtype(kind.dtype, jnp.inexact) else 0
+        for array in group.arrays:
+            inexact = jnp.issubdtype(array.kind.dtype, jnp.inexact)
+            numbers[array.key] = jnp.nan if inexact else 0
     for field in plan.fields:
         if field.name == "status":
             numbers.update((leaf_key(leaf), int(Status.NOT_CONVERGED)) for leaf in field.leaves)
@@ -204,9 +205,9 @@ def _order_by(
     asked = Grid(grid.dims, grid.shape, given, static)
     check_call(cost, asked)
     plan = plan_of(cost, asked)
-    if len(plan.leaves) != 1 or plan.whole.kinds[0].shape != ():
+    if len(plan.leaves) != 1 or plan.whole.arrays[0].kind.shape != ():
         raise ValueError("Argument `cost` must return one number for each lane.")
-    groups = tuple(group for group in plan.groups if leaf_key(0) in group.keys)
+    groups = tuple(group for group in plan.groups if not group.flags)
     blocks = list(blocks_of(groups, asked, most))
     outcome = collect(blocks, asked, workers, lambda done, total: None, _unfinished(plan))
     (group,) = groups
@@ -216,7 +217,7 @@ def _order_by(
         # Along a dimension that the wanted arrays do not have, any place will do.
         here = predicted[tuple(slice(None) if d in wanted.dims else 0 for d in group.dims)]
         dims = [d for d in group.dims if d in wanted.dims]
-        lanes = np.broadcast_to(within(here, dims, wanted.dims), shape_of(wanted, grid))
+        lanes = np.broadcast_to(within(here, dims, wanted.dims), shape_of(wanted.dims, grid))
         return np.argsort(-lanes.reshape(-1), kind="stable")
 
     return order
