@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
 SAMPLE = "sample"
@@ -116,7 +116,7 @@ def _numbers(given: Any, name: str) -> np.ndarray:
             f"Argument `{name}` must be a number or an array of real numbers, but is {given!r}."
         )
     # In the precision JAX will use, so that the axes one reads are the ones that were swept.
-    return np.asarray(jnp.asarray(plain))
+    return plain.astype(jax.dtypes.canonicalize_dtype(plain.dtype))
 
 
 def check_call(function: Callable[..., Any], grid: Grid) -> None:
