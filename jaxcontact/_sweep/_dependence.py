@@ -293,9 +293,10 @@ def _after(step: Step, reads: list[Fact]) -> list[Fact]:
         return [known[0]]
     if len(known) == len(reads) == 1 and name == "convert_element_type":
         value, dtype = known[0].value, np.dtype(step.params["new_dtype"])
-        # A NaN has no whole number to be.
-        if dtype.kind in "biuf" and (dtype.kind == "f" or value == value):
-            return [Known(value.astype(dtype))]
+        # What becomes of a fraction or a NaN as a whole number, the machine decides.
+        if dtype.kind == "f" or (dtype.kind in "biu" and value.dtype.kind in "biu"):
+            with np.errstate(over="ignore"):
+                return [Known(value.astype(dtype))]
     if len(known) == len(reads) and name in _FOLDED:
         with np.errstate(all="ignore"):
             return [Known(_FOLDED[name](*(fact.value for fact in known)))]
