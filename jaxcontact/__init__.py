@@ -44,6 +44,8 @@ from ._laws import get_law as get_law
 from ._laws import list_laws as list_laws
 from ._laws import power as power
 from ._laws import register_law as register_law
+from ._sweep import Sweep as Sweep
+from ._sweep import sweep as sweep
 
 __version__ = "0.1.0"
 

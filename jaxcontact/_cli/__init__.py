@@ -1,4 +1,4 @@
-"""The command `jaxcontact`: calibrate, laws, impact."""
+"""The command `jaxcontact`: calibrate, laws, impact, sweep."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from . import _calibrate, _impact, _laws
+from . import _calibrate, _impact, _laws, _sweep
 from ._options import InputError
 
 _EPILOG = """\
@@ -26,13 +26,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(
         prog="jaxcontact",
-        description="Contact laws: what they deliver, one impact, and parameters from bounces.",
+        description="Contact laws: what they deliver, impacts, and parameters from bounces.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (_calibrate, _laws, _impact):
+    for command in (_calibrate, _laws, _impact, _sweep):
         command.add_parser(commands)
     arguments = parser.parse_args(argv)
 

@@ -6,7 +6,23 @@ import contextlib
 import os
 import pathlib
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+
+from ._options import InputError
+
+FIGURES = (".png", ".pdf", ".svg")
+"""What a figure may be written as."""
+
+
+def output_path(option: str, name: str, suffixes: Sequence[str]) -> pathlib.Path:
+    """The file to write. Raises InputError unless its name ends in one of `suffixes`."""
+    path = pathlib.Path(name)
+    if path.suffix.lower() not in suffixes:
+        allowed = " or ".join([", ".join(suffixes[:-1]), suffixes[-1]])
+        raise InputError(f"{option} {name}: the name must end in {allowed}")
+    if path.is_dir():
+        raise InputError(f"{option} {name}: is a folder")
+    return path
 
 
 def write_all(contents: Mapping[pathlib.Path, bytes]) -> None:

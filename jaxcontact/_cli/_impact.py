@@ -6,10 +6,10 @@ import argparse
 import io
 import json
 import math
-import pathlib
 from typing import TYPE_CHECKING, Any
 
-from ._files import write_all
+from ._files import FIGURES, output_path, write_all
+from ._law import exponent_asked, parameters_asked
 from ._options import InputError, assignment, number, positive
 from ._progress import Progress
 
@@ -92,7 +92,7 @@ def add_parser(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Solve the impact asked for and print it. Raises InputError, OSError."""
     progress = Progress(quiet=arguments.quiet)
-    plot = _plot_path(arguments.plot)
+    plot = output_path("--plot", arguments.plot, FIGURES) if arguments.plot else None
     progress("compiling and solving the impact")
     from .._impact import Status, impact
 
@@ -111,47 +111,12 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if status == Status.NOT_CONVERGED else 0
 
 
-def _plot_path(name: str | None) -> pathlib.Path | None:
-    if name is None:
-        return None
-    path = pathlib.Path(name)
-    if path.suffix.lower() not in (".png", ".pdf", ".svg"):
-        raise InputError(f"--plot {name}: the name must end in .png, .pdf or .svg")
-    if path.is_dir():
-        raise InputError(f"--plot {name}: is a folder")
-    return path
-
-
 def _problem(arguments: argparse.Namespace) -> tuple[AbstractLaw, Contact]:
     from .._contact import Contact
-    from .._fit import parameters_of
-    from .._laws import describe, get_law, list_laws
+    from .._laws import get_law
 
-    if arguments.law not in list_laws():
-        raise InputError(f"--law: {arguments.law!r} is no law; there are {', '.join(list_laws())}")
-    given = dict(arguments.param)
-    if len(given) < len(arguments.param):
-        raise InputError("--param: a parameter is given twice")
-    if arguments.e is not None:
-        if "e" in given:
-            raise InputError("--param: e is given by --e already")
-        given["e"] = arguments.e
-    wanted = parameters_of(arguments.law)
-    for name in given:
-        if name not in wanted:
-            takes = ", ".join(wanted) or "none"
-            raise InputError(f"{arguments.law} has no parameter {name}; its parameters: {takes}")
-    missing = [name for name in wanted if name not in given]
-    if missing:
-        how = ", ".join("--e E" if name == "e" else f"--param {name}=NUMBER" for name in missing)
-        raise InputError(f"{arguments.law} also needs {how}")
-    exponents = describe(arguments.law).cls.exponents
-    exponent = arguments.exponent or (exponents[0] if exponents else 1.5)
-    if exponents is not None and exponent not in exponents:
-        raise InputError(
-            f"--exponent: {arguments.law} is made for {', '.join(map(str, exponents))}, "
-            f"but got {exponent:g}"
-        )
+    given = parameters_asked(arguments)
+    exponent = exponent_asked(arguments)
     try:
         return (
             get_law(arguments.law, **given),

@@ -1,0 +1,209 @@
+"""`jaxcontact sweep`: a table of impacts over ranges of parameters, and a map."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import io
+import math
+import pathlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ._files import FIGURES, output_path, write_all
+from ._impact import UNITS
+from ._law import exponent_asked, parameters_asked
+from ._options import InputError, number, positive
+from ._progress import Progress
+
+if TYPE_CHECKING:
+    from .._impact import Impact
+    from .._sweep import Sweep
+
+_DESCRIPTION = """\
+Impacts over the grid of one or more ranges. Every number may be a range FROM:TO:COUNT, with evenly
+spaced values, or FROM:TO:COUNT:log, spaced by a factor. Writes all fields of the impacts, and draws
+one of them: lines over one range, a map over two.
+"""
+
+_EPILOG = """\
+example: jaxcontact sweep --law hu_guo --e 0.05:1:96 --velocity 0.01:10:200:log --out result.nc
+
+A .nc file is NetCDF (version 3), with units; it takes `pip install 'jaxcontact[data]'`. A .csv file
+has one row for each impact. A parameter that leaves its range flags its impacts as INVALID_INPUT.
+
+exit codes: 0 done; 1 some impacts could not be solved to accuracy (everything is written), or the
+sweep was interrupted; 2 bad input, nothing written.
+"""
+
+_CONTACT = {"mass": 1.0, "stiffness": 1e8, "velocity": 1.0}
+"""What is taken where nothing is given; the restitution often depends on none of it."""
+
+
+def add_parser(commands: Any) -> None:
+    """Add `sweep` to the subparsers of argparse."""
+    parser = commands.add_parser(
+        "sweep",
+        help="impacts over ranges of parameters, as a table and a map",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "--law", metavar="NAME", required=True, help="name of the law; see `jaxcontact laws`"
+    )
+    parser.add_argument("--e", metavar="E", type=span, help="restitution the law is asked for")
+    parser.add_argument(
+        "--param",
+        metavar="NAME=RANGE",
+        type=named_span,
+        action="append",
+        default=[],
+        help="another parameter of the law, in SI units (c=1e5:1e7:50:log, say); may be repeated",
+    )
+    parser.add_argument("--mass", metavar="KG", type=span, help="effective mass in kg (default: 1)")
+    parser.add_argument(
+        "--stiffness", metavar="K", type=span, help="K of K δⁿ, in N/mⁿ (default: 1e8)"
+    )
+    parser.add_argument(
+        "--velocity", metavar="V", type=span, help="closing speed in m/s (default: 1)"
+    )
+    parser.add_argument(
+        "--exponent",
+        metavar="N",
+        type=positive,
+        help="n of K δⁿ (default: the law's own, 1.5 where it has none)",
+    )
+    parser.add_argument(
+        "--out", metavar="FILE", required=True, help="the table to write; .nc or .csv"
+    )
+    parser.add_argument("--plot", metavar="FILE", help="draw a field; .png, .pdf or .svg")
+    parser.add_argument(
+        "--field", metavar="NAME", default="restitution", help="to draw (default: restitution)"
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    parser.set_defaults(run=run)
+
+
+def span(text: str) -> float | np.ndarray:
+    """A number, or the numbers of FROM:TO:COUNT or FROM:TO:COUNT:log; for argparse."""
+    parts = text.split(":")
+    if len(parts) == 1:
+        return number(text)
+    if len(parts) not in (3, 4) or (len(parts) == 4 and parts[3] != "log"):
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is neither a number nor of the form FROM:TO:COUNT or FROM:TO:COUNT:log"
+        )
+    low, high = number(parts[0]), number(parts[1])
+    if not parts[2].isdecimal() or int(parts[2]) < 1:
+        raise argparse.ArgumentTypeError(f"{parts[2]!r} in {text!r} is no count")
+    if len(parts) == 3:
+        return np.linspace(low, high, int(parts[2]))
+    if low <= 0 or high <= 0:
+        raise argparse.ArgumentTypeError(f"{text!r} must be positive to be spaced by a factor")
+    return np.geomspace(low, high, int(parts[2]))
+
+
+def named_span(text: str) -> tuple[str, float | np.ndarray]:
+    """`NAME=` and a number or range; for argparse."""
+    name, equals, value = text.partition("=")
+    if not equals or not name.isidentifier():
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=RANGE")
+    return name, span(value)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Sweep as asked and write it. Raises InputError, OSError."""
+    progress = Progress(quiet=arguments.quiet)
+    out = output_path("--out", arguments.out, (".nc", ".csv"))
+    if out.suffix.lower() == ".nc" and importlib.util.find_spec("xarray") is None:
+        raise InputError(
+            f"--out {out}: NetCDF needs xarray (pip install 'jaxcontact[data]'); .csv does not"
+        )
+    given: dict[str, Any] = parameters_asked(arguments) | {
+        name: default if getattr(arguments, name) is None else getattr(arguments, name)
+        for name, default in _CONTACT.items()
+    }
+    plot = _plot(arguments, given)
+    function = _function(arguments, given)
+    from .._impact import Status
+    from .._sweep import sweep
+
+    lanes = math.prod(np.size(values) for values in given.values())
+    progress(f"compiling and solving {lanes:,} impacts")
+    table = sweep(function, progress=False if arguments.quiet else None, **given)
+    progress("writing")
+    contents = {out: _table(table, out.suffix.lower())}
+    if plot is not None:
+        contents[plot] = _figure(table, arguments.field, plot.suffix[1:].lower())
+    write_all(contents)
+    print(table)
+    failed = Status.NOT_CONVERGED in table.status_counts()
+    return 1 if failed or not table.complete else 0
+
+
+def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path | None:
+    if arguments.plot is None:
+        return None
+    plot = output_path("--plot", arguments.plot, FIGURES)
+    if arguments.field not in UNITS:
+        raise InputError(f"--field: {arguments.field!r} is none of {', '.join(UNITS)}")
+    ranges = sum(isinstance(values, np.ndarray) for values in given.values())
+    if ranges not in (1, 2):
+        raise InputError(f"--plot {plot}: takes one or two ranges, but there are {ranges}")
+    return plot
+
+
+def _function(arguments: argparse.Namespace, given: dict[str, Any]) -> Callable[..., Impact]:
+    """One impact from named numbers. Raises InputError if a number alone is out of its range."""
+    from .._contact import Contact
+    from .._fit import parameters_of
+    from .._impact import impact
+    from .._impact._front_door import SPEED
+    from .._laws import get_law
+    from .._parameter import POSITIVE
+
+    names = [name for name in given if name not in _CONTACT]
+    exponent = exponent_asked(arguments)
+
+    def impact_of(**numbers: Any) -> Impact:
+        law = get_law(arguments.law, **{name: numbers[name] for name in names})
+        contact = Contact(numbers["mass"], numbers["stiffness"], exponent)
+        return impact(law, contact, numbers["velocity"])
+
+    impact_of.__name__ = arguments.law
+    allowed = {
+        **parameters_of(arguments.law),
+        **dict.fromkeys(("mass", "stiffness"), POSITIVE),
+        "velocity": SPEED,
+    }
+    for name, value in given.items():
+        if isinstance(value, float) and not allowed[name].holds(value):
+            raise InputError(f"{name} must be in {allowed[name]}, but is {value:g}")
+    return impact_of
+
+
+def _table(table: Sweep, suffix: str) -> bytes:
+    if suffix == ".nc":
+        return bytes(table.to_xarray().to_netcdf(engine="scipy"))
+    text = io.StringIO()
+    table.to_csv(text)
+    return text.getvalue().encode()
+
+
+def _figure(table: Sweep, field: str, suffix: str) -> bytes:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from ..plot import sweep as draw
+
+    # Its own canvas: no display is needed, and the user's choice of backend is left alone.
+    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    draw(table, field=field, ax=figure.subplots())
+    stream = io.BytesIO()
+    figure.savefig(stream, format=suffix, dpi=200)
+    return stream.getvalue()

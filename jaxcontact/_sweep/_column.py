@@ -1,0 +1,126 @@
+"""One swept array, kept as small as it is known to be until someone asks for all of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Mask:
+    """Where a condition holds, over the dimensions that it depends on."""
+
+    dims: tuple[int, ...]
+    good: np.ndarray
+
+    def same(self, other: Mask) -> bool:
+        """Whether the other mask says the same."""
+        return self.dims == other.dims and np.array_equal(self.good, other.good)
+
+    def taken(self, dim: int, index: int) -> Mask:
+        """The mask at one place of a dimension, which is gone."""
+        return Mask(_without(self.dims, dim), _take(self.good, self.dims, dim, index))
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """`values` where all masks hold, and `otherwise` elsewhere, over the dimensions of a sweep.
+
+    `stored` has one axis for each of `dims`, in ascending order, and then those of its own: an
+    array, or one on disk that is read when it is asked for.
+    """
+
+    dims: tuple[int, ...]
+    stored: Any
+    masks: tuple[Mask, ...] = ()
+    otherwise: Any = None
+
+    @property
+    def values(self) -> np.ndarray:
+        """What is stored, as an array."""
+        return np.asarray(self.stored[...])
+
+    @property
+    def own_shape(self) -> tuple[int, ...]:
+        """The shape of one lane's value."""
+        return self.stored.shape[len(self.dims) :]
+
+    def array(self, shape: Sequence[int]) -> np.ndarray:
+        """The whole array, over dimensions of the given lengths: a read-only view if possible."""
+        shape = tuple(shape)
+        whole = np.broadcast_to(
+            within(self.values, self.dims, range(len(shape))), shape + self.own_shape
+        )
+        if not self.masks:
+            return whole
+        result = whole.copy()
+        bad = ~self.good(shape)
+        result[bad] = self.otherwise
+        result.flags.writeable = False
+        return result
+
+    def good(self, shape: Sequence[int]) -> np.ndarray:
+        """Where all masks hold, as a whole array of flags."""
+        shape = tuple(shape)
+        good = np.ones(shape, bool)
+        for mask in self.masks:
+            good &= within(mask.good, mask.dims, range(len(shape)))
+        return good
+
+    def settled(self) -> Column:
+        """The same, with masks that never speak left out and those of no other dimension used."""
+        masks = [mask for mask in self.masks if not mask.good.all()]
+        inside = [mask for mask in masks if set(mask.dims) <= set(self.dims)]
+        if not inside:
+            return replace(self, masks=tuple(masks))
+        values = self.values.copy()
+        lanes = values.shape[: len(self.dims)]
+        for mask in inside:
+            good = np.broadcast_to(within(mask.good, mask.dims, self.dims), lanes)
+            values[~good] = self.otherwise
+        outside = tuple(mask for mask in masks if mask not in inside)
+        return replace(self, stored=values, masks=outside)
+
+    def taken(self, dim: int, index: int) -> Column:
+        """The column at one place of a dimension, which is gone; later ones move up."""
+        masks = tuple(mask.taken(dim, index) for mask in self.masks)
+        values = _take(self.values, self.dims, dim, index)
+        return Column(_without(self.dims, dim), values, masks, self.otherwise).settled()
+
+    def counts(self, shape: Sequence[int]) -> dict[Any, int]:
+        """How often each value occurs; without making the whole array where masks are separate."""
+        shape = tuple(shape)
+        used = [d for part in (self, *self.masks) for d in part.dims]
+        if len(used) > len(set(used)):
+            kinds, numbers = np.unique(self.array(shape), return_counts=True)
+            return dict(zip(kinds.tolist(), numbers.tolist(), strict=True))
+        lanes = math.prod(shape)
+        free = lanes // math.prod(shape[d] for d in used)
+        good = free * math.prod(int(np.count_nonzero(mask.good)) for mask in self.masks)
+        kinds, numbers = np.unique(self.values, return_counts=True)
+        found = {k: good * n for k, n in zip(kinds.tolist(), numbers.tolist(), strict=True)}
+        bad = (lanes - good * math.prod(shape[d] for d in self.dims)) * math.prod(self.own_shape)
+        if bad:
+            kind = np.asarray(self.otherwise).item()
+            found[kind] = found.get(kind, 0) + bad
+        return {kind: number for kind, number in found.items() if number}
+
+
+def within(array: np.ndarray, dims: Sequence[int], among: Sequence[int]) -> np.ndarray:
+    """`array`, which lies over `dims`, with axes of length one for the others `among` them."""
+    lengths = [1] * len(among)
+    for place, d in enumerate(dims):
+        lengths[among.index(d)] = array.shape[place]
+    return array.reshape(tuple(lengths) + array.shape[len(dims) :])
+
+
+def _without(dims: tuple[int, ...], dim: int) -> tuple[int, ...]:
+    return tuple(d - (d > dim) for d in dims if d != dim)
+
+
+def _take(array: np.ndarray, dims: tuple[int, ...], dim: int, index: int) -> np.ndarray:
+    return np.asarray(array.take(index, axis=dims.index(dim))) if dim in dims else array

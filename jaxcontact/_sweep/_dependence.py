@@ -1,0 +1,312 @@
+"""Which outputs of a program depend on which dimensions of a sweep, and on what condition.
+
+An impact depends on its mass in every output, if only because a negative mass makes every output
+NaN. What is wanted is finer: "the restitution is NaN where the mass is bad, and elsewhere it does
+not depend on the mass". Such a statement is proved by reading the program. Suppose that a flag in
+it is false: if an output then is one number, known whatever the inputs are, the flag may be taken
+out of this output and applied afterwards. What remains is the program with the flag true.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ._program import Constant, Program, Step
+
+Dims = frozenset[int]
+
+
+@dataclass(frozen=True)
+class Known:
+    """A number, or an array of nothing but this number."""
+
+    value: Any
+
+    def same(self, other: Any) -> bool:
+        """Whether `other` is the same number; NaN is."""
+        return isinstance(other, Known) and bool(
+            self.value == other.value or (self.value != self.value and other.value != other.value)
+        )
+
+
+Fact = Known | Dims
+"""What is known of a slot: its value, or else the dimensions it may depend on."""
+
+
+@dataclass(frozen=True)
+class Dependence:
+    """An output: the program with all `conditions` true where they hold, else `otherwise`."""
+
+    dims: Dims
+    conditions: tuple[int, ...] = ()
+    otherwise: Any = None
+
+
+def dims_of(fact: Fact) -> Dims:
+    """The dimensions something may depend on."""
+    return frozenset() if isinstance(fact, Known) else fact
+
+
+class Reading:
+    """A program read once; what follows from assumptions is found by reading what they touch."""
+
+    def __init__(self, program: Program, inputs: Sequence[Dims]):
+        self.program = program
+        self._constants: dict[Constant, Fact] = {}
+        self._made: dict[Any, Constant] = {}
+        self._users: dict[int, list[int]] = {}
+        for number, step in enumerate(program.steps):
+            for where in step.reads:
+                if isinstance(where, int):
+                    self._users.setdefault(where, []).append(number)
+        self.facts: dict[int, Fact] = dict(enumerate(inputs))
+        for step in program.steps:
+            self.facts.update(zip(step.writes, _after(step, self._reads(step, {})), strict=True))
+
+    def dims(self, slot: int) -> Dims:
+        """The dimensions that a slot may depend on."""
+        return dims_of(self.facts[slot])
+
+    def _reads(self, step: Step, news: Mapping[int, Fact]) -> list[Fact]:
+        return [self._fact(where, news) for where in step.reads]
+
+    def _fact(self, where: int | Constant, news: Mapping[int, Fact]) -> Fact:
+        if isinstance(where, Constant):
+            if where not in self._constants:
+                self._constants[where] = _of_constant(where.value)
+            return self._constants[where]
+        return news[where] if where in news else self.facts[where]
+
+    def given(self, slots: Iterable[int], value: bool = True) -> dict[int, Fact]:
+        """What is news if the flags `slots` have the given value."""
+        news: dict[int, Fact] = dict.fromkeys(slots, Known(np.bool_(value)))
+        assumed = set(news)
+        waiting = [number for slot in assumed for number in self._users.get(slot, ())]
+        heapq.heapify(waiting)
+        last = -1
+        while waiting:
+            number = heapq.heappop(waiting)
+            if number == last:
+                continue
+            last, step = number, self.program.steps[number]
+            for slot, fact in zip(step.writes, _after(step, self._reads(step, news)), strict=True):
+                if slot not in assumed and fact != self.facts[slot]:
+                    news[slot] = fact
+                    for user in self._users.get(slot, ()):
+                        heapq.heappush(waiting, user)
+        return news
+
+    def outputs(self, slots: Iterable[int] = (), value: bool = True) -> list[Fact]:
+        """What is known of the outputs if the flags `slots` have the given value."""
+        news = self.given(slots, value)
+        return [self._fact(where, news) for where in self.program.outputs]
+
+    def _constant(self, slot: int, fact: Known) -> Constant:
+        kind = self.program.shapes[slot]
+        value = np.full(kind.shape, fact.value, kind.dtype)
+        # The same object for the same constant, so that equal steps are seen to be equal.
+        return self._made.setdefault((kind.shape, kind.dtype, value.tobytes()), Constant(value))
+
+    def specialised(
+        self, conditions: Iterable[int], outputs: Sequence[int | Constant]
+    ) -> tuple[tuple[Step, ...], list[int | Constant]]:
+        """The steps and the `outputs` of the program with all `conditions` true.
+
+        A choice that is decided is no longer a step, so that it no longer asks for the case that
+        was not chosen.
+        """
+        news = self.given(conditions)
+        instead: dict[int, int | Constant] = {}
+        steps = []
+
+        def resolved(where: int | Constant) -> int | Constant:
+            if isinstance(where, Constant):
+                return where
+            fact = self._fact(where, news)
+            if isinstance(fact, Known):
+                return self._constant(where, fact)
+            return instead.get(where, where)
+
+        for step in self.program.steps:
+            reads = tuple(resolved(where) for where in step.reads)
+            if step.primitive.name == "select_n":
+                which = self._fact(step.reads[0], news)
+                if isinstance(which, Known):
+                    instead[step.writes[0]] = reads[1 + int(which.value)]
+                    continue
+            if step.primitive.name == "optimization_barrier":
+                # Its operands have nothing to do with each other: one may be asked for alone.
+                steps += [
+                    Step(step.primitive, step.params, (read,), (write,))
+                    for read, write in zip(reads, step.writes, strict=True)
+                ]
+                continue
+            steps.append(Step(step.primitive, step.params, reads, step.writes))
+        return tuple(steps), [resolved(where) for where in outputs]
+
+
+def dependences(reading: Reading) -> list[Dependence]:
+    """For every output the least dimensions and the conditions that could be proved."""
+    everything = [dims_of(fact) for fact in reading.outputs()]
+    flags = {slot: dims for slot in _flags(reading.program) if (dims := reading.dims(slot))}
+    # The most that could be gained. Only flags that could give it are looked into.
+    hoped = [dims_of(fact) for fact in reading.outputs(flags)]
+    hopeful = [i for i, dims in enumerate(hoped) if dims < everything[i]]
+    worth = [slot for slot in flags if any(not flags[slot] <= hoped[i] for i in hopeful)]
+    refuted = {slot: reading.outputs([slot], False) for slot in worth}
+    memory: dict[frozenset[int], list[Dims]] = {}
+
+    def left(conditions: Sequence[int], output: int) -> Dims:
+        key = frozenset(conditions)
+        if key not in memory:
+            memory[key] = [dims_of(fact) for fact in reading.outputs(key)]
+        return memory[key][output]
+
+    found = [Dependence(dims) for dims in everything]
+    for i in hopeful:
+        conditions, otherwise = _common({slot: ends[i] for slot, ends in refuted.items()})
+        dims = left(conditions, i)
+        # Few conditions, and cheap ones: away with what changes nothing, the widest first.
+        for slot in sorted(conditions, key=lambda slot: -len(flags[slot])):
+            fewer = [other for other in conditions if other != slot]
+            if left(fewer, i) == dims:
+                conditions = fewer
+        if dims < everything[i]:
+            found[i] = Dependence(dims, tuple(conditions), otherwise)
+    return found
+
+
+def range_checks(reading: Reading) -> list[int]:
+    """Flags that compare an input with a number and without which every number is NaN."""
+    program = reading.program
+    bare = set(range(program.inputs))
+    checks = []
+    for step in program.steps:
+        numbers = [where for where in step.reads if isinstance(where, int)]
+        if not numbers or not bare.issuperset(numbers):
+            continue
+        if step.primitive.name in _SAME_NUMBER:
+            bare.update(step.writes)
+        elif step.primitive.name in _COMPARISONS:
+            checks += step.writes
+    floats = [
+        i
+        for i, where in enumerate(program.outputs)
+        if isinstance(where, int) and jnp.issubdtype(program.shapes[where].dtype, jnp.inexact)
+    ]
+    nan = Known(np.float64("nan"))
+
+    def decides(slot: int) -> bool:
+        outputs = reading.outputs([slot], False)
+        return bool(floats) and all(nan.same(outputs[i]) for i in floats)
+
+    return [slot for slot in checks if program.shapes[slot].shape == () and decides(slot)]
+
+
+def _flags(program: Program) -> list[int]:
+    # The parts of a conjunction do as well as the whole, and each has fewer dimensions.
+    return [
+        slot
+        for step in program.steps
+        if step.primitive.name != "and"
+        for slot in step.writes
+        if program.shapes[slot].shape == () and program.shapes[slot].dtype == bool
+    ]
+
+
+def _common(ends: Mapping[int, Fact]) -> tuple[list[int], Any]:
+    """The flags that lead to a known number, to the same one, the commonest; and the number."""
+    known = {slot: fact for slot, fact in ends.items() if isinstance(fact, Known)}
+    if not known:
+        return [], None
+    counts = Counter(str(fact.value) for fact in known.values())
+    commonest = counts.most_common(1)[0][0]
+    slots = [slot for slot, fact in known.items() if str(fact.value) == commonest]
+    return slots, known[slots[0]].value
+
+
+_COMPARISONS = {"gt", "ge", "lt", "le", "is_finite"}
+_SAME_NUMBER = {"abs", "convert_element_type", "reshape", "squeeze", "broadcast_in_dim", "copy"}
+_RESHAPES = {"reshape", "squeeze", "broadcast_in_dim", "transpose", "copy", "slice", "rev"}
+_FOLDED: dict[str, Callable[..., Any]] = {
+    "and": np.bitwise_and,
+    "or": np.bitwise_or,
+    "not": np.bitwise_not,
+    "xor": np.bitwise_xor,
+    "eq": np.equal,
+    "ne": np.not_equal,
+    "lt": np.less,
+    "le": np.less_equal,
+    "gt": np.greater,
+    "ge": np.greater_equal,
+    "is_finite": np.isfinite,
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "neg": np.negative,
+    "abs": np.abs,
+    "max": np.maximum,
+    "min": np.minimum,
+}
+# Where one NaN among the operands makes the outcome NaN. Not pow: 1 to any power is 1.
+_PASS_NAN = {
+    *("add", "sub", "mul", "div", "rem", "neg", "abs", "max", "min", "add_any", "square", "sign"),
+    *("exp", "exp2", "expm1", "log", "log1p", "sqrt", "rsqrt", "cbrt", "logistic", "atan2"),
+    *("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan", "floor", "ceil"),
+    *("round", "reduce_sum", "reduce_max", "reduce_min", "cumsum"),
+}
+
+
+def _of_constant(value: Any) -> Fact:
+    # A key of random numbers, for example, is no number and is not looked into.
+    if not isinstance(jnp.result_type(value), np.dtype):
+        return frozenset()
+    plain = np.asarray(value)
+    if plain.dtype.kind not in "biuf" or plain.size == 0:
+        return frozenset()
+    first = plain.reshape(-1)[0]
+    same = (plain == first) | ((plain != plain) & (first != first))
+    return Known(first) if bool(np.all(same)) else frozenset()
+
+
+def _after(step: Step, reads: list[Fact]) -> list[Fact]:
+    name = step.primitive.name
+    if name == "optimization_barrier":
+        return reads
+    if name == "select_n":
+        return [_selected(reads)]
+    known = [fact for fact in reads if isinstance(fact, Known)]
+    if name in ("and", "or"):
+        decisive = np.bool_(name == "or")
+        if any(fact.value.dtype == bool and fact.value == decisive for fact in known):
+            return [Known(decisive)]
+    if name in _PASS_NAN and any(fact.value != fact.value for fact in known):
+        return [Known(known[0].value.dtype.type("nan"))]
+    if len(known) == len(reads) == 1 and name in _RESHAPES:
+        return [known[0]]
+    if len(known) == len(reads) == 1 and name == "convert_element_type":
+        value, dtype = known[0].value, np.dtype(step.params["new_dtype"])
+        # What becomes of a fraction or a NaN as a whole number, the machine decides.
+        if dtype.kind == "f" or (dtype.kind in "biu" and value.dtype.kind in "biu"):
+            with np.errstate(over="ignore"):
+                return [Known(value.astype(dtype))]
+    if len(known) == len(reads) and name in _FOLDED:
+        with np.errstate(all="ignore"):
+            return [Known(_FOLDED[name](*(fact.value for fact in known)))]
+    return [frozenset[int]().union(*map(dims_of, reads))] * len(step.writes)
+
+
+def _selected(reads: list[Fact]) -> Fact:
+    which, *cases = reads
+    if isinstance(which, Known):
+        return cases[int(which.value)]
+    if isinstance(cases[0], Known) and all(cases[0].same(case) for case in cases):
+        return cases[0]
+    return frozenset[int]().union(*map(dims_of, reads))

@@ -1,0 +1,92 @@
+"""Who computes what: blocks are dealt to processes in turn, and by each to its devices.
+
+A block is computed whole on one device, by the program for one device. A program that XLA
+partitions over devices is another program, fused otherwise, and its last digits differ; nor do
+lanes have to wait for the slowest lane of another device. So it does not matter to a number how
+many devices there are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Workers:
+    """The devices of this process, and its place among the processes."""
+
+    devices: tuple[Any, ...] = ()
+    """If there are none it is JAX's default device."""
+    process: int = 0
+    processes: int = 1
+
+    @property
+    def ahead(self) -> int:
+        """How many blocks to start before the first is read, so that every device has work."""
+        return max(len(self.devices), 1)
+
+    def placed(self, turn: int, arguments: Sequence[np.ndarray]) -> Sequence[Any]:
+        """The arguments of this process's block number `turn`, on the device whose turn it is."""
+        if not self.devices:
+            return arguments
+        return jax.device_put(arguments, self.devices[turn % len(self.devices)])
+
+    def exchanged(
+        self, mine: Sequence[np.ndarray], forms: Sequence[Sequence[jax.ShapeDtypeStruct]]
+    ) -> list[list[np.ndarray]]:
+        """The arrays of every process, bit for bit; `forms` says what each process brings."""
+        if self.processes == 1:
+            return [list(mine)]
+        from jax.experimental import multihost_utils
+
+        # As bytes: of any shapes and types, and nothing to round or convert.
+        longest = max(sum(map(_bytes, form)) for form in forms)
+        buffer = np.zeros(longest, np.uint8)
+        sent = b"".join(np.ascontiguousarray(array).tobytes() for array in mine)
+        buffer[: len(sent)] = np.frombuffer(sent, np.uint8)
+        rows = np.asarray(multihost_utils.process_allgather(buffer))
+        return [_unpacked(row, form) for row, form in zip(rows, forms, strict=True)]
+
+    def meet(self, where: str) -> None:
+        """Wait until every process is here."""
+        if self.processes > 1:
+            from jax.experimental import multihost_utils
+
+            multihost_utils.sync_global_devices(f"jaxcontact: {where}")
+
+
+def workers_of(mesh: jax.sharding.Mesh | None) -> Workers:
+    """The devices of `mesh` that this process has, and all processes that JAX knows of."""
+    if mesh is None:
+        devices = ()
+    elif isinstance(mesh, jax.sharding.Mesh):
+        devices = tuple(mesh.local_devices)
+        if not devices:
+            raise ValueError(
+                "Argument `mesh` must have a device of every process, but has none of process "
+                f"{jax.process_index()}."
+            )
+    else:
+        raise ValueError(
+            f"Argument `mesh` must be a `jax.sharding.Mesh` (see `jax.make_mesh`), but is {mesh!r}."
+        )
+    return Workers(devices, jax.process_index(), jax.process_count())
+
+
+def _bytes(form: jax.ShapeDtypeStruct) -> int:
+    return math.prod(form.shape) * form.dtype.itemsize
+
+
+def _unpacked(row: np.ndarray, forms: Sequence[jax.ShapeDtypeStruct]) -> list[np.ndarray]:
+    arrays, start = [], 0
+    for form in forms:
+        part = row[start : start + _bytes(form)]
+        arrays.append(part.view(form.dtype).reshape(form.shape))
+        start += len(part)
+    return arrays

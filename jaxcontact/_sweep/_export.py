@@ -1,0 +1,120 @@
+"""A sweep for other tools: an xarray dataset, or a table in a text file."""
+
+from __future__ import annotations
+
+import csv
+import importlib.metadata
+import os
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
+
+from .._impact import Status
+from ._units import meaning
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ._table import Sweep
+
+_ROWS = 1 << 14
+"""Rows that are turned into text at once."""
+
+
+def dataset(sweep: Sweep) -> xarray.Dataset:
+    """The sweep as an `xarray.Dataset`. Raises ImportError without xarray."""
+    try:
+        import xarray
+    except ImportError as error:
+        raise ImportError(
+            "to_xarray needs xarray, which comes with `pip install 'jaxcontact[data]'`"
+        ) from error
+    arrays = {}
+    for name, column in sweep.columns().items():
+        own = [f"{name}_{k}" for k in range(len(column.own_shape))]
+        arrays[name] = ([*sweep.dims, *own], column.array(sweep.shape), attributes_of(name))
+    if "status" not in arrays:
+        arrays["status"] = (list(sweep.dims), sweep.status, attributes_of("status"))
+    along = sweep.dims_of_axes()
+    coordinates: dict[str, Any] = {
+        name: ([along[name]], values, attributes_of(name)) for name, values in sweep.axes.items()
+    }
+    attributes: dict[str, Any] = {
+        "source": f"jaxcontact {version()}",
+        "function": sweep.function,
+        "complete": int(sweep.complete),
+    }
+    for name, value in sweep.fixed.items():
+        if isinstance(value, np.generic):
+            coordinates[name] = ((), value, attributes_of(name))
+        else:
+            attributes[name] = str(value)
+    for name in sweep.fields:
+        if name not in arrays and isinstance(sweep[name], str | int | float):
+            attributes[name] = sweep[name]
+    return xarray.Dataset(arrays, coordinates, attributes)
+
+
+def version() -> str:
+    """The version of this library, as it is installed."""
+    try:
+        return importlib.metadata.version("jaxcontact")
+    except importlib.metadata.PackageNotFoundError:
+        return "(not installed)"
+
+
+def attributes_of(name: str) -> dict[str, Any]:
+    """What the attributes of a dataset say of an axis or a field."""
+    if name == "status":
+        return {
+            "long_name": "status",
+            "flag_values": [int(status) for status in Status],
+            "flag_meanings": " ".join(status.name.lower() for status in Status),
+        }
+    words, unit = meaning(name)
+    return {"long_name": words, "units": unit or "1"} if unit or words != name else {}
+
+
+def write_csv(sweep: Sweep, path: str | os.PathLike | TextIO) -> None:
+    """A long table, one row for each lane."""
+    if isinstance(path, str | os.PathLike):
+        with open(path, "w", newline="", encoding="utf-8") as file:
+            _write_rows(sweep, file)
+    else:
+        _write_rows(sweep, path)
+
+
+def _write_rows(sweep: Sweep, file: TextIO) -> None:
+    columns = {name: column.array(sweep.shape) for name, column in sweep.columns().items()}
+    columns.setdefault("status", sweep.status)
+    own = {name: array.shape[len(sweep.shape) :] for name, array in columns.items()}
+    header = [*sweep.axes]
+    for name in columns:
+        header += [name + _index(place) for place in np.ndindex(own[name])]
+    along = [sweep.dims.index(dim) for dim in sweep.dims_of_axes().values()]
+    lanes = int(np.prod(sweep.shape, dtype=int))
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(header)
+    for start in range(0, lanes, _ROWS):
+        rows = np.arange(start, min(start + _ROWS, lanes))
+        where = np.unravel_index(rows, sweep.shape) if sweep.shape else ()
+        cells = [
+            _texts(values[where[dim]])
+            for dim, values in zip(along, sweep.axes.values(), strict=True)
+        ]
+        for name, array in columns.items():
+            part = array[where].reshape(len(rows), -1)
+            cells += [_texts(part[:, k], name) for k in range(part.shape[1])]
+        writer.writerows(zip(*cells, strict=True))
+
+
+def _texts(values: np.ndarray, name: str = "") -> Iterator[str]:
+    if name == "status" and set(np.unique(values)) <= set(Status):
+        return (Status(code).name for code in values.tolist())
+    # The shortest text that reads back to the same number, in its own precision.
+    return iter(values.astype(str))
+
+
+def _index(place: tuple[int, ...]) -> str:
+    return "[" + ",".join(map(str, place)) + "]" if place else ""

@@ -1,0 +1,84 @@
+"""What the numbers of a sweep depend on, as JSON: a store made from something else is not used."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import jax
+import jax.extend.core as core
+import jax.numpy as jnp
+import numpy as np
+
+from ._axes import Grid
+from ._export import version
+from ._program import Constant, Program
+
+_ADDRESS = re.compile(r" at 0x[0-9a-f]+|0x[0-9a-f]{6,}")
+
+
+def signature_of(program: Program, function: str, grid: Grid, most: int) -> dict[str, Any]:
+    """The function as it was traced, with the numbers inside it, the axes, and the versions."""
+    return {
+        "function": function,
+        "program": _digest(_texts(program)),
+        "axes": {
+            i.name: {
+                "dimension": None if i.dim is None else grid.dims[i.dim],
+                "length": int(i.values.size),
+                "dtype": str(i.values.dtype),
+                "from": repr(i.values.reshape(-1)[0].item()),
+                "to": repr(i.values.reshape(-1)[-1].item()),
+                "numbers": _digest(iter([np.ascontiguousarray(i.values).tobytes()])),
+            }
+            for i in grid.inputs
+        },
+        "fixed": {name: repr(value) for name, value in grid.static},
+        "batch_size": most,
+        "jaxcontact": version(),
+        "jax": jax.__version__,
+        "platform": jax.default_backend(),
+    }
+
+
+def _digest(parts: Iterator[bytes]) -> str:
+    digest = hashlib.blake2b(digest_size=16)
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little"))
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def _texts(program: Program) -> Iterator[bytes]:
+    for step in program.steps:
+        yield step.primitive.name.encode()
+        for name in sorted(step.params):
+            yield from _of_param(name, step.params[name])
+        for where in step.reads:
+            yield from _of_place(where)
+        yield str(step.writes).encode()
+    for where in program.outputs:
+        yield from _of_place(where)
+
+
+def _of_param(name: str, value: Any) -> Iterator[bytes]:
+    # An object's address is another one in every process.
+    yield f"{name}={_ADDRESS.sub('', str(value))}".encode()
+    for part in value if isinstance(value, tuple | list) else (value,):
+        if isinstance(part, core.ClosedJaxpr):
+            for const in part.consts:
+                yield _bytes(const)
+
+
+def _of_place(where: int | Constant) -> Iterator[bytes]:
+    yield _bytes(where.value) if isinstance(where, Constant) else str(where).encode()
+
+
+def _bytes(value: Any) -> bytes:
+    if not isinstance(jnp.result_type(value), np.dtype):
+        # A key of random numbers: what it is made of.
+        value = jax.random.key_data(value)
+    array = np.asarray(value)
+    return f"{array.dtype}{array.shape}".encode() + array.tobytes()

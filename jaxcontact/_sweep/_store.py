@@ -1,0 +1,243 @@
+"""Results on disk, block by block: a run that was killed goes on where it was."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import uuid
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import zarr
+
+Place = tuple[slice, ...]
+
+_SIGNATURE = "jaxcontact_sweep"
+_CHECKSUMS = "blocks/checksum"
+# What zarr and its codecs raise for a file that is short or altered.
+_UNREADABLE = (OSError, ValueError, RuntimeError)
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """The form of one array of a store: named dimensions, and the chunk that a block fills."""
+
+    dims: tuple[str, ...]
+    shape: tuple[int, ...]
+    chunk: tuple[int, ...]
+    dtype: np.dtype
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Coordinate:
+    """Numbers along one dimension, written once."""
+
+    dim: str
+    values: np.ndarray
+    attributes: Mapping[str, Any] = field(default_factory=dict)
+
+
+class BlockStore:
+    """Arrays on disk, of which each block fills whole chunks, and a checksum for every block.
+
+    A block is finished if what is read back has its checksum. A chunk that is missing, short,
+    altered or was never written therefore does not count, whatever killed the process and in
+    whatever order the machine lost its writes. As no two blocks share a file, processes may write
+    different blocks at the same time.
+    """
+
+    def __init__(self, group: zarr.Group, blocks: Sequence[Mapping[str, Place]]):
+        self._blocks = blocks
+        self._arrays: dict[str, Any] = {name: group[name] for part in blocks for name in part}
+        self._checksums: Any = group[_CHECKSUMS]
+
+    def read(self, number: int) -> dict[str, np.ndarray] | None:
+        """The arrays of a block, or None if it is not finished."""
+        try:
+            checksum = int(self._checksums[number])
+            if not checksum:
+                return None
+            found = {
+                name: np.asarray(self._arrays[name][place])
+                for name, place in self._blocks[number].items()
+            }
+        except _UNREADABLE:
+            return None
+        return found if _checksum(found) == checksum else None
+
+    def finished(self, number: int) -> bool:
+        """Whether a block is there and sound; this reads it."""
+        return self.read(number) is not None
+
+    def lacking(self) -> list[int]:
+        """The blocks that nobody has written, without a look at what the others hold."""
+        return np.flatnonzero(np.asarray(self._checksums[...]) == 0).tolist()
+
+    def write(self, number: int, arrays: Mapping[str, np.ndarray]) -> None:
+        """Write a block. The checksum comes last: until then it does not count."""
+        for name, place in self._blocks[number].items():
+            self._arrays[name][place] = arrays[name]
+        part = {name: np.asarray(arrays[name]) for name in self._blocks[number]}
+        self._checksums[number] = np.uint64(_checksum(part))
+
+    def arrays(self) -> dict[str, zarr.Array]:
+        """The arrays by name; each reads what it is asked for."""
+        return dict(self._arrays)
+
+
+def open_store(
+    path: str | os.PathLike,
+    signature: Mapping[str, Any],
+    arrays: Mapping[str, Stored],
+    blocks: Sequence[Mapping[str, Place]],
+    coordinates: Mapping[str, Coordinate] | None = None,
+) -> BlockStore:
+    """The store at `path`, made if there is none; `blocks` says which part each block fills.
+
+    `signature`: all that the numbers depend on, as JSON. ValueError if the store there has another
+    one; the message says what differs.
+    """
+    path = Path(path)
+    for part in blocks:
+        assert all(_whole_chunks(arrays[name], place) for name, place in part.items())
+    # As JSON gives it back: tuples are lists there.
+    signature = json.loads(json.dumps(signature))
+    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        _create(path, signature, arrays, len(blocks), coordinates or {})
+    group = _existing(path)
+    _compare(path, group.attrs[_SIGNATURE], signature)
+    try:
+        return BlockStore(group, blocks)
+    except KeyError as error:
+        raise ValueError(
+            f"Argument `store` must be a whole store, but {path} lacks {error}. Delete it."
+        ) from error
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ImportError as error:
+        raise ImportError(
+            "Argument `store` needs zarr: install it with pip install 'jaxcontact[data]'."
+        ) from error
+    return zarr
+
+
+def _whole_chunks(array: Stored, place: Place) -> bool:
+    return all(
+        part.start % chunk == 0 and (part.stop % chunk == 0 or part.stop == length)
+        for part, chunk, length in zip(place, array.chunk, array.shape, strict=True)
+    )
+
+
+def _create(
+    path: Path,
+    signature: Mapping[str, Any],
+    arrays: Mapping[str, Stored],
+    count: int,
+    coordinates: Mapping[str, Coordinate],
+) -> None:
+    """Make an empty store beside `path` and move it there whole.
+
+    Of several processes that do so at the same time one comes first, and its store is used.
+    """
+    zarr = _zarr()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
+    try:
+        # xarray takes the names of coordinates that are no dimensions from here.
+        others = " ".join(name for name, c in coordinates.items() if name != c.dim)
+        attributes = {_SIGNATURE: signature, **({"coordinates": others} if others else {})}
+        group = zarr.create_group(new, zarr_format=3, attributes=attributes)
+        for name, form in arrays.items():
+            group.create_array(
+                name,
+                shape=form.shape,
+                chunks=form.chunk,
+                dtype=form.dtype,
+                fill_value=_unwritten(form.dtype),
+                dimension_names=form.dims,
+                attributes=dict(form.attributes),
+            )
+        for name, given in coordinates.items():
+            array = group.create_array(
+                name,
+                shape=given.values.shape,
+                chunks=given.values.shape,
+                dtype=given.values.dtype,
+                dimension_names=(given.dim,),
+                attributes=dict(given.attributes),
+            )
+            array[:] = given.values
+        # In a group of its own, where it is not taken for a result.
+        group.create_array(_CHECKSUMS, shape=(count,), chunks=(1,), dtype="uint64", fill_value=0)
+        os.rename(new, path)
+    except OSError:
+        if not path.exists():
+            raise
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+
+
+def _unwritten(dtype: np.dtype) -> Any:
+    """What stands where nothing has been written: NaN, -1, or nothing that can be told apart."""
+    return {"f": np.nan, "c": np.nan, "i": -1}.get(np.dtype(dtype).kind, 0)
+
+
+def _existing(path: Path) -> zarr.Group:
+    zarr = _zarr()
+    try:
+        group = zarr.open_group(path, mode="r+", zarr_format=3)
+    except (OSError, ValueError):
+        group = None
+    if group is None or _SIGNATURE not in group.attrs:
+        raise ValueError(
+            f"Argument `store` must be a new path or the store of a sweep, but {path} is "
+            "something else."
+        )
+    return group
+
+
+def _compare(path: Path, there: Any, here: Any) -> None:
+    found = [
+        f"`{key}` ({_shown(old)} there, {_shown(new)} here)"
+        for key, old, new in _differences(there, here)
+    ]
+    if found:
+        raise ValueError(
+            "Argument `store` must be a new path or the store of this same sweep, but "
+            f"{path} differs in {', '.join(found)}. Choose another path, or delete it."
+        )
+
+
+def _differences(there: Any, here: Any, key: str = "") -> list[tuple[str, Any, Any]]:
+    """Where two JSON values differ: keys joined by dots, with both values."""
+    if not (isinstance(there, dict) and isinstance(here, dict)):
+        return [] if there == here else [(key, there, here)]
+    found = []
+    for name in here | there:
+        inner = f"{key}.{name}" if key else name
+        found += _differences(there.get(name), here.get(name), inner)
+    return found
+
+
+def _shown(value: Any) -> str:
+    return "none" if value is None else repr(value)
+
+
+def _checksum(arrays: Mapping[str, np.ndarray]) -> int:
+    """A number for the bytes of named arrays, never zero."""
+    digest = hashlib.blake2b(digest_size=8)
+    for name in sorted(arrays):
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(arrays[name]).reshape(-1).view(np.uint8).data)
+    return int.from_bytes(digest.digest(), "little") or 1

@@ -1,0 +1,277 @@
+"""The front door of sweeps."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import os
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike
+
+from .._impact import Status
+from ._axes import Grid, Input, check_call, grid_of
+from ._column import Column, Mask, within
+from ._devices import Workers, workers_of
+from ._fields import Field
+from ._plan import Group, Plan, flag_key, leaf_key, plan_of
+from ._progress import Listener, progress_of
+from ._resume import collect_stored
+from ._run import blocks_of, collect, compute, shape_of
+from ._signature import signature_of
+from ._table import Sweep
+
+_LANES = 1 << 14
+"""Lanes in one call on a CPU: their intermediate results fit its caches. Measured on two cores:
+summaries run at 1.1 million/s in blocks of 2^12 and 2^14, and 0.6 million/s in blocks of 2^16."""
+
+_LANES_ACCELERATED = 1 << 20
+"""Lanes in one call elsewhere: enough to keep a GPU busy."""
+
+Fold = Callable[[Any, Sweep], Any]
+
+
+def sweep(
+    fn: Callable[..., Any],
+    *,
+    samples: Mapping[str, ArrayLike] | None = None,
+    batch_size: int | None = None,
+    store: str | os.PathLike | None = None,
+    mesh: jax.sharding.Mesh | None = None,
+    reduce: tuple[Any, Fold] | None = None,
+    cost: Callable[..., Any] | None = None,
+    progress: bool | Listener | None = None,
+    **axes: Any,
+) -> Sweep:
+    """Evaluate a function of named numbers on the grid of its axes, or over aligned samples.
+
+    `fn` is called with one number for each name, and must be one that JAX can trace. It returns an
+    array, or fields: an `Impact`, any dataclass or equinox module, a named tuple, a dict. `axes`:
+    one-dimensional arrays, which span the grid in the order they are given; a float is held fixed;
+    whole numbers, strings and None are passed on as they are and select code. `samples`: arrays of
+    one length by name, taken together lane by lane; axes then span a grid for each sample.
+
+    What an output does not depend on is not computed again. If a parameter decides only whether
+    an output is NaN, it is not solved for again either: over (e, K, m, v) the restitution of the
+    Hunt-Crossley family takes one solve for each e. This is found by reading the traced function;
+    nothing need be declared, and the result is that of the plain computation to rounding (an
+    adaptive solve follows its roundings: to its tolerance).
+
+    `batch_size`: the most lanes computed at once (default 16384, 1048576 on a GPU); it bounds the
+    memory beside the result. `reduce=(start, fold)` keeps no lanes at all: `fold(value, block)` is
+    called for each block, itself a `Sweep` of a part of the grid, and gives the next value; the
+    last one is `table.value`. `cost`, a function of some of the same names, predicts the work of a
+    lane; lanes are then computed in its order, so that a slow lane holds up only lanes as slow as
+    itself. Where a sweep returns `steps`, a coarse sweep tells what the cost depends on.
+
+    `store`: a path (with the extra `data`) to which blocks are written as they are finished. A
+    sweep that was killed goes on from there and ends with the same bits; the store of another
+    function, other axes or another version is refused. Results may then be larger than the memory:
+    a field is read when it is asked for. `mesh`: a `jax.sharding.Mesh` whose devices take blocks in
+    turn; under `jax.distributed` processes do so too, without it. Neither changes a bit.
+
+    `progress`: None shows a line on stderr after a second if it is a terminal or a notebook; True
+    and False decide; a function is called with the lanes done and all lanes. Ctrl-C ends a sweep
+    early with a warning: lanes that were not computed are NaN and NOT_CONVERGED, `table.complete`
+    is False.
+
+    The same `fn` swept again, over axes of other numbers, is not traced again; a lambda written
+    anew is another function and is.
+
+    Returns a `Sweep`. Bad lanes are flagged in `.status`, their neighbours untouched. Raises
+    ValueError for an argument that `fn` does not take or lacks, and for axes that are no numbers.
+    """
+    check_batch(batch_size)
+    if store is not None and (reduce is not None or cost is not None):
+        other = "reduce" if reduce is not None else "cost"
+        raise ValueError(
+            f"Argument `store` must be None with `{other}`, but is {os.fspath(store)!r}: a store "
+            "holds every lane in its place."
+        )
+    grid = grid_of(samples, axes)
+    check_call(fn, grid)
+    most = batch_size or (_LANES if jax.default_backend() == "cpu" else _LANES_ACCELERATED)
+    workers = workers_of(mesh)
+    plan = plan_of(fn, grid)
+    with progress_of(progress if workers.process == 0 else False) as tell:
+        if reduce is not None:
+            return _reduced(fn, plan, grid, most, workers, reduce, tell)
+        order = None if cost is None else _order_by(cost, grid, most, workers)
+        blocks = list(blocks_of(plan.groups, grid, most, order))
+        if store is None:
+            outcome = collect(blocks, grid, workers, tell, _unfinished(plan))
+        else:
+            outcome = collect_stored(
+                store,
+                signature_of(plan.program, name_of(fn), grid, most),
+                _names(plan),
+                _conditions(plan),
+                blocks,
+                grid,
+                workers,
+                tell,
+                _unfinished(plan),
+            )
+    if outcome.done < 1:
+        _warn(outcome.done)
+    return _table(plan, plan.groups, grid, outcome.arrays, outcome.done, name_of(fn))
+
+
+def check_batch(batch_size: Any) -> None:
+    """Raise ValueError for what is no number of lanes."""
+    whole = isinstance(batch_size, int) and not isinstance(batch_size, bool)
+    if batch_size is not None and not (whole and batch_size >= 1):
+        raise ValueError(
+            f"Argument `batch_size` must be a whole number of at least 1, but is {batch_size!r}."
+        )
+
+
+def name_of(function: Callable[..., Any]) -> str:
+    """What a function is called."""
+    if isinstance(function, functools.partial):
+        return name_of(function.func)
+    return getattr(function, "__name__", type(function).__name__)
+
+
+def _table(
+    plan: Plan,
+    groups: tuple[Group, ...],
+    grid: Grid,
+    arrays: Mapping[str, Any],
+    done: float,
+    function: str,
+) -> Sweep:
+    """The table of arrays that groups of a plan have filled."""
+    dims = {array.key: array.dims for group in groups for array in group.arrays}
+    masks = {key: Mask(dims[key], arrays[key]) for key in arrays if key in dims}
+    columns = []
+    for i, leaf in enumerate(plan.leaves):
+        key = leaf_key(i)
+        conditions = () if groups == (plan.whole,) else leaf.conditions
+        flags = tuple(masks[flag_key(slot)] for slot in conditions)
+        columns.append(Column(dims[key], arrays[key], flags, leaf.otherwise))
+    checks = [masks[flag_key(slot)] for slot in plan.checks]
+    return Sweep(grid, plan.fields, columns, checks, done=done, function=function)
+
+
+def _unfinished(plan: Plan) -> dict[str, Any]:
+    """What stands in lanes that were not computed."""
+    numbers: dict[str, Any] = {}
+    for group in plan.groups:
+        for array in group.arrays:
+            inexact = jnp.issubdtype(array.kind.dtype, jnp.inexact)
+            numbers[array.key] = jnp.nan if inexact else 0
+    for field in plan.fields:
+        if field.name == "status":
+            numbers.update((leaf_key(leaf), int(Status.NOT_CONVERGED)) for leaf in field.leaves)
+    return numbers
+
+
+def _names(plan: Plan) -> dict[str, str]:
+    """The names of the arrays of the output, by key."""
+    return {
+        leaf_key(leaf): name
+        for field in plan.fields
+        for name, leaf in zip(field.leaf_names(), field.leaves, strict=True)
+    }
+
+
+def _conditions(plan: Plan) -> dict[str, list[str]]:
+    """The flags that must be true for an array of the output to hold, by key."""
+    return {
+        leaf_key(i): [flag_key(slot) for slot in leaf.conditions]
+        for i, leaf in enumerate(plan.leaves)
+    }
+
+
+def _warn(done: float) -> None:
+    warnings.warn(
+        f"The sweep was interrupted with {100 * done:.0f} % of its work done: lanes that were not "
+        "computed are NaN, and `complete` is False.",
+        stacklevel=3,
+    )
+
+
+def _order_by(
+    cost: Callable[..., Any], grid: Grid, most: int, workers: Workers
+) -> Callable[[Group], np.ndarray]:
+    """The lanes of a group from the dearest to the cheapest, as `cost` predicts."""
+    taken = _taken(cost)
+    given = tuple(i for i in grid.inputs if taken is None or i.name in taken)
+    static = tuple(s for s in grid.static if taken is None or s[0] in taken)
+    asked = Grid(grid.dims, grid.shape, given, static)
+    check_call(cost, asked)
+    plan = plan_of(cost, asked)
+    if len(plan.leaves) != 1 or plan.whole.arrays[0].kind.shape != ():
+        raise ValueError("Argument `cost` must return one number for each lane.")
+    groups = tuple(group for group in plan.groups if not group.flags)
+    blocks = list(blocks_of(groups, asked, most))
+    outcome = collect(blocks, asked, workers, lambda done, total: None, _unfinished(plan))
+    (group,) = groups
+    predicted = outcome.arrays[leaf_key(0)]
+
+    def order(wanted: Group) -> np.ndarray:
+        # Along a dimension that the wanted arrays do not have, any place will do.
+        here = predicted[tuple(slice(None) if d in wanted.dims else 0 for d in group.dims)]
+        dims = [d for d in group.dims if d in wanted.dims]
+        lanes = np.broadcast_to(within(here, dims, wanted.dims), shape_of(wanted.dims, grid))
+        return np.argsort(-lanes.reshape(-1), kind="stable")
+
+    return order
+
+
+def _taken(function: Callable[..., Any]) -> set[str] | None:
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):
+        return None
+    return (
+        None if any(p.kind == p.VAR_KEYWORD for p in parameters) else {p.name for p in parameters}
+    )
+
+
+def _reduced(
+    fn: Callable[..., Any],
+    plan: Plan,
+    grid: Grid,
+    most: int,
+    workers: Workers,
+    reduce: tuple[Any, Fold],
+    tell: Listener,
+) -> Sweep:
+    """Fold all blocks of the grid, each as a small sweep."""
+    try:
+        value, fold = reduce
+    except (TypeError, ValueError):
+        fold = value = None
+    if not callable(fold):
+        raise ValueError(
+            f"Argument `reduce` must be a pair (start, fold) with a function, but is {reduce!r}."
+        )
+    done = 0
+    try:
+        for block, arrays in compute(blocks_of((plan.whole,), grid, most), workers):
+            assert arrays is not None
+            part = _part(grid, block.place)
+            table = _table(plan, (plan.whole,), part, arrays, 1.0, name_of(fn))
+            value = fold(value, table)
+            done += block.lanes
+            tell(done, grid.size)
+    except KeyboardInterrupt:
+        if not done or workers.processes > 1:
+            raise
+        _warn(done / grid.size)
+    field = Field("value", (), None, value)
+    return Sweep(grid, [field], [], done=done / grid.size, function=name_of(fn))
+
+
+def _part(grid: Grid, place: tuple[slice, ...]) -> Grid:
+    inputs = tuple(
+        i if i.dim is None else Input(i.name, i.values[place[i.dim]], i.dim) for i in grid.inputs
+    )
+    return Grid(grid.dims, tuple(s.stop - s.start for s in place), inputs, grid.static)

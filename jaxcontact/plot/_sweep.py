@@ -1,0 +1,123 @@
+"""Pictures of a sweep: lines over one axis, a map over two, dots over samples."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._sweep._axes import SAMPLE
+from .._sweep._units import label
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from .._sweep import Sweep
+
+_LINES = 6
+"""More lines than this are hard to tell apart."""
+
+_EVEN = 1e-6
+"""How evenly spaced the numbers of an axis must be, relative to a step, to count as even."""
+
+
+def sweep(
+    table: Sweep, *, field: str | None = None, x: str | None = None, ax: Axes | None = None
+) -> Axes:
+    """Draw a field of a sweep: a line over one axis, a map over two, dots over samples.
+
+    Arguments: the sweep, with one or two axes or with samples alone (`select` the others); the
+    `field`, by default the restitution, or the first there is; `x`, the horizontal axis: of two
+    axes the other one then makes a handful of lines instead of a map; the axes to draw on, new ones
+    if None. An axis spaced by a factor is drawn logarithmic. Lanes without a number stay white.
+    Returns the axes. Raises ValueError for an unknown field or axis, a field that is not one number
+    for each lane, and more axes than two.
+    """
+    name, values = _field(table, field)
+    sampled = SAMPLE in table.dims and SAMPLE not in table.axes
+    if len(table.dims) not in ((1,) if sampled else (1, 2)):
+        raise ValueError(
+            "Argument `table` must have one or two axes, or samples alone, but has the dimensions "
+            f"{table.dims}; `select` some."
+        )
+    if x is not None and x not in table.axes:
+        raise ValueError(f"Argument `x` must be one of {tuple(table.axes)}, but is {x!r}.")
+    if ax is None:
+        from matplotlib import pyplot
+
+        _, ax = pyplot.subplots(layout="constrained")
+    if x is None and len(table.dims) == 2:
+        _map(ax, table, name, values)
+        return ax
+    across = x or next(iter(table.axes))
+    numbers = table.axes[across]
+    if sampled:
+        ax.plot(numbers, values, ".", ms=3)
+    elif len(table.dims) == 1:
+        ax.plot(numbers, values)
+    else:
+        _lines(ax, table, across, np.moveaxis(values, table.dims.index(across), 0))
+    if not sampled and _geometric(numbers):
+        ax.set_xscale("log")
+    ax.set_xlabel(label(across))
+    ax.set_ylabel(label(name))
+    return ax
+
+
+def _field(table: Sweep, field: str | None) -> tuple[str, np.ndarray]:
+    names = [name for name, column in table.columns().items() if column.own_shape == ()]
+    if field is None and names:
+        field = "restitution" if "restitution" in names else names[0]
+    if field not in names:
+        raise ValueError(
+            f"Argument `field` must be one of {', '.join(names)}, but is {field!r}."
+            if names
+            else "Argument `table` must have a field of one number for each lane, but has none."
+        )
+    return field, np.asarray(table[field])
+
+
+def _lines(ax: Axes, table: Sweep, across: str, values: np.ndarray) -> None:
+    (other,) = (dim for dim in table.dims if dim != across)
+    numbers = table.axes[other]
+    chosen = np.unique(np.linspace(0, len(numbers) - 1, min(_LINES, len(numbers))).round())
+    for k in chosen.astype(int):
+        ax.plot(table.axes[across], values[:, k], label=f"{numbers[k]:.3g}")
+    ax.legend(title=label(other), frameon=False, fontsize="small")
+
+
+def _map(ax: Axes, table: Sweep, name: str, values: np.ndarray) -> None:
+    down, across = table.dims
+    rows, columns = (np.argsort(table.axes[dim], kind="stable") for dim in table.dims)
+    y, x = table.axes[down][rows], table.axes[across][columns]
+    mesh = ax.pcolormesh(
+        _edges(x), _edges(y), np.ma.masked_invalid(values[np.ix_(rows, columns)]), rasterized=True
+    )
+    ax.figure.colorbar(mesh, ax=ax, label=label(name))
+    for numbers, scale in ((x, ax.set_xscale), (y, ax.set_yscale)):
+        if _geometric(numbers):
+            scale("log")
+    ax.set_xlabel(label(across))
+    ax.set_ylabel(label(down))
+
+
+def _geometric(numbers: np.ndarray) -> bool:
+    """Whether the numbers follow each other by a factor."""
+    if len(numbers) < 3 or not np.all(numbers > 0) or not np.all(np.isfinite(numbers)):
+        return False
+    return _even(np.log(numbers)) and not _even(numbers)
+
+
+def _even(numbers: np.ndarray) -> bool:
+    steps = np.diff(numbers)
+    return bool(np.ptp(steps) <= _EVEN * np.abs(steps).max())
+
+
+def _edges(numbers: np.ndarray) -> np.ndarray:
+    """The borders between the cells of a map, half-way on the scale that is drawn."""
+    if len(numbers) == 1:
+        return np.array([numbers[0] - 0.5, numbers[0] + 0.5])
+    if _geometric(numbers):
+        return np.exp(_edges(np.log(numbers)))
+    middle = (numbers[1:] + numbers[:-1]) / 2
+    return np.concatenate([[2 * numbers[0] - middle[0]], middle, [2 * numbers[-1] - middle[-1]]])

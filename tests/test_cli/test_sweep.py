@@ -1,0 +1,116 @@
+"""`jaxcontact sweep`: ranges, tables, maps, and what is refused."""
+
+import argparse
+import csv
+
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._cli import main
+from jaxcontact._cli._sweep import named_span, span
+
+SAME = 1e-15
+"""The same impacts in other batches: measured 2e-16."""
+
+
+def test_ranges():
+    assert span("0.5") == 0.5
+    np.testing.assert_array_equal(span("0:1:5"), np.linspace(0, 1, 5))
+    np.testing.assert_array_equal(span("0.01:10:4:log"), np.geomspace(0.01, 10, 4))
+    name, values = named_span("c=1:2:2")
+    assert name == "c" and list(values) == [1, 2]
+
+
+BAD_RANGES = {
+    "1:2": "neither a number nor of the form",
+    "1:2:3:4": "neither",
+    "1:2:3:log:5": "neither",
+    "a:2:3": "'a' is not a number",
+    "1:inf:3": "not a finite number",
+    "1:2:0": "'0' in '1:2:0' is no count",
+    "1:2:2.5": "is no count",
+    "0:2:3:log": "must be positive to be spaced by a factor",
+}
+
+
+@pytest.mark.parametrize("text", BAD_RANGES)
+def test_bad_ranges(text):
+    with pytest.raises(argparse.ArgumentTypeError, match=BAD_RANGES[text]):
+        span(text)
+
+
+def test_csv(tmp_path, capsys):
+    out = tmp_path / "result.csv"
+    line = "sweep --law hu_guo --e 0.3:1.1:5 --velocity 0.1:10:3:log --mass 2 --quiet --out"
+    assert main([*line.split(), str(out)]) == 0
+    with open(out, newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 15 and list(rows[0])[:3] == ["e", "velocity", "restitution"]
+    contact = jc.Contact(2.0, 1e8)
+    for row in rows:
+        e, velocity = float(row["e"]), float(row["velocity"])
+        if e > 1:
+            assert row["status"] == "INVALID_INPUT" and row["duration"] == "nan"
+            continue
+        hit = jc.impact(jc.HuGuo(e=e), contact, velocity)
+        assert row["status"] == "SEPARATED"
+        np.testing.assert_allclose(float(row["duration"]), hit.duration, rtol=SAME)
+        np.testing.assert_allclose(float(row["max_force"]), hit.max_force, rtol=SAME)
+    text = capsys.readouterr()
+    assert text.out.startswith("Sweep of hu_guo: e 5 × velocity 3, 15 lanes")
+    assert "12 separated, 3 invalid_input" in text.out
+    assert text.err == ""
+
+
+def test_netcdf_and_map(tmp_path, capsys):
+    xarray = pytest.importorskip("xarray")
+    out, plot = tmp_path / "result.nc", tmp_path / "map.png"
+    line = "sweep --law hu_guo --e 0.05:1:6 --velocity 0.01:10:4:log --field duration"
+    assert main([*line.split(), "--out", str(out), "--plot", str(plot)]) == 0
+    assert "compiling and solving 24 impacts" in capsys.readouterr().err
+    with xarray.open_dataset(out, engine="scipy") as data:
+        assert data.duration.dims == ("e", "velocity")
+        assert data.duration.attrs["units"] == "s"
+        assert data.attrs["function"] == "hu_guo"
+        assert float(data.mass) == 1.0
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["map.png", "result.nc"]
+
+
+def test_other_parameters(tmp_path):
+    out = tmp_path / "result.csv"
+    line = "sweep --law constant_damping --param c=1e6:1e7:2:log --exponent 1 --out"
+    assert main([*line.split(), str(out), "--quiet"]) == 0
+    rows = out.read_text().splitlines()
+    assert rows[0].startswith("c,restitution") and len(rows) == 3
+
+
+LAW = ("--law=hu_guo", "--e=0.3:0.9:3")
+BAD = {
+    "law": (("--law=nonsense", "--e=.5"), "no law; there are"),
+    "parameter": (("--law=hu_guo",), "hu_guo also needs --e E"),
+    "alone": (("--law=hu_guo", "--e=1.5"), r"e must be in (0, 1], but is 1.5"),
+    "mass": ((*LAW, "--mass=-1"), "mass must be in (0, inf), but is -1"),
+    "speed": ((*LAW, "--velocity=0"), "velocity must be in"),
+    "suffix": ((*LAW, "--out=a.txt"), "must end in .nc or .csv"),
+    "plot": ((*LAW, "--plot=a.doc"), "must end in .png, .pdf or .svg"),
+    "no range": (("--law=hu_guo", "--e=.5", "--plot=a.png"), "one or two ranges, but there are 0"),
+    "field": ((*LAW, "--plot=a.png", "--field=x"), "'x' is none of restitution, "),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_refused(case, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    options, message = BAD[case]
+    assert main(["sweep", "--quiet", "--out=a.csv", *options]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and message in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_netcdf_without_xarray(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert main(["sweep", *LAW, "--quiet", f"--out={tmp_path}/a.nc"]) == 2
+    assert "needs xarray (pip install 'jaxcontact[data]')" in capsys.readouterr().err

@@ -1,0 +1,216 @@
+"""Blocks: all lanes once, whatever their size, order and padding."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import jaxcontact as jc
+from jaxcontact._sweep._blocks import cut, padded
+
+SAME = 2e-15
+"""Blocks of another length are vectorised otherwise: measured 4e-16."""
+
+RNG = np.random.default_rng(4)
+LANES = 1003
+SAMPLES = {"e": RNG.uniform(0.05, 1.1, LANES), "v": RNG.uniform(-0.5, 10, LANES)}
+
+
+def summary(e, v, K=1e8):
+    return jc.impact(jc.HuGuo(e=e), jc.Contact(1.0, K), v)
+
+
+def close(a, b, fields=("restitution", "duration", "max_force", "energy_loss")):
+    np.testing.assert_array_equal(a.status, b.status)
+    for name in fields:
+        np.testing.assert_allclose(a[name], b[name], rtol=SAME, err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def at_once():
+    return jc.sweep(summary, samples=SAMPLES)
+
+
+@given(shape=st.lists(st.integers(1, 30), min_size=0, max_size=4), most=st.integers(1, 300))
+def test_every_lane_is_in_one_block(shape, most):
+    made = cut(shape, most)
+    assert math.prod(made.block) <= most
+    count = np.zeros(shape, int)
+    for place in made.blocks:
+        count[place] += 1
+        assert all(s.stop - s.start <= n for s, n in zip(place, made.block, strict=True))
+    assert np.all(count == 1)
+
+
+def test_long_axes_have_blocks_of_one_shape():
+    assert cut((10**7,), 65536).block == cut((10**7 + 1,), 65536).block == (65536,)
+    # Few blocks are made nearly equal: little padding.
+    assert cut((101,), 100).block == (51,)
+    assert cut((41, 1000), 40_000).block == (21, 1000)
+
+
+def test_padding_repeats_the_last():
+    np.testing.assert_array_equal(padded(np.arange(5), slice(3, 5), 4), [3, 4, 4, 4])
+
+
+@pytest.mark.parametrize("most", [1003, 1002, 64, 7])
+def test_samples_in_blocks(at_once, most):
+    table = jc.sweep(summary, samples=SAMPLES, batch_size=most)
+    assert table.shape == (LANES,) and table.dims == ("sample",)
+    close(table, at_once)
+
+
+@pytest.mark.parametrize("most", [1, 5, 12, 60])
+def test_grids_in_blocks(most):
+    axes = {"e": [0.3, 0.7, 1.2], "v": [0.5, 2.0, -1.0, 4.0, 8.0], "K": [1e6, 1e7, -1e8, 1e9]}
+    close(jc.sweep(summary, **axes, batch_size=most), jc.sweep(summary, **axes))
+
+
+def test_samples_are_lanes(at_once):
+    lane = summary(jnp.asarray(SAMPLES["e"]), jnp.asarray(SAMPLES["v"]))
+    np.testing.assert_array_equal(at_once.status, lane.status)
+    np.testing.assert_allclose(at_once.duration, lane.duration, rtol=SAME)
+
+
+def test_an_axis_for_every_sample(at_once):
+    table = jc.sweep(summary, samples=SAMPLES, K=[1e8, 1e6], batch_size=100)
+    assert table.shape == (LANES, 2) and table.dims == ("sample", "K")
+    close(table.select(K=1e8), at_once)
+
+
+@pytest.mark.parametrize("most", [64, 1000])
+def test_an_order_by_cost_changes_no_place(at_once, most):
+    table = jc.sweep(summary, samples=SAMPLES, batch_size=most, cost=lambda e: 1 / e)
+    close(table, at_once)
+    grid = {"e": [0.3, 0.7, 1.2], "v": [0.5, 2.0, -1.0, 4.0, 8.0], "K": [1e6, 1e7, -1e8, 1e9]}
+    for cost in (lambda K: K, lambda e, v: e * v, lambda v, e: e):
+        close(jc.sweep(summary, **grid, batch_size=7, cost=cost), jc.sweep(summary, **grid))
+
+
+def test_dear_lanes_come_first_and_together():
+    seen = []
+
+    def work(n):
+        # The loop of a block runs until its slowest lane is done.
+        return {"n": n, "steps": n}
+
+    def fold(_, block):
+        seen.append(block.n)
+
+    n = RNG.permutation(40).astype(float)
+    jc.sweep(work, samples={"n": n}, batch_size=10, reduce=(None, fold))
+    np.testing.assert_array_equal(np.concatenate(seen), n)
+    seen.clear()
+    blocks = []
+    table = jc.sweep(
+        work,
+        samples={"n": n},
+        batch_size=10,
+        cost=lambda n: n,
+        progress=lambda done, total: blocks.append(done),
+    )
+    np.testing.assert_array_equal(table.n, n)
+    assert blocks == [10, 20, 30, 40]
+
+
+def test_ordered_blocks_hold_neighbours_in_cost():
+    from jaxcontact._sweep._axes import grid_of
+    from jaxcontact._sweep._plan import plan_of
+    from jaxcontact._sweep._run import blocks_of
+
+    n = RNG.permutation(40).astype(float)
+    grid = grid_of({"n": n}, {})
+    plan = plan_of(lambda n: 2 * n, grid)
+    found = [
+        np.sort(block.arguments()[0])
+        for block in blocks_of(plan.groups, grid, 16, lambda group: np.argsort(-n))
+    ]
+    # The last block is filled up with its last lane.
+    np.testing.assert_array_equal(found[0], np.arange(26, 40))
+    np.testing.assert_array_equal(found[1], np.arange(12, 26))
+    np.testing.assert_array_equal(found[2], [0, 0, *range(12)])
+
+
+def test_a_fold_sees_every_lane_once(at_once):
+    def fold(so_far, block):
+        worst, lanes, where = so_far
+        lanes += block.shape[0]
+        place = int(np.nanargmax(block.max_force))
+        if block.max_force[place] > worst:
+            worst, where = block.max_force[place], (block.axes["e"][place], block.axes["v"][place])
+        return worst, lanes, where
+
+    table = jc.sweep(summary, samples=SAMPLES, batch_size=100, reduce=((0.0, 0, None), fold))
+    worst, lanes, where = table.value
+    assert lanes == LANES
+    np.testing.assert_allclose(worst, np.nanmax(at_once.max_force), rtol=SAME)
+    place = int(np.nanargmax(at_once.max_force))
+    assert where == (SAMPLES["e"][place], SAMPLES["v"][place])
+    assert table.complete
+
+
+def test_a_fold_over_a_grid_knows_the_status():
+    def fold(counts, block):
+        assert block.shape == block.status.shape
+        found = dict(zip(*np.unique(block.status, return_counts=True), strict=True))
+        return {kind: counts.get(kind, 0) + found.get(kind, 0) for kind in {*counts, *found}}
+
+    def alone(e, v):
+        return jc.restitution(jc.HuGuo(e=e), jc.Contact(1.0, 1e8), v)
+
+    axes = {"e": [0.3, 0.7, 1.2], "v": [0.5, 2.0, -1.0, 4.0]}
+    counts = jc.sweep(alone, **axes, batch_size=4, reduce=({}, fold)).value
+    assert counts == jc.sweep(alone, **axes).status_counts() == {0: 6, 3: 6}
+
+
+def test_one_lane_and_none():
+    table = jc.sweep(summary, e=0.5, v=1.0)
+    assert table.shape == () and table.restitution.shape == ()
+    np.testing.assert_allclose(table.restitution, summary(0.5, 1.0).restitution, rtol=SAME)
+    assert jc.sweep(lambda: jnp.arange(3)).value.shape == (3,)
+
+
+def test_own_shapes():
+    def courses(e, v, K):
+        return {"line": e * jnp.arange(3.0), "plane": jnp.where(K > 0, v, jnp.nan) * jnp.eye(2)}
+
+    table = jc.sweep(courses, e=[0.3, 0.6], v=[1.0, 2.0, 3.0], K=[1.0, -1.0], batch_size=2)
+    assert table.line.shape == (2, 3, 2, 3) and table.plane.shape == (2, 3, 2, 2, 2)
+    np.testing.assert_array_equal(table.line[1, 1, 0], 0.6 * np.arange(3.0))
+    np.testing.assert_array_equal(table.plane[1, 2, 0], 3 * np.eye(2))
+    assert np.all(np.isnan(table.plane[..., 1, :, :]))
+
+
+BAD = {
+    "axes": ({"u": [1.0]}, r"Argument `u` must be an argument of `fn`.*e, v, K"),
+    "missing": ({"e": [0.5]}, r"Argument `v` of `fn` must be given.*only: e"),
+    "rank": ({"e": [[0.5]], "v": 1.0}, r"`e` must be a number or a one-dim.*\(1, 1\)"),
+    "empty": ({"e": [], "v": 1.0}, r"`e` must be .* not empty, but has the shape \(0,\)"),
+    "kind": ({"e": [1j], "v": 1.0}, r"`e` must be a number or an array of real numbers"),
+    "words": ({"e": ["a", "b"], "v": 1.0}, "`e` must be a number"),
+    "samples": ({"samples": 3}, "`samples` must map names"),
+    "no samples": ({"samples": {}}, "`samples` must map names to arrays.*but is empty"),
+    "lengths": ({"samples": {"e": [1.0], "v": [1.0, 2.0]}}, "one length, but has e: 1, v: 2"),
+    "twice": ({"samples": {"e": [1.0]}, "e": [0.5], "v": 1.0}, "`e` must be given once"),
+    "batch": ({"e": [0.5], "v": 1.0, "batch_size": 0}, "`batch_size` must be a whole number"),
+    "fold": ({"e": [0.5], "v": 1.0, "reduce": 3}, r"`reduce` must be a pair \(start, fold\)"),
+    "progress": ({"e": [0.5], "v": 1.0, "progress": "yes"}, "`progress` must be True, False"),
+    "store": ({"e": [0.5], "v": 1.0, "store": "a", "reduce": (0, max)}, "`store` must be None"),
+    "cost": ({"e": [0.5], "v": 1.0, "cost": lambda e: (e, e)}, "`cost` must return one number"),
+    "mesh": ({"e": [0.5], "v": 1.0, "mesh": 4}, "`mesh` must be a `jax.sharding.Mesh`"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_arguments(case):
+    arguments, message = BAD[case]
+    with pytest.raises(ValueError, match=message):
+        jc.sweep(summary, **arguments)
+
+
+def test_not_a_function():
+    with pytest.raises(ValueError, match="`fn` must be a function"):
+        jc.sweep(3, e=[0.5])

@@ -1,0 +1,83 @@
+"""Blocks over several processes: each computes its share, and all have all of it, bit for bit."""
+
+import os
+import socket
+import subprocess
+
+import jax
+import numpy as np
+import pytest
+
+from jaxcontact._sweep._devices import Workers
+from tests.test_sweep.lanes import ROOT, cheap, folded, same, script
+
+WORKER = """
+process, address, folder = int(sys.argv[1]), sys.argv[2], sys.argv[3]
+jax.distributed.initialize(address, num_processes=2, process_id=process)
+assert (jax.process_count(), len(jax.local_devices()), len(jax.devices())) == (2, 2, 4)
+
+# What this process wrote to the store, in which both write at the same time.
+from jaxcontact._sweep._store import BlockStore
+written, write = [], BlockStore.write
+def counted(store, number, arrays):
+    written.append(number)
+    write(store, number, arrays)
+BlockStore.write = counted
+
+np.savez(f"{folder}/gathered-{process}.npz", **swept())
+np.savez(f"{folder}/stored-{process}.npz", **swept(store=f"{folder}/sweep.zarr"))
+np.savez(f"{folder}/written-{process}.npz", blocks=written)
+mesh = jax.make_mesh((4,), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,))
+np.savez(f"{folder}/mesh-{process}.npz", **cheap(mesh=mesh))
+np.savez(f"{folder}/folded-{process}.npz", value=folded())
+"""
+
+
+@pytest.mark.slow
+def test_two_processes_equal_one_bit_for_bit(tmp_path, on_one_device):
+    pytest.importorskip("zarr")
+    with socket.socket() as free:
+        free.bind(("localhost", 0))
+        address = f"localhost:{free.getsockname()[1]}"
+    environment = os.environ | {
+        "XLA_FLAGS": "--xla_force_host_platform_device_count=2",
+        "JAX_PLATFORMS": "cpu",
+    }
+    workers = [
+        subprocess.Popen(
+            [*script(WORKER), str(process), address, tmp_path], cwd=ROOT, env=environment
+        )
+        for process in range(2)
+    ]
+    try:
+        assert [worker.wait() for worker in workers] == [0, 0]
+    finally:
+        for worker in workers:
+            worker.kill()
+
+    def found(name):
+        return [dict(np.load(tmp_path / f"{name}-{process}.npz")) for process in range(2)]
+
+    assert all(same(arrays, on_one_device) for arrays in found("gathered"))
+    assert all(same(arrays, on_one_device) for arrays in found("stored"))
+    first, second = (set(arrays["blocks"].tolist()) for arrays in found("written"))
+    assert len(first) >= 2
+    assert len(second) >= 2
+    assert not first & second
+    assert all(same(arrays, cheap()) for arrays in found("mesh"))
+    assert all(arrays["value"] == folded() for arrays in found("folded"))
+
+
+def test_arrays_of_all_kinds_are_packed_as_they_are(monkeypatch):
+    """Without other processes: what one sends all receive."""
+    from jax.experimental import multihost_utils
+
+    monkeypatch.setattr(multihost_utils, "process_allgather", lambda x: np.stack([x, x]))
+    mine = [np.array([True, False, True]), np.array([[-0.0, np.nan]]), np.array(7, np.int32)]
+    forms = [jax.ShapeDtypeStruct(array.shape, array.dtype) for array in mine]
+    both = Workers(processes=2).exchanged(mine, [forms, forms[:2]])
+    assert [len(arrays) for arrays in both] == [3, 2]
+    for arrays in both:
+        for array, other in zip(arrays, mine, strict=False):
+            assert (array.dtype, array.shape) == (other.dtype, other.shape)
+            assert array.tobytes() == other.tobytes()

@@ -1,0 +1,158 @@
+"""A sweep into a store that is killed, damaged, or another one."""
+
+import os
+import signal
+import subprocess
+import time
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcontact._sweep._devices import Workers
+from jaxcontact._sweep._store import BlockStore
+from tests.test_sweep.lanes import ROOT, arrays_of, durations, many, outcome, same, script
+
+pytest.importorskip("zarr")
+
+
+@pytest.fixture
+def written(monkeypatch):
+    """The numbers of the blocks that are written."""
+    numbers = []
+    write = BlockStore.write
+
+    def counted(store, number, arrays):
+        numbers.append(number)
+        write(store, number, arrays)
+
+    monkeypatch.setattr(BlockStore, "write", counted)
+    return numbers
+
+
+@pytest.fixture(scope="module")
+def whole():
+    """The sweep as it is without a store."""
+    return arrays_of(many())
+
+
+@pytest.fixture
+def store(tmp_path):
+    """A finished store."""
+    many(store=tmp_path / "sweep.zarr")
+    return tmp_path / "sweep.zarr"
+
+
+def checksums(path):
+    """The files that say that a block is finished."""
+    return [p for p in path.glob("blocks/checksum/c/*") if p.name.isdigit()]
+
+
+# Slow enough to be seen in the middle.
+SLOW = """
+import time
+many(store=sys.argv[1], progress=lambda done, total: time.sleep(0.3))
+"""
+
+
+def test_a_killed_sweep_goes_on_where_it_was(tmp_path, written, whole):
+    path = tmp_path / "sweep.zarr"
+    child = subprocess.Popen([*script(SLOW), path], cwd=ROOT)
+    try:
+        while len(checksums(path)) < 3:
+            assert child.poll() is None
+            time.sleep(0.01)
+    finally:
+        child.kill()
+    assert child.wait() == -signal.SIGKILL
+    there = len(checksums(path))
+    seen = []
+    resumed = many(store=path, progress=lambda done, total: seen.append((done, total)))
+    blocks = len(checksums(path))
+    assert 3 <= there < blocks
+    assert len(written) == len(set(written)) == blocks - there
+    assert same(arrays_of(resumed), whole)
+    assert seen[-1][0] == seen[-1][1]
+
+    # The files, too, are those of a sweep that was not killed.
+    many(store=tmp_path / "other.zarr")
+    assert files(path) == files(tmp_path / "other.zarr")
+
+    written.clear()
+    assert same(arrays_of(many(store=path)), whole)
+    assert written == []
+
+
+def files(path):
+    """The content of a store; zarr leaves `.partial` files behind when it is killed."""
+    every = [p for p in path.rglob("*") if p.is_file() and p.suffix != ".partial"]
+    return {str(p.relative_to(path)): p.read_bytes() for p in every}
+
+
+def test_a_truncated_chunk_is_computed_again(store, written, whole):
+    chunk = next(p for p in (store / "duration" / "c").rglob("*") if p.is_file())
+    os.truncate(chunk, chunk.stat().st_size // 2)
+    written.clear()
+    assert same(arrays_of(many(store=store)), whole)
+    assert len(written) == 1
+
+
+def test_the_store_serves_any_number_of_devices(store, written, whole):
+    """What does not change a bit does not make another sweep."""
+    import jax
+
+    mesh = jax.make_mesh((1,), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,))
+    written.clear()
+    assert same(arrays_of(many(store=store, mesh=mesh)), whole)
+    assert written == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"fn": durations}, "`function` ('outcome' there, 'durations' here)"),
+        ({"fn": lambda e, v: outcome(e, 2 * v)}, "`program`"),
+        ({"v": jnp.linspace(0.0, 5, 8)}, "`axes.v.numbers`"),
+        ({"v": np.linspace(0.0, 4, 9, dtype=np.float32)}, "`axes.v.dtype`"),
+        ({"batch_size": 21}, "`batch_size` (20 there, 21 here)"),
+    ],
+)
+def test_another_sweep_is_refused(store, change, words):
+    before = files(store)
+    with pytest.raises(ValueError, match="Argument `store` must be") as error:
+        many(store=store, **change)
+    assert words in str(error.value)
+    assert files(store) == before
+
+
+def test_another_version_is_refused(store, monkeypatch):
+    monkeypatch.setattr("jaxcontact._sweep._signature.version", lambda: "0.0.1")
+    with pytest.raises(ValueError, match=r"`jaxcontact` \('.*' there, '0.0.1' here\)"):
+        many(store=store)
+
+
+def test_processes_must_see_the_same_store(tmp_path, monkeypatch):
+    """Two processes with a disk each would end with half of the blocks."""
+    alone = Workers(process=1, processes=2)
+    monkeypatch.setattr("jaxcontact._sweep._sweep.workers_of", lambda mesh: alone)
+    monkeypatch.setattr(Workers, "meet", lambda self, where: None)
+    with pytest.raises(ValueError, match=r"process 1 does not see .* blocks"):
+        many(store=tmp_path / "sweep.zarr")
+
+
+def test_xarray_opens_the_store(store, whole):
+    """Arrays have the dimensions they depend on; where they hold is said beside them."""
+    xarray = pytest.importorskip("xarray")
+    table = xarray.open_zarr(store, consolidated=False, chunks=None)
+    flags = xarray.open_zarr(store, consolidated=False, chunks=None, group="flags")
+    assert np.array_equal(table.v, np.linspace(0, 4, 9))
+    assert table.duration.attrs["units"] == "s"
+    assert table.restitution.dims == ("e",)
+    assert set(table) == set(whole)
+    for name, values in table.items():
+        every = values
+        for flag in values.attrs.get("valid_where", "").split():
+            bad = np.int64(3) if name == "status" else np.nan
+            every = every.where(flags[flag.removeprefix("flags/")], bad)
+        stored = every.broadcast_like(table.duration).transpose("e", "v")
+        assert np.array_equal(stored, whole[name], equal_nan=True)

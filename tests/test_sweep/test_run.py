@@ -1,0 +1,238 @@
+"""A sweep while it runs: what it says, how it is stopped, and what is compiled."""
+
+import io
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._sweep._progress import Progress, in_notebook, progress_of
+
+CONTACT = jc.Contact(1.0, 1e8)
+
+
+def summary(e, v):
+    return jc.impact(jc.HuGuo(e=e), CONTACT, v)
+
+
+class Clock:
+    """Time that passes only when it is told to."""
+
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+def test_silent_for_a_second():
+    clock = Clock()
+    progress = Progress(replace=True, clock=clock)
+    err = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, progress as tell:
+        patch.setattr(sys, "stderr", err)
+        clock.now += 0.9
+        tell(10, 10)
+    assert err.getvalue() == ""
+
+
+def test_rate_and_time_left():
+    clock = Clock()
+    progress = Progress(replace=True, clock=clock)
+    err = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stderr", err)
+        with progress as tell:
+            clock.now += 2
+            tell(1_000_000, 4_000_000)
+            clock.now += 0.1
+            tell(1_100_000, 4_000_000)
+            clock.now += 1.9
+            tell(4_000_000, 4_000_000)
+    lines = err.getvalue().split("\r")
+    assert lines[1] == "sweep: 1,000,000 of 4,000,000 lanes, 500,000 lanes/s, 6 s left"
+    # The second report came too soon; the last one covers what was longer.
+    assert lines[2].rstrip() == "sweep: 4,000,000 of 4,000,000 lanes, 1,000,000 lanes/s, 4 s"
+    assert len(lines[2].rstrip("\n")) == len(lines[1])
+    assert err.getvalue().endswith("\n")
+
+
+def test_in_a_file_lines_follow_each_other():
+    clock = Clock()
+    err = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stderr", err)
+        with Progress(replace=False, clock=clock) as tell:
+            for done in range(1, 31):
+                clock.now += 1
+                tell(done, 30)
+    lines = err.getvalue().splitlines()
+    assert len(lines) == 4
+    assert lines[0] == "sweep: 1 of 30 lanes, 1 lanes/s, 29 s left"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(59, "59 s"), (61, "1 min 01 s"), (7260, "2 h 01 min")]
+)
+def test_long_times(seconds, text):
+    assert Progress.line(1, 1, seconds).endswith(text)
+
+
+def test_who_is_told(monkeypatch, capsys):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    assert not isinstance(progress_of(None), Progress)
+    assert isinstance(progress_of(True), Progress)
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    assert isinstance(progress_of(None), Progress)
+    assert not isinstance(progress_of(False), Progress)
+
+
+def test_notebooks(monkeypatch):
+    assert not in_notebook()
+
+    class Shell:
+        kernel = object()
+
+    class IPython:
+        @staticmethod
+        def get_ipython():
+            return Shell()
+
+    monkeypatch.setitem(sys.modules, "IPython", IPython)
+    assert in_notebook()
+    assert isinstance(progress_of(None), Progress)
+
+
+def test_a_sweep_off_a_terminal_says_nothing(capsys):
+    jc.sweep(summary, e=[0.3, 0.6], v=[1.0])
+    assert capsys.readouterr() == ("", "")
+
+
+def interrupted(after, function=summary, **more):
+    def listen(done, total):
+        if done >= after:
+            raise KeyboardInterrupt
+
+    return jc.sweep(function, progress=listen, batch_size=10, **more)
+
+
+AXES = {"e": np.linspace(0.1, 1, 10), "v": np.array([1.0, 2.0, -1.0, 4.0, 5.0])}
+
+
+def test_an_interrupt_leaves_what_is_done():
+    whole = jc.sweep(summary, **AXES, batch_size=10)
+    with pytest.warns(UserWarning, match=r"interrupted with 50 % of its work done"):
+        table = interrupted(21, **AXES)
+    assert not table.complete and whole.complete
+    done = np.zeros((10, 5), bool)
+    # The checks (10), and two blocks of two rows.
+    done[:4] = True
+    for name in ("duration", "max_force", "rebound_velocity", "restitution"):
+        np.testing.assert_array_equal(table[name][done], whole[name][done])
+        assert np.all(np.isnan(table[name][~done]))
+    np.testing.assert_array_equal(table.status[done], whole.status[done])
+    bad = np.broadcast_to(AXES["v"] < 0, (10, 5))
+    expected = np.where(bad, int(jc.Status.INVALID_INPUT), int(jc.Status.NOT_CONVERGED))
+    np.testing.assert_array_equal(table.status[~done], expected[~done])
+    assert "50 % of the work is done" in repr(table)
+    assert not table.select(e=AXES["e"][0]).complete
+
+
+def test_an_interrupt_in_the_middle_of_ordered_lanes():
+    samples = {"e": np.linspace(0.1, 1, 50), "v": np.linspace(1, 5, 50)}
+    with pytest.warns(UserWarning, match="interrupted"):
+        table = interrupted(70, samples=samples, cost=lambda v: v)
+    # The checks are done for all, the dearest two of five blocks as well.
+    np.testing.assert_array_equal(np.isnan(table.duration), np.arange(50) < 30)
+
+
+def test_an_interrupt_of_a_fold_keeps_what_is_folded():
+    def fold(lanes, block):
+        return lanes + block.shape[0] * block.shape[1]
+
+    with pytest.warns(UserWarning, match="interrupted with 40 %"):
+        table = interrupted(20, **AXES, reduce=(0, fold))
+    assert table.value == 20 and not table.complete
+
+
+def test_an_interrupt_before_anything_is_done_is_passed_on():
+    def fold(value, block):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        jc.sweep(summary, **AXES, reduce=(0, fold))
+
+
+@pytest.fixture
+def traces():
+    """A function that counts how often it is traced."""
+    count = []
+
+    def function(e, v):
+        count.append(1)
+        return {"e": jc.restitution(jc.HuGuo(e=e)), "v": jnp.sqrt(v) * e}
+
+    return function, count
+
+
+def test_the_same_function_is_traced_once(traces):
+    function, count = traces
+    for size in (3, 3, 4):
+        jc.sweep(function, e=np.linspace(0.1, 1, size), v=[1.0, 2.0])
+    assert len(count) == 1
+    # Other numbers held fixed are numbers too.
+    for v in (1.0, 2.0, 3.0):
+        jc.sweep(function, e=[0.5], v=v)
+    assert len(count) == 2
+
+
+def test_another_sweep_of_a_function_compiles_nothing(traces):
+    function, _ = traces
+    compiled = []
+
+    def listen(event, duration, **_):
+        if event == "/jax/core/compile/backend_compile_duration":
+            compiled.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        samples = {"e": np.linspace(0.1, 1, 100), "v": np.linspace(1, 2, 100)}
+        jc.sweep(function, samples=samples, batch_size=10)
+        first = len(compiled)
+        assert first > 0
+        jc.sweep(function, samples={k: x[::-1] for k, x in samples.items()}, batch_size=10)
+        # Blocks of one shape: of another number of lanes, too.
+        jc.sweep(function, samples={k: x[:95] for k, x in samples.items()}, batch_size=10)
+        assert len(compiled) == first
+        jc.sweep(lambda e, v: function(e, v), samples=samples, batch_size=10)
+        assert len(compiled) > first
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+
+
+def test_a_solve_that_fields_share_is_compiled_once():
+    from jaxcontact._sweep._axes import grid_of
+    from jaxcontact._sweep._plan import plan_of
+
+    plan = plan_of(summary, grid_of(None, {"e": [0.1, 0.2], "v": [1.0, 2.0]}))
+    assert [group.flags for group in plan.groups] == [True, False]
+
+
+def test_a_function_without_a_hash():
+    import equinox as eqx
+
+    class Scaled(eqx.Module):
+        factor: jax.Array
+
+        def __call__(self, e):
+            return self.factor * e
+
+    for factor in (2.0, 3.0):
+        function = Scaled(jnp.asarray(factor))
+        np.testing.assert_array_equal(jc.sweep(function, e=[1.0, 2.0]).value, [factor, 2 * factor])

@@ -1,0 +1,238 @@
+"""Blocks on disk: what counts as finished, what is refused, and what others can read."""
+
+import os
+import sys
+
+import numpy as np
+import pytest
+
+from jaxcontact._sweep._store import Coordinate, Stored, open_store
+
+pytest.importorskip("zarr")
+
+SIGNATURE = {"fn": "restitution", "axes": {"e": "a1", "v": "b2"}, "version": "0.1.0"}
+ARRAYS = {
+    # The last blocks are short along both dimensions.
+    "duration": Stored(("e", "v"), (10, 7), (4, 5), np.dtype("float64"), {"units": "s"}),
+    "status": Stored(("e", "v"), (10, 7), (4, 5), np.dtype("int32")),
+    "flag": Stored((), (), (), np.dtype("bool")),
+}
+PLACES = [(slice(a, min(a + 4, 10)), slice(b, min(b + 5, 7))) for a in (0, 4, 8) for b in (0, 5)]
+BLOCKS = [{"duration": place, "status": place} for place in PLACES] + [{"flag": ()}]
+COORDINATES = {
+    "e": Coordinate("e", np.linspace(0.1, 1, 10)),
+    "v": Coordinate("v", np.arange(7.0), {"units": "m/s"}),
+    "mass": Coordinate("v", np.arange(7.0), {"units": "kg"}),
+}
+
+RNG = np.random.default_rng(0)
+# Zeros are zarr's empty chunks in many settings; NaN and -0.0 compare badly but must come back.
+WHOLE = {
+    "duration": np.where(RNG.random((10, 7)) < 0.2, np.nan, RNG.normal(size=(10, 7))),
+    "status": np.zeros((10, 7), np.int32),
+    "flag": np.array(True),
+}
+WHOLE["duration"][0, 0] = -0.0
+
+
+def opened(path, signature=SIGNATURE):
+    return open_store(path, signature, ARRAYS, BLOCKS, COORDINATES)
+
+
+def part(number):
+    return {name: WHOLE[name][place] for name, place in BLOCKS[number].items()}
+
+
+def filled(path):
+    store = opened(path)
+    for number in range(len(BLOCKS)):
+        store.write(number, part(number))
+    return store
+
+
+def same(a, b):
+    return a.keys() == b.keys() and all(
+        a[k].dtype == b[k].dtype and a[k].tobytes() == b[k].tobytes() for k in a
+    )
+
+
+def finished(store):
+    return [number for number in range(len(BLOCKS)) if store.finished(number)]
+
+
+def test_blocks_come_back_bit_for_bit(tmp_path):
+    store = opened(tmp_path / "a.zarr")
+    assert finished(store) == []
+    for number in (3, 6, 0):
+        store.write(number, part(number))
+    again = opened(tmp_path / "a.zarr")
+    assert finished(again) == [0, 3, 6]
+    assert again.lacking() == [1, 2, 4, 5]
+    for number in (0, 3, 6):
+        assert same(again.read(number), part(number))
+
+
+def test_the_whole_arrays(tmp_path):
+    arrays = filled(tmp_path / "a.zarr").arrays()
+    assert same({name: np.asarray(array[...]) for name, array in arrays.items()}, WHOLE)
+
+
+def test_no_two_blocks_share_a_file(tmp_path):
+    """So that processes can write at the same time."""
+
+    def written():
+        return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*") if "/c" in str(path)}
+
+    store = opened(tmp_path / "a.zarr")
+    for number in range(len(BLOCKS)):
+        before = written()
+        store.write(number, part(number))
+        after = written()
+        touched = [path for path in before if path.is_file() and after[path] != before[path]]
+        assert touched == []
+
+
+def chunk(path, name, *index):
+    return path.joinpath(name, "c", *map(str, index))
+
+
+@pytest.mark.parametrize("damage", ["missing", "short", "empty", "altered", "swapped"])
+def test_a_damaged_chunk_is_found_and_can_be_written_again(tmp_path, damage):
+    path = tmp_path / "a.zarr"
+    filled(path)
+    file = chunk(path, "duration", 2, 1)
+    content = file.read_bytes()
+    if damage == "missing":
+        file.unlink()
+    elif damage == "altered":
+        middle = len(content) // 2
+        file.write_bytes(content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :])
+    elif damage == "swapped":
+        file.write_bytes(chunk(path, "duration", 0, 1).read_bytes())
+    else:
+        os.truncate(file, 0 if damage == "empty" else len(content) - 3)
+    store = opened(path)
+    assert finished(store) == [0, 1, 2, 3, 4, 6]
+    store.write(5, part(5))
+    assert finished(opened(path)) == list(range(7))
+    assert same(store.read(5), part(5))
+
+
+@pytest.mark.parametrize("damage", ["missing", "empty"])
+def test_a_damaged_checksum_is_found_and_can_be_written_again(tmp_path, damage):
+    path = tmp_path / "a.zarr"
+    filled(path)
+    file = chunk(path, "blocks/checksum", 1)
+    if damage == "missing":
+        file.unlink()
+    else:
+        os.truncate(file, 0)
+    store = opened(path)
+    assert finished(store) == [0, 2, 3, 4, 5, 6]
+    store.write(1, part(1))
+    assert finished(opened(path)) == list(range(7))
+
+
+def test_a_block_without_its_checksum_does_not_count(tmp_path, monkeypatch):
+    """A process killed between the last array and the checksum."""
+    store = opened(tmp_path / "a.zarr")
+
+    class Killed(BaseException):
+        pass
+
+    def killed(arrays):
+        raise Killed
+
+    monkeypatch.setattr("jaxcontact._sweep._store._checksum", killed)
+    with pytest.raises(Killed):
+        store.write(0, part(0))
+    monkeypatch.undo()
+    assert finished(opened(tmp_path / "a.zarr")) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"fn": "duration"}, "`fn` ('restitution' there, 'duration' here)"),
+        ({"axes": {"e": "a1", "v": "c3"}}, "`axes.v` ('b2' there, 'c3' here)"),
+        ({"axes": {"e": "a1"}}, "`axes.v` ('b2' there, none here)"),
+        ({"version": "0.2.0"}, "`version` ('0.1.0' there, '0.2.0' here)"),
+        ({"batch_size": 5}, "`batch_size` (none there, 5 here)"),
+    ],
+)
+def test_another_sweep_is_refused(tmp_path, change, words):
+    filled(tmp_path / "a.zarr")
+    with pytest.raises(ValueError, match="Argument `store` must be") as error:
+        opened(tmp_path / "a.zarr", SIGNATURE | change)
+    assert words in str(error.value)
+    assert finished(opened(tmp_path / "a.zarr")) == list(range(7))
+
+
+def test_what_is_no_store_is_refused(tmp_path):
+    import zarr
+
+    (tmp_path / "file").write_text("not a store")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "thesis.txt").write_text("not to be lost")
+    zarr.create_group(tmp_path / "other.zarr", zarr_format=3)
+    for name in ("file", "folder", "other.zarr"):
+        with pytest.raises(ValueError, match=f"Argument `store` must .*{name} is something else"):
+            opened(tmp_path / name)
+    assert (tmp_path / "folder" / "thesis.txt").read_text() == "not to be lost"
+
+
+def test_a_store_without_one_of_its_arrays_is_refused(tmp_path):
+    import shutil
+
+    filled(tmp_path / "a.zarr")
+    shutil.rmtree(tmp_path / "a.zarr" / "status")
+    with pytest.raises(ValueError, match="lacks 'status'"):
+        opened(tmp_path / "a.zarr")
+
+
+def test_a_new_store_may_be_deep_or_an_empty_folder(tmp_path):
+    opened(tmp_path / "runs" / "today" / "a.zarr")
+    (tmp_path / "empty").mkdir()
+    opened(tmp_path / "empty")
+    # What was made beside it on the way is gone.
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["empty", "runs"]
+
+
+def test_the_first_of_two_that_create_it_wins(tmp_path, monkeypatch):
+    path = tmp_path / "a.zarr"
+    rename = os.rename
+
+    def late(new, target):
+        monkeypatch.setattr(os, "rename", rename)
+        filled(path)
+        rename(new, target)
+
+    monkeypatch.setattr(os, "rename", late)
+    assert finished(opened(path)) == list(range(7))
+    assert [p.name for p in tmp_path.iterdir()] == ["a.zarr"]
+
+
+def test_xarray_reads_it(tmp_path):
+    xarray = pytest.importorskip("xarray")
+    filled(tmp_path / "a.zarr")
+    table = xarray.open_zarr(tmp_path / "a.zarr", consolidated=False, chunks=None)
+    assert set(table.data_vars) == {"duration", "status", "flag"}
+    assert set(table.coords) == {"e", "v", "mass"}
+    assert table.duration.dims == ("e", "v")
+    assert table.duration.attrs["units"] == "s"
+    assert table.v.attrs["units"] == "m/s"
+    assert table.status.dtype == np.int32
+    assert np.array_equal(table.duration, WHOLE["duration"], equal_nan=True)
+    assert np.array_equal(table.e, COORDINATES["e"].values)
+
+
+def test_what_is_not_written_yet_cannot_be_taken_for_a_result(tmp_path):
+    arrays = opened(tmp_path / "a.zarr").arrays()
+    assert np.isnan(arrays["duration"][...]).all()
+    assert (np.asarray(arrays["status"][...]) == -1).all()
+
+
+def test_without_zarr(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "zarr", None)
+    with pytest.raises(ImportError, match=r"pip install 'jaxcontact\[data\]'"):
+        opened(tmp_path / "a.zarr")
