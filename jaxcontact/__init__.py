@@ -52,6 +52,6 @@ __version__ = "0.1.0"
 
 def __getattr__(name: str) -> _Any:
     # matplotlib is loaded by those who plot.
-    if name == "plot":
-        return _import_module(".plot", __name__)
+    if name in ("plot", "paper"):
+        return _import_module(f".{name}", __name__)
     raise AttributeError(f"module 'jaxcontact' has no attribute {name!r}")

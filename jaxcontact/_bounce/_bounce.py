@@ -99,7 +99,7 @@ def _bounce(
     elif restitution_is_constant(law, contact):
         first = options.impact(law, contact, run.speed)
         power = (1 - n) / (1 + n)
-        power = power if isinstance(power, float) else power[..., None]
+        power = power if isinstance(power, float) else jnp.expand_dims(power, -1)
         touches = alike(first, run.speed, power, run.rest, bounces)
         e = jnp.where(first.status == int(Status.SEPARATED), first.restitution, 0)
         return _assembled(touches, run, e)

@@ -1,4 +1,4 @@
-"""The command `jaxcontact`: calibrate, laws, impact, sweep."""
+"""The command `jaxcontact`: calibrate, laws, impact, sweep, paper."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Sequence
 
-from . import _calibrate, _impact, _laws, _sweep
+from . import _calibrate, _impact, _laws, _paper, _sweep
 from ._options import InputError
 
 _EPILOG = """\
@@ -32,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         allow_abbrev=False,
     )
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (_calibrate, _laws, _impact, _sweep):
+    for command in (_calibrate, _laws, _impact, _sweep, _paper):
         command.add_parser(commands)
     arguments = parser.parse_args(argv)
 

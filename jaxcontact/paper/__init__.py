@@ -4,9 +4,20 @@ from ._ball import ball_table as ball_table
 from ._ball_figures import fig8 as fig8
 from ._ball_figures import fig9 as fig9
 from ._ball_figures import fig10 as fig10
+from ._bouncing import bouncing as bouncing
 from ._fig3 import fig3 as fig3
 from ._fig4 import fig4 as fig4
 from ._fig5 import fig5 as fig5
 from ._fig6 import fig6 as fig6
+from ._numbers import Number as Number
+from ._numbers import markdown as markdown
+from ._numbers import numbers as numbers
+from ._published import PUBLISHED as PUBLISHED
+from ._published import Published as Published
 from ._reproduction import Reproduction as Reproduction
 from ._reproduction import Table as Table
+
+FIGURES = {
+    figure.__name__: figure for figure in (fig3, fig4, fig5, fig6, fig8, fig9, fig10, bouncing)
+}
+"""Every figure of this room by its name."""

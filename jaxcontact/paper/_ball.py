@@ -10,7 +10,7 @@ import numpy as np
 
 from .._contact import Contact
 from .._impact import impact, trajectory
-from .._laws import Damped
+from .._laws import Damped, get_law
 from ._column import column
 from ._reproduction import Table
 from ._style import FOUR_LAWS, RESTITUTIONS
@@ -51,7 +51,8 @@ def impacts() -> Impacts:
 @functools.cache
 def _impacts(dtype: str) -> Impacts:
     e = jnp.asarray(RESTITUTIONS, dtype)
-    alpha = jnp.stack([law.law(e=e).damping_factor() for law in FOUR_LAWS])
+    laws = [get_law(column(law.law), e=e) for law in FOUR_LAWS]
+    alpha = jnp.stack([law.damping_factor() for law in laws])
     # One law with one number stands for all four: one compiled solve serves them.
     law, contact = Damped(alpha=alpha), Contact(mass=MASS, stiffness=STIFFNESS)
     path = trajectory(law, contact, SPEED, samples=SAMPLES)

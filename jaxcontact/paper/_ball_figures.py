@@ -33,7 +33,7 @@ def fig10() -> Reproduction:
 
 
 def _panels(solved: Impacts, x: np.ndarray, y: np.ndarray, across: str, up: str) -> Reproduction:
-    figure, axes = sheet(2, 2, height=3.9, sharex=True, sharey=True)
+    figure, axes = sheet(2, 2, height=4.1, sharex=True, sharey=True)
     for i, (law, ax) in enumerate(zip(FOUR_LAWS, axes, strict=True)):
         for j, e in enumerate(RESTITUTIONS):
             ax.plot(x[i, j], y[i, j], color=SHADES[e], linewidth=1.1, label=f"e = {e:.1f}")
@@ -42,7 +42,7 @@ def _panels(solved: Impacts, x: np.ndarray, y: np.ndarray, across: str, up: str)
         ax.set_xlabel(across)
     for ax in axes[::2]:
         ax.set_ylabel(up)
-    legend_above(figure, axes[0], columns=5)
+    legend_above(figure, axes[0], columns=3)
     return Reproduction(figure, {"curves": _curves(solved), "ball": ball_table()})
 
 

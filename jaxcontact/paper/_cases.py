@@ -30,6 +30,9 @@ CASES = (
 MASS, STIFFNESS = 0.033, 1.07e10
 """Of both cases, in kg and N/m^1.5: a steel sphere of radius 10 mm."""
 
+RADIUS, YOUNGS_MODULUS, POISSON_RATIO = 0.01, 2.07e11, 0.3
+"""Of the steel sphere, in m, Pa and 1: what K is computed from."""
+
 SAMPLES = 801
 """Moments of each impact: cubics through them give δ' to 7e-9 of v0, worst next to touch."""
 

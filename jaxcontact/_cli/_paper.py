@@ -1,0 +1,89 @@
+"""`jaxcontact paper`: the figures and numbers of Hu & Guo (2015)."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import io
+import pathlib
+from typing import TYPE_CHECKING, Any
+
+from ._files import write_all
+from ._options import InputError
+from ._progress import Progress
+
+if TYPE_CHECKING:
+    from ..paper import Reproduction
+
+_DESCRIPTION = """\
+Regenerate the results of Hu & Guo (2015): figures (PNG), the numbers behind them (CSV), and a table
+of the published numbers beside ours (numbers.md, and on stdout).
+"""
+
+_EPILOG = """\
+example: jaxcontact paper --out results fig6 fig10
+
+Without names, everything: the figures of the paper, `derivation` (how far Eq. 27-36 are off) and
+`bouncing` (the ball followed to rest).
+
+exit codes: 0 done; 1 a published number differs for no stated reason; 2 bad input, nothing written.
+"""
+
+
+def add_parser(commands: Any) -> None:
+    """Add `paper` to the subparsers of argparse."""
+    parser = commands.add_parser(
+        "paper",
+        help="the figures and numbers of Hu & Guo (2015), reproduced",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("figures", metavar="FIGURE", nargs="*", help="names, such as fig6")
+    parser.add_argument(
+        "--out", metavar="DIR", default="paper", help="where to write (default: paper)"
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
+    parser.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Make what is asked for and write it. Raises InputError, OSError."""
+    from .. import paper
+
+    names = arguments.figures or list(paper.FIGURES)
+    for name in names:
+        if name not in paper.FIGURES:
+            raise InputError(f"{name!r} is no figure; there are {', '.join(paper.FIGURES)}")
+    folder = pathlib.Path(arguments.out)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"--out {arguments.out}: is a file")
+    progress = Progress(quiet=arguments.quiet)
+    files: dict[pathlib.Path, bytes] = {}
+    for name in names:
+        progress(f"making {name}")
+        made = _files_of(name, paper.FIGURES[name]())
+        files.update({folder / file: content for file, content in made.items()})
+    progress("comparing the published numbers")
+    numbers = paper.numbers()
+    table = paper.markdown(numbers)
+    files[folder / "numbers.md"] = table.encode()
+    folder.mkdir(parents=True, exist_ok=True)
+    write_all(files)
+    print(table, end="")
+    print(f"\n{len(files)} files in {folder}")
+    return 0 if all(number.agrees or number.published.differs for number in numbers) else 1
+
+
+def _files_of(name: str, result: Reproduction) -> dict[str, bytes]:
+    stream = io.BytesIO()
+    result.figure.savefig(stream, format="png", dpi=200, metadata={"Software": None})
+    files = {f"{name}.png": stream.getvalue()}
+    for title, table in result.tables.items():
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(table)
+        writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
+        files[f"{name}_{title}.csv"] = text.getvalue().encode()
+    return files

@@ -1,0 +1,89 @@
+"""Ours beside the published numbers."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from .._contact import Contact, Material
+from .._laws import get_law
+from . import _ball, _cases
+from ._fig4 import fig4
+from ._published import PUBLISHED, Published
+
+_DENSITY = 7850.0
+"""Of steel, in kg/m³; the paper gives none."""
+
+_ROUNDING = 1e-13
+"""For numbers that are exact in the paper: relative, measured 4e-16."""
+
+
+class Number(NamedTuple):
+    """A published number and ours."""
+
+    published: Published
+    ours: float
+
+    @property
+    def difference(self) -> float:
+        """Ours minus the published one."""
+        return self.ours - self.published.value
+
+    @property
+    def agrees(self) -> bool:
+        """Whether ours is the published number to the digits printed."""
+        allowed = self.published.half or _ROUNDING * abs(self.published.value)
+        # Half a unit itself rounds to the printed digits, and a float may lie just beyond it.
+        return abs(self.difference) <= allowed * (1 + 1e-9)
+
+
+def numbers() -> tuple[Number, ...]:
+    """Every published number with the one the library gives, in the order of the paper."""
+    ours = _ours()
+    return tuple(Number(published, ours[published.name]) for published in PUBLISHED)
+
+
+def markdown(table: tuple[Number, ...]) -> str:
+    """The table for people."""
+    lines = ["| number | where | published | ours | difference | |", "|---|---|---|---|---|---|"]
+    for number in table:
+        p = number.published
+        verdict = "agrees" if number.agrees else p.differs
+        lines.append(
+            f"| {p.name} | {p.where} | {p.printed} {p.unit}".rstrip()
+            + f" | {number.ours:.6g} | {number.difference:+.2g} | {verdict} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _ours() -> dict[str, float]:
+    steel = Material(*map(jnp.asarray, (_cases.YOUNGS_MODULUS, _cases.POISSON_RATIO, _DENSITY)))
+    spheres = Contact.sphere_sphere(_cases.RADIUS, _cases.RADIUS, steel, steel)
+    cases = _cases.impacts()
+    beta = fig4().tables["band"]["beta"]
+    e = 0.5
+    # α = (1-e)/e / (5/2 I): the integral by the family whose velocity profile Eq. 24 is.
+    integral = (1 - e) / e / (2.5 * float(get_law("energy_loss", e=e, beta=2.5).damping_factor()))
+    second = _cases.CASES[1]
+    steel_case = Contact(mass=_cases.MASS, stiffness=_cases.STIFFNESS)
+    alpha = float(get_law("hu_guo", e=0.9).damping_factor(steel_case, second.velocity))
+
+    def factor(name: str, function: float) -> float:
+        return float(get_law(name, e=e).damping_factor()) / function
+
+    return {
+        "stiffness of two steel spheres": float(spheres.stiffness),
+        "mass of the steel example": float(spheres.mass),
+        "e of case 1": float(cases.restitution[0]),
+        "e of case 2": float(cases.restitution[1]),
+        "c of case 2 by Eq. 37 at e = 0.9": alpha * _cases.STIFFNESS / second.velocity,
+        "β of case 1": float(beta[0]),
+        "β of case 2": float(beta[1]),
+        "∫ u^1.5 √(1-u^2.5) du": integral,
+        "α e/(1-e) of Hu-Guo": factor("hu_guo", (1 - e) / e),
+        "α e/(1-e) of Flores et al.": factor("flores", (1 - e) / e),
+        "α/(1-e²) of Lankarani-Nikravesh": factor("lankarani_nikravesh", 1 - e * e),
+        "α/(1-e) of Hunt-Crossley": factor("hunt_crossley", 1 - e),
+        "speed at contact": _ball.SPEED,
+    }

@@ -1,0 +1,192 @@
+"""A whole bouncing: the series of flights and contacts, gravity in contact, and rest."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from mpmath import mp, mpf
+
+import jaxcontact as jc
+from tests import oracle
+
+SERIES, SLOPE = 1e-12, 1e-8
+"""Times and heights, and their derivatives, against forty digits: measured 7e-16 and 1e-12."""
+
+ROUNDING = 1e-14
+"""What is left of a derivative that is zero, times its parameter over the value."""
+
+DIFFERENCE = 1e-6
+"""Derivatives with gravity in contact at rtol 1e-12, against central differences of step 1e-2 and
+Richardson's extrapolation."""
+
+MODES = 1e-10
+"""Forward against reverse: measured 1e-15."""
+
+POINT = {"e": 0.8, "K": 1e8, "m": 0.5, "g": 9.8, "h": 1.3}
+COUNT = 8
+
+
+def run(e, K, m, g, h, **options):
+    return jc.bounce(jc.HuGuo(e=e), jc.Contact(m, K), h, gravity=g, **options)
+
+
+def series(e, K, m, g, h):
+    """Times and heights from flights and scaled contacts, to forty digits."""
+    hit = oracle.hunt_crossley(3 * (1 - e) / (2 * e), "1.5")
+    v, out = mp.sqrt(2 * g * h), []
+    t = v / g
+    for _ in range(COUNT):
+        rebound = hit.e * v
+        out.append((t, rebound**2 / (2 * g)))
+        t += hit.duration * (m / K) ** mpf("0.4") * v ** mpf("-0.2") + 2 * rebound / g
+        v = rebound
+    return np.array(out, dtype=object).T
+
+
+def test_series_and_its_derivatives():
+    def both(*point):
+        out = run(*point, bounces=COUNT)
+        return jnp.stack([out.time, out.height])
+
+    point = tuple(POINT.values())
+    reverse = jax.jacrev(both, argnums=tuple(range(5)))(*point)
+    forward = jax.jacfwd(both, argnums=tuple(range(5)))(*point)
+    with mp.workdps(40):
+        exact = [mpf(x) for x in point]
+        np.testing.assert_allclose(both(*point), series(*exact).astype(float), rtol=SERIES)
+        for i in range(5):
+            step = exact[i] * mpf("1e-9")
+            up, down = list(exact), list(exact)
+            up[i], down[i] = up[i] + step, down[i] - step
+            slope = ((series(*up) - series(*down)) / (2 * step)).astype(float)
+            size = np.abs(slope).max(axis=1, keepdims=True)
+            floor = ROUNDING * np.abs(both(*point)) / point[i]
+            assert np.all(np.abs(reverse[i] - slope) <= SLOPE * np.abs(slope) + floor)
+            assert np.all(np.abs(reverse[i] - forward[i]) <= MODES * size + floor)
+
+
+def test_derivatives_with_gravity_in_contact():
+    options = {"bounces": 3, "gravity_in_contact": True, "rtol": 1e-12, "atol": 1e-12}
+
+    def both(*point):
+        out = run(*point, **options)
+        return jnp.stack([out.time, out.height])
+
+    point = tuple(POINT.values())
+    slopes = jax.jacrev(both, argnums=tuple(range(5)))(*point)
+    # All shifted points in one batch: ± one step and ± half a step in each number.
+    shifts = np.array([1e-2, -1e-2, 5e-3, -5e-3])
+    lanes = [np.full((5, 4), x) for x in point]
+    for i in range(5):
+        lanes[i][i] *= 1 + shifts
+    values = np.asarray(both(*map(jnp.asarray, lanes)))
+    for i in range(5):
+        whole = (values[:, i, 0] - values[:, i, 1]) / (2e-2 * point[i])
+        half = (values[:, i, 2] - values[:, i, 3]) / (1e-2 * point[i])
+        difference = (4 * half - whole) / 3
+        # The first touch does not know of e, K and m: its slope is zero.
+        size = np.abs(difference).max(axis=1, keepdims=True)
+        assert np.all(np.abs(slopes[i] - difference) <= DIFFERENCE * size)
+
+
+@pytest.mark.parametrize("bounces", [3, 60])
+def test_all_flights_together(bounces):
+    """√(2h/g) (1+e)/(1-e), few bounces or so many that the ball came to rest on the way."""
+    e_in = jnp.array([0.9, 0.6, 0.3])
+    out = run(e_in, 1e8, 0.5, 9.8, 1.3, bounces=bounces)
+    e = np.asarray(jc.restitution(jc.HuGuo(e=e_in)))
+    assert np.all(np.isfinite(out.rest_time) == (bounces == 60))
+    flights = 2 * np.sqrt(2 * np.asarray(out.height) / 9.8)
+    flights[:, -1] *= np.isinf(np.asarray(out.duration)[:, -1])  # it is in the tail
+    total = np.sqrt(2 * 1.3 / 9.8) + flights.sum(axis=-1) + np.asarray(out.remaining_flight)
+    np.testing.assert_allclose(total, np.sqrt(2 * 1.3 / 9.8) * (1 + e) / (1 - e), rtol=SERIES)
+
+
+def test_where_there_is_no_series():
+    contact = jc.Contact(0.5, 1e8)
+    assert jnp.isinf(jc.bounce(jc.Hertz(), contact, 1.0, bounces=3).remaining_flight)
+    law = jc.ConstantDamping(c=1e7)
+    assert jc.bounce(law, contact, 1.0, bounces=3).remaining_flight is None
+    felt = jc.bounce(jc.HuGuo(e=0.7), contact, 1.0, bounces=3, gravity_in_contact=True)
+    assert felt.remaining_flight is None
+
+
+class Slow(jc.HuGuo):
+    """Hu-Guo's law, hiding that its α does not depend on the speed."""
+
+    def damping_factor(self, contact=None, velocity=None):
+        """As Hu-Guo, with a speed."""
+        if velocity is None:
+            raise ValueError("no speed")
+        return super().damping_factor(contact, velocity)
+
+
+def test_the_shortcut_changes_nothing():
+    contact = jc.Contact(0.5, 1e8)
+    e = jnp.array([0.3, 0.8, 2.0])
+    short = jc.bounce(jc.HuGuo(e=e), contact, 1.0, bounces=30)
+    long = jc.bounce(Slow(e=e), contact, 1.0, bounces=30)
+    assert short.remaining_flight is not None and long.remaining_flight is None
+    assert np.unique(short.status).tolist() == [0, 1, 3]
+    for name in ("time", "duration", "impact_velocity", "restitution", "height", "rest_time"):
+        np.testing.assert_allclose(getattr(short, name), getattr(long, name), rtol=SERIES)
+    np.testing.assert_array_equal(short.status, long.status)
+
+
+def test_rest_with_gravity_in_contact():
+    contact = jc.Contact(1.0, 1.4e8)
+    law = jc.HuGuo(e=jnp.array([0.8, 1.5, 1.0]))
+    options = {"gravity": 9.8, "bounces": 30, "gravity_in_contact": True}
+    out = jc.bounce(law, contact, 0.9, **options)
+    assert np.isnan(out.time[1]).all() and (out.status[1] == jc.Status.INVALID_INPUT).all()
+    assert np.isinf(out.rest_time[2]) and (out.status[2] == jc.Status.SEPARATED).all()
+    left = np.asarray(out.status[0] == jc.Status.SEPARATED)
+    count = int(left.sum())
+    assert left[:count].all() and 15 < count < 25
+    assert out.rest_time[0] == out.time[0, count]
+    assert np.all(out.time[0, count:] == out.time[0, count])
+    assert out.impact_velocity[0, count] > 0 and np.all(out.impact_velocity[0, count + 1 :] == 0)
+    # The weight takes its share of every rebound, and more of the slower ones.
+    e = np.asarray(out.restitution[0, :count])
+    free = float(jc.restitution(jc.HuGuo(e=0.8)))
+    assert e[0] < free and np.all(np.diff(e) < 0)
+    np.testing.assert_allclose(out.rest_indentation[0], (9.8 / 1.4e8) ** (2 / 3), rtol=SERIES)
+    # An impact at the speed of the touch that settles, by `impact` itself.
+    last = jc.impact(jc.HuGuo(e=0.8), contact, out.impact_velocity[0, count], external_force=9.8)
+    assert last.status == jc.Status.SETTLED
+
+
+def test_rest_is_a_threshold_without():
+    contact = jc.Contact(1.0, 1.4e8)
+    static = (9.8 / 1.4e8) ** (2 / 3)
+    out = jc.bounce(jc.HuGuo(e=0.6), contact, 0.9, gravity=9.8)
+    np.testing.assert_allclose(out.rest_velocity, np.sqrt(9.8 * static), rtol=SERIES)
+    settled = np.asarray(out.status == jc.Status.SETTLED)
+    assert np.all((np.asarray(out.impact_velocity) < out.rest_velocity) == settled)
+    other = jc.bounce(jc.HuGuo(e=0.6), contact, 0.9, gravity=9.8, rest_velocity=0.5)
+    assert other.rest_velocity == 0.5 and other.rest_time < out.rest_time
+    with pytest.raises(ValueError, match="`rest_velocity` must be in"):
+        jc.bounce(jc.HuGuo(e=0.6), contact, 0.9, rest_velocity=0.0)
+
+
+def test_height_at_any_time():
+    out = run(jnp.array([0.3, 0.6, 1.0]), 1e8, 0.5, 9.8, 1.3, bounces=12)
+    assert out.height_at(jnp.linspace(0.0, 5.0, 50)).shape == (3, 50)
+    assert np.all(out.height_at(jnp.array([-1.0, 0.0])) == 1.3)
+    np.testing.assert_allclose(out.height_at(out.time + out.duration / 2)[2], 0, atol=0)
+    rise = jnp.where(out.height > 0, out.time + out.duration + jnp.sqrt(2 * out.height / 9.8), 0)
+    tops = np.asarray(out.height_at(rise))
+    flying = np.asarray(out.height > 0)
+    np.testing.assert_allclose(tops[flying], np.asarray(out.height)[flying], rtol=SERIES)
+    late = np.asarray(out.height_at(jnp.array([100.0])))
+    assert late[0] == 0 and np.isnan(late[2])  # at rest, and beyond what was followed
+    np.testing.assert_allclose(out.height_at(jnp.array([0.25])), 1.3 - 9.8 * 0.0625 / 2, rtol=1e-14)
+
+
+def test_single_precision_stays():
+    law = jc.HuGuo(e=jnp.array(0.7, jnp.float32))
+    contact = jc.Contact(jnp.array(0.5, jnp.float32), jnp.array(1e8, jnp.float32))
+    out = jc.bounce(law, contact, jnp.array(1.0, jnp.float32), bounces=5)
+    assert out.time.dtype == out.remaining_flight.dtype == jnp.float32
+    double = jc.bounce(jc.HuGuo(e=0.7), jc.Contact(0.5, 1e8), 1.0, bounces=5)
+    np.testing.assert_allclose(out.time, double.time, rtol=1e-5)
