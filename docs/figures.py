@@ -56,5 +56,11 @@ def delivered() -> None:
     print(worst)
 
 
+def hu_guo() -> None:
+    """Fig. 6 of Hu & Guo."""
+    jc.paper.fig6().figure.savefig(HERE / "fig6.png", dpi=130, metadata={"Software": None})
+
+
 if __name__ == "__main__":
     delivered()
+    hu_guo()

@@ -1,6 +1,7 @@
 """The published numbers: ours agree to the digits printed, or the table says why they do not."""
 
 import math
+from pathlib import Path
 
 import pytest
 
@@ -70,3 +71,10 @@ def test_markdown_has_a_row_for_each(numbers):
     for number, line in zip(numbers, lines[2:], strict=True):
         assert number.published.name in line and number.published.where in line
         assert ("agrees" in line) == number.agrees
+
+
+def test_the_page_shows_these_numbers(numbers):
+    page = Path(__file__).parents[2] / "docs" / "hu_guo_2015.md"
+    shown = {line.rsplit("|", 3)[0] for line in page.read_text().splitlines()}
+    for line in paper.markdown(numbers).splitlines()[2:]:
+        assert line.rsplit("|", 3)[0] in shown
