@@ -23,8 +23,7 @@ of the published numbers beside ours (numbers.md, and on stdout).
 _EPILOG = """\
 example: jaxcontact paper --out results fig6 fig10
 
-Without names, everything: the figures of the paper, `derivation` (how far Eq. 27-36 are off) and
-`bouncing` (the ball followed to rest).
+Without names, everything: fig3 to fig6, fig8 to fig10, and `bouncing`, the ball followed to rest.
 
 exit codes: 0 done; 1 a published number differs for no stated reason; 2 bad input, nothing written.
 """

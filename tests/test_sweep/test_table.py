@@ -185,7 +185,7 @@ def test_csv_of_samples_with_own_shapes(tmp_path):
     table = jc.sweep(lambda e, h: jc.bounce(jc.HuGuo(e=e), CONTACT, h, bounces=2), samples=samples)
     table.to_csv(tmp_path / "table.csv")
     head, *rows = (tmp_path / "table.csv").read_text().splitlines()
-    assert head.startswith("e,h,time[0],time[1],height[0]")
+    assert head.startswith("e,h,time[0],time[1],duration[0]")
     assert len(rows) == 2
     assert float(rows[1].split(",")[3]) == table.time[1, 1]
 
