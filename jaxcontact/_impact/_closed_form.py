@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from .._elementary import kappa, log1p_over, log_remainder, psi
 from .._implicit import implicit_root
 from .._laws import rebound_exponent
-from ._quadrature import Exponent, end_rule, for_nodes, with_exponent
+from ._quadrature import Exponent, integrate, to_power, with_exponent
 from ._scaled import Scaled
 
 Lane = Float[Array, "..."]
@@ -52,17 +52,18 @@ def _half_time(a: Lane, length: Lane, n: Exponent) -> Lane:
     rate = jnp.where(creeping, -a, 1)
     start = jnp.where(creeping, length - layer / rate, 0)
     creep = jnp.where(creeping, rate**p, 0)
-    nodes, weights = end_rule(p, a, 20 if double else 10)
-    span = (length - start)[..., None]
-    distance = start[..., None] + span * nodes
-    z = a[..., None] * distance
-    inner = length[..., None] - distance
-    speed = inner * kappa(a[..., None] * inner)
-    p_nodes = for_nodes(p)
-    integrand = (speed * kappa(z) + distance * psi(z)) ** -p_nodes - creep[..., None]
-    # The rule expects the singularity at the start of its span; here it may lie further out.
-    integrand = integrand * (span * nodes / distance) ** p_nodes
-    integral = jnp.sum(weights * integrand, axis=-1) * span[..., 0] ** (1 - p)
+    span = length - start
+
+    def integrand(node: Lane) -> Lane:
+        distance = start + span * node
+        z = a * distance
+        inner = length - distance
+        speed = inner * kappa(a * inner)
+        slowness = to_power(speed * kappa(z) + distance * psi(z), -p) - creep
+        # The rule expects the singularity at the start of its span; here it may lie further out.
+        return slowness * to_power(span * node / distance, p)
+
+    integral = integrate(integrand, p, a, 20 if double else 10) * span ** (1 - p)
     creep_integral = creep * length ** (1 - p) * (n + 1)
     return (integral + creep_integral) * (n + 1) ** -p
 

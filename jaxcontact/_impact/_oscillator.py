@@ -13,7 +13,7 @@ from jax.scipy.special import betaln
 from jaxtyping import Array, Float
 
 from .._elementary import arc_over_sine, sinc_root
-from ._quadrature import Exponent, end_rule, for_nodes, n_is_one
+from ._quadrature import Exponent, integrate, n_is_one, to_power
 from ._scaled import Scaled
 
 Lane = Float[Array, "..."]
@@ -72,22 +72,21 @@ def _time_unit(n: Exponent) -> Exponent:
     return ((n + 1) / 2) ** (-n / (n + 1))
 
 
-def _rule(n: Exponent, zeta: Lane) -> tuple[Lane, Lane, Exponent]:
-    """Nodes, weights and exponent -q of the time integral; the last axis is that of the nodes."""
-    q = _weakness(n)
-    nodes, weights = end_rule(q, zeta, 20 if zeta.dtype == jnp.float64 else 10)
-    return nodes, weights, -for_nodes(q)
+def _nodes(like: Lane) -> int:
+    return 20 if like.dtype == jnp.float64 else 10
 
 
 def _compression_time(zeta: Lane, turn: Lane, n: Exponent) -> Lane:
     if n_is_one(n):
         return turn
-    nodes, weights, power = _rule(n, zeta)
-    tau = turn[..., None] * nodes
-    zeta_ = zeta[..., None]
-    s_over_tau = jnp.exp(-zeta_ * tau) * sinc_root((1 - zeta_) * (1 + zeta_) * jnp.square(tau))
-    integral = jnp.sum(weights * s_over_tau**power, axis=-1)
-    return _time_unit(n) * turn ** (1 - _weakness(n)) * integral
+    q = _weakness(n)
+
+    def integrand(node: Lane) -> Lane:
+        tau = turn * node
+        s_over_tau = jnp.exp(-zeta * tau) * sinc_root((1 - zeta) * (1 + zeta) * jnp.square(tau))
+        return to_power(s_over_tau, -q)
+
+    return _time_unit(n) * turn ** (1 - q) * integrate(integrand, q, zeta, _nodes(zeta))
 
 
 def _half_period_time(zeta: Lane, n: Exponent) -> Lane:
@@ -96,13 +95,15 @@ def _half_period_time(zeta: Lane, n: Exponent) -> Lane:
     if n_is_one(n):
         return jnp.pi / omega
     q = _weakness(n)
-    nodes, weights, power = _rule(n, zeta)
-    u = nodes / 2
-    shape = jnp.sin(jnp.pi * u) / u
-    decrement_ = _decrement(zeta)[..., None]
-    first = (jnp.exp(-decrement_ * u) * shape) ** power
-    second = (jnp.exp(-decrement_ * (1 - u)) * shape) ** power
-    integral = jnp.sum(weights * (first + second), axis=-1)
+    decrement = _decrement(zeta)
+
+    def integrand(node: Lane) -> Lane:
+        u = node / 2
+        shape = jnp.sin(jnp.pi * u) / u
+        first = to_power(jnp.exp(-decrement * u) * shape, -q)
+        return first + to_power(jnp.exp(-decrement * (1 - u)) * shape, -q)
+
+    integral = integrate(integrand, q, zeta, _nodes(zeta))
     return _time_unit(n) * jnp.pi * (2 * omega) ** (q - 1) * integral
 
 
@@ -110,7 +111,6 @@ def _clamped_rebound_time(zeta: Lane, turn: Lane, n: Exponent) -> Lane:
     """From the turn to the vanishing of the force, which is as far in τ as from touch to turn."""
     if n_is_one(n):
         return turn
-    q = _weakness(n)
     # Weak damping: the force vanishes close to x = 0, where the integrand is singular. Take the
     # whole way to x = 0 and subtract the last bit, both from the singular end.
     weak = zeta < 0.2
@@ -120,24 +120,29 @@ def _clamped_rebound_time(zeta: Lane, turn: Lane, n: Exponent) -> Lane:
     last = 2 * jnp.arcsin(jnp.where(damped, zeta_weak, 0.1))
     whole = _end_time(zeta_weak, jnp.pi - jnp.arccos(zeta_weak), n)
     rest = jnp.where(damped, _end_time(zeta_weak, last, n), 0)
-    nodes, weights = end_rule(0.0, zeta, 20)
-    tau = turn[..., None] * (1 + nodes)
-    zeta_ = jnp.where(weak, 0.5, zeta)[..., None]
-    s = tau * jnp.exp(-zeta_ * tau) * sinc_root((1 - zeta_) * (1 + zeta_) * jnp.square(tau))
-    safe_s = jnp.where(weak[..., None], 1, s)
-    direct = _time_unit(n) * turn * jnp.sum(weights * safe_s ** -for_nodes(q), axis=-1)
+    zeta_ = jnp.where(weak, 0.5, zeta)
+
+    def integrand(node: Lane) -> Lane:
+        tau = turn * (1 + node)
+        s = tau * jnp.exp(-zeta_ * tau) * sinc_root((1 - zeta_) * (1 + zeta_) * jnp.square(tau))
+        return to_power(jnp.where(weak, 1, s), -_weakness(n))
+
+    direct = _time_unit(n) * turn * integrate(integrand, 0.0, zeta, 20)
     return jnp.where(weak, whole - rest, direct)
 
 
 def _end_time(zeta: Lane, angle: Lane, n: Exponent) -> Lane:
     """Time spent in the last `angle` = ωτ before x = 0; ζ < 1."""
     omega = jnp.sqrt((1 - zeta) * (1 + zeta))
-    nodes, weights, power = _rule(n, zeta)
-    phi = angle[..., None] * nodes
-    decay = jnp.exp(-(zeta / omega)[..., None] * (jnp.pi - phi))
-    s_over_phi = decay * sinc_root(jnp.square(phi)) / omega[..., None]
-    integral = jnp.sum(weights * s_over_phi**power, axis=-1)
-    return _time_unit(n) * angle ** (1 - _weakness(n)) / omega * integral
+    q = _weakness(n)
+
+    def integrand(node: Lane) -> Lane:
+        phi = angle * node
+        decay = jnp.exp(-(zeta / omega) * (jnp.pi - phi))
+        return to_power(decay * sinc_root(jnp.square(phi)) / omega, -q)
+
+    integral = integrate(integrand, q, zeta, _nodes(zeta))
+    return _time_unit(n) * angle ** (1 - q) / omega * integral
 
 
 def _elastic_rebound_time(s_max: Lane, n: Exponent) -> Lane:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -12,28 +14,48 @@ from scipy.special import beta, roots_jacobi
 Exponent = float | Float[Array, "..."]
 
 
-def end_rule(
-    strength: Exponent, like: Float[Array, "..."], count: int
-) -> tuple[Float[Array, "... nodes"], Float[Array, "... nodes"]]:
-    """Nodes u and weights w with `∫_0^1 u^(-strength) g(u) du = Σ w g(u)` for a smooth g.
+_UNROLL = 2
+"""Nodes between two passes through memory: measured among 1 to 10, for 256 to 400 000 lanes."""
 
-    `strength` < 1; `like` gives precision and rank. A Python float gets the Gauss-Jacobi rule with
-    `count` nodes. An array gets a rule with four times as many, differentiable in the strength:
-    `u = r^(1/(1-s))` takes the singularity away, whatever its strength, and a double-exponential
-    rule in r copes with the fractional power that g then contains.
+
+def integrate(
+    integrand: Callable[[Float[Array, "..."]], Float[Array, "..."]],
+    strength: Exponent,
+    like: Float[Array, "..."],
+    count: int,
+) -> Float[Array, "..."]:
+    """`∫_0^1 u^(-strength) g(u) du` for a smooth g, lane by lane; `like` gives precision and shape.
+
+    `strength` < 1. A Python float gets the Gauss-Jacobi rule with `count` nodes. An array gets a
+    rule with four times as many, differentiable in the strength: `u = r^(1/(1-s))` takes the
+    singularity away, whatever its strength, and a double-exponential rule in r copes with the
+    fractional power that g then contains.
+
+    The nodes are a loop around the lanes. As an axis of the lanes they would be the fastest one,
+    and a sum over the fastest axis does not use the processor's vectors: three times slower.
     """
     if isinstance(strength, float | int):
         nodes, weights = _gauss_jacobi(float(strength), 0.0, count)
-        shape = (1,) * like.ndim + (count,)
-        return (
-            jnp.asarray(nodes, like.dtype).reshape(shape),
-            jnp.asarray(weights, like.dtype).reshape(shape),
-        )
-    r, weight = _double_exponential(4 * count)
-    stretch = 1 / (1 - strength[..., None])
-    shape = (1,) * strength.ndim + (r.size,)
-    log_r = jnp.asarray(np.log(r), like.dtype).reshape(shape)
-    return jnp.exp(stretch * log_r), stretch * jnp.asarray(weight, like.dtype).reshape(shape)
+    else:
+        r, weights = _double_exponential(4 * count)
+        nodes = np.log(r)
+        stretch = 1 / (1 - strength)
+
+    def add(
+        total: Float[Array, "..."], at: tuple[Float[Array, ""], Float[Array, ""]]
+    ) -> tuple[Float[Array, "..."], None]:
+        node, weight = at
+        if isinstance(strength, float | int):
+            return total + weight * integrand(node), None
+        return total + stretch * weight * integrand(jnp.exp(stretch * node)), None
+
+    rule = (jnp.asarray(nodes, like.dtype), jnp.asarray(weights, like.dtype))
+    return jax.lax.scan(add, jnp.zeros_like(like), rule, unroll=_UNROLL)[0]
+
+
+def to_power(x: Float[Array, "..."], exponent: Exponent) -> Float[Array, "..."]:
+    """`x^exponent` for x > 0 near 1, as at the nodes: a third of the time of a general power."""
+    return jnp.exp(exponent * jnp.log(x))
 
 
 @functools.lru_cache
@@ -61,11 +83,6 @@ def with_exponent(number: Float[Array, "..."], n: Exponent) -> tuple[Float[Array
         return number, n
     number, n = jnp.broadcast_arrays(number, n)
     return number, n
-
-
-def for_nodes(exponent: Exponent) -> Exponent:
-    """An exponent that broadcasts against values at the nodes, which are along the last axis."""
-    return exponent if isinstance(exponent, float | int) else exponent[..., None]
 
 
 def n_is_one(n: Exponent) -> bool:

@@ -83,9 +83,9 @@ def test_no_time_is_computed(law):
 
     alone = program(lambda e: jc.restitution(law(e=e)))
     whole = program(lambda e: jc.impact(law(e=e), CONTACT, 1.0).duration)
-    # The scale and the checks of a contact cost a little; the integral costs ten times more.
-    assert program(here) <= alone + 50
-    assert whole > 4 * alone
+    # The scale and the checks of a contact cost a little. One node of the integral costs more, and
+    # it is a loop, which is counted once.
+    assert program(here) <= alone + 50 < whole
 
 
 def test_derivatives():
