@@ -16,6 +16,7 @@ from .._implicit import implicit_root
 from .._laws import rebound_exponent
 from ._quadrature import Exponent, integrate, to_power, with_exponent
 from ._scaled import Scaled
+from ._sensitivity import lanewise
 
 Lane = Float[Array, "..."]
 
@@ -27,8 +28,10 @@ def solve_hunt_crossley(alpha: Lane, n: Exponent) -> Scaled:
     """
     alpha, n = with_exponent(alpha, n)
     rho = rebound_exponent(alpha)
-    compression = _half_time(alpha, log1p_over(alpha), n)
-    rebound = _half_time(-alpha, rho, n)
+    if isinstance(n, float):
+        compression, rebound = lanewise(lambda alpha: _times(alpha, n))(alpha)
+    else:
+        compression, rebound = lanewise(_times)(alpha, n)
     ones = jnp.ones_like(alpha, dtype=bool)
     return Scaled(
         restitution=rho * kappa(-alpha * rho),
@@ -39,6 +42,12 @@ def solve_hunt_crossley(alpha: Lane, n: Exponent) -> Scaled:
         converged=ones,
         settled=~ones,
     )
+
+
+def _times(alpha: Lane, n: Exponent) -> tuple[Lane, Lane]:
+    """From touch to the turn, and from there to separation."""
+    way_in = _half_time(alpha, log1p_over(alpha), n)
+    return way_in, _half_time(-alpha, rebound_exponent(alpha), n)
 
 
 def _half_time(a: Lane, length: Lane, n: Exponent) -> Lane:

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from .._elementary import arc_over_sine, sinc_root
 from ._quadrature import Exponent, integrate, n_is_one, to_power
 from ._scaled import Scaled
+from ._sensitivity import lanewise
 
 Lane = Float[Array, "..."]
 
@@ -30,15 +31,11 @@ def solve_oscillator(zeta: Lane, n: Exponent, ending: str) -> Scaled:
     bound = ending == "tension"
     settled = (zeta >= 1) if bound else jnp.zeros_like(zeta, dtype=bool)
     zeta = jnp.where(settled, 0, zeta)
-    turn = arc_over_sine(zeta)
-    s_max = jnp.exp(-zeta * turn)
-    compression = _compression_time(zeta, turn, n)
-    if ending == "tension":
-        duration = _half_period_time(zeta, n)
-    elif ending == "clamped":
-        duration = compression + _clamped_rebound_time(zeta, turn, n)
+    s_max = jnp.exp(-zeta * arc_over_sine(zeta))
+    if isinstance(n, float):
+        compression, duration = lanewise(lambda zeta: _times(zeta, n, ending))(zeta)
     else:
-        duration = compression + _elastic_rebound_time(s_max, n)
+        compression, duration = lanewise(lambda zeta, n: _times(zeta, n, ending))(zeta, n)
     return Scaled(
         restitution=restitution_of_oscillator(zeta, ending),
         duration=duration,
@@ -48,6 +45,17 @@ def solve_oscillator(zeta: Lane, n: Exponent, ending: str) -> Scaled:
         converged=jnp.ones_like(settled),
         settled=settled,
     )
+
+
+def _times(zeta: Lane, n: Exponent, ending: str) -> tuple[Lane, Lane]:
+    """From touch to the turn, and from touch to the end."""
+    turn = arc_over_sine(zeta)
+    compression = _compression_time(zeta, turn, n)
+    if ending == "tension":
+        return compression, _half_period_time(zeta, n)
+    if ending == "clamped":
+        return compression, compression + _clamped_rebound_time(zeta, turn, n)
+    return compression, compression + _elastic_rebound_time(jnp.exp(-zeta * turn), n)
 
 
 def restitution_of_oscillator(zeta: Lane, ending: str) -> Lane:
