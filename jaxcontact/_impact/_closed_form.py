@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from .._elementary import kappa, log1p_over, log_remainder, psi
 from .._implicit import implicit_root
 from .._laws import rebound_exponent
-from ._quadrature import Exponent, integrate, to_power, with_exponent
+from ._quadrature import UNROLL, Exponent, integrate, to_power, with_exponent
 from ._scaled import Scaled
 from ._sensitivity import lanewise
 
@@ -29,9 +29,13 @@ def solve_hunt_crossley(alpha: Lane, n: Exponent) -> Scaled:
     alpha, n = with_exponent(alpha, n)
     rho = rebound_exponent(alpha)
     if isinstance(n, float):
-        compression, rebound = lanewise(lambda alpha: _times(alpha, n))(alpha)
+        compression, rebound = lanewise(
+            lambda alpha: _times(alpha, n, UNROLL), lambda alpha: _times(alpha, n, 1)
+        )(alpha)
     else:
-        compression, rebound = lanewise(_times)(alpha, n)
+        compression, rebound = lanewise(
+            lambda alpha, n: _times(alpha, n, UNROLL), lambda alpha, n: _times(alpha, n, 1)
+        )(alpha, n)
     ones = jnp.ones_like(alpha, dtype=bool)
     return Scaled(
         restitution=rho * kappa(-alpha * rho),
@@ -44,13 +48,13 @@ def solve_hunt_crossley(alpha: Lane, n: Exponent) -> Scaled:
     )
 
 
-def _times(alpha: Lane, n: Exponent) -> tuple[Lane, Lane]:
+def _times(alpha: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane]:
     """From touch to the turn, and from there to separation."""
-    way_in = _half_time(alpha, log1p_over(alpha), n)
-    return way_in, _half_time(-alpha, rebound_exponent(alpha), n)
+    way_in = _half_time(alpha, log1p_over(alpha), n, unroll)
+    return way_in, _half_time(-alpha, rebound_exponent(alpha), n, unroll)
 
 
-def _half_time(a: Lane, length: Lane, n: Exponent) -> Lane:
+def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
     """Time between touch and turn (a = α) or turn and separation (a = -α)."""
     p = n / (n + 1)
     # Where strong damping makes the way out long, all that happens lies within `layer` of the
@@ -72,7 +76,7 @@ def _half_time(a: Lane, length: Lane, n: Exponent) -> Lane:
         # The rule expects the singularity at the start of its span; here it may lie further out.
         return slowness * to_power(span * node / distance, p)
 
-    integral = integrate(integrand, p, a, 20 if double else 10) * span ** (1 - p)
+    integral = integrate(integrand, p, a, 20 if double else 10, unroll) * span ** (1 - p)
     creep_integral = creep * length ** (1 - p) * (n + 1)
     return (integral + creep_integral) * (n + 1) ** -p
 

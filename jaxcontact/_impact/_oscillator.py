@@ -13,7 +13,7 @@ from jax.scipy.special import betaln
 from jaxtyping import Array, Float
 
 from .._elementary import arc_over_sine, sinc_root
-from ._quadrature import Exponent, integrate, n_is_one, to_power
+from ._quadrature import UNROLL, Exponent, integrate, n_is_one, to_power
 from ._scaled import Scaled
 from ._sensitivity import lanewise
 
@@ -33,9 +33,15 @@ def solve_oscillator(zeta: Lane, n: Exponent, ending: str) -> Scaled:
     zeta = jnp.where(settled, 0, zeta)
     s_max = jnp.exp(-zeta * arc_over_sine(zeta))
     if isinstance(n, float):
-        compression, duration = lanewise(lambda zeta: _times(zeta, n, ending))(zeta)
+        times = lanewise(
+            lambda zeta: _times(zeta, n, ending, UNROLL), lambda zeta: _times(zeta, n, ending, 1)
+        )
+        compression, duration = times(zeta)
     else:
-        compression, duration = lanewise(lambda zeta, n: _times(zeta, n, ending))(zeta, n)
+        compression, duration = lanewise(
+            lambda zeta, n: _times(zeta, n, ending, UNROLL),
+            lambda zeta, n: _times(zeta, n, ending, 1),
+        )(zeta, n)
     return Scaled(
         restitution=restitution_of_oscillator(zeta, ending),
         duration=duration,
@@ -47,14 +53,14 @@ def solve_oscillator(zeta: Lane, n: Exponent, ending: str) -> Scaled:
     )
 
 
-def _times(zeta: Lane, n: Exponent, ending: str) -> tuple[Lane, Lane]:
+def _times(zeta: Lane, n: Exponent, ending: str, unroll: int) -> tuple[Lane, Lane]:
     """From touch to the turn, and from touch to the end."""
     turn = arc_over_sine(zeta)
-    compression = _compression_time(zeta, turn, n)
+    compression = _compression_time(zeta, turn, n, unroll)
     if ending == "tension":
-        return compression, _half_period_time(zeta, n)
+        return compression, _half_period_time(zeta, n, unroll)
     if ending == "clamped":
-        return compression, compression + _clamped_rebound_time(zeta, turn, n)
+        return compression, compression + _clamped_rebound_time(zeta, turn, n, unroll)
     return compression, compression + _elastic_rebound_time(jnp.exp(-zeta * turn), n)
 
 
@@ -84,7 +90,7 @@ def _nodes(like: Lane) -> int:
     return 20 if like.dtype == jnp.float64 else 10
 
 
-def _compression_time(zeta: Lane, turn: Lane, n: Exponent) -> Lane:
+def _compression_time(zeta: Lane, turn: Lane, n: Exponent, unroll: int) -> Lane:
     if n_is_one(n):
         return turn
     q = _weakness(n)
@@ -94,10 +100,10 @@ def _compression_time(zeta: Lane, turn: Lane, n: Exponent) -> Lane:
         s_over_tau = jnp.exp(-zeta * tau) * sinc_root((1 - zeta) * (1 + zeta) * jnp.square(tau))
         return to_power(s_over_tau, -q)
 
-    return _time_unit(n) * turn ** (1 - q) * integrate(integrand, q, zeta, _nodes(zeta))
+    return _time_unit(n) * turn ** (1 - q) * integrate(integrand, q, zeta, _nodes(zeta), unroll)
 
 
-def _half_period_time(zeta: Lane, n: Exponent) -> Lane:
+def _half_period_time(zeta: Lane, n: Exponent, unroll: int) -> Lane:
     """From touch to x = 0 with tension: the whole half period, each half from its own end."""
     omega = jnp.sqrt((1 - zeta) * (1 + zeta))
     if n_is_one(n):
@@ -111,11 +117,11 @@ def _half_period_time(zeta: Lane, n: Exponent) -> Lane:
         first = to_power(jnp.exp(-decrement * u) * shape, -q)
         return first + to_power(jnp.exp(-decrement * (1 - u)) * shape, -q)
 
-    integral = integrate(integrand, q, zeta, _nodes(zeta))
+    integral = integrate(integrand, q, zeta, _nodes(zeta), unroll)
     return _time_unit(n) * jnp.pi * (2 * omega) ** (q - 1) * integral
 
 
-def _clamped_rebound_time(zeta: Lane, turn: Lane, n: Exponent) -> Lane:
+def _clamped_rebound_time(zeta: Lane, turn: Lane, n: Exponent, unroll: int) -> Lane:
     """From the turn to the vanishing of the force, which is as far in τ as from touch to turn."""
     if n_is_one(n):
         return turn
@@ -126,8 +132,8 @@ def _clamped_rebound_time(zeta: Lane, turn: Lane, n: Exponent) -> Lane:
     # The last bit grows as ζ^(2/(n+1)), with infinite slope at ζ = 0: its derivative is zero there.
     damped = zeta_weak > 0
     last = 2 * jnp.arcsin(jnp.where(damped, zeta_weak, 0.1))
-    whole = _end_time(zeta_weak, jnp.pi - jnp.arccos(zeta_weak), n)
-    rest = jnp.where(damped, _end_time(zeta_weak, last, n), 0)
+    whole = _end_time(zeta_weak, jnp.pi - jnp.arccos(zeta_weak), n, unroll)
+    rest = jnp.where(damped, _end_time(zeta_weak, last, n, unroll), 0)
     zeta_ = jnp.where(weak, 0.5, zeta)
 
     def integrand(node: Lane) -> Lane:
@@ -135,11 +141,11 @@ def _clamped_rebound_time(zeta: Lane, turn: Lane, n: Exponent) -> Lane:
         s = tau * jnp.exp(-zeta_ * tau) * sinc_root((1 - zeta_) * (1 + zeta_) * jnp.square(tau))
         return to_power(jnp.where(weak, 1, s), -_weakness(n))
 
-    direct = _time_unit(n) * turn * integrate(integrand, 0.0, zeta, 20)
+    direct = _time_unit(n) * turn * integrate(integrand, 0.0, zeta, 20, unroll)
     return jnp.where(weak, whole - rest, direct)
 
 
-def _end_time(zeta: Lane, angle: Lane, n: Exponent) -> Lane:
+def _end_time(zeta: Lane, angle: Lane, n: Exponent, unroll: int) -> Lane:
     """Time spent in the last `angle` = ωτ before x = 0; ζ < 1."""
     omega = jnp.sqrt((1 - zeta) * (1 + zeta))
     q = _weakness(n)
@@ -149,7 +155,7 @@ def _end_time(zeta: Lane, angle: Lane, n: Exponent) -> Lane:
         decay = jnp.exp(-(zeta / omega) * (jnp.pi - phi))
         return to_power(decay * sinc_root(jnp.square(phi)) / omega, -q)
 
-    integral = integrate(integrand, q, zeta, _nodes(zeta))
+    integral = integrate(integrand, q, zeta, _nodes(zeta), unroll)
     return _time_unit(n) * angle ** (1 - q) / omega * integral
 
 

@@ -57,11 +57,12 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
     return differentiable
 
 
-def lanewise(solve: Callable[..., Out]) -> Callable[..., Out]:
+def lanewise(solve: Callable[..., Out], in_rule: Callable[..., Out]) -> Callable[..., Out]:
     """`solve`, which works lane by lane on arrays of one shape, with the same rule.
 
-    Going backwards through a quadrature would keep every node of every lane; the derivative of a
-    lane's integral by its one or two numbers is one more integral.
+    `in_rule` is the same function in a form that compiles faster. Going backwards through a
+    quadrature would keep every node of every lane; the derivative of a lane's integral by its one
+    or two numbers is one more integral.
     """
     solved = jax.custom_jvp(solve)
 
@@ -72,7 +73,7 @@ def lanewise(solve: Callable[..., Out]) -> Callable[..., Out]:
             pushed = [jnp.zeros_like(primal) for primal in primals]
             for i, component in zip(varying, direction, strict=True):
                 pushed[i] = jnp.broadcast_to(component, primals[i].shape)
-            return jax.jvp(solve, primals, tuple(pushed))
+            return jax.jvp(in_rule, primals, tuple(pushed))
 
         basis = jnp.eye(len(varying), dtype=primals[0].dtype)
         outcome, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)
