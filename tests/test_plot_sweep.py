@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 from matplotlib.collections import QuadMesh
+from matplotlib.colors import LogNorm
 
 import jaxcontact as jc
 
@@ -95,3 +96,15 @@ def test_bad_arguments(table):
     with pytest.raises(ValueError, match="`table` must have a field of one number"):
         jc.plot.sweep(nameless)
     assert not pyplot.get_fignums()
+
+
+def test_colours_are_logarithmic_over_decades():
+    def powers(a, b):
+        return {"product": a * b}
+
+    wide = jc.sweep(powers, a=np.geomspace(1, 1000, 4), b=np.linspace(1, 2, 3))
+    norm = jc.plot.sweep(wide).collections[0].norm
+    assert isinstance(norm, LogNorm) and (norm.vmin, norm.vmax) == (1, 2000)
+    for few in (np.linspace(1, 2, 4), np.linspace(-1000, 1000, 4)):
+        narrow = jc.sweep(powers, a=few, b=np.linspace(1, 2, 3))
+        assert not isinstance(jc.plot.sweep(narrow).collections[0].norm, LogNorm)

@@ -11,11 +11,15 @@ from .._sweep._units import label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.colors import Normalize
 
     from .._sweep import Sweep
 
 _LINES = 6
 """More lines than this are hard to tell apart."""
+
+_DECADES = 100.0
+"""Numbers of one sign that span more than this factor get logarithmic colours."""
 
 _EVEN = 1e-6
 """How evenly spaced the numbers of an axis must be, relative to a step, to count as even."""
@@ -29,9 +33,9 @@ def sweep(
     Arguments: the sweep, with one or two axes or with samples alone (`select` the others); the
     `field`, by default the restitution, or the first there is; `x`, the horizontal axis: of two
     axes the other one then makes a handful of lines instead of a map; the axes to draw on, new ones
-    if None. An axis spaced by a factor is drawn logarithmic. Lanes without a number stay white.
-    Returns the axes. Raises ValueError for an unknown field or axis, a field that is not one number
-    for each lane, and more axes than two.
+    if None. An axis spaced by a factor is drawn logarithmic, and colours that span decades, too.
+    Lanes without a number stay white. Returns the axes. Raises ValueError for an unknown field or
+    axis, a field that is not one number for each lane, and more axes than two.
     """
     name, values = _field(table, field)
     sampled = SAMPLE in table.dims and SAMPLE not in table.axes
@@ -90,15 +94,23 @@ def _map(ax: Axes, table: Sweep, name: str, values: np.ndarray) -> None:
     down, across = table.dims
     rows, columns = (np.argsort(table.axes[dim], kind="stable") for dim in table.dims)
     y, x = table.axes[down][rows], table.axes[across][columns]
-    mesh = ax.pcolormesh(
-        _edges(x), _edges(y), np.ma.masked_invalid(values[np.ix_(rows, columns)]), rasterized=True
-    )
+    shown = np.ma.masked_invalid(values[np.ix_(rows, columns)])
+    mesh = ax.pcolormesh(_edges(x), _edges(y), shown, norm=_norm(shown), rasterized=True)
     ax.figure.colorbar(mesh, ax=ax, label=label(name))
     for numbers, scale in ((x, ax.set_xscale), (y, ax.set_yscale)):
         if _geometric(numbers):
             scale("log")
     ax.set_xlabel(label(across))
     ax.set_ylabel(label(down))
+
+
+def _norm(values: np.ma.MaskedArray) -> Normalize | None:
+    """Logarithmic colours where the numbers span decades, which linear ones would hide."""
+    from matplotlib.colors import LogNorm
+
+    if values.count() == 0 or not values.min() > 0 or values.max() < _DECADES * values.min():
+        return None
+    return LogNorm()
 
 
 def _geometric(numbers: np.ndarray) -> bool:
