@@ -53,6 +53,14 @@ class Program:
     pure: bool
     """Whether nothing but the outputs comes of running it."""
 
+    @property
+    def open_ended(self) -> bool:
+        """Whether it loops until it is done, so that a lane of a block waits for the slowest."""
+        return any(
+            step.primitive.name == "while" or any(map(_loops, _parts(step.params)))
+            for step in self.steps
+        )
+
 
 def program_of(function: Callable[..., Any], inputs: Sequence[jax.ShapeDtypeStruct]) -> Program:
     """Trace `function` once, and lay the calls inside it open."""
@@ -107,6 +115,21 @@ def _body(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]] | None:
     if isinstance(body, core.ClosedJaxpr):
         return body.jaxpr, body.consts
     return (body, ()) if isinstance(body, core.Jaxpr) and not body.constvars else None
+
+
+def _loops(jaxpr: core.Jaxpr) -> bool:
+    return any(
+        eqn.primitive.name == "while" or any(map(_loops, _parts(eqn.params))) for eqn in jaxpr.eqns
+    )
+
+
+def _parts(params: dict[str, Any]) -> Iterable[core.Jaxpr]:
+    """The programs that a primitive holds: bodies of loops, branches."""
+    for value in jax.tree.leaves(params, is_leaf=lambda x: isinstance(x, core.ClosedJaxpr)):
+        if isinstance(value, core.ClosedJaxpr):
+            yield value.jaxpr
+        elif isinstance(value, core.Jaxpr):
+            yield value
 
 
 def needed(

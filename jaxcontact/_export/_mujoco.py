@@ -1,0 +1,49 @@
+"""MuJoCo: a soft constraint, which is a spring and a dashpot where its impedance is constant."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+
+from .._contact import Contact
+from .._laws import KelvinVoigt
+from ._laws import SoftConstraint
+from ._wanted import Draft, Wanted, matched_stiffness
+
+# MuJoCo's own default for a contact that is just touched.
+IMPEDANCE = 0.9
+
+
+def mujoco(wanted: Wanted) -> Draft:
+    """solref and solimp: with constant impedance a contact obeys δ'' = -k δ - b δ', pushing only.
+
+    That is Kelvin-Voigt without tension per unit of mass: ζ = b/(2√k) from e in closed form, and k
+    from the duration.
+    """
+    law = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
+    zeta = float(law.damping_ratio())
+    stiffness = matched_stiffness(wanted, 1.0, law)
+    k = stiffness / wanted.mass
+    damping = 2 * zeta * k**0.5
+    # 0 - damping in the snippet, because -0.0 would print as -0.
+    parameters = {"stiffness": k, "damping": damping, "dampratio": zeta, "impedance": IMPEDANCE}
+    units = {"stiffness": "1/s^2", "damping": "1/s", "dampratio": "", "impedance": ""}
+    return Draft(
+        model="solref in the direct format, constant solimp",
+        law=SoftConstraint(damping=jnp.asarray(damping)),
+        contact=Contact(wanted.mass, stiffness, 1.0),
+        parameters=parameters,
+        units=units,
+        snippet=(
+            f'solref="{-k:.12g} {0 - damping:.12g}" '
+            f'solimp="{IMPEDANCE:g} {IMPEDANCE:g} 0.001 0.5 2"'
+        ),
+        steps=400,
+        expected_error=0.007,
+        limit=(
+            "for both geoms. Linear: the duration is that of the law, at this speed; the force is "
+            "not, it jumps at touch. e is the same at all speeds and masses. The time step must "
+            "resolve the contact, and with the usual steps of milliseconds it does not."
+        ),
+        source="mujoco.readthedocs.io/en/stable/modeling.html#solver-parameters; "
+        "Schwager & Pöschel 2007, doi 10.1007/s10035-007-0065-z",
+    )

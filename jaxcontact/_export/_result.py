@@ -1,0 +1,58 @@
+"""What an export returns."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+from .._contact import Contact
+from .._laws import AbstractLaw
+
+
+@dataclasses.dataclass(frozen=True)
+class Export:
+    """The parameters with which an engine delivers a wanted restitution at one closing speed.
+
+    `engine` and `model` say where they belong; `parameters` holds the numbers and `units` their
+    units, by the same names; `snippet` is the text to paste. `target` is the wanted restitution and
+    `delivered` that of the engine's law with these parameters, both from our own solver. `law` and
+    `contact` are the engine's law as it was solved: `impact(law, contact, velocity)` tells the
+    rest. `duration` in s is how long that contact lasts, and `time_step` in s the step at which the
+    engine itself was measured to be within `expected_error` (relative, of the restitution, for e of
+    0.12 and more); both None where the engine was not run. `limit` says in words what the
+    parameters do not reach, `source` where the engine's formula stands.
+    """
+
+    engine: str
+    model: str
+    parameters: Mapping[str, float]
+    units: Mapping[str, str]
+    snippet: str
+    target: float
+    delivered: float
+    duration: float
+    time_step: float | None
+    expected_error: float | None
+    limit: str
+    source: str
+    law: AbstractLaw
+    contact: Contact
+
+    def __repr__(self) -> str:
+        rows = [(name, value, self.units[name]) for name, value in self.parameters.items()]
+        rows += [("target", self.target, ""), ("delivered", self.delivered, "")]
+        rows += [("duration", self.duration, "s")]
+        if self.time_step is not None:
+            rows += [("time_step", self.time_step, "s, or less")]
+        if self.expected_error is not None:
+            rows += [("expected_error", self.expected_error, "")]
+        width = max(len(name) for name, _, _ in rows) + 2
+        return "\n".join(
+            [
+                f"Export to {self.engine}: {self.model}",
+                *(f"  {name:<{width}}{value:.9g} {unit}".rstrip() for name, value, unit in rows),
+                *(f"  | {line}" for line in self.snippet.splitlines()),
+                f"  limit: {self.limit}",
+                f"  source: {self.source}",
+            ]
+        )

@@ -1,0 +1,92 @@
+"""What an engine is asked to reproduce, and what it answers with."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+from .._contact import Contact
+from .._impact import Impact, Status, impact
+from .._laws import AbstractLaw
+
+
+@dataclasses.dataclass(frozen=True)
+class Wanted:
+    """One impact as plain numbers: its outcome, and the contact in which it takes place."""
+
+    restitution: float
+    duration: float
+    mass: float
+    stiffness: float
+    exponent: float
+    velocity: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Draft:
+    """An engine's answer: its law with the parameters found, not solved again yet."""
+
+    model: str
+    law: AbstractLaw
+    contact: Contact
+    parameters: Mapping[str, float]
+    units: Mapping[str, str]
+    snippet: str
+    steps: int | None
+    """The time steps in one contact at which the engine was measured; None if it was not run."""
+    expected_error: float | None
+    limit: str
+    source: str
+
+
+def wanted_of(law: AbstractLaw, contact: Contact, velocity: ArrayLike) -> Wanted:
+    """The impact to reproduce; ValueError if it is none or more than one, or was not solved."""
+    hit = solved(impact(law, contact, velocity))
+    return Wanted(
+        restitution=float(hit.restitution),
+        duration=float(hit.duration),
+        mass=_number(contact.mass),
+        stiffness=_number(contact.stiffness),
+        exponent=_number(contact.exponent),
+        velocity=_number(velocity),
+    )
+
+
+def solved(hit: Impact) -> Impact:
+    """`hit` itself, if it is one impact that ended in separation; ValueError otherwise."""
+    if hit.status.shape != ():
+        raise ValueError(
+            "Arguments `law`, `contact` and `velocity` must be scalars, but have the shape "
+            f"{hit.status.shape}; export lane by lane."
+        )
+    status = Status(int(hit.status))
+    if status is not Status.SEPARATED or not float(hit.restitution) > 0:
+        raise ValueError(
+            "Arguments `law`, `contact` and `velocity` must make an impact with a rebound, but it "
+            f"ended as {status.name.lower()!r} with the restitution {float(hit.restitution):g}."
+        )
+    return hit
+
+
+def matched_stiffness(wanted: Wanted, exponent: float, scaled_law: AbstractLaw) -> float:
+    """K in N/mⁿ of an engine with the exponent n: the contact's own, or one as long in contact.
+
+    An impact lasts τ (m/K)^(1/(n+1)) v0^((1-n)/(n+1)), with τ that of `scaled_law`, the engine's
+    law in units where mass, stiffness and speed are 1. Where the exponents differ no K gives the
+    same force; the one that gives the same duration keeps the frequencies that a contact excites.
+    """
+    if wanted.exponent == exponent:
+        return wanted.stiffness
+    unit = solved(impact(scaled_law, Contact(1.0, 1.0, exponent), 1.0))
+    tau = float(unit.duration)
+    speed = wanted.velocity ** (1 - exponent)
+    return wanted.mass * speed * (tau / wanted.duration) ** (exponent + 1)
+
+
+def _number(value: Any) -> float:
+    # An array of one element along an axis was let through by `solved` only if it has no axis.
+    return float(np.asarray(value))

@@ -1,0 +1,15 @@
+"""Fitting any differentiable prediction to data, with uncertainty."""
+
+from ._bootstrap import Bootstrap as Bootstrap
+from ._compare import Candidate as Candidate
+from ._compare import Comparison as Comparison
+from ._compare import compare_fits as compare_fits
+from ._fit import fit as fit
+from ._inference import Direction as Direction
+from ._loss import Huber as Huber
+from ._profile import Profile as Profile
+from ._result import Fit as Fit
+from ._transforms import Between as Between
+from ._transforms import Fixed as Fixed
+from ._transforms import Free as Free
+from ._transforms import Positive as Positive

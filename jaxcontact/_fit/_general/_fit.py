@@ -1,0 +1,375 @@
+"""The front door of fits."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._found import Found, find, find_all
+from ._inference import AT_BOUND, infer
+from ._loss import Huber
+from ._problem import Problem, evaluated
+from ._result import Fit
+from ._space import Space, space_of
+from ._target import Target, target_of
+
+_SCALE_ROUNDS = 8
+_SETTLED = 1e-3
+"""Relative change of the scale of a robust fit that counts as none."""
+
+_MEDIAN_OF_NORMAL = 0.6744897501960817
+_EVERY = 0.2  # seconds between two lines of progress
+_OUTWARD = 3.0
+"""A step left of so many units of a logarithm or logit: the search creeps towards a bound."""
+
+_HOME = 40.0
+"""The logit of what rounds to 1 in double precision; there the slope is 0, and nothing moves."""
+
+_FAR = 18.0
+"""A logarithm that has gone down by more than this (to 1.5e-8 of its start) has run to 0."""
+
+LEVENBERG_MARQUARDT = "levenberg-marquardt"
+
+
+def fit(
+    predict: Callable[..., Any],
+    data: Any,
+    start: Any,
+    *,
+    x: Any = None,
+    sigma: Any = None,
+    weights: Any = None,
+    transforms: Any = None,
+    loss: str | Huber = "squares",
+    optimizer: Any = LEVENBERG_MARQUARDT,
+    starts: int = 1,
+    spread: float = 1.0,
+    seed: int = 0,
+    max_steps: int | None = None,
+    patience: int = 200,
+    rtol: float = 1e-8,
+    reverse: bool = False,
+    progress: bool | Callable[[int, float], None] = False,
+) -> Fit:
+    """Parameters for which a prediction is nearest to data: least squares, or Huber's loss.
+
+    Minimises ½ Σ ((predict(params) - data)/σ)² over the floating-point numbers in the pytree
+    `start` (a law, a contact, a dict of them); whole arrays are fitted, integers and strings stay.
+
+    Arguments: `predict(params)`, or `predict(params, x)` if `x` is given, differentiable by JAX,
+    with the structure of `data`, any tree of numbers. `sigma`, standard deviations of the data (one
+    number, or a tree like the data), or `weights`, relative ones of squares (1 if neither is
+    given); a weight of 0 leaves a point out, whatever stands there. With `sigma` standard errors
+    are absolute, else they are scaled by the residuals.
+
+    `transforms`: `Free()`, `Positive()`, `Between(low, high)` or `Fixed()`, for all numbers; or a
+    dict of them by name ("contact.mass", or "contact" for all in it); or a prefix of the tree of
+    `start`, with None for the default. By default a number keeps to the range that its law or
+    contact declares, and is free elsewhere. `loss`:
+    "squares" or `Huber(threshold)`, which bounds the pull of outliers; without `sigma` its scale is
+    the median of |residuals|, settled in turn with the fit. `optimizer`: "levenberg-marquardt" or
+    an optax optimiser, which stops after `patience` steps that gain nothing. `starts`: so many
+    starts at once, the given one and normal ones of standard deviation `spread` around it in the
+    free coordinates (logarithms, logits), drawn from `seed`; the lowest end wins. `max_steps`: by
+    default 200, 10000 for optax. `reverse`: take the Jacobian backwards, for predictions that know
+    no forward mode. `progress`: True writes steps and losses to stderr, a function is called with
+    them.
+
+    `converged` is decided afterwards, whoever searched: the Gauss-Newton step that is left must be
+    below `rtol` of each number (of its logarithm, of its logit), or a thousandth of its standard
+    error. Computes in double precision whatever JAX is set to, and is not for use under `jit`. The
+    same `predict` (and optax optimiser) over data of the same shapes does not compile again; a
+    lambda written anew is another function and does.
+
+    Returns a `Fit`. Raises ValueError for data that are not finite where they count (the points are
+    named), a start outside its bounds or without a finite prediction, and arguments that do not
+    match. Source: Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030.
+    """
+    _check(loss, optimizer, starts, spread, max_steps, rtol)
+    by_gradient = optimizer if optimizer != LEVENBERG_MARQUARDT else None
+    most = max_steps or (200 if by_gradient is None else 10_000)
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        target = target_of(data, sigma, weights)
+        space, theta = space_of(start, transforms)
+        problem = _problem(predict, space, x, target, loss, reverse)
+        _check_shape(problem, theta, data)
+        tell = _teller(progress)
+        rough = jnp.asarray(theta)
+        ends = np.zeros(0)
+
+        def search(problem: Problem, rough: Any) -> Found:
+            return find(problem, rough, jnp.asarray(rtol), by_gradient, most, patience, tell)
+
+        if starts > 1:
+            rough, ends = _best_start(
+                problem, theta, starts, spread, seed, rtol, by_gradient, most, patience
+            )
+        found = search(problem, rough)
+        _check_start(problem, theta, found)
+        found = _driven_home(problem, found, theta, search)
+        if isinstance(loss, Huber) and sigma is None:
+            problem, found = _with_scale(problem, found, target, search)
+        return _result(problem, found, theta, target, ends, rtol, most)
+
+
+def _check(
+    loss: Any, optimizer: Any, starts: Any, spread: float, max_steps: Any, rtol: float
+) -> None:
+    if loss != "squares" and not isinstance(loss, Huber):
+        raise ValueError(f"Argument `loss` must be 'squares' or a `Huber`, but is {loss!r}.")
+    if isinstance(optimizer, str):
+        if optimizer != LEVENBERG_MARQUARDT:
+            raise ValueError(
+                f"Argument `optimizer` must be {LEVENBERG_MARQUARDT!r} or an optax optimiser, but "
+                f"is {optimizer!r}."
+            )
+    elif not (hasattr(optimizer, "init") and hasattr(optimizer, "update")):
+        raise ValueError(
+            f"Argument `optimizer` must be {LEVENBERG_MARQUARDT!r} or an optax optimiser, but is "
+            f"{optimizer!r}."
+        )
+    for name, value in (("starts", starts), ("max_steps", max_steps)):
+        if value is not None and (not isinstance(value, int) or value < 1):
+            raise ValueError(f"Argument `{name}` must be at least 1, but is {value!r}.")
+    for name, number in (("spread", spread), ("rtol", rtol)):
+        if not 0 < number < math.inf:
+            raise ValueError(f"Argument `{name}` must be in (0, inf), but is {number!r}.")
+
+
+def _problem(
+    predict: Callable[..., Any],
+    space: Space,
+    x: Any,
+    target: Target,
+    loss: Any,
+    reverse: bool,
+) -> Problem:
+    return Problem(
+        predict,
+        space,
+        None if x is None else jax.tree.map(jnp.asarray, x),
+        jnp.asarray(target.y),
+        jnp.asarray(target.factor),
+        jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None,
+        reverse,
+    )
+
+
+def _check_shape(problem: Problem, theta: np.ndarray, data: Any) -> None:
+    """Raise ValueError unless the prediction has the shape of the data."""
+    got = jax.eval_shape(
+        lambda theta: evaluated(problem.predict, problem.space.params(theta), problem.x),
+        jnp.asarray(theta),
+    )
+    shapes = [leaf.shape for leaf in jax.tree.leaves(got)]
+    wanted = [np.shape(leaf) for leaf in jax.tree.leaves(data)]
+    if flat_sizes(shapes) != flat_sizes(wanted):
+        raise ValueError(
+            f"Argument `predict` must return the shape of `data`, {_shown(wanted)}, but returns "
+            f"{_shown(shapes)}."
+        )
+
+
+def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
+    """Raise ValueError where the prediction is not finite at the start."""
+    if np.isfinite(found.history[0]):
+        return
+    prediction = np.asarray(problem.prediction(jnp.asarray(theta)))
+    bad = ~np.isfinite(prediction) & (np.asarray(problem.factor) > 0)
+    if bad.any():
+        where = np.flatnonzero(bad)
+        more = f" and {len(where) - 5} more" if len(where) > 5 else ""
+        points = ", ".join(map(str, where[:5]))
+        raise ValueError(
+            f"Argument `start` must have a finite prediction, but has none at the points {points}"
+            f"{more}."
+        )
+
+
+def _driven_home(
+    problem: Problem, found: Found, start: np.ndarray, search: Callable[[Problem, Any], Found]
+) -> Found:
+    """A number that is on its way to a bound is put there, if that is no worse."""
+    theta, step = np.asarray(found.theta), np.asarray(found.step)
+    kinds = np.array(problem.space.kinds)
+    out = np.abs(step) > _OUTWARD
+    # A logarithm has a bound on one side only.
+    out &= (kinds == "logit") | ((kinds == "log") & (step < 0))
+    if not out.any() or not np.isfinite(found.loss):
+        return found
+    home = np.where(kinds == "logit", np.sign(step) * _HOME, start - _HOME)
+    there = search(problem, jnp.asarray(np.where(out, home, theta)))
+    return there if float(there.loss) <= float(found.loss) else found
+
+
+def flat_sizes(shapes: list[tuple[int, ...]]) -> list[tuple[int, ...]]:
+    """Shapes as they are compared: a lone number is a list of one."""
+    return [shape or (1,) for shape in shapes]
+
+
+def _shown(shapes: list[tuple[int, ...]]) -> str:
+    return str(shapes[0]) if len(shapes) == 1 else str(shapes)
+
+
+def _best_start(
+    problem: Problem,
+    theta: np.ndarray,
+    starts: int,
+    spread: float,
+    seed: int,
+    rtol: float,
+    optimizer: Any,
+    most: int,
+    patience: int,
+) -> tuple[Any, np.ndarray]:
+    """The best end of many starts, and the loss that each start came to."""
+    away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
+    lanes = jnp.asarray(np.concatenate([theta[None], theta + away]))
+    found = find_all(problem, lanes, jnp.asarray(rtol), optimizer, most, patience)
+    ends = np.where(np.isfinite(found.loss), found.loss, np.inf)
+    if not np.isfinite(ends).any():
+        return jnp.asarray(theta), ends
+    return found.theta[int(np.argmin(ends))], ends
+
+
+def _with_scale(
+    problem: Problem, found: Found, target: Target, search: Callable[[Problem, Any], Found]
+) -> tuple[Problem, Found]:
+    """The robust fit and the scale of its residuals, settled in turn."""
+    used = target.factor > 0
+    relative = problem.factor
+    scale = 0.0
+    for _ in range(_SCALE_ROUNDS):
+        off = np.abs(np.asarray(problem.standardised(found.theta) / problem.factor))[used]
+        new = float(np.median(off * np.asarray(relative)[used])) / _MEDIAN_OF_NORMAL
+        if new == 0 or abs(new - scale) <= _SETTLED * new:
+            break
+        scale = new
+        problem = _replaced(problem, relative / scale)
+        found = search(problem, found.theta)
+    return problem, found
+
+
+def _replaced(problem: Problem, factor: Any) -> Problem:
+    return Problem(
+        problem.predict,
+        problem.space,
+        problem.x,
+        problem.y,
+        factor,
+        problem.threshold,
+        problem.reverse,
+    )
+
+
+def _result(
+    problem: Problem,
+    found: Found,
+    start: np.ndarray,
+    target: Target,
+    ends: np.ndarray,
+    rtol: float,
+    most: int,
+) -> Fit:
+    space = problem.space
+    theta = np.asarray(found.theta)
+    values = np.asarray(found.values)
+    z, jacobian = np.asarray(found.z), np.asarray(found.jacobian)
+    at_bound = _at_bound(space, values, theta, start)
+    converged, reason = _verdict(found, jacobian, at_bound, space, most)
+    told = infer(
+        jacobian if np.isfinite(jacobian).all() else np.zeros_like(jacobian),
+        z,
+        int(np.count_nonzero(target.factor)),
+        space.names,
+        space.kinds,
+        space.stretch(values),
+        at_bound,
+        target.absolute,
+        None if problem.threshold is None else float(problem.threshold),
+    )
+    covariance = told.covariance if converged else np.full_like(told.covariance, np.nan)
+    steps = int(found.steps)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        residuals = np.where(target.factor > 0, z / np.asarray(problem.factor), np.nan)
+    return Fit(
+        params=space.tree_of(found.values),
+        names=space.names,
+        values=values,
+        loss=float(found.loss),
+        history=np.asarray(found.history)[:steps],
+        residuals=residuals,
+        converged=converged,
+        reason=reason,
+        steps=steps,
+        covariance=covariance,
+        unidentified=told.unidentified if converged else (),
+        at_bound=told.at_bound,
+        dof=told.dof,
+        noise=told.noise,
+        starts=ends,
+        data=np.where(target.factor > 0, target.y, np.nan),
+        problem=problem,
+        theta=theta,
+        absolute=target.absolute,
+        rtol=rtol,
+    )
+
+
+def _at_bound(space: Space, values: np.ndarray, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Which numbers have run to an end of their interval."""
+    low, high = np.asarray(space.low), np.asarray(space.high)
+    kinds = np.array(space.kinds)
+    logit = kinds == "logit"
+    width = np.where(logit, high - low, 1)
+    near = np.minimum(np.where(logit, values - low, np.inf), np.where(logit, high - values, np.inf))
+    return (near < AT_BOUND * width) | ((kinds == "log") & (theta < start - _FAR))
+
+
+def _verdict(
+    found: Found, jacobian: np.ndarray, at_bound: np.ndarray, space: Space, most: int
+) -> tuple[bool, str]:
+    if not (np.isfinite(found.loss) and np.isfinite(jacobian).all()):
+        return False, "the prediction is not finite there"
+    ran = [name for name, there in zip(space.names, at_bound, strict=True) if there]
+    said = f", {' and '.join(ran)} at the bound" if ran else ""
+    left = ~np.asarray(found.still) & ~at_bound
+    if not left.any():
+        return True, "no step is left" + said
+    i = int(np.argmax(np.where(left, np.abs(found.step) / np.asarray(found.allowed), 0)))
+    unit = {"log": "ln ", "logit": "logit "}.get(space.kinds[i], "")
+    step = f"a step of {abs(float(found.step[i])):.1e} in {unit}{space.names[i]} is left"
+    if int(found.steps) >= most:
+        return False, f"{most} steps were not enough: {step}" + said
+    return False, f"no better point was found, but {step}" + said
+
+
+def _teller(progress: Any) -> Callable[[Any, Any], None] | None:
+    if callable(progress):
+
+        def pass_on(step: Any, loss: Any) -> None:
+            progress(int(step), float(loss))
+
+        return pass_on
+    if not isinstance(progress, bool):
+        raise ValueError(
+            f"Argument `progress` must be True, False or a function, but is {progress!r}."
+        )
+    if not progress:
+        return None
+    last = [0.0]
+
+    def tell(step: Any, loss: Any) -> None:
+        now = time.monotonic()
+        if now - last[0] >= _EVERY:
+            last[0] = now
+            print(f"step {int(step)}: loss {float(loss):.6g}", file=sys.stderr, flush=True)
+
+    return tell

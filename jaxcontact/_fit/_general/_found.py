@@ -1,0 +1,139 @@
+"""A search and its verdict, compiled together."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ._loss import shortened
+from ._problem import Problem
+from ._solve import Tell, search
+
+SINGULAR = 1e-7
+"""Singular values of the Jacobian, its columns scaled to length 1, that are smaller than this part
+of the largest count as zero: derivatives of an event solve are right to about 1e-7."""
+
+NEGLIGIBLE = 1e-3
+"""A remaining step of less than this part of a standard error is none."""
+
+
+class Found(NamedTuple):
+    """Where a search ended: coordinates, loss, history, steps; whether it stopped by itself.
+
+    `z` the standardised residuals, `jacobian` dz/dθ, `step` the Gauss-Newton step that is left,
+    `allowed` the largest that counts as none, for each coordinate; `values` are the parameters.
+    """
+
+    theta: Float[Array, " k"]
+    loss: Float[Array, ""]
+    history: Float[Array, " steps"]
+    steps: Int[Array, ""]
+    patient: Bool[Array, ""]
+    z: Float[Array, " n"]
+    jacobian: Float[Array, "n k"]
+    step: Float[Array, " k"]
+    allowed: Float[Array, " k"]
+    values: Float[Array, " k"]
+
+    @property
+    def still(self) -> Bool[Array, " k"]:
+        """Which coordinates have no step left."""
+        return jnp.abs(self.step) <= self.allowed
+
+
+@eqx.filter_jit
+def find(
+    problem: Problem,
+    start: Float[Array, " k"],
+    rtol: Float[Array, ""],
+    optimizer: Any,
+    max_steps: int,
+    patience: int,
+    tell: Tell | None,
+) -> Found:
+    """Search from `start` and say how far the end is from a minimum."""
+    return found_from(problem, start, rtol, optimizer, max_steps, patience, tell)
+
+
+@eqx.filter_jit
+def find_all(
+    problem: Problem,
+    starts: Float[Array, "lanes k"],
+    rtol: Float[Array, ""],
+    optimizer: Any,
+    max_steps: int,
+    patience: int,
+) -> Found:
+    """The same from many starts at once."""
+
+    def one(start: Float[Array, " k"]) -> Found:
+        return found_from(problem, start, rtol, optimizer, max_steps, patience, None)
+
+    return jax.vmap(one)(starts)
+
+
+def found_from(
+    problem: Problem,
+    start: Float[Array, " k"],
+    rtol: Float[Array, ""],
+    optimizer: Any,
+    max_steps: int,
+    patience: int,
+    tell: Tell | None,
+) -> Found:
+    """`find`, not compiled by itself."""
+    path = search(problem, start, optimizer, max_steps, patience, tell)
+    theta = path.theta
+
+    def twice(theta: Float[Array, " k"]) -> tuple[Array, Array]:
+        z = problem.standardised(theta)
+        return z, z
+
+    jacobian, z = problem.jacobian(twice, theta)
+    r = shortened(z, problem.threshold)
+    # Nothing is lost by zeros: a prediction that is not finite has a loss that is not.
+    usable = jnp.where(jnp.isfinite(jacobian), jacobian, 0)
+    if problem.threshold is not None:
+        # d√(2ρ)/dz = ψ/r, which is 1 where ρ is a square.
+        far = jnp.abs(z) > problem.threshold
+        pull = jnp.where(far, problem.threshold / jnp.where(far, jnp.abs(r), 1), 1)
+        usable = usable * pull[:, None]
+    step, error = _gauss_newton(usable, jnp.where(jnp.isfinite(r), r, 0))
+    size = jnp.maximum(jnp.maximum(jnp.abs(theta), jnp.abs(start)), error)
+    # A logarithm or a logit has its unit; it is no matter how large it is.
+    unit = jnp.asarray([kind != "free" for kind in problem.space.kinds])
+    size = jnp.where(unit | (size == 0), 1, size)
+    allowed = jnp.maximum(rtol * size, NEGLIGIBLE * error)
+    return Found(
+        theta,
+        jnp.sum(jnp.square(r)) / 2,
+        path.history,
+        path.steps,
+        path.patient,
+        z,
+        jacobian,
+        step,
+        allowed,
+        problem.space.values(theta),
+    )
+
+
+def _gauss_newton(
+    jacobian: Float[Array, "n k"], r: Float[Array, " n"]
+) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+    """The step to the minimum of |r + J p|, and the standard error of each coordinate."""
+    length = jnp.linalg.norm(jacobian, axis=0)
+    known = length > 0
+    scale = jnp.where(known, length, 1)
+    u, s, vt = jnp.linalg.svd(jacobian / scale[None, :], full_matrices=False)
+    kept = s > SINGULAR * jnp.max(s)
+    inverse = jnp.where(kept, 1 / jnp.where(kept, s, 1), 0)
+    step = -(vt.T @ (inverse * (u.T @ r))) / scale
+    freedom = jnp.maximum(r.size - jnp.sum(kept), 1)
+    noise = jnp.sum(jnp.square(r)) / freedom
+    error = jnp.sqrt(noise * jnp.sum(jnp.square(vt.T * inverse[None, :]), axis=1)) / scale
+    return jnp.where(known, step, 0), error

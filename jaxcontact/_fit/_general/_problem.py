@@ -1,0 +1,64 @@
+"""The residuals of a fit as a function of the free coordinates, ready to be compiled once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._loss import shortened
+from ._space import Space
+
+
+class Problem(eqx.Module):
+    """What is fitted: the prediction, the space of its parameters, the data.
+
+    Numbers are leaves, so that new ones do not compile anew; the prediction is compared by
+    identity, unless it is a pytree itself.
+    """
+
+    predict: Callable[..., Any]
+    space: Space
+    x: Any
+    y: Float[Array, " n"]
+    factor: Float[Array, " n"]
+    threshold: Float[Array, ""] | None
+    reverse: bool = eqx.field(static=True)
+
+    def prediction(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
+        """What the parameters predict, as one vector."""
+        return flattened(evaluated(self.predict, self.space.params(theta), self.x))
+
+    def standardised(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
+        """z = (prediction - data)/σ, zero where a point has no weight."""
+        used = self.factor > 0
+        off = self.prediction(theta) - self.y
+        return jnp.where(used, jnp.where(used, off, 0) * self.factor, 0)
+
+    def residual(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
+        """What is squared and summed."""
+        return shortened(self.standardised(theta), self.threshold)
+
+    def loss(self, theta: Float[Array, " k"]) -> Float[Array, ""]:
+        """½ Σ residual²."""
+        return jnp.sum(jnp.square(self.residual(theta))) / 2
+
+    def jacobian(
+        self, function: Callable, theta: Float[Array, " k"]
+    ) -> tuple[Float[Array, "n k"], Any]:
+        """The derivative of the first of two results by the coordinates, and the second."""
+        return (jax.jacrev if self.reverse else jax.jacfwd)(function, has_aux=True)(theta)
+
+
+def evaluated(predict: Callable[..., Any], params: Any, x: Any) -> Any:
+    """The prediction at `x`, which None leaves out."""
+    return predict(params) if x is None else predict(params, x)
+
+
+def flattened(tree: Any) -> Float[Array, " n"]:
+    """All numbers of a tree as one vector of double precision."""
+    return jnp.concatenate([jnp.ravel(leaf).astype(float) for leaf in jax.tree.leaves(tree)])

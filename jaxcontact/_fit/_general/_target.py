@@ -1,0 +1,83 @@
+"""The data of a fit, checked: one vector, and the weight of each point."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+_NAMED = 5
+"""So many bad points are named; of the others the message gives the number."""
+
+
+class Target(NamedTuple):
+    """Measured values y (n,), the factor √w or 1/σ (n,) of each residual, and how they came.
+
+    `absolute` says that the factors are 1/σ, so that the noise is known.
+    """
+
+    y: np.ndarray
+    factor: np.ndarray
+    absolute: bool
+
+
+def target_of(data: Any, sigma: Any, weights: Any) -> Target:
+    """The data as one vector.
+
+    Raises ValueError for data that are no numbers, not finite where they count, or too few, and
+    for bad `sigma` or `weights`.
+    """
+    if sigma is not None and weights is not None:
+        raise ValueError("Argument `weights` must be None with `sigma`, but both are given.")
+    y = _vector(data, "data")
+    if y.size == 0:
+        raise ValueError("Argument `data` must hold a number, but holds none.")
+    if sigma is not None:
+        given = _spread(sigma, data, "sigma")
+        _refuse(~(given > 0), given, "sigma", "positive (inf leaves a point out)")
+        factor = 1 / given
+    else:
+        given = np.ones_like(y) if weights is None else _spread(weights, data, "weights")
+        _refuse(~((given >= 0) & np.isfinite(given)), given, "weights", "finite and not negative")
+        factor = np.sqrt(given)
+    used = factor > 0
+    if not used.any():
+        raise ValueError("Argument `weights` must not be zero everywhere, but is.")
+    hint = "finite; give a point the weight 0 to leave it out"
+    _refuse(used & ~np.isfinite(y), y, "data", hint)
+    return Target(np.where(used, y, 0.0), factor, sigma is not None)
+
+
+def flat(tree: Any) -> np.ndarray:
+    """All numbers of a tree as one vector."""
+    leaves = [np.asarray(leaf, float).ravel() for leaf in jax.tree.leaves(tree)]
+    return np.concatenate(leaves) if leaves else np.zeros(0)
+
+
+def _vector(tree: Any, name: str) -> np.ndarray:
+    try:
+        return flat(tree)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"Argument `{name}` must hold real numbers, but is {tree!r}.") from error
+
+
+def _spread(value: Any, data: Any, name: str) -> np.ndarray:
+    """One number for each point, from a number for all or a tree like the data."""
+    if np.ndim(value) == 0 and isinstance(value, int | float | np.number | jax.Array | np.ndarray):
+        return np.full(flat(data).shape, float(value))
+    given = _vector(value, name)
+    if given.shape != flat(data).shape:
+        raise ValueError(
+            f"Argument `{name}` must have one number, or one for each of the {flat(data).size} "
+            f"points of `data`, but has {given.size}."
+        )
+    return given
+
+
+def _refuse(bad: np.ndarray, values: np.ndarray, name: str, allowed: str) -> None:
+    if bad.any():
+        where = np.flatnonzero(bad)
+        named = ", ".join(f"{values[i]:g} at point {i}" for i in where[:_NAMED])
+        more = f" and {len(where) - _NAMED} more" if len(where) > _NAMED else ""
+        raise ValueError(f"Argument `{name}` must be {allowed}, but is {named}{more}.")

