@@ -36,7 +36,7 @@ class DeliveredByEnergyLoss(eqx.Module):
         if "beta" in params:
             return params["beta"]
         angle = jnp.arccos(jnp.clip(2 * (asked - self.low) / (1 - self.low) - 1, -1, 1))
-        degrees = jnp.arange(params["log_beta"].size).reshape((1,) * angle.ndim + (-1,))
+        degrees = jnp.arange(float(params["log_beta"].size)).reshape((1,) * angle.ndim + (-1,))
         return jnp.exp(jnp.cos(degrees * angle[..., None]) @ params["log_beta"])
 
 

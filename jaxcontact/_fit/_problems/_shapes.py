@@ -51,7 +51,7 @@ class Rational(AbstractShape):
 
     def __call__(self, e: Float[Array, "..."]) -> Float[Array, "..."]:
         angle = jnp.arccos(jnp.clip(2 * e - 1, -1, 1))[..., None]
-        degrees = jnp.arange(self.above.size).reshape((1,) * e.ndim + (-1,))
+        degrees = jnp.arange(float(self.above.size)).reshape((1,) * e.ndim + (-1,))
         waves = jnp.cos(degrees * angle)
         return (waves @ self.above) / (1 + waves[..., 1:] @ self.below)
 
