@@ -7,6 +7,8 @@ from ._bounce import Bounce as Bounce
 from ._bounce import bounce as bounce
 from ._contact import Contact as Contact
 from ._contact import Material as Material
+from ._export import Export as Export
+from ._export import export as export
 from ._fit import AbstractShape as AbstractShape
 from ._fit import Between as Between
 from ._fit import Fit as Fit

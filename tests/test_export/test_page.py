@@ -1,0 +1,50 @@
+"""docs/export.md: its code runs, and its numbers are those of the exports."""
+
+import re
+
+import jax
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._export import export
+from tests.test_export.page import PAGE, rows, variant
+
+
+def digits(text):
+    """The text with its numbers at nine digits: the last ones are the processor's."""
+    return re.sub(r"\d+\.\d+(e[-+]?\d+)?", lambda found: f"{float(found[0]):.9g}", text)
+
+
+OPTION = {"lammps": "damping", "exudyn": "impact_model"}
+
+
+def test_the_code_of_the_page_runs(capsys):
+    text = PAGE.read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    (shown,) = re.findall(r"```text\n(.*?)```", text, re.DOTALL)
+    # The promotion that readers have, not the strict one of the tests.
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        exec(code, {})
+    assert digits(capsys.readouterr().out) == digits(shown)
+
+
+@pytest.mark.parametrize("row", rows(), ids=lambda row: "-".join(map(str, variant(row))))
+def test_the_table_says_what_the_export_says(row):
+    engine, *values = variant(row)
+    options = {OPTION[engine]: values[0]} if values else {}
+    if engine in ("lammps", "simbody"):
+        options["radius"] = 0.1
+    law, contact = jc.ExactRestitution(e=0.5), jc.Contact(1.0, 1.4e8)
+    found = export(law, contact, 4.2, engine=engine, **options)
+    assert all(name.strip() in found.parameters for name in row[2].replace("`", "").split(","))
+    if found.time_step is None:
+        assert (row[3], row[4], row[5]) == ("", "not run", "")
+    else:
+        steps = round(found.duration / found.time_step)
+        assert (row[3], row[5]) == (str(steps), f"{100 * found.expected_error:.1f} %")
+        assert abs(float(row[4]) / 0.5 - 1) < found.expected_error
+
+
+def test_every_engine_is_in_the_table():
+    assert {variant(row)[0] for row in rows()} == {"drake", "exudyn", "lammps", "mujoco", "simbody"}
+    assert len(rows()) == 9
