@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from ._found import Found, find, find_all
 from ._inference import AT_BOUND, infer
 from ._loss import Huber
-from ._problem import Problem, evaluated
+from ._problem import Problem, shapes_of
 from ._result import Fit
 from ._space import Space, space_of
 from ._target import Target, target_of
@@ -98,8 +99,7 @@ def fit(
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         target = target_of(data, sigma, weights)
         space, theta = space_of(start, transforms)
-        problem = _problem(predict, space, x, target, loss, reverse)
-        _check_shape(problem, theta, data)
+        problem = _problem(predict, space, x, target, loss, reverse, shapes_of(data))
         tell = _teller(progress)
         rough = jnp.asarray(theta)
         ends = np.zeros(0)
@@ -150,6 +150,7 @@ def _problem(
     target: Target,
     loss: Any,
     reverse: bool,
+    shapes: tuple[tuple[int, ...], ...],
 ) -> Problem:
     return Problem(
         predict,
@@ -159,22 +160,8 @@ def _problem(
         jnp.asarray(target.factor),
         jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None,
         reverse,
+        shapes,
     )
-
-
-def _check_shape(problem: Problem, theta: np.ndarray, data: Any) -> None:
-    """Raise ValueError unless the prediction has the shape of the data."""
-    got = jax.eval_shape(
-        lambda theta: evaluated(problem.predict, problem.space.params(theta), problem.x),
-        jnp.asarray(theta),
-    )
-    shapes = [leaf.shape for leaf in jax.tree.leaves(got)]
-    wanted = [np.shape(leaf) for leaf in jax.tree.leaves(data)]
-    if flat_sizes(shapes) != flat_sizes(wanted):
-        raise ValueError(
-            f"Argument `predict` must return the shape of `data`, {_shown(wanted)}, but returns "
-            f"{_shown(shapes)}."
-        )
 
 
 def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
@@ -207,15 +194,6 @@ def _driven_home(
     home = np.where(kinds == "logit", np.sign(step) * _HOME, start - _HOME)
     there = search(problem, jnp.asarray(np.where(out, home, theta)))
     return there if float(there.loss) <= float(found.loss) else found
-
-
-def flat_sizes(shapes: list[tuple[int, ...]]) -> list[tuple[int, ...]]:
-    """Shapes as they are compared: a lone number is a list of one."""
-    return [shape or (1,) for shape in shapes]
-
-
-def _shown(shapes: list[tuple[int, ...]]) -> str:
-    return str(shapes[0]) if len(shapes) == 1 else str(shapes)
 
 
 def _best_start(
@@ -252,21 +230,9 @@ def _with_scale(
         if new == 0 or abs(new - scale) <= _SETTLED * new:
             break
         scale = new
-        problem = _replaced(problem, relative / scale)
+        problem = eqx.tree_at(lambda p: p.factor, problem, relative / scale)
         found = search(problem, found.theta)
     return problem, found
-
-
-def _replaced(problem: Problem, factor: Any) -> Problem:
-    return Problem(
-        problem.predict,
-        problem.space,
-        problem.x,
-        problem.y,
-        factor,
-        problem.threshold,
-        problem.reverse,
-    )
 
 
 def _result(

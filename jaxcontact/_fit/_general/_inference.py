@@ -76,8 +76,9 @@ def infer(
     rank = 0
     if len(order):
         scaled = jacobian[:, order] / length[order]
-        _, s, vt = np.linalg.svd(scaled, full_matrices=True)
-        s = np.concatenate([s, np.zeros(len(order) - len(s))])
+        # Fewer points than numbers leave directions without a row: rows of zeros name them.
+        spare = np.zeros((max(len(order) - len(scaled), 0), len(order)))
+        _, s, vt = np.linalg.svd(np.concatenate([scaled, spare]), full_matrices=False)
         good = s > SINGULAR * s.max()
         rank = int(good.sum())
         for row in vt[~good]:

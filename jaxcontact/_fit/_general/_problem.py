@@ -8,6 +8,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ._loss import shortened
@@ -28,10 +29,21 @@ class Problem(eqx.Module):
     factor: Float[Array, " n"]
     threshold: Float[Array, ""] | None
     reverse: bool = eqx.field(static=True)
+    shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
 
     def prediction(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
-        """What the parameters predict, as one vector."""
-        return flattened(evaluated(self.predict, self.space.params(theta), self.x))
+        """What the parameters predict, as one vector.
+
+        Raises ValueError, while it is traced, unless it has the shapes of the data.
+        """
+        got = evaluated(self.predict, self.space.params(theta), self.x)
+        shapes = shapes_of(got)
+        if shapes != self.shapes:
+            raise ValueError(
+                f"Argument `predict` must return the shape of `data`, {_shown(self.shapes)}, but "
+                f"returns {_shown(shapes)}."
+            )
+        return flattened(got)
 
     def standardised(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
         """z = (prediction - data)/σ, zero where a point has no weight."""
@@ -62,3 +74,12 @@ def evaluated(predict: Callable[..., Any], params: Any, x: Any) -> Any:
 def flattened(tree: Any) -> Float[Array, " n"]:
     """All numbers of a tree as one vector of double precision."""
     return jnp.concatenate([jnp.ravel(leaf).astype(float) for leaf in jax.tree.leaves(tree)])
+
+
+def shapes_of(tree: Any) -> tuple[tuple[int, ...], ...]:
+    """The shapes of the leaves; a lone number counts as a list of one."""
+    return tuple(np.shape(leaf) or (1,) for leaf in jax.tree.leaves(tree))
+
+
+def _shown(shapes: tuple[tuple[int, ...], ...]) -> str:
+    return str(shapes[0]) if len(shapes) == 1 else str(shapes)

@@ -135,15 +135,7 @@ def _profile(
 
     def one(held: Float[Array, ""]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
         space = _Held(problem.space, held, place)
-        reduced = Problem(
-            problem.predict,
-            space,  # pyright: ignore[reportArgumentType]
-            problem.x,
-            problem.y,
-            problem.factor,
-            problem.threshold,
-            problem.reverse,
-        )
+        reduced = eqx.tree_at(lambda p: p.space, problem, space)
         if start.size == 0:
             loss = reduced.loss(start)
             return loss, jnp.isfinite(loss)

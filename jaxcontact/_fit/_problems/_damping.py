@@ -60,7 +60,7 @@ def fit_damping(
     # Near the middle of the data Hu and Guo's relation gives an α that is close enough.
     middle, typical = float(np.exp(np.mean(np.log(v)))), min(float(np.median(measured)), 0.999)
     alpha = 1.5 * (1 - typical) / typical
-    start = {"c": alpha * np.asarray(contact.stiffness, float) / middle}
+    start: dict[str, Any] = {"c": alpha * np.asarray(contact.stiffness, float) / middle}
     transforms: dict[str, Any] = {"c": Positive()}
     if form == "power":
         start["power"] = 0.0
