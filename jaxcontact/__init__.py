@@ -25,6 +25,7 @@ from ._fit import fit as fit
 from ._fit import fit_damping as fit_damping
 from ._fit import fit_energy_loss as fit_energy_loss
 from ._fit import fit_impacts as fit_impacts
+from ._fit import fit_record as fit_record
 from ._fit import fit_velocity_profile as fit_velocity_profile
 from ._fit import learn_law as learn_law
 from ._impact import Impact as Impact

@@ -29,6 +29,7 @@ from ._problems import Spline as Spline
 from ._problems import fit_damping as fit_damping
 from ._problems import fit_energy_loss as fit_energy_loss
 from ._problems import fit_impacts as fit_impacts
+from ._problems import fit_record as fit_record
 from ._problems import learn_law as learn_law
 from ._record import to_dict as to_dict
 from ._recording import COLUMNS as COLUMNS

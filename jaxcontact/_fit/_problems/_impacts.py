@@ -101,13 +101,13 @@ def fit_impacts(
         {name: np.where(there[name], columns[name], 0.0) for name in columns},
         start,
         x=v,
-        transforms=_transforms(start, fixed),
+        transforms=transforms_of(start, fixed),
         **scale,
         **how,
     )
 
 
-def _transforms(start: ImpactModel, fixed: tuple[str, ...]) -> dict[str, AbstractTransform]:
+def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTransform]:
     """How the numbers of a model move, and which of them stay."""
     transforms: dict[str, AbstractTransform] = {}
     if not isinstance(start.contact.exponent, float):

@@ -1,0 +1,113 @@
+"""Records of one impact, simulated with another solver: K, the law and the touch come back."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxcontact as jc
+
+MASS, STIFFNESS, DAMPING, SPEED = 0.2, 5e7, 6e6, 1.5
+TOUCH, FORCE_ZERO, DEPTH_ZERO = 3.1e-4, 12.0, 4e-6
+NOISE_FORCE, NOISE_DEPTH = 5.0, 2e-6
+TRUE = {
+    "law.c": DAMPING,
+    "contact.stiffness": STIFFNESS,
+    "velocity": SPEED,
+    "start_time": TOUCH,
+    "force_offset": FORCE_ZERO,
+    "indentation_offset": DEPTH_ZERO,
+}
+TIME = np.linspace(0, 2.2e-3, 150)
+
+
+def force_of(depth, speed):
+    power = np.maximum(depth, 0) ** 1.5
+    return STIFFNESS * power + DAMPING * power * speed
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """Force and indentation at TIME, by scipy, with free flight before and after."""
+
+    def rate(t, y):
+        return [y[1], -force_of(y[0], y[1]) / MASS]
+
+    def apart(t, y):
+        return y[0]
+
+    apart.terminal, apart.direction = True, -1
+    run = solve_ivp(
+        rate, (0, 1), (0, SPEED), "DOP853", events=apart, dense_output=True, rtol=1e-12, atol=1e-14
+    )
+    end, last = run.t[-1], run.y[1, -1]
+    since = TIME - TOUCH
+    depth, speed = run.sol(np.clip(since, 0, end))
+    inside = (since > 0) & (since < end)
+    gap = np.where(since < end, SPEED * since, last * (since - end))
+    force = np.where(inside, force_of(depth, speed), 0)
+    return force + FORCE_ZERO, np.where(inside, depth, gap) + DEPTH_ZERO
+
+
+def start():
+    """Twenty to fifty per cent off."""
+    return jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7), 1.2
+
+
+CLEAN = 1e-5
+"""What the cubic between 128 samples leaves in K and c; 1e-6 was seen."""
+
+
+def test_a_clean_record(clean):
+    force, depth = clean
+    found = jc.fit_record(TIME, *start(), force=force, indentation=depth)
+    assert found.converged, found.reason
+    assert set(found.names) == set(TRUE)
+    for name, value in zip(found.names, found.values, strict=True):
+        assert value == pytest.approx(TRUE[name], rel=CLEAN, abs=1e-9), name
+
+
+def test_noisy_records_hold_the_truth(clean):
+    random = np.random.default_rng(8)
+    pull = []
+    for _ in range(20):
+        force = clean[0] + NOISE_FORCE * random.normal(size=TIME.size)
+        depth = clean[1] + NOISE_DEPTH * random.normal(size=TIME.size)
+        found = jc.fit_record(
+            TIME,
+            *start(),
+            force=force,
+            indentation=depth,
+            sigma_force=NOISE_FORCE,
+            sigma_indentation=NOISE_DEPTH,
+        )
+        assert found.converged, found.reason
+        errors = np.array(list(found.standard_errors.values()))
+        pull.append((found.values - [TRUE[name] for name in found.names]) / errors)
+    pull = np.array(pull)
+    # 120 pulls: their mean square is 1 within 0.13 for each standard deviation, if independent.
+    assert 0.6 < np.mean(pull**2) < 1.5
+    assert np.mean(np.abs(pull) < 1.96) > 0.88
+
+
+def test_a_force_alone_needs_the_speed(clean):
+    found = jc.fit_record(TIME, *start()[:2], SPEED, force=clean[0], fixed=("mass", "velocity"))
+    assert found.converged
+    stiffness = float(found.params.contact.stiffness)
+    assert stiffness == pytest.approx(STIFFNESS, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({}, "`force` or `indentation` must be given"),
+        ({"force": np.ones(3)}, "one number for each of the 150"),
+        ({"force": np.full(150, np.nan)}, "`force` must be in"),
+        (
+            {"force": np.ones(150), "indentation": np.ones(150), "sigma_force": 1.0},
+            "for both columns or for none",
+        ),
+    ],
+)
+def test_bad_records_are_named(columns, message):
+    with pytest.raises(ValueError, match=message):
+        jc.fit_record(TIME, *start(), **columns)
