@@ -36,14 +36,12 @@ class RecordModel(eqx.Module):
     contact: Contact
     velocity: Float[Array, ""] = parameter("velocity", POSITIVE)
     start_time: Float[Array, ""] = parameter("start_time", REAL)
-    force_offset: Float[Array, ""] | None
-    indentation_offset: Float[Array, ""] | None
+    force_offset: Float[Array, ""] | None = None
+    indentation_offset: Float[Array, ""] | None = None
 
 
 class Recorded(eqx.Module):
     """What an instrument reads at given times."""
-
-    fields: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, model: RecordModel, time: Float[Array, " n"]) -> dict[str, Array]:
         path = trajectory(model.law, model.contact, model.velocity, samples=_SAMPLES)
@@ -52,10 +50,10 @@ class Recorded(eqx.Module):
         inside = (since > 0) & (since < end)
         depth, speed = _between(path.indentation, path.velocity, jnp.where(inside, since, 0), end)
         readings = {}
-        if "force" in self.fields:
+        if model.force_offset is not None:
             force = model.law.force(depth, speed, model.contact, model.velocity)
             readings["force"] = jnp.where(inside, force, 0) + model.force_offset
-        if "indentation" in self.fields:
+        if model.indentation_offset is not None:
             # Before and after the contact the bodies fly: a gap is a negative indentation.
             gap = jnp.where(since < end, model.velocity * since, path.velocity[-1] * (since - end))
             readings["indentation"] = jnp.where(inside, depth, gap) + model.indentation_offset
@@ -151,7 +149,7 @@ def fit_record(
     transforms = transforms_of(start, held)
     transforms |= {name: Fixed() for name in fixed if name not in held}
     return fit(
-        Recorded(tuple(columns)),
+        Recorded(),
         columns,
         start,
         x=moments,
