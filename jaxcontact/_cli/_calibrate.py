@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 FIGURE = "calibration.png"
 NUMBERS = "calibration.json"
+REPORT = "calibration.md"
 
 _DESCRIPTION = """\
 Turns a recording of bounces into pairs (approach speed, e), finds spurious and missed triggers by
@@ -41,7 +42,7 @@ listed with their rows and left out; the result with them is shown as well.
 
 --law NAME: `kuwabara_kono` or `constant_damping` is compared with a constant e; a law with
 parameter e (see `jaxcontact laws`) gives the constant e, as that law delivers it, and is compared
-with both. Without --law the exact constant e is compared with both.
+with both. With --law all, the default, the exact constant e is compared with both.
 
 e(v) alone fixes only A (K/m)^(2/5) of Kuwabara-Kono and only c/K of constant damping. With
 --stiffness c follows, with --mass and --stiffness A does.
@@ -61,7 +62,9 @@ def add_parser(commands: Any) -> None:
         allow_abbrev=False,
     )
     parser.add_argument("file", nargs="?", metavar="FILE", help="recording (default: the shipped)")
-    parser.add_argument("--law", metavar="NAME", help="law to fit (default: all three kinds)")
+    parser.add_argument(
+        "--law", metavar="NAME", default="all", help="law to fit (default: all, of three kinds)"
+    )
     parser.add_argument(
         "--ball",
         metavar="NAME",
@@ -94,6 +97,9 @@ def add_parser(commands: Any) -> None:
         metavar="K",
         type=positive,
         help="Hertz stiffness in N/m^(3/2); reports the c, and with --mass the A, that follow",
+    )
+    parser.add_argument(
+        "--report", action="store_true", help=f"also write {REPORT}, a page with the figure"
     )
     parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
     parser.set_defaults(run=run)
@@ -135,9 +141,13 @@ def run(arguments: argparse.Namespace) -> int:
     progress("drawing and writing")
     options = {key: value for key, value in vars(arguments).items() if key != "run"}
     numbers = json.dumps(to_dict(result, options), indent=1, allow_nan=False) + "\n"
-    write_all({out / NUMBERS: numbers.encode(), out / FIGURE: _figure(result)})
-    print(report(result))
-    print(f"Written    {out / FIGURE}, {out / NUMBERS}")
+    said = report(result)
+    files = {out / FIGURE: _figure(result), out / NUMBERS: numbers.encode()}
+    if arguments.report:
+        files[out / REPORT] = _page(said).encode()
+    write_all(files)
+    print(said)
+    print(f"Written    {', '.join(map(str, files))}")
     return 0 if result.converged else 1
 
 
@@ -168,6 +178,11 @@ def _drag(arguments: argparse.Namespace) -> Drag | None:
             f"also give {' and '.join(missing)}{hint}"
         )
     return None
+
+
+def _page(said: str) -> str:
+    """The report as a page of Markdown."""
+    return f"# Calibration\n\n![e over the approach speed]({FIGURE})\n\n```text\n{said}\n```\n"
 
 
 def _figure(result: Calibration) -> bytes:

@@ -113,17 +113,17 @@ def parameters_of(name: str) -> dict[str, Range]:
 def choose_curves(law: str | None) -> tuple[Curve, ...]:
     """The curves to compare: a constant one first, then one or all speed-dependent ones.
 
-    `law` None compares the exact constant e with both speed-dependent laws; the name of one of
-    these compares it with the exact constant e; the name of a law with parameter e makes that the
-    constant one. Raises ValueError for any other name.
+    `law` None or "all" compares the exact constant e with both speed-dependent laws; the name of
+    one of these compares it with the exact constant e; the name of a law with parameter e makes
+    that the constant one. Raises ValueError for any other name.
     """
-    if law is None:
+    if law is None or law == "all":
         return (Curve("exact", "constant"), *(Curve(k, k) for k in SPEED_DEPENDENT))
     for kind in SPEED_DEPENDENT:
         if law == kind:
             return (Curve("exact", "constant"), Curve(kind, kind))
     if law not in constant_laws():
-        choices = ", ".join([*constant_laws(), *SPEED_DEPENDENT])
+        choices = ", ".join(["all", *constant_laws(), *SPEED_DEPENDENT])
         raise ValueError(f"Argument `law` must be one of {choices}, but is {law!r}.")
     return (Curve(law, "constant"), *(Curve(k, k) for k in SPEED_DEPENDENT))
 

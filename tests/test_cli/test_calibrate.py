@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jaxcontact._cli import main
-from jaxcontact._cli._calibrate import FIGURE, NUMBERS
+from jaxcontact._cli._calibrate import FIGURE, NUMBERS, REPORT
 from tests.test_fit.simulate import recording
 
 HEADER = "ball,drop_height_m,trial,bounce,interval_s\n"
@@ -40,9 +40,14 @@ def test_the_shipped_ball(tmp_path, capsys):
 
 
 def test_a_file_of_one_s_own(good, tmp_path, capsys):
-    assert main(["calibrate", str(good), "--out", str(tmp_path / "o"), "--quiet"]) == 0
+    options = ["--out", str(tmp_path / "o"), "--law", "all", "--report", "--quiet"]
+    assert main(["calibrate", str(good), *options]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
+    page = (tmp_path / "o" / REPORT).read_text()
+    assert f"({FIGURE})" in page
+    # What was printed, but for the line that names the files.
+    assert printed.out.rpartition("Written")[0].strip() in page
     assert "none of 220 pairs" in printed.out
     data = json.loads((tmp_path / "o" / NUMBERS).read_text())
     found = data["without_marked"]["fits"][0]["estimates"][0]
