@@ -14,12 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._found import Found, find, find_all
-from ._inference import AT_BOUND, infer
+from ._inference import infer
 from ._loss import Huber
 from ._problem import Problem, shapes_of
 from ._result import Fit
 from ._space import Space, space_of
 from ._target import Target, target_of
+from ._verdict import at_bound_of, falling, verdict
 
 _SCALE_ROUNDS = 8
 _SETTLED = 1e-3
@@ -32,9 +33,6 @@ _OUTWARD = 3.0
 
 _HOME = 40.0
 """The logit of what rounds to 1 in double precision; there the slope is 0, and nothing moves."""
-
-_FAR = 18.0
-"""A logarithm that has gone down by more than this (to 1.5e-8 of its start) has run to 0."""
 
 LEVENBERG_MARQUARDT = "levenberg-marquardt"
 
@@ -248,12 +246,13 @@ def _result(
     theta = np.asarray(found.theta)
     values = np.asarray(found.values)
     z, jacobian = np.asarray(found.z), np.asarray(found.jacobian)
-    at_bound = _at_bound(space, values, theta, start)
-    converged, reason = _verdict(found, jacobian, at_bound, space, most)
+    used = target.factor > 0
+    at_bound = at_bound_of(space, found, start, used)
+    converged, reason = verdict(found, jacobian, at_bound, space, most)
     told = infer(
         jacobian if np.isfinite(jacobian).all() else np.zeros_like(jacobian),
-        z,
-        int(np.count_nonzero(target.factor)),
+        z[used],
+        int(np.count_nonzero(used)),
         space.names,
         space.kinds,
         space.stretch(values),
@@ -261,10 +260,13 @@ def _result(
         target.absolute,
         None if problem.threshold is None else float(problem.threshold),
     )
+    if converged and (falls := falling(problem, found, start, told.unidentified)) is not None:
+        converged = False
+        reason = f"a saddle or a maximum: the loss falls along {falls}; start elsewhere"
     covariance = told.covariance if converged else np.full_like(told.covariance, np.nan)
     steps = int(found.steps)
     with np.errstate(divide="ignore", invalid="ignore"):
-        residuals = np.where(target.factor > 0, z / np.asarray(problem.factor), np.nan)
+        residuals = np.where(used, z / np.asarray(problem.factor), np.nan)
     return Fit(
         params=space.tree_of(found.values),
         names=space.names,
@@ -281,40 +283,12 @@ def _result(
         dof=told.dof,
         noise=told.noise,
         starts=ends,
-        data=np.where(target.factor > 0, target.y, np.nan),
+        data=np.where(used, target.y, np.nan),
         problem=problem,
         theta=theta,
         absolute=target.absolute,
         rtol=rtol,
     )
-
-
-def _at_bound(space: Space, values: np.ndarray, theta: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """Which numbers have run to an end of their interval."""
-    low, high = np.asarray(space.low), np.asarray(space.high)
-    kinds = np.array(space.kinds)
-    logit = kinds == "logit"
-    width = np.where(logit, high - low, 1)
-    near = np.minimum(np.where(logit, values - low, np.inf), np.where(logit, high - values, np.inf))
-    return (near < AT_BOUND * width) | ((kinds == "log") & (theta < start - _FAR))
-
-
-def _verdict(
-    found: Found, jacobian: np.ndarray, at_bound: np.ndarray, space: Space, most: int
-) -> tuple[bool, str]:
-    if not (np.isfinite(found.loss) and np.isfinite(jacobian).all()):
-        return False, "the prediction is not finite there"
-    ran = [name for name, there in zip(space.names, at_bound, strict=True) if there]
-    said = f", {' and '.join(ran)} at the bound" if ran else ""
-    left = ~np.asarray(found.still) & ~at_bound
-    if not left.any():
-        return True, "no step is left" + said
-    i = int(np.argmax(np.where(left, np.abs(found.step) / np.asarray(found.allowed), 0)))
-    unit = {"log": "ln ", "logit": "logit "}.get(space.kinds[i], "")
-    step = f"a step of {abs(float(found.step[i])):.1e} in {unit}{space.names[i]} is left"
-    if int(found.steps) >= most:
-        return False, f"{most} steps were not enough: {step}" + said
-    return False, f"no better point was found, but {step}" + said
 
 
 def _teller(progress: Any) -> Callable[[Any, Any], None] | None:

@@ -122,6 +122,12 @@ def found_from(
     )
 
 
+@eqx.filter_jit
+def losses(problem: Problem, thetas: Float[Array, "lanes k"]) -> Float[Array, " lanes"]:
+    """The loss at many points."""
+    return jax.vmap(problem.loss)(thetas)
+
+
 def _gauss_newton(
     jacobian: Float[Array, "n k"], r: Float[Array, " n"]
 ) -> tuple[Float[Array, " k"], Float[Array, " k"]]:

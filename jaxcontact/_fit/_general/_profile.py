@@ -96,9 +96,22 @@ def profile(fit: Fit, name: str, values: ArrayLike | None, points: int, span: fl
         )
     loss = np.where(fine, loss, np.nan)
     rise = np.maximum(loss - fit.loss, 0)
+    unit = _unit(fit)
     with np.errstate(invalid="ignore"):
-        deviation = np.sign(at - best) * np.sqrt(2 * rise / fit.noise)
+        deviation = np.sign(at - best) * np.sqrt(2 * rise / unit)
     return Profile(name, best, at, loss, deviation, fit.dof, fit.absolute)
+
+
+def _unit(fit: Fit) -> float:
+    """What twice the loss rises by at one standard error.
+
+    The curvature of Huber's loss is mean ψ' times that of squares, and so is the rise.
+    """
+    if fit.problem.threshold is None:
+        return fit.noise
+    factor = np.asarray(fit.problem.factor)
+    z = (fit.residuals * factor)[factor > 0]
+    return fit.noise * float(np.mean(np.abs(z) <= float(fit.problem.threshold)))
 
 
 class _Held(eqx.Module):

@@ -60,8 +60,12 @@ def _levenberg_marquardt(
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
     options = {"jac": "bwd" if problem.reverse else "fwd"}
 
-    def residual(theta: Array, problem: Problem) -> tuple[Array, None]:
-        return problem.residual(theta), None
+    # The damping and the tolerances of the solver have units: it is given numbers of order 1.
+    spread = jnp.sqrt(jnp.mean(jnp.square(problem.y * problem.factor)))
+    unit = jnp.where(spread > 0, spread, 1)
+
+    def residual(place: Array, problem: Problem) -> tuple[Array, None]:
+        return problem.residual(place) / unit, None
 
     kinds = jax.eval_shape(problem.residual, start)
     common = (problem, options)
@@ -75,19 +79,19 @@ def _levenberg_marquardt(
         return ~state.terminate & able & (step < max_steps)
 
     def advance(carry: tuple) -> tuple:
-        theta, numbers, history, step = carry
+        place, numbers, history, step = carry
         state = eqx.combine(numbers, rest)
-        theta, state, _ = solver.step(residual, theta, *common, state, frozenset())
-        loss = jnp.sum(jnp.square(state.f_info.residual)) / 2
+        place, state, _ = solver.step(residual, place, *common, state, frozenset())
+        loss = jnp.sum(jnp.square(state.f_info.residual * unit)) / 2
         _said(tell, step, loss)
         numbers, _ = eqx.partition(state, eqx.is_array)
-        return theta, numbers, history.at[step].set(loss), step + 1
+        return place, numbers, history.at[step].set(loss), step + 1
 
     history = jnp.full(max_steps, jnp.nan, start.dtype)
-    theta, numbers, history, step = jax.lax.while_loop(
+    place, numbers, history, step = jax.lax.while_loop(
         unfinished, advance, (start, numbers, history, jnp.zeros((), int))
     )
-    return Path(theta, history, step, step < max_steps)
+    return Path(place, history, step, step < max_steps)
 
 
 def _gradient_descent(

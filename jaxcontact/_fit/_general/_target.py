@@ -57,6 +57,9 @@ def flat(tree: Any) -> np.ndarray:
 
 def _vector(tree: Any, name: str) -> np.ndarray:
     try:
+        # numpy would drop an imaginary part.
+        if any(np.iscomplexobj(leaf) for leaf in jax.tree.leaves(tree)):
+            raise TypeError("complex numbers")
         return flat(tree)
     except (TypeError, ValueError) as error:
         raise ValueError(f"Argument `{name}` must hold real numbers, but is {tree!r}.") from error
