@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array
 
 State = TypeVar("State")
+Computed = TypeVar("Computed")
 
 _TABLEAU = diffrax.Dopri8.tableau
 # The last stage serves dense output only.
@@ -49,13 +50,16 @@ def step(rate: Callable[[State], State], state: State, size: Array) -> State:
 
 
 def step_with_error(
-    rate: Callable[[int, State], State], state: State, size: float
-) -> tuple[State, State]:
-    """The state one step of `size` later, and how far the embedded method of order 7 is from it.
+    rate: Callable[[int, State], tuple[State, Array]], state: State, size: float, always: Array
+) -> tuple[State, State, Array]:
+    """The state one step of `size` later, how far the embedded method of order 7 is from it, and
+    whether all stages were good.
 
-    `rate(j, state)` is the derivative at stage j. The stages are unrolled, so that they fuse.
+    `rate(j, state)` is the derivative at stage j, and whether it is good. The stages are unrolled.
+    `always` is a flag that is true, but not known to be while compiling; see `_computed_once`.
     """
     slopes: list[State] = []
+    good = always
 
     def change(weights: np.ndarray) -> State:
         chosen = [(size * float(w), s) for w, s in zip(weights, slopes, strict=False) if w != 0]
@@ -67,7 +71,23 @@ def step_with_error(
     def moved(weights: np.ndarray) -> State:
         return jax.tree.map(operator.add, state, change(weights))
 
-    slopes.append(rate(0, state))
-    for row in range(1, _STAGES):
-        slopes.append(rate(row, moved(_MATRIX[row])))
-    return moved(_TABLEAU.b_sol), change(_TABLEAU.b_error)
+    for row in range(_STAGES):
+        slope, fine = _computed_once(rate(row, moved(_MATRIX[row]) if row else state), always)
+        slopes.append(slope)
+        good = good & fine
+    return moved(_TABLEAU.b_sol), change(_TABLEAU.b_error), good
+
+
+def _computed_once(values: Computed, always: Array) -> Computed:
+    """`values`, which the compiler for processors must not compute again where they are used.
+
+    Every later stage uses the slopes of the earlier ones, and XLA fuses into each use all that
+    leads to it: four times the work, measured. It drops an optimization barrier before it fuses,
+    but does not look through a branch. Graphics processors would wait for the branch.
+    """
+
+    def branch(values: Computed) -> Computed:
+        nothing = lambda values: jax.tree.map(jnp.zeros_like, values)  # noqa: E731
+        return jax.lax.cond(always, lambda values: values, nothing, values)
+
+    return jax.lax.platform_dependent(values, cpu=branch, default=lambda values: values)
