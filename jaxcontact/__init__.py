@@ -15,11 +15,13 @@ from ._fit import Fit as Fit
 from ._fit import Fixed as Fixed
 from ._fit import Free as Free
 from ._fit import Huber as Huber
+from ._fit import LawChoice as LawChoice
 from ._fit import Network as Network
 from ._fit import Positive as Positive
 from ._fit import Rational as Rational
 from ._fit import Spline as Spline
 from ._fit import VelocityProfile as VelocityProfile
+from ._fit import choose_law as choose_law
 from ._fit import compare_fits as compare_fits
 from ._fit import fit as fit
 from ._fit import fit_damping as fit_damping

@@ -23,9 +23,11 @@ from ._general import Profile as Profile
 from ._general import compare_fits as compare_fits
 from ._general import fit as fit
 from ._problems import AbstractShape as AbstractShape
+from ._problems import LawChoice as LawChoice
 from ._problems import Network as Network
 from ._problems import Rational as Rational
 from ._problems import Spline as Spline
+from ._problems import choose_law as choose_law
 from ._problems import fit_damping as fit_damping
 from ._problems import fit_energy_loss as fit_energy_loss
 from ._problems import fit_impacts as fit_impacts

@@ -11,14 +11,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ._asked import Asked, asked_of
 from ._curves import Curve, Misfit, choose_curves, evaluate
 from ._flight import STANDARD_GRAVITY, Drag, Flight, Floats, require_positive
-from ._minimise import minimise
+from ._minimise import Minimum, minimise
 from ._noise import Noise, estimate_noise
 from ._outliers import Outliers, find_outliers
 from ._pairs import Pairs, make_pairs
 from ._recording import Recording
-from ._statistics import ErrorKind, Line, aicc, fit_line, information, preference
+from ._statistics import ErrorKind, Line, aicc, bic, fit_line, information, preference
 
 GRID = 200
 
@@ -27,6 +28,9 @@ CLEAR_AICC = 2.0
 
 CLEAR_PREFERENCE = 2.0
 """The same for the advantage summed over trials, in its standard errors."""
+
+_BANDS = 4
+"""Bands of speed that are left out in turn; every one holds a pair."""
 
 _SHORTEST = 256
 """Fits of up to this many pairs share one compiled code; a thousand times as fast as compiling."""
@@ -51,8 +55,9 @@ class LawFit:
 
     `estimates`: the fitted number first, then what follows from it. `error_kind` says how standard
     errors were found. `rms` is the plain root mean square of e_measured - e(v). `reduced_chi2` is
-    Σ z²/(n-1) for z the residuals of ln e over their noise; `grid` and `grid_error` are e and its
-    standard error on the speeds of the calibration's grid.
+    Σ z²/(n-1) for z the residuals of ln e over their noise; `held_out` is the root mean square of z
+    of pairs that were left out, one band of speeds after the other; `grid` and `grid_error` are e
+    and its standard error on the speeds of the calibration's grid.
     """
 
     curve: Curve
@@ -66,6 +71,8 @@ class LawFit:
     rms: float
     reduced_chi2: float
     aicc: float
+    bic: float
+    held_out: float
     standard_residuals: Floats
     grid: Floats
     grid_error: Floats | None
@@ -103,7 +110,8 @@ class Calibration:
 
     `pairs` are all pairs, `outliers` which of them the robust rule marked; `kept` are the fits
     without those and `everything` those with them; `noise` is the scatter found in the kept pairs;
-    `grid` are the speeds (m/s) of the curves in the fits.
+    `grid` are the speeds (m/s) of the curves in the fits; `asked` is what each law of constant e is
+    to be asked for, to deliver the constant e found.
     """
 
     pairs: Pairs
@@ -114,6 +122,7 @@ class Calibration:
     everything: FitSet
     mass: float | None
     stiffness: float | None
+    asked: tuple[Asked, ...]
 
     @property
     def converged(self) -> bool:
@@ -178,7 +187,14 @@ def calibrate(
         everything=_fit_set(pairs, noise, everything),
         mass=mass,
         stiffness=stiffness,
+        asked=_asked(kept[0]),
     )
+
+
+def _asked(constant: LawFit) -> tuple[Asked, ...]:
+    # The last estimate of a constant law is the e that is delivered.
+    delivered = constant.estimates[-1]
+    return asked_of(delivered.value, delivered.standard_error)
 
 
 def _padded_length(n: int) -> int:
@@ -200,20 +216,9 @@ class _Problem:
         sigma = self.noise.sigma(pairs.reading_factor)
         middle = float(np.median(pairs.velocity[use]))
         start = curve.start(float(np.median(pairs.restitution[use])), middle)
-        # Infinite noise leaves a pair out without changing a shape. Padded with such pairs to few
-        # lengths, recordings share the compiled code, which takes longer than the fits.
+        minimum = self._minimum(curve, start, use)
         n = len(pairs)
-        spare = _padded_length(n) - n
-        velocity = np.concatenate([pairs.velocity, np.full(spare, middle)])
-        minimum = minimise(
-            Misfit(curve),
-            start,
-            jnp.asarray(velocity),
-            jnp.asarray(np.concatenate([y, np.zeros(spare)])),
-            jnp.asarray(np.concatenate([np.where(use, sigma, np.inf), np.full(spare, np.inf)])),
-        )
-        speeds = np.concatenate([velocity, self.grid, [middle]])
-        e, slope = (np.asarray(a) for a in evaluate(curve, minimum.parameters, jnp.asarray(speeds)))
+        e, slope = self._evaluated(curve, minimum.parameters, middle)
         grid_e, grid_slope = e[-GRID - 1 : -1], slope[-GRID - 1 : -1]
         at_pairs, log_slope = e[:n][use], (slope[:n] / e[:n])[use]
         z = (y[use] - np.log(at_pairs)) / sigma[use]
@@ -235,10 +240,51 @@ class _Problem:
             rms=float(np.sqrt(np.mean((pairs.restitution[use] - at_pairs) ** 2))),
             reduced_chi2=float(np.sum(z**2)) / (len(z) - 1),
             aicc=aicc(z, sigma[use], 1),
+            bic=bic(z, sigma[use], 1),
+            held_out=self._held_out(curve, minimum.parameters, use),
             standard_residuals=z,
             grid=grid_e,
             grid_error=None if error is None else np.abs(grid_slope) * error,
         )
+
+    def _minimum(self, curve: Curve, start: Array, use: np.ndarray) -> Minimum:
+        # Infinite noise leaves a pair out without changing a shape. Padded with such pairs to few
+        # lengths, recordings share the compiled code, which takes longer than the fits.
+        pairs = self.pairs
+        sigma = np.where(use, self.noise.sigma(pairs.reading_factor), np.inf)
+        return minimise(
+            Misfit(curve),
+            start,
+            jnp.asarray(self._padded(pairs.velocity, float(np.median(pairs.velocity)))),
+            jnp.asarray(self._padded(np.log(pairs.restitution), 0.0)),
+            jnp.asarray(self._padded(sigma, np.inf)),
+        )
+
+    def _padded(self, values: Floats, filling: float) -> Floats:
+        spare = _padded_length(len(values)) - len(values)
+        return np.concatenate([values, np.full(spare, filling)])
+
+    def _evaluated(self, curve: Curve, theta: Array, middle: float) -> tuple[Floats, Floats]:
+        """e and its slope at all pairs (padded), on the grid, and at `middle`."""
+        speeds = np.concatenate([self._padded(self.pairs.velocity, middle), self.grid, [middle]])
+        e, slope = evaluate(curve, theta, jnp.asarray(speeds))
+        return np.asarray(e), np.asarray(slope)
+
+    def _held_out(self, curve: Curve, start: Array, use: np.ndarray) -> float:
+        """The root mean square z of pairs left out: whether the others foretell their speeds."""
+        pairs = self.pairs
+        place = np.flatnonzero(use)
+        bands = np.array_split(place[np.argsort(pairs.velocity[use], kind="stable")], _BANDS)
+        sigma = self.noise.sigma(pairs.reading_factor)
+        square = 0.0
+        for band in bands:
+            rest = use.copy()
+            rest[band] = False
+            theta = self._minimum(curve, start, rest).parameters
+            e = self._evaluated(curve, theta, 1.0)[0][: len(pairs)]
+            z = (np.log(pairs.restitution) - np.log(e)) / sigma
+            square += float(np.sum(z[band] ** 2))
+        return math.sqrt(square / len(place))
 
     def _estimates(
         self,

@@ -72,6 +72,16 @@ def to_dict(calibration: Calibration, options: dict[str, Any] | None = None) -> 
         ],
         "standard_errors": errors_sentence(c),
         "caution": drag_caution(c),
+        "constant_e_laws": [
+            {
+                "law": a.law,
+                "e": a.e,
+                "standard_error": _finite(a.standard_error),
+                "delivers_at_least": a.least,
+                "delivers_at_most": a.most,
+            }
+            for a in c.asked
+        ],
         "without_marked": _set_dict(c.kept),
         "with_marked": _set_dict(c.everything),
         "converged": c.converged,
@@ -133,6 +143,8 @@ def _fit_dict(fit: LawFit) -> dict[str, Any]:
         "rms_of_e": fit.rms,
         "reduced_chi2": fit.reduced_chi2,
         "aicc": fit.aicc,
+        "bic": fit.bic,
+        "held_out_rms": fit.held_out,
         "converged": fit.converged,
         "reason": fit.reason,
         "evaluations": fit.evaluations,

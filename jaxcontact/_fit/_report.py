@@ -42,6 +42,7 @@ def report(calibration: Calibration) -> str:
         _fits(calibration),
         _by_speed(calibration),
         _comparison(calibration),
+        _asked(calibration),
         _side_by_side(calibration),
         _open_questions(calibration),
     ]
@@ -213,12 +214,35 @@ def _short(fit: LawFit) -> str:
 
 
 def _comparison(c: Calibration) -> list[str]:
-    lines = []
+    fits = sorted(c.kept.fits, key=lambda fit: fit.aicc)
+    least = min(fit.bic for fit in fits)
+    lines = [
+        "Choice     the less the better; held out: rms residual over its noise of pairs of speeds "
+        "left out",
+        f"  {'':<24}{'ΔAICc':>8}{'ΔBIC':>8}{'held out':>10}",
+    ]
+    lines += [
+        f"  {fit.curve.label:<24}{fit.aicc - fits[0].aicc:>8.1f}{fit.bic - least:>8.1f}"
+        f"{fit.held_out:>10.3f}"
+        for fit in fits
+    ]
+    told = []
     for comparison in c.kept.comparisons:
-        lines += _wrap("" if lines else "Compared", comparison.verdict)
+        told += _wrap("" if told else "Compared", comparison.verdict)
+    lines += told
     lines += _wrap("", line_sentence(c.kept))
     caution = drag_caution(c)
     return lines + (_wrap("", caution) if caution else [])
+
+
+def _asked(c: Calibration) -> list[str]:
+    delivered = c.kept.fits[0].estimates[-1]
+    able = [f"{a.law} {a.e:.4f}" for a in c.asked if a.e is not None]
+    unable = [f"{a.law} ({a.least:.3f} at least)" for a in c.asked if a.e is None]
+    text = f"for a constant e of {delivered.value:.4f} ask {', '.join(able)}"
+    if unable:
+        text += f"; not within reach of {', '.join(unable)}"
+    return _wrap("Law's e", text)
 
 
 def drag_caution(c: Calibration) -> str | None:

@@ -55,10 +55,18 @@ def aicc(z: Floats, sigma: Floats, parameters: int) -> float:
     n, k = len(z), parameters + 1
     if n <= k + 1:
         raise ValueError(f"Argument `z` must have more than {k + 1} values, but has {n}.")
+    return _deviance(z, sigma) + 2 * k + 2 * k * (k + 1) / (n - k - 1)
+
+
+def bic(z: Floats, sigma: Floats, parameters: int) -> float:
+    """Schwarz' criterion, with k ln n in place of the terms of `aicc` in k."""
+    return _deviance(z, sigma) + (parameters + 1) * math.log(len(z))
+
+
+def _deviance(z: Floats, sigma: Floats) -> float:
     # Data without noise fit exactly; the logarithm then needs a number.
     mean_square = max(float(np.mean(z**2)), np.finfo(np.float64).tiny)
-    fit = n * math.log(mean_square) + 2 * float(np.sum(np.log(sigma)))
-    return fit + 2 * k + 2 * k * (k + 1) / (n - k - 1)
+    return len(z) * math.log(mean_square) + 2 * float(np.sum(np.log(sigma)))
 
 
 def preference(z: Floats, other: Floats, cluster: Ints) -> float | None:

@@ -45,8 +45,8 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> Scaled:
 
     The error estimate compares the method of order 8 with the embedded one of order 7, summed over
     the steps. It is an estimate for the poorer of the two: measured, it exceeds the error of the
-    result by 10 to 14000 times while that is below 1e-4. Lanes in which the angle turns back, or the
-    estimate exceeds `tolerance`, are not converged.
+    result by 10 to 14000 times while that is below 1e-4. Lanes in which the angle turns back, or
+    the estimate exceeds `tolerance`, are not converged.
     """
     start = motion.start()
     unit = _shrink(motion)

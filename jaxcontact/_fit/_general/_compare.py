@@ -12,11 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from ._found import found_from
+from ._found import find
 from ._problem import Problem
 from ._result import Fit
+from ._solve import MOST_STEPS, PATIENCE
 
-_STEPS = 100
 _AS_GOOD = 2.0
 """Below this difference of AICc two fits count as equally good (Burnham & Anderson 2002)."""
 
@@ -131,37 +131,37 @@ def _candidate(name: str, fit: Fit, parts: np.ndarray, n: int) -> Candidate:
         deviance, counted = n * math.log(max(2 * fit.loss / n, 1e-300)), k + 1
     small = 2 * counted * (counted + 1) / (n - counted - 1) if n > counted + 1 else math.inf
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        square, fine = _held_out(
-            fit.problem, jnp.asarray(fit.theta), jnp.asarray(parts), jnp.asarray(fit.rtol)
-        )
-    good = bool(np.all(fine))
+        held_out = _held_out(fit, parts)
     return Candidate(
         name,
         k,
         fit.loss,
         deviance + 2 * counted + small,
         deviance + counted * math.log(n),
-        math.sqrt(float(np.sum(square)) / n) if good else math.nan,
+        math.sqrt(held_out / n),
         fit.converged,
     )
 
 
+def _held_out(fit: Fit, parts: Bool[np.ndarray, "folds n"]) -> float:
+    """Σ z² of the points that each fold leaves out, by the fit to the others; NaN without one."""
+    square = 0.0
+    for out in parts:
+        # With other weights it is the same compiled search as that of the fit itself.
+        weights = jnp.where(jnp.asarray(out), 0, fit.problem.factor)
+        fewer = eqx.tree_at(lambda p: p.factor, fit.problem, weights)
+        start, rtol = jnp.asarray(fit.theta), jnp.asarray(fit.rtol)
+        found = find(fewer, start, rtol, None, MOST_STEPS, PATIENCE, None)
+        if not np.all(found.still):
+            return math.nan
+        z = np.asarray(_standardised(fit.problem, found.theta))
+        square += float(np.sum(z[out] ** 2))
+    return square
+
+
 @eqx.filter_jit
-def _held_out(
-    problem: Problem,
-    theta: Float[Array, " k"],
-    parts: Bool[Array, "folds n"],
-    rtol: Float[Array, ""],
-) -> tuple[Float[Array, " folds"], Bool[Array, " folds"]]:
-    """Σ z² of the points that each fold leaves out, by the fit to the others."""
-
-    def one(out: Bool[Array, " n"]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
-        fewer = eqx.tree_at(lambda p: p.factor, problem, jnp.where(out, 0, problem.factor))
-        found = found_from(fewer, theta, rtol, None, _STEPS, 0, None)
-        z = problem.standardised(found.theta)
-        return jnp.sum(jnp.where(out, jnp.square(z), 0)), jnp.all(found.still)
-
-    return jax.vmap(one)(parts)
+def _standardised(problem: Problem, theta: Float[Array, " k"]) -> Float[Array, " n"]:
+    return problem.standardised(theta)
 
 
 def _verdict(found: list[Candidate]) -> str:

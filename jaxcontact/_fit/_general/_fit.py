@@ -18,6 +18,7 @@ from ._inference import infer
 from ._loss import Huber
 from ._problem import Problem, shapes_of
 from ._result import Fit
+from ._solve import MOST_STEPS, PATIENCE
 from ._space import Space, space_of
 from ._target import Target, target_of
 from ._verdict import at_bound_of, falling, verdict
@@ -52,7 +53,7 @@ def fit(
     spread: float = 1.0,
     seed: int = 0,
     max_steps: int | None = None,
-    patience: int = 200,
+    patience: int = PATIENCE,
     rtol: float = 1e-8,
     reverse: bool = False,
     progress: bool | Callable[[int, float], None] = False,
@@ -93,7 +94,7 @@ def fit(
     """
     _check(loss, optimizer, starts, spread, max_steps, rtol)
     by_gradient = optimizer if optimizer != LEVENBERG_MARQUARDT else None
-    most = max_steps or (200 if by_gradient is None else 10_000)
+    most = max_steps or (MOST_STEPS if by_gradient is None else 10_000)
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         target = target_of(data, sigma, weights)
         space, theta = space_of(start, transforms)

@@ -15,6 +15,12 @@ from ._problem import Problem
 
 Tell = Callable[[Any, Any], None]
 
+MOST_STEPS = 200
+"""Steps of Levenberg-Marquardt, unless the caller says otherwise."""
+
+PATIENCE = 200
+"""Steps of a gradient method that may gain nothing."""
+
 _TOLERANCE = 1e-13
 """Of the last accepted step of Levenberg-Marquardt, relative and absolute: its verdict is not
 used, so it may go on until rounding stops it."""

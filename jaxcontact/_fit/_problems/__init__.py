@@ -1,5 +1,7 @@
 """Ready-made problems: one call each, all of them solved by `fit`."""
 
+from ._choice import LawChoice as LawChoice
+from ._choice import choose_law as choose_law
 from ._damping import fit_damping as fit_damping
 from ._energy_loss import fit_energy_loss as fit_energy_loss
 from ._impacts import fit_impacts as fit_impacts

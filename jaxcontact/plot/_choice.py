@@ -1,0 +1,42 @@
+"""The picture of a choice of law: measured restitutions and the curve of each kind."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from .._fit import LawChoice
+
+_STYLES = ("-", "--", "-.", ":")
+_FINE = 200
+
+
+def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
+    """Draw e over the closing speed (m/s): the data, and each kind of law, the best drawn thickest.
+
+    Arguments: what `choose_law` returned; the axes to draw on, new ones if None. Returns the axes.
+    """
+    if ax is None:
+        from matplotlib import pyplot
+
+        _, ax = pyplot.subplots(layout="constrained")
+    some = next(iter(result.fits.values()))
+    v = np.asarray(some.problem.x)
+    ax.plot(v, some.data, ".", color="0.4", label="data", zorder=2)
+    wide = v.max() > 100 * v.min()
+    fine = (np.geomspace if wide else np.linspace)(v.min(), v.max(), _FINE)
+    best = min(candidate.aicc for candidate in result.candidates)
+    for place, (candidate, style) in enumerate(zip(result.candidates, _STYLES, strict=False)):
+        label = f"{candidate.name} (ΔAICc {candidate.aicc - best:.1f})"
+        curve = np.asarray(result.fits[candidate.name].predict(fine))
+        ax.plot(fine, curve, style, lw=2.4 if place == 0 else 1.4, label=label, zorder=3)
+    if wide:
+        ax.set_xscale("log")
+    ax.set_xlabel("closing speed / (m/s)")
+    ax.set_ylabel("restitution $e$")
+    ax.legend(frameon=False, fontsize="small")
+    return ax
