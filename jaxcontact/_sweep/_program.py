@@ -56,8 +56,17 @@ class Program:
     @property
     def open_ended(self) -> bool:
         """Whether it loops until it is done, so that a lane of a block waits for the slowest."""
+        return self._holds("while")
+
+    @property
+    def branching(self) -> bool:
+        """Whether it has branches, before which all numbers of a block go through memory."""
+        return self._holds("cond")
+
+    def _holds(self, primitive: str) -> bool:
         return any(
-            step.primitive.name == "while" or any(map(_loops, _parts(step.params)))
+            step.primitive.name == primitive
+            or any(_holds(part, primitive) for part in _parts(step.params))
             for step in self.steps
         )
 
@@ -117,9 +126,11 @@ def _body(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]] | None:
     return (body, ()) if isinstance(body, core.Jaxpr) and not body.constvars else None
 
 
-def _loops(jaxpr: core.Jaxpr) -> bool:
+def _holds(jaxpr: core.Jaxpr, primitive: str) -> bool:
     return any(
-        eqn.primitive.name == "while" or any(map(_loops, _parts(eqn.params))) for eqn in jaxpr.eqns
+        eqn.primitive.name == primitive
+        or any(_holds(part, primitive) for part in _parts(eqn.params))
+        for eqn in jaxpr.eqns
     )
 
 
