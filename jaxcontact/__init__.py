@@ -11,6 +11,7 @@ from ._export import Export as Export
 from ._export import export as export
 from ._fit import AbstractShape as AbstractShape
 from ._fit import Between as Between
+from ._fit import Drag as Drag
 from ._fit import Fit as Fit
 from ._fit import Fixed as Fixed
 from ._fit import Free as Free
@@ -24,6 +25,7 @@ from ._fit import VelocityProfile as VelocityProfile
 from ._fit import choose_law as choose_law
 from ._fit import compare_fits as compare_fits
 from ._fit import fit as fit
+from ._fit import fit_bounces as fit_bounces
 from ._fit import fit_damping as fit_damping
 from ._fit import fit_energy_loss as fit_energy_loss
 from ._fit import fit_impacts as fit_impacts

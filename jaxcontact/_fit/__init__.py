@@ -28,6 +28,7 @@ from ._problems import Network as Network
 from ._problems import Rational as Rational
 from ._problems import Spline as Spline
 from ._problems import choose_law as choose_law
+from ._problems import fit_bounces as fit_bounces
 from ._problems import fit_damping as fit_damping
 from ._problems import fit_energy_loss as fit_energy_loss
 from ._problems import fit_impacts as fit_impacts

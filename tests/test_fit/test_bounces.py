@@ -9,13 +9,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from jaxcontact._fit import Curve, Drag, Flight, calibrate, read_recording
+from jaxcontact._fit import Curve, Flight, calibrate, read_recording
 from jaxcontact._fit._problems import _air as air
-from jaxcontact._fit._problems._bounces import BounceModel, NextFlight, fit_bounces
+from jaxcontact._fit._problems._bounces import BounceModel, NextFlight
 from tests.test_fit import oracle
 
 G = 9.81
-BALL = Drag(mass=0.0027, radius=0.02, coefficient=0.5)
+BALL = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
 SPEED = np.geomspace(0.3, 5, 40)
 CONTACT = jc.Contact(mass=0.0027, stiffness=2e5)
 BOTH = ("mass", "stiffness")
@@ -43,7 +43,7 @@ def predictor(kind, drag=True, method="auto"):
 
 def readings(e, kind, coefficient=None, speed=SPEED):
     """What is read before and after impacts at `speed` of a ball whose restitution is e(v)."""
-    ball = None if coefficient is None else Drag(BALL.mass, BALL.radius, coefficient)
+    ball = None if coefficient is None else jc.Drag(BALL.mass, BALL.radius, coefficient)
     flight = Flight(G, ball)
     after = np.array([e(v) for v in speed]) * speed
     if ball is None:
@@ -202,7 +202,9 @@ def test_the_truth_comes_back(name, kind, drag, method):
     start, truth, e = LAWS[name]
     first, second = readings(e, kind, drag)
     air = {} if drag is None else {"drag": BALL}
-    found = fit_bounces(start, CONTACT, first, second, kind=kind, fixed=BOTH, method=method, **air)
+    found = jc.fit_bounces(
+        start, CONTACT, first, second, kind=kind, fixed=BOTH, method=method, **air
+    )
     assert found.converged and not found.unidentified, found.reason
     assert found.values[0] == pytest.approx(truth, rel=FOUND[name])
     if drag is None:
@@ -215,7 +217,7 @@ def test_the_truth_comes_back(name, kind, drag, method):
 
 def test_mass_and_stiffness_are_not_told_from_the_law():
     first, second = readings(LAWS["constant c"][2], "heights")
-    found = fit_bounces(LAWS["constant c"][0], CONTACT, first, second, kind="heights", fixed=())
+    found = jc.fit_bounces(LAWS["constant c"][0], CONTACT, first, second, kind="heights", fixed=())
     assert found.converged, found.reason
     told = {frozenset(one.components) for one in found.unidentified}
     assert told == {frozenset({"contact.mass"}), frozenset({"law.c", "contact.stiffness"})}
@@ -239,7 +241,7 @@ def drawn(name, both):
     values, errors = [], []
     for _ in range(DRAWS):
         off = NOISE * random.normal(size=(2, SPEED.size))
-        found = fit_bounces(
+        found = jc.fit_bounces(
             start,
             CONTACT,
             first * np.exp(both * off[0]),
@@ -278,7 +280,7 @@ def test_shared_triggers_make_errors_too_large():
     pulls = []
     for _ in range(DRAWS):
         times = np.diff(triggers + 1e-3 * random.normal(size=(4, 12)))
-        found = fit_bounces(
+        found = jc.fit_bounces(
             LAWS["constant e"][0],
             CONTACT,
             times[:, :-1].ravel(),
@@ -296,10 +298,23 @@ def test_shared_triggers_make_errors_too_large():
 
 def test_one_speed_does_not_tell_air_from_law():
     first, second = readings(lambda v: 0.9, "intervals", 0.5, np.full(SPEED.size, 3.0))
-    found = fit_bounces(LAWS["constant e"][0], CONTACT, first, second, drag=BALL, fixed=BOTH)
+    found = jc.fit_bounces(LAWS["constant e"][0], CONTACT, first, second, drag=BALL, fixed=BOTH)
     assert found.converged and len(found.unidentified) == 1
     assert set(found.unidentified[0].components) == {"law.e", "drag_coefficient"}
     assert np.isnan(list(found.standard_errors.values())).all()
+
+
+def test_drag_that_the_data_deny_ends_at_its_bound():
+    """The other numbers are then judged without it."""
+    first = np.linspace(0.1, 1, 40)
+    noise = np.random.default_rng(3).normal(size=first.size)
+    second = 0.9 * first * np.exp(0.01 * first**2 + 0.002 * noise)
+    law = jc.AntypovElliott(e=0.8)
+    found = jc.fit_bounces(law, CONTACT, first, second, drag=BALL, fixed=("mass", "stiffness"))
+    assert found.converged, found.reason
+    assert found.at_bound == ("drag_coefficient",)
+    vacuum = jc.fit_bounces(law, CONTACT, first, second)
+    assert float(found.params.law.e) == pytest.approx(float(vacuum.params.law.e), rel=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -319,7 +334,7 @@ def table_tennis():
 
 @pytest.fixture(scope="module")
 def measured(table_tennis):
-    return fit_bounces(
+    return jc.fit_bounces(
         LAWS["constant e"][0], CONTACT, *table_tennis, drag=BALL, fixed=BOTH, loss=jc.Huber()
     )
 
@@ -341,7 +356,7 @@ def test_it_agrees_with_the_calibration(measured, monkeypatch):
     # Only the constant e: the curves it is compared with there take most of the time to compile.
     constant = (Curve("antypov_elliott", "constant"),)
     monkeypatch.setattr("jaxcontact._fit._calibrate.choose_curves", lambda law: constant)
-    ball = Drag(BALL.mass, BALL.radius, float(measured.params.drag_coefficient))
+    ball = jc.Drag(BALL.mass, BALL.radius, float(measured.params.drag_coefficient))
     result = calibrate(read_recording(), ball="pingpong", drag=ball)
     estimate = result.kept.fits[0].estimates[0]
     assert estimate.name == "e"
@@ -351,7 +366,9 @@ def test_it_agrees_with_the_calibration(measured, monkeypatch):
 def test_single_precision_outside_changes_nothing():
     first, second = readings(lambda v: 0.9, "intervals", 0.45)
     with jax.enable_x64(False):
-        found = fit_bounces(jc.AntypovElliott(e=0.8), CONTACT, first, second, drag=BALL, fixed=BOTH)
+        found = jc.fit_bounces(
+            jc.AntypovElliott(e=0.8), CONTACT, first, second, drag=BALL, fixed=BOTH
+        )
     assert found.converged and found.values == pytest.approx([0.9, 0.45], rel=1e-9)
 
 
@@ -374,4 +391,4 @@ TIMES = [0.5, 0.4]
 def test_bad_readings_are_named(arguments, message):
     good = {"first": TIMES, "second": TIMES}
     with pytest.raises(ValueError, match=message):
-        fit_bounces(jc.ExactRestitution(e=0.9), CONTACT, **{**good, **arguments})
+        jc.fit_bounces(jc.ExactRestitution(e=0.9), CONTACT, **{**good, **arguments})

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ._found import Found, find, find_all
+from ._found import Found, find, find_all, holding
 from ._inference import infer
 from ._loss import Huber
 from ._problem import Problem, shapes_of
@@ -249,6 +249,10 @@ def _result(
     z, jacobian = np.asarray(found.z), np.asarray(found.jacobian)
     used = target.factor > 0
     at_bound = at_bound_of(space, found, start, used)
+    if at_bound.any():
+        found = holding(
+            problem, found, jnp.asarray(start), jnp.asarray(rtol), jnp.asarray(at_bound)
+        )
     converged, reason = verdict(found, jacobian, at_bound, space, most)
     told = infer(
         jacobian if np.isfinite(jacobian).all() else np.zeros_like(jacobian),

@@ -95,19 +95,7 @@ def found_from(
 
     jacobian, z = problem.jacobian(twice, theta)
     r = shortened(z, problem.threshold)
-    # Nothing is lost by zeros: a prediction that is not finite has a loss that is not.
-    usable = jnp.where(jnp.isfinite(jacobian), jacobian, 0)
-    if problem.threshold is not None:
-        # d√(2ρ)/dz = ψ/r, which is 1 where ρ is a square.
-        far = jnp.abs(z) > problem.threshold
-        pull = jnp.where(far, problem.threshold / jnp.where(far, jnp.abs(r), 1), 1)
-        usable = usable * pull[:, None]
-    step, error = _gauss_newton(usable, jnp.where(jnp.isfinite(r), r, 0))
-    size = jnp.maximum(jnp.maximum(jnp.abs(theta), jnp.abs(start)), error)
-    # A logarithm or a logit has its unit; it is no matter how large it is.
-    unit = jnp.asarray([kind != "free" for kind in problem.space.kinds])
-    size = jnp.where(unit | (size == 0), 1, size)
-    allowed = jnp.maximum(rtol * size, NEGLIGIBLE * error)
+    step, allowed = _left(problem, z, jacobian, theta, start, rtol)
     return Found(
         theta,
         jnp.sum(jnp.square(r)) / 2,
@@ -120,6 +108,45 @@ def found_from(
         allowed,
         problem.space.values(theta),
     )
+
+
+@eqx.filter_jit
+def holding(
+    problem: Problem,
+    found: Found,
+    start: Float[Array, " k"],
+    rtol: Float[Array, ""],
+    hold: Bool[Array, " k"],
+) -> Found:
+    """What is left to step where some coordinates are held: at a bound they have no slope."""
+    free = jnp.where(hold[None, :], 0, found.jacobian)
+    step, allowed = _left(problem, found.z, free, found.theta, start, rtol)
+    return found._replace(step=step, allowed=allowed)
+
+
+def _left(
+    problem: Problem,
+    z: Float[Array, " n"],
+    jacobian: Float[Array, "n k"],
+    theta: Float[Array, " k"],
+    start: Float[Array, " k"],
+    rtol: Float[Array, ""],
+) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
+    """The Gauss-Newton step that is left, and the largest that counts as none."""
+    r = shortened(z, problem.threshold)
+    # Nothing is lost by zeros: a prediction that is not finite has a loss that is not.
+    usable = jnp.where(jnp.isfinite(jacobian), jacobian, 0)
+    if problem.threshold is not None:
+        # d√(2ρ)/dz = ψ/r, which is 1 where ρ is a square.
+        far = jnp.abs(z) > problem.threshold
+        pull = jnp.where(far, problem.threshold / jnp.where(far, jnp.abs(r), 1), 1)
+        usable = usable * pull[:, None]
+    step, error = _gauss_newton(usable, jnp.where(jnp.isfinite(r), r, 0))
+    size = jnp.maximum(jnp.maximum(jnp.abs(theta), jnp.abs(start)), error)
+    # A logarithm or a logit has its unit; it is no matter how large it is.
+    unit = jnp.asarray([kind != "free" for kind in problem.space.kinds])
+    size = jnp.where(unit | (size == 0), 1, size)
+    return step, jnp.maximum(rtol * size, NEGLIGIBLE * error)
 
 
 @eqx.filter_jit

@@ -1,5 +1,7 @@
 """Ready-made problems: one call each, all of them solved by `fit`."""
 
+from ._bounces import BounceModel as BounceModel
+from ._bounces import fit_bounces as fit_bounces
 from ._choice import LawChoice as LawChoice
 from ._choice import choose_law as choose_law
 from ._damping import fit_damping as fit_damping
