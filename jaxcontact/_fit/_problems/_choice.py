@@ -148,6 +148,10 @@ def _verdict(fits: Mapping[str, Fit], candidates: tuple[Candidate, ...]) -> str:
     worse = [c for c in good if c not in equal]
     if worse:
         text += f" Next, {worse[0].name} is worse by {worse[0].aicc - best.aicc:.1f} in AICc."
+    brief = min(good, key=lambda c: c.bic)
+    if brief.name != simple.name:
+        gain = next(c.bic for c in good if c.name == simple.name) - brief.bic
+        text += f" BIC, which asks more of each number, prefers {brief.name} by {gain:.1f}."
     judged = [c for c in good if not math.isnan(c.held_out)]
     held = min(judged, key=lambda c: c.held_out, default=simple)
     if held not in equal:
