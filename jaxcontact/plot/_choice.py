@@ -38,5 +38,6 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
         ax.set_xscale("log")
     ax.set_xlabel("closing speed / (m/s)")
     ax.set_ylabel("restitution $e$")
-    ax.legend(frameon=False, fontsize="small")
+    # Outside the frame it covers no data, whatever the data are.
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, fontsize="small")
     return ax
