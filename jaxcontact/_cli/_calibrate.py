@@ -42,7 +42,8 @@ listed with their rows and left out; the result with them is shown as well.
 
 --law NAME: `kuwabara_kono` or `constant_damping` is compared with a constant e; a law with
 parameter e (see `jaxcontact laws`) gives the constant e, as that law delivers it, and is compared
-with both. With --law all, the default, the exact constant e is compared with both.
+with both. With --law all, the default, the exact constant e is compared with both. All laws of
+parameter e deliver a constant one; what each of them is to be asked for is listed.
 
 e(v) alone fixes only A (K/m)^(2/5) of Kuwabara-Kono and only c/K of constant damping. With
 --stiffness c follows, with --mass and --stiffness A does.
