@@ -86,8 +86,13 @@ def _computed_once(values: Computed, always: Array) -> Computed:
     but does not look through a branch. Graphics processors would wait for the branch.
     """
 
-    def branch(values: Computed) -> Computed:
-        nothing = lambda values: jax.tree.map(jnp.zeros_like, values)  # noqa: E731
-        return jax.lax.cond(always, lambda values: values, nothing, values)
+    def unchanged(values: Computed) -> Computed:
+        return values
 
-    return jax.lax.platform_dependent(values, cpu=branch, default=lambda values: values)
+    def nothing(values: Computed) -> Computed:
+        return jax.tree.map(jnp.zeros_like, values)
+
+    def branch(values: Computed) -> Computed:
+        return jax.lax.cond(always, unchanged, nothing, values)
+
+    return jax.lax.platform_dependent(values, cpu=branch, default=unchanged)
