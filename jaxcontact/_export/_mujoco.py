@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import jax.numpy as jnp
 
 from .._contact import Contact
@@ -23,7 +25,7 @@ def mujoco(wanted: Wanted) -> Draft:
     zeta = float(law.damping_ratio())
     stiffness = matched_stiffness(wanted, 1.0, law)
     k = stiffness / wanted.mass
-    damping = 2 * zeta * k**0.5
+    damping = 2 * zeta * math.sqrt(k)
     # 0 - damping in the snippet, because -0.0 would print as -0.
     parameters = {"stiffness": k, "damping": damping, "dampratio": zeta, "impedance": IMPEDANCE}
     units = {"stiffness": "1/s^2", "damping": "1/s", "dampratio": "", "impedance": ""}

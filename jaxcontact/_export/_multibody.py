@@ -50,7 +50,7 @@ def simbody(wanted: Wanted, *, radius: float) -> Draft:
     dissipation = float(alpha) / (1.5 * wanted.velocity)
     stiffness = matched_stiffness(wanted, 1.5, Damped(alpha=alpha))
     # Two equal surfaces: Simbody halves E^(2/3), and raises it to 3/2 again.
-    of_each = 2**1.5 * 0.75 * stiffness / math.sqrt(radius)
+    of_each = 1.5 * math.sqrt(2 / radius) * stiffness
     return Draft(
         model="HuntCrossleyForce",
         law=MarhefkaOrin(a=jnp.asarray(dissipation)),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._impact import restitution
-from .._laws import get_law
+from .._laws import AbstractLaw, describe
 from ._curves import constant_laws
 
 _GRID = 1001
@@ -44,13 +45,17 @@ def asked_of(delivered: float, standard_error: float | None) -> tuple[Asked, ...
     """What to ask each law for, to be given the restitution `delivered` ± `standard_error`.
 
     At a constant e every law has one equivalent in every other: e(v) cannot tell them apart, and
-    the choice among them is one of convenience or of the contact's duration.
+    the choice among them is one of convenience or of the contact's duration. A registered law of
+    one parameter e is left out if what it delivers depends on more, or does not rise with e.
     """
-    names = tuple(constant_laws())
-    # 0 itself may be out of range; nothing real is so near to it.
-    low, high = np.full(len(names), np.finfo(np.float32).tiny), np.ones(len(names))
+    names = [name for name in constant_laws() if _is_constant(describe(name).cls)]
     with jax.enable_x64(True):
+        # 0 itself may be out of range; nothing real is so near to it.
+        low, high = np.full(len(names), np.finfo(np.float32).tiny), np.ones(len(names))
         place, e = _on_grid(names, low, high)
+        rising = np.all(np.diff(e) > 0, axis=1)
+        names = [name for name, rises in zip(names, rising, strict=True) if rises]
+        place, e = place[rising], e[rising]
         ends = e[:, [0, -1]]
         low, high = _around(place, e, delivered)[:2]
         place, e = _on_grid(names, low, high)
@@ -71,21 +76,29 @@ def asked_of(delivered: float, standard_error: float | None) -> tuple[Asked, ...
 def _around(place: np.ndarray, e: np.ndarray, delivered: float) -> tuple[np.ndarray, ...]:
     """The ends of the cell of each law's grid that holds `delivered`, and what they deliver."""
     rows = np.arange(len(e))
-    # All of them rise with e.
     cell = np.clip(np.sum(e < delivered, axis=1), 1, _GRID - 1)
     return place[rows, cell - 1], place[rows, cell], e[rows, cell - 1], e[rows, cell]
 
 
-def _on_grid(
-    names: tuple[str, ...], low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _on_grid(names: list[str], low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Points between `low` and `high` (laws,), and what each law delivers there."""
     place = np.linspace(low, high, _GRID, axis=1)
-    return place, np.asarray(_delivered(names, jnp.asarray(place)))
+    # By class: a name may be registered anew.
+    classes = tuple(describe(name).cls for name in names)
+    return place, np.asarray(_delivered(classes, jnp.asarray(place)))
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _delivered(names: tuple[str, ...], e: Float[Array, "laws n"]) -> Float[Array, "laws n"]:
-    return jnp.stack(
-        [restitution(get_law(name, e=row)) for name, row in zip(names, e, strict=True)]
-    )
+def _delivered(
+    classes: tuple[Callable[..., AbstractLaw], ...], e: Float[Array, "laws n"]
+) -> Float[Array, "laws n"]:
+    return jnp.stack([restitution(law(e=row)) for law, row in zip(classes, e, strict=True)])
+
+
+def _is_constant(law: Callable[..., AbstractLaw]) -> bool:
+    """Whether e depends neither on the contact nor on the speed."""
+    try:
+        jax.eval_shape(lambda e: restitution(law(e=e)), 0.5)
+    except (TypeError, ValueError):  # more has to be known
+        return False
+    return True

@@ -1,4 +1,4 @@
-"""e(v) of the speed-dependent laws, by other means than the library's."""
+"""e(v) of the speed-dependent laws, and flights, by other means than the library's."""
 
 from collections.abc import Callable
 
@@ -58,3 +58,26 @@ def kuwabara_kono(kappa: float) -> Callable[[float], float]:
         return float(_SPLINE(strength))
 
     return law
+
+
+def flown(launch: float, gravity: float, b: float) -> tuple[float, float, float]:
+    """(height, duration, landing speed) of a flight, by integration of v' = -g (1 + b v|v|)."""
+
+    def top(t, state):
+        return state[1]
+
+    def floor(t, state):
+        return state[0]
+
+    top.direction = floor.direction = -1
+    floor.terminal = True
+    run = solve_ivp(
+        lambda t, state: [state[1], -gravity * (1 + b * state[1] * abs(state[1]))],
+        (0, 100),
+        [0.0, launch],
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-14,
+        events=(top, floor),
+    )
+    return run.y_events[0][0][0], run.t_events[1][0], -run.y_events[1][0][1]

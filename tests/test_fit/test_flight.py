@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from jaxcontact._fit import Drag, Flight
+from tests.test_fit.oracle import flown
 
 TABLE_TENNIS = Drag(mass=0.0027, radius=0.02, coefficient=0.5)
 LAUNCHES = (0.05, 0.7, 3.0, 9.0, 30.0)
@@ -19,37 +19,11 @@ DIFFERENCES = 1e-6
 """Central differences with a relative step of 1e-5: measured 1e-9 at most."""
 
 
-def fall(launch, flight):
-    """(height, duration, landing speed) of a flight, by integration of v' = -g - g v|v|/v_t²."""
-    g, square = flight.gravity, flight.terminal_speed**2
-
-    def motion(t, state):
-        return [state[1], -g - g * state[1] * abs(state[1]) / square]
-
-    def top(t, state):
-        return state[1]
-
-    def floor(t, state):
-        return state[0]
-
-    top.direction = -1
-    floor.direction, floor.terminal = -1, True
-    run = solve_ivp(
-        motion,
-        (0, 10),
-        [0.0, launch],
-        method="DOP853",
-        rtol=1e-12,
-        atol=1e-14,
-        events=(top, floor),
-    )
-    return run.y_events[0][0][0], run.t_events[1][0], -run.y_events[1][0][1]
-
-
 @pytest.mark.parametrize("launch", LAUNCHES)
 def test_time_height_and_landing_speed_are_those_of_the_motion(launch):
     flight = Flight(drag=TABLE_TENNIS)
-    height, duration, landing = fall(launch, flight)
+    b = flight.terminal_speed**-2
+    height, duration, landing = flown(launch, flight.gravity, b)
     np.testing.assert_allclose(flight.duration(launch), duration, rtol=INTEGRATION)
     np.testing.assert_allclose(flight.landing_speed(launch), landing, rtol=INTEGRATION)
     np.testing.assert_allclose(flight.speed_to_reach(height), launch, rtol=INTEGRATION)

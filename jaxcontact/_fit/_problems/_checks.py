@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any
+
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
@@ -36,6 +39,14 @@ def column(
             f"Argument `{name}` must be in {allowed}, but is {array[i]:g} at point {i}."
         )
     return array
+
+
+def all_or_none(arguments: str, given: Iterable[Any]) -> bool:
+    """Whether all are there, not None; ValueError that names the `arguments` if only some are."""
+    known = [value is not None for value in given]
+    if any(known) and not all(known):
+        raise ValueError(f"Arguments {arguments} must be given for both columns or for none.")
+    return all(known)
 
 
 def one_of(value: str, name: str, choices: tuple[str, ...]) -> None:

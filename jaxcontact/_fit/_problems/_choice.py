@@ -15,6 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 from ..._contact import Contact
 from ..._parameter import POSITIVE, RESTITUTION
 from .._asked import Asked, asked_of
+from .._curves import Curve
 from .._general import Between, Fit, Positive, compare_fits, fit
 from .._general._compare import Candidate
 from .._viscous import viscous_restitution
@@ -48,27 +49,29 @@ class LawChoice:
     """All laws on one table of e(v): how well each kind of law does, and with which parameters.
 
     `fits` by kind; `candidates`, in the order of AICc, are how the kinds compare; `asked` says what
-    each law of constant e is to be asked for; `verdict` says in words which to use.
+    each law of constant e is to be asked for; `best` is the kind to use, None where no fit
+    converged; `verdict` says it in words.
     """
 
     fits: Mapping[str, Fit]
     candidates: tuple[Candidate, ...]
     asked: tuple[Asked, ...]
+    best: str | None
     verdict: str
 
     def __repr__(self) -> str:
-        best = min(c.aicc for c in self.candidates)
+        aicc = min(c.aicc for c in self.candidates)
         bic = min(c.bic for c in self.candidates)
         lines = [f"{'':{_WIDTH}}  k        loss    ΔAICc     ΔBIC  held out  parameters"]
         for c in self.candidates:
             found = self.fits[c.name]
             note = "" if c.converged else "  not converged"
             lines.append(
-                f"{c.name:{_WIDTH}} {c.k:2d}  {c.loss:10.5g} {c.aicc - best:8.2f} "
+                f"{c.name:{_WIDTH}} {c.k:2d}  {c.loss:10.5g} {c.aicc - aicc:8.2f} "
                 f"{c.bic - bic:8.2f} {c.held_out:9.4g}  {_parameters(found)}{note}"
             )
         lines.append(self.verdict)
-        if f"Use {CONSTANT}," in self.verdict:
+        if self.best == CONSTANT:
             lines.append("Ask for it, in e,")
             lines += [f"  {a.sentence}" for a in self.asked]
         return "\n".join(lines)
@@ -117,25 +120,25 @@ def choose_law(
     constant = fits[CONSTANT]
     error = float(constant.standard_errors["e"])
     asked = asked_of(float(constant.params["e"]), None if math.isnan(error) else error)
-    return LawChoice(fits, candidates, asked, _verdict(fits, candidates))
+    return LawChoice(fits, candidates, asked, *_verdict(fits, candidates))
 
 
 def _viscous(
     v: np.ndarray, measured: np.ndarray, typical: float, contact: Contact, how: dict[str, Any]
 ) -> Fit:
-    # 1 - e ≈ 1.73 s while that is small, too much where it is not.
-    strength = min((1 - typical) / 1.73, 0.4)
+    curve = Curve("kuwabara_kono", "kuwabara_kono")
+    strength = float(curve.value(curve.start(typical, float(np.exp(np.mean(np.log(v)))))))
     frequency = (np.asarray(contact.stiffness, float) / np.asarray(contact.mass, float)) ** 0.4
-    start = {"A": strength / (frequency * float(np.exp(np.mean(np.log(v)))) ** 0.2)}
+    start = {"A": strength / frequency}
     model = DeliveredByViscosity(contact)
     return fit(model, measured, start, x=v, transforms=Positive(), **how)
 
 
-def _verdict(fits: Mapping[str, Fit], candidates: tuple[Candidate, ...]) -> str:
-    """Which law to use, in a sentence or three."""
+def _verdict(fits: Mapping[str, Fit], candidates: tuple[Candidate, ...]) -> tuple[str | None, str]:
+    """Which kind of law to use, and why, in a few sentences."""
     good = [c for c in candidates if c.converged]
     if not good:
-        return "No fit converged."
+        return None, "No fit converged."
     best = good[0]
     # Of equally good ones the simplest: the one with the fewest numbers, a constant e first.
     equal = [c for c in good if c.aicc - best.aicc < 2]
@@ -156,7 +159,7 @@ def _verdict(fits: Mapping[str, Fit], candidates: tuple[Candidate, ...]) -> str:
     held = min(judged, key=lambda c: c.held_out, default=simple)
     if held not in equal:
         text += f" But speeds that were left out are predicted best by {held.name}."
-    return text
+    return simple.name, text
 
 
 def _parameters(found: Fit) -> str:

@@ -15,7 +15,7 @@ from ..._laws import AbstractLaw
 from ..._parameter import POSITIVE, Range
 from .._general import Between, Fit, Fixed, fit
 from .._general._transforms import AbstractTransform
-from ._checks import column
+from ._checks import all_or_none, column
 
 _RESTITUTION = Range(low=0.0, high=1.0, inside=0.5)
 
@@ -78,11 +78,7 @@ def fit_impacts(
         noise["duration"] = sigma_duration
     if not columns:
         raise ValueError("Argument `e` or `duration` must be given, but both are None.")
-    known = [given is not None for given in noise.values()]
-    if any(known) and not all(known):
-        raise ValueError(
-            "Arguments `sigma_e` and `sigma_duration` must be given for both columns or for none."
-        )
+    known = all_or_none("`sigma_e` and `sigma_duration`", noise.values())
     spread = {
         name: np.broadcast_to(
             1.0 if noise[name] is None else np.asarray(noise[name], float), v.shape
@@ -92,7 +88,7 @@ def fit_impacts(
     there = {name: np.isfinite(values) for name, values in columns.items()}
     start = ImpactModel(law, contact)
     scale: dict[str, Any]
-    if all(known):
+    if known:
         scale = {"sigma": {name: np.where(there[name], spread[name], np.inf) for name in columns}}
     else:
         scale = {"weights": {name: there[name].astype(float) for name in columns}}

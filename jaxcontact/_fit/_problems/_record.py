@@ -15,7 +15,7 @@ from ..._impact import trajectory
 from ..._laws import AbstractLaw
 from ..._parameter import POSITIVE, REAL, parameter
 from .._general import Fit, Fixed, fit
-from ._checks import column
+from ._checks import all_or_none, column
 from ._impacts import transforms_of
 
 _SAMPLES = 128
@@ -118,12 +118,7 @@ def fit_record(
             noise[name] = sigma
     if not columns:
         raise ValueError("Argument `force` or `indentation` must be given, but both are None.")
-    known = [sigma is not None for sigma in noise.values()]
-    if any(known) and not all(known):
-        raise ValueError(
-            "Arguments `sigma_force` and `sigma_indentation` must be given for both columns or for "
-            "none."
-        )
+    known = all_or_none("`sigma_force` and `sigma_indentation`", noise.values())
     if start_time is None:
         reading = next(iter(columns.values()))
         start_time = float(moments[np.argmax(reading > _TOUCHED * reading.max())])
@@ -136,7 +131,7 @@ def fit_record(
         jnp.zeros(()) if "indentation" in columns else None,
     )
     scale: dict[str, Any]
-    if all(known):
+    if known:
         scale = {"sigma": {name: np.full(len(moments), noise[name]) for name in columns}}
     else:
         scale = {
