@@ -24,7 +24,8 @@ from scipy import optimize, special, stats
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from jaxcontact._fit import calibrate, read_recording
+from jaxcontact._calibration import calibrate
+from jaxcontact._measurements import read_recording
 
 POINTS = 100
 REPEATS = 5

@@ -84,7 +84,7 @@ def parameter(name: str, allowed: Range = REAL) -> Any:
     )
 
 
-def ranges(module: eqx.Module) -> dict[str, Range]:
+def ranges(module: eqx.Module | type[eqx.Module]) -> dict[str, Range]:
     """The range of every field of `module` that was declared with `parameter`."""
     return {
         field.name: field.metadata["allowed"]

@@ -13,7 +13,8 @@ from ._options import InputError, positive
 from ._progress import Progress
 
 if TYPE_CHECKING:
-    from .._fit import Calibration, Drag
+    from .._calibration import Calibration
+    from .._flight import Drag
 
 FIGURE = "calibration.png"
 NUMBERS = "calibration.json"
@@ -110,9 +111,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Calibrate as asked; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
     progress = Progress(quiet=arguments.quiet)
     progress("reading the recording")
-    from .._fit import RecordingError, calibrate, choose_curves, read_recording, report, to_dict
-    from .._fit._flight import STANDARD_GRAVITY
-    from .._fit._recording import SHIPPED_BALL
+    from .._calibration import calibrate, choose_curves, report, to_dict
+    from .._flight import STANDARD_GRAVITY
+    from .._measurements import RecordingError, read_recording
+    from .._measurements._recording import SHIPPED_BALL
 
     out = pathlib.Path(arguments.out)
     if out.exists() and not out.is_dir():
@@ -153,8 +155,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _drag(arguments: argparse.Namespace) -> Drag | None:
-    from .._fit import Drag
-    from .._fit._flight import AIR_DENSITY
+    from .._flight import AIR_DENSITY, Drag
 
     named = {
         "--mass": arguments.mass,

@@ -10,8 +10,7 @@ from ._options import InputError
 
 def parameters_asked(arguments: argparse.Namespace) -> dict[str, Any]:
     """The law's parameters, from `--e` and `--param`. Raises InputError unless all are there."""
-    from .._fit import parameters_of
-    from .._laws import list_laws
+    from .._laws import list_laws, parameters_of
 
     if arguments.law not in list_laws():
         raise InputError(f"--law: {arguments.law!r} is no law; there are {', '.join(list_laws())}")

@@ -48,8 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def table() -> list[dict[str, Any]]:
     """One row per law: `law`, `formula`, `source`, `valid`, `delivers` ({e: e_out}, or None)."""
-    from .._fit import constant_laws
-    from .._laws import describe, list_laws
+    from .._laws import constant_laws, describe, list_laws
 
     delivered = _delivered(constant_laws())
     rows = []

@@ -160,10 +160,9 @@ def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path 
 def _function(arguments: argparse.Namespace, given: dict[str, Any]) -> Callable[..., Impact]:
     """One impact from named numbers. Raises InputError if a number alone is out of its range."""
     from .._contact import Contact
-    from .._fit import parameters_of
     from .._impact import impact
     from .._impact._front_door import SPEED
-    from .._laws import get_law
+    from .._laws import get_law, parameters_of
     from .._parameter import POSITIVE
 
     names = [name for name in given if name not in _CONTACT]

@@ -29,8 +29,10 @@ from ._published import LankaraniNikravesh as LankaraniNikravesh
 from ._published import LeeWang as LeeWang
 from ._published import ZhiyingQishao as ZhiyingQishao
 from ._registry import Description as Description
+from ._registry import constant_laws as constant_laws
 from ._registry import describe as describe
 from ._registry import get_law as get_law
 from ._registry import list_laws as list_laws
+from ._registry import parameters_of as parameters_of
 from ._registry import register_law as register_law
 from ._viscoelastic import KuwabaraKono as KuwabaraKono

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from .._parameter import Range, ranges
 from ._base import AbstractLaw
 
 _Law = TypeVar("_Law", bound=type[AbstractLaw])
@@ -68,3 +69,13 @@ def get_law(name: str, **parameters: Any) -> AbstractLaw:
 def list_laws() -> list[str]:
     """The names of all registered laws, yours included, in order of registration."""
     return list(_REGISTRY)
+
+
+def constant_laws() -> list[str]:
+    """The names of the laws that take one parameter, e."""
+    return [name for name in list_laws() if list(parameters_of(name)) == ["e"]]
+
+
+def parameters_of(name: str) -> dict[str, Range]:
+    """The parameters of the law called `name` and the range of each."""
+    return ranges(describe(name).cls)

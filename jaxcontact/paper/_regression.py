@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from .._fit import VelocityProfile, fit_velocity_profile
+from .._calibration import VelocityProfile, fit_velocity_profile
 from ._cases import CASES
 from ._compression import SAMPLINGS, Compression, Sampling
 from ._reproduction import Table

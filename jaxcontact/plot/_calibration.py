@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from .._fit import Calibration
+    from .._calibration import Calibration
 
 # Okabe & Ito: told apart by readers with any colour vision; the style tells them apart in grey.
 _CURVES = (("#D55E00", "-"), ("#0072B2", "--"), ("#009E73", "-."))

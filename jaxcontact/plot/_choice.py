@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from .._fit import LawChoice
+    from .._calibration import LawChoice
 
 _STYLES = ("-", "--", "-.", ":")
 _FINE = 200

@@ -9,7 +9,7 @@ import pytest
 
 from jaxcontact._cli import main
 from jaxcontact._cli._calibrate import FIGURE, NUMBERS, REPORT
-from tests.test_fit.simulate import recording
+from tests.test_measurements.simulate import recording
 
 HEADER = "ball,drop_height_m,trial,bounce,interval_s\n"
 GOOD = recording(lambda v: 0.88, 1)
@@ -179,7 +179,7 @@ def test_a_folder_that_cannot_be_written_is_an_error(good, tmp_path, capsys):
 
 
 def test_a_fit_that_does_not_converge_is_said(good, tmp_path, capsys, monkeypatch):
-    from jaxcontact._fit import _calibrate, _minimise
+    from jaxcontact._calibration import _calibrate, _minimise
 
     def impatient(loss, start, *data):
         return _minimise.minimise(loss, start, *data, max_evaluations=2)

@@ -1,0 +1,116 @@
+"""A law, and the drag of the air, from successive flights of a ball or from heights."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from .._contact import Contact
+from .._fit import Fit, Fixed, Positive, fit
+from .._flight import STANDARD_GRAVITY, Drag, Flight
+from .._impact import restitution
+from .._laws import AbstractLaw
+from .._parameter import POSITIVE
+from . import _air as air
+from ._checks import column, one_of
+from ._impacts import transforms_of
+
+_KINDS = ("intervals", "heights")
+
+
+class BounceModel(eqx.Module):
+    """What a fit of bounces moves: a law, a contact, and C_d, which is None in vacuum."""
+
+    law: AbstractLaw
+    contact: Contact
+    drag_coefficient: Float[Array, ""] | float | None = None
+
+
+class NextFlight(eqx.Module):
+    """The logarithm of the flight time, or of the height, after an impact, from the one before.
+
+    `slowing` is 1/v_t² at C_d = 1, in s²/m²; None in vacuum.
+    """
+
+    gravity: Float[Array, ""]
+    slowing: Float[Array, ""] | None
+    kind: str = eqx.field(static=True)
+    method: str = eqx.field(static=True)
+
+    def __call__(self, model: BounceModel, first: Float[Array, " n"]) -> Float[Array, " n"]:
+        g, c_d = self.gravity, model.drag_coefficient
+        b = None if self.slowing is None or c_d is None else self.slowing * c_d
+        if self.kind == "intervals":
+            approach = air.landing_speed(air.launch_speed(first, g, b), b)
+        else:
+            approach = air.speed_after_drop(first, g, b)
+        launch = approach * restitution(model.law, model.contact, approach, method=self.method)
+        second = air.duration if self.kind == "intervals" else air.height_reached
+        return jnp.log(second(launch, g, b))
+
+
+def fit_bounces(
+    law: AbstractLaw,
+    contact: Contact,
+    first: ArrayLike,
+    second: ArrayLike,
+    *,
+    kind: str = "intervals",
+    gravity: float = STANDARD_GRAVITY,
+    drag: Drag | None = None,
+    fixed: tuple[str, ...] = ("mass", "stiffness", "drag_coefficient"),
+    method: str = "auto",
+    **how: Any,
+) -> Fit:
+    """A law, and the drag of the air, from successive flights of a ball on a heavy, level floor.
+
+    A flight that lands at w is followed by one launched at e(w) w; in vacuum T₂ = e T₁ and
+    h₂ = e² h₁. Compared are logarithms, ln T₂ or ln h₂: errors, `sigma` and residuals are relative.
+
+    Arguments: the `law` and the `contact` to start from; `first` and `second`, both (points,): of
+    `kind` "intervals", the times in s between one impact and the next and between that and the one
+    after; of kind "heights", those in m of a drop from rest and of the rebound. `gravity` in m/s²
+    (less buoyancy, g(1 - ρ_air/ρ_ball), for a light ball). `drag`, a quadratic one: mass in kg and
+    radius in m of the ball, the coefficient C_d, which is fitted from that start unless it is
+    `fixed`, and the density of the air in kg/m³; None is vacuum. `fixed`: numbers that stay, by
+    name. e(w) does not tell mass and stiffness from the numbers of the usual laws, so these are
+    held by default; and C_d, since only a wide range of speeds tells air from a law that damps
+    more at speed, and the law that is assumed moves it far more than its standard error says.
+    `method` as in `impact`; what else `fit` takes (`sigma`, `loss=Huber()`, ...).
+
+    Errors of `first` are not modelled. They change the logarithm of `second` by nearly as much, so
+    count them in `sigma`, the root of the sum of both squares; no bias is seen while they are small
+    beside the range of the data. Successive intervals share a trigger, whose error enters them with
+    opposite signs: where triggers are what scatters, standard errors are too large, several times
+    for long trials. The command `calibrate` weights both readings, finds spurious triggers and
+    counts a trial as one cluster, but holds C_d.
+
+    Returns a `Fit` whose params have `.law`, `.contact` and `.drag_coefficient` (None in vacuum),
+    and whose `predict(first)` is ln T₂ or ln h₂. Raises ValueError for columns that do not match
+    or are not positive, and arguments out of range.
+    """
+    one_of(kind, "kind", _KINDS)
+    if not (drag is None or isinstance(drag, Drag)):
+        raise ValueError(f"Argument `drag` must be a `Drag` or None, but is {drag!r}.")
+    flight = Flight(gravity, drag)
+    before = column(first, "first", POSITIVE)
+    after = column(second, "second", POSITIVE, len(before))
+    start = BounceModel(law, contact, None if drag is None else drag.coefficient)
+    held = tuple(name for name in fixed if name != "drag_coefficient")
+    transforms = transforms_of(start, held)
+    if drag is not None:
+        stays = "drag_coefficient" in fixed
+        transforms["drag_coefficient"] = Fixed() if stays else Positive()
+    with jax.enable_x64(True):
+        model = NextFlight(
+            jnp.asarray(float(gravity)),
+            None if drag is None else jnp.asarray(flight.terminal_speed**-2 / drag.coefficient),
+            kind,
+            method,
+        )
+    return fit(model, np.log(after), start, x=before, transforms=transforms, **how)

@@ -1,0 +1,78 @@
+"""The power β of the energy-loss family that delivers what is asked for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from .._contact import Contact
+from .._fit import Fit, Positive, fit
+from .._impact import restitution
+from .._laws import EnergyLoss
+from .._parameter import RESTITUTION
+from ._checks import column
+
+
+class DeliveredByEnergyLoss(eqx.Module):
+    """e_out(e_in) of the energy-loss family, β constant or e to a polynomial of e_in.
+
+    ln β = Σ b_k T_k(t), t = 2 (e_in - low)/(1 - low) - 1, in Chebyshev's polynomials.
+    """
+
+    contact: Contact
+    low: Float[Array, ""]
+    method: str = eqx.field(static=True)
+
+    def __call__(self, params: dict[str, Array], asked: Float[Array, " n"]) -> Float[Array, " n"]:
+        law = EnergyLoss(e=asked, beta=self.beta(params, asked))
+        return restitution(law, self.contact, jnp.ones(()), method=self.method)
+
+    def beta(self, params: dict[str, Array], asked: Float[Array, "..."]) -> Float[Array, "..."]:
+        """β at the restitutions asked for."""
+        if "beta" in params:
+            return params["beta"]
+        angle = jnp.arccos(jnp.clip(2 * (asked - self.low) / (1 - self.low) - 1, -1, 1))
+        degrees = jnp.arange(float(params["log_beta"].size)).reshape((1,) * angle.ndim + (-1,))
+        return jnp.exp(jnp.cos(degrees * angle[..., None]) @ params["log_beta"])
+
+
+def fit_energy_loss(
+    e_in: ArrayLike,
+    e_out: ArrayLike | None = None,
+    *,
+    degree: int | None = None,
+    contact: Contact | None = None,
+    method: str = "auto",
+    **how: Any,
+) -> Fit:
+    """The power β for which the energy-loss family, asked for e_in, delivers e_out.
+
+    α = (1-e)/e / ((n+1) I(β)), see `EnergyLoss`. Arguments: `e_in` and `e_out` in (0, 1], both
+    (points,); `e_out` is by default what was asked for; `degree` None for a constant β, else ln β
+    is a polynomial of that degree in e_in over [least e_in, 1]; a `contact` for another exponent
+    than 3/2; `method` as in `impact`; what else `fit` takes. At e = 1 nothing depends on β.
+
+    Returns a `Fit` whose params are {"beta": β}, or {"log_beta": Chebyshev coefficients of ln β};
+    `predict(e)` is what is delivered, and `problem.predict.beta(params, e)` is β(e). Raises
+    ValueError for columns that do not match or leave their range.
+    Source: Hu & Guo (2015), Eq. 22-37, doi 10.1007/s11044-015-9453-z.
+    """
+    asked = column(e_in, "e_in", RESTITUTION)
+    wanted = asked if e_out is None else column(e_out, "e_out", RESTITUTION, len(asked))
+    model = DeliveredByEnergyLoss(
+        # e depends on neither mass nor stiffness.
+        contact or Contact(mass=1.0, stiffness=1.0),
+        jnp.asarray(float(asked.min())),
+        method,
+    )
+    if degree is None:
+        start: dict[str, Any] = {"beta": 2.5}
+        return fit(model, wanted, start, x=asked, transforms=Positive(), **how)
+    if not isinstance(degree, int) or isinstance(degree, bool) or degree < 0:
+        raise ValueError(f"Argument `degree` must be None or at least 0, but is {degree!r}.")
+    start = {"log_beta": np.concatenate([[np.log(2.5)], np.zeros(degree)])}
+    return fit(model, wanted, start, x=asked, **how)

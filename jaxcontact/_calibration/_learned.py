@@ -1,0 +1,58 @@
+"""A law α(e) learned from what it should deliver."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .._contact import Contact
+from .._fit import Fit, fit
+from .._impact import restitution
+from .._parameter import RESTITUTION
+from ._checks import column, one_of
+from ._shapes import AbstractShape, shape_of
+
+
+class DeliveredByShape(eqx.Module):
+    """e_out(e_in) of the law that a shape makes."""
+
+    contact: Contact | None
+    method: str = eqx.field(static=True)
+
+    def __call__(self, shape: AbstractShape, asked: Float[Array, " n"]) -> Float[Array, " n"]:
+        law = shape.law(asked)
+        if self.contact is None:
+            return restitution(law, method=self.method)
+        return restitution(law, self.contact, jnp.ones(()), method=self.method)
+
+
+def learn_law(
+    e_in: ArrayLike,
+    e_out: ArrayLike | None = None,
+    *,
+    form: str | AbstractShape = "rational",
+    contact: Contact | None = None,
+    method: str = "auto",
+    **how: Any,
+) -> Fit:
+    """A law α(e) = g(e) (1-e)/e learned so that it delivers e_out when asked for e_in.
+
+    Arguments: `e_in` and `e_out` in (0, 1], both (points,); `e_out` is by default what was asked
+    for; `form` of g: "rational", "spline", "network", or a shape of your own to start from; a
+    `contact` where the method needs one; `method` as in `impact`; what else `fit` takes.
+
+    Returns a `Fit` whose params are the shape: `found.params.law(e=0.4)` is a law like any other.
+    Its numbers have no meaning one by one, and many of them may be undetermined.
+    Raises ValueError for columns that do not match or leave their range.
+    """
+    asked = column(e_in, "e_in", RESTITUTION)
+    wanted = asked if e_out is None else column(e_out, "e_out", RESTITUTION, len(asked))
+    if isinstance(form, str):
+        one_of(form, "form", ("rational", "spline", "network"))
+        form = shape_of(form, float(asked.min()))
+    if not isinstance(form, AbstractShape):
+        raise ValueError(f"Argument `form` must be a name or a shape, but is {form!r}.")
+    return fit(DeliveredByShape(contact, method), wanted, form, x=asked, **how)

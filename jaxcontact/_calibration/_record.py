@@ -1,0 +1,154 @@
+"""Contact and law from the record of one impact: force and indentation over time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from .._contact import Contact
+from .._fit import Fit, Fixed, fit
+from .._impact import trajectory
+from .._laws import AbstractLaw
+from .._parameter import POSITIVE, REAL, parameter
+from ._checks import all_or_none, column
+from ._impacts import transforms_of
+
+_SAMPLES = 128
+"""Moments of the motion between which a cubic is laid: its error is below 1e-7 of the largest."""
+
+_TOUCHED = 0.05
+"""Of the largest reading: where a record rises above it, a start for the moment of touch."""
+
+
+class RecordModel(eqx.Module):
+    """What a fit of a record moves: a law, a contact, the speed, the touch, and zero errors.
+
+    `velocity` v0 in m/s, `start_time` in s, `force_offset` in N and `indentation_offset` in m, the
+    last two None where that column was not measured.
+    """
+
+    law: AbstractLaw
+    contact: Contact
+    velocity: Float[Array, ""] = parameter("velocity", POSITIVE)
+    start_time: Float[Array, ""] = parameter("start_time", REAL)
+    force_offset: Float[Array, ""] | None = None
+    indentation_offset: Float[Array, ""] | None = None
+
+
+class Recorded(eqx.Module):
+    """What an instrument reads at given times."""
+
+    def __call__(self, model: RecordModel, time: Float[Array, " n"]) -> dict[str, Array]:
+        path = trajectory(model.law, model.contact, model.velocity, samples=_SAMPLES)
+        end = path.time[-1]
+        since = time - model.start_time
+        inside = (since > 0) & (since < end)
+        depth, speed = _between(path.indentation, path.velocity, jnp.where(inside, since, 0), end)
+        readings = {}
+        if model.force_offset is not None:
+            force = model.law.force(depth, speed, model.contact, model.velocity)
+            readings["force"] = jnp.where(inside, force, 0) + model.force_offset
+        if model.indentation_offset is not None:
+            # Before and after the contact the bodies fly: a gap is a negative indentation.
+            gap = jnp.where(since < end, model.velocity * since, path.velocity[-1] * (since - end))
+            readings["indentation"] = jnp.where(inside, depth, gap) + model.indentation_offset
+        return readings
+
+
+def _between(
+    depth: Float[Array, " samples"],
+    speed: Float[Array, " samples"],
+    since: Float[Array, " n"],
+    end: Float[Array, ""],
+) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+    """Indentation and its rate at times after touch: Hermite's cubic between even samples."""
+    width = end / (depth.size - 1)
+    place = since / width
+    left = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)).astype(int), 0, depth.size - 2)
+    t = place - left.astype(place.dtype)
+    a, b = depth[left], depth[left + 1]
+    p, q = speed[left] * width, speed[left + 1] * width
+    c, d = 3 * (b - a) - 2 * p - q, p + q - 2 * (b - a)
+    return a + t * (p + t * (c + t * d)), (p + t * (2 * c + 3 * t * d)) / width
+
+
+def fit_record(
+    time: ArrayLike,
+    law: AbstractLaw,
+    contact: Contact,
+    velocity: float,
+    *,
+    force: ArrayLike | None = None,
+    indentation: ArrayLike | None = None,
+    sigma_force: float | None = None,
+    sigma_indentation: float | None = None,
+    start_time: float | None = None,
+    fixed: tuple[str, ...] = ("mass",),
+    **how: Any,
+) -> Fit:
+    """A law and a contact from a sampled, noisy record of one impact, F(t), δ(t), or both.
+
+    Arguments: `time` in s; the `law`, the `contact` and the closing `velocity` in m/s to start
+    from; the columns `force` in N and `indentation` in m, at least one, all (samples,), with a
+    standard deviation for each or for none (then both count alike, relative to their largest
+    reading). The moment of touch and the zero errors of the instruments are unknown and fitted,
+    too: `start_time` in s is where to begin, by default where a reading first exceeds 5 % of the
+    largest. Before and after the contact the force is zero and the indentation that of free flight.
+    `fixed`: numbers that stay, by name, the mass by default ("velocity" if it was measured). What
+    else `fit` takes: `loss=Huber()`, say.
+
+    A force alone knows the mass only with the speed, an indentation alone only K/m: hold what it
+    cannot tell, or read it in `unidentified`. Returns a `Fit` whose params have `.law`, `.contact`,
+    `.velocity`, `.start_time` and the offsets. Raises ValueError for columns that do not match.
+    """
+    moments = column(time, "time", REAL)
+    columns: dict[str, np.ndarray] = {}
+    noise: dict[str, float | None] = {}
+    for name, given, sigma in (
+        ("force", force, sigma_force),
+        ("indentation", indentation, sigma_indentation),
+    ):
+        if given is not None:
+            columns[name] = column(given, name, REAL, len(moments))
+            noise[name] = sigma
+    if not columns:
+        raise ValueError("Argument `force` or `indentation` must be given, but both are None.")
+    known = all_or_none("`sigma_force` and `sigma_indentation`", noise.values())
+    if start_time is None:
+        reading = next(iter(columns.values()))
+        start_time = float(moments[np.argmax(reading > _TOUCHED * reading.max())])
+    start = RecordModel(
+        law,
+        contact,
+        velocity,  # pyright: ignore[reportArgumentType]
+        start_time,  # pyright: ignore[reportArgumentType]
+        jnp.zeros(()) if "force" in columns else None,
+        jnp.zeros(()) if "indentation" in columns else None,
+    )
+    scale: dict[str, Any]
+    if known:
+        scale = {"sigma": {name: np.full(len(moments), noise[name]) for name in columns}}
+    else:
+        scale = {
+            "weights": {
+                name: np.full(len(moments), np.abs(values).max() ** -2.0)
+                for name, values in columns.items()
+            }
+        }
+    held = tuple(name for name in fixed if name not in ("velocity", "start_time"))
+    transforms = transforms_of(start, held)
+    transforms |= {name: Fixed() for name in fixed if name not in held}
+    return fit(
+        Recorded(),
+        columns,
+        start,
+        x=moments,
+        transforms=transforms,
+        **scale,
+        **how,
+    )

@@ -1,0 +1,159 @@
+"""The choice of a law: the right kind wins, and every law is told what to be asked for."""
+
+import jax
+import numpy as np
+import pytest
+from scipy import optimize
+
+import jaxcontact as jc
+from jaxcontact._calibration import _asked
+from jaxcontact._calibration._asked import asked_of
+from jaxcontact._laws import _registry
+
+CONTACT = jc.Contact(mass=0.03, stiffness=1e6)
+POINTS = 120
+NOISE = 0.005
+SPEED = np.random.default_rng(5).uniform(0.5, 5, POINTS)
+SCATTER = NOISE * np.random.default_rng(6).normal(size=POINTS)
+
+ROUND_TRIP = 1e-12
+"""What a law delivers, asked for what it was told to be asked for: 5e-13 was seen."""
+
+SAME = 1e-6
+"""A fit without a band ends somewhere within its own tolerance: 6e-9 was seen."""
+
+KINDS = ["constant e", "constant c", "Kuwabara-Kono"]
+
+
+def truth(kind):
+    if kind == "constant e":
+        return np.full(POINTS, 0.88)
+    law = jc.ConstantDamping(c=5e4) if kind == "constant c" else jc.KuwabaraKono(A=1e-4)
+    return np.asarray(jc.restitution(law, CONTACT, SPEED))
+
+
+@pytest.fixture(scope="module")
+def choices():
+    return {kind: jc.choose_law(SPEED, truth(kind) + SCATTER, CONTACT) for kind in KINDS}
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "value"),
+    [("constant e", "e", 0.88), ("constant c", "c", 5e4), ("Kuwabara-Kono", "A", 1e-4)],
+)
+def test_the_law_that_made_the_data_is_used(choices, kind, name, value):
+    found = choices[kind]
+    assert found.best == kind and f"Use {kind}," in found.verdict
+    fit = found.fits[kind]
+    assert abs(fit.params[name] - value) < 4 * fit.standard_errors[name]
+    # The other laws of one number are far off.
+    order = [c.name for c in found.candidates if c.k == 1]
+    assert order[0] == kind
+    aicc = {c.name: c.aicc for c in found.candidates}
+    assert all(aicc[other] > aicc[kind] + 100 for other in order[1:])
+    held = {c.name: c.held_out for c in found.candidates}
+    assert all(held[other] > 2 * held[kind] for other in order[1:])
+
+
+def test_the_numbers_of_a_constant_e_by_hand(choices):
+    e = truth("constant e") + SCATTER
+    found = choices["constant e"]
+    candidate = next(c for c in found.candidates if c.name == "constant e")
+    square = np.sum((e - e.mean()) ** 2)
+    assert found.fits["constant e"].params["e"] == pytest.approx(e.mean(), rel=1e-12)
+    assert candidate.loss == pytest.approx(square / 2, rel=1e-12)
+    # The size of the noise is the second number.
+    n, k = POINTS, 2
+    aicc = n * np.log(square / n) + 2 * k + 2 * k * (k + 1) / (n - k - 1)
+    assert candidate.aicc == pytest.approx(aicc, rel=1e-12)
+    assert candidate.bic == pytest.approx(n * np.log(square / n) + k * np.log(n), rel=1e-12)
+    bands = np.array_split(e[np.argsort(SPEED)], 5)
+    off = [
+        bands[i] - np.concatenate([b for j, b in enumerate(bands) if j != i]).mean()
+        for i in range(5)
+    ]
+    assert candidate.held_out == pytest.approx(
+        np.sqrt(np.mean(np.concatenate(off) ** 2)), rel=1e-10
+    )
+
+
+def test_it_prints_what_to_ask_for_where_a_constant_e_is_used(choices):
+    said = repr(choices["constant e"])
+    assert "hu_guo" in said and "ΔBIC" in said
+    assert "hu_guo" not in repr(choices["constant c"])
+
+
+def test_kuwabara_and_kono_only_at_their_exponent():
+    found = jc.choose_law(SPEED, truth("constant e") + SCATTER, jc.Contact(0.03, 1e6, 2.0))
+    assert set(found.fits) == {"constant e", "constant c", "c as a power of v"}
+
+
+def test_single_precision_is_no_hindrance(choices):
+    e = truth("constant c") + SCATTER
+    with jax.enable_x64(False):
+        found = jc.choose_law(SPEED, e, CONTACT)
+    same = choices["constant c"].candidates
+    for ours, theirs in zip(found.candidates, same, strict=True):
+        assert ours.name == theirs.name
+        assert ours.aicc == pytest.approx(theirs.aicc, rel=1e-12)
+        assert ours.held_out == pytest.approx(theirs.held_out, rel=SAME)
+
+
+def test_bad_columns_are_named():
+    with pytest.raises(ValueError, match=r"`e` must be in .* but is nan at point 1"):
+        jc.choose_law([1.0, 2.0, 3.0], [0.9, np.nan, 0.8], CONTACT)
+
+
+def test_the_picture_has_the_data_and_a_curve_for_each_kind(choices):
+    ax = jc.plot.choice(choices["Kuwabara-Kono"])
+    lines = ax.get_lines()
+    assert len(lines) == 1 + 4
+    assert np.allclose(lines[0].get_ydata(), truth("Kuwabara-Kono") + SCATTER)
+    drawn = lines[1]
+    assert drawn.get_label() == "Kuwabara-Kono (ΔAICc 0.0)"
+    want = jc.restitution(jc.KuwabaraKono(A=1e-4), CONTACT, drawn.get_xdata())
+    assert np.allclose(drawn.get_ydata(), want, atol=3 * NOISE / np.sqrt(POINTS))
+
+
+@pytest.mark.parametrize("wanted", [0.05, 0.3, 0.88, 0.995, 1.0])
+def test_asked_laws_deliver(wanted):
+    for asked in asked_of(wanted, None):
+        if asked.e is not None:
+            got = jc.restitution(jc.get_law(asked.law, e=asked.e))
+            assert got == pytest.approx(wanted, rel=0, abs=ROUND_TRIP), asked.law
+
+
+def test_a_law_that_cannot_deliver_says_what_it_can():
+    found = {asked.law: asked for asked in asked_of(0.5, 0.01)}
+    hardest = found["lankarani_nikravesh"]
+    assert hardest.e is None and hardest.standard_error is None
+
+    # Asked for nothing, its α is 3/4: ½ of the energy that is left, by the energy integral.
+    def balance(e):
+        return 0.75 * (1 + e) - np.log1p(0.75) + np.log1p(-0.75 * e)
+
+    least = optimize.brentq(balance, 0.1, 1.0, xtol=1e-15)
+    assert hardest.least == pytest.approx(least, rel=1e-12)
+    assert hardest.most == pytest.approx(1, rel=1e-12)
+
+
+def test_a_law_of_the_users_that_needs_a_contact_is_left_out(monkeypatch):
+    class Own(jc.AbstractLaw):
+        e: jax.Array
+
+        def force(self, indentation, velocity, contact, impact_velocity):
+            return contact.stiffness * indentation * (1 + (1 - self.e) * velocity)
+
+    before = [asked.law for asked in asked_of(0.7, None)]
+    monkeypatch.setattr(_registry, "_REGISTRY", dict(_registry._REGISTRY))
+    jc.register_law("own")(Own)
+    monkeypatch.setattr(_asked, "constant_laws", lambda: ["own", *before])
+    assert [asked.law for asked in asked_of(0.7, None)] == before
+
+
+def test_the_error_of_what_is_asked_for():
+    step = 1e-4
+    below, at, above = (asked_of(0.7 + d, 0.01) for d in (-step, 0.0, step))
+    for low, middle, high in zip(below, at, above, strict=True):
+        slope = (high.e - low.e) / (2 * step)
+        assert middle.standard_error == pytest.approx(0.01 * slope, rel=1e-5), middle.law

@@ -1,0 +1,60 @@
+"""The figure of a calibration: what is drawn, where, and into which axes."""
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from jaxcontact._calibration import calibrate
+from jaxcontact._measurements import read_recording
+from jaxcontact.plot._calibration import calibration
+
+
+@pytest.fixture(scope="module")
+def blue():
+    return calibrate(read_recording(), ball="blue")
+
+
+@pytest.fixture
+def ax():
+    figure, ax = plt.subplots()
+    yield ax
+    plt.close(figure)
+
+
+def test_it_draws_into_the_axes_it_is_given(blue, ax):
+    assert calibration(blue, ax=ax) is ax
+
+
+def test_it_makes_axes_where_it_is_given_none(blue):
+    ax = calibration(blue)
+    assert ax.figure is not None
+    plt.close(ax.figure)
+
+
+def test_every_pair_is_drawn_once_and_inside(blue, ax):
+    calibration(blue, ax=ax)
+    points = [line for line in ax.lines if line.get_linestyle() == "None"]
+    assert sum(len(line.get_xdata()) for line in points) == len(blue.pairs)
+    low, high = ax.get_ylim()
+    for line in points:
+        y = np.asarray(line.get_ydata())
+        assert np.all((y > low) & (y < high))
+    kept = next(line for line in points if line.get_label() == "kept")
+    assert len(kept.get_xdata()) == blue.kept.count
+
+
+def test_curves_bands_and_words(blue, ax):
+    calibration(blue, ax=ax)
+    labels = ax.get_legend_handles_labels()[1]
+    assert [fit.curve.label for fit in blue.kept.fits] == labels[2:]
+    assert "left out (23)" in labels[1]
+    assert len(ax.collections) == 3
+    assert ax.get_xlabel().endswith("(m/s)")
+    assert "drag left in" in ax.get_ylabel()
+
+
+def test_the_legend_covers_no_data(blue, ax):
+    calibration(blue, ax=ax)
+    ax.figure.canvas.draw()
+    legend = ax.get_legend().get_window_extent()
+    assert legend.y0 >= ax.get_window_extent().y1 - 1

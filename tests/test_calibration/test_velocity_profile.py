@@ -1,0 +1,162 @@
+"""The regression of Eq. 22, against samples with a known β and against scipy."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+
+import jaxcontact as jc
+from jaxcontact._calibration._velocity_profile import _loss, _loss_of_squares
+
+KNOWN = 3e-6
+"""A β that the samples hold, relative: measured 8e-7 over the range, 1e-8 at 2.4."""
+
+SCIPY = 1e-6
+"""A gradient of 1e-8 here against 1e-14 there: β measured 9e-8."""
+
+SAME = 1e-7
+"""The same sums in another order: measured 0; the search may end elsewhere in its tolerance."""
+
+DIFFERENCE = 5e-11
+"""Central differences with step 1e-5 in ln β, slopes up to 0.2: measured 2e-12."""
+
+U = np.linspace(0, 1, 41)
+
+
+def samples(beta, u=U):
+    return np.sqrt(1 - u**beta)
+
+
+@given(
+    beta=st.floats(0.7, 20),
+    depth=st.floats(1e-9, 1e3),
+    speed=st.floats(1e-6, 1e3),
+    squared=st.booleans(),
+)
+def test_a_known_power_is_found(beta, depth, speed, squared):
+    fit = jc.fit_velocity_profile(U * depth, samples(beta) * speed, squared=squared)
+    assert fit.converged and fit.reason == "the gradient vanishes"
+    np.testing.assert_allclose(fit.beta, beta, rtol=KNOWN)
+    assert fit.residual < KNOWN
+    assert 0 < fit.evaluations < 50
+
+
+@pytest.mark.parametrize("squared", [False, True])
+@pytest.mark.parametrize("shape", [lambda u: 1 - u, lambda u: 1 - u**2 * (3 - 2 * u)])
+def test_against_scipy_where_no_power_fits(shape, squared):
+    v, power = shape(U), 2 if squared else 1
+    fit = jc.fit_velocity_profile(U, v, squared=squared)
+    other = least_squares(
+        lambda beta: samples(beta) ** power - v**power, 1.0, xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    np.testing.assert_allclose(fit.beta, other.x[0], rtol=SCIPY)
+    rms = math.sqrt(np.mean(other.fun**2))
+    np.testing.assert_allclose(fit.residual, rms, rtol=SCIPY)
+    assert rms > 0.05
+
+
+def test_weights_count_samples():
+    v = 1 - U
+    weights = np.ones(41)
+    weights[5:20] = 0
+    kept = weights > 0
+    some = jc.fit_velocity_profile(U, v, weights=weights)
+    few = jc.fit_velocity_profile(U[kept], v[kept])
+    np.testing.assert_allclose([some.beta, some.residual], [few.beta, few.residual], rtol=SAME)
+    scaled = jc.fit_velocity_profile(U, v, weights=1e6 * weights)
+    np.testing.assert_allclose(scaled.beta, some.beta, rtol=SAME)
+    assert abs(some.beta - jc.fit_velocity_profile(U, v).beta) > 1e-2
+
+
+@pytest.mark.parametrize("loss", [_loss, _loss_of_squares])
+@pytest.mark.parametrize("beta", [0.3, 2.4, 40.0])
+def test_gradient(loss, beta):
+    u, v = jnp.asarray(U), jnp.asarray(1 - U)
+    w = jnp.full(41, 1 / 41)
+    theta, step = jnp.log(jnp.array([beta])), 1e-5
+    gradient = jax.grad(loss)(theta, u, v, w)[0]
+    difference = (loss(theta + step, u, v, w) - loss(theta - step, u, v, w)) / (2 * step)
+    assert abs(gradient) > 1e-3
+    np.testing.assert_allclose(gradient, difference, atol=DIFFERENCE)
+
+
+@pytest.mark.parametrize("loss", [_loss, _loss_of_squares])
+def test_the_ends_do_not_depend_on_the_power(loss):
+    u = jnp.array([0.0, 1.0])
+    value, gradient = jax.value_and_grad(loss)(jnp.zeros(1), u, 1 - u, jnp.ones(2))
+    assert value == 0 and gradient[0] == 0
+
+
+@pytest.mark.parametrize("loss", [_loss, _loss_of_squares])
+@pytest.mark.parametrize("log_beta", [-800.0, 700.0])
+def test_a_wild_step_finds_a_number(loss, log_beta):
+    # β as small as to vanish, and as large as to leave no u^β: there is no slope, but no NaN.
+    u = jnp.asarray(U)
+    value, gradient = jax.value_and_grad(loss)(jnp.array([log_beta]), u, 1 - u, jnp.full(41, 1.0))
+    assert jnp.isfinite(value) and gradient[0] == 0
+
+
+@pytest.mark.parametrize("squared", [False, True])
+@pytest.mark.parametrize(
+    "v",
+    [np.where(U < 1, 1.0, 0.0), np.where(U == 0, 1.0, 0.0)],
+    ids=["undamped to the turn", "stopped at touch"],
+)
+def test_what_no_power_describes_is_not_returned_as_good(v, squared):
+    fit = jc.fit_velocity_profile(U, v, squared=squared)
+    assert not fit.converged
+    assert math.isnan(fit.beta) and math.isnan(fit.residual)
+    assert fit.reason == "the samples do not determine β"
+
+
+def test_a_start_far_away_is_found_out_and_a_near_one_serves():
+    far = jc.fit_velocity_profile(U, samples(0.1), start=2.5)
+    assert not far.converged and math.isnan(far.beta)
+    near = jc.fit_velocity_profile(U, samples(0.1), start=0.2)
+    np.testing.assert_allclose(near.beta, 0.1, rtol=KNOWN)
+
+
+def test_double_precision_whatever_is_set():
+    double = jc.fit_velocity_profile(U, samples(2.4))
+    with jax.enable_x64(False):
+        single = jc.fit_velocity_profile(U, samples(2.4))
+        assert jnp.ones(1).dtype == jnp.float32
+    assert single == double
+
+
+GOOD = {"indentation": [0.0, 0.5, 1.0], "velocity": [1.0, 0.8, 0.0]}
+
+BAD = [
+    ({"indentation": [0.0, 1.0]}, r"`indentation` must have the shape .* is of shape \(2,\)"),
+    ({"indentation": [[0.0, 0.5, 1.0]]}, r"`indentation` .* is of shape \(1, 3\)"),
+    ({"velocity": [1.0, 0.9, 0.8, 0.0]}, "`velocity` must have the 3 samples .* but has 4"),
+    ({"weights": [1.0, 1.0, 1.0, 1.0]}, "`weights` must have the 3 samples .* but has 4"),
+    ({"velocity": [1.0, math.nan, 0.0]}, "`velocity` must be finite .* is nan at sample 1"),
+    ({"velocity": [math.inf, 0.5, 0.0]}, "`velocity` must be finite .* is inf at sample 0"),
+    ({"velocity": [1.0, -0.1, 0.0]}, r"`velocity` .*not negative, but is -0\.1 at sample 1"),
+    ({"indentation": [0.0, -0.5, 1.0]}, r"`indentation` .* is -0\.5 at sample 1"),
+    ({"weights": [1.0, -1.0, 1.0]}, "`weights` .*not negative, but is -1 at sample 1"),
+    ({"weights": [0.0, 0.0, 0.0]}, "`weights` must not be zero everywhere"),
+    ({"indentation": [0.1, 0.5, 1.0]}, r"must rise from 0 .* goes from 0\.1 to 1"),
+    ({"indentation": [0.0, 0.0, 0.0]}, "must rise from 0 .* goes from 0 to 0"),
+    ({"indentation": [0.0, 1.0, 0.9]}, r"falls from 1 to 0\.9 at sample 2"),
+    ({"velocity": [1.0, 0.5, 0.1]}, r"`velocity` .* goes from 1 to 0\.1; append"),
+    ({"velocity": [0.0, 0.5, 0.0]}, "`velocity` must go from v0 > 0 .* goes from 0 to 0"),
+    ({"start": 0.0}, r"`start` must be in \(0, inf\), but is 0\.0"),
+    ({"start": math.inf}, r"`start` must be in \(0, inf\), but is inf"),
+    ({"start": math.nan}, r"`start` must be in \(0, inf\), but is nan"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), BAD)
+def test_bad_input(change, message):
+    arguments = GOOD | change
+    with pytest.raises(ValueError, match=f"^Argument {message}" if "`" in message else message):
+        jc.fit_velocity_profile(
+            arguments.pop("indentation"), arguments.pop("velocity"), **arguments
+        )
