@@ -59,6 +59,7 @@ from ._laws import KuwabaraKono as KuwabaraKono
 from ._laws import LankaraniNikravesh as LankaraniNikravesh
 from ._laws import LeeWang as LeeWang
 from ._laws import MarhefkaOrin as MarhefkaOrin
+from ._laws import PowerDamping as PowerDamping
 from ._laws import Thornton as Thornton
 from ._laws import Tsuji as Tsuji
 from ._laws import ZhiyingQishao as ZhiyingQishao

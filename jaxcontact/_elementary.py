@@ -32,6 +32,19 @@ def horner(coefficients: Sequence[float], x: Float[Array, "..."]) -> Float[Array
     return result
 
 
+def chebyshev(
+    coefficients: Sequence[float] | Float[Array, " degree_plus_1"], x: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """The series `sum_k coefficients[k] T_k(x)` for x in [-1, 1], by Clenshaw's recurrence.
+
+    cos(k arccos x) would have no derivative at the ends of the interval.
+    """
+    last, before = jnp.zeros_like(x), jnp.zeros_like(x)
+    for k in range(len(coefficients) - 1, 0, -1):
+        last, before = coefficients[k] + 2 * x * last - before, last
+    return coefficients[0] + x * last - before
+
+
 def psi(z: Float[Array, "..."]) -> Float[Array, "..."]:
     """ψ(z) = (e^z - 1 - z)/z², with ψ(0) = 1/2."""
     small = jnp.abs(z) < 1

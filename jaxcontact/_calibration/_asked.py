@@ -1,4 +1,4 @@
-"""What each law of one parameter e has to be asked for, so that it delivers a given restitution."""
+"""The parameter e with which each law of constant restitution delivers a given one."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from .._impact import restitution
 from .._laws import AbstractLaw, constant_laws, describe
 
 _GRID = 1001
-"""Of a grid in one cell of such a grid: a straight line between two points is right to 1e-12."""
+"""Points of a grid, refined in one of its cells: a straight line between two is good to 1e-12."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Asked:
-    """A law, the e to ask it for, and its standard error; None where the law cannot deliver.
+    """A law, the e to set in it, and its standard error; None where the law cannot deliver.
 
     `least` and `most` are what the law delivers at the ends of its range.
     """
@@ -33,7 +33,7 @@ class Asked:
 
     @property
     def sentence(self) -> str:
-        """The law, and what to ask it for."""
+        """The law, and the e to set."""
         if self.e is None:
             return f"{self.law:20} cannot: it delivers {self.least:.3g} to {self.most:.3g}"
         error = "" if self.standard_error is None else f" ± {self.standard_error:.2g}"
@@ -41,15 +41,15 @@ class Asked:
 
 
 def asked_of(delivered: float, standard_error: float | None) -> tuple[Asked, ...]:
-    """What to ask each law for, to be given the restitution `delivered` ± `standard_error`.
+    """The e to set in each law so that it delivers the restitution `delivered` ± `standard_error`.
 
-    At a constant e every law has one equivalent in every other: e(v) cannot tell them apart, and
+    At a constant e every law has one equivalent in every other: e(v) cannot distinguish them, and
     the choice among them is one of convenience or of the contact's duration. A registered law of
     one parameter e is left out if what it delivers depends on more, or does not rise with e.
     """
     names = [name for name in constant_laws() if _is_constant(describe(name).cls)]
     with jax.enable_x64(True):
-        # 0 itself may be out of range; nothing real is so near to it.
+        # 0 itself may be out of range; no real e is so small.
         low, high = np.full(len(names), np.finfo(np.float32).tiny), np.ones(len(names))
         place, e = _on_grid(names, low, high)
         rising = np.all(np.diff(e) > 0, axis=1)
@@ -98,6 +98,6 @@ def _is_constant(law: Callable[..., AbstractLaw]) -> bool:
     """Whether e depends neither on the contact nor on the speed."""
     try:
         jax.eval_shape(lambda e: restitution(law(e=e)), 0.5)
-    except (TypeError, ValueError):  # more has to be known
+    except (TypeError, ValueError):  # it needs the contact or the speed
         return False
     return True

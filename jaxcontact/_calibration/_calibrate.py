@@ -3,352 +3,260 @@
 from __future__ import annotations
 
 import dataclasses
-import math
+import importlib.metadata
+import os
 from collections.abc import Callable
+from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
-from .._flight import STANDARD_GRAVITY, Drag, Flight, Floats, require_positive
-from .._measurements._noise import Noise, estimate_noise
-from .._measurements._outliers import Outliers, find_outliers
-from .._measurements._pairs import Pairs, make_pairs
-from .._measurements._recording import Recording
-from ._asked import Asked, asked_of
-from ._curves import Curve, Misfit, choose_curves, evaluate
-from ._minimise import Minimum, minimise
-from ._statistics import ErrorKind, Line, aicc, bic, fit_line, information, preference
+from .._contact import Contact
+from .._flight import STANDARD_GRAVITY, Drag, Flight, require_positive
+from .._laws import AbstractLaw, parameters_of
+from .._measurements import (
+    THRESHOLD,
+    Noise,
+    Outliers,
+    Pairs,
+    Recording,
+    estimate_noise,
+    find_outliers,
+    make_pairs,
+)
+from .._progress import Stages
+from ._choice import LawChoice, choose
+from ._file import save
+from ._kinds import kinds_of
+from ._report import report
+from ._summary import (
+    CalibrationSummary,
+    DragSummary,
+    NoiseSummary,
+    PairSummary,
+    RecordingSummary,
+    SpeedBand,
+)
 
-GRID = 200
-
-CLEAR_AICC = 2.0
-"""Below this difference of AICc two fits count as equally good (Burnham & Anderson 2002)."""
-
-CLEAR_PREFERENCE = 2.0
-"""The same for the advantage summed over trials, in its standard errors."""
-
-_BANDS = 4
-"""Bands of speed that are left out in turn; every one holds a pair."""
-
-_SHORTEST = 256
-"""Fits of up to this many pairs share one compiled code; a thousand times as fast as compiling."""
-
-_WIDEST_LOGARITHM = 2.0
-"""A fitted number whose logarithm (or logit) is known no better than this is not determined."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Estimate:
-    """A number with its standard error (None where the data do not determine it) and unit."""
-
-    name: str
-    value: float
-    standard_error: float | None
-    unit: str
-
-
-@dataclasses.dataclass(frozen=True)
-class LawFit:
-    """One law fitted to n pairs.
-
-    `estimates`: the fitted number first, then what follows from it. `error_kind` says how standard
-    errors were found. `rms` is the plain root mean square of e_measured - e(v). `reduced_chi2` is
-    Σ z²/(n-1) for z the residuals of ln e over their noise; `held_out` is the root mean square of z
-    of pairs that were left out, one band of speeds after the other; `grid` and `grid_error` are e
-    and its standard error on the speeds of the calibration's grid.
-    """
-
-    curve: Curve
-    estimates: tuple[Estimate, ...]
-    error_kind: ErrorKind
-    determined: bool
-    converged: bool
-    reason: str
-    evaluations: int
-    gradient_norm: float
-    rms: float
-    reduced_chi2: float
-    aicc: float
-    bic: float
-    held_out: float
-    standard_residuals: Floats
-    grid: Floats
-    grid_error: Floats | None
-
-
-@dataclasses.dataclass(frozen=True)
-class Comparison:
-    """A speed-dependent law against the constant e.
-
-    `difference` is AICc of the speed-dependent law minus that of the constant e: positive where a
-    constant e wins. `by_trial` is the advantage of the constant e summed over trials, in its
-    standard errors (None with too few trials). `verdict` says it in words.
-    """
-
-    constant: str
-    other: str
-    difference: float
-    by_trial: float | None
-    verdict: str
-
-
-@dataclasses.dataclass(frozen=True)
-class FitSet:
-    """All laws fitted to one choice of pairs, the yardstick line, and the comparisons."""
-
-    count: int
-    fits: tuple[LawFit, ...]
-    line: Line
-    comparisons: tuple[Comparison, ...]
+_SPEED_BANDS = 5
+_PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")
 
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """What a recording says about laws.
+    """What a recording says about laws; prints itself, and `report()` says everything.
 
-    `pairs` are all pairs, `outliers` which of them the robust rule marked; `kept` are the fits
-    without those and `everything` those with them; `noise` is the scatter found in the kept pairs;
-    `grid` are the speeds (m/s) of the curves in the fits; `asked` is what each law of constant e is
-    to be asked for, to deliver the constant e found.
+    `pairs` (speed, e) of the recording, `outliers` which of them the robust rule marked, and
+    `noise`, the scatter of the others; `choice`, the laws fitted without the marked pairs, and
+    `with_marked`, with them; `summary`, all of it as plain data, which `save` writes.
     """
 
     pairs: Pairs
     outliers: Outliers
     noise: Noise
-    grid: Floats
-    kept: FitSet
-    everything: FitSet
-    mass: float | None
-    stiffness: float | None
-    asked: tuple[Asked, ...]
+    choice: LawChoice
+    with_marked: LawChoice
+    summary: CalibrationSummary
+
+    @property
+    def law(self) -> AbstractLaw | None:
+        """The law asked for, or the best one, with its fitted parameters; None if none converged.
+
+        `impact(law, contact, v)` gives the fitted e.
+        """
+        return self.summary.law
+
+    @property
+    def contact(self) -> Contact:
+        """The contact of `law`: the given mass and stiffness, and 1 for what was not given."""
+        return self.summary.contact
+
+    @property
+    def standard_errors(self) -> dict[str, float | None]:
+        """The standard errors of the law's parameters; None where they are not identifiable."""
+        return self.summary.standard_errors
 
     @property
     def converged(self) -> bool:
         """Whether every fit converged."""
-        return all(fit.converged for fits in (self.kept, self.everything) for fit in fits.fits)
+        return self.summary.converged
+
+    def table(self) -> str:
+        """The kinds of laws with their parameters and criteria, as text; lower is better."""
+        return self.choice.table()
+
+    def report(self) -> str:
+        """Everything in words: data, marked pairs, fits, their comparison, what stays open."""
+        return report(self.summary)
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write `summary` to a JSON file, whole or not at all; `load_calibration` reads it.
+
+        Raises OSError where that fails.
+        """
+        save(self.summary, path)
+
+    def __repr__(self) -> str:
+        return repr(self.summary)
 
 
 def calibrate(
     recording: Recording,
     *,
-    ball: str | None = None,
-    law: str | None = None,
-    gravity: float = STANDARD_GRAVITY,
+    law: str = "all",
     drag: Drag | None = None,
     mass: float | None = None,
     stiffness: float | None = None,
-    progress: Callable[[str], None] = lambda stage: None,
+    gravity: float = STANDARD_GRAVITY,
+    progress: bool | Callable[[str], None] = False,
 ) -> Calibration:
     """Fit a constant e and speed-dependent laws to a recording of bounces, and compare them.
 
-    Minimises Σ ((ln e_k - ln e(v_k; θ))/σ_k)² over the one number θ of each law that e(v) can fix,
-    by L-BFGS in double precision. Pairs that a robust rule marks (spurious and missed triggers) are
-    left out; the same fits with them are made too. σ_k is the scatter of the bounce and the reading
-    error of that interval or height, both estimated from the pairs.
+    Minimises Σ ((ln e_k - ln e(v_k))/σ_k)² over the parameters of each kind of law (see
+    `choose_law`). Pairs marked by a robust rule (spurious and missed triggers) are left out; the
+    same fits with them are made, too. σ_k combines the scatter of the bounce and the reading error
+    of that interval or height, both estimated from the pairs; their common scale is fitted.
+    Standard errors and comparisons allow for correlation inside a trial.
 
-    Arguments: `ball`, needed if the recording holds several; `law`, see `choose_curves`; `gravity`
-    in m/s²; `drag` to take the air out of the flights; `mass` in kg and `stiffness` in N/m^(3/2) to
-    report the A or c that follow; `progress`, called with a line of text at each stage. Raises
-    RecordingError for a recording that cannot be used and ValueError for other arguments out of
-    range.
+    Arguments: `recording`, see `read_recording`; `law`, "all", the name of a speed-dependent law,
+    which is compared with a constant e, or the name of a law with parameter e, which then delivers
+    the constant e; `drag` to correct the flights for the drag of the air; `mass` in kg and
+    `stiffness` in N/m^(3/2) of the contact, from which c and A follow; `gravity` in m/s²;
+    `progress`, True to show the stages on stderr, or a function that is called with each.
+
+    Returns a `Calibration`. Computes in double precision whatever JAX is set to. Raises ValueError
+    for a recording with too few pairs and for arguments out of range.
+    Source: Burnham & Anderson (2002), doi 10.1007/b97636; the laws' own.
     """
-    curves = choose_curves(law)
-    for argument, value in (("mass", mass), ("stiffness", stiffness)):
-        if value is not None:
-            require_positive(argument, value)
+    if not isinstance(recording, Recording):
+        raise ValueError(
+            "Argument `recording` must be a `Recording` (see `read_recording`), but is "
+            f"{recording!r}."
+        )
+    kinds = kinds_of(law, 1.5)
+    numbers = {"mass": mass, "stiffness": stiffness}
+    given = tuple(name for name, value in numbers.items() if value is not None)
+    for name in given:
+        require_positive(name, numbers[name])  # pyright: ignore[reportArgumentType]
     flight = Flight(gravity, drag)
-    name, records = recording.of_ball(ball)
-    pairs = make_pairs(recording.file, recording.layout, name, records, flight)
-    pairs.needs_enough()
-    progress(f"looking for spurious and missed triggers in {len(pairs)} pairs")
-    outliers = find_outliers(pairs)
-    good = pairs.where(~outliers.flagged)
-    good.needs_enough()
-    noise = estimate_noise(
-        np.log(good.restitution) - outliers.trend(good.velocity), good.reading_factor, robust=False
-    )
-    grid = np.linspace(float(good.velocity.min()), float(good.velocity.max()), GRID)
-    # A fit needs double precision; the user's own setting stays as it is.
+    tell = progress if callable(progress) else Stages(quiet=not progress)
     with jax.enable_x64(True):
-        problem = _Problem(pairs, noise, grid, mass, stiffness)
-        kept, everything = [], []
-        for curve in curves:
-            progress(f"compiling and fitting {curve.label}")
-            kept.append(problem.fit(curve, ~outliers.flagged))
-            everything.append(problem.fit(curve, np.ones(len(pairs), dtype=bool)))
-    return Calibration(
-        pairs=pairs,
-        outliers=outliers,
-        noise=noise,
-        grid=grid,
-        kept=_fit_set(good, noise, kept),
-        everything=_fit_set(pairs, noise, everything),
-        mass=mass,
-        stiffness=stiffness,
-        asked=_asked(kept[0]),
+        contact = Contact(*(1.0 if value is None else value for value in numbers.values()))
+        pairs = make_pairs(recording, flight)
+        pairs.needs_enough()
+        tell(f"looking for spurious and missed triggers in {len(pairs)} pairs")
+        outliers = find_outliers(pairs)
+        keep = ~outliers.flagged
+        good = pairs.where(keep)
+        good.needs_enough()
+        residual = np.log(good.restitution) - outliers.trend(good.velocity)
+        noise = estimate_noise(residual, good.reading_factor, robust=False)
+
+        def chosen(use: np.ndarray) -> LawChoice:
+            weights = noise.sigma(pairs.reading_factor) ** -2
+            group = pairs.layout.group
+            return choose(
+                pairs, use, weights, kinds, contact, known=frozenset(given), group=group,
+                progress=tell,
+            )
+
+        choice = chosen(keep)
+        with_marked = choice if keep.all() else chosen(np.ones_like(keep))
+    asked = {kind.law: kind.name for kind in kinds}
+    kind = choice.best if law == "all" else asked[law]
+    found = _law_of(choice, kind)
+    summary = CalibrationSummary(
+        law=found,
+        contact=contact,
+        given=given,
+        standard_errors=_errors(choice, kind, found),
+        requested=law,
+        recording=_recording(recording, pairs),
+        gravity=float(gravity),
+        drag=None if drag is None else _drag(drag, flight),
+        noise=_noise(noise, pairs),
+        threshold=THRESHOLD,
+        trend=outliers.trend.kind,
+        pairs=_pairs(pairs, outliers),
+        choice=choice,
+        with_marked=with_marked,
+        by_speed=_by_speed(good, choice),
+        versions={name: _version(name) for name in _PACKAGES},
+    )
+    return Calibration(pairs, outliers, noise, choice, with_marked, summary)
+
+
+def _law_of(choice: LawChoice, kind: str | None) -> AbstractLaw | None:
+    if kind is None or not choice.fits[kind].converged:
+        return None
+    return choice.law(kind)
+
+
+def _errors(
+    choice: LawChoice, kind: str | None, law: AbstractLaw | None
+) -> dict[str, float | None]:
+    if kind is None or law is None:
+        return {}
+    errors = choice.fits[kind].standard_errors
+    identifiable = choice.law_fit(kind).identifiable
+    name = choice.law_fit(kind).law
+    return {p: errors[p] if identifiable else None for p in parameters_of(name) if p in errors}
+
+
+def _recording(recording: Recording, pairs: Pairs) -> RecordingSummary:
+    return RecordingSummary(
+        source=recording.source,
+        layout=pairs.layout.name,
+        ball=recording.ball,
+        pairs=len(pairs),
+        unpaired=pairs.unpaired,
+        trials=tuple(pairs.cluster_names[k] for k in np.unique(pairs.cluster)),
     )
 
 
-def _asked(constant: LawFit) -> tuple[Asked, ...]:
-    # The last estimate of a constant law is the e that is delivered.
-    delivered = constant.estimates[-1]
-    return asked_of(delivered.value, delivered.standard_error)
+def _drag(drag: Drag, flight: Flight) -> DragSummary:
+    return DragSummary(**dataclasses.asdict(drag), terminal_speed=flight.terminal_speed)
 
 
-def _padded_length(n: int) -> int:
-    """The least power of two that holds n, and 256 at least."""
-    return max(_SHORTEST, 1 << (n - 1).bit_length())
+def _noise(noise: Noise, pairs: Pairs) -> NoiseSummary:
+    unit = pairs.layout.error_unit
+    return NoiseSummary(noise.relative, None if unit is None else noise.reading, unit)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Problem:
-    pairs: Pairs
-    noise: Noise
-    grid: Floats
-    mass: float | None
-    stiffness: float | None
-
-    def fit(self, curve: Curve, use: np.ndarray) -> LawFit:
-        pairs = self.pairs
-        y = np.log(pairs.restitution)
-        sigma = self.noise.sigma(pairs.reading_factor)
-        middle = float(np.median(pairs.velocity[use]))
-        start = curve.start(float(np.median(pairs.restitution[use])), middle)
-        minimum = self._minimum(curve, start, use)
-        n = len(pairs)
-        e, slope = self._evaluated(curve, minimum.parameters, middle)
-        grid_e, grid_slope = e[-GRID - 1 : -1], slope[-GRID - 1 : -1]
-        at_pairs, log_slope = e[:n][use], (slope[:n] / e[:n])[use]
-        z = (y[use] - np.log(at_pairs)) / sigma[use]
-        known = information(z, log_slope / sigma[use], pairs.cluster[use])
-        theta_error = math.sqrt(known.variance)
-        determined = theta_error < _WIDEST_LOGARITHM
-        error = theta_error if determined else None
-        return LawFit(
-            curve=curve,
-            estimates=self._estimates(
-                curve, minimum.parameters, error, float(e[-1]), float(slope[-1]), middle
-            ),
-            error_kind=known.kind,
-            determined=determined,
-            converged=minimum.converged,
-            reason=minimum.reason,
-            evaluations=minimum.evaluations,
-            gradient_norm=minimum.gradient_norm,
-            rms=float(np.sqrt(np.mean((pairs.restitution[use] - at_pairs) ** 2))),
-            reduced_chi2=float(np.sum(z**2)) / (len(z) - 1),
-            aicc=aicc(z, sigma[use], 1),
-            bic=bic(z, sigma[use], 1),
-            held_out=self._held_out(curve, minimum.parameters, use),
-            standard_residuals=z,
-            grid=grid_e,
-            grid_error=None if error is None else np.abs(grid_slope) * error,
+def _pairs(pairs: Pairs, outliers: Outliers) -> tuple[PairSummary, ...]:
+    return tuple(
+        PairSummary(
+            rows=tuple(sorted({int(pairs.first_row[k]), int(pairs.second_row[k])})),
+            velocity=float(pairs.velocity[k]),
+            restitution=float(pairs.restitution[k]),
+            deviation=float(outliers.deviation[k]),
+            marked=bool(outliers.flagged[k]),
+            may_be=outliers.guess.get(k),
         )
+        for k in range(len(pairs))
+    )
 
-    def _minimum(self, curve: Curve, start: Array, use: np.ndarray) -> Minimum:
-        # Infinite noise leaves a pair out without changing a shape. Padded with such pairs to few
-        # lengths, recordings share the compiled code, which takes longer than the fits.
-        pairs = self.pairs
-        sigma = np.where(use, self.noise.sigma(pairs.reading_factor), np.inf)
-        return minimise(
-            Misfit(curve),
-            start,
-            jnp.asarray(self._padded(pairs.velocity, float(np.median(pairs.velocity)))),
-            jnp.asarray(self._padded(np.log(pairs.restitution), 0.0)),
-            jnp.asarray(self._padded(sigma, np.inf)),
+
+def _by_speed(good: Pairs, choice: LawChoice) -> tuple[SpeedBand, ...]:
+    v, e = good.velocity, good.restitution
+    if len(v) < 2 * _SPEED_BANDS or v.max() == v.min():
+        return ()
+    chunks = np.array_split(np.argsort(v, kind="stable"), _SPEED_BANDS)
+    middle = np.array([np.median(v[chunk]) for chunk in chunks])
+    curves = {kind: choice.curve(kind, middle)[0] for kind in choice.fits}
+    return tuple(
+        SpeedBand(
+            velocity=float(middle[i]),
+            pairs=len(chunk),
+            restitution=float(np.median(e[chunk])),
+            fits={kind: float(curve[i]) for kind, curve in curves.items()},
         )
-
-    def _padded(self, values: Floats, filling: float) -> Floats:
-        spare = _padded_length(len(values)) - len(values)
-        return np.concatenate([values, np.full(spare, filling)])
-
-    def _evaluated(self, curve: Curve, theta: Array, middle: float) -> tuple[Floats, Floats]:
-        """e and its slope at all pairs (padded), on the grid, and at `middle`."""
-        speeds = np.concatenate([self._padded(self.pairs.velocity, middle), self.grid, [middle]])
-        e, slope = evaluate(curve, theta, jnp.asarray(speeds))
-        return np.asarray(e), np.asarray(slope)
-
-    def _held_out(self, curve: Curve, start: Array, use: np.ndarray) -> float:
-        """The root mean square z of pairs left out: whether the others foretell their speeds."""
-        pairs = self.pairs
-        place = np.flatnonzero(use)
-        bands = np.array_split(place[np.argsort(pairs.velocity[use], kind="stable")], _BANDS)
-        sigma = self.noise.sigma(pairs.reading_factor)
-        square = 0.0
-        for band in bands:
-            rest = use.copy()
-            rest[band] = False
-            theta = self._minimum(curve, start, rest).parameters
-            e = self._evaluated(curve, theta, 1.0)[0][: len(pairs)]
-            z = (np.log(pairs.restitution) - np.log(e)) / sigma
-            square += float(np.sum(z[band] ** 2))
-        return math.sqrt(square / len(place))
-
-    def _estimates(
-        self,
-        curve: Curve,
-        theta: Array,
-        error: float | None,
-        e: float,
-        slope: float,
-        velocity: float,
-    ) -> tuple[Estimate, ...]:
-        def scaled(name: str, value: float, derivative: float, unit: str) -> Estimate:
-            return Estimate(name, value, None if error is None else abs(derivative) * error, unit)
-
-        value = float(curve.value(theta))
-        # θ is the logit of e or the logarithm of the number.
-        derivative = value * (1 - value) if curve.kind == "constant" else value
-        found = [scaled(curve.symbol, value, derivative, curve.unit)]
-        if curve.kind == "constant":
-            if curve.law != "exact":
-                found.append(scaled("e delivered", e, slope, ""))
-            return tuple(found)
-        found.append(scaled(f"e at {velocity:.2f} m/s", e, slope, ""))
-        if curve.kind == "constant_damping" and self.stiffness is not None:
-            factor = self.stiffness
-            found.append(scaled("c", value * factor, derivative * factor, "N s/m^(5/2)"))
-        if curve.kind == "kuwabara_kono" and self.stiffness is not None and self.mass is not None:
-            factor = (self.mass / self.stiffness) ** 0.4
-            found.append(scaled("A", value * factor, derivative * factor, "s"))
-        return tuple(found)
-
-
-def _fit_set(pairs: Pairs, noise: Noise, fits: list[LawFit]) -> FitSet:
-    line = fit_line(
-        pairs.velocity,
-        np.log(pairs.restitution),
-        noise.sigma(pairs.reading_factor),
-        pairs.cluster,
-    )
-    constant = fits[0]
-    comparisons = tuple(_compare(constant, other, pairs) for other in fits[1:])
-    return FitSet(len(pairs), tuple(fits), line, comparisons)
-
-
-def _compare(constant: LawFit, other: LawFit, pairs: Pairs) -> Comparison:
-    difference = other.aicc - constant.aicc
-    by_trial = preference(constant.standard_residuals, other.standard_residuals, pairs.cluster)
-    return Comparison(
-        constant.curve.label,
-        other.curve.label,
-        difference,
-        by_trial,
-        _verdict(constant.curve.label, other.curve.label, difference, by_trial),
+        for i, chunk in enumerate(chunks)
     )
 
 
-def _verdict(constant: str, other: str, difference: float, by_trial: float | None) -> str:
-    better, worse = (constant, other) if difference > 0 else (other, constant)
-    size = f"AICc differs by {abs(difference):.1f}"
-    if abs(difference) < CLEAR_AICC:
-        return f"the data do not distinguish {constant} from {other} ({size})"
-    if by_trial is None:
-        return f"{better} describes the data better than {worse} ({size}; too few trials to check)"
-    advantage = by_trial if difference > 0 else -by_trial
-    trials = f"by trial {advantage:.1f} standard errors"
-    if advantage < CLEAR_PREFERENCE:
-        return f"undecided: {better} fits better than {worse} ({size}), but not surely ({trials})"
-    return f"{better} describes the data better than {worse} ({size}; {trials})"
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None  # run from a source tree that was never installed

@@ -1,79 +1,156 @@
-"""Which law describes a table of restitutions over the closing speed."""
+"""Which kind of law describes restitutions measured over the closing speed."""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from typing import Any
 
-import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
-from .._fit import Between, Fit, Positive, compare_fits, fit
-from .._fit._compare import Candidate
+from .._fit import Candidate, Fit, FitData, compared, criteria, fit, table
+from .._laws import AbstractLaw
+from .._measurements import Floats, Noise, Pairs, find_outliers, pairs_of_table
 from .._parameter import POSITIVE, RESTITUTION
 from ._asked import Asked, asked_of
 from ._checks import column
-from ._curves import Curve
-from ._damping import fit_damping
-from ._viscous import viscous_restitution
+from ._estimate import Estimate
+from ._kinds import (
+    AbstractKind,
+    ConstantE,
+    LogRestitution,
+    delivered,
+    is_identifiable,
+    kinds_of,
+    padded,
+)
 
-CONSTANT = "constant e"
-_BANDS = 5
-_WIDTH = 21
-
-
-class ConstantRestitution(eqx.Module):
-    """e at every speed."""
-
-    def __call__(self, params: dict[str, Array], velocity: Float[Array, " n"]) -> Array:
-        return jnp.broadcast_to(params["e"], velocity.shape)
-
-
-class DeliveredByViscosity(eqx.Module):
-    """e(v) of Kuwabara and Kono's law with A in s, n = 3/2."""
-
-    contact: Contact
-
-    def __call__(self, params: dict[str, Array], velocity: Float[Array, " n"]) -> Array:
-        frequency = (self.contact.stiffness / self.contact.mass) ** 0.4
-        return viscous_restitution(params["A"] * frequency * velocity**0.2)
+_BANDS = 4
+"""Bands of speed that are left out in turn; each holds at least one pair."""
 
 
 @dataclasses.dataclass(frozen=True)
-class LawChoice:
-    """All laws on one table of e(v): how well each kind of law does, and with which parameters.
+class LawFit:
+    """One kind of law fitted to n pairs: what the fit found, as plain numbers and words.
 
-    `fits` by kind; `candidates`, in the order of AICc, are how the kinds compare; `asked` says what
-    each law of constant e is to be asked for; `best` is the kind to use, None where no fit
-    converged; `verdict` says it in words.
+    `law` is the registered name. `estimates`: what e(v) determines first, then what follows from
+    it. `errors_by`: "group" for standard errors by trial, "point" where pairs count as independent.
+    `identifiable`: whether the data determine every parameter; `unidentified`, what e(v) leaves
+    open. `rms` is the root mean square of e_measured - e(v), `reduced_chi2` Σ z²/(n-k) of the
+    residuals z of ln e over their noise. `converged`, the `reason`, and the `steps` taken.
+    """
+
+    kind: str
+    law: str
+    estimates: tuple[Estimate, ...]
+    errors_by: str
+    identifiable: bool
+    unidentified: str
+    rms: float
+    reduced_chi2: float
+    converged: bool
+    reason: str
+    steps: int
+
+    @property
+    def said(self) -> str:
+        """What e(v) determines, in words."""
+        parameters = [e for e in self.estimates if e.name in ("power", self.estimates[0].name)]
+        return ", ".join(f"{e.name} = {e}" for e in parameters)
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """A straight line ln e = a + b v without a law, for comparison with any smooth curve.
+
+    `level` a; `slope` b in s/m, with its standard error, None where the speeds do not determine it;
+    `aicc` as that of the laws.
+    """
+
+    level: float
+    slope: float
+    slope_error: float | None
+    aicc: float | None
+
+
+@dataclasses.dataclass(frozen=True)
+class ChoiceData:
+    """All kinds of laws on the same pairs, as plain data.
+
+    `count` of pairs; `candidates`, the comparison in the order of AICc (see `compare_fits`);
+    `best`, the kind to use, None where no fit converged; `verdict`, the same in words; `laws`, the
+    fits in the order in which they were made, a constant e first; `line`, the trend without a law;
+    `asked`, the e to set in each law of constant e so that it delivers the constant e found.
+    """
+
+    count: int
+    candidates: tuple[Candidate, ...]
+    best: str | None
+    verdict: str
+    laws: tuple[LawFit, ...]
+    line: Line
+    asked: tuple[Asked, ...]
+
+    def law_fit(self, kind: str) -> LawFit:
+        """The fit of a kind of law, by its name."""
+        return next(law for law in self.laws if law.kind == kind)
+
+    def table(self) -> str:
+        """The kinds of laws with their parameters and criteria; lower is better."""
+        return "\n".join(table(self.candidates, lambda kind: self.law_fit(kind).said))
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class LawChoice(ChoiceData):
+    """All kinds of laws on one table of e(v): how well each describes it, with which parameters.
+
+    Beside the plain data of the choice (`candidates` in the order of AICc, `best`, `verdict`,
+    `laws`, `line`, `asked`, `count`): `fits` by kind, each a `Fit` of ln e over the speed, padded
+    with points without weight; the `contact` in whose units they are; `marked` (n,), the points
+    left out as outliers; `reference` in m/s, the speed to which the c of a power law belongs.
     """
 
     fits: Mapping[str, Fit]
-    candidates: tuple[Candidate, ...]
-    asked: tuple[Asked, ...]
-    best: str | None
-    verdict: str
+    kinds: tuple[AbstractKind, ...]
+    contact: Contact
+    reference: float
+    marked: np.ndarray
+
+    def law(self, kind: str | None = None) -> AbstractLaw:
+        """The fitted law of a kind, by default of the best one.
+
+        Raises ValueError for an unknown kind, and where its fit did not converge.
+        """
+        if kind is None and self.best is None:
+            raise ValueError("No fit converged, so there is no best law; see `fits`.")
+        chosen = self.best if kind is None else kind
+        if chosen not in self.fits:
+            known = ", ".join(map(repr, self.fits))
+            raise ValueError(f"Argument `kind` must be one of {known}, but is {kind!r}.")
+        found = self.fits[chosen]
+        if not found.converged:
+            raise ValueError(f"The fit of {chosen} did not converge: {found.reason}.")
+        of = next(k for k in self.kinds if k.name == chosen)
+        with jax.enable_x64(True):
+            return of.law_of(found.params, self.contact, jnp.asarray(self.reference))
+
+    def curve(self, kind: str, speeds: ArrayLike) -> tuple[Floats, Floats]:
+        """e of a kind at closing speeds (n,) in m/s, and its standard error."""
+        return delivered(self.fits[kind], np.asarray(speeds, float))
 
     def __repr__(self) -> str:
-        aicc = min(c.aicc for c in self.candidates)
-        bic = min(c.bic for c in self.candidates)
-        lines = [f"{'':{_WIDTH}}  k        loss    ΔAICc     ΔBIC  held out  parameters"]
-        for c in self.candidates:
-            found = self.fits[c.name]
-            note = "" if c.converged else "  not converged"
-            lines.append(
-                f"{c.name:{_WIDTH}} {c.k:2d}  {c.loss:10.5g} {c.aicc - aicc:8.2f} "
-                f"{c.bic - bic:8.2f} {c.held_out:9.4g}  {_parameters(found)}{note}"
-            )
-        lines.append(self.verdict)
-        if self.best == CONSTANT:
-            lines.append("Ask for it, in e,")
-            lines += [f"  {a.sentence}" for a in self.asked]
+        lines = [self.table(), self.verdict]
+        marked = int(self.marked.sum())
+        if marked:
+            lines.append(f"{marked} of {len(self.marked)} points are outliers and left out.")
+        if self.best == self.laws[0].kind:
+            e = self.laws[0].estimates[-1].value
+            lines.append(f"Laws that deliver e = {e:.5f}, and the e to set in each:")
+            lines += [f"  {asked.sentence}" for asked in self.asked]
         return "\n".join(lines)
 
 
@@ -82,90 +159,164 @@ def choose_law(
     e: ArrayLike,
     contact: Contact,
     *,
+    law: str = "all",
+    sigma: ArrayLike | None = None,
+    weights: ArrayLike | None = None,
     groups: ArrayLike | None = None,
+    mark_outliers: bool = True,
     **how: Any,
 ) -> LawChoice:
-    """Every law on a table of restitutions over the closing speed, and which of them to use.
+    """Every kind of law fitted to restitutions over the closing speed, and which one to use.
 
-    Laws fall into kinds by e(v): a constant e, which most of them deliver (each asked for a number
-    of its own); a constant c, with α = c v/K (also Marhefka and Orin's law, with a = c/K); c that
-    goes as a power of v; and, for n = 3/2, Kuwabara and Kono's. One fit for each kind.
+    Laws fall into kinds by e(v): a constant e, which most of them deliver (each for a different
+    parameter e); a constant c, with α = c v/K (also Marhefka and Orin's law, with a = c/K); c as a
+    power of v; and, for n = 3/2, Kuwabara and Kono's. One fit for each kind minimises
+    Σ ((ln e_k - ln e(v_k))/σ_k)². It is the calibration that `jaxcontact calibrate` and `calibrate`
+    make of the same table.
 
     Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1], both (points,); the
-    `contact`, whose mass and stiffness are taken as known (e(v) knows only c/K and A (K/m)^(2/5));
-    `groups` (points,) that are left out together to find the held-out error, by default five bands
-    of speed; what else `fit` takes (`sigma`, `weights`, ...), for all of them.
+    `contact`, whose mass and stiffness are taken as known (e(v) determines only c/K and
+    A (K/m)^(2/5)); `law`, "all" or the name of one law, as in `calibrate`; `sigma`, standard
+    deviations of e, or `weights`, relative ones; `groups` (points,), the trial of each point, by
+    default one for each: with at least 8, standard errors and the comparison allow for correlation
+    inside a trial; `mark_outliers`, whether points more than 6 robust standard deviations off the
+    trend are left out; what else `fit` takes (`optimizer`, `starts`, ...), for all of them. The
+    held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits, groups=...)`
+    leaves out other groups.
 
     Returns a `LawChoice`, which prints as a table with a verdict, and which `jc.plot.choice` draws.
-    Raises ValueError for columns that do not match or leave their range, and what `fit` and
-    `compare_fits` raise. Source: Burnham & Anderson (2002), doi 10.1007/b97636.
+    Raises ValueError for columns that do not match or leave their range, fewer than 4 points, and
+    what `fit` and `compare_fits` raise. Source: Burnham & Anderson (2002), doi 10.1007/b97636.
     """
     v = column(velocity, "velocity", POSITIVE)
     measured = column(e, "e", RESTITUTION, len(v))
-    typical = min(max(float(np.median(measured)), 0.01), 0.999)
-    fits = {
-        CONSTANT: fit(
-            ConstantRestitution(), measured, {"e": typical}, x=v, transforms=Between(0, 1), **how
-        ),
-        "constant c": fit_damping(v, measured, contact, **how),
-        "c as a power of v": fit_damping(v, measured, contact, form="power", **how),
+    pairs = pairs_of_table(v, measured, groups)
+    pairs.needs_enough()
+    marked = find_outliers(pairs).flagged if mark_outliers else np.zeros(len(v), bool)
+    relative = np.ones_like(v)
+    if sigma is not None:
+        how["sigma"] = np.broadcast_to(np.asarray(sigma, float), v.shape) / measured
+    elif weights is not None:
+        relative = np.broadcast_to(np.asarray(weights, float), v.shape) * measured**2
+    return choose(pairs, ~marked, relative, kinds_of(law, contact.exponent), contact, **how)
+
+
+def choose(
+    pairs: Pairs,
+    use: np.ndarray,
+    weights: Floats,
+    kinds: tuple[AbstractKind, ...],
+    contact: Contact,
+    *,
+    known: frozenset[str] = frozenset({"mass", "stiffness"}),
+    group: str = "trial",
+    progress: Any = None,
+    **how: Any,
+) -> LawChoice:
+    """The choice among `kinds` on the pairs for which `use` (n,) is true; relative `weights` (n,).
+
+    Each kind has one compiled search: pairs without weight pad the data to a few lengths, and
+    everything that leaves pairs out (outliers, bands of speed) changes weights only.
+    """
+    v = pairs.velocity[use]
+    middle = float(np.median(v))
+    typical = min(max(float(np.median(pairs.restitution[use])), 0.05), 0.999)
+    reference = float(np.exp(np.mean(np.log(v))))
+    # AICc is finite for n > k + 2 only.
+    kinds = tuple(kind for kind in kinds if len(kind.transforms) + 2 < len(v))
+    data = _padded_data(pairs, use, weights, how)
+    fits: dict[str, Fit] = {}
+    for kind in kinds:
+        if progress is not None:
+            progress(f"fitting {kind.name}")
+        with jax.enable_x64(True):
+            model = LogRestitution(kind, contact, jnp.asarray(reference))
+        start = kind.start(typical, contact, reference)
+        fits[kind.name] = fit(model, start=start, transforms=kind.transforms, **data)
+    line = fit(_line, start={"level": np.log(typical), "slope": 0.0}, **data)
+    laws = tuple(_law_fit(k, fits[k.name], pairs, use, contact, known, middle) for k in kinds)
+    said = {law.kind: law.said for law in laws}
+    comparison = compared(
+        fits, _bands(pairs, use, len(data["x"])), parameters=said.__getitem__, left_out="speeds",
+        group=group,
+    )
+    found = laws[0].estimates[-1]
+    return LawChoice(
+        count=int(use.sum()),
+        candidates=comparison.candidates,
+        best=comparison.best,
+        verdict=comparison.verdict,
+        laws=laws,
+        line=_line_of(line),
+        asked=asked_of(found.value, found.standard_error),
+        fits=fits,
+        kinds=kinds,
+        contact=contact,
+        reference=reference,
+        marked=~use,
+    )
+
+
+def _padded_data(
+    pairs: Pairs, use: np.ndarray, weights: Floats, how: dict[str, Any]
+) -> dict[str, Any]:
+    sigma = how.pop("sigma", None)
+    data = {
+        "data": padded(np.log(pairs.restitution), 0.0),
+        "x": padded(pairs.velocity, float(np.median(pairs.velocity))),
+        "groups": padded(pairs.cluster, -1),
     }
-    if isinstance(contact.exponent, float) and contact.exponent == 1.5:
-        fits["Kuwabara-Kono"] = _viscous(v, measured, typical, contact, how)
-    if groups is None:
-        bands = min(_BANDS, len(v))
-        groups = np.argsort(np.argsort(v, kind="stable"), kind="stable") * bands // len(v)
-    folds = min(_BANDS, len(np.unique(np.asarray(groups))))
-    candidates = compare_fits(fits, folds=folds, groups=groups).candidates
-    constant = fits[CONSTANT]
-    error = float(constant.standard_errors["e"])
-    asked = asked_of(float(constant.params["e"]), None if math.isnan(error) else error)
-    return LawChoice(fits, candidates, asked, *_verdict(fits, candidates))
+    if sigma is not None:
+        return data | {"sigma": padded(np.where(use, sigma, np.inf), np.inf)} | how
+    return data | {"weights": padded(np.where(use, weights, 0.0), 0.0)} | how
 
 
-def _viscous(
-    v: np.ndarray, measured: np.ndarray, typical: float, contact: Contact, how: dict[str, Any]
-) -> Fit:
-    curve = Curve("kuwabara_kono", "kuwabara_kono")
-    strength = float(curve.value(curve.start(typical, float(np.exp(np.mean(np.log(v)))))))
-    frequency = (np.asarray(contact.stiffness, float) / np.asarray(contact.mass, float)) ** 0.4
-    start = {"A": strength / frequency}
-    model = DeliveredByViscosity(contact)
-    return fit(model, measured, start, x=v, transforms=Positive(), **how)
+def _bands(pairs: Pairs, use: np.ndarray, length: int) -> np.ndarray:
+    """Which of the padded points each band of speed leaves out (bands, length)."""
+    place = np.flatnonzero(use)
+    order = place[np.argsort(pairs.velocity[use], kind="stable")]
+    parts = np.zeros((min(_BANDS, len(place)), length), bool)
+    for part, band in zip(parts, np.array_split(order, len(parts)), strict=True):
+        part[band] = True
+    return parts
 
 
-def _verdict(fits: Mapping[str, Fit], candidates: tuple[Candidate, ...]) -> tuple[str | None, str]:
-    """Which kind of law to use, and why, in a few sentences."""
-    good = [c for c in candidates if c.converged]
-    if not good:
-        return None, "No fit converged."
-    best = good[0]
-    # Of equally good ones the simplest: the one with the fewest numbers, a constant e first.
-    equal = [c for c in good if c.aicc - best.aicc < 2]
-    simple = min(equal, key=lambda c: (c.k, c.name != CONSTANT))
-    how = "best" if len(equal) == 1 else "as well as any"
-    text = f"Use {simple.name}, which describes the data {how}: {_parameters(fits[simple.name])}."
-    others = [c.name for c in equal if c is not simple]
-    if others:
-        text += f" The data do not tell it from {' or '.join(others)}."
-    worse = [c for c in good if c not in equal]
-    if worse:
-        text += f" Next, {worse[0].name} is worse by {worse[0].aicc - best.aicc:.1f} in AICc."
-    brief = min(good, key=lambda c: c.bic)
-    if brief.name != simple.name:
-        gain = next(c.bic for c in good if c.name == simple.name) - brief.bic
-        text += f" BIC, which asks more of each number, prefers {brief.name} by {gain:.1f}."
-    judged = [c for c in good if not math.isnan(c.held_out)]
-    held = min(judged, key=lambda c: c.held_out, default=simple)
-    if held not in equal:
-        text += f" But speeds that were left out are predicted best by {held.name}."
-    return simple.name, text
+def _law_fit(
+    kind: AbstractKind,
+    found: Fit,
+    pairs: Pairs,
+    use: np.ndarray,
+    contact: Contact,
+    known: frozenset[str],
+    middle: float,
+) -> LawFit:
+    measured = pairs.restitution[use]
+    at_pairs = measured * np.exp(found.residuals[: len(use)][use])
+    return LawFit(
+        kind=kind.name,
+        law=kind.law,
+        estimates=kind.estimates(found, contact, known, middle),
+        errors_by="group" if found.by_group else "point",
+        identifiable=found.converged and is_identifiable(found),
+        unidentified=kind.unidentified,
+        rms=float(np.sqrt(np.mean((measured - at_pairs) ** 2))),
+        reduced_chi2=2 * found.loss / max(found.dof, 1),
+        converged=found.converged,
+        reason=found.reason,
+        steps=found.steps,
+    )
 
 
-def _parameters(found: Fit) -> str:
-    said = []
-    for name, error in found.standard_errors.items():
-        value = float(found.params[name])
-        told = "" if math.isnan(float(error)) else f" ± {float(error):.2g}"
-        said.append(f"{name} = {value:.5g}{told}")
-    return ", ".join(said)
+def _line(params: Mapping[str, Array], velocity: Float[Array, " n"]) -> Float[Array, " n"]:
+    return params["level"] + params["slope"] * velocity
+
+
+def _line_of(found: FitData) -> Line:
+    error = found.standard_errors["slope"]
+    aicc = criteria(found)[1]
+    return Line(
+        level=float(found.params["level"]),
+        slope=float(found.params["slope"]),
+        slope_error=error if np.isfinite(error) else None,
+        aicc=aicc if np.isfinite(aicc) else None,
+    )

@@ -1,152 +1,151 @@
-"""A calibration as plain numbers, for JSON."""
+"""Plain dataclasses as JSON and back: strict, and with every number to its last bit."""
 
 from __future__ import annotations
 
-import importlib.metadata
+import dataclasses
+import json
 import math
+import types
+import typing
 from typing import Any
 
-import numpy as np
-
-from .._measurements._outliers import THRESHOLD
-from .._measurements._pairs import ERROR_UNIT
-from ._calibrate import Calibration, FitSet, LawFit
-from ._report import drag_caution, drag_sentence, errors_sentence, line_sentence
-
-_PACKAGES = ("jaxcontact", "jax", "optax", "numpy")
+from .._contact import Contact
+from .._laws import AbstractLaw, describe, get_law, list_laws, parameters_of
 
 
-def to_dict(calibration: Calibration, options: dict[str, Any] | None = None) -> dict[str, Any]:
-    """Everything in the calibration as a dictionary of plain numbers, strings and lists.
-
-    Units are in the names (`_m_s`, `_s`, `_m`) or beside the value; what is not determined is None.
-    `options` are recorded as given.
-    """
-    c = calibration
-    drag = c.pairs.flight.drag
-    unit = ERROR_UNIT[c.pairs.layout]
-    return {
-        "versions": {name: _version(name) for name in _PACKAGES},
-        "options": options or {},
-        "recording": {
-            "file": c.pairs.file,
-            "layout": c.pairs.layout,
-            "ball": c.pairs.ball or None,
-            "pairs": len(c.pairs),
-            "unpaired_intervals": c.pairs.unpaired,
-            "trials": [c.pairs.cluster_names[k] for k in np.unique(c.pairs.cluster)],
-        },
-        "flight": {
-            "gravity_m_s2": c.pairs.flight.gravity,
-            "drag": None
-            if drag is None
-            else {
-                "mass_kg": drag.mass,
-                "radius_m": drag.radius,
-                "coefficient": drag.coefficient,
-                "air_density_kg_m3": drag.air_density,
-                "terminal_speed_m_s": c.pairs.flight.terminal_speed,
-            },
-            "note": "drag " + drag_sentence(c),
-        },
-        "noise": {
-            "relative": c.noise.relative,
-            "reading": None if unit is None else c.noise.reading,
-            "reading_unit": unit,
-        },
-        "outlier_rule": {
-            "threshold_robust_standard_deviations": THRESHOLD,
-            "trend": c.outliers.trend.kind,
-            "marked": int(c.outliers.flagged.sum()),
-        },
-        "pairs": [
-            {
-                "rows": sorted({int(c.pairs.first_row[k]), int(c.pairs.second_row[k])}),
-                "velocity_m_s": float(c.pairs.velocity[k]),
-                "restitution": float(c.pairs.restitution[k]),
-                "deviation": float(c.outliers.deviation[k]),
-                "marked": bool(c.outliers.flagged[k]),
-                "may_be": c.outliers.guess.get(k),
-            }
-            for k in range(len(c.pairs))
-        ],
-        "standard_errors": errors_sentence(c),
-        "caution": drag_caution(c),
-        "constant_e_laws": [
-            {
-                "law": a.law,
-                "e": a.e,
-                "standard_error": _finite(a.standard_error),
-                "delivers_at_least": a.least,
-                "delivers_at_most": a.most,
-            }
-            for a in c.asked
-        ],
-        "without_marked": _set_dict(c.kept),
-        "with_marked": _set_dict(c.everything),
-        "converged": c.converged,
-    }
+class FormatError(ValueError):
+    """A file whose content does not have the format; the message names the field."""
 
 
-def _version(package: str) -> str | None:
+def dumps(value: Any, version: int) -> str:
+    """A dataclass as JSON text; ValueError for a number that is not finite where one is needed."""
+    whole = {"format_version": version, **_encoded(value, type(value), "")}
+    return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def loads(text: str, cls: type[Any], version: int) -> Any:
+    """The dataclass in JSON text; FormatError names whatever does not match it."""
     try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return None  # run from a source tree that was never installed
+        data = json.loads(text, parse_constant=lambda name: _refuse("", f"holds {name}"))
+    except json.JSONDecodeError as error:
+        raise FormatError(f"is not JSON: {error}") from error
+    if not isinstance(data, dict) or "format_version" not in data:
+        raise FormatError("format_version is missing")
+    if data.pop("format_version") != version:
+        raise FormatError(f"format_version must be {version}")
+    return _decoded(data, cls, "")
 
 
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else value
+def _refuse(where: str, what: str) -> typing.NoReturn:
+    raise FormatError(f"{where.lstrip('.') or 'the file'} {what}")
 
 
-def _set_dict(fits: FitSet) -> dict[str, Any]:
-    return {
-        "pairs": fits.count,
-        "fits": [_fit_dict(fit) for fit in fits.fits],
-        "line": {
-            "slope_s_m": fits.line.slope,
-            "slope_standard_error_s_m": _finite(fits.line.slope_error),
-            "level": fits.line.level,
-            "aicc": _finite(fits.line.aicc),
-            "reduced_chi2": fits.line.reduced_chi2,
-            "note": line_sentence(fits),
-        },
-        "comparisons": [
-            {
-                "constant": c.constant,
-                "other": c.other,
-                "aicc_difference": c.difference,
-                "by_trial_standard_errors": _finite(c.by_trial),
-                "verdict": c.verdict,
-            }
-            for c in fits.comparisons
-        ],
-    }
+def _choices(hint: Any) -> tuple[Any, ...]:
+    return typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
 
 
-def _fit_dict(fit: LawFit) -> dict[str, Any]:
-    return {
-        "law": fit.curve.law,
-        "kind": fit.curve.kind,
-        "estimates": [
-            {
-                "name": e.name,
-                "value": e.value,
-                "standard_error": _finite(e.standard_error),
-                "unit": e.unit or None,
-            }
-            for e in fit.estimates
-        ],
-        "standard_errors": fit.error_kind,
-        "determined": fit.determined,
-        "not_identified": fit.curve.unidentified,
-        "rms_of_e": fit.rms,
-        "reduced_chi2": fit.reduced_chi2,
-        "aicc": fit.aicc,
-        "bic": fit.bic,
-        "held_out_rms": fit.held_out,
-        "converged": fit.converged,
-        "reason": fit.reason,
-        "evaluations": fit.evaluations,
-        "gradient_norm": fit.gradient_norm,
-    }
+def _hints(cls: Any) -> dict[str, Any]:
+    hints = typing.get_type_hints(cls)
+    return {field.name: hints[field.name] for field in dataclasses.fields(cls)}
+
+
+def _encoded(value: Any, hint: Any, where: str) -> Any:
+    choices = _choices(hint)
+    if types.NoneType in choices:
+        if value is None or (isinstance(value, float) and not math.isfinite(value)):
+            return None
+        (hint,) = (choice for choice in choices if choice is not types.NoneType)
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is tuple:
+        return [_encoded(v, inner[0], f"{where}[{i}]") for i, v in enumerate(value)]
+    if origin is dict:
+        return {name: _encoded(v, inner[1], f"{where}.{name}") for name, v in value.items()}
+    if hint is AbstractLaw:
+        return _law_numbers(value)
+    if hint is Contact:
+        return {name: float(getattr(value, name)) for name in _CONTACT}
+    if dataclasses.is_dataclass(hint):
+        return {
+            name: _encoded(getattr(value, name), own, f"{where}.{name}")
+            for name, own in _hints(hint).items()
+        }
+    if hint is float and not math.isfinite(value):
+        raise ValueError(f"Cannot be saved: {where.lstrip('.')} is {value!r}.")
+    return hint(value)
+
+
+def _decoded(value: Any, hint: Any, where: str) -> Any:
+    choices = _choices(hint)
+    if types.NoneType in choices:
+        if value is None:
+            return None
+        (hint,) = (choice for choice in choices if choice is not types.NoneType)
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is tuple:
+        _expect(value, list, "a list", where)
+        return tuple(_decoded(v, inner[0], f"{where}[{i}]") for i, v in enumerate(value))
+    if origin is dict:
+        _expect(value, dict, "an object", where)
+        return {name: _decoded(v, inner[1], f"{where}.{name}") for name, v in value.items()}
+    if hint is AbstractLaw:
+        return _law_of(value, where)
+    if hint is Contact:
+        _fields(value, _CONTACT, where)
+        numbers = {name: _decoded(value[name], float, f"{where}.{name}") for name in _CONTACT}
+        return _made(lambda: Contact(**numbers), where)
+    if dataclasses.is_dataclass(hint):
+        hints = _hints(hint)
+        _fields(value, hints, where)
+        return hint(**{n: _decoded(value[n], own, f"{where}.{n}") for n, own in hints.items()})  # pyright: ignore[reportCallIssue]
+    if hint is float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            _refuse(where, f"must be a number, but is {value!r}")
+        if not math.isfinite(value):
+            _refuse(where, f"must be finite, but is {value!r}")
+        return float(value)
+    if type(value) is not hint:
+        _refuse(where, f"must be of type {hint.__name__}, but is {value!r}")
+    return value
+
+
+def _expect(value: Any, kind: type, name: str, where: str) -> None:
+    if not isinstance(value, kind):
+        _refuse(where, f"must be {name}, but is {value!r}")
+
+
+def _fields(value: Any, wanted: Any, where: str) -> None:
+    _expect(value, dict, "an object", where)
+    for name in value:
+        if name not in wanted:
+            _refuse(f"{where}.{name}", f"is unknown; known are {', '.join(wanted)}")
+    for name in wanted:
+        if name not in value:
+            _refuse(f"{where}.{name}", "is missing")
+
+
+_CONTACT = ("mass", "stiffness", "exponent")
+
+
+def _law_numbers(law: AbstractLaw) -> dict[str, Any]:
+    name = next(n for n in list_laws() if describe(n).cls is type(law))
+    parameters = {p: float(getattr(law, p)) for p in parameters_of(name)}
+    return {"name": name, "parameters": parameters, "tension": law.tension}
+
+
+def _law_of(value: Any, where: str) -> AbstractLaw:
+    _fields(value, ("name", "parameters", "tension"), where)
+    name, tension = value["name"], value["tension"]
+    if name not in list_laws():
+        _refuse(f"{where}.name", f"must be one of {', '.join(list_laws())}, but is {name!r}")
+    _expect(tension, bool, "true or false", f"{where}.tension")
+    given, wanted = value["parameters"], parameters_of(name)
+    _fields(given, wanted, f"{where}.parameters")
+    numbers = {p: _decoded(given[p], float, f"{where}.parameters.{p}") for p in wanted}
+    return _made(lambda: get_law(name, **numbers, tension=tension), where)
+
+
+def _made(make: typing.Callable[[], Any], where: str) -> Any:
+    try:
+        return make()
+    except ValueError as error:
+        _refuse(where, f"is out of range: {error}")

@@ -2,299 +2,217 @@
 
 from __future__ import annotations
 
-import math
-import textwrap
-
-import numpy as np
-
-from .._measurements._outliers import THRESHOLD
-from .._measurements._pairs import ERROR_UNIT
-from .._measurements._recording import SHIPPED
-from ._calibrate import Calibration, Estimate, FitSet, LawFit
-from ._statistics import LEAST_CLUSTERS
+from .._measurements import Layout, layout_of
+from .._text_table import text_table, wrapped
+from ._choice import ChoiceData
+from ._estimate import Estimate
+from ._summary import CalibrationSummary, contact_note
 
 _NOISE_NOTE = (
     "the scatter was fitted to the same pairs about a free trend: a reduced chi² near 1 says that "
-    "a law does as well as that trend, not that the noise is understood"
+    "a law describes them as well as that trend, not that the noise is understood"
 )
 
-_SPEED_BINS = 5
-_WIDTH = 100
-_INDENT = 11
 
-
-def _wrap(head: str, text: str) -> list[str]:
-    return textwrap.wrap(
-        text,
-        _WIDTH,
-        initial_indent=f"{head:<{_INDENT}}",
-        subsequent_indent=" " * _INDENT,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-
-
-def report(calibration: Calibration) -> str:
-    """The calibration as text for people: data, marked pairs, fits, comparison, what stays open."""
+def report(summary: CalibrationSummary) -> str:
+    """The calibration as text: data, marked pairs, fits, comparison, what e(v) leaves open."""
+    layout = layout_of(summary.recording.layout)
     parts = [
-        _data(calibration),
-        _marked(calibration),
-        _fits(calibration),
-        _by_speed(calibration),
-        _comparison(calibration),
-        _asked(calibration),
-        _side_by_side(calibration),
-        _open_questions(calibration),
+        _data(summary, layout),
+        _marked(summary),
+        _fits(summary, layout),
+        _by_speed(summary),
+        _choice(summary, layout),
+        _equivalents(summary.choice),
+        _side_by_side(summary),
+        _open_questions(summary),
     ]
     return "\n\n".join("\n".join(lines) for lines in parts if lines) + "\n"
 
 
-def _data(c: Calibration) -> list[str]:
-    p = c.pairs
-    made_of = {
-        "intervals": "successive bounce intervals",
-        "heights": "drop and rebound heights",
-        "table": "rows of speed and restitution",
-    }[p.layout]
-    shipped = ", shipped with the package" if p.file == SHIPPED else ""
+def _data(s: CalibrationSummary, layout: Layout) -> list[str]:
+    r = s.recording
+    speeds = [pair.velocity for pair in s.pairs]
     lines = [
-        f"Recording  {p.file}{shipped}" + (f", ball {p.ball}" if p.ball else ""),
-        *_wrap(
+        *wrapped("Recording", r.source + (f", ball {r.ball}" if r.ball else "")),
+        *wrapped(
             "Pairs",
-            f"{len(p)} of approach speed and e, from {made_of}; {p.velocity.min():.3g} to "
-            f"{p.velocity.max():.3g} m/s, {len(np.unique(p.cluster))} {_clusters(c)}",
+            f"{r.pairs} of approach speed and e, from {layout.made_of}; {min(speeds):.3g} to "
+            f"{max(speeds):.3g} m/s, {len(r.trials)} {layout.groups}",
         ),
     ]
-    if p.unpaired:
-        lines.append(f"           {p.unpaired} intervals have no successor and make no pair")
-    lines += _wrap("Air drag", drag_sentence(c))
-    lines += _wrap("Scatter", _scatter(c))
-    return lines
+    if r.unpaired:
+        lines += wrapped("", f"{r.unpaired} intervals have no successor and make no pair")
+    reading = layout.reading_error(s.noise.reading) if s.noise.reading is not None else ""
+    scatter = f"{100 * s.noise.relative:.2g} % of e{reading and ', and ' + reading}"
+    return [
+        *lines,
+        *wrapped("Air drag", drag_sentence(s, layout)),
+        *wrapped("Scatter", f"{scatter} (fitted to the pairs that were kept)"),
+    ]
 
 
-def _clusters(c: Calibration) -> str:
-    return {"intervals": "trials", "heights": "drop heights", "table": "rows"}[c.pairs.layout]
-
-
-def drag_sentence(c: Calibration) -> str:
+def drag_sentence(s: CalibrationSummary, layout: Layout) -> str:
     """Whether and how the drag of the air was taken out of the flights."""
-    if c.pairs.layout == "table":
+    if not layout.has_flights:
         return "plays no part: a table gives the speeds at the impact itself"
-    drag = c.pairs.flight.drag
-    if drag is None:
+    if s.drag is None:
         return (
-            "is left in: e holds what the air takes in flight, and for a light ball a trend of "
-            "e with speed is mostly that; give --mass --radius --drag-coefficient to "
-            "take it out"
+            "is left in: e contains what the air takes in flight, and for a light ball a trend of "
+            "e with speed is mostly that; give --mass --radius --drag-coefficient (in Python "
+            "`drag`) to take it out"
         )
     return (
-        f"taken out of the flights: quadratic, terminal speed {c.pairs.flight.terminal_speed:.3g} "
-        f"m/s (mass {drag.mass:g} kg, radius {drag.radius:g} m, coefficient "
-        f"{drag.coefficient:g}, air {drag.air_density:g} kg/m³; "
-        "standard errors below hold no error of these)"
+        f"taken out of the flights: quadratic, terminal speed {s.drag.terminal_speed:.3g} m/s "
+        f"(mass {s.drag.mass:g} kg, radius {s.drag.radius:g} m, coefficient "
+        f"{s.drag.coefficient:g}, air {s.drag.air_density:g} kg/m³; "
+        "standard errors below contain no error of these)"
     )
 
 
-def _scatter(c: Calibration) -> str:
-    unit = ERROR_UNIT[c.pairs.layout]
-    text = f"{100 * c.noise.relative:.2g} % of e"
-    if unit == "s":
-        text += f", and {1e3 * c.noise.reading:.2g} ms in each trigger time"
-    elif unit == "m":
-        text += f", and {1e3 * c.noise.reading:.2g} mm in each height"
-    return text + " (fitted to the pairs that were kept)"
-
-
-def _marked(c: Calibration) -> list[str]:
-    flagged = np.flatnonzero(c.outliers.flagged)
-    if not len(flagged):
-        return [
-            f"Marked     none of {len(c.pairs)} pairs is more than {THRESHOLD:g} robust standard "
-            "deviations off the trend"
-        ]
-    lines = [
-        f"Marked     {len(flagged)} of {len(c.pairs)} pairs are more than {THRESHOLD:g} robust "
-        "standard deviations off the trend",
+def _marked(s: CalibrationSummary) -> list[str]:
+    flagged = [pair for pair in s.pairs if pair.marked]
+    rule = f"more than {s.threshold:g} robust standard deviations off the trend"
+    if not flagged:
+        return [f"Marked     none of {len(s.pairs)} pairs is {rule}"]
+    rows = [
+        (
+            ", ".join(map(str, pair.rows)),
+            f"{pair.velocity:.3f}",
+            f"{pair.restitution:.3f}",
+            f"{pair.deviation:+.1f}",
+            pair.may_be or "",
+        )
+        for pair in flagged
+    ]
+    header = ("rows", "v (m/s)", "e", "deviation", "may be")
+    return [
+        f"Marked     {len(flagged)} of {len(s.pairs)} pairs are {rule}",
         "           and are left out of the fits (shown with them further down)",
-        f"  {'rows':<13}{'v (m/s)':>8}{'e':>8}{'deviation':>11}   may be",
+        *text_table(rows, header=header, align="<>>><", indent=2),
     ]
-    for k in flagged:
-        rows = f"{c.pairs.first_row[k]}"
-        if c.pairs.second_row[k] != c.pairs.first_row[k]:
-            rows += f", {c.pairs.second_row[k]}"
-        lines.append(
-            f"  {rows:<13}{c.pairs.velocity[k]:>8.3f}{c.pairs.restitution[k]:>8.3f}"
-            f"{c.outliers.deviation[k]:>+11.1f}   {c.outliers.guess[int(k)]}"
-        )
-    return lines
 
 
-def with_error(estimate: Estimate) -> str:
-    """`0.8799 ± 0.0010 unit`, the error with two digits; without one, that it is not determined."""
-    unit = f" {estimate.unit}" if estimate.unit else ""
-    if estimate.standard_error is None:
-        return f"{estimate.value:.3g}{unit} (not determined)"
-    error = estimate.standard_error
-    if not error > 0:
-        return f"{estimate.value:.6g} ± 0{unit}"
-    places = 1 - math.floor(math.log10(error))
-    if 0 <= places <= 6 and abs(estimate.value) < 1e6:
-        return f"{estimate.value:.{places}f} ± {error:.{places}f}{unit}"
-    # As many digits of the value as the error warrants.
-    size = math.floor(math.log10(abs(estimate.value))) if estimate.value else 0
-    digits = max(size + places, 0)
-    return f"{estimate.value:.{digits}e} ± {error:.1e}{unit}"
-
-
-def errors_sentence(c: Calibration) -> str:
+def errors_sentence(s: CalibrationSummary, layout: Layout) -> str:
     """How the standard errors were found, and what they allow for."""
-    if any(fit.error_kind == "by pair" for fit in c.kept.fits):
+    if any(law.errors_by == "point" for law in s.choice.laws):
         return (
-            f"take pairs as independent: fewer than {LEAST_CLUSTERS} {_clusters(c)} cannot tell "
-            "how they are correlated"
+            f"take pairs as independent: fewer than 8 {layout.groups} cannot tell how they are "
+            "correlated"
         )
-    if c.pairs.layout == "table":
-        return "by row (sandwich), which allows for scatter that differs from row to row"
-    if c.pairs.layout == "heights":
-        return "by drop height (cluster-robust sandwich): drops from one height share its error"
-    return (
-        "by trial (cluster-robust sandwich): successive ratios share an interval and are "
-        "correlated within a trial, which this allows for"
-    )
+    return layout.errors_by_group
 
 
-def _fits(c: Calibration) -> list[str]:
-    lines = _wrap("Fits", f"standard errors {errors_sentence(c)}")
-    lines += _wrap("", _NOISE_NOTE)
-    for fit in c.kept.fits:
-        lines.append(f"  {fit.curve.label}")
-        for estimate in fit.estimates:
-            lines.append(f"    {estimate.name:<16}{with_error(estimate)}")
+def _fits(s: CalibrationSummary, layout: Layout) -> list[str]:
+    lines = wrapped("Fits", f"standard errors {errors_sentence(s, layout)}")
+    lines += wrapped("", _NOISE_NOTE)
+    aicc = {c.name: c.aicc for c in s.choice.candidates}
+    for law in s.choice.laws:
+        lines.append(f"  {law.kind}")
+        lines += [f"    {e.name:<16}{e}" for e in law.estimates]
         lines.append(
-            f"    {'residual':<16}rms of e {fit.rms:.4f}; reduced chi² {fit.reduced_chi2:.2f}; "
-            f"AICc {fit.aicc:.1f}"
+            f"    {'residual':<16}rms of e {law.rms:.4f}; reduced chi² {law.reduced_chi2:.2f}; "
+            f"AICc {aicc[law.kind]:.1f}"
         )
-        lines.append(f"    {'converged':<16}{_convergence(fit)}")
-        if not fit.determined:
-            lines.append(
-                "    the best value lies at the edge of the law's range: not determined by the data"
-            )
+        answer = "yes" if law.converged else "NO"
+        lines.append(f"    {'converged':<16}{answer}, in {law.steps} steps: {law.reason}")
+        if law.converged and not law.identifiable:
+            lines.append("    the best value lies at the edge of the law's range: not identifiable")
     return lines
 
 
-def _convergence(fit: LawFit) -> str:
-    answer = "yes" if fit.converged else "NO"
-    return (
-        f"{answer}: {fit.reason} (gradient {fit.gradient_norm:.1e} after {fit.evaluations} "
-        "evaluations)"
-    )
-
-
-def _by_speed(c: Calibration) -> list[str]:
-    keep = ~c.outliers.flagged
-    v, e = c.pairs.velocity[keep], c.pairs.restitution[keep]
-    if len(v) < 2 * _SPEED_BINS or v.max() == v.min():
+def _by_speed(s: CalibrationSummary) -> list[str]:
+    if not s.by_speed:
         return []
-    order = np.argsort(v, kind="stable")
-    names = [_short(fit) for fit in c.kept.fits]
-    head = "".join(f"{name:>18}" for name in names)
-    lines = [
+    kinds = [law.kind for law in s.choice.laws]
+    rows = [
+        (
+            f"{band.velocity:.3f}",
+            str(band.pairs),
+            f"{band.restitution:.4f}",
+            *(f"{band.fits[kind]:.4f}" for kind in kinds),
+        )
+        for band in s.by_speed
+    ]
+    header = ("v (m/s)", "pairs", "e", *kinds)
+    return [
         "By speed   medians of the kept pairs, and the fits there",
-        f"  {'v (m/s)':>8}{'pairs':>7}{'e':>8}{head}",
+        *text_table(rows, header=header, align=">" * len(header), indent=2),
     ]
-    for chunk in np.array_split(order, _SPEED_BINS):
-        middle = float(np.median(v[chunk]))
-        fits = "".join(f"{np.interp(middle, c.grid, fit.grid):>18.4f}" for fit in c.kept.fits)
-        lines.append(f"  {middle:>8.3f}{len(chunk):>7}{np.median(e[chunk]):>8.4f}{fits}")
-    return lines
 
 
-def _short(fit: LawFit) -> str:
-    return fit.curve.law if fit.curve.kind != "constant" else f"constant ({fit.curve.law})"
+def _choice(s: CalibrationSummary, layout: Layout) -> list[str]:
+    lines = wrapped(
+        "Choice",
+        "lower is better; held out: root mean square of residual over noise, at speeds left out",
+    )
+    lines += ["  " + line for line in s.choice.table().splitlines()]
+    for sentence in (s.choice.verdict, line_sentence(s.choice), drag_caution(s, layout)):
+        if sentence:
+            lines += wrapped("", sentence)
+    law = f"the law is {s.law!r}, for {s.contact!r}" if s.law else "no fit converged"
+    note = f" ({contact_note(s.given)})" if len(s.given) < 2 else ""
+    return lines + wrapped("Result", law + note)
 
 
-def _comparison(c: Calibration) -> list[str]:
-    fits = sorted(c.kept.fits, key=lambda fit: fit.aicc)
-    least = min(fit.bic for fit in fits)
-    lines = [
-        "Choice     the less the better; held out: rms residual over its noise of pairs of speeds "
-        "left out",
-        f"  {'':<24}{'ΔAICc':>8}{'ΔBIC':>8}{'held out':>10}",
-    ]
-    lines += [
-        f"  {fit.curve.label:<24}{fit.aicc - fits[0].aicc:>8.1f}{fit.bic - least:>8.1f}"
-        f"{fit.held_out:>10.3f}"
-        for fit in fits
-    ]
-    told = []
-    for comparison in c.kept.comparisons:
-        told += _wrap("" if told else "Compared", comparison.verdict)
-    lines += told
-    lines += _wrap("", line_sentence(c.kept))
-    caution = drag_caution(c)
-    return lines + (_wrap("", caution) if caution else [])
-
-
-def _asked(c: Calibration) -> list[str]:
-    delivered = c.kept.fits[0].estimates[-1]
-    able = [f"{a.law} {a.e:.4f}" for a in c.asked if a.e is not None]
-    unable = [f"{a.law} ({a.least:.3f} at least)" for a in c.asked if a.e is None]
-    text = f"for a constant e of {delivered.value:.4f} ask {', '.join(able)}"
+def _equivalents(choice: ChoiceData) -> list[str]:
+    e = choice.laws[0].estimates[-1].value
+    able = [f"{a.law} {a.e:.4f}" for a in choice.asked if a.e is not None]
+    unable = [f"{a.law} ({a.least:.3f} at least)" for a in choice.asked if a.e is None]
+    text = f"laws deliver a constant e of {e:.4f} where their parameter e is: {', '.join(able)}"
     if unable:
         text += f"; not within reach of {', '.join(unable)}"
-    return _wrap("Law's e", text)
+    return wrapped("Law's e", text)
 
 
-def drag_caution(c: Calibration) -> str | None:
-    """A warning where a fall of e with speed was found while the drag of the air was left in."""
-    if c.pairs.layout == "table" or c.pairs.flight.drag is not None:
+def drag_caution(s: CalibrationSummary, layout: Layout) -> str | None:
+    """A warning where e falls with speed while the drag of the air was left in."""
+    error = s.choice.line.slope_error
+    if not layout.has_flights or s.drag is not None or error is None:
         return None
-    if c.kept.line.slope > -2 * c.kept.line.slope_error:
+    if s.choice.line.slope > -2 * error:
         return None
     return "the drag of the air is left in: the fall of e with speed may be drag, not the contact"
 
 
-def line_sentence(fits: FitSet) -> str:
-    """The trend of a free straight line beside the laws, and whether it does clearly better."""
-    line = fits.line
-    if not math.isfinite(line.slope_error):
-        return "there is only one speed, so nothing tells a trend with speed"
+def line_sentence(choice: ChoiceData) -> str:
+    """The trend of a straight line beside the laws, and whether it describes the data better."""
+    line = choice.line
+    if line.slope_error is None:
+        return "there is only one speed, so a trend with speed is not identifiable"
     trend = (
-        f"a free line (no law) has d ln e/dv = {line.slope:+.4f} ± {line.slope_error:.4f} per m/s"
+        f"a straight line (no law) has d ln e/dv = {line.slope:+.4f} ± {line.slope_error:.4f} "
+        "per m/s"
     )
-    best = min(fits.fits, key=lambda fit: fit.aicc)
-    gain = best.aicc - line.aicc
+    if line.aicc is None:
+        return trend
+    gain = min(c.aicc for c in choice.candidates) - line.aicc
     if gain > 2:
         return f"{trend}; its AICc is {gain:.1f} below the best law: no law here has that trend"
     return f"{trend}; it is no clear gain over the best law (AICc {-gain:+.1f})"
 
 
-def _side_by_side(c: Calibration) -> list[str]:
-    if not c.outliers.flagged.any():
+def _side_by_side(s: CalibrationSummary) -> list[str]:
+    if not any(pair.marked for pair in s.pairs):
         return []
-    lines = [
+    rows = []
+    for without, everything in zip(s.choice.laws, s.with_marked.laws, strict=True):
+        first: tuple[Estimate, Estimate] = (without.estimates[0], everything.estimates[0])
+        rows.append((f"{without.kind}: {first[0].name}", str(first[0]), str(first[1])))
+        chi2 = (f"{without.reduced_chi2:.2f}", f"{everything.reduced_chi2:.3g}")
+        rows.append(("  reduced chi²", *chi2))
+    header = ("", f"without ({s.choice.count})", f"with ({s.with_marked.count})")
+    bad = [law.kind for law in s.with_marked.laws if not law.converged]
+    return [
         "With and without the marked pairs",
-        f"  {'':<24}{f'without ({c.kept.count})':<34}with ({c.everything.count})",
+        *text_table(rows, header=header, indent=2),
+        *([f"  NOT converged with the marked pairs: {', '.join(bad)}"] if bad else []),
     ]
-    for without, everything in zip(c.kept.fits, c.everything.fits, strict=True):
-        for a, b in zip(without.estimates[:1], everything.estimates[:1], strict=True):
-            name = f"{_short(without)}: "
-            lines.append(f"  {name:<24}{with_error(a):<34}{with_error(b)}")
-            lines.append(
-                f"  {'  reduced chi²':<24}{without.reduced_chi2:<34.2f}"
-                f"{everything.reduced_chi2:.3g}"
-            )
-    bad = [fit.curve.label for fit in c.everything.fits if not fit.converged]
-    if bad:
-        lines.append(f"  NOT converged with the marked pairs: {', '.join(bad)}")
-    return lines
 
 
-def _open_questions(c: Calibration) -> list[str]:
-    lines = ["What e(v) alone cannot say"]
-    for fit in c.kept.fits:
-        lines.append(f"  {_short(fit)}: {fit.curve.unidentified}")
-    given = c.mass is not None and c.stiffness is not None
-    if not given and any(fit.curve.kind != "constant" for fit in c.kept.fits):
-        lines.append("  give --stiffness for c, and --mass with it for A")
+def _open_questions(s: CalibrationSummary) -> list[str]:
+    lines = ["What e(v) alone leaves open"]
+    lines += [f"  {law.kind}: {law.unidentified}" for law in s.choice.laws]
+    if len(s.given) < 2:
+        lines.append("  give --stiffness for c, and --mass with it for A (in Python: arguments)")
     return lines

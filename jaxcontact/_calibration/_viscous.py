@@ -1,9 +1,9 @@
 """Restitution of the Kuwabara-Kono contact, as a polynomial in the one number it depends on.
 
-In units of the closing speed the impact knows one number, s = A (K/m)^(2/5) v0^(1/5). A fit asks
-for e at hundreds of speeds, again and again, with derivatives; ln e(s) is smooth, so its values at
-two dozen Chebyshev nodes, solved once, say it all. The adaptive solve itself would not do: where it
-changes its steps its outcome jumps by its tolerance, and a line search ends there.
+In units of the closing speed the impact depends on one number, s = A (K/m)^(2/5) v0^(1/5). A fit
+needs e at hundreds of speeds, many times, with derivatives; ln e(s) is smooth, so a Chebyshev
+series through two dozen solved impacts serves for all of them. The adaptive solve itself would not
+do: its outcome jumps by its tolerance where its steps change, which stops a line search.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._contact import Contact
+from .._elementary import chebyshev
 from .._impact import restitution
 from .._laws import KuwabaraKono
 
@@ -31,7 +32,7 @@ solve."""
 def _coefficients() -> tuple[float, ...]:
     """Chebyshev coefficients of ln e on [0, `STRONGEST`]."""
     nodes = np.cos((np.arange(_NODES) + 0.5) * np.pi / _NODES)
-    # Also when first asked for while a fit is being traced: these are numbers, not its inputs.
+    # Concrete numbers, even when the first call comes while a fit is being traced.
     with jax.ensure_compile_time_eval(), jax.enable_x64(True):
         strengths = jnp.asarray((nodes + 1) / 2 * STRONGEST)
         e = restitution(KuwabaraKono(A=strengths), Contact(1.0, 1.0, 1.5), 1.0)
@@ -43,13 +44,8 @@ def _coefficients() -> tuple[float, ...]:
 def viscous_restitution(strength: Float[Array, "..."]) -> Float[Array, "..."]:
     """e for s = A (K/m)^(2/5) v0^(1/5), dimensionless, n = 3/2; differentiable.
 
-    Relative error 2e-9. Below 0 and above `STRONGEST` it stays at its value there. Source: Kuwabara
+    Relative error 2e-9. Below 0 and above `STRONGEST` it keeps its value there. Source: Kuwabara
     & Kono (1987), doi 10.1143/JJAP.26.1230.
     """
     x = jnp.clip(strength, 0.0, STRONGEST) * (2 / STRONGEST) - 1
-    # Clenshaw's recurrence.
-    last, before = jnp.zeros_like(x), jnp.zeros_like(x)
-    first, *others = _coefficients()
-    for coefficient in reversed(others):
-        last, before = coefficient + 2 * x * last - before, last
-    return jnp.exp(first + x * last - before)
+    return jnp.exp(chebyshev(_coefficients(), x))

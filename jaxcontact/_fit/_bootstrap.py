@@ -1,21 +1,17 @@
-"""Refitting simulated data."""
+"""Fits to data simulated from a fit."""
 
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ._data import FitData
 from ._found import Found, found_from
 from ._problem import Problem
-
-if TYPE_CHECKING:
-    from ._result import Fit
 
 _STEPS = 100
 _FEWEST = 2
@@ -23,7 +19,7 @@ _FEWEST = 2
 
 @dataclasses.dataclass(frozen=True)
 class Bootstrap:
-    """Refits of simulated data: `values` (draws, k), and which of them `converged` (draws,)."""
+    """Fits to simulated data: `values` (draws, k), and which of them `converged` (draws,)."""
 
     names: tuple[str, ...]
     values: np.ndarray
@@ -31,12 +27,12 @@ class Bootstrap:
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """The standard deviation of each number over the draws that converged."""
+        """The standard deviation of each parameter over the draws that converged."""
         spread = self.values[self.converged].std(axis=0, ddof=1)
         return dict(zip(self.names, spread.tolist(), strict=True))
 
     def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """The percentile interval of each number."""
+        """The percentile interval of each parameter."""
         if not 0 < level < 1:
             raise ValueError(f"Argument `level` must be in (0, 1), but is {level!r}.")
         ends = np.quantile(
@@ -53,7 +49,7 @@ class Bootstrap:
         return "\n".join(lines)
 
 
-def bootstrap(fit: Fit, draws: int, seed: int) -> Bootstrap:
+def bootstrap(fit: FitData, draws: int, seed: int) -> Bootstrap:
     """The draws of `Fit.bootstrap`."""
     if not isinstance(draws, int) or draws < _FEWEST:
         raise ValueError(f"Argument `draws` must be at least {_FEWEST}, but is {draws!r}.")
@@ -61,8 +57,8 @@ def bootstrap(fit: Fit, draws: int, seed: int) -> Bootstrap:
         raise ValueError(f"A fit that did not converge has no bootstrap: {fit.reason}.")
     if not np.isfinite(fit.noise):
         raise ValueError(
-            "Argument `sigma` of `fit` must be given for a bootstrap where no degree of freedom "
-            "is left to tell the size of the noise."
+            "Argument `sigma` of `fit` must be given for a bootstrap without degrees of freedom, "
+            "which leave the size of the noise unknown."
         )
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         theta = jnp.asarray(fit.theta)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+import operator
+from collections.abc import Callable, Mapping
 
 import equinox as eqx
 import jax
@@ -12,21 +13,30 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+from .._text_table import text_table
+from ._data import FitData
 from ._found import find
+from ._inference import LEAST_GROUPS
 from ._problem import Problem
-from ._result import Fit
 from ._solve import MOST_STEPS, PATIENCE
+from ._target import groups_of
 
-_AS_GOOD = 2.0
+CLEAR_AICC = 2.0
 """Below this difference of AICc two fits count as equally good (Burnham & Anderson 2002)."""
+
+CLEAR_ADVANTAGE = 2.0
+"""The same for the advantage summed over groups, in its standard errors."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """One fit among others: k numbers, and three ways to judge it, the less the better.
+    """One fit among others: k identifiable parameters, and four measures; lower is better.
 
     `aicc` and `bic` up to a constant that all share; `held_out`, the root mean square of the
-    standardised residuals of points that were left out (plain residuals without `sigma`).
+    standardised residuals of points that were left out (plain residuals without `sigma`), None
+    where a fit without them did not converge; `behind`, the advantage of the fit of lowest AICc over this
+    one, summed over groups of points, in its standard errors (Vuong's test; None for that fit
+    itself, and with fewer than 8 groups).
     """
 
     name: str
@@ -34,60 +44,142 @@ class Candidate:
     loss: float
     aicc: float
     bic: float
-    held_out: float
+    held_out: float | None
+    behind: float | None
     converged: bool
 
 
 @dataclasses.dataclass(frozen=True)
 class Comparison:
-    """Fits to the same data in the order of AICc, and what follows, in words."""
+    """Fits to the same data in the order of AICc; `best`, the name of the one to use, and why.
+
+    `best` is the simplest of those that describe the data equally well: whose AICc is less than 2
+    above the lowest, or whose disadvantage is below two of its standard errors by group. None where
+    no fit converged.
+    """
 
     candidates: tuple[Candidate, ...]
+    best: str | None
     verdict: str
 
     def __repr__(self) -> str:
-        width = max(len(c.name) for c in self.candidates)
-        best = min(c.aicc for c in self.candidates)
-        bic = min(c.bic for c in self.candidates)
-        lines = [f"{'':{width}}   k        loss    ΔAICc     ΔBIC  held-out rms"]
-        for c in self.candidates:
-            note = "" if c.converged else "  not converged"
-            lines.append(
-                f"{c.name:{width}}  {c.k:2d}  {c.loss:10.5g} {c.aicc - best:8.2f} "
-                f"{c.bic - bic:8.2f}  {c.held_out:12.5g}{note}"
-            )
-        return "\n".join([*lines, self.verdict])
+        return "\n".join([*table(self.candidates), self.verdict])
+
+
+def table(
+    candidates: tuple[Candidate, ...], parameters: Callable[[str], str] | None = None
+) -> list[str]:
+    """The candidates as lines of text, with their `parameters` in words if given."""
+    head = ("", "k", "loss", "ΔAICc", "ΔBIC", "held out", *(["parameters"] if parameters else []))
+    aicc = min(c.aicc for c in candidates)
+    bic = min(c.bic for c in candidates)
+    rows = [
+        (
+            c.name,
+            str(c.k),
+            f"{c.loss:.5g}",
+            f"{c.aicc - aicc:.2f}",
+            f"{c.bic - bic:.2f}",
+            "-" if c.held_out is None else f"{c.held_out:.4g}",
+            *([parameters(c.name)] if parameters else []),
+        )
+        for c in candidates
+    ]
+    lines = text_table(rows, header=head, align="<>>>>><")
+    notes = ["", *("" if c.converged else "  not converged" for c in candidates)]
+    return [line + note for line, note in zip(lines, notes, strict=True)]
 
 
 def compare_fits(
-    fits: Mapping[str, Fit], *, folds: int = 5, groups: ArrayLike | None = None, seed: int = 0
+    fits: Mapping[str, FitData],
+    *,
+    folds: int = 5,
+    groups: ArrayLike | None = None,
+    seed: int = 0,
 ) -> Comparison:
     """Compare fits to the same data: AICc, BIC, and the error at points that were left out.
 
     With known noise AIC = 2 loss + 2k, without it n ln(2 loss/n) + 2(k+1), and AICc adds the
-    small-sample term; k counts what the data determine. Cross-validation fits again without one of
-    `folds` parts, drawn from `seed` or, with `groups` (points,), made of whole groups (the trials
-    of an experiment, say), so that points of one group never stand on both sides.
+    small-sample term; k counts the identifiable parameters. Cross-validation fits again without one
+    of `folds` parts, drawn from `seed` or, with `groups` (points,), made of whole groups (the
+    trials of an experiment, say), so that points of one group never stand on both sides. The
+    `groups` that the fits were given decide whether a difference of AICc is clear by group, too.
 
     Arguments: the `fits` by name, with the same data and weights. Returns a `Comparison`, which
     prints as a table with a verdict. Raises ValueError for fewer than two fits, fits to other data,
     and robust fits that found their own scale, which cannot be compared.
-    Source: Burnham & Anderson (2002), doi 10.1007/b97636.
+    Source: Burnham & Anderson (2002), doi 10.1007/b97636; Vuong (1989), doi 10.2307/1912557.
     """
-    _check(fits, folds)
-    first = next(iter(fits.values()))
-    used = np.asarray(first.problem.factor) > 0
-    parts = _parts(used, folds, groups, seed)
-    found = [_candidate(name, fit, parts, int(used.sum())) for name, fit in fits.items()]
-    found.sort(key=lambda c: (not c.converged, c.aicc))
-    return Comparison(tuple(found), _verdict(found))
-
-
-def _check(fits: Mapping[str, Fit], folds: int) -> None:
-    if len(fits) < 2:
-        raise ValueError(f"Argument `fits` must hold at least two fits, but holds {len(fits)}.")
     if not isinstance(folds, int) or folds < 2:
         raise ValueError(f"Argument `folds` must be at least 2, but is {folds!r}.")
+    _check(fits)
+    used = np.asarray(next(iter(fits.values())).problem.factor) > 0
+    return compared(fits, _parts(used, folds, groups, seed))
+
+
+def compared(
+    fits: Mapping[str, FitData],
+    parts: Bool[np.ndarray, "folds n"],
+    *,
+    parameters: Callable[[str], str] | None = None,
+    left_out: str = "points",
+    group: str = "group",
+) -> Comparison:
+    """The comparison of fits by the points that `parts` leave out.
+
+    `parameters` gives those of a fit in words, for the verdict; `left_out` and `group` are what
+    the verdict calls the parts and the groups.
+    """
+    _check(fits)
+    found = sorted(
+        (_candidate(name, fit, parts) for name, fit in fits.items()),
+        key=lambda c: (not c.converged, c.aicc),
+    )
+    first = fits[found[0].name]
+    found = tuple(
+        dataclasses.replace(c, behind=advantage(first, fits[c.name]) if c is not found[0] else None)
+        for c in found
+    )
+    return Comparison(found, *_verdict(found, parameters, left_out, group))
+
+
+def criteria(fit: FitData) -> tuple[int, float, float]:
+    """The number of identifiable parameters, AICc and BIC, as `compare_fits` defines them."""
+    n = int(np.count_nonzero(fit.problem.factor))
+    k = n - fit.dof
+    if fit.absolute:
+        deviance, counted = 2 * fit.loss, k
+    else:
+        # Data without noise are fitted exactly; the logarithm needs a positive number.
+        deviance, counted = n * math.log(max(2 * fit.loss / n, 1e-300)), k + 1
+    small = 2 * counted * (counted + 1) / (n - counted - 1) if n > counted + 1 else math.inf
+    return k, deviance + 2 * counted + small, deviance + counted * math.log(n)
+
+
+def advantage(fit: FitData, other: FitData) -> float | None:
+    """How many standard errors, by group, a fit is better than another (Vuong's test).
+
+    The advantage ½ (z'² - z²) of each point, in units of the mean square residual, is summed within
+    each group; the result is the total over its standard error. None with fewer than
+    `LEAST_GROUPS` groups, or where the two fits are the same.
+    """
+    if fit.groups is None:
+        return None
+    used = np.asarray(fit.problem.factor) > 0
+    _, place = np.unique(fit.groups[used], return_inverse=True)
+    count = int(place.max()) + 1
+    z, worse = fit.z, other.z
+    scale = float(np.mean(z**2) + np.mean(worse**2)) / 2
+    if count < LEAST_GROUPS or not scale > 0:
+        return None
+    gain = np.bincount(place, weights=(worse**2 - z**2) / (2 * scale), minlength=count)
+    spread = math.sqrt(count * float(np.var(gain, ddof=1)))
+    return float(np.sum(gain)) / spread if spread > 0 else None
+
+
+def _check(fits: Mapping[str, FitData]) -> None:
+    if len(fits) < 2:
+        raise ValueError(f"Argument `fits` must hold at least two fits, but holds {len(fits)}.")
     first = next(iter(fits.values()))
     for name, fit in fits.items():
         robust = fit.problem.threshold is not None and not fit.absolute
@@ -106,13 +198,8 @@ def _parts(
 ) -> Bool[np.ndarray, "folds n"]:
     """Which points each fold leaves out."""
     random = np.random.default_rng(seed)
-    names = np.arange(used.size) if groups is None else np.asarray(groups).ravel()
-    if names.size != used.size:
-        raise ValueError(
-            f"Argument `groups` must have one name for each of the {used.size} points, but has "
-            f"{names.size}."
-        )
-    _, number = np.unique(names, return_inverse=True)
+    number = groups_of(np.arange(used.size) if groups is None else groups, used.size)
+    assert number is not None  # for the type checker
     there = np.unique(number[used])
     if len(there) < folds:
         raise ValueError(
@@ -123,37 +210,25 @@ def _parts(
     return (fold[number] == np.arange(folds)[:, None]) & used
 
 
-def _candidate(name: str, fit: Fit, parts: np.ndarray, n: int) -> Candidate:
-    k = n - fit.dof
-    if fit.absolute:
-        deviance, counted = 2 * fit.loss, k
-    else:
-        deviance, counted = n * math.log(max(2 * fit.loss / n, 1e-300)), k + 1
-    small = 2 * counted * (counted + 1) / (n - counted - 1) if n > counted + 1 else math.inf
+def _candidate(name: str, fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> Candidate:
+    k, aicc, bic = criteria(fit)
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        held_out = _held_out(fit, parts)
-    return Candidate(
-        name,
-        k,
-        fit.loss,
-        deviance + 2 * counted + small,
-        deviance + counted * math.log(n),
-        math.sqrt(held_out / n),
-        fit.converged,
-    )
+        square = _held_out(fit, parts)
+    held_out = None if square is None else math.sqrt(square / np.count_nonzero(parts))
+    return Candidate(name, k, fit.loss, aicc, bic, held_out, None, fit.converged)
 
 
-def _held_out(fit: Fit, parts: Bool[np.ndarray, "folds n"]) -> float:
-    """Σ z² of the points that each fold leaves out, by the fit to the others; NaN without one."""
+def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
+    """Σ z² of the points that each part leaves out, by the fit to the others; None without one."""
     square = 0.0
     for out in parts:
-        # With other weights it is the same compiled search as that of the fit itself.
+        # Other weights share the compiled search of the fit itself.
         weights = jnp.where(jnp.asarray(out), 0, fit.problem.factor)
         fewer = eqx.tree_at(lambda p: p.factor, fit.problem, weights)
         start, rtol = jnp.asarray(fit.theta), jnp.asarray(fit.rtol)
         found = find(fewer, start, rtol, None, MOST_STEPS, PATIENCE, None)
         if not np.all(found.still):
-            return math.nan
+            return None
         z = np.asarray(_standardised(fit.problem, found.theta))
         square += float(np.sum(z[out] ** 2))
     return square
@@ -164,18 +239,49 @@ def _standardised(problem: Problem, theta: Float[Array, " k"]) -> Float[Array, "
     return problem.standardised(theta)
 
 
-def _verdict(found: list[Candidate]) -> str:
-    """What the numbers say, in a sentence or two."""
-    best = found[0]
-    if not best.converged:
-        return "No fit converged."
-    close = [c.name for c in found[1:] if c.converged and c.aicc - best.aicc < _AS_GOOD]
-    if close:
-        text = f"{best.name} describes the data best, and {' and '.join(close)} as well as it"
-    else:
-        text = f"{best.name} describes the data best"
-    judged = [c for c in found if not math.isnan(c.held_out)]
-    held = min(judged, key=lambda c: c.held_out, default=best)
-    if held.name != best.name:
-        text += f"; points left out are predicted best by {held.name}"
-    return text + "."
+def _verdict(
+    found: tuple[Candidate, ...],
+    parameters: Callable[[str], str] | None,
+    left_out: str,
+    group: str,
+) -> tuple[str | None, str]:
+    """Which fit to use, and why, in a few sentences."""
+    good = [c for c in found if c.converged]
+    if not good:
+        return None, "No fit converged."
+    first = good[0]
+    equal = [
+        c
+        for c in good
+        if c.aicc - first.aicc < CLEAR_AICC
+        or (c.behind is not None and c.behind < CLEAR_ADVANTAGE)
+    ]
+    best = min(equal, key=lambda c: c.k)
+    how = "best" if len(equal) == 1 else "as well as any"
+    values = f": {parameters(best.name)}" if parameters else ""
+    text = f"Use {best.name}, which describes the data {how}{values}."
+    others = [_distance(c, first, group) for c in equal if c is not best]
+    if others:
+        text += f" The data do not distinguish it from {' or '.join(others)}."
+    worse = [c for c in good if c not in equal]
+    if worse:
+        text += f" Next is {_distance(worse[0], first, group)}."
+    brief = min(good, key=lambda c: c.bic)
+    if brief is not best:
+        text += (
+            " BIC, which has a larger penalty for each parameter, prefers "
+            f"{brief.name} by {best.bic - brief.bic:.1f}."
+        )
+    judged = [(c.held_out, c) for c in good if c.held_out is not None]
+    held = min(judged, key=operator.itemgetter(0), default=(0.0, best))[1]
+    if held not in equal:
+        text += f" But {left_out} that were left out are predicted best by {held.name}."
+    return best.name, text
+
+
+def _distance(c: Candidate, first: Candidate, group: str) -> str:
+    """A candidate and how far it is from the one with the lowest AICc."""
+    if c is first:
+        return f"{c.name} (lowest AICc)"
+    by_group = "" if c.behind is None else f"; by {group} {c.behind:.1f} standard errors"
+    return f"{c.name} (AICc higher by {c.aicc - first.aicc:.1f}{by_group})"

@@ -1,4 +1,4 @@
-"""The front door of fits."""
+"""`fit`: the arguments checked, the search started, its end judged."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import ArrayLike
 
 from ._found import Found, find, find_all, holding
 from ._inference import infer
@@ -20,20 +21,20 @@ from ._problem import Problem, shapes_of
 from ._result import Fit
 from ._solve import MOST_STEPS, PATIENCE
 from ._space import Space, space_of
-from ._target import Target, target_of
+from ._target import Target, groups_of, target_of
 from ._verdict import at_bound_of, falling, verdict
 
 _SCALE_ROUNDS = 8
-_SETTLED = 1e-3
-"""Relative change of the scale of a robust fit that counts as none."""
+_SAME_SCALE = 1e-3
+"""A relative change of the scale of a robust fit that counts as none."""
 
 _MEDIAN_OF_NORMAL = 0.6744897501960817
 _EVERY = 0.2  # seconds between two lines of progress
 _OUTWARD = 3.0
-"""A step left of so many units of a logarithm or logit: the search creeps towards a bound."""
+"""A remaining step of more than this in a logarithm or logit: the search creeps to a bound."""
 
-_HOME = 40.0
-"""The logit of what rounds to 1 in double precision; there the slope is 0, and nothing moves."""
+_END = 40.0
+"""The logit of what rounds to 1 in double precision, where the slope is 0."""
 
 LEVENBERG_MARQUARDT = "levenberg-marquardt"
 
@@ -46,6 +47,7 @@ def fit(
     x: Any = None,
     sigma: Any = None,
     weights: Any = None,
+    groups: ArrayLike | None = None,
     transforms: Any = None,
     loss: str | Huber = "squares",
     optimizer: Any = LEVENBERG_MARQUARDT,
@@ -58,7 +60,7 @@ def fit(
     reverse: bool = False,
     progress: bool | Callable[[int, float], None] = False,
 ) -> Fit:
-    """Parameters for which a prediction is nearest to data: least squares, or Huber's loss.
+    """The parameters that bring a prediction nearest to data: least squares, or Huber's loss.
 
     Minimises ½ Σ ((predict(params) - data)/σ)² over the floating-point numbers in the pytree
     `start` (a law, a contact, a dict of them); whole arrays are fitted, integers and strings stay.
@@ -66,24 +68,26 @@ def fit(
     Arguments: `predict(params)`, or `predict(params, x)` if `x` is given, differentiable by JAX,
     with the structure of `data`, any tree of numbers. `sigma`, standard deviations of the data (one
     number, or a tree like the data), or `weights`, relative ones of squares (1 if neither is
-    given); a weight of 0 leaves a point out, whatever stands there. With `sigma` standard errors
-    are absolute, else they are scaled by the residuals.
+    given); a weight of 0 leaves a point out, whatever its value. With `sigma` standard errors
+    are absolute, else they are scaled by the residuals. `groups` (points,): the name of the trial
+    that each point belongs to, where points of one trial are correlated; with at least 8 trials
+    standard errors are the sandwich over trials, which such a correlation does not bias.
 
     `transforms`: `Free()`, `Positive()`, `Between(low, high)` or `Fixed()`, for all numbers; or a
     dict of them by name ("contact.mass", or "contact" for all in it); or a prefix of the tree of
     `start`, with None for the default. By default a number keeps to the range that its law or
     contact declares, and is free elsewhere. `loss`:
-    "squares" or `Huber(threshold)`, which bounds the pull of outliers; without `sigma` its scale is
-    the median of |residuals|, settled in turn with the fit. `optimizer`: "levenberg-marquardt" or
-    an optax optimiser, which stops after `patience` steps that gain nothing. `starts`: so many
-    starts at once, the given one and normal ones of standard deviation `spread` around it in the
-    free coordinates (logarithms, logits), drawn from `seed`; the lowest end wins. `max_steps`: by
-    default 200, 10000 for optax. `reverse`: take the Jacobian backwards, for predictions that know
-    no forward mode. `progress`: True writes steps and losses to stderr, a function is called with
-    them.
+    "squares" or `Huber(threshold)`, which bounds the influence of outliers; without `sigma` its
+    scale is the median of |residuals|, found in turn with the fit. `optimizer`: "levenberg-marquardt" or
+    an optax optimiser, which stops after `patience` steps that gain nothing. `starts`: the
+    number of starts, the given one and normal ones of standard deviation `spread` around it in the
+    free coordinates (logarithms, logits), drawn from `seed`; the lowest loss is kept. `max_steps`: by
+    default 200, 10000 for optax. `reverse`: take the Jacobian in reverse mode, for predictions
+    without a forward mode. `progress`: True shows step and loss on stderr, a function is called
+    with them.
 
-    `converged` is decided afterwards, whoever searched: the Gauss-Newton step that is left must be
-    below `rtol` of each number (of its logarithm, of its logit), or a thousandth of its standard
+    `converged` does not depend on the optimizer: the remaining Gauss-Newton step must be below
+    `rtol` of each parameter (of its logarithm, of its logit), or a thousandth of its standard
     error. Computes in double precision whatever JAX is set to, and is not for use under `jit`. The
     same `predict` (and optax optimiser) over data of the same shapes does not compile again; a
     lambda written anew is another function and does.
@@ -97,6 +101,7 @@ def fit(
     most = max_steps or (MOST_STEPS if by_gradient is None else 10_000)
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         target = target_of(data, sigma, weights)
+        names = groups_of(groups, target.y.size)
         space, theta = space_of(start, transforms)
         problem = _problem(predict, space, x, target, loss, reverse, shapes_of(data))
         tell = _teller(progress)
@@ -112,10 +117,10 @@ def fit(
             )
         found = search(problem, rough)
         _check_start(problem, theta, found)
-        found = _driven_home(problem, found, theta, search)
+        found = _set_to_bound(problem, found, theta, search)
         if isinstance(loss, Huber) and sigma is None:
             problem, found = _with_scale(problem, found, target, search)
-        return _result(problem, found, theta, target, ends, rtol, most)
+        return _result(problem, found, theta, target, ends, names, rtol, most)
 
 
 def _check(
@@ -179,19 +184,18 @@ def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
         )
 
 
-def _driven_home(
+def _set_to_bound(
     problem: Problem, found: Found, start: np.ndarray, search: Callable[[Problem, Any], Found]
 ) -> Found:
-    """A number that is on its way to a bound is put there, if that is no worse."""
+    """The fit with a parameter that creeps to a bound set there, if that is no worse."""
     theta, step = np.asarray(found.theta), np.asarray(found.step)
-    kinds = np.array(problem.space.kinds)
-    out = np.abs(step) > _OUTWARD
+    space = problem.space
     # A logarithm has a bound on one side only.
-    out &= (kinds == "logit") | ((kinds == "log") & (step < 0))
+    out = (np.abs(step) > _OUTWARD) & (space.bounded_above | (space.has_unit & (step < 0)))
     if not out.any() or not np.isfinite(found.loss):
         return found
-    home = np.where(kinds == "logit", np.sign(step) * _HOME, start - _HOME)
-    there = search(problem, jnp.asarray(np.where(out, home, theta)))
+    bound = np.where(space.bounded_above, np.sign(step) * _END, start - _END)
+    there = search(problem, jnp.asarray(np.where(out, bound, theta)))
     return there if float(there.loss) <= float(found.loss) else found
 
 
@@ -206,7 +210,7 @@ def _best_start(
     most: int,
     patience: int,
 ) -> tuple[Any, np.ndarray]:
-    """The best end of many starts, and the loss that each start came to."""
+    """The best end of many starts, and the loss at which each start ended."""
     away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
     lanes = jnp.asarray(np.concatenate([theta[None], theta + away]))
     found = find_all(problem, lanes, jnp.asarray(rtol), optimizer, most, patience)
@@ -219,14 +223,14 @@ def _best_start(
 def _with_scale(
     problem: Problem, found: Found, target: Target, search: Callable[[Problem, Any], Found]
 ) -> tuple[Problem, Found]:
-    """The robust fit and the scale of its residuals, settled in turn."""
+    """The robust fit and the scale of its residuals, found in turn."""
     used = target.factor > 0
     relative = problem.factor
     scale = 0.0
     for _ in range(_SCALE_ROUNDS):
         off = np.abs(np.asarray(problem.standardised(found.theta) / problem.factor))[used]
         new = float(np.median(off * np.asarray(relative)[used])) / _MEDIAN_OF_NORMAL
-        if new == 0 or abs(new - scale) <= _SETTLED * new:
+        if new == 0 or abs(new - scale) <= _SAME_SCALE * new:
             break
         scale = new
         problem = eqx.tree_at(lambda p: p.factor, problem, relative / scale)
@@ -240,6 +244,7 @@ def _result(
     start: np.ndarray,
     target: Target,
     ends: np.ndarray,
+    groups: np.ndarray | None,
     rtol: float,
     most: int,
 ) -> Fit:
@@ -256,14 +261,14 @@ def _result(
     converged, reason = verdict(found, jacobian, at_bound, space, most)
     told = infer(
         jacobian if np.isfinite(jacobian).all() else np.zeros_like(jacobian),
-        z[used],
-        int(np.count_nonzero(used)),
-        space.names,
-        space.kinds,
-        space.stretch(values),
+        z,
+        used,
+        space,
+        values,
         at_bound,
         target.absolute,
         None if problem.threshold is None else float(problem.threshold),
+        groups,
     )
     if converged and (falls := falling(problem, found, start, told.unidentified)) is not None:
         converged = False
@@ -289,6 +294,8 @@ def _result(
         noise=told.noise,
         starts=ends,
         data=np.where(used, target.y, np.nan),
+        by_group=told.by_group,
+        groups=groups,
         problem=problem,
         theta=theta,
         absolute=target.absolute,

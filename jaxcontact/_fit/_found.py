@@ -1,4 +1,4 @@
-"""A search and its verdict, compiled together."""
+"""A search and the numbers that its verdict needs, compiled together."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from ._solve import Tell, search
 
 SINGULAR = 1e-7
 """Singular values of the Jacobian, its columns scaled to length 1, that are smaller than this part
-of the largest count as zero: derivatives of an event solve are right to about 1e-7."""
+of the largest count as zero: derivatives of an event solve are accurate to about 1e-7."""
 
 NEGLIGIBLE = 1e-3
-"""A remaining step of less than this part of a standard error is none."""
+"""A remaining step of less than this part of a standard error counts as none."""
 
 
 class Found(NamedTuple):
-    """Where a search ended: coordinates, loss, history, steps; whether it stopped by itself.
+    """The end of a search: coordinates, loss, history, steps; whether it stopped by itself.
 
-    `z` the standardised residuals, `jacobian` dz/dθ, `step` the Gauss-Newton step that is left,
+    `z` are the standardised residuals, `jacobian` is dz/dθ, `step` the remaining Gauss-Newton step,
     `allowed` the largest that counts as none, for each coordinate; `values` are the parameters.
     """
 
@@ -41,7 +41,7 @@ class Found(NamedTuple):
 
     @property
     def still(self) -> Bool[Array, " k"]:
-        """Which coordinates have no step left."""
+        """Which coordinates have converged."""
         return jnp.abs(self.step) <= self.allowed
 
 
@@ -55,7 +55,7 @@ def find(
     patience: int,
     tell: Tell | None,
 ) -> Found:
-    """Search from `start` and say how far the end is from a minimum."""
+    """Search from `start`, and the distance of its end from a minimum."""
     return found_from(problem, start, rtol, optimizer, max_steps, patience, tell)
 
 
@@ -68,7 +68,7 @@ def find_all(
     max_steps: int,
     patience: int,
 ) -> Found:
-    """The same from many starts at once."""
+    """`find` from many starts at once."""
 
     def one(start: Float[Array, " k"]) -> Found:
         return found_from(problem, start, rtol, optimizer, max_steps, patience, None)
@@ -118,7 +118,7 @@ def holding(
     rtol: Float[Array, ""],
     hold: Bool[Array, " k"],
 ) -> Found:
-    """What is left to step where some coordinates are held: at a bound they have no slope."""
+    """`found` with the remaining step of the other coordinates, where some are held at a bound."""
     free = jnp.where(hold[None, :], 0, found.jacobian)
     step, allowed = _left(problem, found.z, free, found.theta, start, rtol)
     return found._replace(step=step, allowed=allowed)
@@ -132,20 +132,20 @@ def _left(
     start: Float[Array, " k"],
     rtol: Float[Array, ""],
 ) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
-    """The Gauss-Newton step that is left, and the largest that counts as none."""
+    """The remaining Gauss-Newton step, and the largest that counts as none."""
     r = shortened(z, problem.threshold)
-    # Nothing is lost by zeros: a prediction that is not finite has a loss that is not.
+    # Zeros hide no failure: where the prediction is not finite, the loss is not finite either.
     usable = jnp.where(jnp.isfinite(jacobian), jacobian, 0)
     if problem.threshold is not None:
         # d√(2ρ)/dz = ψ/r, which is 1 where ρ is a square.
         far = jnp.abs(z) > problem.threshold
         pull = jnp.where(far, problem.threshold / jnp.where(far, jnp.abs(r), 1), 1)
         usable = usable * pull[:, None]
-    step, error = _gauss_newton(usable, jnp.where(jnp.isfinite(r), r, 0))
+    used = jnp.sum(problem.factor > 0)
+    step, error = _gauss_newton(usable, jnp.where(jnp.isfinite(r), r, 0), used)
     size = jnp.maximum(jnp.maximum(jnp.abs(theta), jnp.abs(start)), error)
-    # A logarithm or a logit has its unit; it is no matter how large it is.
-    unit = jnp.asarray([kind != "free" for kind in problem.space.kinds])
-    size = jnp.where(unit | (size == 0), 1, size)
+    # Steps of a logarithm or a logit are absolute.
+    size = jnp.where(problem.space.has_unit | (size == 0), 1, size)
     return step, jnp.maximum(rtol * size, NEGLIGIBLE * error)
 
 
@@ -156,7 +156,7 @@ def losses(problem: Problem, thetas: Float[Array, "lanes k"]) -> Float[Array, " 
 
 
 def _gauss_newton(
-    jacobian: Float[Array, "n k"], r: Float[Array, " n"]
+    jacobian: Float[Array, "n k"], r: Float[Array, " n"], used: Int[Array, ""]
 ) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
     """The step to the minimum of |r + J p|, and the standard error of each coordinate."""
     length = jnp.linalg.norm(jacobian, axis=0)
@@ -166,7 +166,7 @@ def _gauss_newton(
     kept = s > SINGULAR * jnp.max(s)
     inverse = jnp.where(kept, 1 / jnp.where(kept, s, 1), 0)
     step = -(vt.T @ (inverse * (u.T @ r))) / scale
-    freedom = jnp.maximum(r.size - jnp.sum(kept), 1)
+    freedom = jnp.maximum(used - jnp.sum(kept), 1)
     noise = jnp.sum(jnp.square(r)) / freedom
     error = jnp.sqrt(noise * jnp.sum(jnp.square(vt.T * inverse[None, :]), axis=1)) / scale
     return jnp.where(known, step, 0), error

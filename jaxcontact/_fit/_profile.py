@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,24 +11,21 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from scipy import stats
 from scipy.interpolate import PchipInterpolator
 
+from ._data import FitData
 from ._found import found_from
 from ._problem import Problem
 from ._space import Space
-from ._transforms import to_free
-
-if TYPE_CHECKING:
-    from ._result import Fit
 
 _STEPS = 100
 
 
 @dataclasses.dataclass(frozen=True)
 class Profile:
-    """The best loss (points,) with one number held at each of `values` (points,).
+    """The lowest loss (points,) with one parameter held at each of `values` (points,).
 
     `deviation` (points,) is ±√(2 (loss - best)/s²), which is a straight line through the best value
     where the normal approximation holds; s² is the variance of the standardised residuals. Points
-    whose fit of the other numbers did not converge are NaN.
+    whose fit of the other parameters did not converge are NaN.
     """
 
     name: str
@@ -64,7 +59,7 @@ class Profile:
         return f"Profile of {self.name}: {self.best:.9g}, 95 % in [{low:.6g}, {high:.6g}]"
 
 
-def profile(fit: Fit, name: str, values: ArrayLike | None, points: int, span: float) -> Profile:
+def profile(fit: FitData, name: str, values: ArrayLike | None, points: int, span: float) -> Profile:
     """The profile of `Fit.profile`."""
     if name not in fit.names:
         raise ValueError(f"Argument `name` must be one of {', '.join(fit.names)}, but is {name!r}.")
@@ -72,7 +67,7 @@ def profile(fit: Fit, name: str, values: ArrayLike | None, points: int, span: fl
         raise ValueError(f"A fit that did not converge has no profile: {fit.reason}.")
     place = fit.names.index(name)
     space = fit.problem.space
-    kind = space.kinds[place]
+    coordinate = space.coordinates[place]
     low, high = float(space.low[place]), float(space.high[place])
     best = float(fit.values[place])
     if values is None:
@@ -89,7 +84,7 @@ def profile(fit: Fit, name: str, values: ArrayLike | None, points: int, span: fl
             raise ValueError(
                 f"Argument `values` must be finite and in ({low:g}, {high:g}), but is {values!r}."
             )
-    held = np.array([to_free(kind, float(value), low, high) for value in at])
+    held = np.array([coordinate.to_free(float(value), low, high) for value in at])
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         loss, fine = _profile(
             fit.problem, jnp.asarray(fit.theta), jnp.asarray(held), place, jnp.asarray(fit.rtol)
@@ -102,29 +97,26 @@ def profile(fit: Fit, name: str, values: ArrayLike | None, points: int, span: fl
     return Profile(name, best, at, loss, deviation, fit.dof, fit.absolute)
 
 
-def _unit(fit: Fit) -> float:
-    """What twice the loss rises by at one standard error.
+def _unit(fit: FitData) -> float:
+    """The rise of twice the loss at one standard error.
 
     The curvature of Huber's loss is mean ψ' times that of squares, and so is the rise.
     """
     if fit.problem.threshold is None:
         return fit.noise
-    factor = np.asarray(fit.problem.factor)
-    z = (fit.residuals * factor)[factor > 0]
-    return fit.noise * float(np.mean(np.abs(z) <= float(fit.problem.threshold)))
+    return fit.noise * float(np.mean(np.abs(fit.z) <= float(fit.problem.threshold)))
 
 
 class _Held(eqx.Module):
-    """A space in which one coordinate does not move."""
+    """A space in which one coordinate is held."""
 
     space: Space
     held: Float[Array, ""]
     place: int = eqx.field(static=True)
 
     @property
-    def kinds(self) -> tuple[str, ...]:
-        kinds = self.space.kinds
-        return kinds[: self.place] + kinds[self.place + 1 :]
+    def has_unit(self) -> np.ndarray:
+        return np.delete(self.space.has_unit, self.place)
 
     def params(self, theta: Float[Array, " rest"]) -> object:
         return self.space.params(self._whole(theta))

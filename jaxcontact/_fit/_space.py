@@ -12,38 +12,28 @@ from jax.tree_util import DictKey, FlattenedIndexKey, GetAttrKey, SequenceKey
 from jaxtyping import Array, Float
 
 from .._parameter import Range, ranges
-from ._transforms import (
-    AbstractTransform,
-    Between,
-    Fixed,
-    Free,
-    Positive,
-    kind_of,
-    of_range,
-    slope_of,
-    to_free,
-    to_value,
-)
+from ._transforms import AbstractTransform, Coordinate, Fixed, Free, of_range
 
 
 class Space(eqx.Module):
     """Free coordinates θ (k,) of the fitted numbers in a pytree of parameters.
 
-    `kinds`, one for each number, select code; bounds and the leaves that stay are data.
+    `coordinates`, one for each number, select code; bounds and the other leaves are data.
     """
 
     low: Float[Array, " k"]
     high: Float[Array, " k"]
     others: list[Any]
     structure: Any = eqx.field(static=True)
-    kinds: tuple[str, ...] = eqx.field(static=True)
+    coordinates: tuple[Coordinate, ...] = eqx.field(static=True)
     shapes: tuple[tuple[int, tuple[int, ...]] | None, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
 
     def values(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
         """The fitted numbers themselves, in the order of their names."""
         columns = [
-            to_value(kind, theta[i], self.low[i], self.high[i]) for i, kind in enumerate(self.kinds)
+            coordinate.to_value(theta[i], self.low[i], self.high[i])
+            for i, coordinate in enumerate(self.coordinates)
         ]
         return jnp.stack(columns)
 
@@ -65,8 +55,23 @@ class Space(eqx.Module):
 
     def stretch(self, values: np.ndarray) -> np.ndarray:
         """dx/dθ (k,), of each number by its own coordinate."""
-        bounds = zip(self.kinds, values, np.asarray(self.low), np.asarray(self.high), strict=True)
-        return np.array([slope_of(*bound) for bound in bounds])
+        bounds = zip(values, np.asarray(self.low), np.asarray(self.high), strict=True)
+        return np.array([c.slope(*b) for c, b in zip(self.coordinates, bounds, strict=True)])
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The names in these coordinates: "c", "ln c", "logit e"."""
+        return tuple(c.label + name for c, name in zip(self.coordinates, self.names, strict=True))
+
+    @property
+    def has_unit(self) -> np.ndarray:
+        """Which coordinates (k,) are logarithms or logits."""
+        return np.array([coordinate.has_unit for coordinate in self.coordinates])
+
+    @property
+    def bounded_above(self) -> np.ndarray:
+        """Which coordinates (k,) have a bound above, too."""
+        return np.array([coordinate.bounded_above for coordinate in self.coordinates])
 
 
 def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
@@ -77,7 +82,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
     """
     paths, structure = jax.tree_util.tree_flatten_with_path(start)
     chosen = _chosen(start, transforms)
-    names, kinds, shapes, others, low, high, theta = [], [], [], [], [], [], []
+    names, coordinates, shapes, others, low, high, theta = [], [], [], [], [], [], []
     for (path, leaf), given in zip(paths, chosen, strict=True):
         transform = given or _declared(start, path)
         if not _is_fitted(leaf) or isinstance(transform, Fixed):
@@ -88,13 +93,13 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
         shapes.append((array.size, array.shape))
         for index in np.ndindex(array.shape):
             name = name_of(path) + (f"[{', '.join(map(str, index))}]" if index else "")
-            a, b = _bounds(transform)
+            a, b = transform.bounds
             _check(name or "its number", float(array[index]), a, b)
             names.append(name or "parameter")
-            kinds.append(kind_of(transform))
+            coordinates.append(transform.coordinate)
             low.append(a)
             high.append(b)
-            theta.append(to_free(kinds[-1], float(array[index]), a, b))
+            theta.append(transform.coordinate.to_free(float(array[index]), a, b))
     if not names:
         raise ValueError(f"Argument `start` must hold a number to fit, but is {start!r}.")
     space = Space(
@@ -102,7 +107,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
         jnp.asarray(high, float),
         others,
         structure,
-        tuple(kinds),
+        tuple(coordinates),
         tuple(shapes),
         tuple(names),
     )
@@ -131,7 +136,7 @@ def _is_fitted(leaf: Any) -> bool:
 
 
 def _chosen(start: Any, transforms: Any) -> list[AbstractTransform | None]:
-    """The transform given for each leaf; None where nobody said."""
+    """The transform given for each leaf; None where none was given."""
     if isinstance(transforms, dict):
         return _named(start, transforms)
     try:
@@ -206,12 +211,6 @@ def _declared(start: Any, path: tuple[Any, ...]) -> AbstractTransform:
         allowed = ranges(owner).get(last.name)
         return Free() if allowed is None else of_range(allowed)
     return Free()
-
-
-def _bounds(transform: AbstractTransform) -> tuple[float, float]:
-    if isinstance(transform, Between):
-        return float(transform.low), float(transform.high)
-    return (0.0 if isinstance(transform, Positive) else -np.inf), np.inf
 
 
 def _check(name: str, value: float, low: float, high: float) -> None:

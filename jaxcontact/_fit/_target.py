@@ -8,13 +8,13 @@ import jax
 import numpy as np
 
 _NAMED = 5
-"""So many bad points are named; of the others the message gives the number."""
+"""The most bad points that a message names; of the others it gives the number."""
 
 
 class Target(NamedTuple):
-    """Measured values y (n,), the factor √w or 1/σ (n,) of each residual, and how they came.
+    """Measured values y (n,), and the factor √w or 1/σ (n,) of each residual.
 
-    `absolute` says that the factors are 1/σ, so that the noise is known.
+    `absolute`: the factors are 1/σ, and the noise is known.
     """
 
     y: np.ndarray
@@ -25,8 +25,8 @@ class Target(NamedTuple):
 def target_of(data: Any, sigma: Any, weights: Any) -> Target:
     """The data as one vector.
 
-    Raises ValueError for data that are no numbers, not finite where they count, or too few, and
-    for bad `sigma` or `weights`.
+    Raises ValueError for data that are no numbers or not finite where they count, and for bad
+    `sigma` or `weights`.
     """
     if sigma is not None and weights is not None:
         raise ValueError("Argument `weights` must be None with `sigma`, but both are given.")
@@ -47,6 +47,19 @@ def target_of(data: Any, sigma: Any, weights: Any) -> Target:
     hint = "finite; give a point the weight 0 to leave it out"
     _refuse(used & ~np.isfinite(y), y, "data", hint)
     return Target(np.where(used, y, 0.0), factor, sigma is not None)
+
+
+def groups_of(names: Any, count: int) -> np.ndarray | None:
+    """The number of the group (n,) of each point; ValueError unless there is a name for each."""
+    if names is None:
+        return None
+    given = np.asarray(names).ravel()
+    if given.size != count:
+        raise ValueError(
+            f"Argument `groups` must have one name for each of the {count} points, but has "
+            f"{given.size}."
+        )
+    return np.unique(given, return_inverse=True)[1]
 
 
 def flat(tree: Any) -> np.ndarray:

@@ -19,6 +19,7 @@ from ._oscillator import KelvinVoigt as KelvinVoigt
 from ._oscillator import Thornton as Thornton
 from ._oscillator import Tsuji as Tsuji
 from ._power import power as power
+from ._power_damping import PowerDamping as PowerDamping
 from ._published import CarvalhoMartins as CarvalhoMartins
 from ._published import Flores as Flores
 from ._published import Gonthier as Gonthier

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
@@ -41,7 +39,7 @@ def fit(result: Fit, *, x: ArrayLike | None = None, ax: Axes | None = None, **li
     if x is None:
         x = (np.geomspace if wide else np.linspace)(place.min(), place.max(), _FINE)
     x = np.asarray(x, float)
-    curve, error = _prediction(result, x)
+    curve, error = result.predict_with_error(x)
     ax.plot(place, result.data, ".", color="0.4", label="data", zorder=2)
     style = {"label": "fit" if result.converged else "not converged", "zorder": 3} | line
     (drawn,) = ax.plot(x, curve, **style)
@@ -52,19 +50,3 @@ def fit(result: Fit, *, x: ArrayLike | None = None, ax: Axes | None = None, **li
     if wide:
         ax.set_xscale("log")
     return ax
-
-
-def _prediction(result: Fit, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The prediction at x (m,), and its standard error: √(g Cov gᵀ) with g = d prediction/dp."""
-    with jax.enable_x64(True):
-        space, predict = result.problem.space, result.problem.predict
-
-        def at(values: jax.Array) -> jax.Array:
-            return jnp.ravel(predict(space.tree_of(values), jnp.asarray(x)))
-
-        values = jnp.asarray(result.values)
-        curve = np.asarray(at(values))
-        slope = np.asarray(jax.jit(jax.jacfwd(at))(values))
-    known = np.isfinite(np.diag(result.covariance))
-    part = slope[:, known] @ result.covariance[np.ix_(known, known)]
-    return curve, np.sqrt(np.sum(part * slope[:, known], axis=1))

@@ -1,0 +1,37 @@
+"""Calibrations saved to and loaded from a file."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+
+import jax
+
+from .._whole_files import write_all
+from ._json import FormatError, dumps, loads
+from ._summary import CalibrationSummary
+
+VERSION = 1
+"""Of the file's format; raised whenever a field is added, removed or changes its meaning."""
+
+
+def save(summary: CalibrationSummary, path: str | os.PathLike) -> None:
+    """Write a calibration as JSON, whole or not at all; OSError where that fails."""
+    with jax.enable_x64(True):
+        text = dumps(summary, VERSION)
+    write_all({pathlib.Path(path): text.encode()})
+
+
+def load_calibration(path: str | os.PathLike) -> CalibrationSummary:
+    """The calibration that `Calibration.save` wrote, every number to its last bit.
+
+    Returns a `CalibrationSummary`: `.law`, `.contact`, `.standard_errors`, `.choice` and all else
+    that was found, as plain data. Raises ValueError that names the file and the field for an
+    unknown format version, an unknown or missing field, an unknown law, a number that is missing or
+    not finite; OSError for a file that cannot be read.
+    """
+    try:
+        with jax.enable_x64(True):
+            return loads(pathlib.Path(path).read_text(encoding="utf-8"), CalibrationSummary, VERSION)
+    except (FormatError, UnicodeDecodeError) as error:
+        raise ValueError(f"{os.fspath(path)}: {error}") from error

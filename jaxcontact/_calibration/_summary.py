@@ -1,0 +1,120 @@
+"""A calibration as plain data: what is printed, and what is saved."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from .._contact import Contact
+from .._laws import AbstractLaw
+from ._choice import ChoiceData
+
+
+@dataclasses.dataclass(frozen=True)
+class RecordingSummary:
+    """Where the pairs come from: source, layout and ball; how many pairs, of which trials."""
+
+    source: str
+    layout: str
+    ball: str
+    pairs: int
+    unpaired: int
+    trials: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class DragSummary:
+    """Drag that was taken out of the flights, in SI units."""
+
+    mass: float
+    radius: float
+    coefficient: float
+    air_density: float
+    terminal_speed: float
+
+
+@dataclasses.dataclass(frozen=True)
+class NoiseSummary:
+    """Scatter of e, relative, and of each reading in `reading_unit`; None where it has none."""
+
+    relative: float
+    reading: float | None
+    reading_unit: str | None
+
+
+@dataclasses.dataclass(frozen=True)
+class PairSummary:
+    """One pair: its rows, speed in m/s and e, how many robust standard deviations off the trend."""
+
+    rows: tuple[int, ...]
+    velocity: float
+    restitution: float
+    deviation: float
+    marked: bool
+    may_be: str | None
+
+
+@dataclasses.dataclass(frozen=True)
+class SpeedBand:
+    """Medians of the kept pairs in a band of speed, and e of each fit at the median speed."""
+
+    velocity: float
+    pairs: int
+    restitution: float
+    fits: dict[str, float]
+
+
+@dataclasses.dataclass(frozen=True)
+class CalibrationSummary:
+    """What a calibration found, as plain data; `save` writes it and `load_calibration` reads it.
+
+    `law` with the fitted parameters (None where no fit converged) and `contact`:
+    `impact(law, contact, v)` gives the fitted e. `given` names what of the contact was given
+    ("mass", "stiffness"); the rest is 1. `standard_errors` of the law's parameters, None where they
+    are not identifiable. `requested` is the `law` that was asked for; `gravity` in m/s²; `drag`,
+    None if it was left in; `noise`; `threshold` of the outlier rule and its `trend`; all `pairs`;
+    the `choice` among laws without marked pairs, and `with_marked` with them; medians `by_speed`;
+    `versions` of the packages.
+    """
+
+    law: AbstractLaw | None
+    contact: Contact
+    given: tuple[str, ...]
+    standard_errors: dict[str, float | None]
+    requested: str
+    recording: RecordingSummary
+    gravity: float
+    drag: DragSummary | None
+    noise: NoiseSummary
+    threshold: float
+    trend: str
+    pairs: tuple[PairSummary, ...]
+    choice: ChoiceData
+    with_marked: ChoiceData
+    by_speed: tuple[SpeedBand, ...]
+    versions: dict[str, str | None]
+
+    @property
+    def converged(self) -> bool:
+        """Whether every fit converged."""
+        return all(f.converged for c in (self.choice, self.with_marked) for f in c.laws)
+
+    def __repr__(self) -> str:
+        r, marked = self.recording, sum(pair.marked for pair in self.pairs)
+        ball = f", ball {r.ball}" if r.ball else ""
+        unit = "" if len(self.given) == 2 else f" ({contact_note(self.given)})"
+        return "\n".join(
+            [
+                f"Calibration of {r.source}{ball}: {r.pairs} pairs, {marked} marked as outliers",
+                f"  law      {self.law}",
+                f"  contact  {self.contact}{unit}",
+                *("  " + line for line in self.choice.table().splitlines()),
+                f"  {self.choice.verdict}",
+            ]
+        )
+
+
+def contact_note(given: tuple[str, ...]) -> str:
+    """Which numbers of the contact were not given, and are 1."""
+    missing = [name for name in ("mass", "stiffness") if name not in given]
+    verb = "was" if len(missing) == 1 else "were"
+    return f"{' and '.join(missing)} {verb} not given: 1 kg and 1 N/m^(3/2) stand for them"

@@ -1,0 +1,110 @@
+"""The outcome of a fit, as plain data."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ._inference import Direction
+from ._problem import Problem, evaluated, flattened
+
+
+@dataclasses.dataclass(frozen=True)
+class FitData:
+    """The best parameters, how certain they are, and whether to trust them.
+
+    `params` has the structure of the start; `names` and `values` (k,) list its fitted numbers.
+    `loss` is ½ Σ z² (or Huber's) of the residuals z, and `history` (steps,) its course; `residuals`
+    are prediction minus data, one vector. `converged`, and `reason` in words; `steps` taken.
+
+    `covariance` (k, k), `standard_errors` by name, `correlation` (k, k): Laplace's approximation,
+    or the sandwich over groups of points where `by_group` is True; NaN for what is not
+    identifiable. `unidentified`: the changes of parameters that leave the prediction unchanged.
+    `at_bound`: the names of parameters that ran to a bound; they have no standard error. `dof` are
+    the degrees of freedom, `noise` is the variance of z that Laplace's standard errors assume.
+    `starts` (lanes,) are the losses at which other starts ended.
+    """
+
+    params: Any
+    names: tuple[str, ...]
+    values: np.ndarray
+    loss: float
+    history: np.ndarray
+    residuals: np.ndarray
+    converged: bool
+    reason: str
+    steps: int
+    covariance: np.ndarray
+    unidentified: tuple[Direction, ...]
+    at_bound: tuple[str, ...]
+    dof: int
+    noise: float
+    starts: np.ndarray
+    data: np.ndarray
+    by_group: bool
+    groups: np.ndarray | None = dataclasses.field(repr=False)
+    problem: Problem = dataclasses.field(repr=False)
+    theta: np.ndarray = dataclasses.field(repr=False)
+    absolute: bool = dataclasses.field(repr=False)
+    rtol: float = dataclasses.field(repr=False)
+
+    @property
+    def errors(self) -> np.ndarray:
+        """The standard errors (k,) in the order of `names`."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """The standard error of each parameter; NaN where it is not identifiable."""
+        return dict(zip(self.names, self.errors.tolist(), strict=True))
+
+    @property
+    def scaled_errors(self) -> np.ndarray:
+        """The standard errors (k,) of the logarithms or logits of bounded parameters."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.errors / self.problem.space.stretch(self.values)
+
+    @property
+    def z(self) -> np.ndarray:
+        """The standardised residuals of the points with weight, in their order."""
+        factor = np.asarray(self.problem.factor)
+        return (self.residuals * factor)[factor > 0]
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """The correlation (k, k) of the parameters."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.covariance / np.outer(self.errors, self.errors)
+
+    def predict(self, x: Any = None) -> Any:
+        """The prediction of the best parameters, at the data's x or at others."""
+        with jax.enable_x64(True):
+            at = self.problem.x if x is None else jax.tree.map(jnp.asarray, x)
+            return evaluated(self.problem.predict, self.params, at)
+
+    def predict_with_error(self, x: Any = None) -> tuple[np.ndarray, np.ndarray]:
+        """The prediction (n,), flattened, and its standard error √(g Cov gᵀ), g = d prediction/dp.
+
+        Parameters without a standard error count as known.
+        """
+        with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+            at = self.problem.x if x is None else jax.tree.map(jnp.asarray, x)
+            curve, slope = map(np.asarray, _linearised(self.problem, jnp.asarray(self.values), at))
+        known = np.isfinite(np.diag(self.covariance))
+        part = slope[:, known] @ self.covariance[np.ix_(known, known)]
+        return curve, np.sqrt(np.sum(part * slope[:, known], axis=1))
+
+
+@eqx.filter_jit
+def _linearised(problem: Problem, values: jax.Array, x: Any) -> tuple[jax.Array, jax.Array]:
+    def at(values: jax.Array) -> tuple[jax.Array, jax.Array]:
+        curve = flattened(evaluated(problem.predict, problem.space.tree_of(values), x))
+        return curve, curve
+
+    slope, curve = jax.jacfwd(at, has_aux=True)(values)
+    return curve, slope

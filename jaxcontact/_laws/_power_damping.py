@@ -1,0 +1,46 @@
+"""The Hunt-Crossley law whose damping factor c is a power of the closing speed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .._parameter import NOT_NEGATIVE, POSITIVE, REAL, as_parameter, parameter
+from ._hunt_crossley import AbstractHuntCrossley, _needs
+from ._registry import register_law
+
+if TYPE_CHECKING:
+    from .._contact import Contact
+
+
+@register_law(
+    "power_damping",
+    formula="c (v0/v_r)^p v0/K",
+    source="Hunt & Crossley 1975, doi 10.1115/1.3423596, with c a power of the speed",
+    valid="c ≥ 0; e falls with speed for p > -1, constant at p = -1",
+)
+class PowerDamping(AbstractHuntCrossley):
+    """A damping factor that depends on the closing speed: F = K δⁿ + c (v0/v_r)^p δⁿ δ'.
+
+    α = c (v0/v_r)^p v0/K. `c` ≥ 0 in N s/m^(n+1) is the damping factor at the reference speed;
+    `power` p, dimensionless: 0 is a constant c, -1 a constant e; `reference` v_r > 0 in m/s. Raises
+    ValueError for a Python scalar out of range. Source: Hunt & Crossley (1975), J. Appl. Mech.
+    42:440, doi 10.1115/1.3423596, for the force; the power is empirical.
+    """
+
+    c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE)
+    power: Float[Array, "..."] = parameter("power", REAL)
+    reference: Float[Array, "..."] = parameter("reference", POSITIVE)
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """α = c (v0/v_r)^p v0/K; ValueError if `contact` or `velocity` is missing."""
+        _needs(contact, "contact", self)
+        _needs(velocity, "velocity", self)
+        assert contact is not None and velocity is not None  # for the type checker
+        speed = as_parameter(velocity, "velocity")
+        c = self.c * jnp.exp(self.power * jnp.log(speed / self.reference))
+        return c * speed / contact.stiffness
