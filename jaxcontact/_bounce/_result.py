@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._impact import Status
 from .._parameter import as_parameter, shown
+from .._units import quantity
 
 
 class Bounce(eqx.Module):
@@ -73,12 +74,15 @@ class Bounce(eqx.Module):
         return jnp.where(touched == 0, falling, jnp.where(resting, 0, flying))
 
     def __repr__(self) -> str:
+        first = [
+            quantity(name, _shown(getattr(self, name), 0)) for name in ("time", "impact_velocity")
+        ]
         numbers = {
             "bounces": str(self.time.shape[-1]),
-            "first touch": f"{_shown(self.time, 0)} s, {_shown(self.impact_velocity, 0)} m/s",
-            "last height": f"{_shown(self.height, -1)} m",
-            "rest_time": f"{shown(self.rest_time)} s",
-            "rest_indentation": f"{shown(self.rest_indentation)} m",
+            "first touch": ", ".join(first),
+            "last height": quantity("height", _shown(self.height, -1)),
+            "rest_time": quantity("rest_time", shown(self.rest_time)),
+            "rest_indentation": quantity("rest_indentation", shown(self.rest_indentation)),
             "status": _statuses(self.status),
         }
         return "Bounce\n" + "\n".join(f"  {name:<17}{text}" for name, text in numbers.items())

@@ -8,9 +8,10 @@ import json
 import pathlib
 from typing import TYPE_CHECKING, Any
 
+from .._progress import Stages
 from ._files import write_all
 from ._options import InputError, positive
-from ._progress import Progress
+from ._parser import add_command
 
 if TYPE_CHECKING:
     from .._calibration import Calibration
@@ -55,14 +56,8 @@ exit codes: 0 done; 1 a fit did not converge (everything is written); 2 bad inpu
 
 def add_parser(commands: Any) -> None:
     """Add `calibrate` to the subparsers of argparse."""
-    parser = commands.add_parser(
-        "calibrate",
-        help="fit laws to a recording of bounces",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    summary = "fit laws to a recording of bounces"
+    parser = add_command(commands, run, "calibrate", summary, _DESCRIPTION, _EPILOG)
     parser.add_argument("file", nargs="?", metavar="FILE", help="recording (default: the shipped)")
     parser.add_argument(
         "--law", metavar="NAME", default="all", help="law to fit (default: all, of three kinds)"
@@ -103,13 +98,11 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--report", action="store_true", help=f"also write {REPORT}, a page with the figure"
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Calibrate as asked; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
-    progress = Progress(quiet=arguments.quiet)
+    progress = Stages(quiet=arguments.quiet)
     progress("reading the recording")
     from .._calibration import calibrate, choose_curves, report, to_dict
     from .._flight import STANDARD_GRAVITY

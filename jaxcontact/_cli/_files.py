@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import os
 import pathlib
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from ._options import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FIGURES = (".png", ".pdf", ".svg")
 """What a figure may be written as."""
@@ -23,6 +28,25 @@ def output_path(option: str, name: str, suffixes: Sequence[str]) -> pathlib.Path
     if path.is_dir():
         raise InputError(f"{option} {name}: is a folder")
     return path
+
+
+def drawn(draw: Callable[[Figure], None], size: tuple[float, float], form: str) -> bytes:
+    """A figure of the `size` in inches, filled by `draw`, as a file of the form "png", say."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    # Its own canvas needs no display and leaves the user's choice of backend alone.
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    draw(figure)
+    return image_of(figure, form)
+
+
+def image_of(figure: Figure, form: str, **metadata: None) -> bytes:
+    """A figure as a file of the form "png", say; `metadata` of None are left out."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format=form, dpi=200, metadata=metadata)
+    return stream.getvalue()
 
 
 def write_all(contents: Mapping[pathlib.Path, bytes]) -> None:

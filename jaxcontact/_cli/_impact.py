@@ -3,30 +3,25 @@
 from __future__ import annotations
 
 import argparse
-import io
 import json
 import math
 from typing import TYPE_CHECKING, Any
 
-from ._files import FIGURES, output_path, write_all
+from .._impact._result import NUMBERS
+from .._progress import Stages
+from .._text_table import text_table
+from .._units import meaning, quantity
+from ._files import FIGURES, drawn, output_path, write_all
 from ._law import exponent_asked, parameters_asked
 from ._options import InputError, assignment, number, positive
-from ._progress import Progress
+from ._parser import add_command, add_law_and_contact
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from .._contact import Contact
     from .._impact import Impact
     from .._laws import AbstractLaw
-
-UNITS = {
-    "restitution": "",
-    "rebound_velocity": "m/s",
-    "duration": "s",
-    "compression_time": "s",
-    "max_indentation": "m",
-    "max_force": "N",
-    "energy_loss": "J",
-}
 
 _SAMPLES = 400
 
@@ -44,40 +39,10 @@ exit codes: 0 done; 1 the impact could not be solved to accuracy; 2 bad input, n
 
 def add_parser(commands: Any) -> None:
     """Add `impact` to the subparsers of argparse."""
-    parser = commands.add_parser(
-        "impact",
-        help="one impact in numbers, and as a figure",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    parser.add_argument(
-        "--law", metavar="NAME", required=True, help="name of the law; see `jaxcontact laws`"
-    )
-    parser.add_argument("--e", metavar="E", type=number, help="restitution the law is asked for")
-    parser.add_argument(
-        "--param",
-        metavar="NAME=NUMBER",
-        type=assignment,
-        action="append",
-        default=[],
-        help="another parameter of the law, in SI units (c=1e6, say); may be repeated",
-    )
-    parser.add_argument(
-        "--mass", metavar="KG", type=positive, required=True, help="effective mass in kg"
-    )
-    parser.add_argument(
-        "--stiffness", metavar="K", type=positive, required=True, help="K of K δⁿ, in N/mⁿ"
-    )
-    parser.add_argument(
-        "--exponent",
-        metavar="N",
-        type=positive,
-        help="n of K δⁿ (default: the law's own, 1.5 where it has none)",
-    )
-    parser.add_argument(
-        "--velocity", metavar="V", type=positive, required=True, help="closing speed in m/s"
+    summary = "one impact in numbers, and as a figure"
+    parser = add_command(commands, run, "impact", summary, _DESCRIPTION, _EPILOG)
+    add_law_and_contact(
+        parser, number=number, size=positive, param=assignment, form=("NUMBER", "c=1e6")
     )
     parser.add_argument("--json", action="store_true", help="as JSON instead of text")
     parser.add_argument(
@@ -85,13 +50,11 @@ def add_parser(commands: Any) -> None:
         metavar="FILE",
         help="draw force against indentation and time; .png, .pdf or .svg",
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Solve the impact asked for and print it. Raises InputError, OSError."""
-    progress = Progress(quiet=arguments.quiet)
+    progress = Stages(quiet=arguments.quiet)
     plot = output_path("--plot", arguments.plot, FIGURES) if arguments.plot else None
     progress("compiling and solving the impact")
     from .._impact import Status, impact
@@ -127,17 +90,16 @@ def _problem(arguments: argparse.Namespace) -> tuple[AbstractLaw, Contact]:
 
 
 def _numbers(hit: Impact) -> dict[str, float]:
-    return {name: float(getattr(hit, name)) for name in UNITS}
+    return {name: float(getattr(hit, name)) for name in NUMBERS}
 
 
 def _text(arguments: argparse.Namespace, hit: Impact, status: Any) -> str:
-    lines = [f"{arguments.law} at {arguments.velocity:g} m/s (method {hit.method})"]
-    if arguments.e is not None:
-        lines.append(f"  {'asked for e':<18}{arguments.e:.9g}")
+    rows = [] if arguments.e is None else [("parameter e", f"{arguments.e:.9g}")]
     for name, value in _numbers(hit).items():
-        lines.append(f"  {name.replace('_', ' '):<18}{value:.9g} {UNITS[name]}".rstrip())
-    lines.append(f"  {'status':<18}{status.name.lower().replace('_', ' ')}")
-    return "\n".join(lines)
+        rows.append((name.replace("_", " "), quantity(name, f"{value:.9g}")))
+    rows.append(("status", status.name.lower().replace("_", " ")))
+    head = f"{arguments.law} at {arguments.velocity:g} m/s (method {hit.method})"
+    return "\n".join([head, *text_table(rows, indent=2)])
 
 
 def _dict(
@@ -162,35 +124,28 @@ def _dict(
         "status": status.name,
         "method": hit.method,
         "units": {
-            "mass": "kg",
-            "stiffness": "N/m^n",
-            "velocity": "m/s",
-            **{name: unit for name, unit in UNITS.items() if unit},
+            name: unit
+            for name in ("mass", "stiffness", "velocity", *NUMBERS)
+            if (unit := meaning(name)[1])
         },
     }
 
 
-def _figure(
-    law: AbstractLaw, contact: Contact, arguments: argparse.Namespace, suffix: str
-) -> bytes:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+def _figure(law: AbstractLaw, contact: Contact, arguments: argparse.Namespace, form: str) -> bytes:
     from .._impact import trajectory
     from ..plot import trajectory as draw
 
     path = trajectory(law, contact, arguments.velocity, samples=_SAMPLES)
-    # Its own canvas: no display is needed, and the user's choice of backend is left alone.
-    figure = Figure(figsize=(8.0, 3.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    loop, course = figure.subplots(1, 2)
-    draw(path, x="indentation", y="force", ax=loop)
-    draw(path, x="time", y="force", ax=course)
-    for ax in (loop, course):
-        # Milliseconds in seconds would write their zeros into each other.
-        ax.ticklabel_format(style="sci", scilimits=(-2, 4), useMathText=True)
     asked = "" if arguments.e is None else f", e = {arguments.e:g}"
-    figure.suptitle(f"{arguments.law}{asked}, {arguments.velocity:g} m/s", fontsize="medium")
-    stream = io.BytesIO()
-    figure.savefig(stream, format=suffix, dpi=200)
-    return stream.getvalue()
+
+    def fill(figure: Figure) -> None:
+        loop, course = figure.subplots(1, 2)
+        draw(path, x="indentation", y="force", ax=loop)
+        draw(path, x="time", y="force", ax=course)
+        for ax in (loop, course):
+            # Milliseconds in seconds have so many zeros that the labels would overlap.
+            ax.ticklabel_format(style="sci", scilimits=(-2, 4), useMathText=True)
+        title = f"{arguments.law}{asked}, {arguments.velocity:g} m/s"
+        figure.suptitle(title, fontsize="medium")
+
+    return drawn(fill, (8.0, 3.6), form)

@@ -8,34 +8,29 @@ import math
 import sys
 from typing import Any
 
-from ._progress import Progress
+from .._progress import Stages
+from .._text_table import text_table
+from ._parser import add_command
 
 ASKED = (0.9, 0.7, 0.5, 0.3, 0.1)
 
 _DESCRIPTION = """\
 A table of all laws: name, α(e) of F = K δⁿ (1 + α δ'/v0) (or the force, for laws of another form),
-the restitution a free impact delivers for e = 0.9 0.7 0.5 0.3 0.1, and the source. A dash: the law
-does not take e (its restitution follows from its own parameters, and often from the speed).
+the restitution of a free impact for e = 0.9 0.7 0.5 0.3 0.1, and the source. A dash: the law has no
+parameter e (its restitution follows from its own parameters, and often from the speed).
 """
 
 
 def add_parser(commands: Any) -> None:
     """Add `laws` to the subparsers of argparse."""
-    parser = commands.add_parser(
-        "laws",
-        help="table of all laws and what they deliver",
-        description=_DESCRIPTION,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    summary = "table of all laws and what they deliver"
+    parser = add_command(commands, run, "laws", summary, _DESCRIPTION)
     parser.add_argument("--json", action="store_true", help="as JSON instead of a table")
-    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the table."""
-    progress = Progress(quiet=arguments.quiet)
+    progress = Stages(quiet=arguments.quiet)
     progress("compiling and solving an impact for each law and e")
     rows = table()
     if arguments.json:
@@ -67,7 +62,7 @@ def table() -> list[dict[str, Any]]:
 
 
 def _delivered(names: list[str]) -> dict[str, dict[str, float | None]]:
-    """What each law delivers for the e of `ASKED`; None where it delivers nothing finite."""
+    """What each law delivers for the e of `ASKED`; None where that is not finite."""
     import jax.numpy as jnp
     import numpy as np
 
@@ -83,7 +78,7 @@ def _delivered(names: list[str]) -> dict[str, dict[str, float | None]]:
 
     asked = jnp.array(ASKED)
     family = [name for name in names if issubclass(describe(name).cls, AbstractHuntCrossley)]
-    # One α, one outcome: all laws of the family are one batch, and compile once.
+    # α alone decides the restitution: all laws of the family are one batch, compiled once.
     contact = Contact(1.0, 1.0)
     alpha = jnp.stack([get_law(name, e=asked).damping_factor(contact, 1.0) for name in family])
     delivered = np.asarray(restitution(Damped(alpha=alpha), contact, 1.0))
@@ -97,23 +92,11 @@ def _delivered(names: list[str]) -> dict[str, dict[str, float | None]]:
 
 
 def _text(rows: list[dict[str, Any]]) -> str:
-    head = ("law", "α(e), or the force", *(f"e = {e:g}" for e in ASKED), "source")
-    lines = [head]
+    header = ("law", "α(e), or the force", *(f"e = {e:g}" for e in ASKED), "source")
+    cells = []
     for row in rows:
         delivered = row["delivers"] or {}
         numbers = [delivered.get(f"{e:g}") for e in ASKED]
-        lines.append(
-            (
-                row["law"],
-                row["formula"],
-                *("-" if e is None else f"{e:.4f}" for e in numbers),
-                row["source"],
-            )
-        )
-    widths = [max(len(line[k]) for line in lines) for k in range(len(head) - 1)]
-    text = []
-    for line in lines:
-        cells = [cell.ljust(width) for cell, width in zip(line, widths, strict=False)]
-        text.append("  ".join([*cells, line[-1]]))
-    text.insert(1, "-" * max(len(line) for line in text))
-    return "\n".join(text)
+        told = ("-" if e is None else f"{e:.4f}" for e in numbers)
+        cells.append((row["law"], row["formula"], *told, row["source"]))
+    return "\n".join(text_table(cells, header=header, rule=True))

@@ -8,9 +8,10 @@ import io
 import pathlib
 from typing import TYPE_CHECKING, Any
 
-from ._files import write_all
+from .._progress import Stages
+from ._files import image_of, write_all
 from ._options import InputError
-from ._progress import Progress
+from ._parser import add_command
 
 if TYPE_CHECKING:
     from ..paper import Reproduction
@@ -31,24 +32,16 @@ exit codes: 0 done; 1 a published number differs for no stated reason; 2 bad inp
 
 def add_parser(commands: Any) -> None:
     """Add `paper` to the subparsers of argparse."""
-    parser = commands.add_parser(
-        "paper",
-        help="the figures and numbers of Hu & Guo (2015), reproduced",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    summary = "the figures and numbers of Hu & Guo (2015), reproduced"
+    parser = add_command(commands, run, "paper", summary, _DESCRIPTION, _EPILOG)
     parser.add_argument("figures", metavar="FIGURE", nargs="*", help="names, such as fig6")
     parser.add_argument(
         "--out", metavar="DIR", default="paper", help="where to write (default: paper)"
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
-    parser.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Make what is asked for and write it. Raises InputError, OSError."""
+    """Make the figures of the arguments and write them. Raises InputError, OSError."""
     from .. import paper
 
     names = arguments.figures or list(paper.FIGURES)
@@ -58,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     folder = pathlib.Path(arguments.out)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--out {arguments.out}: is a file")
-    progress = Progress(quiet=arguments.quiet)
+    progress = Stages(quiet=arguments.quiet)
     files: dict[pathlib.Path, bytes] = {}
     for name in names:
         progress(f"making {name}")
@@ -76,9 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _files_of(name: str, result: Reproduction) -> dict[str, bytes]:
-    stream = io.BytesIO()
-    result.figure.savefig(stream, format="png", dpi=200, metadata={"Software": None})
-    files = {f"{name}.png": stream.getvalue()}
+    files = {f"{name}.png": image_of(result.figure, "png", Software=None)}
     for title, table in result.tables.items():
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ._files import FIGURES, output_path, write_all
-from ._impact import UNITS
+from .._impact._result import NUMBERS
+from .._progress import Stages
+from ._files import FIGURES, drawn, output_path, write_all
 from ._law import exponent_asked, parameters_asked
-from ._options import InputError, number, positive
-from ._progress import Progress
+from ._options import InputError, number
+from ._parser import add_command, add_law_and_contact
 
 if TYPE_CHECKING:
     from .._impact import Impact
@@ -39,43 +40,20 @@ sweep was interrupted; 2 bad input, nothing written.
 """
 
 _CONTACT = {"mass": 1.0, "stiffness": 1e8, "velocity": 1.0}
-"""What is taken where nothing is given; the restitution often depends on none of it."""
+"""The defaults; the restitution often depends on none of them."""
 
 
 def add_parser(commands: Any) -> None:
     """Add `sweep` to the subparsers of argparse."""
-    parser = commands.add_parser(
-        "sweep",
-        help="impacts over ranges of parameters, as a table and a map",
-        description=_DESCRIPTION,
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    parser.add_argument(
-        "--law", metavar="NAME", required=True, help="name of the law; see `jaxcontact laws`"
-    )
-    parser.add_argument("--e", metavar="E", type=span, help="restitution the law is asked for")
-    parser.add_argument(
-        "--param",
-        metavar="NAME=RANGE",
-        type=named_span,
-        action="append",
-        default=[],
-        help="another parameter of the law, in SI units (c=1e5:1e7:50:log, say); may be repeated",
-    )
-    parser.add_argument("--mass", metavar="KG", type=span, help="effective mass in kg (default: 1)")
-    parser.add_argument(
-        "--stiffness", metavar="K", type=span, help="K of K δⁿ, in N/mⁿ (default: 1e8)"
-    )
-    parser.add_argument(
-        "--velocity", metavar="V", type=span, help="closing speed in m/s (default: 1)"
-    )
-    parser.add_argument(
-        "--exponent",
-        metavar="N",
-        type=positive,
-        help="n of K δⁿ (default: the law's own, 1.5 where it has none)",
+    summary = "impacts over ranges of parameters, as a table and a map"
+    parser = add_command(commands, run, "sweep", summary, _DESCRIPTION, _EPILOG)
+    add_law_and_contact(
+        parser,
+        number=span,
+        size=span,
+        param=named_span,
+        form=("RANGE", "c=1e5:1e7:50:log"),
+        defaults=_CONTACT,
     )
     parser.add_argument(
         "--out", metavar="FILE", required=True, help="the table to write; .nc or .csv"
@@ -84,8 +62,6 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--field", metavar="NAME", default="restitution", help="to draw (default: restitution)"
     )
-    parser.add_argument("--quiet", action="store_true", help="no progress on stderr")
-    parser.set_defaults(run=run)
 
 
 def span(text: str) -> float | np.ndarray:
@@ -117,7 +93,7 @@ def named_span(text: str) -> tuple[str, float | np.ndarray]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep as asked and write it. Raises InputError, OSError."""
-    progress = Progress(quiet=arguments.quiet)
+    progress = Stages(quiet=arguments.quiet)
     out = output_path("--out", arguments.out, (".nc", ".csv"))
     if out.suffix.lower() == ".nc" and importlib.util.find_spec("xarray") is None:
         raise InputError(
@@ -149,8 +125,8 @@ def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path 
     if arguments.plot is None:
         return None
     plot = output_path("--plot", arguments.plot, FIGURES)
-    if arguments.field not in UNITS:
-        raise InputError(f"--field: {arguments.field!r} is none of {', '.join(UNITS)}")
+    if arguments.field not in NUMBERS:
+        raise InputError(f"--field: {arguments.field!r} is none of {', '.join(NUMBERS)}")
     ranges = sum(isinstance(values, np.ndarray) for values in given.values())
     if ranges not in (1, 2):
         raise InputError(f"--plot {plot}: takes one or two ranges, but there are {ranges}")
@@ -193,16 +169,7 @@ def _table(table: Sweep, suffix: str) -> bytes:
     return text.getvalue().encode()
 
 
-def _figure(table: Sweep, field: str, suffix: str) -> bytes:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+def _figure(table: Sweep, field: str, form: str) -> bytes:
     from ..plot import sweep as draw
 
-    # Its own canvas: no display is needed, and the user's choice of backend is left alone.
-    figure = Figure(figsize=(6.4, 4.4), layout="constrained")
-    FigureCanvasAgg(figure)
-    draw(table, field=field, ax=figure.subplots())
-    stream = io.BytesIO()
-    figure.savefig(stream, format=suffix, dpi=200)
-    return stream.getvalue()
+    return drawn(lambda figure: draw(table, field=field, ax=figure.subplots()), (6.4, 4.4), form)

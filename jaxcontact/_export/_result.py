@@ -7,6 +7,8 @@ from collections.abc import Mapping
 
 from .._contact import Contact
 from .._laws import AbstractLaw
+from .._text_table import text_table
+from .._units import meaning
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,18 +41,18 @@ class Export:
     contact: Contact
 
     def __repr__(self) -> str:
-        rows = [(name, value, self.units[name]) for name, value in self.parameters.items()]
-        rows += [("target", self.target, ""), ("delivered", self.delivered, "")]
-        rows += [("duration", self.duration, "s")]
+        numbers = {name: (value, self.units[name]) for name, value in self.parameters.items()}
+        numbers |= {"target": (self.target, ""), "delivered": (self.delivered, "")}
+        numbers["duration"] = self.duration, meaning("duration")[1]
         if self.time_step is not None:
-            rows += [("time_step", self.time_step, "s, or less")]
+            numbers["time_step"] = self.time_step, f"{meaning('time_step')[1]}, or less"
         if self.expected_error is not None:
-            rows += [("expected_error", self.expected_error, "")]
-        width = max(len(name) for name, _, _ in rows) + 2
+            numbers["expected_error"] = self.expected_error, ""
+        rows = [(name, f"{value:.9g} {unit}".rstrip()) for name, (value, unit) in numbers.items()]
         return "\n".join(
             [
                 f"Export to {self.engine}: {self.model}",
-                *(f"  {name:<{width}}{value:.9g} {unit}".rstrip() for name, value, unit in rows),
+                *text_table(rows, indent=2),
                 *(f"  | {line}" for line in self.snippet.splitlines()),
                 f"  limit: {self.limit}",
                 f"  source: {self.source}",

@@ -10,6 +10,13 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from .._parameter import shown
+from .._units import quantity
+
+NUMBERS = (
+    *("restitution", "rebound_velocity", "duration", "compression_time"),
+    *("max_indentation", "max_force", "energy_loss"),
+)
+"""The physical quantities of an `Impact`, in order."""
 
 
 class Status(enum.IntEnum):
@@ -49,18 +56,9 @@ class Impact(eqx.Module):
     method: str = eqx.field(static=True)
 
     def __repr__(self) -> str:
-        units = {
-            "restitution": "",
-            "rebound_velocity": "m/s",
-            "duration": "s",
-            "compression_time": "s",
-            "max_indentation": "m",
-            "max_force": "N",
-            "energy_loss": "J",
-        }
         lines = [f"Impact by method {self.method!r}"]
-        for name, unit in units.items():
-            lines.append(f"  {name:<17}{_show(getattr(self, name))} {unit}".rstrip())
+        for name in NUMBERS:
+            lines.append(f"  {name:<17}{quantity(name, _show(getattr(self, name)))}")
         lines.append(f"  {'status':<17}{_show_status(self.status)}")
         return "\n".join(lines)
 

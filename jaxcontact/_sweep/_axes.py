@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import math
-from collections.abc import Callable, Mapping
+import numbers
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,7 +35,7 @@ class Grid:
     shape: tuple[int, ...]
     inputs: tuple[Input, ...]
     static: tuple[tuple[str, Any], ...]
-    """Arguments that are no numbers, passed on as they are."""
+    """Arguments that are no arrays, passed on as they are: strings, whole numbers, objects."""
 
     @property
     def size(self) -> int:
@@ -63,7 +65,7 @@ def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
         shape.append(len(next(iter(columns.values()))))
         inputs += [Input(name, values, 0) for name, values in columns.items()]
     for name, given in axes.items():
-        if given is None or isinstance(given, str | bool | int) or callable(given):
+        if given is None or isinstance(given, str | bool | int) or _is_object(given):
             static.append((name, given))
             continue
         values = _numbers(given, name)
@@ -78,6 +80,13 @@ def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
         dims.append(name)
         shape.append(len(values))
     return Grid(tuple(dims), tuple(shape), tuple(inputs), tuple(static))
+
+
+def _is_object(given: Any) -> bool:
+    """Whether this is no number and no array: a function, a law, a method object, any hashable."""
+    if isinstance(given, numbers.Number | Sequence) or hasattr(given, "__array__"):
+        return False
+    return callable(given) or dataclasses.is_dataclass(given) or isinstance(given, Hashable)
 
 
 def _samples(samples: Mapping[str, Any]) -> dict[str, np.ndarray]:

@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING, Any, TextIO
 import numpy as np
 
 from .._impact import Status
-from ._units import meaning
+from .._units import meaning
+from ._table import Table
 
 if TYPE_CHECKING:
     import xarray
-
-    from ._table import Sweep
 
 _ROWS = 1 << 14
 """Rows that are turned into text at once."""
 
 
-def dataset(sweep: Sweep) -> xarray.Dataset:
+def dataset(sweep: Table) -> xarray.Dataset:
     """The sweep as an `xarray.Dataset`. Raises ImportError without xarray."""
     try:
         import xarray
@@ -76,7 +75,7 @@ def attributes_of(name: str) -> dict[str, Any]:
     return {"long_name": words, "units": unit or "1"} if unit or words != name else {}
 
 
-def write_csv(sweep: Sweep, path: str | os.PathLike | TextIO) -> None:
+def write_csv(sweep: Table, path: str | os.PathLike | TextIO) -> None:
     """A long table, one row for each lane."""
     if isinstance(path, str | os.PathLike):
         with open(path, "w", newline="", encoding="utf-8") as file:
@@ -85,7 +84,7 @@ def write_csv(sweep: Sweep, path: str | os.PathLike | TextIO) -> None:
         _write_rows(sweep, path)
 
 
-def _write_rows(sweep: Sweep, file: TextIO) -> None:
+def _write_rows(sweep: Table, file: TextIO) -> None:
     columns = {name: column.array(sweep.shape) for name, column in sweep.columns().items()}
     columns.setdefault("status", sweep.status)
     own = {name: array.shape[len(sweep.shape) :] for name, array in columns.items()}

@@ -1,9 +1,9 @@
-"""A function read for a sweep: which of its arrays to compute over which dimensions, compiled."""
+"""A function prepared for a sweep: traced, analysed and compiled."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._axes import Grid, call
-from ._dependence import Dependence, Dims, Reading, dependences, range_checks
 from ._fields import Field, fields_of
-from ._program import Constant, Program, Shared, Step, needed, program_of, run
+from ._skip import Array, Dependence, Program, Work, analysis_of, is_flag, program_of, run
 
 Kinds = tuple[tuple[str, int | None, np.dtype], ...]
 
@@ -22,19 +21,8 @@ _REMEMBERED = 32
 
 
 @dataclass(frozen=True, eq=False)
-class Array:
-    """One array to compute: a leaf of the output, or a flag."""
-
-    key: str
-    dims: tuple[int, ...]
-    """The dimensions it varies along, in ascending order."""
-    kind: jax.ShapeDtypeStruct
-    """One lane's shape and type."""
-
-
-@dataclass(frozen=True, eq=False)
 class Group:
-    """Arrays that are computed together, by one compiled function."""
+    """Arrays that one compiled function computes together."""
 
     dims: tuple[int, ...]
     """Those of all its arrays."""
@@ -66,24 +54,9 @@ class Plan:
     leaves: tuple[Dependence, ...]
     groups: tuple[Group, ...]
     checks: tuple[int, ...]
-    """The flags that say whether the input of a lane is good."""
+    """The flags that say whether the input of a lane is valid."""
     whole: Group
-    """All leaves and checks over all dimensions, as if nothing could be skipped."""
-
-
-def leaf_key(leaf: int) -> str:
-    """The key of an array of the output."""
-    return f"leaf {leaf}"
-
-
-def flag_key(slot: int) -> str:
-    """The key of a flag."""
-    return f"flag {slot}"
-
-
-def is_flag(key: str) -> bool:
-    """Whether a key is that of a flag."""
-    return key.startswith("flag")
+    """All leaves and checks over all dimensions, with nothing skipped."""
 
 
 def plan_of(function: Callable[..., Any], grid: Grid) -> Plan:
@@ -93,7 +66,7 @@ def plan_of(function: Callable[..., Any], grid: Grid) -> Plan:
     try:
         hash(key)
     except TypeError:
-        # A function without a hash, a module with arrays in it for example.
+        # A function, or an argument passed on, without a hash: a module with arrays, for example.
         return _plan.__wrapped__(*key)
     return _plan(*key)
 
@@ -116,121 +89,27 @@ def _plan(
         return [jnp.asarray(array) for array in arrays]
 
     program = program_of(flat, [jax.ShapeDtypeStruct((), dtype) for _, _, dtype in kinds])
-    return _Planner(program, kinds, rank).plan(fields)
+    along = [dim for _, dim, _ in kinds]
+    found = analysis_of(program, along, rank)
+    whole = _compiled(found.whole, along)
+    groups = tuple(whole if work is found.whole else _compiled(work, along) for work in found.works)
+    return Plan(program, tuple(fields), found.leaves, groups, found.checks, whole)
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """An array, and what it is made of."""
+def _compiled(work: Work, along: list[int | None]) -> Group:
+    """The group of `work`; `along` holds the dimension of each input."""
 
-    array: Array
-    steps: frozenset[int]
-    out: int | Constant
+    def one(*values: jax.Array) -> list[jax.Array]:
+        return run(work.steps, work.outputs, dict(zip(work.inputs, values, strict=True)))
 
-
-class _Planner:
-    def __init__(self, program: Program, kinds: Kinds, rank: int):
-        self.program, self.kinds = program, kinds
-        self.all = tuple(range(rank))
-        varying = [frozenset(() if dim is None else (dim,)) for _, dim, _ in kinds]
-        self.reading = Reading(program, varying)
-        self.shared = Shared(program.inputs)
-
-    def plan(self, fields: Sequence[Field]) -> Plan:
-        checks = tuple(range_checks(self.reading)) if self.program.pure else ()
-        outputs = self.program.outputs
-        plain = [
-            Array(key, self.all, self._kind(where))
-            for key, where in [
-                *((leaf_key(i), where) for i, where in enumerate(outputs)),
-                *((flag_key(slot), slot) for slot in checks),
-            ]
-        ]
-        inputs = tuple(range(self.program.inputs))
-        whole = self._group(plain, self.program.steps, [*outputs, *checks], inputs)
-        if not self.program.pure:
-            # What else it does, it does for every lane: nothing is skipped.
-            leaves = [Dependence(frozenset(self.all))] * len(outputs)
-            groups = [whole]
-        else:
-            leaves = dependences(self.reading)
-            flags = {slot for leaf in leaves for slot in leaf.conditions} | set(checks)
-            # Flags first: a sweep that is interrupted then knows them.
-            groups = [*self._flags(sorted(flags)), *self._leaves(leaves)]
-        return Plan(self.program, tuple(fields), tuple(leaves), tuple(groups), checks, whole)
-
-    def _flags(self, flags: Sequence[int]) -> Iterator[Group]:
-        """Flags of one dimension together, others with those of the same dimensions."""
-        together: dict[Dims, list[_Part]] = {}
-        for slot in flags:
-            dims = self.reading.dims(slot)
-            part = self._part(flag_key(slot), dims, slot, ())
-            together.setdefault(dims if len(dims) > 1 else frozenset(), []).append(part)
-        yield from map(self._together, together.values())
-
-    def _leaves(self, leaves: Sequence[Dependence]) -> Iterator[Group]:
-        """Arrays of the same dimensions together, and fewer with more if they share their work.
-
-        A scaled solve that the duration needs for each pair of numbers gives the restitution too:
-        it is compiled once, and run no more often.
-        """
-        together: dict[Dims, list[_Part]] = {}
-        for i, leaf in enumerate(leaves):
-            part = self._part(leaf_key(i), leaf.dims, self.program.outputs[i], leaf.conditions)
-            together.setdefault(leaf.dims, []).append(part)
-        for few in sorted(together, key=lambda dims: (len(dims), sorted(dims))):
-            for more in sorted(together, key=lambda dims: (len(dims), sorted(dims))):
-                if few < more and _alike(together[few], together[more]):
-                    together[more] += together.pop(few)
-                    break
-        yield from map(self._together, together.values())
-
-    def _part(
-        self, key: str, dims: Dims, where: int | Constant, conditions: Sequence[int]
-    ) -> _Part:
-        steps, outputs = self.reading.specialised(conditions, [where])
-        (out,) = self.shared.add(steps, outputs)
-        numbers = frozenset(self.shared.numbers_of(out))
-        return _Part(Array(key, tuple(sorted(dims)), self._kind(where)), numbers, out)
-
-    def _together(self, parts: Sequence[_Part]) -> Group:
-        numbers = sorted(frozenset[int]().union(*(part.steps for part in parts)))
-        steps, outside = needed([self.shared.steps[k] for k in numbers], [p.out for p in parts])
-        inputs = tuple(sorted(outside))
-        return self._group([p.array for p in parts], steps, [p.out for p in parts], inputs)
-
-    def _group(
-        self,
-        arrays: Sequence[Array],
-        steps: Sequence[Step],
-        outs: Sequence[int | Constant],
-        inputs: tuple[int, ...],
-    ) -> Group:
-        def one(*values: jax.Array) -> list[jax.Array]:
-            return run(steps, outs, dict(zip(inputs, values, strict=True)))
-
-        along = [self.kinds[slot][1] for slot in inputs]
-        dims = tuple(sorted({d for array in arrays for d in array.dims}))
-        grid, lanes = one, one
-        for d in reversed(dims):
-            grid = jax.vmap(
-                grid,
-                in_axes=tuple(0 if other == d else None for other in along),
-                out_axes=[0 if d in array.dims else None for array in arrays],
-            )
-        if dims:
-            lanes = jax.vmap(lanes, in_axes=tuple(None if d is None else 0 for d in along))
-        return Group(dims, tuple(arrays), inputs, jax.jit(grid), jax.jit(lanes))
-
-    def _kind(self, where: int | Constant) -> jax.ShapeDtypeStruct:
-        if isinstance(where, int):
-            return self.program.shapes[where]
-        value = jnp.asarray(where.value)
-        return jax.ShapeDtypeStruct(value.shape, value.dtype)
-
-
-def _alike(some: Sequence[_Part], others: Sequence[_Part]) -> bool:
-    """Whether at least half of the work of `some` is done for `others` anyway."""
-    mine = frozenset[int]().union(*(part.steps for part in some))
-    theirs = frozenset[int]().union(*(part.steps for part in others))
-    return 2 * len(mine & theirs) >= len(mine)
+    mine = [along[slot] for slot in work.inputs]
+    grid, lanes = one, one
+    for d in reversed(work.dims):
+        grid = jax.vmap(
+            grid,
+            in_axes=tuple(0 if other == d else None for other in mine),
+            out_axes=[0 if d in array.dims else None for array in work.arrays],
+        )
+    if work.dims:
+        lanes = jax.vmap(lanes, in_axes=tuple(None if d is None else 0 for d in mine))
+    return Group(work.dims, work.arrays, work.inputs, jax.jit(grid), jax.jit(lanes))

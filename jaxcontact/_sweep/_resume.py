@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from .._progress import Tell
 from ._axes import Grid
 from ._devices import Workers
 from ._export import attributes_of
-from ._plan import is_flag
-from ._progress import Listener
 from ._run import Arrays, Block, Outcome, compute, fill, shape_of
+from ._skip import is_flag
 from ._store import Coordinate, Stored, open_store
 
 _FLAGS = "flags/"
@@ -28,7 +28,7 @@ def collect_stored(
     blocks: Sequence[Block],
     grid: Grid,
     workers: Workers,
-    tell: Listener,
+    tell: Tell,
     unfinished: Mapping[str, Any],
 ) -> Outcome:
     """Compute the blocks that the store at `path` lacks; the arrays are those of the store.

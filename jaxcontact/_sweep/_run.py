@@ -13,11 +13,12 @@ from typing import Any
 import jax
 import numpy as np
 
+from .._progress import Tell
 from ._axes import Grid
 from ._blocks import cut, padded
 from ._devices import Workers
-from ._plan import Array, Group, is_flag
-from ._progress import Listener
+from ._plan import Group
+from ._skip import Array, is_flag
 
 Arrays = dict[str, np.ndarray]
 Order = Callable[[Group], np.ndarray]
@@ -197,7 +198,7 @@ def collect(
     blocks: Sequence[Block],
     grid: Grid,
     workers: Workers,
-    tell: Listener,
+    tell: Tell,
     unfinished: Mapping[str, Any],
 ) -> Outcome:
     """Compute all blocks into arrays.

@@ -14,8 +14,9 @@ import numpy as np
 
 from ._axes import Grid
 from ._export import version
-from ._program import Constant, Program
+from ._skip import Constant, Program
 
+# Left out of every text: an object has another address in every process.
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+|0x[0-9a-f]{6,}")
 
 
@@ -35,7 +36,7 @@ def signature_of(program: Program, function: str, grid: Grid, most: int) -> dict
             }
             for i in grid.inputs
         },
-        "fixed": {name: repr(value) for name, value in grid.static},
+        "fixed": {name: _ADDRESS.sub("", repr(value)) for name, value in grid.static},
         "batch_size": most,
         "jaxcontact": version(),
         "jax": jax.__version__,
@@ -64,7 +65,6 @@ def _texts(program: Program) -> Iterator[bytes]:
 
 
 def _of_param(name: str, value: Any) -> Iterator[bytes]:
-    # An object's address is another one in every process.
     yield f"{name}={_ADDRESS.sub('', str(value))}".encode()
     for part in value if isinstance(value, tuple | list) else (value,):
         if isinstance(part, core.ClosedJaxpr):

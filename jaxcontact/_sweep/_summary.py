@@ -2,42 +2,35 @@
 
 from __future__ import annotations
 
-import textwrap
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from .._impact import Status
-from ._units import meaning
-
-if TYPE_CHECKING:
-    from ._table import Sweep
-
-_WIDTH = 100
-_INDENT = 10
+from .._text_table import wrapped
+from .._units import quantity
+from ._table import Table
 
 
-def shown(sweep: Sweep) -> str:
+def shown(sweep: Table) -> str:
     """The axes with their ranges, the fields with what they depend on, and how lanes ended."""
     lengths = " × ".join(f"{name} {n}" for name, n in zip(sweep.dims, sweep.shape, strict=True))
     lanes = int(np.prod(sweep.shape, dtype=int))
     lines = [f"Sweep of {sweep.function}: {lengths or 'no axes'}, {lanes:,} lanes"]
     for name, values in sweep.axes.items():
-        lines += _wrapped(name, f"{_range(values)} {meaning(name)[1]}".rstrip())
+        lines += _entry(name, quantity(name, _range(values)))
     if sweep.fixed:
         fixed = ", ".join(f"{k} = {_number(value)}" for k, value in sweep.fixed.items())
-        lines += _wrapped("fixed", fixed)
+        lines += _entry("fixed", fixed)
     fields = []
     for name, column in sweep.columns().items():
         dims = {d for part in (column, *column.masks) for d in part.dims}
         over = ", ".join(sweep.dims[d] for d in sorted(dims))
         own = f" {column.own_shape}" if column.own_shape else ""
         fields.append(f"{name}({over}){own}")
-    lines += _wrapped("fields", ", ".join(fields) or "none")
+    lines += _entry("fields", ", ".join(fields) or "none")
     counts = ", ".join(f"{n:,} {_status(code)}" for code, n in sweep.status_counts().items())
-    lines += _wrapped("status", counts)
+    lines += _entry("status", counts)
     if not sweep.complete:
-        lines += _wrapped(
+        lines += _entry(
             "stopped", f"{100 * sweep.done:.0f} % of the work is done; the other lanes are NaN"
         )
     return "\n".join(lines)
@@ -60,12 +53,5 @@ def _number(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, np.floating) else str(value)
 
 
-def _wrapped(head: str, text: str) -> list[str]:
-    return textwrap.wrap(
-        text,
-        _WIDTH,
-        initial_indent=f"  {head:<7} ",
-        subsequent_indent=" " * _INDENT,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+def _entry(head: str, text: str) -> list[str]:
+    return wrapped(head, text, indent=10, lead="  ")

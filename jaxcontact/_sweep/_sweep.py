@@ -15,16 +15,17 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._impact import Status
+from .._progress import Listener, Tell, progress_of
 from ._axes import Grid, Input, check_call, grid_of
 from ._column import Column, Mask, within
 from ._devices import Workers, workers_of
 from ._fields import Field
-from ._plan import Group, Plan, flag_key, leaf_key, plan_of
-from ._progress import Listener, progress_of
+from ._plan import Group, Plan, plan_of
+from ._result import Sweep
 from ._resume import collect_stored
 from ._run import blocks_of, collect, compute, shape_of
 from ._signature import signature_of
-from ._table import Sweep
+from ._skip import flag_key, leaf_key
 
 _LANES = 1 << 14
 """Lanes in one call on a CPU: their intermediate results fit its caches. Measured on two cores:
@@ -108,7 +109,7 @@ def sweep(
     workers = workers_of(mesh)
     plan = plan_of(fn, grid)
     most = batch_size or _lanes_at_once(plan)
-    with progress_of(progress if workers.process == 0 else False) as tell:
+    with progress_of(progress if workers.process == 0 else False, "lanes", "sweep") as tell:
         if reduce is not None:
             return _reduced(fn, plan, grid, most, workers, reduce, tell)
         order = None if cost is None else _order_by(cost, grid, most, workers)
@@ -229,7 +230,7 @@ def _order_by(
         raise ValueError("Argument `cost` must return one number for each lane.")
     groups = tuple(group for group in plan.groups if not group.flags)
     blocks = list(blocks_of(groups, asked, most))
-    outcome = collect(blocks, asked, workers, lambda done, total: None, _unfinished(plan))
+    outcome = collect(blocks, asked, workers, lambda *_: None, _unfinished(plan))
     (group,) = groups
     predicted = outcome.arrays[leaf_key(0)]
 
@@ -260,7 +261,7 @@ def _reduced(
     most: int,
     workers: Workers,
     reduce: tuple[Any, Fold],
-    tell: Listener,
+    tell: Tell,
 ) -> Sweep:
     """Fold all blocks of the grid, each as a small sweep."""
     try:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._sweep._axes import SAMPLE
-from .._sweep._units import label
+from .._units import label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -36,7 +36,7 @@ def test_the_example(capsys):
 def test_the_text(capsys):
     assert main(EXAMPLE) == 0
     out = capsys.readouterr().out
-    assert "asked for e       0.7\n" in out
+    assert "parameter e       0.7\n" in out
     assert "restitution       0.697" in out
     assert "separated" in out
 

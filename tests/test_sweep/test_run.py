@@ -1,112 +1,17 @@
 """A sweep while it runs: what it says, how it is stopped, and what is compiled."""
 
-import io
-import sys
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._sweep._progress import Progress, in_notebook, progress_of
 
 CONTACT = jc.Contact(1.0, 1e8)
 
 
 def summary(e, v):
     return jc.impact(jc.HuGuo(e=e), CONTACT, v)
-
-
-class Clock:
-    """Time that passes only when it is told to."""
-
-    def __init__(self):
-        self.now = 100.0
-
-    def __call__(self):
-        return self.now
-
-
-def test_silent_for_a_second():
-    clock = Clock()
-    progress = Progress(replace=True, clock=clock)
-    err = io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, progress as tell:
-        patch.setattr(sys, "stderr", err)
-        clock.now += 0.9
-        tell(10, 10)
-    assert err.getvalue() == ""
-
-
-def test_rate_and_time_left():
-    clock = Clock()
-    progress = Progress(replace=True, clock=clock)
-    err = io.StringIO()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "stderr", err)
-        with progress as tell:
-            clock.now += 2
-            tell(1_000_000, 4_000_000)
-            clock.now += 0.1
-            tell(1_100_000, 4_000_000)
-            clock.now += 1.9
-            tell(4_000_000, 4_000_000)
-    lines = err.getvalue().split("\r")
-    assert lines[1] == "sweep: 1,000,000 of 4,000,000 lanes, 500,000 lanes/s, 6 s left"
-    # The second report came too soon; the last one covers what was longer.
-    assert lines[2].rstrip() == "sweep: 4,000,000 of 4,000,000 lanes, 1,000,000 lanes/s, 4 s"
-    assert len(lines[2].rstrip("\n")) == len(lines[1])
-    assert err.getvalue().endswith("\n")
-
-
-def test_in_a_file_lines_follow_each_other():
-    clock = Clock()
-    err = io.StringIO()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "stderr", err)
-        with Progress(replace=False, clock=clock) as tell:
-            for done in range(1, 31):
-                clock.now += 1
-                tell(done, 30)
-    lines = err.getvalue().splitlines()
-    assert len(lines) == 4
-    assert lines[0] == "sweep: 1 of 30 lanes, 1 lanes/s, 29 s left"
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"), [(59, "59 s"), (61, "1 min 01 s"), (7260, "2 h 01 min")]
-)
-def test_long_times(seconds, text):
-    assert Progress.line(1, 1, seconds).endswith(text)
-
-
-def test_who_is_told(monkeypatch, capsys):
-    class Terminal(io.StringIO):
-        def isatty(self):
-            return True
-
-    assert not isinstance(progress_of(None), Progress)
-    assert isinstance(progress_of(True), Progress)
-    monkeypatch.setattr(sys, "stderr", Terminal())
-    assert isinstance(progress_of(None), Progress)
-    assert not isinstance(progress_of(False), Progress)
-
-
-def test_notebooks(monkeypatch):
-    assert not in_notebook()
-
-    class Shell:
-        kernel = object()
-
-    class IPython:
-        @staticmethod
-        def get_ipython():
-            return Shell()
-
-    monkeypatch.setitem(sys.modules, "IPython", IPython)
-    assert in_notebook()
-    assert isinstance(progress_of(None), Progress)
 
 
 def test_a_sweep_off_a_terminal_says_nothing(capsys):

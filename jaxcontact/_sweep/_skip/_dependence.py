@@ -11,33 +11,18 @@ from __future__ import annotations
 
 import heapq
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
+from ._facts import Dims, Fact, Known, after, dims_of, of_constant
 from ._program import Constant, Program, Step
 
-Dims = frozenset[int]
-
-
-@dataclass(frozen=True)
-class Known:
-    """A number, or an array of nothing but this number."""
-
-    value: Any
-
-    def same(self, other: Any) -> bool:
-        """Whether `other` is the same number; NaN is."""
-        return isinstance(other, Known) and bool(
-            self.value == other.value or (self.value != self.value and other.value != other.value)
-        )
-
-
-Fact = Known | Dims
-"""What is known of a slot: its value, or else the dimensions it may depend on."""
+_COMPARISONS = {"gt", "ge", "lt", "le", "is_finite"}
+_SAME_NUMBER = {"abs", "convert_element_type", "reshape", "squeeze", "broadcast_in_dim", "copy"}
 
 
 @dataclass(frozen=True)
@@ -47,11 +32,6 @@ class Dependence:
     dims: Dims
     conditions: tuple[int, ...] = ()
     otherwise: Any = None
-
-
-def dims_of(fact: Fact) -> Dims:
-    """The dimensions something may depend on."""
-    return frozenset() if isinstance(fact, Known) else fact
 
 
 class Reading:
@@ -68,7 +48,7 @@ class Reading:
                     self._users.setdefault(where, []).append(number)
         self.facts: dict[int, Fact] = dict(enumerate(inputs))
         for step in program.steps:
-            self.facts.update(zip(step.writes, _after(step, self._reads(step, {})), strict=True))
+            self.facts.update(zip(step.writes, after(step, self._reads(step, {})), strict=True))
 
     def dims(self, slot: int) -> Dims:
         """The dimensions that a slot may depend on."""
@@ -80,7 +60,7 @@ class Reading:
     def _fact(self, where: int | Constant, news: Mapping[int, Fact]) -> Fact:
         if isinstance(where, Constant):
             if where not in self._constants:
-                self._constants[where] = _of_constant(where.value)
+                self._constants[where] = of_constant(where.value)
             return self._constants[where]
         return news[where] if where in news else self.facts[where]
 
@@ -96,7 +76,7 @@ class Reading:
             if number == last:
                 continue
             last, step = number, self.program.steps[number]
-            for slot, fact in zip(step.writes, _after(step, self._reads(step, news)), strict=True):
+            for slot, fact in zip(step.writes, after(step, self._reads(step, news)), strict=True):
                 if slot not in assumed and fact != self.facts[slot]:
                     news[slot] = fact
                     for user in self._users.get(slot, ()):
@@ -230,83 +210,3 @@ def _common(ends: Mapping[int, Fact]) -> tuple[list[int], Any]:
     commonest = counts.most_common(1)[0][0]
     slots = [slot for slot, fact in known.items() if str(fact.value) == commonest]
     return slots, known[slots[0]].value
-
-
-_COMPARISONS = {"gt", "ge", "lt", "le", "is_finite"}
-_SAME_NUMBER = {"abs", "convert_element_type", "reshape", "squeeze", "broadcast_in_dim", "copy"}
-_RESHAPES = {"reshape", "squeeze", "broadcast_in_dim", "transpose", "copy", "slice", "rev"}
-_FOLDED: dict[str, Callable[..., Any]] = {
-    "and": np.bitwise_and,
-    "or": np.bitwise_or,
-    "not": np.bitwise_not,
-    "xor": np.bitwise_xor,
-    "eq": np.equal,
-    "ne": np.not_equal,
-    "lt": np.less,
-    "le": np.less_equal,
-    "gt": np.greater,
-    "ge": np.greater_equal,
-    "is_finite": np.isfinite,
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "neg": np.negative,
-    "abs": np.abs,
-    "max": np.maximum,
-    "min": np.minimum,
-}
-# Where one NaN among the operands makes the outcome NaN. Not pow: 1 to any power is 1.
-_PASS_NAN = {
-    *("add", "sub", "mul", "div", "rem", "neg", "abs", "max", "min", "add_any", "square", "sign"),
-    *("exp", "exp2", "expm1", "log", "log1p", "sqrt", "rsqrt", "cbrt", "logistic", "atan2"),
-    *("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan", "floor", "ceil"),
-    *("round", "reduce_sum", "reduce_max", "reduce_min", "cumsum"),
-}
-
-
-def _of_constant(value: Any) -> Fact:
-    # A key of random numbers, for example, is no number and is not looked into.
-    if not isinstance(jnp.result_type(value), np.dtype):
-        return frozenset()
-    plain = np.asarray(value)
-    if plain.dtype.kind not in "biuf" or plain.size == 0:
-        return frozenset()
-    first = plain.reshape(-1)[0]
-    same = (plain == first) | ((plain != plain) & (first != first))
-    return Known(first) if bool(np.all(same)) else frozenset()
-
-
-def _after(step: Step, reads: list[Fact]) -> list[Fact]:
-    name = step.primitive.name
-    if name == "optimization_barrier":
-        return reads
-    if name == "select_n":
-        return [_selected(reads)]
-    known = [fact for fact in reads if isinstance(fact, Known)]
-    if name in ("and", "or"):
-        decisive = np.bool_(name == "or")
-        if any(fact.value.dtype == bool and fact.value == decisive for fact in known):
-            return [Known(decisive)]
-    if name in _PASS_NAN and any(fact.value != fact.value for fact in known):
-        return [Known(known[0].value.dtype.type("nan"))]
-    if len(known) == len(reads) == 1 and name in _RESHAPES:
-        return [known[0]]
-    if len(known) == len(reads) == 1 and name == "convert_element_type":
-        value, dtype = known[0].value, np.dtype(step.params["new_dtype"])
-        # What becomes of a fraction or a NaN as a whole number, the machine decides.
-        if dtype.kind == "f" or (dtype.kind in "biu" and value.dtype.kind in "biu"):
-            with np.errstate(over="ignore"):
-                return [Known(value.astype(dtype))]
-    if len(known) == len(reads) and name in _FOLDED:
-        with np.errstate(all="ignore"):
-            return [Known(_FOLDED[name](*(fact.value for fact in known)))]
-    return [frozenset[int]().union(*map(dims_of, reads))] * len(step.writes)
-
-
-def _selected(reads: list[Fact]) -> Fact:
-    which, *cases = reads
-    if isinstance(which, Known):
-        return cases[int(which.value)]
-    if isinstance(cases[0], Known) and all(cases[0].same(case) for case in cases):
-        return cases[0]
-    return frozenset[int]().union(*map(dims_of, reads))

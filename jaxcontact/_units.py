@@ -1,4 +1,4 @@
-"""What the usual names of axes and fields mean, and their SI units."""
+"""The words and the SI unit of every quantity, by the name it has as a field or an argument."""
 
 from __future__ import annotations
 
@@ -36,17 +36,35 @@ _MEANING = {
     "gravity": ("gravity", "m/s^2"),
     "external_force": ("external force", "N"),
     "time": ("time", "s"),
+    "time_step": ("time step", "s"),
+    "indentation": ("indentation", "m"),
+    "force": ("force", "N"),
+    "energy": ("energy", "J"),
+    "drop_height": ("drop height", "m"),
+    "rest_time": ("time when rest begins", "s"),
+    "rest_velocity": ("speed below which a touch counts as rest", "m/s"),
+    "rest_indentation": ("indentation at rest", "m"),
+    "remaining_flight": ("flight after the last touch listed", "s"),
 }
 
 
 def meaning(name: str) -> tuple[str, str]:
-    """What a name stands for, and its unit, empty if it has none or is not known."""
+    """What a name stands for, and its unit; the name itself and "" if the name is not known."""
     return _MEANING.get(name, (name, ""))
 
 
-def label(name: str) -> str:
-    """A name for the axis of a figure: "closing speed / (m/s)"."""
-    words, unit = meaning(name)
+def quantity(name: str, number: str) -> str:
+    """A number with the unit of `name`: "4.2 m/s"."""
+    return f"{number} {meaning(name)[1]}".rstrip()
+
+
+def label(name: str, words: str | None = None, *, prefix: str = "") -> str:
+    """The label of a figure's axis: "closing speed / (m/s)".
+
+    `words` replace those of the table; `prefix` is that of the unit, "m" for milli.
+    """
+    known, unit = meaning(name)
+    words = known if words is None else words
     if not unit:
         return words
-    return f"{words} / ({unit})" if "/" in unit else f"{words} / {unit}"
+    return f"{words} / ({prefix}{unit})" if "/" in unit else f"{words} / {prefix}{unit}"

@@ -1,0 +1,67 @@
+"""What a simulator must provide to be exported to, and the register of them."""
+
+from __future__ import annotations
+
+import abc
+import inspect
+from collections.abc import Mapping
+from typing import Any, ClassVar, TypeVar
+
+from ._wanted import Draft, Wanted
+
+_ENGINES: dict[str, Engine] = {}
+
+Kind = TypeVar("Kind", bound="type[Engine]")
+
+
+class Engine(abc.ABC):
+    """A simulator whose contact law can be inverted for a restitution.
+
+    `name` is what `export` takes. The options of the engine are the keyword-only arguments of
+    `draft`; one without a default must be given.
+    """
+
+    name: ClassVar[str]
+
+    @abc.abstractmethod
+    def draft(self, wanted: Wanted, **options: Any) -> Draft:
+        """The engine's law with the parameters that deliver `wanted`.
+
+        Called in double precision. Raises ValueError for a bad option, or a restitution that the
+        law cannot deliver.
+        """
+
+    def checked(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """The options that are given, those of None left out.
+
+        Raises ValueError for an option that this engine does not take or lacks.
+        """
+        parameters = inspect.signature(self.draft).parameters.values()
+        takes = {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY}
+        given = {name: value for name, value in options.items() if value is not None}
+        for name in given:
+            if name not in takes:
+                raise ValueError(
+                    f"Argument `{name}` must be an option of engine {self.name!r}, which takes "
+                    f"{', '.join(f'`{known}`' for known in takes) or 'none'}."
+                )
+        for name, default in takes.items():
+            if default is inspect.Parameter.empty and name not in given:
+                raise ValueError(
+                    f"Argument `{name}` is needed for engine {self.name!r}, but is None."
+                )
+        return given
+
+
+def register_engine(kind: Kind) -> Kind:
+    """Make an `Engine` known to `export` by its `name`; for use as a decorator of its class."""
+    _ENGINES[kind.name] = kind()
+    return kind
+
+
+def engine_of(name: str) -> Engine:
+    """The registered engine of this name. Raises ValueError if there is none."""
+    if name not in _ENGINES:
+        known = ", ".join(map(repr, sorted(_ENGINES)))
+        raise ValueError(f"Argument `engine` must be one of {known}, but is {name!r}.")
+    return _ENGINES[name]

@@ -1,0 +1,208 @@
+"""LAMMPS: pair_style granular with a hertz contact and four kinds of damping."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import ClassVar, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+from scipy.optimize import root_scalar
+
+from ..._contact import Contact
+from ..._impact import restitution
+from ..._laws import AbstractLaw, AbstractOscillator, AntypovElliott, KuwabaraKono, Tsuji, power
+from ..._parameter import NOT_NEGATIVE, POSITIVE, RESTITUTION_FROM_ZERO, as_parameter, parameter
+from .._engine import Engine, register_engine
+from .._wanted import Draft, Wanted, matched_stiffness
+
+
+class TsujiWithoutRoot(AbstractOscillator):
+    """LAMMPS' damping tsuji up to the release of 22 July 2025: Tsuji's polynomial without the √2.
+
+    F = K δ^(3/2) + p(e) √(Km) δ^(1/4) δ', with p the polynomial of `Tsuji` and m the effective
+    mass, for which the fit was not made. `e` in [0, 1] is the coefficient in the pair_coeff line.
+    Source: the page of pair_style granular, docs.lammps.org/pair_granular.html.
+    """
+
+    e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
+    exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
+
+    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
+        """ζ = p(e)/√5."""
+        return Tsuji(e=self.e).damping_ratio() / math.sqrt(2)
+
+
+class Viscoelastic(AbstractLaw):
+    """LAMMPS' hertz with damping viscoelastic: F = K δ^(3/2) + η m √(R δ) δ'; it may pull.
+
+    `eta` η ≥ 0 in 1/(m s), `radius` R > 0 in m, the effective one. The law of Kuwabara and Kono
+    with A = 2 η m √R/(3K). Source: the page of pair_style granular,
+    docs.lammps.org/pair_granular.html.
+    """
+
+    eta: Float[Array, "..."] = parameter("eta", NOT_NEGATIVE)
+    radius: Float[Array, "..."] = parameter("radius", POSITIVE)
+    exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
+
+    def force(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+    ) -> Float[Array, "..."]:
+        """F = K δ^(3/2) + η m √(R δ) δ' in N, and zero for δ < 0."""
+        indentation = as_parameter(indentation, "indentation")
+        contact_radius = jnp.sqrt(self.radius) * power(indentation, 0.5)
+        damping = self.eta * contact.mass * contact_radius * as_parameter(velocity, "velocity")
+        force = contact.stiffness * power(indentation, 1.5) + damping
+        return force if self.tension else jnp.maximum(force, 0)
+
+
+class Solved(NamedTuple):
+    """A kind of damping solved for a restitution: its law, K in N/m^1.5, and its coefficient."""
+
+    law: AbstractLaw
+    stiffness: float
+    coefficient: float
+
+
+class Damping(NamedTuple):
+    """A kind of damping: how it is solved, and what the export says of it."""
+
+    solve: Callable[[Wanted, float], Solved]
+    keyword: str
+    coefficient: str
+    unit: str
+    limit: str
+    source: str
+    run: bool = True
+    """Whether LAMMPS itself was run with it."""
+
+
+def _coeff_restitution(wanted: Wanted, radius: float) -> Solved:
+    law = AntypovElliott(e=jnp.asarray(wanted.restitution))
+    return Solved(law, matched_stiffness(wanted, 1.5, law), wanted.restitution)
+
+
+def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], Solved]:
+    """Solves a law whose parameter e is not the restitution that it delivers."""
+
+    def solve(wanted: Wanted, radius: float) -> Solved:
+        e = _asked(lambda e: kind(e=jnp.asarray(e)), wanted.restitution)
+        law = kind(e=jnp.asarray(e))
+        return Solved(law, matched_stiffness(wanted, 1.5, law), e)
+
+    return solve
+
+
+def _viscoelastic(wanted: Wanted, radius: float) -> Solved:
+    # In units where mass, stiffness and speed are 1 the law has one number left, A.
+    unit = Contact(1.0, 1.0, 1.5)
+    scaled = KuwabaraKono(A=jnp.asarray(_scaled_relaxation(wanted.restitution, unit)))
+    stiffness = matched_stiffness(wanted, 1.5, scaled)
+    time = (wanted.mass / stiffness) ** 0.4 * wanted.velocity**-0.2
+    eta = 1.5 * stiffness * float(scaled.A) * time / (wanted.mass * math.sqrt(radius))
+    return Solved(Viscoelastic(eta=jnp.asarray(eta), radius=jnp.asarray(radius)), stiffness, eta)
+
+
+def _asked(law: Callable[[float], AbstractLaw], wanted: float) -> float:
+    """The e of `law` that delivers `wanted`; ValueError where the polynomial does not reach it."""
+
+    def excess(e: float) -> float:
+        return float(restitution(law(e))) - wanted
+
+    lowest, highest = excess(0.0), excess(1.0)
+    if not lowest <= 0 <= highest:
+        raise ValueError(
+            f"Argument `damping` must be one that delivers the restitution {wanted:g}, but 'tsuji' "
+            f"delivers {lowest + wanted:.4g} to {highest + wanted:.4g}; try 'coeff_restitution'."
+        )
+    return root_scalar(excess, bracket=(0.0, 1.0), xtol=1e-14).root
+
+
+def _scaled_relaxation(wanted: float, unit: Contact) -> float:
+    """The A of Kuwabara and Kono that delivers e in a contact of mass, stiffness and speed 1."""
+
+    def excess(relaxation: float) -> float:
+        return float(restitution(KuwabaraKono(A=jnp.asarray(relaxation)), unit, 1.0)) - wanted
+
+    # Elastic, or so within the error of the solver.
+    if wanted >= 1 or excess(0.0) <= 0:
+        return 0.0
+    high = 1.0
+    # e falls without end as A grows, in the end as A⁻⁵.
+    while (left := excess(high)) > 0:
+        high *= 2
+    if math.isnan(left):
+        raise ValueError(
+            f"Argument `damping` must be one that can be solved for the restitution {wanted:g}, "
+            "but is 'viscoelastic', whose steps become too many; try 'coeff_restitution'."
+        )
+    return root_scalar(excess, bracket=(0.0, high), xtol=1e-14).root
+
+
+_CONSTANT = "e does not depend on speed."
+_TSUJI = "Tsuji et al. 1992, doi 10.1016/0032-5910(92)88030-L"
+DAMPINGS = {
+    "coeff_restitution": Damping(
+        _coeff_restitution,
+        *("coeff_restitution", "e", "", _CONSTANT),
+        "Antypov & Elliott 2011, doi 10.1209/0295-5075/94/50004",
+    ),
+    "tsuji": Damping(
+        _polynomial(TsujiWithoutRoot),
+        *("tsuji", "e", ""),
+        "releases up to 22 July 2025, which lack the √2 of the effective mass (for later ones take "
+        f"'tsuji_sqrt2'); delivers 0.114 to 0.9996. {_CONSTANT}",
+        _TSUJI,
+    ),
+    "tsuji_sqrt2": Damping(
+        _polynomial(Tsuji),
+        *("tsuji", "e", ""),
+        "versions of 2026 that multiply by the √2 of the effective mass (for earlier ones take "
+        f"'tsuji'); not run, the wheel of 22 July 2025 is without it. {_CONSTANT}",
+        _TSUJI,
+        run=False,
+    ),
+    "viscoelastic": Damping(
+        _viscoelastic,
+        *("viscoelastic", "eta_n0", "1/(m s)"),
+        "e is that at this speed, mass and radius; it falls with speed.",
+        "Brilliantov et al. 1996, doi 10.1103/PhysRevE.53.5382",
+    ),
+}
+
+
+@register_engine
+class Lammps(Engine):
+    """The pair_coeff line of granular hertz: k_n = K/√R, and a coefficient for the damping."""
+
+    name = "lammps"
+
+    def draft(self, wanted: Wanted, *, radius: float, damping: str = "coeff_restitution") -> Draft:
+        if damping not in DAMPINGS:
+            known = ", ".join(map(repr, DAMPINGS))
+            raise ValueError(f"Argument `damping` must be one of {known}, but is {damping!r}.")
+        radius = float(as_parameter(radius, "radius", POSITIVE))
+        kind = DAMPINGS[damping]
+        law, stiffness, coefficient = kind.solve(wanted, radius)
+        normal = stiffness / math.sqrt(radius)
+        return Draft(
+            model=f"pair_style granular, hertz, damping {kind.keyword}",
+            law=law,
+            contact=Contact(wanted.mass, stiffness, 1.5),
+            parameters={"k_n": normal, kind.coefficient: coefficient},
+            units={"k_n": "Pa", kind.coefficient: kind.unit},
+            snippet=(
+                "pair_style granular\n"
+                f"pair_coeff * * hertz {normal:.12g} {coefficient:.12g} "
+                f"tangential linear_nohistory 0 0 damping {kind.keyword}"
+            ),
+            steps=400 if kind.run else None,
+            expected_error=0.009 if kind.run else None,
+            limit=f"{kind.limit} The contact pulls at its end, so not for limit_damping. Units si.",
+            source=f"docs.lammps.org/pair_granular.html; {kind.source}",
+        )

@@ -1,0 +1,217 @@
+"""The engines with a Hunt-Crossley contact: Drake, Simbody and Exudyn."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from ..._contact import Contact
+from ..._laws import (
+    AbstractHuntCrossley,
+    CarvalhoMartins,
+    Damped,
+    Gonthier,
+    HuntCrossley,
+    MarhefkaOrin,
+    exact_damping_factor,
+)
+from ..._parameter import NOT_NEGATIVE, POSITIVE, RESTITUTION, as_parameter, parameter
+from .._engine import Engine, register_engine
+from .._wanted import Draft, Wanted, matched_stiffness
+
+
+class Dissipation(AbstractHuntCrossley):
+    """Drake's point contact: F = K δ (1 + d δ'), zero where the bracket is negative.
+
+    `dissipation` d ≥ 0 in s/m, so that α = d v0. Source: the compliant contact pages of Drake's
+    documentation, drake.mit.edu/doxygen_cxx/group__compliant__contact.html.
+    """
+
+    dissipation: Float[Array, "..."] = parameter("dissipation", NOT_NEGATIVE)
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """α = d v0; ValueError if `velocity` is missing."""
+        if velocity is None:
+            raise ValueError(
+                "Argument `velocity` is needed for `Dissipation`, whose α depends on it, "
+                "but is None."
+            )
+        return self.dissipation * as_parameter(velocity, "velocity")
+
+
+@register_engine
+class Drake(Engine):
+    """Drake's point contact F = k δ (1 + d δ'): α = d v0, so d = α(e)/v0, exactly."""
+
+    name = "drake"
+
+    def draft(self, wanted: Wanted) -> Draft:
+        alpha = exact_damping_factor(wanted.restitution)
+        dissipation = float(alpha) / wanted.velocity
+        stiffness = matched_stiffness(wanted, 1.0, Damped(alpha=alpha))
+        # Two geometries in series: each is given twice the stiffness and the same dissipation.
+        of_each = 2 * stiffness
+        return Draft(
+            model="point contact",
+            law=Dissipation(dissipation=jnp.asarray(dissipation)),
+            contact=Contact(wanted.mass, stiffness, 1.0),
+            parameters={
+                "hunt_crossley_dissipation": dissipation,
+                "point_contact_stiffness": of_each,
+            },
+            units={"hunt_crossley_dissipation": "s/m", "point_contact_stiffness": "N/m"},
+            snippet=(
+                "<drake:proximity_properties>\n"
+                f"  <drake:hunt_crossley_dissipation>{dissipation:.12g}"
+                "</drake:hunt_crossley_dissipation>\n"
+                f"  <drake:point_contact_stiffness>{of_each:.12g}</drake:point_contact_stiffness>\n"
+                "</drake:proximity_properties>"
+            ),
+            steps=1000,
+            expected_error=0.006,
+            limit=(
+                "for both geometries, each with these numbers. e falls with speed. A discrete "
+                "plant adds damping of first order in the time step; a continuous one "
+                "(time_step=0) does not. Contact approximation lagged or similar; sap has another "
+                "law."
+            ),
+            source="drake.mit.edu/doxygen_cxx/group__compliant__contact.html; "
+            "Hunt & Crossley 1975, doi 10.1115/1.3423596",
+        )
+
+
+@register_engine
+class Simbody(Engine):
+    """Simbody's HuntCrossleyForce F = (4/3) √R E* δ^(3/2) (1 + (3/2) c δ'): c = 2 α(e)/(3 v0)."""
+
+    name = "simbody"
+
+    def draft(self, wanted: Wanted, *, radius: float) -> Draft:
+        radius = float(as_parameter(radius, "radius", POSITIVE))
+        alpha = exact_damping_factor(wanted.restitution)
+        dissipation = float(alpha) / (1.5 * wanted.velocity)
+        stiffness = matched_stiffness(wanted, 1.5, Damped(alpha=alpha))
+        # Two equal surfaces: Simbody halves E^(2/3), and raises it to 3/2 again.
+        of_each = 1.5 * math.sqrt(2 / radius) * stiffness
+        return Draft(
+            model="HuntCrossleyForce",
+            law=MarhefkaOrin(a=jnp.asarray(dissipation)),
+            contact=Contact(wanted.mass, stiffness, 1.5),
+            parameters={"dissipation": dissipation, "stiffness": of_each},
+            units={"dissipation": "s/m", "stiffness": "Pa"},
+            snippet=(
+                f"force.setBodyParameters(surface, {of_each:.12g}, {dissipation:.12g}, 0, 0, 0);"
+            ),
+            steps=None,
+            expected_error=None,
+            limit=(
+                "for both surfaces, each with these numbers. e falls with speed. Not run: Simbody "
+                "has no Python package; its integrators control their own step."
+            ),
+            source="HuntCrossleyForce in Simbody's documentation, simtk.org/projects/simbody; "
+            "Hunt & Crossley 1975, doi 10.1115/1.3423596",
+        )
+
+
+class GonthierCarvalhoMartins(AbstractHuntCrossley):
+    """Exudyn's impactModel 2: α of Carvalho and Martins for e > 1/3, of Gonthier et al. below.
+
+    `e` in (0, 1] is the restitutionCoefficient of the connector. The two meet at e = 1/3. Source:
+    ObjectContactSphereSphere in Exudyn's documentation, exudyn.readthedocs.io.
+    """
+
+    e: Float[Array, "..."] = parameter("e", RESTITUTION)
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """α = 3(1-e)(11-e)/(2(1+9e)) for e > 1/3, (1-e²)/e below."""
+        above = CarvalhoMartins(e=self.e).damping_factor()
+        return jnp.where(self.e > 1 / 3, above, Gonthier(e=self.e).damping_factor())
+
+
+def _of_hunt_crossley(alpha: float) -> float:
+    """The e with (3/2)(1-e) = α."""
+    return 1 - alpha / 1.5
+
+
+def _of_both(alpha: float) -> float:
+    """The e whose α is that of Carvalho and Martins above 1/3 and of Gonthier et al. below."""
+    # Both are quadratic in e: 3(1-e)(11-e) = 2α(1+9e), and 1-e² = αe. Their α agree at e = 1/3.
+    if alpha < 8 / 3:
+        half = 6 + 3 * alpha
+        constant = 11 - 2 * alpha / 3
+        return constant / (half + math.sqrt(half**2 - constant))
+    return 2 / (alpha + math.sqrt(alpha**2 + 4))
+
+
+class Model(NamedTuple):
+    """An impactModel of Exudyn: its law, the e for which its α is a given one, its source."""
+
+    law: Callable[..., AbstractHuntCrossley]
+    asked: Callable[[float], float]
+    source: str
+
+
+_MODELS = {
+    1: Model(HuntCrossley, _of_hunt_crossley, "Hunt & Crossley 1975, doi 10.1115/1.3423596"),
+    2: Model(
+        GonthierCarvalhoMartins,
+        _of_both,
+        "Gonthier et al. 2004, doi 10.1023/B:MUBO.0000029392.21648.bc; "
+        "Carvalho & Martins 2019, doi 10.1016/j.mechmachtheory.2019.04.018",
+    ),
+}
+
+
+@register_engine
+class Exudyn(Engine):
+    """Exudyn's ObjectContactSphereSphere: the coefficient for which its α is α(e)."""
+
+    name = "exudyn"
+
+    def draft(self, wanted: Wanted, *, impact_model: int = 2) -> Draft:
+        if impact_model not in _MODELS:
+            raise ValueError(f"Argument `impact_model` must be 1 or 2, but is {impact_model!r}.")
+        alpha = float(exact_damping_factor(wanted.restitution))
+        model = _MODELS[impact_model]
+        asked = model.asked(alpha)
+        if not asked > 0:
+            raise ValueError(
+                "Argument `impact_model` must be 2 here, but is 1: it delivers 0.48774 at least, "
+                f"and {wanted.restitution:g} is wanted."
+            )
+        return Draft(
+            model=f"ObjectContactSphereSphere, impactModel {impact_model}",
+            law=model.law(e=jnp.asarray(asked)),
+            contact=Contact(wanted.mass, wanted.stiffness, wanted.exponent),
+            parameters={
+                "restitutionCoefficient": asked,
+                "contactStiffness": wanted.stiffness,
+                "contactStiffnessExponent": wanted.exponent,
+            },
+            units={
+                "restitutionCoefficient": "",
+                "contactStiffness": f"N/m^{wanted.exponent:g}",
+                "contactStiffnessExponent": "",
+            },
+            snippet=(
+                f"contactStiffness={wanted.stiffness:.12g}, "
+                f"contactStiffnessExponent={wanted.exponent:.12g}, contactDamping=0, "
+                f"restitutionCoefficient={asked:.12g}, impactModel={impact_model}"
+            ),
+            steps=50,
+            expected_error=0.002,
+            limit=(
+                "e does not depend on speed, down to minimumImpactVelocity: the connector stores "
+                "the speed at touch. The bodies must start apart: a ball that starts in touch is "
+                "never damped."
+            ),
+            source=f"ObjectContactSphereSphere, exudyn.readthedocs.io; {model.source}",
+        )

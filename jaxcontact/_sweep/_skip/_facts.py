@@ -1,0 +1,114 @@
+"""What is known of each number of a program: its value, or the dimensions it may depend on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from ._program import Step
+
+Dims = frozenset[int]
+
+
+@dataclass(frozen=True)
+class Known:
+    """A number, or an array of nothing but this number."""
+
+    value: Any
+
+    def same(self, other: Any) -> bool:
+        """Whether `other` is the same number; NaN is."""
+        return isinstance(other, Known) and bool(
+            self.value == other.value or (self.value != self.value and other.value != other.value)
+        )
+
+
+Fact = Known | Dims
+"""What is known of a slot: its value, or else the dimensions it may depend on."""
+
+
+def dims_of(fact: Fact) -> Dims:
+    """The dimensions something may depend on."""
+    return frozenset() if isinstance(fact, Known) else fact
+
+
+_RESHAPES = {"reshape", "squeeze", "broadcast_in_dim", "transpose", "copy", "slice", "rev"}
+_FOLDED: dict[str, Callable[..., Any]] = {
+    "and": np.bitwise_and,
+    "or": np.bitwise_or,
+    "not": np.bitwise_not,
+    "xor": np.bitwise_xor,
+    "eq": np.equal,
+    "ne": np.not_equal,
+    "lt": np.less,
+    "le": np.less_equal,
+    "gt": np.greater,
+    "ge": np.greater_equal,
+    "is_finite": np.isfinite,
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "neg": np.negative,
+    "abs": np.abs,
+    "max": np.maximum,
+    "min": np.minimum,
+}
+# Where one NaN among the operands makes the outcome NaN. Not pow: 1 to any power is 1.
+_PASS_NAN = {
+    *("add", "sub", "mul", "div", "rem", "neg", "abs", "max", "min", "add_any", "square", "sign"),
+    *("exp", "exp2", "expm1", "log", "log1p", "sqrt", "rsqrt", "cbrt", "logistic", "atan2"),
+    *("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan", "floor", "ceil"),
+    *("round", "reduce_sum", "reduce_max", "reduce_min", "cumsum"),
+}
+
+
+def of_constant(value: Any) -> Fact:
+    # A key of random numbers, for example, is no number and is not looked into.
+    if not isinstance(jnp.result_type(value), np.dtype):
+        return frozenset()
+    plain = np.asarray(value)
+    if plain.dtype.kind not in "biuf" or plain.size == 0:
+        return frozenset()
+    first = plain.reshape(-1)[0]
+    same = (plain == first) | ((plain != plain) & (first != first))
+    return Known(first) if bool(np.all(same)) else frozenset()
+
+
+def after(step: Step, reads: list[Fact]) -> list[Fact]:
+    name = step.primitive.name
+    if name == "optimization_barrier":
+        return reads
+    if name == "select_n":
+        return [_selected(reads)]
+    known = [fact for fact in reads if isinstance(fact, Known)]
+    if name in ("and", "or"):
+        decisive = np.bool_(name == "or")
+        if any(fact.value.dtype == bool and fact.value == decisive for fact in known):
+            return [Known(decisive)]
+    if name in _PASS_NAN and any(fact.value != fact.value for fact in known):
+        return [Known(known[0].value.dtype.type("nan"))]
+    if len(known) == len(reads) == 1 and name in _RESHAPES:
+        return [known[0]]
+    if len(known) == len(reads) == 1 and name == "convert_element_type":
+        value, dtype = known[0].value, np.dtype(step.params["new_dtype"])
+        # What becomes of a fraction or a NaN as a whole number, the machine decides.
+        if dtype.kind == "f" or (dtype.kind in "biu" and value.dtype.kind in "biu"):
+            with np.errstate(over="ignore"):
+                return [Known(value.astype(dtype))]
+    if len(known) == len(reads) and name in _FOLDED:
+        with np.errstate(all="ignore"):
+            return [Known(_FOLDED[name](*(fact.value for fact in known)))]
+    return [frozenset[int]().union(*map(dims_of, reads))] * len(step.writes)
+
+
+def _selected(reads: list[Fact]) -> Fact:
+    which, *cases = reads
+    if isinstance(which, Known):
+        return cases[int(which.value)]
+    if isinstance(cases[0], Known) and all(cases[0].same(case) for case in cases):
+        return cases[0]
+    return frozenset[int]().union(*map(dims_of, reads))

@@ -1,0 +1,57 @@
+"""Text in columns and wrapped text: the one writer of both."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+
+
+def text_table(
+    rows: Iterable[Sequence[str]],
+    *,
+    header: Sequence[str] = (),
+    align: str = "",
+    indent: int = 0,
+    gap: int = 2,
+    rule: bool = False,
+) -> list[str]:
+    """The lines of a table whose columns are as wide as their widest cell.
+
+    `align` holds "<" or ">" for each column in order, "<" where it ends early; `indent` is the
+    number of spaces before the first column, `gap` that between columns; `rule` draws a line below
+    the `header`. A row may have fewer cells than there are columns.
+    """
+    cells = [list(header)] * bool(header) + [list(row) for row in rows]
+    columns = max(map(len, cells), default=0)
+    sides = align.ljust(columns, "<")
+    widths = [max(len(row[k]) for row in cells if k < len(row)) for k in range(columns)]
+    lines = [
+        " " * indent
+        + (" " * gap).join(f"{cell:{sides[k]}{widths[k]}}" for k, cell in enumerate(row)).rstrip()
+        for row in cells
+    ]
+    if header and rule:
+        lines.insert(1, " " * indent + "-" * (max(map(len, lines)) - indent))
+    return lines
+
+
+def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """The lines of a table in Markdown."""
+    lines = [
+        "|" + "".join(f" {cell} |" if cell else " |" for cell in row) for row in (header, *rows)
+    ]
+    return [lines[0], "|" + "---|" * len(header), *lines[1:]]
+
+
+def wrapped(
+    head: str, text: str, *, width: int = 100, indent: int = 11, lead: str = ""
+) -> list[str]:
+    """Lines of at most `width` characters: `lead`, `head`, and `text` from column `indent` on."""
+    return textwrap.wrap(
+        text,
+        width,
+        initial_indent=f"{lead + head:<{indent - 1}} ",
+        subsequent_indent=" " * indent,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

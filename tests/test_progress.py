@@ -1,0 +1,94 @@
+"""The bar of counted work: silent for a second, on stderr only, and the user's own function."""
+
+import contextlib
+import io
+import sys
+
+import pytest
+
+from jaxcontact import _progress
+from jaxcontact._progress import Stages, in_notebook, progress_of
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    """No second of patience, and every state is written."""
+    for name in ("_PATIENCE", "_TERMINAL", "_FILE"):
+        monkeypatch.setattr(_progress, name, 0.0)
+
+
+def written(wanted, reports, stream=None):
+    """What a run with these reports writes on stderr, as the states of its bar."""
+    err = io.StringIO() if stream is None else stream
+    with contextlib.redirect_stderr(err), progress_of(wanted, "lanes", "sweep") as tell:
+        for report in reports:
+            tell(*report)
+    return [state for state in err.getvalue().split("\r") if state]
+
+
+@pytest.mark.usefixtures("at_once")
+def test_count_rate_and_time_left():
+    states = written(True, [(1_000_000, 4_000_000), (4_000_000, 4_000_000)])
+    assert any("25%" in state and "1.00M/4.00M" in state for state in states)
+    assert states[-1].startswith("sweep: 100%") and " lanes/s" in states[-1]
+    assert states[-1].endswith("\n")
+
+
+@pytest.mark.usefixtures("at_once")
+def test_an_unknown_total_and_a_changing_note():
+    states = written(True, [(1, None, "loss 0.5"), (1, None, "loss 0.4"), (7, None, "loss 0.1")])
+    assert any("loss 0.4" in state for state in states)
+    assert "7.00 lanes" in states[-1] and "loss 0.1" in states[-1] and "%" not in states[-1]
+
+
+def test_silent_for_a_second(capsys):
+    assert written(True, [(10, 10)]) == []
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.usefixtures("at_once")
+def test_who_is_told(capsys):
+    reports = [(1, 2), (2, 2)]
+    assert written(None, reports) == [] == written(False, reports, Terminal())
+    assert written(None, reports, Terminal()) and written(True, reports)
+    told = []
+    assert written(lambda done, total: told.append((done, total)), [*reports, (3, None, "a")]) == []
+    assert told == [(1, 2), (2, 2), (3, None)]
+    assert capsys.readouterr() == ("", "")
+    with (
+        pytest.raises(ValueError, match="`progress` must be True, False, None or a function"),
+        progress_of("yes", "lanes", "sweep"),  # pyright: ignore[reportArgumentType]
+    ):
+        pass
+
+
+@pytest.mark.usefixtures("at_once")
+def test_notebooks(monkeypatch):
+    assert not in_notebook()
+
+    class Shell:
+        kernel = object()
+
+    class IPython:
+        @staticmethod
+        def get_ipython():
+            return Shell()
+
+    monkeypatch.setitem(sys.modules, "IPython", IPython)
+    assert in_notebook()
+    # Without ipywidgets it is a line of text, and no warning, which would be an error here.
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    assert "100%" in written(None, [(2, 2)])[-1]
+
+
+def test_stages():
+    err = io.StringIO()
+    with contextlib.redirect_stderr(err):
+        Stages()("drawing")
+        Stages(quiet=True)("writing")
+    assert err.getvalue() == "[  0.0 s] drawing ...\n"
