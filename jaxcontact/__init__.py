@@ -6,11 +6,14 @@ from typing import Any as _Any
 from ._bounce import Bounce as Bounce
 from ._bounce import bounce as bounce
 from ._calibration import AbstractShape as AbstractShape
+from ._calibration import Calibration as Calibration
+from ._calibration import CalibrationSummary as CalibrationSummary
 from ._calibration import LawChoice as LawChoice
 from ._calibration import Network as Network
 from ._calibration import Rational as Rational
 from ._calibration import Spline as Spline
 from ._calibration import VelocityProfile as VelocityProfile
+from ._calibration import calibrate as calibrate
 from ._calibration import choose_law as choose_law
 from ._calibration import fit_bounces as fit_bounces
 from ._calibration import fit_damping as fit_damping
@@ -19,6 +22,7 @@ from ._calibration import fit_impacts as fit_impacts
 from ._calibration import fit_record as fit_record
 from ._calibration import fit_velocity_profile as fit_velocity_profile
 from ._calibration import learn_law as learn_law
+from ._calibration import load_calibration as load_calibration
 from ._contact import Contact as Contact
 from ._contact import Material as Material
 from ._export import Export as Export

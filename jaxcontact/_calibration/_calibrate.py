@@ -6,7 +6,6 @@ import dataclasses
 import importlib.metadata
 import os
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import numpy as np
@@ -26,7 +25,7 @@ from .._measurements import (
 )
 from .._progress import Stages
 from ._choice import LawChoice, choose
-from ._file import save
+from ._file import save, to_json
 from ._kinds import kinds_of
 from ._report import report
 from ._summary import (
@@ -96,6 +95,10 @@ class Calibration:
         """
         save(self.summary, path)
 
+    def to_json(self) -> str:
+        """The text that `save` writes."""
+        return to_json(self.summary)
+
     def __repr__(self) -> str:
         return repr(self.summary)
 
@@ -156,7 +159,13 @@ def calibrate(
             weights = noise.sigma(pairs.reading_factor) ** -2
             group = pairs.layout.group
             return choose(
-                pairs, use, weights, kinds, contact, known=frozenset(given), group=group,
+                pairs,
+                use,
+                weights,
+                kinds,
+                contact,
+                known=frozenset(given),
+                group=group,
                 progress=tell,
             )
 
@@ -178,8 +187,8 @@ def calibrate(
         threshold=THRESHOLD,
         trend=outliers.trend.kind,
         pairs=_pairs(pairs, outliers),
-        choice=choice,
-        with_marked=with_marked,
+        choice=choice.data,
+        with_marked=with_marked.data,
         by_speed=_by_speed(good, choice),
         versions={name: _version(name) for name in _PACKAGES},
     )

@@ -14,14 +14,13 @@ from jaxtyping import Array, ArrayLike, Float
 from .._contact import Contact
 from .._fit import Candidate, Fit, FitData, compared, criteria, fit, table
 from .._laws import AbstractLaw
-from .._measurements import Floats, Noise, Pairs, find_outliers, pairs_of_table
+from .._measurements import Floats, Pairs, find_outliers, pairs_of_table
 from .._parameter import POSITIVE, RESTITUTION
 from ._asked import Asked, asked_of
 from ._checks import column
 from ._estimate import Estimate
 from ._kinds import (
     AbstractKind,
-    ConstantE,
     LogRestitution,
     delivered,
     is_identifiable,
@@ -119,6 +118,11 @@ class LawChoice(ChoiceData):
     contact: Contact
     reference: float
     marked: np.ndarray
+
+    @property
+    def data(self) -> ChoiceData:
+        """The plain data alone."""
+        return ChoiceData(**{f.name: getattr(self, f.name) for f in dataclasses.fields(ChoiceData)})
 
     def law(self, kind: str | None = None) -> AbstractLaw:
         """The fitted law of a kind, by default of the best one.
@@ -237,7 +241,10 @@ def choose(
     laws = tuple(_law_fit(k, fits[k.name], pairs, use, contact, known, middle) for k in kinds)
     said = {law.kind: law.said for law in laws}
     comparison = compared(
-        fits, _bands(pairs, use, len(data["x"])), parameters=said.__getitem__, left_out="speeds",
+        fits,
+        _bands(pairs, use, len(data["x"])),
+        parameters=said.__getitem__,
+        left_out="speeds",
         group=group,
     )
     found = laws[0].estimates[-1]

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._contact import Contact
 from .._fit import Fit, Free, Positive, fit
 from .._impact import restitution
-from .._laws import ConstantDamping, Damped
+from .._laws import ConstantDamping, Damped, PowerDamping
 from .._parameter import POSITIVE, RESTITUTION
 from ._checks import column, one_of
 
@@ -27,10 +27,10 @@ class DeliveredByDamping(eqx.Module):
     def __call__(
         self, params: dict[str, Float[Array, ""]], velocity: Float[Array, " n"]
     ) -> Float[Array, " n"]:
-        c = params["c"]
         if "power" in params:
-            c = c * jnp.exp(params["power"] * jnp.log(velocity / self.reference))
-        law = ConstantDamping(c=c)
+            law = PowerDamping(params["c"], params["power"], self.reference)
+        else:
+            law = ConstantDamping(params["c"])
         if self.method in ("auto", "exact"):
             # The same number; without contact and speed it compiles in half the time.
             return restitution(Damped(alpha=law.damping_factor(self.contact, velocity)))

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
+from .._elementary import chebyshev
 from .._fit import Fit, Positive, fit
 from .._impact import restitution
 from .._laws import EnergyLoss
@@ -35,9 +36,8 @@ class DeliveredByEnergyLoss(eqx.Module):
         """β at the restitutions asked for."""
         if "beta" in params:
             return params["beta"]
-        angle = jnp.arccos(jnp.clip(2 * (asked - self.low) / (1 - self.low) - 1, -1, 1))
-        degrees = jnp.arange(float(params["log_beta"].size)).reshape((1,) * angle.ndim + (-1,))
-        return jnp.exp(jnp.cos(degrees * angle[..., None]) @ params["log_beta"])
+        t = 2 * (jnp.maximum(asked, self.low) - self.low) / (1 - self.low) - 1
+        return jnp.exp(chebyshev(params["log_beta"], t))
 
 
 def fit_energy_loss(

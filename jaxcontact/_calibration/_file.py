@@ -15,11 +15,14 @@ VERSION = 1
 """Of the file's format; raised whenever a field is added, removed or changes its meaning."""
 
 
+def to_json(summary: CalibrationSummary) -> str:
+    """A calibration as the text of a file; ValueError for a number that is not finite."""
+    return dumps(summary, VERSION)
+
+
 def save(summary: CalibrationSummary, path: str | os.PathLike) -> None:
     """Write a calibration as JSON, whole or not at all; OSError where that fails."""
-    with jax.enable_x64(True):
-        text = dumps(summary, VERSION)
-    write_all({pathlib.Path(path): text.encode()})
+    write_all({pathlib.Path(path): to_json(summary).encode()})
 
 
 def load_calibration(path: str | os.PathLike) -> CalibrationSummary:
@@ -32,6 +35,8 @@ def load_calibration(path: str | os.PathLike) -> CalibrationSummary:
     """
     try:
         with jax.enable_x64(True):
-            return loads(pathlib.Path(path).read_text(encoding="utf-8"), CalibrationSummary, VERSION)
+            return loads(
+                pathlib.Path(path).read_text(encoding="utf-8"), CalibrationSummary, VERSION
+            )
     except (FormatError, UnicodeDecodeError) as error:
         raise ValueError(f"{os.fspath(path)}: {error}") from error

@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import EXPONENT, Contact
-from .._fit import Between, Fit, Fixed, fit
-from .._fit._transforms import AbstractTransform
+from .._fit import AbstractTransform, Between, Fit, Fixed, fit
 from .._impact import impact
 from .._laws import AbstractLaw
 from .._parameter import POSITIVE, Range

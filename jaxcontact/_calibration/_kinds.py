@@ -155,8 +155,9 @@ class ConstantE(AbstractKind):
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Float[Array, " n"]:
         """What the law delivers, at every speed."""
-        delivered = restitution(self.law_of(params, contact, reference))
-        return jnp.broadcast_to(delivered, velocity.shape)
+        if self.law == "exact":  # by definition, and nothing needs to be compiled
+            return jnp.broadcast_to(params["e"], velocity.shape)
+        return jnp.broadcast_to(restitution(get_law(self.law, e=params["e"])), velocity.shape)
 
     def derived(
         self, fit: FitData, found: list[Estimate], known: frozenset[str], speed: float
@@ -320,7 +321,8 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
     others = tuple(
         kind
         for kind in SPEED_DEPENDENT
-        if kind.exponents() is None or (isinstance(exponent, float) and exponent in kind.exponents())
+        if kind.exponents() is None
+        or (isinstance(exponent, float) and exponent in kind.exponents())
     )
     if law == "all":
         return (ConstantE(), *others)

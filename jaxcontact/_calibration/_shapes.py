@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .._elementary import chebyshev
 from .._laws import Damped
 from .._parameter import RESTITUTION, as_parameter
 
@@ -50,10 +51,9 @@ class Rational(AbstractShape):
         self.below = jnp.zeros(degree)
 
     def __call__(self, e: Float[Array, "..."]) -> Float[Array, "..."]:
-        angle = jnp.arccos(jnp.clip(2 * e - 1, -1, 1))[..., None]
-        degrees = jnp.arange(float(self.above.size)).reshape((1,) * e.ndim + (-1,))
-        waves = jnp.cos(degrees * angle)
-        return (waves @ self.above) / (1 + waves[..., 1:] @ self.below)
+        t = 2 * e - 1
+        below = jnp.concatenate([jnp.ones_like(self.below[:1]), self.below])
+        return chebyshev(self.above, t) / chebyshev(below, t)
 
 
 class Spline(AbstractShape):

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ._minimise import minimise
+from .._fit import Positive, fit
 
+Params = Mapping[str, Float[Array, ""]]
 _FEWEST = 3
 """Touch, turn, and a sample between them: at the two ends the profile does not depend on β."""
-
-_REMAINING = 1e-4
-"""The largest Newton step in ln β that may be left. A vanishing gradient alone is no proof: far
-from any profile of this family the loss is flat in β."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,14 +22,14 @@ class VelocityProfile:
     """The profile δ' = v0 √(1 - (δ/δ_m)^β) nearest to samples of a compression.
 
     `beta`, dimensionless; `residual`, the weighted root mean square of what was fitted, δ'/v0 or
-    its square; both NaN unless `converged`. `evaluations` of the loss; `reason` says in words why
-    the search stopped.
+    its square; both NaN unless `converged`. The `steps` of the search, and in words the `reason`
+    why it stopped.
     """
 
     beta: float
     residual: float
     converged: bool
-    evaluations: int
+    steps: int
     reason: str
 
 
@@ -50,8 +47,8 @@ def fit_velocity_profile(
     the squares of both are compared, and the root is gone. Arguments, all of shape (samples,), at
     least 3: `indentation` δ in m, from 0 at touch to δ_m, never falling; `velocity` δ' in m/s, from
     v0 > 0 at touch to 0 at the turn; `weights` ≥ 0, equal if None. A trajectory need not hold its
-    turn: append `impact(...).max_indentation` and 0. The samples choose the β: each is one vote,
-    wherever it stands.
+    turn: append `impact(...).max_indentation` and 0. β depends on where the samples lie, each of
+    which counts by its weight.
 
     Returns a `VelocityProfile`. No standard error is given: the samples of a solved motion carry no
     noise, and what is left over is what no β can describe. Computes in double precision whatever
@@ -68,53 +65,40 @@ def fit_velocity_profile(
         raise ValueError("Argument `weights` must not be zero everywhere, but is.")
     if not 0 < start < math.inf:
         raise ValueError(f"Argument `start` must be in (0, inf), but is {start!r}.")
-    # In single precision the gradient's rounding is near the tolerance it has to meet.
-    with jax.enable_x64(True):
-        u = jnp.asarray(depth / depth[-1])
-        v = jnp.asarray(speed / speed[0])
-        w = jnp.asarray(share / share.sum())
-        loss = _loss_of_squares if squared else _loss
-        minimum = minimise(loss, jnp.log(jnp.full(1, float(start))), u, v, w)
-        determined = _is_determined(minimum.parameters, minimum.gradient_norm, squared, u, w)
-    converged, reason = minimum.converged, minimum.reason
-    if converged and not determined:
-        converged, reason = False, "the samples do not determine β"
+    u, v = depth / depth[-1], speed / speed[0]
+    found = fit(
+        _square if squared else _profile,
+        v**2 if squared else v,
+        {"beta": float(start)},
+        x=u,
+        weights=share / share.sum(),
+        transforms=Positive(),
+    )
+    reason = found.reason
+    converged = found.converged and not (found.at_bound or found.unidentified)
+    if found.converged and not converged:
+        reason = "the samples do not determine β"
     return VelocityProfile(
-        beta=math.exp(float(minimum.parameters[0])) if converged else math.nan,
-        residual=math.sqrt(minimum.loss) if converged else math.nan,
+        beta=float(found.params["beta"]) if converged else math.nan,
+        residual=math.sqrt(2 * found.loss) if converged else math.nan,
         converged=converged,
-        evaluations=minimum.evaluations,
+        steps=found.steps,
         reason=reason,
     )
 
 
-def _square(log_beta: Float[Array, ""], u: Float[Array, " n"]) -> Float[Array, " n"]:
+def _square(params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:
     """(δ'/v0)² = 1 - u^β, with its derivative in β: 0 at both ends, where ln 0 or 0/0 would be."""
     inside = (u > 0) & (u < 1)
     log_u = jnp.log(jnp.where(inside, u, 0.5))
-    return jnp.where(inside, -jnp.expm1(jnp.exp(log_beta) * log_u), jnp.where(u > 0, 0.0, 1.0))
+    return jnp.where(inside, -jnp.expm1(params["beta"] * log_u), jnp.where(u > 0, 0.0, 1.0))
 
 
-def _profile(log_beta: Float[Array, ""], u: Float[Array, " n"]) -> Float[Array, " n"]:
+def _profile(params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:
     """δ'/v0 = √(1 - u^β); where the square has vanished, so has its derivative."""
-    square = _square(log_beta, u)
+    square = _square(params, u)
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)
-
-
-def _loss(theta: Array, u: Array, v: Array, w: Array) -> Float[Array, ""]:
-    return jnp.sum(w * jnp.square(_profile(theta[0], u) - v))
-
-
-def _loss_of_squares(theta: Array, u: Array, v: Array, w: Array) -> Float[Array, ""]:
-    return jnp.sum(w * jnp.square(_square(theta[0], u) - jnp.square(v)))
-
-
-def _is_determined(theta: Array, gradient: float, squared: bool, u: Array, w: Array) -> bool:
-    """Whether the loss has a bottom here: a step of Gauss and Newton would hardly move β."""
-    curve = _square if squared else _profile
-    _, slope = jax.jvp(lambda x: curve(x, u), (theta[0],), (jnp.ones_like(theta[0]),))
-    return gradient < _REMAINING * 2 * float(jnp.sum(w * jnp.square(slope)))
 
 
 def _samples(value: ArrayLike, name: str, length: int | None = None) -> np.ndarray:

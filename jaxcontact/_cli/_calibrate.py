@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import io
-import json
 import pathlib
 from typing import TYPE_CHECKING, Any
 
 from .._progress import Stages
-from ._files import write_all
+from .._whole_files import write_all
+from ._files import drawn
 from ._options import InputError, positive
 from ._parser import add_command
 
 if TYPE_CHECKING:
-    from .._calibration import Calibration
     from .._flight import Drag
 
 FIGURE = "calibration.png"
@@ -23,8 +21,8 @@ REPORT = "calibration.md"
 
 _DESCRIPTION = """\
 Turns a recording of bounces into pairs (approach speed, e), finds spurious and missed triggers by
-a robust rule, fits a constant e and speed-dependent laws (Kuwabara-Kono, constant damping) by
-gradient, compares them, and writes calibration.png and calibration.json. Without FILE it uses the
+a robust rule, fits a constant e and speed-dependent laws (constant damping, damping as a power of
+the speed, Kuwabara-Kono), compares them, and writes calibration.png and calibration.json. Without FILE it uses the
 bounce intervals of a small rubber ball that ship with the package.
 """
 
@@ -42,13 +40,15 @@ drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with
 marked only for lying far off the trend of all pairs; e above 1 is no reason. Marked pairs are
 listed with their rows and left out; the result with them is shown as well.
 
---law NAME: `kuwabara_kono` or `constant_damping` is compared with a constant e; a law with
-parameter e (see `jaxcontact laws`) gives the constant e, as that law delivers it, and is compared
-with both. With --law all, the default, the exact constant e is compared with both. All laws of
-parameter e deliver a constant one; what each of them is to be asked for is listed.
+--law NAME: `constant_damping`, `power_damping` or `kuwabara_kono` is compared with a constant e; a
+law with parameter e (see `jaxcontact laws`) delivers the constant e and is compared with all three.
+With --law all, the default, the exact constant e is compared with all three. Every law with
+parameter e delivers a constant one; the e to set in each of them is listed.
 
-e(v) alone fixes only A (K/m)^(2/5) of Kuwabara-Kono and only c/K of constant damping. With
+e(v) alone determines only c/K of constant damping and only A (K/m)^(2/5) of Kuwabara-Kono. With
 --stiffness c follows, with --mass and --stiffness A does.
+
+`jaxcontact.load_calibration("calibration.json").law` is the fitted law.
 
 exit codes: 0 done; 1 a fit did not converge (everything is written); 2 bad input, nothing written.
 """
@@ -60,7 +60,7 @@ def add_parser(commands: Any) -> None:
     parser = add_command(commands, run, "calibrate", summary, _DESCRIPTION, _EPILOG)
     parser.add_argument("file", nargs="?", metavar="FILE", help="recording (default: the shipped)")
     parser.add_argument(
-        "--law", metavar="NAME", default="all", help="law to fit (default: all, of three kinds)"
+        "--law", metavar="NAME", default="all", help="law to fit (default: all, of four kinds)"
     )
     parser.add_argument(
         "--ball",
@@ -104,45 +104,41 @@ def run(arguments: argparse.Namespace) -> int:
     """Calibrate as asked; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
     progress = Stages(quiet=arguments.quiet)
     progress("reading the recording")
-    from .._calibration import calibrate, choose_curves, report, to_dict
+    from .._calibration import calibrate
     from .._flight import STANDARD_GRAVITY
     from .._measurements import RecordingError, read_recording
-    from .._measurements._recording import SHIPPED_BALL
+    from ..plot import calibration
 
     out = pathlib.Path(arguments.out)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out} is not a folder")
-    try:
-        choose_curves(arguments.law)
-    except ValueError as error:
-        raise InputError(f"--law: {error}") from error
     drag = _drag(arguments)
     try:
-        recording = read_recording(arguments.file)
-        ball = arguments.ball
-        if arguments.file is None and ball is None:
-            ball = SHIPPED_BALL
         result = calibrate(
-            recording,
-            ball=ball,
+            read_recording(arguments.file, ball=arguments.ball),
             law=arguments.law,
-            gravity=STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity,
             drag=drag,
             mass=arguments.mass,
             stiffness=arguments.stiffness,
+            gravity=STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity,
             progress=progress,
         )
     except RecordingError as error:
-        raise InputError(str(error)) from error
+        raise InputError(str(error).replace("`ball=`", "--ball")) from error
+    except ValueError as error:
+        # Numbers are checked by the parser: what is left is the name of the law.
+        raise InputError(f"--law: {error}") from error
     progress("drawing and writing")
-    options = {key: value for key, value in vars(arguments).items() if key != "run"}
-    numbers = json.dumps(to_dict(result, options), indent=1, allow_nan=False) + "\n"
-    said = report(result)
-    files = {out / FIGURE: _figure(result), out / NUMBERS: numbers.encode()}
+    report = result.report()
+    figure = drawn(lambda f: calibration(result, ax=f.add_subplot()), (7.0, 4.6), "png")
+    files = {
+        out / FIGURE: figure,
+        out / NUMBERS: result.to_json().encode(),
+    }
     if arguments.report:
-        files[out / REPORT] = _page(said).encode()
+        files[out / REPORT] = _page(report).encode()
     write_all(files)
-    print(said)
+    print(report)
     print(f"Written    {', '.join(map(str, files))}")
     return 0 if result.converged else 1
 
@@ -178,18 +174,3 @@ def _drag(arguments: argparse.Namespace) -> Drag | None:
 def _page(said: str) -> str:
     """The report as a page of Markdown."""
     return f"# Calibration\n\n![e over the approach speed]({FIGURE})\n\n```text\n{said}\n```\n"
-
-
-def _figure(result: Calibration) -> bytes:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    from ..plot import calibration
-
-    # Its own canvas: no display is needed, and the user's choice of backend is left alone.
-    figure = Figure(figsize=(7.0, 4.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    calibration(result, ax=figure.add_subplot())
-    stream = io.BytesIO()
-    figure.savefig(stream, format="png", dpi=200)
-    return stream.getvalue()

@@ -11,7 +11,8 @@ from .._impact._result import NUMBERS
 from .._progress import Stages
 from .._text_table import text_table
 from .._units import meaning, quantity
-from ._files import FIGURES, drawn, output_path, write_all
+from .._whole_files import write_all
+from ._files import FIGURES, drawn, output_path
 from ._law import exponent_asked, parameters_asked
 from ._options import InputError, assignment, number, positive
 from ._parser import add_command, add_law_and_contact

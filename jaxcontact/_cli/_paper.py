@@ -9,7 +9,8 @@ import pathlib
 from typing import TYPE_CHECKING, Any
 
 from .._progress import Stages
-from ._files import image_of, write_all
+from .._whole_files import write_all
+from ._files import image_of
 from ._options import InputError
 from ._parser import add_command
 

@@ -11,13 +11,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import ArrayLike, Bool
 
 from .._text_table import text_table
 from ._data import FitData
 from ._found import find
 from ._inference import LEAST_GROUPS
-from ._problem import Problem
 from ._solve import MOST_STEPS, PATIENCE
 from ._target import groups_of
 
@@ -229,14 +228,9 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
         found = find(fewer, start, rtol, None, MOST_STEPS, PATIENCE, None)
         if not np.all(found.still):
             return None
-        z = np.asarray(_standardised(fit.problem, found.theta))
+        z = np.asarray(fit.problem.off(found.prediction))
         square += float(np.sum(z[out] ** 2))
     return square
-
-
-@eqx.filter_jit
-def _standardised(problem: Problem, theta: Float[Array, " k"]) -> Float[Array, " n"]:
-    return problem.standardised(theta)
 
 
 def _verdict(
@@ -253,8 +247,7 @@ def _verdict(
     equal = [
         c
         for c in good
-        if c.aicc - first.aicc < CLEAR_AICC
-        or (c.behind is not None and c.behind < CLEAR_ADVANTAGE)
+        if c.aicc - first.aicc < CLEAR_AICC or (c.behind is not None and c.behind < CLEAR_ADVANTAGE)
     ]
     best = min(equal, key=lambda c: c.k)
     how = "best" if len(equal) == 1 else "as well as any"

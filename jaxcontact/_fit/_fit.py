@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-import sys
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import equinox as eqx
@@ -14,12 +13,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from .._progress import progress_of
 from ._found import Found, find, find_all, holding
 from ._inference import infer
 from ._loss import Huber
 from ._problem import Problem, shapes_of
 from ._result import Fit
-from ._solve import MOST_STEPS, PATIENCE
+from ._solve import MOST_STEPS, PATIENCE, Tell
 from ._space import Space, space_of
 from ._target import Target, groups_of, target_of
 from ._verdict import at_bound_of, falling, verdict
@@ -29,7 +29,6 @@ _SAME_SCALE = 1e-3
 """A relative change of the scale of a robust fit that counts as none."""
 
 _MEDIAN_OF_NORMAL = 0.6744897501960817
-_EVERY = 0.2  # seconds between two lines of progress
 _OUTWARD = 3.0
 """A remaining step of more than this in a logarithm or logit: the search creeps to a bound."""
 
@@ -99,12 +98,15 @@ def fit(
     _check(loss, optimizer, starts, spread, max_steps, rtol)
     by_gradient = optimizer if optimizer != LEVENBERG_MARQUARDT else None
     most = max_steps or (MOST_STEPS if by_gradient is None else 10_000)
-    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+    with (
+        _listener_of(progress, most) as tell,
+        jax.enable_x64(True),
+        jax.numpy_dtype_promotion("standard"),
+    ):
         target = target_of(data, sigma, weights)
         names = groups_of(groups, target.y.size)
         space, theta = space_of(start, transforms)
         problem = _problem(predict, space, x, target, loss, reverse, shapes_of(data))
-        tell = _teller(progress)
         rough = jnp.asarray(theta)
         ends = np.zeros(0)
 
@@ -303,25 +305,13 @@ def _result(
     )
 
 
-def _teller(progress: Any) -> Callable[[Any, Any], None] | None:
-    if callable(progress):
-
-        def pass_on(step: Any, loss: Any) -> None:
-            progress(int(step), float(loss))
-
-        return pass_on
-    if not isinstance(progress, bool):
-        raise ValueError(
-            f"Argument `progress` must be True, False or a function, but is {progress!r}."
-        )
-    if not progress:
-        return None
-    last = [0.0]
-
-    def tell(step: Any, loss: Any) -> None:
-        now = time.monotonic()
-        if now - last[0] >= _EVERY:
-            last[0] = now
-            print(f"step {int(step)}: loss {float(loss):.6g}", file=sys.stderr, flush=True)
-
-    return tell
+@contextlib.contextmanager
+def _listener_of(progress: Any, most: int) -> Iterator[Tell | None]:
+    """What to call with each step and its loss; None where nothing is to be shown."""
+    if progress is False:
+        yield None
+    elif callable(progress):
+        yield lambda step, loss: progress(int(step), float(loss))
+    else:
+        with progress_of(progress, "steps", "fit") as tell:
+            yield lambda step, loss: tell(int(step), most, f"loss {float(loss):.6g}")

@@ -25,7 +25,8 @@ class Found(NamedTuple):
     """The end of a search: coordinates, loss, history, steps; whether it stopped by itself.
 
     `z` are the standardised residuals, `jacobian` is dz/dθ, `step` the remaining Gauss-Newton step,
-    `allowed` the largest that counts as none, for each coordinate; `values` are the parameters.
+    `allowed` the largest that counts as none, for each coordinate; `values` are the parameters,
+    `prediction` is that of all points.
     """
 
     theta: Float[Array, " k"]
@@ -38,6 +39,7 @@ class Found(NamedTuple):
     step: Float[Array, " k"]
     allowed: Float[Array, " k"]
     values: Float[Array, " k"]
+    prediction: Float[Array, " n"]
 
     @property
     def still(self) -> Bool[Array, " k"]:
@@ -89,11 +91,12 @@ def found_from(
     path = search(problem, start, optimizer, max_steps, patience, tell)
     theta = path.theta
 
-    def twice(theta: Float[Array, " k"]) -> tuple[Array, Array]:
-        z = problem.standardised(theta)
-        return z, z
+    def twice(theta: Float[Array, " k"]) -> tuple[Array, tuple[Array, Array]]:
+        prediction = problem.prediction(theta)
+        z = problem.off(prediction)
+        return z, (z, prediction)
 
-    jacobian, z = problem.jacobian(twice, theta)
+    jacobian, (z, prediction) = problem.jacobian(twice, theta)
     r = shortened(z, problem.threshold)
     step, allowed = _left(problem, z, jacobian, theta, start, rtol)
     return Found(
@@ -107,6 +110,7 @@ def found_from(
         step,
         allowed,
         problem.space.values(theta),
+        prediction,
     )
 
 

@@ -1,4 +1,4 @@
-"""The residuals of a fit as a function of the free coordinates, ready to be compiled once."""
+"""The residuals of a fit as a function of the free coordinates, so that they compile once."""
 
 from __future__ import annotations
 
@@ -47,9 +47,12 @@ class Problem(eqx.Module):
 
     def standardised(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
         """z = (prediction - data)/σ, zero where a point has no weight."""
+        return self.off(self.prediction(theta))
+
+    def off(self, prediction: Float[Array, " n"]) -> Float[Array, " n"]:
+        """z of a prediction."""
         used = self.factor > 0
-        off = self.prediction(theta) - self.y
-        return jnp.where(used, jnp.where(used, off, 0) * self.factor, 0)
+        return jnp.where(used, jnp.where(used, prediction - self.y, 0) * self.factor, 0)
 
     def residual(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
         """What is squared and summed."""

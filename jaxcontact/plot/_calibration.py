@@ -12,9 +12,10 @@ if TYPE_CHECKING:
     from .._calibration import Calibration
 
 # Okabe & Ito: told apart by readers with any colour vision; the style tells them apart in grey.
-_CURVES = (("#D55E00", "-"), ("#0072B2", "--"), ("#009E73", "-."))
+_CURVES = (("#D55E00", "-"), ("#009E73", "-."), ("#E69F00", ":"), ("#0072B2", "--"))
 _KEPT, _MARKED = "#555555", "#CC79A7"
 _ROOM = 0.35
+_FINE = 200
 
 
 def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
@@ -34,23 +35,19 @@ def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
     low, high = low - room, high + room
     ax.plot(v[~flagged], e[~flagged], ".", color=_KEPT, alpha=0.6, ms=5, mew=0, label="kept")
     _draw_marked(ax, v[flagged], e[flagged], (low, high))
-    for (colour, style), fit in zip(_CURVES, result.kept.fits, strict=False):
-        ax.plot(result.grid, fit.grid, style, color=colour, lw=1.8, label=fit.curve.label)
-        if fit.grid_error is not None:
-            ax.fill_between(
-                result.grid,
-                fit.grid - 2 * fit.grid_error,
-                fit.grid + 2 * fit.grid_error,
-                color=colour,
-                alpha=0.22,
-                lw=0,
-            )
+    speeds = np.linspace(v[~flagged].min(), v[~flagged].max(), _FINE)
+    for (colour, style), law in zip(_CURVES, result.choice.laws, strict=False):
+        curve, error = result.choice.curve(law.kind, speeds)
+        ax.plot(speeds, curve, style, color=colour, lw=1.8, label=law.kind)
+        if law.identifiable:
+            low_end, high_end = curve - 2 * error, curve + 2 * error
+            ax.fill_between(speeds, low_end, high_end, color=colour, alpha=0.22, lw=0)
     ax.set_ylim(low, high)
     margin = 0.04 * max(float(np.ptp(v)), 0.1)
     ax.set_xlim(max(float(v.min()) - margin, 0.0), float(v.max()) + margin)
     ax.set_xlabel("approach speed $v$ / (m/s)")
     air = {True: "drag taken out", False: "drag left in"}[pairs.flight.drag is not None]
-    ax.set_ylabel("restitution $e$" + ("" if pairs.layout == "table" else f" ({air})"))
+    ax.set_ylabel("restitution $e$" + (f" ({air})" if pairs.layout.has_flights else ""))
     # Outside the frame it covers no data, whatever the data are.
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, fontsize="small")
     return ax

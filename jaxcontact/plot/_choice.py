@@ -25,14 +25,15 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
 
         _, ax = pyplot.subplots(layout="constrained")
     some = next(iter(result.fits.values()))
-    v = np.asarray(some.problem.x)
-    ax.plot(v, some.data, ".", color="0.4", label="data", zorder=2)
+    used = np.isfinite(some.data)
+    v = np.asarray(some.problem.x)[used]
+    ax.plot(v, np.exp(some.data[used]), ".", color="0.4", label="data", zorder=2)
     wide = v.max() > 100 * v.min()
     fine = (np.geomspace if wide else np.linspace)(v.min(), v.max(), _FINE)
     best = min(candidate.aicc for candidate in result.candidates)
     for place, (candidate, style) in enumerate(zip(result.candidates, _STYLES, strict=False)):
         label = f"{candidate.name} (ΔAICc {candidate.aicc - best:.1f})"
-        curve = np.asarray(result.fits[candidate.name].predict(fine))
+        curve, _ = result.curve(candidate.name, fine)
         ax.plot(fine, curve, style, lw=2.4 if place == 0 else 1.4, label=label, zorder=3)
     if wide:
         ax.set_xscale("log")

@@ -4,14 +4,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from jaxcontact._calibration import calibrate
-from jaxcontact._measurements import read_recording
+import jaxcontact as jc
 from jaxcontact.plot._calibration import calibration
 
 
 @pytest.fixture(scope="module")
 def blue():
-    return calibrate(read_recording(), ball="blue")
+    return jc.calibrate(jc.read_recording())
 
 
 @pytest.fixture
@@ -40,15 +39,15 @@ def test_every_pair_is_drawn_once_and_inside(blue, ax):
         y = np.asarray(line.get_ydata())
         assert np.all((y > low) & (y < high))
     kept = next(line for line in points if line.get_label() == "kept")
-    assert len(kept.get_xdata()) == blue.kept.count
+    assert len(kept.get_xdata()) == blue.choice.count
 
 
 def test_curves_bands_and_words(blue, ax):
     calibration(blue, ax=ax)
     labels = ax.get_legend_handles_labels()[1]
-    assert [fit.curve.label for fit in blue.kept.fits] == labels[2:]
+    assert [law.kind for law in blue.choice.laws] == labels[2:]
     assert "left out (23)" in labels[1]
-    assert len(ax.collections) == 3
+    assert len(ax.collections) == 4
     assert ax.get_xlabel().endswith("(m/s)")
     assert "drag left in" in ax.get_ylabel()
 

@@ -1,0 +1,111 @@
+"""The curves e(v) of the kinds: against other means, and what they depend on."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._calibration._kinds import ConstantC, LogRestitution, kinds_of
+from jaxcontact._calibration._viscous import STRONGEST, viscous_restitution
+from tests.test_calibration import oracle
+
+ORACLE = 1e-7
+"""Against integration at 1e-10 with a spline of 25 nodes, whose error it is: measured 1e-8."""
+
+SOLVE = 1e-8
+"""The polynomial against the solve it stands for, rtol 1e-9: measured 1.3e-9."""
+
+SLOPE = 1e-6
+"""Central differences with step 1e-5: measured 1e-9."""
+
+SPEEDS = np.geomspace(0.05, 5.0, 40)
+UNIT = jc.Contact(1.0, 1.0)
+KINDS = {kind.law: kind for kind in kinds_of("all", 1.5)}
+
+
+def curve(kind, **params):
+    return jnp.exp(LogRestitution(kind, UNIT, jnp.asarray(1.5))(params, jnp.asarray(SPEEDS)))
+
+
+@pytest.mark.parametrize(
+    ("law", "oracle_name", "params"),
+    [
+        ("kuwabara_kono", "kuwabara_kono", {"A": 0.07}),
+        ("constant_damping", "constant_damping", {"c": 0.08}),
+        ("power_damping", "constant_damping", {"c": 0.08, "power": 0.0}),
+    ],
+)
+def test_curves_are_those_of_the_law(law, oracle_name, params):
+    (value, *_) = params.values()
+    expected = [getattr(oracle, oracle_name)(value)(v) for v in SPEEDS]
+    np.testing.assert_allclose(curve(KINDS[law], **params), expected, rtol=ORACLE)
+
+
+def test_a_power_of_minus_one_is_a_constant_e():
+    e = curve(KINDS["power_damping"], c=0.2, power=-1.0)
+    np.testing.assert_allclose(e, jc.restitution(jc.Damped(alpha=0.3)), rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
+def test_slope_and_start(kind):
+    start = kind.start(0.88, UNIT, 1.5)
+    model = LogRestitution(kind, UNIT, jnp.asarray(1.5))
+    e, slope = jax.jvp(
+        lambda shift: jnp.exp(
+            model({k: v * jnp.exp(shift) for k, v in start.items()}, jnp.asarray(SPEEDS))
+        ),
+        (jnp.zeros(()),),
+        (jnp.ones(()),),
+    )
+    high, low = (
+        curve(kind, **{k: v * np.exp(sign * 1e-5) for k, v in start.items()}) for sign in (1, -1)
+    )
+    np.testing.assert_allclose(slope, (high - low) / 2e-5, rtol=SLOPE, atol=1e-9)
+    # The start is made from approximations; it only has to be near.
+    assert abs(float(np.interp(1.5, SPEEDS, e)) - 0.88) < 0.02
+
+
+def of_any_contact(seed, number):
+    """Random parameters (60,) whose identified combination, `number`(p), is in a good range."""
+    rng = np.random.default_rng(seed)
+    names = {"law": (0, 0), "K": (4, 10), "m": (-4, 1), "v": (-2, 1)}
+    p = {name: 10 ** rng.uniform(*powers, 60) for name, powers in names.items()}
+    # The law's own parameter makes up for the others.
+    p["law"] *= rng.uniform(0.005, 1.9, 60) / number(p)
+    return {name: jnp.asarray(value) for name, value in p.items()}
+
+
+def test_kuwabara_kono_depends_on_one_combination():
+    p = of_any_contact(1, lambda p: p["law"] * (p["K"] / p["m"]) ** 0.4 * p["v"] ** 0.2)
+    solved = jc.restitution(jc.KuwabaraKono(A=p["law"]), jc.Contact(p["m"], p["K"]), p["v"])
+    strength = p["law"] * (p["K"] / p["m"]) ** 0.4 * p["v"] ** 0.2
+    np.testing.assert_allclose(viscous_restitution(strength), solved, rtol=SOLVE)
+
+
+def test_constant_damping_depends_on_one_combination():
+    p = of_any_contact(2, lambda p: p["law"] / p["K"] * p["v"])
+    solved = jc.restitution(jc.ConstantDamping(c=p["law"]), jc.Contact(p["m"], p["K"]), p["v"])
+    curved = ConstantC().restitution({"c": p["law"] / p["K"]}, UNIT, 1.0, p["v"])
+    np.testing.assert_allclose(curved, solved, rtol=1e-12)
+
+
+def test_the_polynomial_ends_well():
+    np.testing.assert_allclose(viscous_restitution(jnp.zeros(1)), 1.0, rtol=SOLVE)
+    # Beyond its range it is constant, and so is its derivative.
+    assert jax.grad(viscous_restitution)(1.5 * STRONGEST) == 0
+
+
+def test_kinds_to_compare():
+    def laws(*arguments):
+        return [kind.law for kind in kinds_of(*arguments)]
+
+    everything = ["constant_damping", "power_damping", "kuwabara_kono"]
+    assert laws("all", 1.5) == ["exact", *everything]
+    assert laws("all", 2.0) == laws("all", jnp.asarray(1.5)) == ["exact", *everything[:2]]
+    for law in everything:
+        assert laws(law, 1.5) == ["exact", law]
+    assert laws("hu_guo", 1.5) == ["hu_guo", *everything]
+    for bad in ("nonsense", "damped"):
+        with pytest.raises(ValueError, match=f"`law` must be one of all, exact.*{bad}"):
+            kinds_of(bad, 1.5)
