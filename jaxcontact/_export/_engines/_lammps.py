@@ -129,11 +129,11 @@ def _scaled_relaxation(wanted: float, unit: Contact) -> float:
     def excess(relaxation: float) -> float:
         return float(restitution(KuwabaraKono(A=jnp.asarray(relaxation)), unit, 1.0)) - wanted
 
-    # Elastic, or so within the error of the solver.
+    # Elastic, within the error of the solver.
     if wanted >= 1 or excess(0.0) <= 0:
         return 0.0
     high = 1.0
-    # e falls without end as A grows, in the end as A⁻⁵.
+    # e falls to zero as A grows, finally as A⁻⁵.
     while (left := excess(high)) > 0:
         high *= 2
     if math.isnan(left):
