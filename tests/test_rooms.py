@@ -1,11 +1,13 @@
-"""The house's arrows: a room imports only from below, and heavy guests come in only where they are
-used.
+"""Imports go one way: a room imports only lower rooms, no files import each other in a circle, and
+heavy libraries are imported only in the functions that use them.
 
-The source is parsed, not run, so that an import inside a function is seen too. What stands under
-``if TYPE_CHECKING`` is for readers and is left alone.
+The source is parsed, not run, so that an import inside a function counts too. An import under
+``if TYPE_CHECKING`` is never run. It counts for a circle within one room; across rooms it is how a
+lower room annotates an object of a higher one (a law its contact), and does not count.
 """
 
 import ast
+import functools
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -20,7 +22,7 @@ ROOT = Path(__file__).parents[1] / PACKAGE
 # From the ground up. A room may import rooms on lower floors, and nothing of its own floor but
 # itself.
 FLOORS = [
-    {"_parameter", "_elementary", "_implicit", "data"},
+    {"_parameter", "_elementary", "_implicit", "_units", "_progress", "_text_table", "data"},
     {"_flight", "_fit"},
     {"_laws"},
     {"_contact"},
@@ -44,10 +46,16 @@ ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
     "optax": ({"_fit", "_calibration"}, set()),
     "xarray": (None, set()),
     "zarr": (None, set()),
-    "tqdm": (None, set()),
+    "tqdm": ({"_progress"}, set()),
     "tests": (set(), set()),
     "benchmarks": (set(), set()),
 }
+
+
+KNOWN_CIRCLES = [
+    {"_fit/_bootstrap.py", "_fit/_profile.py", "_fit/_result.py"},
+]
+"""Circles of files that still stand."""
 
 
 @dataclass(frozen=True)
@@ -65,19 +73,24 @@ def _is_type_checking(test: ast.expr) -> bool:
     )
 
 
-def _walk(node: ast.AST, at_load: bool = True) -> Iterator[tuple[ast.AST, bool]]:
-    """All nodes, each with whether it runs while the module is loaded."""
+def _walk(
+    node: ast.AST, at_load: bool = True, checking: bool = False
+) -> Iterator[tuple[ast.AST, bool]]:
+    """All nodes, each with whether it runs while the module is loaded.
+
+    `checking` also goes through what stands under `if TYPE_CHECKING`.
+    """
     yield node, at_load
     if isinstance(node, ast.If) and _is_type_checking(node.test):
-        for child in node.orelse:
-            yield from _walk(child, at_load)
+        for child in (*node.body, *node.orelse) if checking else node.orelse:
+            yield from _walk(child, at_load, checking)
         return
     for name, value in ast.iter_fields(node):
         deferred = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
         inside = at_load and not (deferred and name == "body")
         for child in value if isinstance(value, list) else [value]:
             if isinstance(child, ast.AST):
-                yield from _walk(child, inside)
+                yield from _walk(child, inside, checking)
 
 
 def _imports(node: ast.AST, at_load: bool, package: list[str]) -> Iterator[Import]:
@@ -152,8 +165,68 @@ def _complaint(room: str, imported: Import) -> str | None:
     return None
 
 
+def _file_of(name: str, root: Path) -> str | None:
+    """The file of the package that an imported name stands in, relative to `root`."""
+    top, *parts = name.split(".")
+    # From the longest name: what is not a file is a name inside one.
+    for end in range(len(parts), -1, -1) if top == PACKAGE else ():
+        stem = "/".join(parts[:end])
+        for file in (f"{stem}.py", f"{stem}/__init__.py".lstrip("/")):
+            if (root / file).is_file():
+                return file
+    return None
+
+
+@functools.cache
+def _arrows(root: Path) -> dict[str, set[str]]:
+    """For every file of a package tree the files that it imports."""
+    arrows = {}
+    for path in sorted(root.rglob("*.py")):
+        where = path.relative_to(root)
+        tree, package = ast.parse(path.read_text()), [PACKAGE, *where.parts[:-1]]
+        targets: dict[bool, set[str]] = {}
+        for checking in (False, True):
+            names = [
+                i.name for n, _ in _walk(tree, True, checking) for i in _imports(n, True, package)
+            ]
+            targets[checking] = {file for name in names if (file := _file_of(name, root))}
+        room = _room(where.parts)
+        same = {file for file in targets[True] if _room(Path(file).parts) == room}
+        arrows[where.as_posix()] = (targets[False] | same) - {where.as_posix()}
+    return arrows
+
+
+def circles(root: Path) -> list[set[str]]:
+    """The files that import each other, directly or through others, in groups."""
+    arrows = _arrows(root)
+    reached = {}
+    for start in arrows:
+        seen, waiting = set(), [start]
+        while waiting:
+            new = arrows.get(waiting.pop(), set()) - seen
+            seen |= new
+            waiting += new
+        reached[start] = seen
+    found: list[set[str]] = []
+    for file in arrows:
+        circle = {other for other in reached[file] if file in reached[other]}
+        if circle and circle not in found:
+            found.append(circle)
+    return found
+
+
 def test_the_arrows_hold():
     assert violations(ROOT) == []
+
+
+def test_no_files_import_each_other():
+    assert circles(ROOT) == KNOWN_CIRCLES
+
+
+def test_the_analysis_of_a_sweep_stands_alone():
+    for file, targets in _arrows(ROOT).items():
+        if file.startswith("_sweep/_skip/"):
+            assert all(target.startswith("_sweep/_skip/") for target in targets), file
 
 
 def test_loading_the_package_loads_no_plotting():
@@ -234,3 +307,45 @@ def test_a_breach_is_seen(tmp_path, name, text, complaint):
     found = violations(build(tmp_path, {**GOOD, name: text}))
     assert len(found) == 1
     assert complaint in found[0]
+
+
+CIRCLES = [
+    {
+        "_sweep/_a.py": "from ._b import x",
+        "_sweep/_b.py": "from . import _a",
+    },
+    {
+        "_sweep/_a.py": "from ._b import x",
+        "_sweep/_b.py": "import jaxcontact._sweep._c",
+        "_sweep/_c.py": "from ._a import y",
+    },
+    {
+        "_sweep/_a.py": "from ._b import x",
+        "_sweep/_b.py": "def f():\n    from ._a import y",
+    },
+    {
+        "_sweep/_a.py": "if TYPE_CHECKING:\n    from ._b import x",
+        "_sweep/_b.py": "from ._a import y",
+    },
+    {
+        "_sweep/__init__.py": "from ._a import y",
+        "_sweep/_a.py": "from .._sweep import z",
+    },
+    {
+        "_sweep/_a.py": "from ._deep import x",
+        "_sweep/_deep/__init__.py": "from ._b import x",
+        "_sweep/_deep/_b.py": "from .._a import y",
+    },
+]
+
+
+@pytest.mark.parametrize("files", CIRCLES)
+def test_a_circle_is_seen(tmp_path, files):
+    root = build(tmp_path, {**GOOD, "_sweep/_d.py": "from ._a import y", **files})
+    assert circles(root) == [set(files)]
+
+
+def test_a_tree_without_circles_passes(tmp_path):
+    # The contact is annotated in a law, which stands below it.
+    above = {"_contact.py": "from ._laws._base import x", "_laws/_registry.py": "x = 1"}
+    assert circles(build(tmp_path, GOOD | above)) == []

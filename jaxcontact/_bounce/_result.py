@@ -5,10 +5,10 @@ from __future__ import annotations
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._impact import Status
+from .._impact._result import status_words
 from .._parameter import as_parameter, shown
 from .._units import quantity
 
@@ -83,20 +83,10 @@ class Bounce(eqx.Module):
             "last height": quantity("height", _shown(self.height, -1)),
             "rest_time": quantity("rest_time", shown(self.rest_time)),
             "rest_indentation": quantity("rest_indentation", shown(self.rest_indentation)),
-            "status": _statuses(self.status),
+            "status": status_words(self.status),
         }
         return "Bounce\n" + "\n".join(f"  {name:<17}{text}" for name, text in numbers.items())
 
 
 def _shown(values: Array, index: int) -> str:
     return shown(values[..., index]) if eqx.is_array(values) else str(values)
-
-
-def _statuses(status: Array) -> str:
-    if isinstance(status, Tracer) or not eqx.is_array(status):
-        return str(status)
-    kinds, counts = np.unique(np.asarray(status), return_counts=True)
-    return ", ".join(
-        f"{count} {Status(int(kind)).name.lower()}"
-        for kind, count in zip(kinds, counts, strict=True)
-    )

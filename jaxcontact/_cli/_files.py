@@ -27,7 +27,7 @@ def output_path(option: str, name: str, suffixes: Sequence[str]) -> pathlib.Path
     return path
 
 
-def drawn(draw: Callable[[Figure], None], size: tuple[float, float], form: str) -> bytes:
+def drawn(draw: Callable[[Figure], object], size: tuple[float, float], form: str) -> bytes:
     """A figure of the `size` in inches, filled by `draw`, as a file of the form "png", say."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -54,7 +54,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Solve the impact asked for and print it. Raises InputError, OSError."""
+    """Solve the impact and print it. Raises InputError, OSError."""
     progress = Stages(quiet=arguments.quiet)
     plot = output_path("--plot", arguments.plot, FIGURES) if arguments.plot else None
     progress("compiling and solving the impact")

@@ -1,4 +1,4 @@
-"""The law and the exponent asked for on the command line, checked."""
+"""The law and the exponent given on the command line, checked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ def parameters_asked(arguments: argparse.Namespace) -> dict[str, Any]:
     from .._laws import list_laws, parameters_of
 
     if arguments.law not in list_laws():
-        raise InputError(f"--law: {arguments.law!r} is no law; there are {', '.join(list_laws())}")
+        raise InputError(
+            f"--law: {arguments.law!r} is not a law; the laws are {', '.join(list_laws())}"
+        )
     given = dict(arguments.param)
     if len(given) < len(arguments.param):
         raise InputError("--param: a parameter is given twice")

@@ -1,4 +1,4 @@
-"""`jaxcontact laws`: what there is, and what each law delivers."""
+"""`jaxcontact laws`: all laws, and the restitution that each delivers."""
 
 from __future__ import annotations
 

@@ -48,7 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
     names = arguments.figures or list(paper.FIGURES)
     for name in names:
         if name not in paper.FIGURES:
-            raise InputError(f"{name!r} is no figure; there are {', '.join(paper.FIGURES)}")
+            raise InputError(
+                f"{name!r} is not a figure; the figures are {', '.join(paper.FIGURES)}"
+            )
     folder = pathlib.Path(arguments.out)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--out {arguments.out}: is a file")

@@ -76,7 +76,7 @@ def span(text: str) -> float | np.ndarray:
         )
     low, high = number(parts[0]), number(parts[1])
     if not parts[2].isdecimal() or int(parts[2]) < 1:
-        raise argparse.ArgumentTypeError(f"{parts[2]!r} in {text!r} is no count")
+        raise argparse.ArgumentTypeError(f"{parts[2]!r} in {text!r} is not a count")
     if len(parts) == 3:
         return np.linspace(low, high, int(parts[2]))
     if low <= 0 or high <= 0:
@@ -93,7 +93,7 @@ def named_span(text: str) -> tuple[str, float | np.ndarray]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Sweep as asked and write it. Raises InputError, OSError."""
+    """Sweep over the ranges given and write the table. Raises InputError, OSError."""
     progress = Stages(quiet=arguments.quiet)
     out = output_path("--out", arguments.out, (".nc", ".csv"))
     if out.suffix.lower() == ".nc" and importlib.util.find_spec("xarray") is None:
@@ -127,7 +127,7 @@ def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path 
         return None
     plot = output_path("--plot", arguments.plot, FIGURES)
     if arguments.field not in NUMBERS:
-        raise InputError(f"--field: {arguments.field!r} is none of {', '.join(NUMBERS)}")
+        raise InputError(f"--field: {arguments.field!r} is not one of {', '.join(NUMBERS)}")
     ranges = sum(isinstance(values, np.ndarray) for values in given.values())
     if ranges not in (1, 2):
         raise InputError(f"--plot {plot}: takes one or two ranges, but there are {ranges}")

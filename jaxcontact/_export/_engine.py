@@ -11,7 +11,7 @@ from ._wanted import Draft, Wanted
 
 _ENGINES: dict[str, Engine] = {}
 
-Kind = TypeVar("Kind", bound="type[Engine]")
+Kind = TypeVar("Kind", bound="Engine")
 
 
 class Engine(abc.ABC):
@@ -53,7 +53,7 @@ class Engine(abc.ABC):
         return given
 
 
-def register_engine(kind: Kind) -> Kind:
+def register_engine(kind: type[Kind]) -> type[Kind]:
     """Make an `Engine` known to `export` by its `name`; for use as a decorator of its class."""
     _ENGINES[kind.name] = kind()
     return kind

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -51,19 +52,13 @@ def export(
             f"The law of engine {engine!r} delivers {delivered:.9g} with the parameters found, not "
             f"{wanted.restitution:.9g}."
         )
+    shared = {f.name: getattr(draft, f.name) for f in dataclasses.fields(draft)}
+    steps = shared.pop("steps")
     return Export(
+        **shared,
         engine=engine,
-        model=draft.model,
-        parameters=draft.parameters,
-        units=draft.units,
-        snippet=draft.snippet,
         target=wanted.restitution,
         delivered=delivered,
         duration=duration,
-        time_step=None if draft.steps is None else duration / draft.steps,
-        expected_error=draft.expected_error,
-        limit=draft.limit,
-        source=draft.source,
-        law=draft.law,
-        contact=draft.contact,
+        time_step=None if steps is None else duration / steps,
     )

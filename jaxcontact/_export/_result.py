@@ -17,7 +17,7 @@ class Export:
 
     `engine` and `model` say where they belong; `parameters` holds the numbers and `units` their
     units, by the same names; `snippet` is the text to paste. `target` is the wanted restitution and
-    `delivered` that of the engine's law with these parameters, both from our own solver. `law` and
+    `delivered` that of the engine's law with these parameters, both by `impact`. `law` and
     `contact` are the engine's law as it was solved: `impact(law, contact, velocity)` tells the
     rest. `duration` in s is how long that contact lasts, and `time_step` in s the step at which the
     engine itself was measured to be within `expected_error` (relative, of the restitution, for e of

@@ -1,4 +1,4 @@
-"""What an engine is asked to reproduce, and what it answers with."""
+"""What an engine must reproduce, and the parameters with which it does."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Wanted:
 
 @dataclasses.dataclass(frozen=True)
 class Draft:
-    """An engine's answer: its law with the parameters found, not solved again yet."""
+    """An engine's law with the parameters found, before it is solved again."""
 
     model: str
     law: AbstractLaw
@@ -44,7 +44,7 @@ class Draft:
 
 
 def wanted_of(law: AbstractLaw, contact: Contact, velocity: ArrayLike) -> Wanted:
-    """The impact to reproduce; ValueError if it is none or more than one, or was not solved."""
+    """The impact to reproduce; ValueError unless it is a single one that was solved."""
     hit = solved(impact(law, contact, velocity))
     return Wanted(
         restitution=float(hit.restitution),
@@ -73,7 +73,7 @@ def solved(hit: Impact) -> Impact:
 
 
 def matched_stiffness(wanted: Wanted, exponent: float, scaled_law: AbstractLaw) -> float:
-    """K in N/mⁿ of an engine with the exponent n: the contact's own, or one as long in contact.
+    """K in N/mⁿ of an engine with the exponent n: the contact's own, or the one of equal duration.
 
     An impact lasts τ (m/K)^(1/(n+1)) v0^((1-n)/(n+1)), with τ that of `scaled_law`, the engine's
     law in units where mass, stiffness and speed are 1. Where the exponents differ no K gives the
@@ -88,5 +88,5 @@ def matched_stiffness(wanted: Wanted, exponent: float, scaled_law: AbstractLaw) 
 
 
 def _number(value: Any) -> float:
-    # An array of one element along an axis was let through by `solved` only if it has no axis.
+    # `solved` has refused everything with an axis.
     return float(np.asarray(value))

@@ -59,7 +59,7 @@ class Impact(eqx.Module):
         lines = [f"Impact by method {self.method!r}"]
         for name in NUMBERS:
             lines.append(f"  {name:<17}{quantity(name, _show(getattr(self, name)))}")
-        lines.append(f"  {'status':<17}{_show_status(self.status)}")
+        lines.append(f"  {'status':<17}{status_words(self.status)}")
         return "\n".join(lines)
 
 
@@ -73,7 +73,8 @@ def _show(value: Array) -> str:
     return f"shape {array.shape}, from {good.min():.6g} to {good.max():.6g}"
 
 
-def _show_status(value: Array) -> str:
+def status_words(value: Array) -> str:
+    """The names of `Status`, with their counts where there are several lanes."""
     if isinstance(value, Tracer) or not eqx.is_array(value):
         return str(value)
     kinds, counts = np.unique(np.asarray(value), return_counts=True)

@@ -164,5 +164,5 @@ def call(function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
         bound = inspect.signature(function).bind(**given)
     except (TypeError, ValueError):
         return function(**given)
-    # By position as far as that goes: jax.grad differentiates arguments that have one.
+    # Positional where possible: jax.grad differentiates positional arguments only.
     return function(*bound.args, **bound.kwargs)

@@ -42,8 +42,8 @@ def cut(shape: Sequence[int], most: int) -> Cut:
         step = min(left, length)
         pieces = math.ceil(length / step)
         if pieces < _FEW:
-            # Little padding. Where there are many pieces it is little anyway, and then a block has
-            # the same shape, and the same compiled function, for other lengths too.
+            # Nearly equal pieces need little padding. Many pieces need little anyway: their length
+            # then does not depend on that of the dimension, nor does the compiled function.
             step = math.ceil(length / pieces)
         block.append(step)
         left = left // step if pieces == 1 else 1

@@ -1,4 +1,4 @@
-"""One swept array, kept as small as it is known to be until someone asks for all of it."""
+"""One swept array, stored over the dimensions that it depends on and expanded on access."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Mask:
     good: np.ndarray
 
     def same(self, other: Mask) -> bool:
-        """Whether the other mask says the same."""
+        """Whether the other mask is equal."""
         return self.dims == other.dims and np.array_equal(self.good, other.good)
 
     def taken(self, dim: int, index: int) -> Mask:
-        """The mask at one place of a dimension, which is gone."""
+        """The mask at one index of a dimension, without that dimension."""
         return Mask(_without(self.dims, dim), _take(self.good, self.dims, dim, index))
 
 
@@ -31,7 +31,7 @@ class Column:
     """`values` where all masks hold, and `otherwise` elsewhere, over the dimensions of a sweep.
 
     `stored` has one axis for each of `dims`, in ascending order, and then those of its own: an
-    array, or one on disk that is read when it is asked for.
+    array, or one on disk that is read on access.
     """
 
     dims: tuple[int, ...]
@@ -72,7 +72,7 @@ class Column:
         return good
 
     def settled(self) -> Column:
-        """The same, with masks that never speak left out and those of no other dimension used."""
+        """The same, without masks that hold everywhere; those over its dimensions are applied."""
         masks = [mask for mask in self.masks if not mask.good.all()]
         inside = [mask for mask in masks if set(mask.dims) <= set(self.dims)]
         if not inside:
@@ -86,13 +86,13 @@ class Column:
         return replace(self, stored=values, masks=outside)
 
     def taken(self, dim: int, index: int) -> Column:
-        """The column at one place of a dimension, which is gone; later ones move up."""
+        """The column at one index of a dimension, without that dimension."""
         masks = tuple(mask.taken(dim, index) for mask in self.masks)
         values = _take(self.values, self.dims, dim, index)
         return Column(_without(self.dims, dim), values, masks, self.otherwise).settled()
 
     def counts(self, shape: Sequence[int]) -> dict[Any, int]:
-        """How often each value occurs; without making the whole array where masks are separate."""
+        """How often each value occurs; the whole array is made only where dimensions are shared."""
         shape = tuple(shape)
         used = [d for part in (self, *self.masks) for d in part.dims]
         if len(used) > len(set(used)):

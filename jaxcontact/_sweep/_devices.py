@@ -1,9 +1,8 @@
-"""Who computes what: blocks are dealt to processes in turn, and by each to its devices.
+"""Where blocks are computed: processes take them in turn, and so do the devices of a process.
 
 A block is computed whole on one device, by the program for one device. A program that XLA
-partitions over devices is another program, fused otherwise, and its last digits differ; nor do
-lanes have to wait for the slowest lane of another device. So it does not matter to a number how
-many devices there are.
+partitions over devices is another program, fused otherwise, and its last digits differ. The number
+of devices therefore changes no result, and no lane waits for a slower one on another device.
 """
 
 from __future__ import annotations
@@ -40,12 +39,12 @@ class Workers:
     def exchanged(
         self, mine: Sequence[np.ndarray], forms: Sequence[Sequence[jax.ShapeDtypeStruct]]
     ) -> list[list[np.ndarray]]:
-        """The arrays of every process, bit for bit; `forms` says what each process brings."""
+        """The arrays of every process, bit for bit; `forms`: what each sends."""
         if self.processes == 1:
             return [list(mine)]
         from jax.experimental import multihost_utils
 
-        # As bytes: of any shapes and types, and nothing to round or convert.
+        # As bytes: arrays of any shape and type, without rounding or conversion.
         longest = max(sum(map(_bytes, form)) for form in forms)
         buffer = np.zeros(longest, np.uint8)
         sent = b"".join(np.ascontiguousarray(array).tobytes() for array in mine)
@@ -54,7 +53,7 @@ class Workers:
         return [_unpacked(row, form) for row, form in zip(rows, forms, strict=True)]
 
     def meet(self, where: str) -> None:
-        """Wait until every process is here."""
+        """Wait for all processes."""
         if self.processes > 1:
             from jax.experimental import multihost_utils
 

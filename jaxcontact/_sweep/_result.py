@@ -1,4 +1,4 @@
-"""What a sweep returns: its table, with what people do with it."""
+"""What a sweep returns: its table, with selection, export and a summary."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 METHODS = (None, "nearest")
 
 _ROUNDINGS = 4
-"""An axis made by linspace and the number one types differ by a rounding or two."""
+"""A number of an axis made by linspace differs from the same one typed by a rounding or two."""
 
 
 class Sweep(Table):
@@ -31,12 +31,12 @@ class Sweep(Table):
     `axes` maps the names of the axes (or samples) to their numbers, in order; `fixed` what was held
     fixed; `dims` and `shape` are the names and lengths of the dimensions; `status` is that of the
     output, and if it has none: INVALID_INPUT where a parameter is out of its range, NOT_CONVERGED
-    where a number is NaN all the same, SEPARATED elsewhere. `complete` is False after an interrupt:
-    lanes that were not computed are then NaN, and NOT_CONVERGED.
+    where a number is NaN for valid parameters, SEPARATED elsewhere. `complete` is False after an
+    interrupt: lanes that were not computed are then NaN, and NOT_CONVERGED.
     """
 
     def __getattr__(self, name: str) -> Any:
-        # Also asked for what a half-made object does not have yet, while it is being unpickled.
+        # Unpickling looks up attributes before they are set.
         if name.startswith("_") or name not in self._fields:
             fields = ", ".join(self.__dict__.get("_fields", ()))
             raise AttributeError(f"this sweep has no field {name!r}; its fields: {fields}")
@@ -46,11 +46,11 @@ class Sweep(Table):
         return [*super().__dir__(), *self._fields]
 
     def select(self, /, *, method: str | None = None, **where: float) -> Self:
-        """The sweep at one number of one or more axes, which are no dimensions any more.
+        """The sweep at one number of one or more axes, which are then no dimensions.
 
-        A number must be one of the axis, to rounding; `method="nearest"` takes the nearest. Of
-        samples, select by their number: `sample=3`. Raises ValueError for a number that is not on
-        the axis or a name that is none.
+        A number must be one of the axis, to rounding; `method="nearest"` takes the nearest.
+        Samples are selected by their number: `sample=3`. Raises ValueError for a number that is
+        not on the axis or a name that is not a dimension.
         """
         if method not in METHODS:
             raise ValueError(f"Argument `method` must be one of {METHODS}, but is {method!r}.")
@@ -91,6 +91,6 @@ def _place(values: np.ndarray, name: str, number: float, method: str | None) -> 
         near = np.unique(values[np.argsort(distance, kind="stable")[:3]])
         raise ValueError(
             f"Argument `{name}` must be a number of the axis, but is {number!r}; near it are "
-            f"{', '.join(f'{value:.9g}' for value in near)} (or ask with method='nearest')."
+            f"{', '.join(f'{value:.9g}' for value in near)} (or pass method='nearest')."
         )
     return place

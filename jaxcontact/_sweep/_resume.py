@@ -34,9 +34,8 @@ def collect_stored(
     """Compute the blocks that the store at `path` lacks; the arrays are those of the store.
 
     `names` are those of the arrays in the store, by key; `conditions` are the keys of the flags
-    that must be true for an array to hold. Nothing is read from it before it is
-    asked for, but flags: the results may be larger than the memory. Raises ValueError for a store
-    of another sweep.
+    that must be true for an array to hold. Only flags are read at once: the results may be larger
+    than the memory. Raises ValueError for a store of another sweep.
     """
     keys = dict.fromkeys(part.array.key for block in blocks for part in block.parts)
     names = {key: names.get(key, _FLAGS + key.split()[-1]) for key in keys}
@@ -48,7 +47,7 @@ def collect_stored(
         _coordinates(grid),
     )
     missing = [block for block in blocks if not store.finished(block.number)]
-    # Every process has looked before any of them writes: all agree on what is missing.
+    # All processes list what is missing before one of them writes.
     workers.meet("store opened")
     total = sum(block.lanes for block in blocks)
     done = total - sum(block.lanes for block in missing)
@@ -71,8 +70,8 @@ def collect_stored(
     lacking = store.lacking()
     if lacking:
         raise ValueError(
-            "Argument `store` must be a path that all processes see at once, but in "
-            f"{os.fspath(path)} process {workers.process} does not see {len(lacking)} blocks."
+            "Argument `store` must be a path that all processes share, but process "
+            f"{workers.process} does not find {len(lacking)} blocks in {os.fspath(path)}."
         )
     found = store.arrays()
     return Outcome(
@@ -98,12 +97,12 @@ def _forms(
         own = tuple(f"{name.split('/')[-1]}_{k}" for k in range(len(array.kind.shape)))
         attributes = dict(attributes_of(name))
         if conditions.get(array.key):
-            # For those who read the store by themselves.
+            # For readers of the store itself.
             attributes["valid_where"] = " ".join(names[flag] for flag in conditions[array.key])
         forms[name] = Stored(
             dims=tuple(grid.dims[d] for d in array.dims) + own,
             shape=shape_of(array.dims, grid) + array.kind.shape,
-            # The first block is a whole one.
+            # The first block has the full length.
             chunk=part.form.shape,
             dtype=np.dtype(array.kind.dtype),
             attributes=attributes,

@@ -27,26 +27,26 @@ Order = Callable[[Group], np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """One array that a block brings."""
+    """One array that a block computes."""
 
     number: int
     """Its number among the results of the call."""
     array: Array
     useful: tuple[slice, ...]
-    """What of it is no padding."""
+    """The part without padding."""
     place: tuple[Any, ...]
     """Where in the whole array it belongs: slices, or indices lane by lane."""
 
     @property
     def form(self) -> jax.ShapeDtypeStruct:
-        """Shape and type of what is no padding."""
+        """Shape and type of the part without padding."""
         lanes = tuple(s.stop for s in self.useful)
         return jax.ShapeDtypeStruct(lanes + self.array.kind.shape, self.array.kind.dtype)
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """One call of a compiled function, and the parts of its results that no other block brings."""
+    """One call of a compiled function, and the parts of its results that are kept."""
 
     number: int
     call: Callable[..., Sequence[jax.Array]]
@@ -57,7 +57,7 @@ class Block:
 
     @property
     def lanes(self) -> int:
-        """The number of lanes that are no padding."""
+        """The number of lanes without padding."""
         return max(math.prod(s.stop for s in part.useful) for part in self.parts)
 
     def results(self, outputs: Sequence[jax.Array]) -> Arrays:
@@ -87,7 +87,7 @@ def blocks_of(
 
 def _in_place(group: Group, grid: Grid, most: int, numbers: Iterator[int]) -> Iterator[Block]:
     shape = shape_of(group.dims, grid)
-    # Arrays that lie apart are as small as their dimensions, whatever the product of these is.
+    # Arrays that lie apart need no cut: none is as large as the product of the dimensions.
     made = cut(shape, math.prod(shape) if group.apart else most)
     inputs = [grid.inputs[i] for i in group.inputs]
 
@@ -105,7 +105,7 @@ def _in_place(group: Group, grid: Grid, most: int, numbers: Iterator[int]) -> It
                 tuple(along[d] for d in array.dims),
             )
             for number, array in enumerate(group.arrays)
-            # What does not vary along a dimension comes with the first block along it.
+            # The first block along a dimension computes what does not vary along it.
             if all(along[d].start == 0 for d in group.dims if d not in array.dims)
         ]
         yield Block(
@@ -144,7 +144,7 @@ def compute(
 ) -> Iterator[tuple[Block, Arrays | None]]:
     """Compute blocks and yield them in order, with their results, in every process.
 
-    While one is being read the next ones are being computed. With `keep`, which is called with the
+    The next blocks are computed while one is read. With `keep`, which is called with the
     results of a block by the process that has computed it, processes do not exchange results, and
     None stands for them.
     """
@@ -204,7 +204,7 @@ def collect(
     """Compute all blocks into arrays.
 
     An interrupt from the keyboard ends it early: what has not been computed then holds the numbers
-    `unfinished`, by key. An interrupt before anything of use is there is passed on.
+    `unfinished`, by key. An interrupt before the first useful result is raised again.
     """
     arrays = empty_arrays(blocks, grid)
     finished: set[int] = set()
@@ -236,7 +236,7 @@ def empty_arrays(blocks: Sequence[Block], grid: Grid) -> Arrays:
 def fill(
     arrays: Arrays, missing: Sequence[Block], unfinished: Mapping[str, Any], workers: Workers
 ) -> None:
-    """After an interrupt: put `unfinished` where nothing was computed, if the rest is of use."""
+    """Fill what was not computed with `unfinished`; KeyboardInterrupt if the rest is useless."""
     parts = [part for block in missing for part in block.parts]
     # Other processes wait for results that will not come.
     if workers.processes > 1 or any(is_flag(part.array.key) for part in parts):

@@ -1,4 +1,4 @@
-"""What the numbers of a sweep depend on, as JSON: a store made from something else is not used."""
+"""What the numbers of a sweep depend on, as JSON: a store with another signature is refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results on disk, block by block: a run that was killed goes on where it was."""
+"""Results on disk, block by block: a killed run continues where it stopped."""
 
 from __future__ import annotations
 
@@ -49,9 +49,8 @@ class BlockStore:
     """Arrays on disk, of which each block fills whole chunks, and a checksum for every block.
 
     A block is finished if what is read back has its checksum. A chunk that is missing, short,
-    altered or was never written therefore does not count, whatever killed the process and in
-    whatever order the machine lost its writes. As no two blocks share a file, processes may write
-    different blocks at the same time.
+    altered or was never written therefore does not count, however the process ended. As no two
+    blocks share a file, processes may write different blocks at the same time.
     """
 
     def __init__(self, group: zarr.Group, blocks: Sequence[Mapping[str, Place]]):
@@ -74,22 +73,22 @@ class BlockStore:
         return found if _checksum(found) == checksum else None
 
     def finished(self, number: int) -> bool:
-        """Whether a block is there and sound; this reads it."""
+        """Whether a block is there and whole; this reads it."""
         return self.read(number) is not None
 
     def lacking(self) -> list[int]:
-        """The blocks that nobody has written, without a look at what the others hold."""
+        """The blocks that were never written; the others are not checked."""
         return np.flatnonzero(np.asarray(self._checksums[...]) == 0).tolist()
 
     def write(self, number: int, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write a block. The checksum comes last: until then it does not count."""
+        """Write a block; it counts once its checksum is written, which comes last."""
         for name, place in self._blocks[number].items():
             self._arrays[name][place] = arrays[name]
         part = {name: np.asarray(arrays[name]) for name in self._blocks[number]}
         self._checksums[number] = np.uint64(_checksum(part))
 
     def arrays(self) -> dict[str, zarr.Array]:
-        """The arrays by name; each reads what it is asked for."""
+        """The arrays by name; each is read on access."""
         return dict(self._arrays)
 
 
@@ -148,7 +147,7 @@ def _create(
 ) -> None:
     """Make an empty store beside `path` and move it there whole.
 
-    Of several processes that do so at the same time one comes first, and its store is used.
+    If several processes do so at the same time, the first store is used.
     """
     zarr = _zarr()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -189,7 +188,7 @@ def _create(
 
 
 def _unwritten(dtype: np.dtype) -> Any:
-    """What stands where nothing has been written: NaN, -1, or nothing that can be told apart."""
+    """The fill value of what was never written: NaN, -1, or 0 where every value may occur."""
     return {"f": np.nan, "c": np.nan, "i": -1}.get(np.dtype(dtype).kind, 0)
 
 
@@ -201,8 +200,7 @@ def _existing(path: Path) -> zarr.Group:
         group = None
     if group is None or _SIGNATURE not in group.attrs:
         raise ValueError(
-            f"Argument `store` must be a new path or the store of a sweep, but {path} is "
-            "something else."
+            f"Argument `store` must be a new path or the store of a sweep, but {path} is neither."
         )
     return group
 

@@ -62,14 +62,15 @@ def sweep(
     `fn` is called with one number for each name, and must be one that JAX can trace. It returns an
     array, or fields: an `Impact`, any dataclass or equinox module, a named tuple, a dict. `axes`:
     one-dimensional arrays, which span the grid in the order they are given; a float is held fixed;
-    whole numbers, strings and None are passed on as they are and select code. `samples`: arrays of
-    one length by name, taken together lane by lane; axes then span a grid for each sample.
+    whole numbers, strings, None and objects (a law, a method, a function) are passed on unchanged.
+    `samples`: arrays of one length by name, taken together lane by lane; axes then span a grid for
+    each sample.
 
-    What an output does not depend on is not computed again. If a parameter decides only whether
-    an output is NaN, it is not solved for again either: over (e, K, m, v) the restitution of the
-    Hunt-Crossley family takes one solve for each e. This is found by reading the traced function;
-    nothing need be declared, and the result is that of the plain computation to rounding (an
-    adaptive solve follows its roundings: to its tolerance).
+    An output is computed once along an axis that it does not depend on, or that decides only
+    whether it is NaN: over (e, K, m, v) the restitution of the Hunt-Crossley family takes one solve
+    for each e. This is found by analysing the traced
+    function; nothing needs to be declared. The result is that of the plain computation to rounding,
+    for an adaptive solve to its tolerance.
 
     `batch_size`: the most lanes computed at once (default 16384, 4096 for the phase method and
     other programs with branches, 512 for event solves and other loops of unknown length, 1048576
@@ -77,22 +78,22 @@ def sweep(
     `reduce=(start, fold)` keeps no lanes at all: `fold(value, block)` is called for each block,
     itself a `Sweep` of a part of the grid, and gives the next value; the last one is `table.value`.
     `cost`, a function of some of the same names, predicts the work of a lane; lanes are then
-    computed in its order, so that a slow lane holds up only lanes as slow as itself. Where a sweep
-    returns `steps`, a coarse sweep tells what the cost depends on.
+    computed in its order, so that lanes of similar cost share a block. The `steps` of a coarse
+    sweep show what the cost depends on.
 
     `store`: a path (with the extra `data`) to which blocks are written as they are finished. A
-    sweep that was killed goes on from there and ends with the same bits; the store of another
-    function, other axes or another version is refused. Results may then be larger than the memory:
-    a field is read when it is asked for. `mesh`: a `jax.sharding.Mesh` whose devices take blocks in
-    turn; under `jax.distributed` processes do so too, without it. Neither changes a bit.
+    killed sweep continues from there and ends with the same bits; the store of another function,
+    other axes or another version is refused. Results may then be larger than the memory: a field is
+    read on access. `mesh`: a `jax.sharding.Mesh` whose devices take blocks in turn; under
+    `jax.distributed` processes do so too, without it. Neither changes the result.
 
-    `progress`: None shows a line on stderr after a second if it is a terminal or a notebook; True
-    and False decide; a function is called with the lanes done and all lanes. Ctrl-C ends a sweep
-    early with a warning: lanes that were not computed are NaN and NOT_CONVERGED, `table.complete`
-    is False.
+    `progress`: None shows a bar on stderr after a second, if that is a terminal or a notebook; True
+    always does, False never; a function is called with the lanes done and all lanes. Ctrl-C ends a
+    sweep early with a warning: lanes that were not computed are NaN and NOT_CONVERGED, and
+    `table.complete` is False.
 
-    The same `fn` swept again, over axes of other numbers, is not traced again; a lambda written
-    anew is another function and is.
+    The same `fn` swept again, over axes of other numbers, is not traced again; a new lambda is
+    another function and is.
 
     Returns a `Sweep`. Bad lanes are flagged in `.status`, their neighbours untouched. Raises
     ValueError for an argument that `fn` does not take or lacks, and for axes that are no numbers.
@@ -142,7 +143,7 @@ def _lanes_at_once(plan: Plan) -> int:
 
 
 def check_batch(batch_size: Any) -> None:
-    """Raise ValueError for what is no number of lanes."""
+    """Raise ValueError unless this is a number of lanes or None."""
     whole = isinstance(batch_size, int) and not isinstance(batch_size, bool)
     if batch_size is not None and not (whole and batch_size >= 1):
         raise ValueError(
@@ -151,7 +152,7 @@ def check_batch(batch_size: Any) -> None:
 
 
 def name_of(function: Callable[..., Any]) -> str:
-    """What a function is called."""
+    """The name of a function."""
     if isinstance(function, functools.partial):
         return name_of(function.func)
     return getattr(function, "__name__", type(function).__name__)
@@ -179,7 +180,7 @@ def _table(
 
 
 def _unfinished(plan: Plan) -> dict[str, Any]:
-    """What stands in lanes that were not computed."""
+    """The numbers of lanes that were not computed."""
     numbers: dict[str, Any] = {}
     for group in plan.groups:
         for array in group.arrays:
@@ -219,7 +220,7 @@ def _warn(done: float) -> None:
 def _order_by(
     cost: Callable[..., Any], grid: Grid, most: int, workers: Workers
 ) -> Callable[[Group], np.ndarray]:
-    """The lanes of a group from the dearest to the cheapest, as `cost` predicts."""
+    """The lanes of a group from the most to the least expensive, as `cost` predicts."""
     taken = _taken(cost)
     given = tuple(i for i in grid.inputs if taken is None or i.name in taken)
     static = tuple(s for s in grid.static if taken is None or s[0] in taken)
@@ -235,7 +236,7 @@ def _order_by(
     predicted = outcome.arrays[leaf_key(0)]
 
     def order(wanted: Group) -> np.ndarray:
-        # Along a dimension that the wanted arrays do not have, any place will do.
+        # Any index serves along a dimension that the wanted arrays do not have.
         here = predicted[tuple(slice(None) if d in wanted.dims else 0 for d in group.dims)]
         dims = [d for d in group.dims if d in wanted.dims]
         lanes = np.broadcast_to(within(here, dims, wanted.dims), shape_of(wanted.dims, grid))

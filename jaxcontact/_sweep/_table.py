@@ -16,7 +16,7 @@ from ._fields import Field
 
 
 class Table:
-    """All fields over a grid, each array as small as it is known to be."""
+    """All fields over a grid, each array stored over the dimensions that it depends on."""
 
     def __init__(
         self,
@@ -76,7 +76,7 @@ class Table:
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._fields:
-            raise KeyError(f"{name!r} is no field; there are {', '.join(self._fields)}")
+            raise KeyError(f"{name!r} is not a field; the fields are {', '.join(self._fields)}")
         if name not in self._made:
             self._made[name] = self._make(self._fields[name])
         return self._made[name]
@@ -138,7 +138,7 @@ class Table:
         return self._done
 
     def taken(self, name: str, place: int) -> Self:
-        """The same at one place of a dimension, which is gone."""
+        """The same at one index of a dimension, without that dimension."""
         dim = self.dims.index(name)
 
         def moved(given: Input) -> Input:

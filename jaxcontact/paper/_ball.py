@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import functools
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 
 from .._contact import Contact
-from .._impact import impact, trajectory
 from .._laws import Damped, get_law
 from ._column import column
+from ._impacts import Impacts, solve
 from ._reproduction import Table
 from ._style import FOUR_LAWS, RESTITUTIONS
 
@@ -27,42 +26,20 @@ SPEED = float(np.sqrt(2 * GRAVITY * DROP))
 SAMPLES = 200
 
 
-class Impacts(NamedTuple):
-    """All twenty in SI units: shape (4, 5) for laws and restitutions, (4, 5, samples) for paths."""
-
-    time: np.ndarray
-    indentation: np.ndarray
-    velocity: np.ndarray
-    force: np.ndarray
-    alpha: np.ndarray
-    max_indentation: np.ndarray
-    duration: np.ndarray
-    max_force: np.ndarray
-    rebound_velocity: np.ndarray
-    energy_loss: np.ndarray
-    restitution: np.ndarray
-
-
 def impacts() -> Impacts:
-    """The twenty impacts, as in the paper without gravity during contact."""
+    """The twenty impacts, shape (4, 5) for laws and restitutions; as in the paper without gravity.
+
+    Solved in the precision JAX is set to.
+    """
     return _impacts(str(jnp.result_type(float)))
 
 
 @functools.cache
 def _impacts(dtype: str) -> Impacts:
     e = jnp.asarray(RESTITUTIONS, dtype)
-    laws = [get_law(column(law.law), e=e) for law in FOUR_LAWS]
-    alpha = jnp.stack([law.damping_factor() for law in laws])
+    alpha = jnp.stack([get_law(column(law.law), e=e).damping_factor() for law in FOUR_LAWS])
     # One law with one number stands for all four: one compiled solve serves them.
-    law, contact = Damped(alpha=alpha), Contact(mass=MASS, stiffness=STIFFNESS)
-    path = trajectory(law, contact, SPEED, samples=SAMPLES)
-    hit = impact(law, contact, SPEED)
-    solved = (
-        *(path.time, path.indentation, path.velocity, path.force),
-        *(alpha, hit.max_indentation, hit.duration, hit.max_force),
-        *(hit.rebound_velocity, hit.energy_loss, hit.restitution),
-    )
-    return Impacts(*map(np.asarray, solved))
+    return solve(Damped(alpha=alpha), Contact(mass=MASS, stiffness=STIFFNESS), SPEED, SAMPLES)
 
 
 def ball_table() -> Table:

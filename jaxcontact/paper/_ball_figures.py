@@ -4,32 +4,37 @@ from __future__ import annotations
 
 import numpy as np
 
-from ._ball import SAMPLES, Impacts, ball_table, impacts
+from .._units import label
+from ._ball import SAMPLES, ball_table, impacts
 from ._column import column
+from ._impacts import Impacts
 from ._reproduction import Reproduction, Table
-from ._style import FOUR_LAWS, RESTITUTIONS, SHADES, legend_above, sheet
+from ._style import FOUR_LAWS, RESTITUTIONS, SHADES, VELOCITY, legend_above, sheet
 
 _MILLI, _KILO = 1e3, 1e-3
+
+_TIME = label("time", prefix="m")
+_DEFORMATION = label("indentation", "deformation", prefix="m")
 
 
 def fig8() -> Reproduction:
     """Deformation against time; tables "curves" and "ball", the outcome of all twenty."""
     solved = impacts()
     x, y = _MILLI * solved.time, _MILLI * solved.indentation
-    return _panels(solved, x, y, "time / ms", "deformation / mm")
+    return _panels(solved, x, y, _TIME, _DEFORMATION)
 
 
 def fig9() -> Reproduction:
     """Deformation velocity against time; tables as for `fig8`."""
     solved = impacts()
-    return _panels(solved, _MILLI * solved.time, solved.velocity, "time / ms", "velocity / (m/s)")
+    return _panels(solved, _MILLI * solved.time, solved.velocity, _TIME, VELOCITY)
 
 
 def fig10() -> Reproduction:
     """Contact force against deformation, the hysteresis loops; tables as for `fig8`."""
     solved = impacts()
     x, y = _MILLI * solved.indentation, _KILO * solved.force
-    return _panels(solved, x, y, "deformation / mm", "force / kN")
+    return _panels(solved, x, y, _DEFORMATION, label("force", prefix="k"))
 
 
 def _panels(solved: Impacts, x: np.ndarray, y: np.ndarray, across: str, up: str) -> Reproduction:

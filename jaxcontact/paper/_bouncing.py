@@ -11,6 +11,7 @@ from .._bounce import Bounce, bounce
 from .._contact import Contact
 from .._impact import Status
 from .._laws import HuGuo
+from .._units import label
 from . import _ball
 from ._reproduction import Reproduction, Table
 from ._style import RESTITUTIONS, SHADES, legend_above, sheet
@@ -37,11 +38,11 @@ def bouncing() -> Reproduction:
         if e < 1:
             top.plot(_SECONDS, heights[i], color=SHADES[e], linewidth=0.9, label=f"e = {e:.1f}")
             _draw_restitution(bottom, runs, i, SHADES[e])
-    top.set_xlabel("time / s")
-    top.set_ylabel("height / m")
+    top.set_xlabel(label("time"))
+    top.set_ylabel(label("height"))
     bottom.set_xscale("log")
-    bottom.set_xlabel("speed at touch / (m/s)")
-    bottom.set_ylabel("restitution")
+    bottom.set_xlabel(label("impact_velocity", "speed at touch"))
+    bottom.set_ylabel(label("restitution"))
     legend_above(figure, top, columns=4)
     tables = {
         "height": {"time_s": _SECONDS}

@@ -6,11 +6,10 @@ import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 
 from .._contact import Contact
-from .._impact import impact, trajectory
 from .._laws import ConstantDamping
+from ._impacts import Impacts, solve
 
 
 class Case(NamedTuple):
@@ -37,27 +36,8 @@ SAMPLES = 801
 """Moments of each impact: cubics through them give δ' to 7e-9 of v0, worst next to touch."""
 
 
-class Impacts(NamedTuple):
-    """Both cases at once, in SI units.
-
-    The samples of the motion, touch to separation, have the shape (2, samples); the rest, of shape
-    (2,): α = c v0/K, the outcome, and the force at the turn.
-    """
-
-    time: np.ndarray
-    indentation: np.ndarray
-    velocity: np.ndarray
-    force: np.ndarray
-    alpha: np.ndarray
-    restitution: np.ndarray
-    duration: np.ndarray
-    compression_time: np.ndarray
-    max_indentation: np.ndarray
-    turning_force: np.ndarray
-
-
 def impacts() -> Impacts:
-    """The two cases, solved in the precision JAX is set to; the outcome is the closed form's."""
+    """The two cases, solved in the precision JAX is set to, with the outcome in closed form."""
     return _impacts(str(jnp.result_type(float)))
 
 
@@ -65,13 +45,4 @@ def impacts() -> Impacts:
 def _impacts(dtype: str) -> Impacts:
     law = ConstantDamping(c=jnp.asarray([case.c for case in CASES], dtype))
     speed = jnp.asarray([case.velocity for case in CASES], dtype)
-    contact = Contact(mass=MASS, stiffness=STIFFNESS)
-    path = trajectory(law, contact, speed, samples=SAMPLES)
-    hit = impact(law, contact, speed)
-    solved = (
-        *(path.time, path.indentation, path.velocity, path.force),
-        law.damping_factor(contact, speed),
-        *(hit.restitution, hit.duration, hit.compression_time, hit.max_indentation),
-        law.force(hit.max_indentation, 0.0, contact, speed),
-    )
-    return Impacts(*map(np.asarray, solved))
+    return solve(law, Contact(mass=MASS, stiffness=STIFFNESS), speed, SAMPLES)

@@ -1,4 +1,4 @@
-"""What a law is called in a table."""
+"""The name of a law in a table."""
 
 from __future__ import annotations
 

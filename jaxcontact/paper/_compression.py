@@ -7,7 +7,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from ._cases import MASS, Impacts
+from ._cases import MASS
+from ._impacts import Impacts
 
 Sampling = Literal["indentation", "time", "velocity squared"]
 
@@ -28,7 +29,7 @@ class Compression(NamedTuple):
         return float(self.indentation[-1])
 
     def velocity_at(self, indentation: np.ndarray) -> np.ndarray:
-        """δ' in m/s; zero at the turn, where rounding would leave a root of itself."""
+        """δ' in m/s; zero at the turn, where the root of a rounding error would remain."""
         square = np.maximum(self.square(indentation), 0)
         return np.sqrt(np.where(indentation < self.max_indentation, square, 0))
 
@@ -48,7 +49,7 @@ def compression(impacts: Impacts, case: int) -> Compression:
     """The compression of one case: the samples before the turn, and the turn."""
     deepest = float(impacts.max_indentation[case])
     moment = float(impacts.compression_time[case])
-    # The turn is that of the closed form; the samples know it to the tolerance of their solve.
+    # The turn is that of the closed form; the samples have it to the tolerance of their solve.
     before = (impacts.time[case] < moment) & (impacts.indentation[case] < deepest)
 
     def with_turn(samples: np.ndarray, turn: float) -> np.ndarray:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from .._units import label
 from ._cases import CASES, impacts
 from ._reproduction import Reproduction
-from ._style import sheet
+from ._style import VELOCITY, sheet
 
 
 def fig3() -> Reproduction:
@@ -32,9 +33,9 @@ def fig3() -> Reproduction:
         top.set_ylim(-1.1 * case.velocity, 1.1 * case.velocity)
         top.set_yticks([-case.velocity, 0, case.velocity])
         bottom.set_ylim(bottom=0)
-        bottom.set_xlabel("time / µs")
-    axes[0].set_ylabel("velocity / (m/s)")
-    axes[2].set_ylabel("deformation / µm")
+        bottom.set_xlabel(label("time", prefix="µ"))
+    axes[0].set_ylabel(VELOCITY)
+    axes[2].set_ylabel(label("indentation", "deformation", prefix="µ"))
     samples = solved.time.shape[1]
     motion = {
         "case": np.repeat(np.arange(1, len(CASES) + 1), samples),

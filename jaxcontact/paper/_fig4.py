@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from .._units import label
 from ._cases import CASES, impacts
 from ._compression import Compression, compression
 from ._regression import INTERVALS, regression_tables
 from ._reproduction import Reproduction, Table
-from ._style import legend_above, sheet
+from ._style import VELOCITY, legend_above, sheet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,7 +37,7 @@ def _power(beta: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda u: np.sqrt(1 - u**beta)
 
 
-# Okabe and Ito's colours again; forms are not laws, and wear the style of none.
+# Okabe and Ito's colours again; forms are not laws and have styles of their own.
 FORMS = (
     Form("β = 5/2", _power(2.5), "#0072B2", "--"),
     Form("β = 2", _power(2.0), "#D55E00", "-."),
@@ -134,8 +135,8 @@ def _draw(ax: Axes, i: int, columns: Table, forms: tuple[Form, ...]) -> None:
     ax.set_xlim(0, depth[-1] * 1.02)
     ax.set_ylim(bottom=0)
     ax.title.set_text(CASES[i].label)
-    ax.set_xlabel("deformation / µm")
-    ax.set_ylabel("velocity / (m/s)")
+    ax.set_xlabel(label("indentation", "deformation", prefix="µ"))
+    ax.set_ylabel(VELOCITY)
 
 
 def _draw_differences(ax: Axes, i: int, columns: Table, forms: tuple[Form, ...]) -> None:

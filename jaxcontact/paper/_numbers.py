@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from .._contact import Contact, Material
 from .._laws import get_law
+from .._text_table import markdown_table
 from . import _ball, _cases
 from ._fig4 import fig4
 from ._published import PUBLISHED, Published
@@ -45,16 +46,18 @@ def numbers() -> tuple[Number, ...]:
 
 
 def markdown(table: tuple[Number, ...]) -> str:
-    """The table for people."""
-    lines = ["| number | where | published | ours | difference | |", "|---|---|---|---|---|---|"]
-    for number in table:
-        p = number.published
-        verdict = "agrees" if number.agrees else p.differs
-        lines.append(
-            f"| {p.name} | {p.where} | {p.printed} {p.unit}".rstrip()
-            + f" | {number.ours:.6g} | {number.difference:+.2g} | {verdict} |"
+    """Published numbers beside ours, as a table in Markdown."""
+    header = ("number", "where", "published", "ours", "difference", "")
+    rows = [
+        (
+            *(number.published.name, number.published.where),
+            f"{number.published.printed} {number.published.unit}".rstrip(),
+            *(f"{number.ours:.6g}", f"{number.difference:+.2g}"),
+            "agrees" if number.agrees else number.published.differs,
         )
-    return "\n".join(lines) + "\n"
+        for number in table
+    ]
+    return "\n".join(markdown_table(header, rows)) + "\n"
 
 
 def _ours() -> dict[str, float]:

@@ -31,7 +31,7 @@ def regress(
 ) -> VelocityProfile:
     """The profile nearest to a compression; see `fit_velocity_profile`."""
     depth = curve.positions(sampling, INTERVALS)
-    # Fewer samples are a subset, by weight: one length is compiled once.
+    # Weights select fewer samples, so that only one length is compiled.
     chosen = np.arange(INTERVALS + 1) % (INTERVALS // intervals) == 0
     return fit_velocity_profile(depth, curve.velocity_at(depth), weights=chosen, squared=squared)
 

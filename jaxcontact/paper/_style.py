@@ -1,10 +1,11 @@
-"""One look for all figures: column width, colours for any colour vision, one style for each law."""
+"""The style of all figures: column width, colours for any colour vision, one style for each law."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .._laws import AbstractHuntCrossley, Flores, HuGuo, HuntCrossley, LankaraniNikravesh
+from .._units import label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,7 +27,7 @@ class PaperLaw(NamedTuple):
     style: str
 
 
-# Okabe and Ito's colours; the dashes tell the laws apart in grey.
+# Okabe and Ito's colours; the dashes distinguish the laws in grey.
 FOUR_LAWS = (
     PaperLaw("a", "Lankarani-Nikravesh", LankaraniNikravesh, "#56B4E9", "-."),
     PaperLaw("b", "Hunt-Crossley", HuntCrossley, "#E69F00", "--"),
@@ -41,6 +42,9 @@ RESTITUTIONS = (1.0, 0.8, 0.6, 0.4, 0.2)
 SHADES = dict(
     zip(RESTITUTIONS, ("#00224E", "#35456C", "#666970", "#948E77", "#C8B866"), strict=True)
 )
+
+VELOCITY = label("velocity", "velocity")
+"""The label of the velocity of deformation, which changes sign."""
 
 REFERENCE = {"color": "black", "linestyle": (0, (5, 2)), "linewidth": 0.8}
 """For what a law should give: the exact diagonal."""

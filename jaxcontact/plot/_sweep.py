@@ -33,7 +33,7 @@ def sweep(
     Arguments: the sweep, with one or two axes or with samples alone (`select` the others); the
     `field`, by default the restitution, or the first there is; `x`, the horizontal axis: of two
     axes the other one then makes a handful of lines instead of a map; the axes to draw on, new ones
-    if None. An axis spaced by a factor is drawn logarithmic, and colours that span decades, too.
+    if None. An axis spaced by a factor is logarithmic, and so are colours that span decades.
     Lanes without a number stay white. Returns the axes. Raises ValueError for an unknown field or
     axis, a field that is not one number for each lane, and more axes than two.
     """
@@ -105,7 +105,7 @@ def _map(ax: Axes, table: Sweep, name: str, values: np.ndarray) -> None:
 
 
 def _norm(values: np.ma.MaskedArray) -> Normalize | None:
-    """Logarithmic colours where the numbers span decades, which linear ones would hide."""
+    """Logarithmic colours where the numbers span decades; linear ones would hide most of them."""
     from matplotlib.colors import LogNorm
 
     if values.count() == 0 or not values.min() > 0 or values.max() < _DECADES * values.min():

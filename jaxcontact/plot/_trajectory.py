@@ -6,17 +6,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import _units as units
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from .._impact import Trajectory
 
-_QUANTITIES = {
-    "time": "time / s",
-    "indentation": "indentation / m",
-    "velocity": "velocity / (m/s)",
-    "force": "force / N",
-}
+_QUANTITIES = ("time", "indentation", "velocity", "force")
 
 
 def trajectory(
@@ -36,7 +33,7 @@ def trajectory(
     for name, quantity in (("x", x), ("y", y)):
         if quantity not in _QUANTITIES:
             raise ValueError(
-                f"Argument `{name}` must be one of {tuple(_QUANTITIES)}, but is {quantity!r}."
+                f"Argument `{name}` must be one of {_QUANTITIES}, but is {quantity!r}."
             )
     if path.time.ndim != 1:
         raise ValueError(
@@ -47,6 +44,6 @@ def trajectory(
 
         _, ax = pyplot.subplots(layout="constrained")
     ax.plot(np.asarray(getattr(path, x)), np.asarray(getattr(path, y)), label=label)
-    ax.set_xlabel(_QUANTITIES[x])
-    ax.set_ylabel(_QUANTITIES[y])
+    ax.set_xlabel(units.label(x, x))
+    ax.set_ylabel(units.label(y, y))
     return ax

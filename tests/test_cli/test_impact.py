@@ -60,7 +60,7 @@ def test_a_figure(tmp_path, suffix):
 
 
 BAD = {
-    "law": ("--law=nonsense --e=.5", "no law; there are"),
+    "law": ("--law=nonsense --e=.5", "not a law; the laws are"),
     "no e": ("--law=hu_guo", "hu_guo also needs --e E"),
     "no c": ("--law=constant_damping", "also needs --param c=NUMBER"),
     "wrong parameter": ("--law=hu_guo --e=.5 --param=c=1", "has no parameter c; its parameters: e"),

@@ -28,8 +28,8 @@ BAD_RANGES = {
     "1:2:3:log:5": "neither",
     "a:2:3": "'a' is not a number",
     "1:inf:3": "not a finite number",
-    "1:2:0": "'0' in '1:2:0' is no count",
-    "1:2:2.5": "is no count",
+    "1:2:0": "'0' in '1:2:0' is not a count",
+    "1:2:2.5": "is not a count",
     "0:2:3:log": "must be positive to be spaced by a factor",
 }
 
@@ -88,7 +88,7 @@ def test_other_parameters(tmp_path):
 
 LAW = ("--law=hu_guo", "--e=0.3:0.9:3")
 BAD = {
-    "law": (("--law=nonsense", "--e=.5"), "no law; there are"),
+    "law": (("--law=nonsense", "--e=.5"), "not a law; the laws are"),
     "parameter": (("--law=hu_guo",), "hu_guo also needs --e E"),
     "alone": (("--law=hu_guo", "--e=1.5"), r"e must be in (0, 1], but is 1.5"),
     "mass": ((*LAW, "--mass=-1"), "mass must be in (0, inf), but is -1"),
@@ -96,7 +96,7 @@ BAD = {
     "suffix": ((*LAW, "--out=a.txt"), "must end in .nc or .csv"),
     "plot": ((*LAW, "--plot=a.doc"), "must end in .png, .pdf or .svg"),
     "no range": (("--law=hu_guo", "--e=.5", "--plot=a.png"), "one or two ranges, but there are 0"),
-    "field": ((*LAW, "--plot=a.png", "--field=x"), "'x' is none of restitution, "),
+    "field": ((*LAW, "--plot=a.png", "--field=x"), "'x' is not one of restitution, "),
 }
 
 

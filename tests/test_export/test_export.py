@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jaxcontact as jc
-from jaxcontact._export import export
+from jaxcontact._export import Draft, Engine, export, register_engine
 from tests.test_export import engines
 
 # Both solvers at 1e-9 or better: measured 1e-9 for viscoelastic, 1e-10 for the others.
@@ -253,8 +253,17 @@ NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
         (EXACT, {"engine": "bullet"}, "'drake', 'exudyn', 'lammps', 'mujoco', 'simbody'"),
         (EXACT, {"engine": "lammps"}, "`radius` is needed for engine 'lammps'"),
         (EXACT, {"engine": "simbody", "radius": -1.0}, "`radius` must be in"),
-        (EXACT, {"engine": "drake", "radius": 0.1}, "`radius` must be None for engine 'drake'"),
-        (EXACT, {"engine": "mujoco", "damping": "tsuji"}, "`damping` must be None"),
+        (
+            EXACT,
+            {"engine": "drake", "radius": 0.1},
+            "`radius` must be an option of engine 'drake', which takes none",
+        ),
+        (
+            EXACT,
+            {"engine": "mujoco", "damping": "tsuji"},
+            "`damping` must be an option of engine 'mujoco', which takes none",
+        ),
+        (EXACT, {"engine": "lammps", **R, "model": 1}, "which takes `radius`, `damping`."),
         (EXACT, {"engine": "lammps", **R, "damping": "hooke"}, "'viscoelastic', but is 'hooke'"),
         (EXACT, {"engine": "exudyn", "impact_model": 0}, "`impact_model` must be 1 or 2"),
         (EXACT, {"engine": "exudyn", "impact_model": 1}, "`impact_model` must be 2 here"),
@@ -277,3 +286,49 @@ def test_an_impact_without_rebound_cannot_be_exported():
     stuck = jc.EnergyLoss(e=jnp.asarray(0.0), beta=2.0)
     with pytest.raises(ValueError, match="ended as"):
         export(stuck, CONTACT, SPEED, engine="drake")
+
+
+@pytest.fixture
+def dashpot(monkeypatch):
+    """An engine of our own, registered for one test: a spring and a dashpot that may pull."""
+    from jaxcontact._export import _engine
+
+    monkeypatch.setattr(_engine, "_ENGINES", dict(_engine._ENGINES))
+
+    @register_engine
+    class Dashpot(Engine):
+        name = "dashpot"
+
+        def draft(self, wanted, *, spring, digits=6):
+            # ζ of a linear oscillator with e = exp(-πζ/√(1-ζ²)).
+            log = math.log(wanted.restitution)
+            zeta = -log / math.hypot(math.pi, log)
+            c = 2 * zeta * math.sqrt(spring * wanted.mass)
+            return Draft(
+                model="spring and dashpot",
+                law=jc.KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=True),
+                contact=jc.Contact(wanted.mass, spring, 1.0),
+                parameters={"c": c},
+                units={"c": "N s/m"},
+                snippet=f"c={c:.{digits}g}",
+                steps=None,
+                expected_error=None,
+                limit="for tests.",
+                source="this file",
+            )
+
+
+@pytest.mark.usefixtures("dashpot")
+def test_an_engine_of_one_s_own():
+    found = export(jc.ExactRestitution(e=0.5), CONTACT, SPEED, engine="dashpot", spring=1e6)
+    # The damped frequency of the oscillator gives the duration.
+    omega = math.sqrt(1e6 / MASS - (found.parameters["c"] / (2 * MASS)) ** 2)
+    assert found.duration == pytest.approx(math.pi / omega, rel=CLOSED)
+    assert found.delivered == pytest.approx(0.5, rel=CLOSED)
+    assert found.snippet == f"c={found.parameters['c']:.6g}"
+    with pytest.raises(ValueError, match="`spring` is needed for engine 'dashpot'"):
+        export(EXACT, CONTACT, SPEED, engine="dashpot")
+    with pytest.raises(ValueError, match="takes `spring`, `digits`"):
+        export(EXACT, CONTACT, SPEED, engine="dashpot", spring=1e6, radius=1.0)
+    with pytest.raises(ValueError, match="'dashpot', 'drake', "):
+        export(EXACT, CONTACT, SPEED, engine="none")

@@ -1,5 +1,6 @@
 """A sweep into a store that is killed, damaged, or another one."""
 
+import dataclasses
 import os
 import signal
 import subprocess
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxcontact as jc
 from jaxcontact._sweep._devices import Workers
 from jaxcontact._sweep._store import BlockStore
 from tests.test_sweep.lanes import ROOT, arrays_of, durations, many, outcome, same, script
@@ -125,6 +127,33 @@ def test_another_sweep_is_refused(store, change, words):
     assert files(store) == before
 
 
+@dataclasses.dataclass(frozen=True)
+class Power:
+    exponent: int
+
+
+@dataclasses.dataclass(frozen=True)
+class Nameless:
+    """Its text holds its address, which is another one in every process."""
+
+    __repr__ = object.__repr__
+
+
+def test_an_object_is_part_of_what_a_store_is_made_from(tmp_path):
+    def swept(how):
+        def function(e, how):
+            return e**2
+
+        return jc.sweep(function, e=[0.5, 0.7], how=how, store=tmp_path / "sweep.zarr").value
+
+    swept(Power(2))
+    assert np.array_equal(swept(Power(2)), [0.5**2, 0.7**2])
+    with pytest.raises(ValueError, match=r"`fixed.how` \('.*2\)' there, '.*3\)' here\)"):
+        swept(Power(3))
+    with pytest.raises(ValueError, match=r"'<.*Nameless object>' here"):
+        swept(Nameless())
+
+
 def test_another_version_is_refused(store, monkeypatch):
     monkeypatch.setattr("jaxcontact._sweep._signature.version", lambda: "0.0.1")
     with pytest.raises(ValueError, match=r"`jaxcontact` \('.*' there, '0.0.1' here\)"):
@@ -136,7 +165,7 @@ def test_processes_must_see_the_same_store(tmp_path, monkeypatch):
     alone = Workers(process=1, processes=2)
     monkeypatch.setattr("jaxcontact._sweep._sweep.workers_of", lambda mesh: alone)
     monkeypatch.setattr(Workers, "meet", lambda self, where: None)
-    with pytest.raises(ValueError, match=r"process 1 does not see .* blocks"):
+    with pytest.raises(ValueError, match=r"process 1 does not find .* blocks"):
         many(store=tmp_path / "sweep.zarr")
 
 

@@ -1,6 +1,7 @@
 """The labelled result: selecting, printing, and files for other tools."""
 
 import csv
+import dataclasses
 import pickle
 from typing import NamedTuple
 
@@ -80,6 +81,54 @@ def test_what_is_held_fixed():
     assert table.fixed == {"v": 2.0, "name": "hu_guo", "steps": 16}
     assert table.method == "phase"
     assert "fixed   v = 2, name = hu_guo, steps = 16" in repr(table)
+
+
+@dataclasses.dataclass(frozen=True)
+class Power:
+    exponent: int
+
+
+class Scaled(eqx.Module):
+    factor: float = 1.0
+    squared: bool = eqx.field(static=True, default=False)
+
+
+class Stretched(eqx.Module):
+    by: jax.Array
+
+
+@pytest.mark.parametrize(
+    ("how", "other", "expected"),
+    [
+        (Power(2), Power(3), lambda e, how: e**how.exponent),
+        (
+            Scaled(3.0),
+            Scaled(3.0, squared=True),
+            lambda e, how: how.factor * e ** (1 + how.squared),
+        ),
+        # Without a hash: an object that holds an array.
+        (Stretched(np.asarray(2.0)), Stretched(np.asarray(5.0)), lambda e, how: how.by * e),
+    ],
+)
+def test_objects_are_passed_on_as_they_are(how, other, expected):
+    for given in (how, other, how):
+        table = jc.sweep(expected, e=[0.5, 0.7], how=given)
+        np.testing.assert_array_equal(table.value, expected(np.array([0.5, 0.7]), given))
+        assert table.fixed["how"] is given
+        assert table.select(e=0.5).fixed["how"] is given
+        assert "fixed   how = " in repr(table)
+
+
+def test_an_equal_object_is_not_traced_again():
+    traces = []
+
+    def function(e, how):
+        traces.append(how)
+        return e * how.exponent
+
+    for power in (2, 2, 3):
+        jc.sweep(function, e=[0.5], how=Power(power))
+    assert traces == [Power(2), Power(3)]
 
 
 def test_select(table):

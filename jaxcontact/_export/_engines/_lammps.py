@@ -61,12 +61,8 @@ class Viscoelastic(AbstractLaw):
         return force if self.tension else jnp.maximum(force, 0)
 
 
-class Solved(NamedTuple):
-    """A kind of damping solved for a restitution: its law, K in N/m^1.5, and its coefficient."""
-
-    law: AbstractLaw
-    stiffness: float
-    coefficient: float
+Solved = tuple[AbstractLaw, float, float]
+"""A law that delivers the restitution, K in N/m^1.5, and the coefficient of the damping."""
 
 
 class Damping(NamedTuple):
@@ -84,7 +80,7 @@ class Damping(NamedTuple):
 
 def _coeff_restitution(wanted: Wanted, radius: float) -> Solved:
     law = AntypovElliott(e=jnp.asarray(wanted.restitution))
-    return Solved(law, matched_stiffness(wanted, 1.5, law), wanted.restitution)
+    return law, matched_stiffness(wanted, 1.5, law), wanted.restitution
 
 
 def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], Solved]:
@@ -93,7 +89,7 @@ def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], S
     def solve(wanted: Wanted, radius: float) -> Solved:
         e = _asked(lambda e: kind(e=jnp.asarray(e)), wanted.restitution)
         law = kind(e=jnp.asarray(e))
-        return Solved(law, matched_stiffness(wanted, 1.5, law), e)
+        return law, matched_stiffness(wanted, 1.5, law), e
 
     return solve
 
@@ -105,7 +101,7 @@ def _viscoelastic(wanted: Wanted, radius: float) -> Solved:
     stiffness = matched_stiffness(wanted, 1.5, scaled)
     time = (wanted.mass / stiffness) ** 0.4 * wanted.velocity**-0.2
     eta = 1.5 * stiffness * float(scaled.A) * time / (wanted.mass * math.sqrt(radius))
-    return Solved(Viscoelastic(eta=jnp.asarray(eta), radius=jnp.asarray(radius)), stiffness, eta)
+    return Viscoelastic(eta=jnp.asarray(eta), radius=jnp.asarray(radius)), stiffness, eta
 
 
 def _asked(law: Callable[[float], AbstractLaw], wanted: float) -> float:
@@ -129,11 +125,11 @@ def _scaled_relaxation(wanted: float, unit: Contact) -> float:
     def excess(relaxation: float) -> float:
         return float(restitution(KuwabaraKono(A=jnp.asarray(relaxation)), unit, 1.0)) - wanted
 
-    # Elastic, or so within the error of the solver.
+    # Elastic, within the error of the solver.
     if wanted >= 1 or excess(0.0) <= 0:
         return 0.0
     high = 1.0
-    # e falls without end as A grows, in the end as A⁻⁵.
+    # e falls to zero as A grows, finally as A⁻⁵.
     while (left := excess(high)) > 0:
         high *= 2
     if math.isnan(left):

@@ -1,10 +1,10 @@
 """Which outputs of a program depend on which dimensions of a sweep, and on what condition.
 
-An impact depends on its mass in every output, if only because a negative mass makes every output
-NaN. What is wanted is finer: "the restitution is NaN where the mass is bad, and elsewhere it does
-not depend on the mass". Such a statement is proved by reading the program. Suppose that a flag in
-it is false: if an output then is one number, known whatever the inputs are, the flag may be taken
-out of this output and applied afterwards. What remains is the program with the flag true.
+Every output of an impact depends on the mass, if only because a negative mass makes it NaN. A finer
+statement is wanted: "the restitution is NaN where the mass is invalid, and does not depend on it
+elsewhere". Reading the program proves it. Assume that a flag of the program is false: if an output
+is then the same known number for all inputs, the output is computed as if the flag were true, and
+that number is filled in afterwards where it is false.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Dependence:
 
 
 class Reading:
-    """A program read once; what follows from assumptions is found by reading what they touch."""
+    """The facts of a program; an assumption is followed through the steps that it changes."""
 
     def __init__(self, program: Program, inputs: Sequence[Dims]):
         self.program = program
@@ -54,20 +54,20 @@ class Reading:
         """The dimensions that a slot may depend on."""
         return dims_of(self.facts[slot])
 
-    def _reads(self, step: Step, news: Mapping[int, Fact]) -> list[Fact]:
-        return [self._fact(where, news) for where in step.reads]
+    def _reads(self, step: Step, changed: Mapping[int, Fact]) -> list[Fact]:
+        return [self._fact(where, changed) for where in step.reads]
 
-    def _fact(self, where: int | Constant, news: Mapping[int, Fact]) -> Fact:
+    def _fact(self, where: int | Constant, changed: Mapping[int, Fact]) -> Fact:
         if isinstance(where, Constant):
             if where not in self._constants:
                 self._constants[where] = of_constant(where.value)
             return self._constants[where]
-        return news[where] if where in news else self.facts[where]
+        return changed[where] if where in changed else self.facts[where]
 
     def given(self, slots: Iterable[int], value: bool = True) -> dict[int, Fact]:
-        """What is news if the flags `slots` have the given value."""
-        news: dict[int, Fact] = dict.fromkeys(slots, Known(np.bool_(value)))
-        assumed = set(news)
+        """The facts that change if the flags `slots` have the given value."""
+        changed: dict[int, Fact] = dict.fromkeys(slots, Known(np.bool_(value)))
+        assumed = set(changed)
         waiting = [number for slot in assumed for number in self._users.get(slot, ())]
         heapq.heapify(waiting)
         last = -1
@@ -76,22 +76,24 @@ class Reading:
             if number == last:
                 continue
             last, step = number, self.program.steps[number]
-            for slot, fact in zip(step.writes, after(step, self._reads(step, news)), strict=True):
+            for slot, fact in zip(
+                step.writes, after(step, self._reads(step, changed)), strict=True
+            ):
                 if slot not in assumed and fact != self.facts[slot]:
-                    news[slot] = fact
+                    changed[slot] = fact
                     for user in self._users.get(slot, ()):
                         heapq.heappush(waiting, user)
-        return news
+        return changed
 
     def outputs(self, slots: Iterable[int] = (), value: bool = True) -> list[Fact]:
         """What is known of the outputs if the flags `slots` have the given value."""
-        news = self.given(slots, value)
-        return [self._fact(where, news) for where in self.program.outputs]
+        changed = self.given(slots, value)
+        return [self._fact(where, changed) for where in self.program.outputs]
 
     def _constant(self, slot: int, fact: Known) -> Constant:
         kind = self.program.shapes[slot]
         value = np.full(kind.shape, fact.value, kind.dtype)
-        # The same object for the same constant, so that equal steps are seen to be equal.
+        # The same object for the same constant, so that equal steps compare equal.
         return self._made.setdefault((kind.shape, kind.dtype, value.tobytes()), Constant(value))
 
     def specialised(
@@ -99,17 +101,17 @@ class Reading:
     ) -> tuple[tuple[Step, ...], list[int | Constant]]:
         """The steps and the `outputs` of the program with all `conditions` true.
 
-        A choice that is decided is no longer a step, so that it no longer asks for the case that
-        was not chosen.
+        A choice that the conditions decide is replaced by the chosen case, so that the other case
+        is not computed.
         """
-        news = self.given(conditions)
+        changed = self.given(conditions)
         instead: dict[int, int | Constant] = {}
         steps = []
 
         def resolved(where: int | Constant) -> int | Constant:
             if isinstance(where, Constant):
                 return where
-            fact = self._fact(where, news)
+            fact = self._fact(where, changed)
             if isinstance(fact, Known):
                 return self._constant(where, fact)
             return instead.get(where, where)
@@ -117,12 +119,12 @@ class Reading:
         for step in self.program.steps:
             reads = tuple(resolved(where) for where in step.reads)
             if step.primitive.name == "select_n":
-                which = self._fact(step.reads[0], news)
+                which = self._fact(step.reads[0], changed)
                 if isinstance(which, Known):
                     instead[step.writes[0]] = reads[1 + int(which.value)]
                     continue
             if step.primitive.name == "optimization_barrier":
-                # Its operands have nothing to do with each other: one may be asked for alone.
+                # Its operands are independent: one may be needed without the others.
                 steps += [
                     Step(step.primitive, step.params, (read,), (write,))
                     for read, write in zip(reads, step.writes, strict=True)
@@ -133,13 +135,13 @@ class Reading:
 
 
 def dependences(reading: Reading) -> list[Dependence]:
-    """For every output the least dimensions and the conditions that could be proved."""
+    """For every output the fewest proven dimensions, and their conditions."""
     everything = [dims_of(fact) for fact in reading.outputs()]
     flags = {slot: dims for slot in _flags(reading.program) if (dims := reading.dims(slot))}
-    # The most that could be gained. Only flags that could give it are looked into.
-    hoped = [dims_of(fact) for fact in reading.outputs(flags)]
-    hopeful = [i for i, dims in enumerate(hoped) if dims < everything[i]]
-    worth = [slot for slot in flags if any(not flags[slot] <= hoped[i] for i in hopeful)]
+    # The best case has all flags true. Only flags that lead to it are analysed.
+    best = [dims_of(fact) for fact in reading.outputs(flags)]
+    better = [i for i, dims in enumerate(best) if dims < everything[i]]
+    worth = [slot for slot in flags if any(not flags[slot] <= best[i] for i in better)]
     refuted = {slot: reading.outputs([slot], False) for slot in worth}
     memory: dict[frozenset[int], list[Dims]] = {}
 
@@ -150,10 +152,10 @@ def dependences(reading: Reading) -> list[Dependence]:
         return memory[key][output]
 
     found = [Dependence(dims) for dims in everything]
-    for i in hopeful:
+    for i in better:
         conditions, otherwise = _common({slot: ends[i] for slot, ends in refuted.items()})
         dims = left(conditions, i)
-        # Few conditions, and cheap ones: away with what changes nothing, the widest first.
+        # Few and cheap conditions: those that change nothing are removed, the widest first.
         for slot in sorted(conditions, key=lambda slot: -len(flags[slot])):
             fewer = [other for other in conditions if other != slot]
             if left(fewer, i) == dims:
@@ -164,7 +166,7 @@ def dependences(reading: Reading) -> list[Dependence]:
 
 
 def range_checks(reading: Reading) -> list[int]:
-    """Flags that compare an input with a number and without which every number is NaN."""
+    """Flags that compare an input with a number, and without which every output is NaN."""
     program = reading.program
     bare = set(range(program.inputs))
     checks = []
@@ -191,7 +193,7 @@ def range_checks(reading: Reading) -> list[int]:
 
 
 def _flags(program: Program) -> list[int]:
-    # The parts of a conjunction do as well as the whole, and each has fewer dimensions.
+    # Not conjunctions: their parts serve as well, and each has fewer dimensions.
     return [
         slot
         for step in program.steps
@@ -202,7 +204,7 @@ def _flags(program: Program) -> list[int]:
 
 
 def _common(ends: Mapping[int, Fact]) -> tuple[list[int], Any]:
-    """The flags that lead to a known number, to the same one, the commonest; and the number."""
+    """The flags that lead to the commonest known number, and that number."""
     known = {slot: fact for slot, fact in ends.items() if isinstance(fact, Known)}
     if not known:
         return [], None

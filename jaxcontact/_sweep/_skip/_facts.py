@@ -67,7 +67,7 @@ _PASS_NAN = {
 
 
 def of_constant(value: Any) -> Fact:
-    # A key of random numbers, for example, is no number and is not looked into.
+    # A key of random numbers, for example, is not a number: nothing is known of it.
     if not isinstance(jnp.result_type(value), np.dtype):
         return frozenset()
     plain = np.asarray(value)
@@ -95,7 +95,7 @@ def after(step: Step, reads: list[Fact]) -> list[Fact]:
         return [known[0]]
     if len(known) == len(reads) == 1 and name == "convert_element_type":
         value, dtype = known[0].value, np.dtype(step.params["new_dtype"])
-        # What becomes of a fraction or a NaN as a whole number, the machine decides.
+        # A fraction or a NaN converted to a whole number depends on the machine.
         if dtype.kind == "f" or (dtype.kind in "biu" and value.dtype.kind in "biu"):
             with np.errstate(over="ignore"):
                 return [Known(value.astype(dtype))]

@@ -11,7 +11,7 @@ import jax
 import jax.extend.core as core
 import jax.numpy as jnp
 
-# Calls whose body may stand in their place: only values are wanted, no further derivative.
+# Calls that are replaced by their body: only values are wanted, no further derivative.
 _CALLS = {
     "jit",
     "pjit",
@@ -51,16 +51,16 @@ class Program:
     inputs: int
     outputs: tuple[int | Constant, ...]
     pure: bool
-    """Whether nothing but the outputs comes of running it."""
+    """Whether it has no side effects."""
 
     @property
     def open_ended(self) -> bool:
-        """Whether it loops until it is done, so that a lane of a block waits for the slowest."""
+        """Whether it has a loop of unknown length, as long in a block as for its slowest lane."""
         return self._holds("while")
 
     @property
     def branching(self) -> bool:
-        """Whether it has branches, before which all numbers of a block go through memory."""
+        """Whether it has branches; before each, all numbers of a block are written to memory."""
         return self._holds("cond")
 
     def _holds(self, primitive: str) -> bool:
@@ -72,7 +72,7 @@ class Program:
 
 
 def program_of(function: Callable[..., Any], inputs: Sequence[jax.ShapeDtypeStruct]) -> Program:
-    """Trace `function` once, and lay the calls inside it open."""
+    """Trace `function` once, and inline the calls inside it."""
     closed = jax.make_jaxpr(function)(*inputs)
     builder = _Builder()
     slots = [builder.slot(var.aval) for var in closed.jaxpr.invars]
@@ -98,7 +98,7 @@ class _Builder:
     def add(
         self, jaxpr: core.Jaxpr, consts: Sequence[Any], inputs: Sequence[int | Constant]
     ) -> list[int | Constant]:
-        # A body that is called twice names its variables once: each call gets slots of its own.
+        # Two calls of one body share its variables: each call gets slots of its own.
         where: dict[core.Var, int | Constant] = dict(zip(jaxpr.invars, inputs, strict=True))
         where.update(zip(jaxpr.constvars, map(Constant, consts), strict=True))
 
@@ -168,7 +168,7 @@ class Shared:
         self._makers: dict[int, int] = {}
 
     def add(self, steps: Sequence[Step], outputs: Sequence[int | Constant]) -> list[int | Constant]:
-        """Take in one version; its outputs, as slots of the shared steps."""
+        """Add one version; its outputs, as slots of the shared steps."""
         where: dict[int, int] = {}
 
         def shared(place: int | Constant) -> int | Constant:
@@ -176,7 +176,7 @@ class Shared:
 
         for step in steps:
             reads = tuple(map(shared, step.reads))
-            # The slots that a step writes tell it from all others of its program.
+            # The slots that a step writes identify it within its program.
             key = step.writes, reads
             if key not in self._seen:
                 self._seen[key] = len(self.steps)

@@ -1,0 +1,47 @@
+"""Impacts solved for a figure: their paths, and how they end."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import ArrayLike
+
+from .._contact import Contact
+from .._impact import impact, trajectory
+from .._laws import AbstractHuntCrossley
+
+
+class Impacts(NamedTuple):
+    """A batch of impacts in SI units, from touch to separation.
+
+    Paths (..., samples): `time`, `indentation`, `velocity` and `force`. The rest (...): α, the
+    outcome, and the force at the turn.
+    """
+
+    time: np.ndarray
+    indentation: np.ndarray
+    velocity: np.ndarray
+    force: np.ndarray
+    alpha: np.ndarray
+    turning_force: np.ndarray
+    restitution: np.ndarray
+    rebound_velocity: np.ndarray
+    duration: np.ndarray
+    compression_time: np.ndarray
+    max_indentation: np.ndarray
+    max_force: np.ndarray
+    energy_loss: np.ndarray
+
+
+def solve(
+    law: AbstractHuntCrossley, contact: Contact, velocity: ArrayLike, samples: int
+) -> Impacts:
+    """The impacts of a batch of laws or speeds; `samples` moments of each."""
+    path = trajectory(law, contact, velocity, samples=samples)
+    hit = impact(law, contact, velocity)
+    turn = law.force(hit.max_indentation, 0.0, contact, velocity)
+    moments = [path.time, path.indentation, path.velocity, path.force]
+    moments += [law.damping_factor(contact, velocity), turn]
+    outcome = [getattr(hit, name) for name in Impacts._fields[len(moments) :]]
+    return Impacts(*map(np.asarray, moments + outcome))
