@@ -1,6 +1,7 @@
-from ._noise import Noise, estimate_noise
-from ._outliers import THRESHOLD, Outliers, find_outliers
-from ._pairs import Pairs
-from ._recording import RecordingError, COLUMNS, parse_recording
-from ._shim import Layout, Recording, layout_of, make_pairs, pairs_of_table, read_recording
-from .._flight import Floats
+"""Recordings of bouncing balls: reading them, pairs of speed and restitution, noise, outliers."""
+
+from ._recording import COLUMNS as COLUMNS
+from ._recording import Recording as Recording
+from ._recording import RecordingError as RecordingError
+from ._recording import parse_recording as parse_recording
+from ._recording import read_recording as read_recording
