@@ -133,7 +133,6 @@ class Calibration:
 def calibrate(
     recording: Recording,
     *,
-    ball: str | None = None,
     law: str | None = None,
     gravity: float = STANDARD_GRAVITY,
     drag: Drag | None = None,
@@ -148,7 +147,7 @@ def calibrate(
     left out; the same fits with them are made too. σ_k is the scatter of the bounce and the reading
     error of that interval or height, both estimated from the pairs.
 
-    Arguments: `ball`, needed if the recording holds several; `law`, see `choose_curves`; `gravity`
+    Arguments: `law`, see `choose_curves`; `gravity`
     in m/s²; `drag` to take the air out of the flights; `mass` in kg and `stiffness` in N/m^(3/2) to
     report the A or c that follow; `progress`, called with a line of text at each stage. Raises
     RecordingError for a recording that cannot be used and ValueError for other arguments out of
@@ -159,13 +158,12 @@ def calibrate(
         if value is not None:
             require_positive(argument, value)
     flight = Flight(gravity, drag)
-    name, records = recording.of_ball(ball)
-    pairs = make_pairs(recording.file, recording.layout, name, records, flight)
+    pairs = make_pairs(recording, flight)
     pairs.needs_enough()
     progress(f"looking for spurious and missed triggers in {len(pairs)} pairs")
     outliers = find_outliers(pairs)
     good = pairs.where(~outliers.flagged)
-    good.needs_enough()
+    good.needs_enough(marked=int(outliers.flagged.sum()))
     noise = estimate_noise(
         np.log(good.restitution) - outliers.trend(good.velocity), good.reading_factor, robust=False
     )

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from .._measurements._outliers import THRESHOLD
-from .._measurements._pairs import ERROR_UNIT
 from ._calibrate import Calibration, FitSet, LawFit
 from ._report import drag_caution, drag_sentence, errors_sentence, line_sentence
 
@@ -24,13 +23,14 @@ def to_dict(calibration: Calibration, options: dict[str, Any] | None = None) -> 
     """
     c = calibration
     drag = c.pairs.flight.drag
-    unit = ERROR_UNIT[c.pairs.layout]
+    reading = c.pairs.layout.reading_error
+    unit = None if reading is None else reading.unit
     return {
         "versions": {name: _version(name) for name in _PACKAGES},
         "options": options or {},
         "recording": {
-            "file": c.pairs.file,
-            "layout": c.pairs.layout,
+            "file": c.pairs.source,
+            "layout": c.pairs.layout.name,
             "ball": c.pairs.ball or None,
             "pairs": len(c.pairs),
             "unpaired_intervals": c.pairs.unpaired,

@@ -7,9 +7,8 @@ import textwrap
 
 import numpy as np
 
+from .._measurements import counted
 from .._measurements._outliers import THRESHOLD
-from .._measurements._pairs import ERROR_UNIT
-from .._measurements._recording import SHIPPED
 from ._calibrate import Calibration, Estimate, FitSet, LawFit
 from ._statistics import LEAST_CLUSTERS
 
@@ -51,18 +50,13 @@ def report(calibration: Calibration) -> str:
 
 def _data(c: Calibration) -> list[str]:
     p = c.pairs
-    made_of = {
-        "intervals": "successive bounce intervals",
-        "heights": "drop and rebound heights",
-        "table": "rows of speed and restitution",
-    }[p.layout]
-    shipped = ", shipped with the package" if p.file == SHIPPED else ""
     lines = [
-        f"Recording  {p.file}{shipped}" + (f", ball {p.ball}" if p.ball else ""),
+        f"Recording  {p.source}" + (f", ball {p.ball}" if p.ball else ""),
         *_wrap(
             "Pairs",
-            f"{len(p)} of approach speed and e, from {made_of}; {p.velocity.min():.3g} to "
-            f"{p.velocity.max():.3g} m/s, {len(np.unique(p.cluster))} {_clusters(c)}",
+            f"{len(p)} of approach speed and e, from {p.layout.made_of}; {p.velocity.min():.3g} to "
+            f"{p.velocity.max():.3g} m/s, "
+            f"{counted(len(np.unique(p.cluster)), p.layout.cluster_words)}",
         ),
     ]
     if p.unpaired:
@@ -72,14 +66,10 @@ def _data(c: Calibration) -> list[str]:
     return lines
 
 
-def _clusters(c: Calibration) -> str:
-    return {"intervals": "trials", "heights": "drop heights", "table": "rows"}[c.pairs.layout]
-
-
 def drag_sentence(c: Calibration) -> str:
     """Whether and how the drag of the air was taken out of the flights."""
-    if c.pairs.layout == "table":
-        return "plays no part: a table gives the speeds at the impact itself"
+    if not c.pairs.layout.uses_flight:
+        return f"plays no part: {c.pairs.layout.made_of} give the speeds at the impact itself"
     drag = c.pairs.flight.drag
     if drag is None:
         return (
@@ -96,12 +86,10 @@ def drag_sentence(c: Calibration) -> str:
 
 
 def _scatter(c: Calibration) -> str:
-    unit = ERROR_UNIT[c.pairs.layout]
     text = f"{100 * c.noise.relative:.2g} % of e"
-    if unit == "s":
-        text += f", and {1e3 * c.noise.reading:.2g} ms in each trigger time"
-    elif unit == "m":
-        text += f", and {1e3 * c.noise.reading:.2g} mm in each height"
+    error = c.pairs.layout.reading_error
+    if error is not None:
+        text += f", and {error.factor * c.noise.reading:.2g} {error.shown} in {error.of}"
     return text + " (fitted to the pairs that were kept)"
 
 
@@ -150,17 +138,10 @@ def errors_sentence(c: Calibration) -> str:
     """How the standard errors were found, and what they allow for."""
     if any(fit.error_kind == "by pair" for fit in c.kept.fits):
         return (
-            f"take pairs as independent: fewer than {LEAST_CLUSTERS} {_clusters(c)} cannot tell "
-            "how they are correlated"
+            f"take pairs as independent: fewer than {LEAST_CLUSTERS} "
+            f"{c.pairs.layout.cluster_words[1]} cannot tell how they are correlated"
         )
-    if c.pairs.layout == "table":
-        return "by row (sandwich), which allows for scatter that differs from row to row"
-    if c.pairs.layout == "heights":
-        return "by drop height (cluster-robust sandwich): drops from one height share its error"
-    return (
-        "by trial (cluster-robust sandwich): successive ratios share an interval and are "
-        "correlated within a trial, which this allows for"
-    )
+    return c.pairs.layout.errors_words
 
 
 def _fits(c: Calibration) -> list[str]:
@@ -247,7 +228,7 @@ def _asked(c: Calibration) -> list[str]:
 
 def drag_caution(c: Calibration) -> str | None:
     """A warning where a fall of e with speed was found while the drag of the air was left in."""
-    if c.pairs.layout == "table" or c.pairs.flight.drag is not None:
+    if not c.pairs.layout.uses_flight or c.pairs.flight.drag is not None:
         return None
     if c.kept.line.slope > -2 * c.kept.line.slope_error:
         return None

@@ -114,7 +114,6 @@ def run(arguments: argparse.Namespace) -> int:
     from .._calibration import calibrate, choose_curves, report, to_dict
     from .._flight import STANDARD_GRAVITY
     from .._measurements import RecordingError, read_recording
-    from .._measurements._recording import SHIPPED_BALL
 
     out = pathlib.Path(arguments.out)
     if out.exists() and not out.is_dir():
@@ -125,13 +124,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--law: {error}") from error
     drag = _drag(arguments)
     try:
-        recording = read_recording(arguments.file)
-        ball = arguments.ball
-        if arguments.file is None and ball is None:
-            ball = SHIPPED_BALL
+        recording = read_recording(arguments.file, ball=arguments.ball)
         result = calibrate(
             recording,
-            ball=ball,
             law=arguments.law,
             gravity=STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity,
             drag=drag,

@@ -12,9 +12,10 @@ from jaxcontact._calibration import calibrate
 from jaxcontact._calibration._calibrate import _verdict
 from jaxcontact._calibration._statistics import LEAST_CLUSTERS, aicc, information, preference
 from jaxcontact._flight import Drag
-from jaxcontact._measurements import parse_recording, read_recording
+from jaxcontact._measurements import read_recording
 from tests.test_calibration import oracle
 from tests.test_measurements.simulate import recording
+from tests.test_measurements.sources import opened
 
 PULL = 3.5
 """Standard errors between estimate and truth: 1 in 2000 by chance; the seeds are fixed."""
@@ -33,7 +34,7 @@ ORACLE_ERROR = 1e-5
 
 
 def calibrated(text, **options):
-    return calibrate(parse_recording(text, "f.csv"), **options)
+    return calibrate(read_recording(opened(text)), **options)
 
 
 def fit_of(result, kind):
@@ -116,7 +117,7 @@ def test_scipy_finds_the_same_fit(kind):
 
 
 def test_the_constant_fit_of_the_shipped_ball_is_the_weighted_mean():
-    result = calibrate(read_recording(), ball="blue", law="constant_damping")
+    result = calibrate(read_recording(), law="constant_damping")
     kept = result.pairs.where(~result.outliers.flagged)
     sigma = result.noise.sigma(kept.reading_factor)
     mean = np.exp(np.average(np.log(kept.restitution), weights=sigma**-2))
@@ -130,8 +131,8 @@ def test_the_constant_fit_of_the_shipped_ball_is_the_weighted_mean():
 
 def test_table_tennis_is_constant_once_the_drag_is_out():
     drag = Drag(mass=0.0027, radius=0.02, coefficient=0.5)
-    raw = calibrate(read_recording(), ball="pingpong", law="kuwabara_kono")
-    clear = calibrate(read_recording(), ball="pingpong", law="kuwabara_kono", drag=drag)
+    raw = calibrate(read_recording(ball="pingpong"), law="kuwabara_kono")
+    clear = calibrate(read_recording(ball="pingpong"), law="kuwabara_kono", drag=drag)
     assert abs(fit_of(clear, "constant").estimates[0].value - 0.955) < 0.002
     assert clear.kept.comparisons[0].difference > 50
     # With the drag left in, the speed-dependent law wins: for the wrong reason.
@@ -141,7 +142,7 @@ def test_table_tennis_is_constant_once_the_drag_is_out():
 
 
 def test_marked_pairs_matter_and_both_results_are_kept():
-    result = calibrate(read_recording(), ball="blue", law="constant_damping")
+    result = calibrate(read_recording(), law="constant_damping")
     without, everything = result.kept.fits[0], result.everything.fits[0]
     assert result.everything.count - result.kept.count == result.outliers.flagged.sum() == 23
     assert everything.reduced_chi2 > 30 * without.reduced_chi2

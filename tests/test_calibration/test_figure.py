@@ -11,7 +11,7 @@ from jaxcontact.plot._calibration import calibration
 
 @pytest.fixture(scope="module")
 def blue():
-    return calibrate(read_recording(), ball="blue")
+    return calibrate(read_recording())
 
 
 @pytest.fixture

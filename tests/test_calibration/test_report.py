@@ -9,14 +9,15 @@ import pytest
 from jaxcontact._calibration import Estimate, calibrate, report, to_dict
 from jaxcontact._calibration._report import with_error
 from jaxcontact._flight import Drag
-from jaxcontact._measurements import parse_recording, read_recording
+from jaxcontact._measurements import read_recording
+from tests.test_measurements.sources import opened
 
 DRAG = Drag(mass=0.0027, radius=0.02, coefficient=0.5)
 
 
 @pytest.fixture(scope="module")
 def blue():
-    return calibrate(read_recording(), ball="blue")
+    return calibrate(read_recording())
 
 
 def test_every_marked_pair_is_listed_with_its_rows(blue):
@@ -47,7 +48,7 @@ def test_what_the_issue_is_about_is_said(blue):
 
 
 def test_drag_that_was_taken_out_is_said():
-    result = calibrate(read_recording(), ball="pingpong", law="constant_damping", drag=DRAG)
+    result = calibrate(read_recording(ball="pingpong"), law="constant_damping", drag=DRAG)
     text = " ".join(report(result).split())
     assert "taken out of the flights: quadratic, terminal speed 8.37 m/s" in text
     assert to_dict(result)["flight"]["drag"]["coefficient"] == 0.5
@@ -55,9 +56,9 @@ def test_drag_that_was_taken_out_is_said():
 
 def test_a_trend_with_the_drag_left_in_comes_with_a_warning(blue):
     caution = "may be drag, not the contact"
-    ping = {"ball": "pingpong", "law": "constant_damping"}
-    raw = calibrate(read_recording(), **ping)
-    clear = calibrate(read_recording(), **ping, drag=DRAG)
+    ping, law = read_recording(ball="pingpong"), "constant_damping"
+    raw = calibrate(ping, law=law)
+    clear = calibrate(ping, law=law, drag=DRAG)
     assert caution in report(raw)
     assert caution in to_dict(raw)["caution"]
     assert caution not in report(clear)
@@ -85,14 +86,14 @@ def test_a_trend_with_the_drag_left_in_comes_with_a_warning(blue):
     ],
 )
 def test_how_the_standard_errors_were_found_is_said(text, words):
-    result = calibrate(parse_recording(text, "f.csv"), law="constant_damping")
+    result = calibrate(read_recording(opened(text)), law="constant_damping")
     assert words in " ".join(report(result).split())
     assert words in to_dict(result)["standard_errors"]
 
 
 def test_a_table_has_no_flights():
     rows = "".join(f"{v},{0.9 - 0.01 * v + 0.002 * (-1) ** v}\n" for v in range(1, 9))
-    result = calibrate(parse_recording("velocity,restitution\n" + rows, "f.csv"))
+    result = calibrate(read_recording(opened("velocity,restitution\n" + rows)))
     text = report(result)
     assert "plays no part" in text
     assert "none of 8 pairs" in text
@@ -119,7 +120,7 @@ def test_the_dictionary_is_strict_json_and_whole(blue):
 
 def test_what_is_not_finite_becomes_null():
     rows = "".join(f"2.0,{e}\n" for e in (0.88, 0.89, 0.87, 0.885, 0.875))
-    result = calibrate(parse_recording("velocity,restitution\n" + rows, "f.csv"))
+    result = calibrate(read_recording(opened("velocity,restitution\n" + rows)))
     data = json.loads(json.dumps(to_dict(result), allow_nan=False))
     assert data["without_marked"]["line"]["slope_standard_error_s_m"] is None
     assert "only one speed" in report(result)
