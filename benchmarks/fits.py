@@ -115,11 +115,11 @@ def compare(name: str, ours: Callable, theirs: Callable, data: np.ndarray, true:
 def real_data() -> dict:
     """The calibration of the command line, of the recording that ships with the package."""
     path = Path(jc.__file__).parent / "data" / "bounce_intervals.csv"
-    recording = read_recording(path)
+    recording = read_recording(path, ball="blue")
     times = []
     for _ in range(3):
         start = time.perf_counter()
-        calibrate(recording, ball="blue")
+        calibrate(recording)
         times.append(time.perf_counter() - start)
     print(f"{'calibrate, real ball':24}first {times[0]:5.1f} s, then {1e3 * min(times):6.1f} ms")
     return {"fit": "calibrate", "first_s": times[0], "seconds": min(times)}

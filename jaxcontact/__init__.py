@@ -72,6 +72,9 @@ from ._laws import get_law as get_law
 from ._laws import list_laws as list_laws
 from ._laws import power as power
 from ._laws import register_law as register_law
+from ._measurements import Recording as Recording
+from ._measurements import RecordingError as RecordingError
+from ._measurements import read_recording as read_recording
 from ._sweep import Sweep as Sweep
 from ._sweep import sweep as sweep
 

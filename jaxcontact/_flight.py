@@ -1,46 +1,56 @@
-"""Flight between two impacts: times and heights against speeds, with and without drag.
+"""Motion between two contacts, under gravity g and quadratic drag: v' = -g (1 + b v |v|).
 
-The drag is quadratic, F = ½ ρ C_d π R² v², so a falling ball tends to the terminal speed
-v_t = sqrt(2 m g/(ρ C_d π R²)). With s = u/v_t for a launch speed u (up: v' = -g (1 + v²/v_t²),
-down: v' = g (1 - v²/v_t²)):
-
-    height          h = v_t²/(2g) ln(1 + s²)
-    time up         v_t/g atan(s)
-    landing speed   w = u/sqrt(1 + s²)
-    time down       v_t/g atanh(w/v_t) = v_t/g asinh(s)
-
-Plain numpy in double precision: this prepares measurements and is never differentiated, so it must
-not depend on the precision JAX happens to be set to.
+b = 1/v_t², in s²/m², is proportional to the drag coefficient; v_t is the terminal speed. Every
+formula is that of vacuum times a factor, which is analytic in b and 1 at b = 0, so derivatives
+exist in vacuum, too. With None for b only the formula of vacuum is computed. Speeds are in m/s,
+times in s, heights in m, g in m/s², all of shapes that broadcast.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+from collections.abc import Callable, Sequence
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from jaxtyping import Array, Float
+from numpy.typing import NDArray
+
+from ._elementary import horner, kappa, log1p_over, sinc_root
+from ._implicit import implicit_root
 
 STANDARD_GRAVITY = 9.81
 AIR_DENSITY = 1.204
 
-_NEWTON_STEPS = 60
-_NEWTON_TOLERANCE = 1e-15
-
 Floats = NDArray[np.float64]
+Lane = Float[Array, "..."]
+Rate = Lane | None
+"""b in s²/m², or None in vacuum."""
+
+_SHORTEST = 256
+"""Arrays of up to this length share one compiled function."""
+
+_NEAR = 0.1
+# In powers of z = s², cut where the first omitted term is below half an ulp of float64 at `_NEAR`.
+_ATAN_SERIES = tuple((-1) ** k / (2 * k + 1) for k in range(16))
+_ASINH_SERIES = tuple((-1) ** k * math.comb(2 * k, k) / 4**k / (2 * k + 1) for k in range(16))
 
 
 def require_positive(name: str, value: float) -> None:
-    """Raise ValueError unless `value` is positive and finite; `name` is the argument it came as."""
+    """Raise ValueError unless `value` is positive and finite; `name` is the argument's."""
     if not (value > 0 and math.isfinite(value)):
         raise ValueError(f"Argument `{name}` must be positive and finite, but is {value!r}.")
 
 
 @dataclasses.dataclass(frozen=True)
 class Drag:
-    """Quadratic drag of a ball: mass in kg, radius in m, drag coefficient, air density in kg/m³.
+    """Quadratic drag F = ½ ρ C_d π R² v² of a ball.
 
-    Raises ValueError unless all four are positive and finite.
+    `mass` m in kg, `radius` R in m, drag `coefficient` C_d, `air_density` ρ in kg/m³. Raises
+    ValueError unless all four are positive and finite.
     """
 
     mass: float
@@ -60,10 +70,9 @@ class Drag:
 
 @dataclasses.dataclass(frozen=True)
 class Flight:
-    """Free flight over a level floor, in vacuum (`drag` None) or with quadratic drag.
+    """Gravity in m/s² and the drag of flights over a level floor; None is vacuum.
 
-    Every method takes floats or arrays and returns float64 of the same shape. Raises ValueError
-    unless `gravity` (m/s²) is positive and finite.
+    Raises ValueError unless `gravity` is positive and finite.
     """
 
     gravity: float = STANDARD_GRAVITY
@@ -77,69 +86,135 @@ class Flight:
         """Terminal speed in m/s; infinite in vacuum."""
         return math.inf if self.drag is None else self.drag.terminal_speed(self.gravity)
 
-    def duration(self, launch: ArrayLike) -> Floats:
-        """Time in s from a launch at speed `launch` (m/s) to the landing."""
-        u = np.asarray(launch, dtype=np.float64)
-        if self.drag is None:
-            return 2 * u / self.gravity
-        s = u / self.terminal_speed
-        return self.terminal_speed / self.gravity * (np.arctan(s) + np.arcsinh(s))
+    @property
+    def rate(self) -> float | None:
+        """b = 1/v_t² in s²/m²; None in vacuum."""
+        return None if self.drag is None else self.terminal_speed**-2
 
-    def landing_speed(self, launch: ArrayLike) -> Floats:
-        """Speed in m/s at which a ball launched at `launch` (m/s) comes down again."""
-        u = np.asarray(launch, dtype=np.float64)
-        return u / np.sqrt(1 + (u / self.terminal_speed) ** 2)
+    def evaluate(
+        self, formula: Callable[[Lane, Lane, Rate], Lane], values: Floats
+    ) -> tuple[Floats, Floats]:
+        """y = `formula(values, gravity, b)` and d ln y/d ln x at values x (n,), as float64 (n,).
 
-    def launch_speed(self, duration: ArrayLike) -> Floats:
-        """Launch speed in m/s of a flight of `duration` s: the inverse of `duration`.
-
-        Newton's method inside a bracket; the flight time is a rising, concave function of the
-        speed, so a step from below never overshoots and the bracket is a safeguard for rounding.
+        The precision that JAX is set to plays no part.
         """
-        time = np.asarray(duration, dtype=np.float64)
-        vacuum = self.gravity * time / 2
-        if self.drag is None:
-            return vacuum
-        # In vacuum a flight of given duration needs the lower speed: drag shortens the flight.
-        low, speed = vacuum.copy(), vacuum.copy()
-        # asinh alone bounds the flight time from below, so its inverse bounds the speed from above.
-        high = self.terminal_speed * np.sinh(time * self.gravity / self.terminal_speed)
-        for _ in range(_NEWTON_STEPS):
-            error = self.duration(speed) - time
-            low = np.where(error < 0, speed, low)
-            high = np.where(error > 0, speed, high)
-            step = speed - error / self._duration_slope(speed)
-            inside = (step >= low) & (step <= high)
-            new = np.where(inside, step, (low + high) / 2)
-            if np.all(np.abs(new - speed) <= _NEWTON_TOLERANCE * speed):
-                return new
-            speed = new
-        return speed
+        # Padded to powers of two, recordings of all lengths share a few compiled functions.
+        x = np.ones(max(_SHORTEST, 1 << (len(values) - 1).bit_length()))
+        x[: len(values)] = values
+        with jax.enable_x64(True):
+            pair = _with_log_slope(formula, x, np.float64(self.gravity), self.rate)
+        return np.array(pair[0])[: len(values)], np.array(pair[1])[: len(values)]
 
-    def log_slopes(self, duration: ArrayLike) -> tuple[Floats, Floats]:
-        """d ln(launch speed)/d ln T and d ln(landing speed)/d ln T at T s; both 1 in vacuum."""
-        time = np.asarray(duration, dtype=np.float64)
-        speed = self.launch_speed(time)
-        launch = time / (speed * self._duration_slope(speed))
-        return launch, launch / (1 + (speed / self.terminal_speed) ** 2)
 
-    def speed_after_drop(self, height: ArrayLike) -> Floats:
-        """Landing speed in m/s of a ball dropped at rest from `height` m."""
-        h = np.asarray(height, dtype=np.float64)
-        if self.drag is None:
-            return np.sqrt(2 * self.gravity * h)
-        return self.terminal_speed * np.sqrt(-np.expm1(-self._height_exponent(h)))
+@functools.partial(jax.jit, static_argnums=0)
+def _with_log_slope(
+    formula: Callable[[Lane, Lane, Rate], Lane], x: Lane, gravity: Lane, b: Rate
+) -> tuple[Lane, Lane]:
+    y, slope = jax.jvp(lambda x: formula(x, gravity, b), (x,), (x,))
+    return y, slope / y
 
-    def speed_to_reach(self, height: ArrayLike) -> Floats:
-        """Launch speed in m/s that carries the ball to `height` m."""
-        h = np.asarray(height, dtype=np.float64)
-        if self.drag is None:
-            return np.sqrt(2 * self.gravity * h)
-        return self.terminal_speed * np.sqrt(np.expm1(self._height_exponent(h)))
 
-    def _height_exponent(self, height: Floats) -> Floats:
-        return 2 * self.gravity * height / self.terminal_speed**2
+def duration(launch: Lane, gravity: Lane, b: Rate) -> Lane:
+    """Time from a launch at `launch` to the landing: (atan s + asinh s)/(g √b), s = √b u."""
+    vacuum = 2 * launch / gravity
+    return vacuum if b is None else vacuum * _shortened(b * jnp.square(launch))
 
-    def _duration_slope(self, launch: Floats) -> Floats:
-        square = (launch / self.terminal_speed) ** 2
-        return (1 / (1 + square) + 1 / np.sqrt(1 + square)) / self.gravity
+
+def launch_speed(time: Lane, gravity: Lane, b: Rate) -> Lane:
+    """Launch speed of a flight that lasts `time`: the inverse of `duration`."""
+    vacuum = gravity * time / 2
+    return vacuum if b is None else vacuum * _quickened(b * jnp.square(vacuum))
+
+
+def landing_speed(launch: Lane, gravity: Lane, b: Rate) -> Lane:
+    """Speed at the landing of a flight launched at u = `launch`: u/√(1 + b u²), for any gravity."""
+    return launch if b is None else launch / jnp.sqrt(1 + b * jnp.square(launch))
+
+
+def speed_after_drop(height: Lane, gravity: Lane, b: Rate) -> Lane:
+    """Speed at the landing of a fall from rest at h = `height`: w² = (1 - e^(-2 g h b))/b."""
+    square = 2 * gravity * height
+    return jnp.sqrt(square if b is None else square * kappa(-b * square))
+
+
+def speed_to_reach(height: Lane, gravity: Lane, b: Rate) -> Lane:
+    """Launch speed of a flight that rises to h = `height`: u² = (e^(2 g h b) - 1)/b."""
+    square = 2 * gravity * height
+    return jnp.sqrt(square if b is None else square * kappa(b * square))
+
+
+def height_reached(launch: Lane, gravity: Lane, b: Rate) -> Lane:
+    """Height to which a flight launched at u = `launch` rises: ln(1 + b u²)/(2 g b)."""
+    square = jnp.square(launch)
+    vacuum = square / (2 * gravity)
+    return vacuum if b is None else vacuum * log1p_over(b * square)
+
+
+def time_to_fall(height: Lane, gravity: Lane, b: Rate) -> Lane:
+    """Time of a fall from rest at h = `height`: acosh(e^(g h b))/(g √b)."""
+    if b is None:
+        return jnp.sqrt(2 * height / gravity)
+    speed = speed_to_reach(height, gravity, b)
+    return speed / gravity * _over_root(jnp.arcsinh, _ASINH_SERIES, b * jnp.square(speed))
+
+
+def height_after(time: Lane, launch: Lane, gravity: Lane, b: Rate) -> Lane:
+    """Height above the launch at `time` ≥ 0 after it; negative below the launch.
+
+    Rising for t_up = atan(s)/(g √b), s = √b u: ln(cos θ + s sin θ)/(g b), θ = √b g t. Then falling
+    from the height reached, by ln cosh(√b g (t - t_up))/(g b). In vacuum t (u - g t/2).
+    """
+    if b is None:
+        return time * (launch - gravity * time / 2)
+    top = launch / gravity * _over_root(jnp.arctan, _ATAN_SERIES, b * jnp.square(launch))
+    up, down = jnp.minimum(time, top), jnp.maximum(time - top, 0)
+    # 1 - cos θ = 2 sin²(θ/2) keeps the digits of short times.
+    angle = b * jnp.square(gravity * up)
+    half = gravity * up / 2 * jnp.square(sinc_root(angle / 4))
+    rise = up * (launch * sinc_root(angle) - half)
+    fall = gravity * jnp.square(down) / 2 * _slowed_fall(b * jnp.square(gravity * down))
+    return rise * log1p_over(b * gravity * rise) - fall
+
+
+def _over_root(inverse: Callable[[Lane], Lane], series: Sequence[float], z: Lane) -> Lane:
+    """inverse(√z)/√z for atan or asinh, with the value 1 at z = 0."""
+    near = z < _NEAR
+    s = jnp.sqrt(jnp.where(near, 1, z))
+    return jnp.where(near, horner(series, jnp.where(near, z, 0)), inverse(s) / s)
+
+
+def _shortened(z: Lane) -> Lane:
+    """Duration of a flight over that in vacuum, at z = b u²: (atan √z + asinh √z)/(2√z)."""
+    up = _over_root(jnp.arctan, _ATAN_SERIES, z)
+    return (up + _over_root(jnp.arcsinh, _ASINH_SERIES, z)) / 2
+
+
+def _slowed_fall(z: Lane) -> Lane:
+    """Distance of a fall over that in vacuum, at z = b (g t)²: 2 ln(cosh √z)/z, 1 at z = 0."""
+    near = z < 1
+    z_near = jnp.where(near, z, 0)
+    # cosh² = 1 + sinh².
+    square = jnp.square(sinc_root(-z_near))
+    w = jnp.sqrt(jnp.where(near, 1, z))
+    far = 2 * (w + jnp.log1p(jnp.exp(-2 * w)) - math.log(2)) / jnp.square(w)
+    return jnp.where(near, square * log1p_over(z_near * square), far)
+
+
+def _quickened_residual(x: Lane, q: Lane) -> Lane:
+    return x * _shortened(q * jnp.square(x)) - 1
+
+
+def _quickened_guess(q: Lane) -> Lane:
+    # With √b u = sinh y the time is y + atan(sinh y), which rises with a slope between 1 and 2:
+    # Newton's steps from below never overshoot, however strong the drag is: three leave 2e-10.
+    some = q > 0
+    p = jnp.sqrt(jnp.where(some, q, 1))
+    y = p
+    for _ in range(3):
+        s = jnp.sinh(y)
+        y = y - (y + jnp.arctan(s) - 2 * p) / (1 + 1 / jnp.cosh(y))
+    return jnp.where(some, jnp.sinh(y) / p, 1)
+
+
+_quickened = implicit_root(_quickened_residual, _quickened_guess, iterations=1)
+"""Launch speed over that in vacuum, at q = b (g T/2)²."""

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike
 
+from .. import _flight as flight
 from .._contact import EXPONENT, Contact
 from .._impact import Status, problem_of, restitution_is_constant
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw
@@ -127,7 +128,7 @@ def _run(
 ) -> _Run:
     valid = POSITIVE.holds(height) & POSITIVE.holds(gravity)
     height, gravity = jnp.where(valid, height, 1), jnp.where(valid, gravity, 1)
-    speed = jnp.sqrt(2 * gravity * height)
+    speed = flight.speed_after_drop(height, gravity, None)
     # The shape and the precision that `impact` will answer in.
     problem = problem_of(law, contact, speed)
     shape, dtype = problem.shape, problem.velocity.dtype
@@ -160,9 +161,9 @@ def _assembled(touches: Touches, run: _Run, constant_e: Array | None) -> Bounce:
     settled = status == int(Status.SETTLED)
     gravity = run.gravity[..., None]
     rebound = touches.restitution * touches.speed
-    away = touches.duration + 2 * rebound / gravity
+    away = touches.duration + flight.duration(rebound, gravity, None)
     # The first touch ends the fall; each other one ends a contact and a flight.
-    fall = jnp.sqrt(2 * run.height / run.gravity)[..., None]
+    fall = flight.time_to_fall(run.height, run.gravity, None)[..., None]
     time = jnp.cumsum(jnp.concatenate([fall, away[..., :-1]], axis=-1), axis=-1)
     rests = jnp.any(settled, axis=-1)
     first_rest = jnp.argmax(settled, axis=-1, keepdims=True)
@@ -172,7 +173,9 @@ def _assembled(touches: Touches, run: _Run, constant_e: Array | None) -> Bounce:
         speed = jnp.take_along_axis(touches.speed, last, axis=-1)[..., 0]
         ends = constant_e < 1
         lost = jnp.where(ends, 1 - constant_e, 1)
-        remaining = jnp.where(ends, 2 * constant_e * speed / (run.gravity * lost), jnp.inf)
+        # The launch speeds e v, e² v, ... add up to e v/(1 - e).
+        launches = constant_e * speed / lost
+        remaining = jnp.where(ends, flight.duration(launches, run.gravity, None), jnp.inf)
     rest_time = jnp.take_along_axis(time, first_rest, axis=-1)[..., 0]
 
     good = leaves | settled
@@ -188,7 +191,7 @@ def _assembled(touches: Touches, run: _Run, constant_e: Array | None) -> Bounce:
         duration=flagged(jnp.where(leaves, touches.duration, jnp.inf)),
         impact_velocity=flagged(touches.speed),
         restitution=flagged(touches.restitution),
-        height=flagged(jnp.square(rebound) / (2 * gravity)),
+        height=flagged(flight.height_reached(rebound, gravity, None)),
         status=status,
         rest_time=of_run(jnp.where(rests, rest_time, jnp.inf)),
         rest_velocity=of_run(run.rest),

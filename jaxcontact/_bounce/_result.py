@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
+from .._flight import duration, height_after
 from .._impact import Status
 from .._impact._result import status_words
 from .._parameter import as_parameter, shown
@@ -62,13 +63,14 @@ class Bounce(eqx.Module):
             return jnp.take_along_axis(field, last, axis=-1)
 
         gravity = self.gravity[..., None]
-        falling = self.drop_height[..., None] - gravity * jnp.square(jnp.maximum(time, 0)) / 2
+        drop = height_after(jnp.maximum(time, 0), jnp.zeros_like(time), gravity, None)
+        falling = self.drop_height[..., None] + drop
         resting = of_last(self.status) == int(Status.SETTLED)
         leaves = of_last(self.time) + jnp.where(resting, 0, of_last(self.duration))
         speed = of_last(self.restitution * self.impact_velocity)
         flown = jnp.maximum(time - leaves, 0)
-        flying = flown * (speed - gravity * flown / 2)
-        unknown = (touched == self.time.shape[-1]) & (flown * gravity > 2 * speed)
+        flying = height_after(flown, speed, gravity, None)
+        unknown = (touched == self.time.shape[-1]) & (flown > duration(speed, gravity, None))
         # Rounding may put the end of a flight below the ground, never the ball.
         flying = jnp.where(unknown, jnp.nan, jnp.maximum(flying, 0))
         return jnp.where(touched == 0, falling, jnp.where(resting, 0, flying))

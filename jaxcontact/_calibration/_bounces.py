@@ -12,11 +12,19 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
 from .._fit import Fit, Fixed, Positive, fit
-from .._flight import STANDARD_GRAVITY, Drag, Flight
+from .._flight import (
+    STANDARD_GRAVITY,
+    Drag,
+    Flight,
+    duration,
+    height_reached,
+    landing_speed,
+    launch_speed,
+    speed_after_drop,
+)
 from .._impact import restitution
 from .._laws import AbstractLaw
 from .._parameter import POSITIVE
-from . import _air as air
 from ._checks import column, one_of
 from ._impacts import transforms_of
 
@@ -46,11 +54,11 @@ class NextFlight(eqx.Module):
         g, c_d = self.gravity, model.drag_coefficient
         b = None if self.slowing is None or c_d is None else self.slowing * c_d
         if self.kind == "intervals":
-            approach = air.landing_speed(air.launch_speed(first, g, b), b)
+            approach = landing_speed(launch_speed(first, g, b), g, b)
         else:
-            approach = air.speed_after_drop(first, g, b)
+            approach = speed_after_drop(first, g, b)
         launch = approach * restitution(model.law, model.contact, approach, method=self.method)
-        second = air.duration if self.kind == "intervals" else air.height_reached
+        second = duration if self.kind == "intervals" else height_reached
         return jnp.log(second(launch, g, b))
 
 

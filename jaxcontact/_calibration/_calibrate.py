@@ -13,16 +13,9 @@ import numpy as np
 from .._contact import Contact
 from .._flight import STANDARD_GRAVITY, Drag, Flight, require_positive
 from .._laws import AbstractLaw, parameters_of
-from .._measurements import (
-    THRESHOLD,
-    Noise,
-    Outliers,
-    Pairs,
-    Recording,
-    estimate_noise,
-    find_outliers,
-    make_pairs,
-)
+from .._measurements import Pairs, Recording, make_pairs
+from .._measurements._noise import Noise, estimate_noise
+from .._measurements._outliers import THRESHOLD, Outliers, find_outliers
 from .._progress import Stages
 from ._choice import LawChoice, choose
 from ._file import save, to_json
@@ -151,13 +144,13 @@ def calibrate(
         outliers = find_outliers(pairs)
         keep = ~outliers.flagged
         good = pairs.where(keep)
-        good.needs_enough()
+        good.needs_enough(marked=int(outliers.flagged.sum()))
         residual = np.log(good.restitution) - outliers.trend(good.velocity)
         noise = estimate_noise(residual, good.reading_factor, robust=False)
 
         def chosen(use: np.ndarray) -> LawChoice:
             weights = noise.sigma(pairs.reading_factor) ** -2
-            group = pairs.layout.group
+            group = pairs.layout.cluster_words[0]
             return choose(
                 pairs,
                 use,
@@ -228,8 +221,10 @@ def _drag(drag: Drag, flight: Flight) -> DragSummary:
 
 
 def _noise(noise: Noise, pairs: Pairs) -> NoiseSummary:
-    unit = pairs.layout.error_unit
-    return NoiseSummary(noise.relative, None if unit is None else noise.reading, unit)
+    error = pairs.layout.reading_error
+    if error is None:
+        return NoiseSummary(noise.relative, None, None)
+    return NoiseSummary(noise.relative, noise.reading, error.unit)
 
 
 def _pairs(pairs: Pairs, outliers: Outliers) -> tuple[PairSummary, ...]:

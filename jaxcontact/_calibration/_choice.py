@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
-from .._fit import Candidate, Fit, FitData, compared, criteria, fit, table
+from .._fit import Candidate, Fit, FitData, compared, criteria, fit, groups_of, table
 from .._laws import AbstractLaw
-from .._measurements import Floats, Pairs, find_outliers, pairs_of_table
+from .._measurements import Floats, Pairs, find_outliers
 from .._parameter import POSITIVE, RESTITUTION
 from ._asked import Asked, asked_of
 from ._checks import column
@@ -194,15 +194,20 @@ def choose_law(
     """
     v = column(velocity, "velocity", POSITIVE)
     measured = column(e, "e", RESTITUTION, len(v))
-    pairs = pairs_of_table(v, measured, groups)
+    pairs = make_pairs(read_recording(velocity=v, restitution=measured), Flight())
     pairs.needs_enough()
+    word = "row"
+    if groups is not None:
+        word = "trial"
+        pairs = dataclasses.replace(pairs, cluster=groups_of(groups, len(v)))
     marked = find_outliers(pairs).flagged if mark_outliers else np.zeros(len(v), bool)
     relative = np.ones_like(v)
     if sigma is not None:
         how["sigma"] = np.broadcast_to(np.asarray(sigma, float), v.shape) / measured
     elif weights is not None:
         relative = np.broadcast_to(np.asarray(weights, float), v.shape) * measured**2
-    return choose(pairs, ~marked, relative, kinds_of(law, contact.exponent), contact, **how)
+    kinds = kinds_of(law, contact.exponent)
+    return choose(pairs, ~marked, relative, kinds, contact, group=word, **how)
 
 
 def choose(

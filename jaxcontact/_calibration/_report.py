@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .._measurements import Layout, layout_of
+from .._measurements import LAYOUTS, Layout, counted
 from .._text_table import text_table, wrapped
 from ._choice import ChoiceData
 from ._estimate import Estimate
@@ -16,7 +16,7 @@ _NOISE_NOTE = (
 
 def report(summary: CalibrationSummary) -> str:
     """The calibration as text: data, marked pairs, fits, comparison, what e(v) leaves open."""
-    layout = layout_of(summary.recording.layout)
+    layout = LAYOUTS[summary.recording.layout]
     parts = [
         _data(summary, layout),
         _marked(summary),
@@ -38,13 +38,17 @@ def _data(s: CalibrationSummary, layout: Layout) -> list[str]:
         *wrapped(
             "Pairs",
             f"{r.pairs} of approach speed and e, from {layout.made_of}; {min(speeds):.3g} to "
-            f"{max(speeds):.3g} m/s, {len(r.trials)} {layout.groups}",
+            f"{max(speeds):.3g} m/s, {counted(len(r.trials), layout.cluster_words)}",
         ),
     ]
     if r.unpaired:
-        lines += wrapped("", f"{r.unpaired} intervals have no successor and make no pair")
-    reading = layout.reading_error(s.noise.reading) if s.noise.reading is not None else ""
-    scatter = f"{100 * s.noise.relative:.2g} % of e{reading and ', and ' + reading}"
+        one = r.unpaired == 1
+        verbs = "has no successor and makes" if one else "have no successor and make"
+        lines += wrapped("", f"{counted(r.unpaired, ('interval', 'intervals'))} {verbs} no pair")
+    scatter = f"{100 * s.noise.relative:.2g} % of e"
+    error = layout.reading_error
+    if error is not None and s.noise.reading is not None:
+        scatter += f", and {error.factor * s.noise.reading:.2g} {error.shown} in {error.of}"
     return [
         *lines,
         *wrapped("Air drag", drag_sentence(s, layout)),
@@ -54,7 +58,7 @@ def _data(s: CalibrationSummary, layout: Layout) -> list[str]:
 
 def drag_sentence(s: CalibrationSummary, layout: Layout) -> str:
     """Whether and how the drag of the air was taken out of the flights."""
-    if not layout.has_flights:
+    if not layout.uses_flight:
         return "plays no part: a table gives the speeds at the impact itself"
     if s.drag is None:
         return (
@@ -97,10 +101,10 @@ def errors_sentence(s: CalibrationSummary, layout: Layout) -> str:
     """How the standard errors were found, and what they allow for."""
     if any(law.errors_by == "point" for law in s.choice.laws):
         return (
-            f"take pairs as independent: fewer than 8 {layout.groups} cannot tell how they are "
-            "correlated"
+            f"take pairs as independent: fewer than 8 {layout.cluster_words[1]} cannot tell how "
+            "they are correlated"
         )
-    return layout.errors_by_group
+    return layout.errors_words
 
 
 def _fits(s: CalibrationSummary, layout: Layout) -> list[str]:
@@ -168,7 +172,7 @@ def _equivalents(choice: ChoiceData) -> list[str]:
 def drag_caution(s: CalibrationSummary, layout: Layout) -> str | None:
     """A warning where e falls with speed while the drag of the air was left in."""
     error = s.choice.line.slope_error
-    if not layout.has_flights or s.drag is not None or error is None:
+    if not layout.uses_flight or s.drag is not None or error is None:
         return None
     if s.choice.line.slope > -2 * error:
         return None

@@ -14,6 +14,7 @@ from ._inference import Direction as Direction
 from ._loss import Huber as Huber
 from ._profile import Profile as Profile
 from ._result import Fit as Fit
+from ._target import groups_of as groups_of
 from ._transforms import AbstractTransform as AbstractTransform
 from ._transforms import Between as Between
 from ._transforms import Fixed as Fixed

@@ -33,9 +33,9 @@ class Candidate:
 
     `aicc` and `bic` up to a constant that all share; `held_out`, the root mean square of the
     standardised residuals of points that were left out (plain residuals without `sigma`), None
-    where a fit without them did not converge; `behind`, the advantage of the fit of lowest AICc over this
-    one, summed over groups of points, in its standard errors (Vuong's test; None for that fit
-    itself, and with fewer than 8 groups).
+    where a fit without them did not converge; `behind`, the advantage of the fit of lowest AICc
+    over this one, summed over groups of points, in its standard errors (Vuong's test; None for that
+    fit itself, and with fewer than 8 groups).
     """
 
     name: str

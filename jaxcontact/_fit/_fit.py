@@ -75,15 +75,14 @@ def fit(
     `transforms`: `Free()`, `Positive()`, `Between(low, high)` or `Fixed()`, for all numbers; or a
     dict of them by name ("contact.mass", or "contact" for all in it); or a prefix of the tree of
     `start`, with None for the default. By default a number keeps to the range that its law or
-    contact declares, and is free elsewhere. `loss`:
-    "squares" or `Huber(threshold)`, which bounds the influence of outliers; without `sigma` its
-    scale is the median of |residuals|, found in turn with the fit. `optimizer`: "levenberg-marquardt" or
-    an optax optimiser, which stops after `patience` steps that gain nothing. `starts`: the
-    number of starts, the given one and normal ones of standard deviation `spread` around it in the
-    free coordinates (logarithms, logits), drawn from `seed`; the lowest loss is kept. `max_steps`: by
-    default 200, 10000 for optax. `reverse`: take the Jacobian in reverse mode, for predictions
-    without a forward mode. `progress`: True shows step and loss on stderr, a function is called
-    with them.
+    contact declares, and is free elsewhere. `loss`: "squares" or `Huber(threshold)`, which bounds
+    the influence of outliers; without `sigma` its scale is the median of |residuals|, found in turn
+    with the fit. `optimizer`: "levenberg-marquardt" or an optax optimiser, which stops after
+    `patience` steps that gain nothing. `starts`: the number of starts, the given one and normal
+    ones of standard deviation `spread` around it in the free coordinates (logarithms, logits),
+    drawn from `seed`; the lowest loss is kept. `max_steps`: by default 200, 10000 for optax.
+    `reverse`: take the Jacobian in reverse mode, for predictions without a forward mode.
+    `progress`: True shows step and loss on stderr, a function is called with them.
 
     `converged` does not depend on the optimizer: the remaining Gauss-Newton step must be below
     `rtol` of each parameter (of its logarithm, of its logit), or a thousandth of its standard

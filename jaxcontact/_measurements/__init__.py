@@ -1,7 +1,17 @@
 """Recordings of bouncing balls: reading them, pairs of speed and restitution, noise, outliers."""
 
-from ._recording import COLUMNS as COLUMNS
+from ._heights import Heights
+from ._intervals import Intervals
+from ._layout import LAYOUTS as LAYOUTS
+from ._layout import Layout as Layout
+from ._layout import counted as counted
+from ._layout import register_layout as register_layout
+from ._pairs import Pairs as Pairs
+from ._pairs import make_pairs as make_pairs
 from ._recording import Recording as Recording
-from ._recording import RecordingError as RecordingError
-from ._recording import parse_recording as parse_recording
 from ._recording import read_recording as read_recording
+from ._rows import RecordingError as RecordingError
+from ._table import Table
+
+for _layout_class in (Intervals, Heights, Table):
+    register_layout(_layout_class())

@@ -47,7 +47,7 @@ def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
     ax.set_xlim(max(float(v.min()) - margin, 0.0), float(v.max()) + margin)
     ax.set_xlabel("approach speed $v$ / (m/s)")
     air = {True: "drag taken out", False: "drag left in"}[pairs.flight.drag is not None]
-    ax.set_ylabel("restitution $e$" + (f" ({air})" if pairs.layout.has_flights else ""))
+    ax.set_ylabel("restitution $e$" + (f" ({air})" if pairs.layout.uses_flight else ""))
     # Outside the frame it covers no data, whatever the data are.
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, fontsize="small")
     return ax

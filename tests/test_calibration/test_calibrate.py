@@ -140,8 +140,9 @@ SOLVED = 1e-8
 """e of the fitted law by `impact` against the fitted curve: 2e-9 of the polynomial was seen."""
 
 
-@pytest.mark.parametrize("law", ["exact", "hu_guo", "constant_damping", "power_damping",
-                                 "kuwabara_kono"])
+@pytest.mark.parametrize(
+    "law", ["exact", "hu_guo", "constant_damping", "power_damping", "kuwabara_kono"]
+)
 @pytest.mark.parametrize("known", [{}, {"mass": 0.2, "stiffness": 1e8}], ids=["unit", "given"])
 def test_the_fitted_law_delivers_the_fitted_curve(law, known):
     result = calibrated(recording(lambda v: 0.88 - 0.02 * np.log(v), 3), law=law, **known)
@@ -298,9 +299,9 @@ def test_bad_numbers_raise(name):
 
 
 def test_what_is_no_recording_is_refused():
-    with pytest.raises(ValueError, match="`recording` must be a `Recording`.*'ball.csv'"):
+    with pytest.raises(ValueError, match=r"`recording` must be a `Recording`.*'ball.csv'"):
         jc.calibrate("ball.csv")
-    with pytest.raises(ValueError, match="`law` must be one of all, exact, .* but is 'nonsense'"):
+    with pytest.raises(ValueError, match=r"`law` must be one of all, exact, .* but is 'nonsense'"):
         calibrated(recording(lambda v: 0.88, 1), law="nonsense")
 
 

@@ -76,9 +76,7 @@ def test_the_numbers_of_a_constant_e_by_hand(choices):
         bands[i] - np.concatenate([b for j, b in enumerate(bands) if j != i]).mean()
         for i in range(4)
     ]
-    assert candidate.held_out == pytest.approx(
-        np.sqrt(np.mean(np.concatenate(off) ** 2)), rel=1e-8
-    )
+    assert candidate.held_out == pytest.approx(np.sqrt(np.mean(np.concatenate(off) ** 2)), rel=1e-8)
 
 
 def test_known_noise_and_weights():
@@ -122,7 +120,7 @@ def test_trials_enter_errors_and_verdict():
 
 
 def test_the_law_of_a_kind_is_refused_where_there_is_none(choices):
-    with pytest.raises(ValueError, match="`kind` must be one of 'constant e', .* but is 'x'"):
+    with pytest.raises(ValueError, match=r"`kind` must be one of 'constant e', .* but is 'x'"):
         choices["constant e"].law("x")
 
 

@@ -108,7 +108,7 @@ BAD_FILES = {
     "text": (HEADER + "a,1,1,1,0.4\na,1,1,2,fast\n", "row 3, column interval_s: 'fast'"),
     "negative": (HEADER + "a,1,1,1,0.4\na,1,1,2,-0.36\n", "row 3, column interval_s: must be"),
     "not a number": (HEADER + "a,1,1,1,nan\n", "row 2, column interval_s: 'nan'"),
-    "few": (HEADER + "a,1,1,1,0.4\na,1,1,2,0.36\n", "row 3, column interval_s: 1 usable pairs"),
+    "few": (HEADER + "a,1,1,1,0.4\na,1,1,2,0.36\n", "row 3, column interval_s: 1 usable pair of"),
     "no rows": (HEADER, "row 1, column interval_s: holds a header"),
     "empty": ("", "row 1: is empty"),
     "two balls": (HEADER + "a,1,1,1,.4\nb,1,1,1,.4\n", "row 3, column ball: holds several"),

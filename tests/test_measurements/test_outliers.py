@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from jaxcontact._flight import Drag, Flight
-from jaxcontact._measurements import parse_recording, read_recording
+from jaxcontact._measurements import make_pairs, read_recording
 from jaxcontact._measurements._noise import Noise, estimate_noise
 from jaxcontact._measurements._outliers import THRESHOLD, find_outliers
-from jaxcontact._measurements._pairs import make_pairs
 from tests.test_measurements.simulate import as_csv, recording, trial
+from tests.test_measurements.sources import opened
 
 SEEDS = range(12)
 
@@ -16,10 +16,8 @@ SHARE = 0.25
 """Recovering each of two scatters from 600 residuals: measured within 12 % in the normal case."""
 
 
-def outliers_of(text, ball=None, flight=None):
-    parsed = parse_recording(text, "f.csv")
-    name, records = parsed.of_ball(ball)
-    pairs = make_pairs(parsed.file, parsed.layout, name, records, flight or Flight())
+def outliers_of(text):
+    pairs = make_pairs(read_recording(opened(text)), Flight())
     return pairs, find_outliers(pairs)
 
 
@@ -105,9 +103,7 @@ def test_the_shipped_recordings_part_where_they_should():
         ("pingpong", Flight(drag=drag), 23),
         ("tennis", Flight(), 0),
     ):
-        shipped = read_recording()
-        name, records = shipped.of_ball(ball)
-        pairs = make_pairs(shipped.file, shipped.layout, name, records, flight)
+        pairs = make_pairs(read_recording(ball=ball), flight)
         found = find_outliers(pairs)
         assert found.flagged.sum() == count
         # Every ratio that a missed trigger makes is out, and no deviation is near the threshold.

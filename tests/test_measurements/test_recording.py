@@ -1,48 +1,130 @@
-"""Reading recordings: three layouts, and every fault named with file, row and column."""
+"""Reading recordings: layouts, sources, and every fault named with source, row and column."""
 
 import csv
+import dataclasses
 import importlib.resources
+import io
+import re
 
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
 import pytest
 
-from jaxcontact._measurements import COLUMNS, RecordingError, parse_recording, read_recording
+import jaxcontact as jc
+from jaxcontact._measurements import LAYOUTS
+from tests.test_measurements.sources import SOURCES, columns_of, opened, read
 
 INTERVALS = "ball,drop_height_m,trial,bounce,interval_s\na,1,1,1,0.4\na,1,1,2,0.36\n"
 HEIGHTS = "ball,drop_height_m,trial,rebound_height_m\na,0.5,1,0.4\na,0.5,2,0.41\n"
 TABLE = "velocity,restitution\n1.0,0.9\n2.0,0.88\n"
-LAYOUTS = {"intervals": INTERVALS, "heights": HEIGHTS, "table": TABLE}
+TEXTS = {"intervals": INTERVALS, "heights": HEIGHTS, "table": TABLE}
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+def place(name, row=None, column=None):
+    """How a message begins."""
+    parts = [name, f"row {row}" if row else "", f"column {column}" if column else ""]
+    return ", ".join(filter(None, parts)) + ": "
+
+
+def fault(read, *arguments, **how):
+    with pytest.raises(jc.RecordingError) as caught:
+        read(*arguments, **how)
+    return caught.value
+
+
+@pytest.mark.parametrize("layout", TEXTS)
 def test_each_layout_is_recognised(layout):
-    recording = parse_recording(LAYOUTS[layout], "f.csv")
-    assert recording.layout == layout
+    recording = read(TEXTS[layout])
+    assert recording.layout is LAYOUTS[layout]
+    assert recording.source == "f.csv"
     assert [record.row for record in recording.records] == [2, 3]
+    assert len(recording) == 2
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", TEXTS)
 def test_order_of_columns_blanks_and_other_columns_do_not_matter(layout):
-    lines = [line.split(",") for line in LAYOUTS[layout].split()]
+    lines = [line.split(",") for line in TEXTS[layout].split()]
     changed = "\n\n".join(", ".join([*reversed(line), "x"]) for line in lines)
-    plain = parse_recording(LAYOUTS[layout], "f.csv")
-    again = parse_recording(changed, "f.csv")
-    assert again.layout == layout
+    again = read(changed)
     # Rows are lines of the file: the blank lines count.
     assert [record.row for record in again.records] == [3, 5]
-    for a, b in zip(plain.records, again.records, strict=True):
-        assert {**vars(a), "row": 0} == {**vars(b), "row": 0}
+    for a, b in zip(read(TEXTS[layout]).records, again.records, strict=True):
+        assert dataclasses.replace(a, row=0) == dataclasses.replace(b, row=0)
 
 
-CASES = [(layout, column) for layout, columns in COLUMNS.items() for column in columns]
+@pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.parametrize("layout", TEXTS)
+def test_every_source_gives_the_same_records(layout, source):
+    wanted = read(TEXTS[layout])
+    got = SOURCES[source](columns_of(TEXTS[layout]))
+    assert (got.layout, got.ball) == (wanted.layout, wanted.ball)
+    # Rows of columns count from 1, without a header.
+    assert list(got.records) == [dataclasses.replace(r, row=r.row - 1) for r in wanted.records]
+
+
+def test_files_by_name_by_path_and_open_are_the_same(tmp_path):
+    path = tmp_path / "f.csv"
+    path.write_text(HEIGHTS)
+    with path.open() as stream:
+        same = [jc.read_recording(str(path)), jc.read_recording(path), jc.read_recording(stream)]
+    assert same[0] == same[1] == same[2]
+    assert same[0].source == str(path)
+    assert jc.read_recording(io.StringIO(HEIGHTS)).source == "the text"
+
+
+def test_numbers_keep_every_bit():
+    values = np.random.default_rng(0).random(50) + 0.1
+    for kept in (values, values.astype(np.float32), jnp.asarray(values), pd.Series(values)):
+        recording = jc.read_recording(velocity=kept, restitution=kept)
+        got = np.array([record.restitution for record in recording.records])
+        np.testing.assert_array_equal(got, np.asarray(kept, dtype=np.float64))
+
+
+def test_whole_numbers_name_trials_and_bounces_whatever_their_type():
+    plain = columns_of(INTERVALS)
+    floats = {k: v if k == "ball" else np.array(v, dtype=float) for k, v in plain.items()}
+    assert jc.read_recording(floats) == jc.read_recording(plain)
+
+
+def test_by_keyword_one_trial_is_counted_in_order():
+    records = jc.read_recording(interval_s=[0.4, 0.36, 0.33]).records
+    assert [(r.ball, r.drop_height, r.trial, r.bounce) for r in records] == [
+        ("", None, "1", k) for k in (1, 2, 3)
+    ]
+    records = jc.read_recording(interval_s=[0.4, 0.36, 0.5, 0.45], trial=[1, 1, 2, 2]).records
+    assert [(r.trial, r.bounce) for r in records] == [("1", 1), ("1", 2), ("2", 1), ("2", 2)]
+    records = jc.read_recording(drop_height_m=[0.5], rebound_height_m=[0.4]).records
+    assert (records[0].ball, records[0].trial) == ("", "1")
+
+
+def test_the_layout_may_be_named():
+    both = {**columns_of(INTERVALS), **columns_of(TABLE)}
+    assert jc.read_recording(both).layout.name == "intervals"
+    recording = jc.read_recording(both, layout="table")
+    assert recording.layout.name == "table" and recording.ball == "a"
+    error = fault(jc.read_recording, opened(TABLE), layout="heights")
+    assert str(error).startswith(place("f.csv", 1, "ball") + "is missing; heights need")
+
+
+CASES = [(name, column) for name, layout in LAYOUTS.items() for column in layout.columns]
 
 
 @pytest.mark.parametrize(("layout", "column"), CASES)
 def test_a_missing_column_is_named(layout, column):
-    lines = [line.split(",") for line in LAYOUTS[layout].split()]
-    place = lines[0].index(column)
-    text = "\n".join(",".join(x for k, x in enumerate(line) if k != place) for line in lines)
-    with pytest.raises(RecordingError, match=rf"f\.csv, row 1, column {column}: is missing"):
-        parse_recording(text, "f.csv")
+    columns = columns_of(TEXTS[layout])
+    del columns[column]
+    text = "\n".join(
+        ",".join(map(str, line)) for line in (columns, *zip(*columns.values(), strict=True))
+    )
+    needed = f"is missing; {layout} need the columns {', '.join(LAYOUTS[layout].columns)}"
+    assert str(fault(read, text)) == place("f.csv", 1, column) + needed
+    error = fault(jc.read_recording, columns)
+    assert str(error) == place("the dict", None, column) + needed
+    assert (error.source, error.row, error.column) == ("the dict", None, column)
+    if column in LAYOUTS[layout].measured and len(columns) > 1:
+        error = fault(jc.read_recording, **columns)
+        assert str(error).startswith(place("the columns given", None, column) + "is missing")
 
 
 NUMBERS = {
@@ -56,9 +138,16 @@ BAD_NUMBERS = {
     "abc": "'abc' is not a number",
     "-0.3": "must be positive, but is -0.3",
     "0": "must be positive, but is 0",
-    "nan": "'nan' is not a finite number",
     "inf": "'inf' is not a finite number",
     "": "is empty",
+}
+PREFIX = {
+    "dict": "the dict",
+    "arrays": "the dict",
+    "frame": "the data frame",
+    "pandas": "the data frame",
+    "nullable": "the data frame",
+    "keywords": "the columns given",
 }
 
 
@@ -66,72 +155,158 @@ BAD_NUMBERS = {
 @pytest.mark.parametrize(
     ("layout", "column"), [(layout, c) for c, where in NUMBERS.items() for layout in where]
 )
-def test_a_bad_number_is_named(layout, column, bad):
-    lines = [line.split(",") for line in LAYOUTS[layout].split()]
+def test_a_bad_number_is_named_whatever_the_source(layout, column, bad):
+    lines = [line.split(",") for line in TEXTS[layout].split()]
     lines[2][lines[0].index(column)] = bad
     text = "\n".join(",".join(line) for line in lines)
-    with pytest.raises(RecordingError) as caught:
-        parse_recording(text, "f.csv")
-    assert str(caught.value) == f"f.csv, row 3, column {column}: {BAD_NUMBERS[bad]}"
-    assert (caught.value.row, caught.value.column) == (3, column)
+    error = fault(read, text)
+    assert str(error) == place("f.csv", 3, column) + BAD_NUMBERS[bad]
+    assert (error.row, error.column, error.problem) == (3, column, BAD_NUMBERS[bad])
+    for name, source in SOURCES.items():
+        error = fault(source, columns_of(text))
+        assert str(error) == place(PREFIX[name], 2, column) + BAD_NUMBERS[bad]
+
+
+@pytest.mark.parametrize("missing", [None, np.nan, float("nan"), pd.NA, pd.NaT, ""])
+@pytest.mark.parametrize("column", ["ball", "trial", "bounce", "interval_s"])
+def test_a_missing_value_is_named(column, missing):
+    columns = columns_of(INTERVALS)
+    columns[column][1] = missing
+    for read_columns in (jc.read_recording, lambda c: jc.read_recording(pd.DataFrame(c))):
+        assert str(fault(read_columns, columns)).endswith(f"row 2, column {column}: is empty")
+
+
+def test_a_text_nan_is_no_number():
+    assert str(fault(read, "velocity,restitution\n1,nan\n")).endswith(
+        "column restitution: 'nan' is not a finite number"
+    )
 
 
 FAULTS = {
     "": "f.csv, row 1: is empty",
-    "a,b\n1,2\n": "f.csv, row 1, column a: no known column",
-    "velocity,restitution\n": "f.csv, row 1, column restitution: holds a header but no",
+    "a,b\n1,2\n": "f.csv, row 1, column a: no known column; one of these sets is needed: ball, ",
+    "velocity,restitution\n": "f.csv, row 1, column restitution: holds a header but no measurement",
     "velocity,velocity\n1,2\n": "f.csv, row 1, column velocity: is there twice",
     TABLE + "3.0\n": "f.csv, row 4, column restitution: is empty",
-    TABLE + "3.0,0.8,7\n": "f.csv, row 4, column restitution: has 3 fields",
-    INTERVALS + "a,1,1,2,0.3\n": "f.csv, row 4, column bounce: bounce 2 .* row 3",
+    TABLE + "3.0,0.8,7\n": "f.csv, row 4, column restitution: has 3 fields where the header has 2",
+    INTERVALS + "a,1,1,2,0.3\n": "f.csv, row 4, column bounce: bounce 2 of this trial is in row 3",
     INTERVALS + "a,1,1,x,0.3\n": "f.csv, row 4, column bounce: 'x' is not a whole number",
-    INTERVALS + "a,1,1,-1,0.3\n": "f.csv, row 4, column bounce: must not be negative",
+    INTERVALS + "a,1,1,1.5,0.3\n": "f.csv, row 4, column bounce: '1.5' is not a whole number",
+    INTERVALS + "a,1,1,-1,0.3\n": "f.csv, row 4, column bounce: must not be negative, but is -1",
     'velocity,restitution\n1,"0.9': "f.csv, row 2: is not a CSV file",
 }
 
 
 @pytest.mark.parametrize("text", FAULTS)
 def test_a_fault_is_named(text):
-    with pytest.raises(RecordingError, match=FAULTS[text].replace("f.csv", r"f\.csv")):
-        parse_recording(text, "f.csv")
+    assert str(fault(read, text)).startswith(FAULTS[text])
+
+
+ROW = [1.0, 2.0]
+BAD_COLUMNS = [
+    ({"velocity": ROW, "restitution": [0.9]}, "restitution: has 1 values where column velocity"),
+    ({"velocity": [ROW], "restitution": ROW}, "velocity: must be one-dimensional, but has the"),
+    ({"velocity": 1.0, "restitution": 0.9}, "velocity: must be one-dimensional, but has the"),
+    ({"velocity": [], "restitution": []}, "restitution: holds columns but no measurement"),
+    ({"interval_s": ROW, "bounce": [1, 1]}, "bounce: bounce 1 of this trial is in row 1 already"),
+    ({"drop_height_m": ROW}, "rebound_height_m: is missing; heights need the columns drop_height"),
+    (
+        {"velocity": ROW, "restitution": ROW, "ball": ["a", "b"]},
+        "ball: holds several balls (a, b); give the columns as a dict and choose one with `ball=`",
+    ),
+]
+
+
+@pytest.mark.parametrize(("columns", "message"), BAD_COLUMNS)
+def test_bad_columns_are_named(columns, message):
+    assert re.match(
+        r"the columns given, (row 2, )?column " + re.escape(message),
+        str(fault(jc.read_recording, **columns)),
+    )
+
+
+def test_a_frame_may_have_other_columns():
+    frame = pd.DataFrame({"velocity": ROW, "restitution": ROW, 3: [object(), [1]]})
+    assert len(jc.read_recording(frame)) == 2
+    twice = pd.concat([frame, frame], axis=1)
+    assert "the data frame, column velocity: is there twice" in str(fault(jc.read_recording, twice))
+    assert "the data frame: no known column" in str(fault(jc.read_recording, pd.DataFrame()))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"speed": ROW}, "Argument `speed` is no known column; these are ball, drop_height_m, "),
+        ({"source": {}, "velocity": ROW}, "Argument `source` must be None where columns are given"),
+        ({"source": 3}, "Argument `source` must be a path, an open text file, a dict of columns, "),
+        ({"source": {}, "ball": ["a"]}, "Argument `ball` must be the name of one ball in `source`"),
+        (
+            {"layout": "speeds"},
+            "Argument `layout` must be one of 'intervals', 'heights', 'table'",
+        ),
+    ],
+)
+def test_bad_arguments_raise(arguments, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        jc.read_recording(**arguments)
+    assert caught.type is ValueError
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
-    with pytest.raises(RecordingError, match=r"none\.csv: cannot be read"):
-        read_recording(tmp_path / "none.csv")
+    assert "none.csv: cannot be read" in str(fault(jc.read_recording, tmp_path / "none.csv"))
 
 
 def test_bytes_that_are_not_text_are_named(tmp_path):
     path = tmp_path / "bytes.csv"
     path.write_bytes(b"velocity,restitution\n1,0.9\n\xff,1\n")
-    with pytest.raises(RecordingError, match=r"bytes\.csv, row 3: is not UTF-8"):
-        read_recording(path)
+    assert "bytes.csv, row 3: is not UTF-8 text" in str(fault(jc.read_recording, path))
+    with path.open("rb") as stream:
+        assert "must be opened as text" in str(fault(jc.read_recording, stream))
 
 
 def test_a_byte_order_mark_is_no_fault(tmp_path):
     path = tmp_path / "mark.csv"
     path.write_bytes(b"\xef\xbb\xbf" + TABLE.encode())
-    assert len(read_recording(path).records) == 2
+    assert len(jc.read_recording(path)) == 2
+    with path.open(encoding="utf-8") as stream:
+        assert len(jc.read_recording(stream)) == 2
 
 
 def test_a_choice_of_ball_is_needed_where_there_are_several():
-    recording = parse_recording(HEIGHTS + "b,0.5,1,0.3\n", "f.csv")
-    with pytest.raises(
-        RecordingError, match=r"f\.csv, row 4, column ball: holds several balls \(a, b\)"
-    ):
-        recording.of_ball(None)
-    with pytest.raises(RecordingError, match="has no ball 'c'; it holds a, b"):
-        recording.of_ball("c")
-    name, records = recording.of_ball("a")
-    assert name == "a"
-    assert [record.row for record in records] == [2, 3]
+    text = HEIGHTS + "b,0.5,1,0.3\n"
+    several = "holds several balls (a, b); choose one with `ball=`, as in ball='a'"
+    assert str(fault(read, text)) == place("f.csv", 4, "ball") + several
+    assert str(fault(jc.read_recording, columns_of(text))) == place("the dict", 3, "ball") + several
+    none = place("f.csv", 1, "ball") + "has no ball 'c'; it holds a, b"
+    assert str(fault(read, text, ball="c")) == none
+    assert "has no ball 'c'; it holds no named ball" in str(fault(read, TABLE, ball="c"))
+    recording = read(text, ball="a")
+    assert recording.ball == "a"
+    assert [record.row for record in recording.records] == [2, 3]
+    assert read(HEIGHTS).ball == "a"
 
 
 def test_the_shipped_measurements_are_whole():
-    recording = read_recording()
-    counts = {ball: len(recording.of_ball(ball)[1]) for ball in recording.balls}
+    assert jc.read_recording().ball == "blue"
+    counts = {ball: len(jc.read_recording(ball=ball)) for ball in ("pingpong", "blue", "tennis")}
     assert counts == {"pingpong": 445, "blue": 324, "tennis": 22}
-    text = (importlib.resources.files("jaxcontact.data") / "rebound_heights.csv").read_text()
-    heights = parse_recording(text, "rebound_heights.csv")
-    assert heights.layout == "heights"
-    assert len(heights.records) == len(list(csv.reader(text.splitlines()))) - 1 == 160
+    path = importlib.resources.files("jaxcontact.data") / "rebound_heights.csv"
+    heights = [jc.read_recording(str(path), ball=ball) for ball in counts]
+    assert {one.layout.name for one in heights} == {"heights"}
+    rows = len(list(csv.reader(path.read_text().splitlines()))) - 1
+    assert sum(map(len, heights)) == rows == 160
+
+
+def test_a_recording_prints_itself():
+    assert repr(jc.read_recording()).splitlines() == [
+        "Recording",
+        "  source       bounce_intervals.csv (shipped with the package)",
+        "  layout       intervals",
+        "  ball         blue",
+        "  rows         324",
+        "  trials       30",
+        "  intervals    0.113 to 0.878 s",
+    ]
+    assert "drop heights 1, 0.5 m\n  rebounds     0.4 to 0.41 m" in repr(read(HEIGHTS))
+    assert "ball         (no name)" in repr(read(TABLE))
+    assert "speeds       1 to 2 m/s\n  restitutions 0.88 to 0.9" in repr(read(TABLE))

@@ -1,0 +1,127 @@
+"""What a column layout is, and the register of layouts."""
+
+from __future__ import annotations
+
+import abc
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from .._flight import Flight, Floats
+from ._rows import Row
+
+Words = tuple[str, str]
+"""A noun phrase in the singular and in the plural."""
+
+
+def counted(count: int, words: Words) -> str:
+    """`1 trial`, `2 trials`, `0 trials`."""
+    return f"{count} {words[count != 1]}"
+
+
+def span(values: Sequence[float], unit: str = "") -> str:
+    """The range of values: `0.1 to 0.3 m`, or `0.1 m` where all are equal."""
+    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+    return f"{low if low == high else f'{low} to {high}'} {unit}".rstrip()
+
+
+@dataclasses.dataclass(frozen=True)
+class Record:
+    """One measurement: the name of its ball, "" for none, and the number of its row."""
+
+    ball: str
+    row: int
+
+
+R = TypeVar("R", bound=Record)
+
+
+class ReadingError(NamedTuple):
+    """The unit of a reading error, how it is printed (`factor` · σ in `shown`), and of what."""
+
+    unit: str
+    shown: str
+    factor: float
+    of: str
+
+
+class Paired(NamedTuple, Generic[R]):
+    """What a layout makes of records: n pairs, all arrays of shape (n,).
+
+    Approach speeds `velocity` in m/s, the measured `restitution`, `reading_factor` and `records` as
+    in `Pairs`; `clusters` names for each pair the group that shares errors; `unpaired` counts the
+    records that make no pair.
+    """
+
+    velocity: Floats
+    restitution: Floats
+    reading_factor: Floats
+    clusters: Sequence[str]
+    records: Sequence[tuple[R, ...]]
+    unpaired: int = 0
+
+
+class Layout(abc.ABC, Generic[R]):
+    """A column layout: how its rows are read and paired, and the words that reports use of it.
+
+    `name`; `columns`, which a file or a data frame must have, the reading that is paired last;
+    `measured`, those of them that cannot be left out where columns are given by keyword;
+    `optional`, those that are read where there are any.
+
+    `reading_error`, None where it is not known how one enters; `uses_flight`, whether speeds follow
+    from flights, so that gravity and the drag of the air play a part.
+
+    For reports: `made_of`, what pairs are made of; `pair_words` and `cluster_words`; `pair_rule`,
+    when rows make a pair; `errors_words`, how standard errors by cluster are found and what they
+    allow for.
+    """
+
+    name: ClassVar[str]
+    columns: ClassVar[tuple[str, ...]]
+    measured: ClassVar[tuple[str, ...]]
+    optional: ClassVar[tuple[str, ...]] = ()
+    reading_error: ClassVar[ReadingError | None]
+    uses_flight: ClassVar[bool]
+    made_of: ClassVar[str]
+    pair_words: ClassVar[Words]
+    cluster_words: ClassVar[Words]
+    pair_rule: ClassVar[str]
+    errors_words: ClassVar[str]
+
+    @abc.abstractmethod
+    def read(self, rows: Sequence[Row]) -> list[R]:
+        """The records in `rows`, checked. Raises RecordingError for a fault."""
+
+    @abc.abstractmethod
+    def facts(self, records: Sequence[R]) -> Mapping[str, str]:
+        """Counts and ranges of the records, by name, for print."""
+
+    @abc.abstractmethod
+    def pair(self, records: Sequence[R], flight: Flight) -> Paired[R]:
+        """The pairs in `records`, which are of one ball."""
+
+    @abc.abstractmethod
+    def guess(
+        self, records: Sequence[tuple[R, ...]], flagged: np.ndarray, e: float
+    ) -> Mapping[int, str]:
+        """What may have happened to flagged pairs, by number, where it can be told.
+
+        `records` are those of all pairs and `flagged` (n,) marks some; `e` is the usual
+        restitution.
+        """
+
+    def __repr__(self) -> str:
+        return self.name
+
+
+LAYOUTS: dict[str, Layout[Any]] = {}
+"""All layouts by name; where the columns fit several, the first is taken."""
+
+
+def register_layout(layout: Layout[Any]) -> None:
+    """Add a layout to `LAYOUTS`. Raises ValueError where its name is taken."""
+    if layout.name in LAYOUTS:
+        raise ValueError(f"Argument `layout` must have a new name, but is {layout.name!r}.")
+    LAYOUTS[layout.name] = layout
