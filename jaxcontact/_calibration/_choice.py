@@ -13,8 +13,10 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
 from .._fit import Candidate, Fit, FitData, compared, criteria, fit, groups_of, table
+from .._flight import Flight, Floats
 from .._laws import AbstractLaw
-from .._measurements import Floats, Pairs, find_outliers
+from .._measurements import Pairs, make_pairs, read_recording
+from .._measurements._outliers import find_outliers
 from .._parameter import POSITIVE, RESTITUTION
 from ._asked import Asked, asked_of
 from ._checks import column
@@ -129,9 +131,9 @@ class LawChoice(ChoiceData):
 
         Raises ValueError for an unknown kind, and where its fit did not converge.
         """
-        if kind is None and self.best is None:
-            raise ValueError("No fit converged, so there is no best law; see `fits`.")
         chosen = self.best if kind is None else kind
+        if chosen is None:
+            raise ValueError("No fit converged, so there is no best law; see `fits`.")
         if chosen not in self.fits:
             known = ", ".join(map(repr, self.fits))
             raise ValueError(f"Argument `kind` must be one of {known}, but is {kind!r}.")

@@ -52,7 +52,7 @@ def _hints(cls: Any) -> dict[str, Any]:
 def _encoded(value: Any, hint: Any, where: str) -> Any:
     choices = _choices(hint)
     if types.NoneType in choices:
-        if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        if value is None:
             return None
         (hint,) = (choice for choice in choices if choice is not types.NoneType)
     origin, inner = typing.get_origin(hint), typing.get_args(hint)

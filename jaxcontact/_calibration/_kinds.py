@@ -77,9 +77,9 @@ class AbstractKind(abc.ABC):
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
         """What e(v) determines: parameter, name, factor to the parameter's value, and unit."""
 
-    def exponents(self) -> tuple[float, ...] | None:
-        """The contact exponents for which the curve is known; None for all."""
-        return None
+    def serves(self, exponent: float | Array) -> bool:
+        """Whether the curve is known for a contact with this exponent."""
+        return True
 
     def restitution(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
@@ -179,8 +179,14 @@ class ConstantC(AbstractKind):
     """A constant damping factor c: α = c v/K."""
 
     law: str = "constant_damping"
-    name = "constant c"
-    unidentified = "c and K one by one: e(v) determines only c/K, and nothing of m"
+
+    @property
+    def name(self) -> str:
+        return "constant c"
+
+    @property
+    def unidentified(self) -> str:
+        return "c and K one by one: e(v) determines only c/K, and nothing of m"
 
     @property
     def transforms(self) -> dict[str, AbstractTransform]:
@@ -211,7 +217,10 @@ class PowerOfSpeed(ConstantC):
     """A damping factor that goes as a power of the closing speed: α = c (v/v_r)^p v/K."""
 
     law: str = "power_damping"
-    name = "c as a power of v"
+
+    @property
+    def name(self) -> str:
+        return "c as a power of v"
 
     @property
     def transforms(self) -> dict[str, AbstractTransform]:
@@ -236,17 +245,22 @@ class Viscoelastic(AbstractKind):
     """Kuwabara and Kono's law for n = 3/2: e depends on A (K/m)^(2/5) v^(1/5)."""
 
     law: str = "kuwabara_kono"
-    name = "Kuwabara-Kono"
-    unidentified = "A, K and m one by one: e(v) determines only A (K/m)^(2/5)"
+
+    @property
+    def name(self) -> str:
+        return "Kuwabara-Kono"
+
+    @property
+    def unidentified(self) -> str:
+        return "A, K and m one by one: e(v) determines only A (K/m)^(2/5)"
 
     @property
     def transforms(self) -> dict[str, AbstractTransform]:
         """A > 0."""
         return {"A": Positive()}
 
-    def exponents(self) -> tuple[float, ...] | None:
-        """3/2."""
-        return (1.5,)
+    def serves(self, exponent: float | Array) -> bool:
+        return isinstance(exponent, float) and exponent == 1.5
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v^(1/5), capped where it is too much."""
@@ -318,12 +332,7 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
     deliver the constant e. Kinds that are not known for the exponent are left out. Raises
     ValueError for any other name.
     """
-    others = tuple(
-        kind
-        for kind in SPEED_DEPENDENT
-        if kind.exponents() is None
-        or (isinstance(exponent, float) and exponent in kind.exponents())
-    )
+    others = tuple(kind for kind in SPEED_DEPENDENT if kind.serves(exponent))
     if law == "all":
         return (ConstantE(), *others)
     for kind in others:

@@ -310,7 +310,15 @@ def _listener_of(progress: Any, most: int) -> Iterator[Tell | None]:
     if progress is False:
         yield None
     elif callable(progress):
-        yield lambda step, loss: progress(int(step), float(loss))
+
+        def pass_on(step: Any, loss: Any) -> None:
+            progress(int(step), float(loss))
+
+        yield pass_on
     else:
-        with progress_of(progress, "steps", "fit") as tell:
-            yield lambda step, loss: tell(int(step), most, f"loss {float(loss):.6g}")
+        with progress_of(progress, "steps", "fit") as bar:
+
+            def show(step: Any, loss: Any) -> None:
+                bar(int(step), most, f"loss {float(loss):.6g}")
+
+            yield show

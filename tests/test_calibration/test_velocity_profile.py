@@ -113,14 +113,13 @@ def test_what_no_power_describes_is_not_returned_as_good(v, squared):
     fit = jc.fit_velocity_profile(U, v, squared=squared)
     assert not fit.converged
     assert math.isnan(fit.beta) and math.isnan(fit.residual)
-    assert fit.reason == "the samples do not determine β"
+    assert "in ln beta is left" in fit.reason or "do not determine" in fit.reason
 
 
-def test_a_start_far_away_is_found_out_and_a_near_one_serves():
-    far = jc.fit_velocity_profile(U, samples(0.1), start=2.5)
-    assert not far.converged and math.isnan(far.beta)
-    near = jc.fit_velocity_profile(U, samples(0.1), start=0.2)
-    np.testing.assert_allclose(near.beta, 0.1, rtol=KNOWN)
+@pytest.mark.parametrize("start", [0.2, 2.5, 30.0])
+def test_a_start_far_away_serves(start):
+    fit = jc.fit_velocity_profile(U, samples(0.1), start=start)
+    np.testing.assert_allclose(fit.beta, 0.1, rtol=KNOWN)
 
 
 def test_double_precision_whatever_is_set():
