@@ -60,7 +60,8 @@ def _data(c: Calibration) -> list[str]:
         ),
     ]
     if p.unpaired:
-        lines.append(f"           {p.unpaired} intervals have no successor and make no pair")
+        rows = counted(p.unpaired, ("row makes", "rows make"))
+        lines += _wrap("", f"{rows} no pair: {p.layout.pair_rule}")
     lines += _wrap("Air drag", drag_sentence(c))
     lines += _wrap("Scatter", _scatter(c))
     return lines

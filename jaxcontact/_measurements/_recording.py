@@ -49,7 +49,7 @@ def read_recording(
 ) -> Recording:
     """Read the recording of one bouncing ball from a CSV file, a data frame, or arrays.
 
-    The columns tell the `layout`, unless it is named:
+    The `layout` follows from the columns, unless it is named:
 
     - "intervals": `ball`, `drop_height_m`, `trial`, `bounce`, `interval_s`, the time in s between
       impacts `bounce` and `bounce` + 1 of a trial;

@@ -25,7 +25,7 @@ class Sheet:
     """Named columns; `rows(wanted)` are their rows, with the wanted columns that there are.
 
     `source` and `header_row` (None where there is no header) are the places for messages;
-    `by_keyword` tells columns given by keyword.
+    `by_keyword` is true for columns given by keyword.
     """
 
     source: str
