@@ -75,5 +75,5 @@ class Heights(Layout[Rebound]):
     def guess(
         self, records: Sequence[tuple[Rebound, ...]], flagged: np.ndarray, e: float
     ) -> Mapping[int, str]:
-        """None: a height tells nothing about what went wrong with it."""
+        """Nothing: a height alone does not say what went wrong."""
         return {}

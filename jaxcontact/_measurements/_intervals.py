@@ -13,7 +13,7 @@ from ._layout import Layout, Paired, ReadingError, Record, span
 from ._rows import Row
 from ._triggers import trigger_fault
 
-_NEIGHBOURS = range(-2, 4)
+Group = tuple[str, float | None, str]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Interval(Record):
     seconds: float
 
     @property
-    def group(self) -> tuple[str, float | None, str]:
+    def group(self) -> Group:
         """What names the trial: intervals of one group with successive bounces make a pair."""
         return self.ball, self.drop_height, self.trial
 
@@ -61,8 +61,8 @@ class Intervals(Layout[Interval]):
     )
 
     def read(self, rows: Sequence[Row]) -> list[Interval]:
-        counts: collections.Counter[tuple[str, float | None, str]] = collections.Counter()
-        seen: dict[tuple[tuple[str, float | None, str], int], int] = {}
+        counts: collections.Counter[Group] = collections.Counter()
+        seen: dict[tuple[Group, int], int] = {}
         records = []
         for row in rows:
             record = Interval(
@@ -104,15 +104,15 @@ class Intervals(Layout[Interval]):
         # long, and the fit would be biased.
         expected = t1 * (np.median(t2 / t1) if len(t1) else 1.0)
         launch, slope = flight.evaluate(launch_speed, np.concatenate([t1, t2, expected]))
-        (first, second, _), (first_slope, _, launch_slope) = np.split(launch, 3), np.split(slope, 3)
-        landing, landing_slope = flight.evaluate(landing_speed, first)
+        (u1, u2, _), (slope1, _, expected_slope) = np.split(launch, 3), np.split(slope, 3)
+        landing, landing_slope = flight.evaluate(landing_speed, u1)
         # Three trigger times n₁, n₂, n₃ make two intervals. With independent errors of the
         # triggers, ln e = (n₃ - n₂) p - (n₂ - n₁) q, whose variance over σ² is 2 (p² + q² + p q).
-        p, q = launch_slope / expected, first_slope * landing_slope / t1
+        p, q = expected_slope / expected, slope1 * landing_slope / t1
         used = {record.row for couple in couples for record in couple}
         return Paired(
             velocity=landing,
-            restitution=second / landing,
+            restitution=u2 / landing,
             reading_factor=2 * (p**2 + q**2 + p * q),
             clusters=[first.trial_name for first, _ in couples],
             records=couples,
@@ -127,6 +127,6 @@ class Intervals(Layout[Interval]):
         guesses = {}
         for k in map(int, np.flatnonzero(flagged)):
             first = records[k][0]
-            near = [at.get((first.group, first.bounce + step)) for step in _NEIGHBOURS]
+            near = [at.get((first.group, first.bounce + step)) for step in range(-2, 4)]
             guesses[k] = trigger_fault(near, e)
         return guesses

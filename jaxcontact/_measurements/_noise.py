@@ -1,11 +1,11 @@
-"""Scatter of ln e: a relative part of the bounce itself and a reading error that is absolute.
+"""Scatter of ln e: a relative part from the bounce itself and an absolute reading error.
 
-A trigger is late or early by a time, a height is misread by a length: the shorter the flight, the
-more it matters. So
+A trigger is late by a time and a height is misread by a length, which matter more in short flights.
+So
 
     var(ln e) = s₀² + σ² q
 
-with q the `reading_factor` of the pair, s₀ dimensionless, and σ in s or m.
+with q the `reading_factor` of the pair, s₀ dimensionless, and σ in the unit of the reading.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ import numpy as np
 from .._flight import Floats
 
 ROBUST_DEGREES = 3.0
-"""Degrees of freedom of the Student distribution that stands in for contaminated scatter."""
+"""Degrees of freedom of the Student distribution that models scatter with outliers."""
 
 RELATIVE_FLOOR = 1e-5
-"""Least scatter of ln e: published intervals are rounded to 1e-6 s in 0.1 s."""
+"""Lower bound of the scatter of ln e: published intervals are rounded to 1e-6 s in 0.1 s."""
 
 _SHARES = np.linspace(0.0, 1.0, 41)
 _SCALE_STEPS = 200
@@ -31,7 +31,7 @@ _MAD_TO_SIGMA = 1.482602218505602  # 1/Φ⁻¹(3/4)
 
 @dataclasses.dataclass(frozen=True)
 class Noise:
-    """`relative` is s₀ (of e itself, dimensionless); `reading` is σ in s or m."""
+    """`relative` is s₀, dimensionless; `reading` is σ, in the unit of the reading (s or m)."""
 
     relative: float
     reading: float
@@ -49,10 +49,10 @@ def mad_sigma(values: Floats) -> float:
 def estimate_noise(residual: Floats, reading_factor: Floats, *, robust: bool) -> Noise:
     """The two scatters from residuals of ln e (n,) and their reading factors q (n,).
 
-    The share of the reading error is searched on a grid, the size by a fixed-point iteration, both
-    for the largest likelihood: Student's (3 degrees of freedom) with `robust`, whose size is then
-    set so that the median absolute standardised residual is that of a normal distribution;
-    otherwise the normal one. The size never falls below `RELATIVE_FLOOR`.
+    Both maximise a likelihood, over a grid of shares of the reading error and, for each, a size
+    found by fixed-point iteration. With `robust` the likelihood is Student's (3 degrees of
+    freedom), and the size is then set so that the median absolute standardised residual is that of
+    a normal distribution; otherwise it is normal. The size is at least `RELATIVE_FLOOR`.
     """
     mean_factor = float(np.mean(reading_factor))
     shares = _SHARES if mean_factor > 0 else np.zeros(1)

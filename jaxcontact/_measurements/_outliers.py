@@ -1,7 +1,7 @@
-"""Spurious and missed triggers: a robust rule finds them, and says what they may be.
+"""A robust rule that marks outliers, such as spurious and missed triggers.
 
-The rule knows nothing of e = 1. It takes ln e about a robust trend in speed, in units of its
-scatter at that interval (see `_noise`), and marks a pair beyond `THRESHOLD` of them.
+A pair is marked where ln e lies more than `THRESHOLD` standard deviations off a robust trend in
+speed; the standard deviation is that of its reading (see `_noise`). e > 1 alone marks nothing.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from ._pairs import Pairs
 Flags = NDArray[np.bool_]
 
 THRESHOLD = 6.0
-"""Marked beyond this many robust standard deviations. Real scatter has longer tails than the normal
-distribution: that of the shipped balls ends at 4.9 (blue) and 5.8 (pingpong, drag taken out), and
-the next deviations are 7.9 and 11.9."""
+"""Pairs beyond this many robust standard deviations are marked. Real scatter has longer tails than
+the normal distribution: that of the shipped balls ends at 4.9 (blue) and 5.8 (pingpong, drag taken
+out), and the next deviations are 7.9 and 11.9."""
 
 _LINE_POINTS = 10
 _ROUNDS = 20
@@ -29,7 +29,7 @@ _LARGEST_FOR_ALL_SLOPES = 400
 
 @dataclasses.dataclass(frozen=True)
 class Trend:
-    """A robust trend of ln e: `level` + `slope` · x, with x nothing, speed, or its logarithm."""
+    """A robust trend of ln e: `level` + `slope` · x; x is the speed, its logarithm, or absent."""
 
     kind: str
     level: float
@@ -44,11 +44,10 @@ class Trend:
 
 @dataclasses.dataclass(frozen=True)
 class Outliers:
-    """What the rule found among n pairs.
+    """Which of n pairs are marked, and why.
 
-    `flagged` (n,) bool; `deviation` (n,) in robust standard deviations, positive for a ratio that
-    is too large; `guess` names for each flagged pair what may have happened; `trend` and `noise`
-    are what it was measured against.
+    `flagged` (n,) bool; `deviation` (n,) from `trend` in standard deviations of `noise`, positive
+    for a ratio that is too large; `guess`, for each flagged pair, what may have happened.
     """
 
     flagged: Flags
@@ -63,12 +62,12 @@ def find_outliers(pairs: Pairs) -> Outliers:
 
     The trend (constant, or a Theil-Sen line in speed or in its logarithm, whichever leaves the
     least scatter) and the noise are estimated, pairs marked, and both estimated again from the
-    rest, until the marks stay the same.
+    unmarked pairs, until the marks stay the same.
     """
     y = np.log(pairs.restitution)
     keep = np.ones(len(pairs), dtype=bool)
-    # The first round has all the outliers in it and so rests on the median alone, where half the
-    # pairs may be wrong; slopes come in when the gross ones are out.
+    # The first round includes all outliers and so uses the median alone, which holds while fewer
+    # than half the pairs are wrong; later rounds, without the gross ones, fit slopes too.
     trend = Trend("constant", float(np.median(y)), 0.0)
     deviation = np.zeros(len(pairs))
     noise = Noise(0.0, 0.0)
@@ -80,7 +79,7 @@ def find_outliers(pairs: Pairs) -> Outliers:
         noise = estimate_noise(residual[keep], pairs.reading_factor[keep], robust=True)
         deviation = residual / noise.sigma(pairs.reading_factor)
         new = np.abs(deviation) <= THRESHOLD
-        # The rule may swing between two sets; the second visit to one of them ends it.
+        # The marks may alternate between two sets: stop when a set comes up again.
         if round_number and new.tobytes() in seen:
             keep = new
             break

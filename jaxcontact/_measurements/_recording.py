@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, TextIO
 
 from ._layout import LAYOUTS, Layout, Record
-from ._rows import RecordingError
 from ._sources import Sheet, sheet_of
 
 _SHIPPED_BALL = "blue"
@@ -50,7 +49,7 @@ def read_recording(
 ) -> Recording:
     """Read the recording of one bouncing ball from a CSV file, a data frame, or arrays.
 
-    The columns tell the `layout`, unless it is named:
+    The `layout` follows from the columns, unless it is named:
 
     - "intervals": `ball`, `drop_height_m`, `trial`, `bounce`, `interval_s`, the time in s between
       impacts `bounce` and `bounce` + 1 of a trial;
@@ -66,7 +65,7 @@ def read_recording(
     trial whose bounces are counted in order.
 
     `ball` chooses a ball by its name, which is necessary where there are several (from the shipped
-    data, "blue" is chosen). A sequence of names is the column `ball`.
+    data, "blue" is chosen). A sequence of names is the column `ball`, given by keyword.
 
     Returns a `Recording`. Raises RecordingError, which names source, row and column, for a file
     that cannot be read, a column that is missing, there twice, not one-dimensional or of another
@@ -78,8 +77,7 @@ def read_recording(
     if layout is not None and layout not in LAYOUTS:
         choices = ", ".join(map(repr, LAYOUTS))
         raise ValueError(f"Argument `layout` must be one of {choices}, but is {layout!r}.")
-    by_keyword = bool(columns) or not (ball is None or isinstance(ball, str))
-    if by_keyword and not (ball is None or isinstance(ball, str)):
+    if not (ball is None or isinstance(ball, str)):
         if source is not None:
             raise ValueError(
                 f"Argument `ball` must be the name of one ball in `source`, but is {ball!r}."
@@ -90,84 +88,66 @@ def read_recording(
         if name not in known:
             raise ValueError(f"Argument `{name}` is no known column; these are {', '.join(known)}.")
     sheet = sheet_of(source, columns)
-    if source is None and not by_keyword and ball is None:
+    if source is None and not columns and ball is None:
         ball = _SHIPPED_BALL
-    meant = _layout_of(sheet, layout, by_keyword)
+    meant = _layout_of(sheet, layout)
     rows = sheet.rows((*meant.columns, *meant.optional))
     if not rows:
-        raise RecordingError(
-            f"holds {'columns' if sheet.header_row is None else 'a header'} but no measurement",
-            source=sheet.source,
-            row=sheet.header_row,
-            column=meant.columns[-1],
-        )
-    return _of_ball(meant.read(rows), ball, meant, sheet, by_keyword)
+        what = "columns" if sheet.header_row is None else "a header"
+        raise sheet.fault(f"holds {what} but no measurement", meant.columns[-1])
+    return _of_ball(meant.read(rows), ball, meant, sheet)
 
 
-def _layout_of(sheet: Sheet, name: str | None, by_keyword: bool) -> Layout[Any]:
-    names = sheet.names
-
-    def refuse(problem: str, column: str | None) -> RecordingError:
-        return RecordingError(problem, source=sheet.source, row=sheet.header_row, column=column)
-
+def _layout_of(sheet: Sheet, name: str | None) -> Layout[Any]:
+    names, layouts = sheet.names, list(LAYOUTS.values())
     for column in names:
         if column and names.count(column) > 1:
-            raise refuse("is there twice in the header", column)
-    if name is None and not any(c in names for one in LAYOUTS.values() for c in one.columns):
-        choices = "; ".join(", ".join(one.columns) for one in LAYOUTS.values())
+            raise sheet.fault("is there twice in the header", column)
+    if name is None and not any(c in names for one in layouts for c in one.columns):
+        choices = "; ".join(", ".join(one.columns) for one in layouts)
         first = (names[0] or "1") if names else None
-        raise refuse(f"no known column; one of these sets is needed: {choices}", first)
-    meant = _meant(names, by_keyword) if name is None else LAYOUTS[name]
-    needed = meant.measured if by_keyword else meant.columns
-    for column in needed:
-        if column not in names:
-            raise refuse(f"is missing; {meant.name} need the columns {', '.join(needed)}", column)
-    return meant
+        raise sheet.fault(f"no known column; one of these sets is needed: {choices}", first)
 
+    def missing(layout: Layout[Any]) -> list[str]:
+        needed = layout.measured if sheet.by_keyword else layout.columns
+        return [column for column in needed if column not in names]
 
-def _meant(names: Sequence[str], by_keyword: bool) -> Layout[Any]:
-    """The layout that lacks least, of those with a column that no other layout has.
-
-    What it lacks is then named, rather than all columns of all layouts.
-    """
-    layouts = list(LAYOUTS.values())
+    def lacks(layout: Layout[Any]) -> tuple[int, int]:
+        return len(missing(layout)), sum(column not in names for column in layout.columns)
 
     def owns(layout: Layout[Any]) -> bool:
         others = {c for one in layouts if one is not layout for c in one.columns}
         return any(c in names and c not in others for c in layout.columns)
 
-    def lacks(layout: Layout[Any]) -> tuple[int, int]:
-        needed = layout.measured if by_keyword else layout.columns
-        return sum(c not in names for c in needed), sum(c not in names for c in layout.columns)
-
-    return min([one for one in layouts if owns(one)] or layouts, key=lacks)
+    # The layout that lacks least, of those with a column that no other layout has, is meant. What
+    # it lacks is then named, rather than all columns of all layouts.
+    if name is None:
+        meant = min([one for one in layouts if owns(one)] or layouts, key=lacks)
+    else:
+        meant = LAYOUTS[name]
+    for column in missing(meant):
+        needed = ", ".join(meant.measured if sheet.by_keyword else meant.columns)
+        raise sheet.fault(
+            f"is missing; the layout {meant.name!r} needs the columns {needed}", column
+        )
+    return meant
 
 
 def _of_ball(
-    records: Sequence[Record],
-    ball: str | None,
-    layout: Layout[Any],
-    sheet: Sheet,
-    by_keyword: bool,
+    records: Sequence[Record], ball: str | None, layout: Layout[Any], sheet: Sheet
 ) -> Recording:
     balls = list(dict.fromkeys(record.ball for record in records))
     named = ", ".join(name for name in balls if name)
     if ball is None and len(balls) > 1:
         # By keyword, `ball` is the column.
-        how = "give the columns as a dict and " if by_keyword else ""
-        raise RecordingError(
+        how = "give the columns as a dict and " if sheet.by_keyword else ""
+        raise sheet.fault(
             f"holds several balls ({named}); {how}choose one with `ball=`, as in ball={balls[0]!r}",
-            source=sheet.source,
-            row=next(record.row for record in records if record.ball != balls[0]),
-            column="ball",
+            "ball",
+            next(record.row for record in records if record.ball != balls[0]),
         )
     if ball is not None and ball not in balls:
-        raise RecordingError(
-            f"has no ball {ball!r}; it holds {named or 'no named ball'}",
-            source=sheet.source,
-            row=sheet.header_row,
-            column="ball",
-        )
+        raise sheet.fault(f"has no ball {ball!r}; it holds {named or 'no named ball'}", "ball")
     ball = balls[0] if ball is None else ball
     mine = tuple(record for record in records if record.ball == ball)
     return Recording(sheet.source, layout, ball, mine)

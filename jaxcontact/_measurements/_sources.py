@@ -24,13 +24,20 @@ SHIPPED = f"{_SHIPPED_FILE} (shipped with the package)"
 class Sheet:
     """Named columns; `rows(wanted)` are their rows, with the wanted columns that there are.
 
-    `source` and `header_row` (None where there is no header) are the places for messages.
+    `source` and `header_row` (None where there is no header) are the places for messages;
+    `by_keyword` is true for columns given by keyword.
     """
 
     source: str
     names: Sequence[str]
     header_row: int | None
     rows: Callable[[Sequence[str]], list[Row]]
+    by_keyword: bool = False
+
+    def fault(self, problem: str, column: str | None, row: int | None = None) -> RecordingError:
+        """The error for a fault in a row, in the header if none is given."""
+        row = self.header_row if row is None else row
+        return RecordingError(problem, source=self.source, row=row, column=column)
 
 
 def sheet_of(source: Any, columns: Mapping[str, Any]) -> Sheet:
@@ -41,7 +48,8 @@ def sheet_of(source: Any, columns: Mapping[str, Any]) -> Sheet:
                 "Argument `source` must be None where columns are given by keyword, but is "
                 f"{type(source).__name__!r}."
             )
-        return _from_columns("the columns given", list(columns), columns)
+        sheet = _from_columns("the columns given", list(columns), columns)
+        return dataclasses.replace(sheet, by_keyword=True)
     if source is None:
         resource = importlib.resources.files("jaxcontact.data") / _SHIPPED_FILE
         return _from_text(resource.read_text(encoding="utf-8"), SHIPPED)

@@ -64,5 +64,5 @@ class Table(Layout[Point]):
     def guess(
         self, records: Sequence[tuple[Point, ...]], flagged: np.ndarray, e: float
     ) -> Mapping[int, str]:
-        """None: a ratio tells nothing about what went wrong with it."""
+        """Nothing: a ratio alone does not say what went wrong."""
         return {}

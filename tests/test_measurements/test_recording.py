@@ -104,7 +104,9 @@ def test_the_layout_may_be_named():
     recording = jc.read_recording(both, layout="table")
     assert recording.layout.name == "table" and recording.ball == "a"
     error = fault(jc.read_recording, opened(TABLE), layout="heights")
-    assert str(error).startswith(place("f.csv", 1, "ball") + "is missing; heights need")
+    assert str(error).startswith(
+        place("f.csv", 1, "ball") + "is missing; the layout 'heights' needs"
+    )
 
 
 CASES = [(name, column) for name, layout in LAYOUTS.items() for column in layout.columns]
@@ -117,7 +119,8 @@ def test_a_missing_column_is_named(layout, column):
     text = "\n".join(
         ",".join(map(str, line)) for line in (columns, *zip(*columns.values(), strict=True))
     )
-    needed = f"is missing; {layout} need the columns {', '.join(LAYOUTS[layout].columns)}"
+    needed = f"is missing; the layout {layout!r} needs the columns "
+    needed += ", ".join(LAYOUTS[layout].columns)
     assert str(fault(read, text)) == place("f.csv", 1, column) + needed
     error = fault(jc.read_recording, columns)
     assert str(error) == place("the dict", None, column) + needed
@@ -209,7 +212,10 @@ BAD_COLUMNS = [
     ({"velocity": 1.0, "restitution": 0.9}, "velocity: must be one-dimensional, but has the"),
     ({"velocity": [], "restitution": []}, "restitution: holds columns but no measurement"),
     ({"interval_s": ROW, "bounce": [1, 1]}, "bounce: bounce 1 of this trial is in row 1 already"),
-    ({"drop_height_m": ROW}, "rebound_height_m: is missing; heights need the columns drop_height"),
+    (
+        {"drop_height_m": ROW},
+        "rebound_height_m: is missing; the layout 'heights' needs the columns drop_height",
+    ),
     (
         {"velocity": ROW, "restitution": ROW, "ball": ["a", "b"]},
         "ball: holds several balls (a, b); give the columns as a dict and choose one with `ball=`",
