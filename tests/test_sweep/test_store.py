@@ -176,7 +176,7 @@ def test_what_is_no_store_is_refused(tmp_path):
     (tmp_path / "folder" / "thesis.txt").write_text("not to be lost")
     zarr.create_group(tmp_path / "other.zarr", zarr_format=3)
     for name in ("file", "folder", "other.zarr"):
-        with pytest.raises(ValueError, match=f"Argument `store` must .*{name} is something else"):
+        with pytest.raises(ValueError, match=f"Argument `store` must .*{name} is neither"):
             opened(tmp_path / name)
     assert (tmp_path / "folder" / "thesis.txt").read_text() == "not to be lost"
 
