@@ -1,4 +1,4 @@
-"""Executes every notebook of a folder afresh; the committed ones must show their outputs."""
+"""Executes notebooks afresh; the committed ones must show their outputs."""
 
 import sys
 import time
@@ -39,11 +39,7 @@ def complaint(path: Path) -> str | None:
     return None
 
 
-def main(folder: Path) -> int:
-    paths = sorted(folder.glob("*.ipynb"))
-    if not paths:
-        print(f"no notebooks in {folder}")
-        return 1
+def main(paths: list[Path]) -> int:
     bad = 0
     for path in paths:
         start = time.perf_counter()
@@ -54,4 +50,4 @@ def main(folder: Path) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1])))
+    sys.exit(main([Path(x) for x in sys.argv[1:]]))

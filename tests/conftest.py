@@ -1,12 +1,22 @@
 """What holds for every test: double precision, strict arrays, repeatable examples, no windows."""
 
+import atexit
 import os
+import shutil
+import tempfile
 
 # Before matplotlib is imported by anything: no display is needed or touched.
 os.environ.setdefault("MPLBACKEND", "Agg")
-# The suite must compile what it tests. A cache on disk would hide a change of XLA and outlive a
-# run.
-os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "false"
+# One compilation cache for the run, shared by its workers and by the programs that tests start: the
+# variable tells them where. It is made fresh and removed, since one that outlives a run would hide
+# a change of XLA.
+if "JAXCONTACT_TEST_CACHE" not in os.environ:
+    os.environ["JAXCONTACT_TEST_CACHE"] = tempfile.mkdtemp(prefix="jaxcontact-tests-")
+    atexit.register(shutil.rmtree, os.environ["JAXCONTACT_TEST_CACHE"], ignore_errors=True)
+os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ["JAXCONTACT_TEST_CACHE"]
+os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "true"
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
 
 import jax
 import pytest

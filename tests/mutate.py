@@ -1,0 +1,565 @@
+"""Plants faults in the package, one at a time, and records which of them make a test fail.
+
+    python tests/mutate.py             runs what has no result yet: stop it and start it as you like
+    python tests/mutate.py --table     writes tests/mutations.md from the results
+
+The faults are drawn once, by seed, over all rooms in proportion to their lines and evenly over five
+kinds. None is exchanged afterwards; one that changes no behaviour counts as a survivor and is
+explained in `REASONS`. Each is planted in a copy of the tree, where the tests of its room run first
+and those of the rooms that import it next, up to the first failure. The copies share a compilation
+cache, which lasts as long as the run. Results are kept in build/mutations; a survivor is run again
+after the tests have changed, everything after the package has changed.
+
+The known tools do not fit: mutmut imports once and forks for every fault, which JAX's threads do
+not survive, and wraps each function in another, which changes what is traced; cosmic-ray has one
+test command for all faults and draws no sample over rooms.
+"""
+
+import argparse
+import ast
+import contextlib
+import copy
+import hashlib
+import importlib.util
+import json
+import os
+import queue
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+import xml.etree.ElementTree as ElementTree
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, TypeGuard
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = "jaxcontact"
+STATE = ROOT / "build" / "mutations"
+TABLE = ROOT / "tests" / "mutations.md"
+KINDS = ("sign", "constant", "condition", "swapped argument", "dropped check")
+
+# Why a survivor is no gap in the tests, by its change as the table lists it.
+REASONS: dict[str, str] = {}
+
+_OPPOSITE: dict[type, type] = {
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
+    ast.Lt: ast.GtE,
+    ast.GtE: ast.Lt,
+    ast.Gt: ast.LtE,
+    ast.LtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+}
+# Numbers that set how a figure looks or where a warning points: a test of them would repeat them.
+_LOOKS = set(
+    "bbox_to_anchor dpi figsize fontsize linewidth lw markersize ncols stacklevel zorder".split()
+)
+_COMMUTES = set(
+    "add multiply maximum minimum max min hypot logical_and logical_or logical_xor equal not_equal "
+    "isclose allclose array_equal broadcast_arrays broadcast_shapes result_type promote_types "
+    "gcd union intersection print".split()
+)
+_SEQUENCE = ast.Constant | ast.JoinedStr | ast.List | ast.Tuple | ast.ListComp
+_SCOPE = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One change of one expression: its characters from `start` to `end` become `text`."""
+
+    path: str
+    line: int
+    scope: str
+    kind: str
+    old: str
+    new: str
+    start: int
+    end: int
+    text: str
+
+    @property
+    def room(self) -> str:
+        return room_of(self.path)
+
+    @property
+    def change(self) -> str:
+        return f"{self.path}, {self.scope or 'module'}: {self.old} → {self.new}"
+
+    @property
+    def key(self) -> str:
+        return f"{self.path}:{self.line}:{self.start} {self.kind}: {self.old} → {self.new}"
+
+
+def room_of(path: str) -> str:
+    """The room that a file of the package belongs to: its folder, or itself."""
+    return Path(path).parts[1].removesuffix(".py")
+
+
+def _is_number(node: ast.AST) -> TypeGuard[ast.Constant]:
+    return isinstance(node, ast.Constant) and type(node.value) in (int, float)
+
+
+def _other_number(x: Any) -> float:
+    """A tenth off, or a thousandfold where only the order matters, as in a tolerance."""
+    if isinstance(x, int):
+        return x + 1 if abs(x) < 16 else x // 10
+    if x == 0:
+        return 1.0
+    factor = 1.1 if 1e-3 < abs(x) < 1e3 else 1e3 if abs(x) <= 1e-3 else 1e-3
+    return float(f"{x * factor:.12g}")
+
+
+def _called(node: ast.Call) -> str:
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
+
+
+def _changed(node: ast.expr, **fields: object) -> ast.expr:
+    new = copy.copy(node)
+    for name, value in fields.items():
+        setattr(new, name, value)
+    return new
+
+
+def _faults_at(node: ast.AST) -> Iterator[tuple[str, ast.expr, ast.expr]]:
+    """The kind, the expression and what it becomes, of each fault that a node allows."""
+    match node:
+        case ast.BinOp(left=a, op=ast.Add() | ast.Sub(), right=b) if not (
+            (isinstance(a, _SEQUENCE) and not _is_number(a))
+            or (isinstance(b, _SEQUENCE) and not _is_number(b))
+        ):
+            yield "sign", node, _changed(node, op=_OPPOSITE[type(node.op)]())
+        case ast.UnaryOp(op=ast.USub()):
+            yield "sign", node, _changed(node, op=ast.UAdd())
+        case ast.Constant() if _is_number(node):
+            yield "constant", node, ast.Constant(_other_number(node.value))
+        case ast.Compare():
+            for i, op in enumerate(node.ops):
+                ops = [*node.ops[:i], _OPPOSITE[type(op)](), *node.ops[i + 1 :]]
+                yield "condition", node, _changed(node, ops=ops)
+        case ast.BoolOp():
+            yield "condition", node, _changed(node, op=_OPPOSITE[type(node.op)]())
+        case ast.If() | ast.IfExp():
+            if not (isinstance(node.test, ast.Compare) and len(node.test.ops) == 1):  # done above
+                yield "condition", node.test, ast.UnaryOp(ast.Not(), node.test)
+            if isinstance(node, ast.If) and isinstance(node.body[-1], ast.Raise):
+                yield "dropped check", node.test, ast.Constant(False)
+        case ast.Call(args=args) if _called(node) not in _COMMUTES:
+            for i, (a, b) in enumerate(pairwise(args)):
+                starred = isinstance(a, ast.Starred) or isinstance(b, ast.Starred)
+                if not starred and ast.dump(a) != ast.dump(b):
+                    swapped = [*args[:i], b, a, *args[i + 2 :]]
+                    yield "swapped argument", node, _changed(node, args=swapped)
+
+
+def _children(node: ast.AST) -> Iterator[ast.AST]:
+    """The parts of a node that run, without f-strings: Python 3.11 misplaces what is inside."""
+    if isinstance(node, ast.Assert | ast.JoinedStr) or (
+        (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test))
+        or (isinstance(node, ast.keyword) and node.arg in _LOOKS)
+    ):
+        return
+    for name, value in ast.iter_fields(node):
+        if name not in ("annotation", "returns"):
+            some = value if isinstance(value, list) else [value]
+            yield from (x for x in some if isinstance(x, ast.AST))
+
+
+def _walk(node: ast.AST, scope: str = "") -> Iterator[tuple[ast.AST, str]]:
+    children = list(_children(node))
+    if children or not isinstance(node, ast.If):
+        yield node, scope
+    inner = f"{scope}.{node.name}".lstrip(".") if isinstance(node, _SCOPE) else scope
+    for child in children:
+        yield from _walk(child, inner)
+
+
+def faults(path: str, source: str) -> list[Fault]:
+    """All faults that can be planted in a file, in the order of the source."""
+    lines = source.splitlines(keepends=True)
+    begins = [0]
+    for line in lines:
+        begins.append(begins[-1] + len(line))
+
+    def at(line: int, column: int) -> int:  # ast counts bytes
+        return begins[line - 1] + len(lines[line - 1].encode()[:column].decode())
+
+    found = []
+    for node, scope in _walk(ast.parse(source)):
+        for kind, expression, new in _faults_at(node):
+            start = at(expression.lineno, expression.col_offset)
+            end = at(expression.end_lineno or 0, expression.end_col_offset or 0)
+            # The lines below keep their numbers.
+            text = f"({ast.unparse(new)}{chr(10) * source[start:end].count(chr(10))})"
+            old, told = ast.unparse(expression), ast.unparse(new)
+            found.append(Fault(path, expression.lineno, scope, kind, old, told, start, end, text))
+    return sorted(found, key=lambda x: (x.start, x.end, x.kind, x.new))
+
+
+def plant(source: str, fault: Fault) -> str:
+    """The source with a fault in it."""
+    return source[: fault.start] + fault.text + source[fault.end :]
+
+
+def sample(sources: dict[str, str], count: int, seed: int) -> list[Fault]:
+    """Faults over all rooms: two a room, the others by the rooms' lines; all kinds as often."""
+    chance = random.Random(seed)
+    pool, size = defaultdict(list), Counter()
+    for path in sorted(sources):
+        if found := faults(path, sources[path]):
+            pool[room_of(path)] += found
+            size[room_of(path)] += sources[path].count("\n")
+    share = {room: min(2, len(pool[room])) for room in pool}
+    while sum(share.values()) < count:
+        free = [room for room in pool if share[room] < len(pool[room])]
+        share[max(free, key=lambda room: size[room] / share[room])] += 1
+    drawn, used = [], Counter()
+    for room in chance.sample(sorted(pool), len(pool)):
+        for _ in range(share[room]):
+            kinds = [kind for kind in KINDS if any(x.kind == kind for x in pool[room])]
+            kind = min(chance.sample(kinds, len(kinds)), key=lambda x: used[x])
+            fault = chance.choice([x for x in pool[room] if x.kind == kind])
+            pool[room].remove(fault)
+            used[fault.kind] += 1
+            drawn.append(fault)
+    return drawn
+
+
+def importers(sources: dict[str, str]) -> dict[str, set[str]]:
+    """The rooms that import a room, directly or through others."""
+    rooms, direct = {room_of(path) for path in sources}, defaultdict(set)
+    for path, source in sources.items():
+        depth = len(Path(path).parts) - 1  # of packages around the file
+        for node in ast.walk(ast.parse(source)):
+            names: list[str] = []
+            if isinstance(node, ast.ImportFrom) and node.level == depth:
+                names = [node.module] if node.module else [x.name for x in node.names]
+            for name in names:
+                if (room := name.split(".")[0]) in rooms - {room_of(path)}:
+                    direct[room].add(room_of(path))
+    above = {}
+    for room in rooms:
+        reached, new = set(), {room}
+        while new:
+            new = set().union(*(direct[x] for x in new)) - reached
+            reached |= new
+        above[room] = reached - {room}
+    return above
+
+
+def room_of_test(path: str, rooms: Iterable[str]) -> str:
+    """The room that a test file is named after; "" for those of the whole house."""
+    name = Path(path).parts[1].removesuffix(".py").removeprefix("test_")
+    fits = [x for x in rooms if f"{name}_".startswith(f"{x.strip('_')}_") and x.strip("_")]
+    return max(fits, key=len, default="")
+
+
+def stages(
+    fault: Fault,
+    sources: dict[str, str],
+    above: dict[str, set[str]],
+    tests: dict[str, str],
+    seconds: Mapping[str, float],
+) -> tuple[list[str], list[str]]:
+    """The test files of the fault's room, and of the rooms above it; the likely and quick first."""
+    defined = {x.name for x in ast.walk(ast.parse(sources[fault.path])) if isinstance(x, _SCOPE)}
+    words = {path: set(re.findall(r"\w+", text)) for path, text in tests.items()}
+
+    def order(path: str) -> tuple[bool, bool, float]:
+        named = not words[path].isdisjoint(fault.scope.split("."))
+        return not named, words[path].isdisjoint(defined), seconds.get(path, 0.0)
+
+    home = {x: room_of_test(x, above) for x in tests if Path(x).name.startswith("test_")}
+    own = [x for x in home if home[x] == fault.room]
+    others = [
+        x for x in home if home[x] in above[fault.room] or (not home[x] and PACKAGE in words[x])
+    ]
+    return sorted(own, key=order), sorted(others, key=order)
+
+
+def read(root: Path, folder: str, pattern: str = "*.py") -> dict[str, str]:
+    """The texts of the files below a folder, by path."""
+    paths = sorted(x for x in (root / folder).rglob(pattern) if "__pycache__" not in x.parts)
+    return {x.relative_to(root).as_posix(): x.read_text(encoding="utf-8") for x in paths}
+
+
+def digest(texts: dict[str, str]) -> str:
+    return hashlib.sha256(json.dumps(texts, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def tree(target: Path) -> Path:
+    """A copy of the tree: what git tracks, and what it would."""
+    shutil.rmtree(target, ignore_errors=True)
+    command = ["git", "-C", str(ROOT), "ls-files", "-zco", "--exclude-standard"]
+    for name in subprocess.run(command, check=True, capture_output=True, text=True).stdout.split(
+        "\0"
+    ):
+        if name and (ROOT / name).is_file():
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ROOT / name, target / name)
+    return target
+
+
+class Pytest:
+    """Runs pytest in copies of the tree; setting `stop` ends all runs."""
+
+    def __init__(self, state: Path, stall: float):
+        self.state, self.stall, self.stop = state, stall, threading.Event()
+
+    def __call__(self, where: Path, *arguments: str) -> tuple[int | None, str]:
+        """The exit status, None where no test ended for `stall` seconds, and what was printed."""
+        log, temporary = where.with_suffix(".log"), where.with_suffix(".tmp")
+        temporary.mkdir(parents=True, exist_ok=True)
+        environment = os.environ | {
+            "PYTHONPATH": str(where),
+            "TMPDIR": str(temporary),
+            "JAXCONTACT_TEST_CACHE": str(self.state / "cache"),
+        }
+        command = [sys.executable, "-u", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=no"]
+        with open(log, "wb") as out:
+            process = subprocess.Popen(
+                [*command, *arguments],
+                cwd=where,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+            size, since = 0, time.monotonic()
+            try:
+                while process.poll() is None and not self.stop.wait(0.2):
+                    if log.stat().st_size != size:
+                        size, since = log.stat().st_size, time.monotonic()
+                    if time.monotonic() - since > self.stall:
+                        break
+                status = process.poll()
+            finally:
+                with contextlib.suppress(ProcessLookupError):
+                    os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+                shutil.rmtree(temporary, ignore_errors=True)
+        return status, log.read_text(encoding="utf-8", errors="replace")
+
+
+def trial(
+    fault: Fault, where: Path, files: Iterable[list[str]], pytest: Pytest
+) -> tuple[str, str] | None:
+    """Plants a fault, runs the tests stage by stage and takes the fault out: outcome and test."""
+    path = where / fault.path
+    source = path.read_text(encoding="utf-8")
+
+    def write(text: str) -> None:
+        path.write_text(text, encoding="utf-8")
+        # Python takes old byte code for fresh when the source has the same second and size.
+        Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
+
+    write(plant(source, fault))
+    try:
+        for stage in filter(None, files):
+            status, printed = pytest(where, "-x", *stage)
+            if pytest.stop.is_set():
+                return None
+            if status is None:
+                return "killed", f"no test ended for {pytest.stall:.0f} s"
+            if status not in (0, 5):  # 5: nothing to run in these files
+                failed = re.search(r"^(?:FAILED|ERROR) (.+?)(?: - |$)", printed, re.MULTILINE)
+                return "killed", failed[1] if failed else printed.strip().splitlines()[-1]
+        return "survived", ""
+    finally:
+        write(source)
+
+
+def run(
+    drawn: list[Fault],
+    results: Path,
+    marks: dict[str, str],
+    jobs: int,
+    one: Callable[[Fault, int], tuple[str, str] | None],
+    stop: threading.Event,
+) -> None:
+    """Runs the faults that have no result and writes each result as it comes.
+
+    `one` runs a fault in a numbered tree, and gives None when it was stopped.
+    """
+    done = known(results, marks)
+    trees: queue.Queue[int] = queue.Queue()
+    for number in range(jobs):
+        trees.put(number)
+    lock = threading.Lock()
+
+    def work(fault: Fault) -> None:
+        number, start = trees.get(), time.monotonic()
+        try:
+            ended = one(fault, number)
+        finally:
+            trees.put(number)
+        if ended is None:
+            return
+        seconds = round(time.monotonic() - start, 1)
+        told = {"key": fault.key, "outcome": ended[0], "test": ended[1], "seconds": seconds}
+        with lock:
+            with open(results, "a", encoding="utf-8") as out:
+                out.write(json.dumps(marks | told) + "\n")
+            done[fault.key] = told
+            count = sum(x.key in done for x in drawn)
+            print(f"{count}/{len(drawn)} {' '.join(ended)} in {seconds} s: {fault.key}", flush=True)
+
+    with ThreadPoolExecutor(jobs) as pool:
+        futures = [pool.submit(work, x) for x in drawn if x.key not in done]
+        try:
+            for future in futures:
+                future.result()
+        except BaseException:
+            stop.set()
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def known(results: Path, marks: dict[str, str]) -> dict[str, dict[str, Any]]:
+    """The results that still hold, by the key of the fault.
+
+    All hold while the package is the same, those of survivors while the tests are, too.
+    """
+    lines = results.read_text(encoding="utf-8").splitlines() if results.exists() else []
+    found = {}
+    for x in (json.loads(line) for line in lines if line.endswith("}")):
+        same_tests = x["tests"] == marks["tests"]
+        if x["package"] == marks["package"] and (x["outcome"] == "killed" or same_tests):
+            found[x["key"]] = x
+    return found
+
+
+def baseline(state: Path, marks: dict[str, str], jobs: int) -> dict[str, float]:
+    """Seconds of each test without a fault; stops where one fails, and fills the cache."""
+    kept = state / "baseline.json"
+    if kept.exists() and (held := json.loads(kept.read_text()))["marks"] == marks:
+        return held["seconds"]
+    print("all tests without a fault", flush=True)
+    report = state / "baseline.xml"
+    status, printed = Pytest(state, 1800.0)(
+        tree(state / "tree0"), f"-n{jobs}", f"--junitxml={report}", "-o", "junit_family=xunit1"
+    )
+    if status != 0:
+        sys.exit(f"The tests fail without a fault:\n{printed[-3000:]}")
+    seconds = {
+        f"{x.get('file')}::{x.get('name')}": float(x.get("time", 0))
+        for x in ElementTree.parse(report).iter("testcase")
+    }
+    kept.write_text(json.dumps({"marks": marks, "seconds": seconds}))
+    return seconds
+
+
+def _cell(text: str, most: int = 90) -> str:
+    text = " ".join(text.split()).replace("|", "\\|")
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def table(drawn: list[Fault], done: dict[str, dict[str, Any]], minutes: float) -> str:
+    """The results as Markdown: counts, all faults, and why the survivors survive."""
+    rows = sorted(
+        ((x, done.get(x.key, {"outcome": "not run", "test": "", "seconds": 0})) for x in drawn),
+        key=lambda row: (row[0].path, row[0].line),
+    )
+    counts = Counter((fault.kind, x["outcome"]) for fault, x in rows)
+    total = Counter(x["outcome"] for _, x in rows)
+    lines = [
+        "# Do the tests fail when the package is wrong?",
+        "",
+        f"{len(rows)} faults, drawn over all rooms by `python tests/mutate.py`, none exchanged: "
+        f"{', '.join(f'{n} {outcome}' for outcome, n in total.most_common())}; "
+        f"{minutes:.0f} minutes in all.",
+        "",
+        "| kind | killed | survived |",
+        "|---|---|---|",
+        *(f"| {x} | {counts[x, 'killed']} | {counts[x, 'survived']} |" for x in KINDS),
+        "",
+        "| room | line | fault | kind | killed by | s |",
+        "|---|---|---|---|---|---|",
+    ]
+    for fault, x in rows:
+        by = f"`{_cell(x['test'], 140)}`" if x["outcome"] == "killed" else f"**{x['outcome']}**"
+        change = f"`{_cell(fault.old)}` → `{_cell(fault.new)}`"
+        where = f"{fault.path.removeprefix(PACKAGE + '/')}:{fault.line}"
+        lines.append(
+            f"| {fault.room} | {where} | {change} | {fault.kind} | {by} | {x['seconds']:.0f} |"
+        )
+    survivors = [x for x in drawn if done.get(x.key, {}).get("outcome") == "survived"]
+    if survivors:
+        lines += ["", "## Survivors", ""]
+    for x in survivors:
+        lines.append(f"- `{_cell(x.change, 200)}`: {REASONS.get(x.change, 'no test fails yet')}")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--count", type=int, default=60, help="faults in all (60)")
+    parser.add_argument("--seed", type=int, default=0, help="of the draw (0)")
+    parser.add_argument("--jobs", type=int, default=2, help="faults at a time (2)")
+    parser.add_argument("--first", type=int, help="run no more than the first of those drawn")
+    parser.add_argument("--no-baseline", action="store_true", help="run no tests without a fault")
+    parser.add_argument("--list", action="store_true", help="print the faults, run none")
+    parser.add_argument("--table", action="store_true", help=f"write {TABLE.name}, run none")
+    asked = parser.parse_args()
+    # The runs of pytest are stopped, too.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit("stopped"))
+    begun = time.monotonic()
+    sources = read(ROOT, PACKAGE)
+    tests = {x: text for x, text in read(ROOT, "tests").items() if "mutate" not in x}
+    marks = {"package": digest(sources), "tests": digest(tests)}
+    drawn = sample(sources, asked.count, asked.seed)
+    results, clock = STATE / "results.jsonl", STATE / "minutes.json"
+    if asked.list:
+        print("\n".join(x.key for x in drawn))
+        return
+    STATE.mkdir(parents=True, exist_ok=True)
+    minutes = json.loads(clock.read_text()) if clock.exists() else {}
+    spent = minutes.get(marks["package"], 0.0)
+    if asked.table:
+        TABLE.write_text(table(drawn, known(results, marks), spent), encoding="utf-8")
+        return
+    try:
+        each = {} if asked.no_baseline else baseline(STATE, marks, asked.jobs)
+        seconds: dict[str, float] = defaultdict(float)
+        for name, its in each.items():
+            seconds[name.split("::")[0]] += its
+        # A fault that makes one test this slow is a hang.
+        pytest = Pytest(STATE, 300.0 + 2.0 * max(each.values(), default=0.0))
+        above = importers(sources)
+        trees = [tree(STATE / f"tree{i}") for i in range(asked.jobs)]
+
+        def one(fault: Fault, number: int) -> tuple[str, str] | None:
+            return trial(
+                fault, trees[number], stages(fault, sources, above, tests, seconds), pytest
+            )
+
+        run(drawn[: asked.first], results, marks, asked.jobs, one, pytest.stop)
+        if len(known(results, marks)) == len(drawn):
+            shutil.rmtree(STATE / "cache", ignore_errors=True)
+    except KeyboardInterrupt:
+        sys.exit("stopped: the same command goes on from here")
+    finally:
+        for x in STATE.glob("tree*"):
+            shutil.rmtree(x) if x.is_dir() else x.unlink()
+        minutes[marks["package"]] = spent + (time.monotonic() - begun) / 60
+        clock.write_text(json.dumps(minutes))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,189 @@
+"""The script that plants faults: what it plants and draws, and that it goes on where it stopped."""
+
+import ast
+import threading
+from collections import Counter
+
+import pytest
+
+from tests import mutate
+
+SOURCE = '''"""A file with 1 + 1 in its docstring."""
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    LIMIT = 1 - 2
+
+
+def f(x: "1 - 1", y=3.0) -> "2 + 2":
+    """Not 2 - 1."""
+    if not x > 0 or y == 1e-9:
+        raise ValueError(f"Argument `x` must be > {1 - 1}")
+    assert x is not None
+    plot(x, linewidth=0.9)
+    é = g(-x, y) + (
+        y
+        - 5000
+    )
+    return "a" + é
+'''
+PATH = "jaxcontact/_room/_f.py"
+
+# Kind, expression and what it becomes: all that SOURCE allows, and nothing of its docstrings,
+# annotations, messages, looks, type checks and text.
+EXPECTED = {
+    ("constant", "3.0", "3.3"),
+    ("condition", "not x > 0 or y == 1e-09", "not x > 0 and y == 1e-09"),
+    ("condition", "not x > 0 or y == 1e-09", "not (not x > 0 or y == 1e-09)"),
+    ("dropped check", "not x > 0 or y == 1e-09", "False"),
+    ("condition", "x > 0", "x <= 0"),
+    ("constant", "0", "1"),
+    ("condition", "y == 1e-09", "y != 1e-09"),
+    ("constant", "1e-09", "1e-06"),
+    ("sign", "g(-x, y) + (y - 5000)", "g(-x, y) - (y - 5000)"),
+    ("swapped argument", "g(-x, y)", "g(y, -x)"),
+    ("sign", "-x", "+x"),
+    ("sign", "y - 5000", "y + 5000"),
+    ("constant", "5000", "500"),
+}
+
+
+def differences(a: object, b: object) -> list[str]:
+    """The types of the smallest parts in which two syntax trees differ."""
+    if type(a) is not type(b):
+        return [type(a).__name__]
+    if not isinstance(a, ast.AST):
+        return [] if a == b else [type(a).__name__]
+    found = []
+    for (_, x), (_, y) in zip(ast.iter_fields(a), ast.iter_fields(b), strict=True):
+        if isinstance(x, list) and len(x) == len(y):
+            found += [d for pair in zip(x, y, strict=True) for d in differences(*pair)]
+        else:
+            found += differences(x, y)
+    return found
+
+
+def test_all_kinds_are_found_and_only_in_what_runs():
+    found = mutate.faults(PATH, SOURCE)
+    assert {(x.kind, x.old, x.new) for x in found} == EXPECTED
+    assert len(found) == len(EXPECTED)
+    assert {x.kind for x in found} == set(mutate.KINDS)
+    assert {x.scope for x in found if x.old != "3.0"} == {"f"}
+
+
+@pytest.mark.parametrize("fault", mutate.faults(PATH, SOURCE), ids=lambda x: f"{x.old} {x.new}")
+def test_a_fault_changes_one_node_and_moves_no_line(fault):
+    planted = mutate.plant(SOURCE, fault)
+    assert planted.count("\n") == SOURCE.count("\n")
+    assert planted.splitlines()[-1] == SOURCE.splitlines()[-1]
+    places = differences(ast.parse(SOURCE), ast.parse(planted))
+    # Two arguments change places; everything else is one node.
+    assert len(places) == (2 if fault.kind == "swapped argument" else 1), places
+
+
+def test_the_draw_covers_all_rooms_and_kinds_and_is_repeatable():
+    sources = mutate.read(mutate.ROOT, mutate.PACKAGE)
+    drawn = mutate.sample(sources, 60, 0)
+    assert len(set(drawn)) == len(drawn) == 60
+    # No line of this room can be wrong.
+    assert {x.room for x in drawn} == {mutate.room_of(path) for path in sources} - {"data"}
+    counts = Counter(x.kind for x in drawn)
+    assert set(counts) == set(mutate.KINDS) and min(counts.values()) >= 8
+    for x in drawn:
+        ast.parse(mutate.plant(sources[x.path], x))
+    few = {path: sources[path] for path in sorted(sources)[:9]}
+    assert mutate.sample(few, 9, 0) == mutate.sample(few, 9, 0) != mutate.sample(few, 9, 1)
+
+
+def test_the_tests_of_a_room_come_first_and_then_those_above():
+    sources = {
+        "jaxcontact/_low.py": "def f(x):\n    return -x\n",
+        "jaxcontact/_high/_a.py": "from .._low import f\n",
+        "jaxcontact/_higher.py": "def g():\n    from ._high import f\n",
+        "jaxcontact/_aside.py": "",
+    }
+    tests = {
+        "tests/test_low.py": "slow, but calls f",
+        "tests/test_low_edges.py": "quick",
+        "tests/test_high/test_a.py": "",
+        "tests/test_high/support.py": "",
+        "tests/test_higher.py": "",
+        "tests/test_aside.py": "",
+        "tests/test_readme.py": "import jaxcontact",
+        "tests/test_oracle.py": "",
+    }
+    (fault,) = mutate.faults("jaxcontact/_low.py", sources["jaxcontact/_low.py"])
+    above = mutate.importers(sources)
+    own, others = mutate.stages(fault, sources, above, tests, {"tests/test_low.py": 9.0})
+    assert own == ["tests/test_low.py", "tests/test_low_edges.py"]
+    assert set(others) == {
+        "tests/test_high/test_a.py",
+        "tests/test_higher.py",
+        "tests/test_readme.py",
+    }
+
+
+def test_a_run_goes_on_where_it_stopped(tmp_path):
+    drawn, results = mutate.faults(PATH, SOURCE), tmp_path / "results.jsonl"
+    signs = [x for x in drawn if x.kind == "sign"]
+
+    def run(package, tests, most=None):
+        """The faults that are run, up to an interruption."""
+        ran, stop, marks = [], threading.Event(), {"package": package, "tests": tests}
+
+        def one(fault, number):
+            assert number == 0
+            if len(ran) == most:
+                raise KeyboardInterrupt
+            if stop.is_set():
+                return None
+            ran.append(fault)
+            return ("survived", "") if fault in signs else ("killed", "tests/test_f.py::test")
+
+        try:
+            mutate.run(drawn, results, marks, 1, one, stop)
+        except KeyboardInterrupt:
+            assert stop.is_set()
+        return ran
+
+    assert run("a", "a", most=3) == drawn[:3]
+    assert run("a", "a") == drawn[3:]
+    assert run("a", "a") == []
+    assert run("a", "b") == signs
+    assert run("b", "b") == drawn
+    text = mutate.table(drawn, mutate.known(results, {"package": "b", "tests": "b"}), 2.0)
+    assert "10 killed, 3 survived; 2 minutes" in text
+    assert "| sign | 0 | 3 |" in text and "| condition | 4 | 0 |" in text
+    assert text.count("no test fails yet") == 3
+
+
+def test_a_trial_leaves_the_tree_as_it_was(tmp_path):
+    path = tmp_path / PATH
+    path.parent.mkdir(parents=True)
+    path.write_text(SOURCE, encoding="utf-8")
+    fault = mutate.faults(PATH, SOURCE)[0]
+    seen = []
+
+    class Answers:
+        """Stands for pytest: the status that each stage is given."""
+
+        def __init__(self, *statuses):
+            self.statuses, self.stop, self.stall = iter(statuses), threading.Event(), 9.0
+
+        def __call__(self, where, *arguments):
+            seen.append((arguments[1:], path.read_text(encoding="utf-8") != SOURCE))
+            return next(self.statuses), "FAILED tests/test_f.py::test[1 2] - AssertionError\n"
+
+    stages = (["own"], ["above"])
+    assert mutate.trial(fault, tmp_path, stages, Answers(0, 0)) == ("survived", "")
+    assert mutate.trial(fault, tmp_path, stages, Answers(0, 1)) == (
+        "killed",
+        "tests/test_f.py::test[1 2]",
+    )
+    assert mutate.trial(fault, tmp_path, stages, Answers(None)) == (
+        "killed",
+        "no test ended for 9 s",
+    )
+    assert seen == [(("own",), True), (("above",), True)] * 2 + [(("own",), True)]
+    assert path.read_text(encoding="utf-8") == SOURCE
