@@ -22,6 +22,7 @@ ROOT = Path(__file__).parents[1] / PACKAGE
 FLOORS = [
     {"_parameter", "_elementary", "_implicit", "data"},
     {"_flight", "_fit"},
+    {"_forms"},
     {"_laws"},
     {"_contact"},
     {"_impact"},
@@ -38,8 +39,8 @@ FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 # Where a library may be imported at all, and where while a module is being loaded; None is
 # everywhere.
 ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
-    "diffrax": (set(FLOOR) - {"_laws", "_contact", *FLOORS[0]}, None),
-    "optimistix": (set(FLOOR) - {"_laws", "_contact", *FLOORS[0]}, None),
+    "diffrax": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0]}, None),
+    "optimistix": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0]}, None),
     "matplotlib": ({"plot", "paper", "_cli"}, {"plot"}),
     "optax": ({"_fit", "_calibration"}, set()),
     "xarray": (None, set()),

@@ -9,6 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from .._elementary import power
 from .._laws import (
     AbstractHuntCrossley,
     AbstractLaw,
@@ -16,7 +17,6 @@ from .._laws import (
     CarvalhoMartins,
     Gonthier,
     Tsuji,
-    power,
 )
 from .._parameter import (
     NOT_NEGATIVE,

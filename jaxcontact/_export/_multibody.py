@@ -7,7 +7,8 @@ import math
 import jax.numpy as jnp
 
 from .._contact import Contact
-from .._laws import Damped, HuntCrossley, MarhefkaOrin, exact_damping_factor
+from .._forms import exact_damping_factor
+from .._laws import Damped, HuntCrossley, MarhefkaOrin
 from ._laws import Dissipation, GonthierCarvalhoMartins
 from ._wanted import Draft, Wanted, matched_stiffness
 
