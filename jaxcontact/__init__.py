@@ -25,6 +25,7 @@ from ._calibration import learn_law as learn_law
 from ._calibration import load_calibration as load_calibration
 from ._contact import Contact as Contact
 from ._contact import Material as Material
+from ._elementary import power as power
 from ._export import Export as Export
 from ._export import export as export
 from ._fit import Between as Between
@@ -36,7 +37,14 @@ from ._fit import Positive as Positive
 from ._fit import compare_fits as compare_fits
 from ._fit import fit as fit
 from ._flight import Drag as Drag
+from ._forms import AbstractForm as AbstractForm
+from ._forms import ScaledImpact as ScaledImpact
+from ._forms import exact_damping_factor as exact_damping_factor
+from ._impact import AbstractMethod as AbstractMethod
+from ._impact import Event as Event
+from ._impact import Exact as Exact
 from ._impact import Impact as Impact
+from ._impact import Phase as Phase
 from ._impact import Status as Status
 from ._impact import Trajectory as Trajectory
 from ._impact import impact as impact
@@ -67,10 +75,8 @@ from ._laws import PowerDamping as PowerDamping
 from ._laws import Thornton as Thornton
 from ._laws import Tsuji as Tsuji
 from ._laws import ZhiyingQishao as ZhiyingQishao
-from ._laws import exact_damping_factor as exact_damping_factor
 from ._laws import get_law as get_law
 from ._laws import list_laws as list_laws
-from ._laws import power as power
 from ._laws import register_law as register_law
 from ._measurements import Recording as Recording
 from ._measurements import RecordingError as RecordingError

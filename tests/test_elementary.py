@@ -18,7 +18,7 @@ from jaxcontact._elementary import (
     sinc_root,
     speed_of,
 )
-from jaxcontact._laws import rebound_exponent, restitution_of
+from jaxcontact._forms import rebound_exponent, restitution_of
 
 # Functions that cancel at their removable points, down to arguments of 1e-300, and differences of
 # them: 600 digits lost, 60 of the step twice, and many to spare.

@@ -24,6 +24,7 @@ ROOT = Path(__file__).parents[1] / PACKAGE
 FLOORS = [
     {"_parameter", "_elementary", "_implicit", "_units", "_progress", "_text_table", "data"},
     {"_flight", "_fit"},
+    {"_forms"},
     {"_laws"},
     {"_contact"},
     {"_impact"},
@@ -40,8 +41,8 @@ FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 # Where a library may be imported at all, and where while a module is being loaded; None is
 # everywhere.
 ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
-    "diffrax": (set(FLOOR) - {"_laws", "_contact", *FLOORS[0]}, None),
-    "optimistix": (set(FLOOR) - {"_laws", "_contact", *FLOORS[0]}, None),
+    "diffrax": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0]}, None),
+    "optimistix": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0]}, None),
     "matplotlib": ({"plot", "paper", "_cli"}, {"plot"}),
     "optax": ({"_fit", "_calibration"}, set()),
     "xarray": (None, set()),

@@ -9,10 +9,9 @@ from jaxtyping import Array, ArrayLike
 
 from .. import _flight as flight
 from .._contact import EXPONENT, Contact
-from .._impact import Status, problem_of, restitution_is_constant
+from .._impact import AbstractMethod, Status, impact, method_of, problem_of, restitution_is_constant
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw
 from .._parameter import POSITIVE, Range, as_parameter, sanitised
-from ._impact_options import ImpactOptions
 from ._result import Bounce
 from ._touches import Touches, alike, one_by_one
 
@@ -30,16 +29,14 @@ def bounce(
     bounces: int = 20,
     gravity_in_contact: bool = False,
     rest_velocity: ArrayLike | None = None,
-    method: str = "auto",
-    rtol: float | None = None,
-    atol: float | None = None,
+    method: str | AbstractMethod = "auto",
 ) -> Bounce:
     """Drop a ball and follow its touches: v_1 = √(2gh), v_(k+1) = e(v_k) v_k, h_k = v_(k+1)²/(2g).
 
     Arguments: the law and the contact of ball and ground (whose mass is then the ball's); the drop
     `height` h in m of the ball's lowest point; `gravity` g in m/s²; how many `bounces` to follow.
     They broadcast. Each impact has its own speed: a law whose restitution depends on speed changes
-    from bounce to bounce. Flights are in vacuum. `method`, `rtol`, `atol` as in `impact`.
+    from bounce to bounce. Flights are in vacuum. `method` as in `impact`.
 
     With `gravity_in_contact` the weight m g pushes during contact, too: the impacts are event
     solves, their restitution falls as the ball slows down, and at last it does not leave the
@@ -64,10 +61,8 @@ def bounce(
     gravity = as_parameter(gravity, "gravity", POSITIVE)
     if rest_velocity is not None:
         rest_velocity = as_parameter(rest_velocity, "rest_velocity", _REST)
-    options = ImpactOptions(method, rtol, atol)
-    return _bounce(
-        law, contact, height, gravity, rest_velocity, bounces, gravity_in_contact, options
-    )
+    how = method_of(method)
+    return _bounce(law, contact, height, gravity, rest_velocity, bounces, gravity_in_contact, how)
 
 
 class _Run(eqx.Module):
@@ -90,22 +85,22 @@ def _bounce(
     rest: Array | None,
     bounces: int,
     gravity_in_contact: bool,
-    options: ImpactOptions,
+    method: AbstractMethod,
 ) -> Bounce:
     run = _run(law, contact, height, gravity, rest, gravity_in_contact)
     n = _exponent(contact)
     if gravity_in_contact:
         weight = _weight(contact, run.gravity)
-        touches = one_by_one(law, contact, run.speed, run.rest, weight, options, bounces)
+        touches = one_by_one(law, contact, run.speed, run.rest, weight, method, bounces)
     elif restitution_is_constant(law, contact):
-        first = options.impact(law, contact, run.speed)
+        first = impact(law, contact, run.speed, method=method)
         power = (1 - n) / (1 + n)
         power = power if isinstance(power, float) else jnp.expand_dims(power, -1)
         touches = alike(first, run.speed, power, run.rest, bounces)
         e = jnp.where(first.status == int(Status.SEPARATED), first.restitution, 0)
         return _assembled(touches, run, e)
     else:
-        touches = one_by_one(law, contact, run.speed, run.rest, None, options, bounces)
+        touches = one_by_one(law, contact, run.speed, run.rest, None, method, bounces)
     return _assembled(touches, run, None)
 
 

@@ -9,9 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._contact import Contact
-from .._impact import Impact, Status
+from .._impact import AbstractMethod, Impact, Status, impact
 from .._laws import AbstractLaw
-from ._impact_options import ImpactOptions
 
 _SEPARATED, _SETTLED = int(Status.SEPARATED), int(Status.SETTLED)
 
@@ -55,7 +54,7 @@ def one_by_one(
     speed: Array,
     rest: Array,
     weight: Array | None,
-    options: ImpactOptions,
+    method: AbstractMethod,
     count: int,
 ) -> Touches:
     """Each touch solved with its own speed; `weight` in N acts in contact, where it is given."""
@@ -66,7 +65,8 @@ def one_by_one(
         begun = state == _SEPARATED
         moving = begun & (speed >= rest)
         # A lane that has ended solves its first impact again, which is known to be harmless.
-        hit = options.impact(law, contact, jnp.where(moving, speed, first), weight)
+        speed_here = jnp.where(moving, speed, first)
+        hit = impact(law, contact, speed_here, method=method, external_force=weight)
         status = jnp.where(begun, jnp.where(moving, hit.status, _SETTLED), state)
         # Nothing infinite and no NaN goes on: 0 times them is no derivative of a good number.
         leaves = status == _SEPARATED

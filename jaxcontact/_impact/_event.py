@@ -1,8 +1,11 @@
-"""One impact by an event-terminated adaptive solve: touch to turn, then turn to the end."""
+"""The event method: an adaptive solve from touch to the turn, and from there to the end."""
 
 from __future__ import annotations
 
+import functools
 import operator
+from collections.abc import Callable
+from typing import Any, ClassVar, TypeVar
 
 import diffrax
 import equinox as eqx
@@ -11,25 +14,85 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Int
 
-from ._form import Flag, GeneralForm
-from ._motion import Motion, State
+from .._forms import AbstractForm, Flag, ScaledImpact
+from .._implicit import with_implicit_derivative
+from ._bracket import bracketed_root
+from ._front_door import Lanes
+from ._lanes import over_lanes
+from ._method import AbstractMethod, as_count, as_tolerance
+from ._motion import Motion, Number, State
 from ._peak import Path, largest_force
-from ._scaled import Scaled
+from ._sensitivity import with_sensitivity
+
+Out = TypeVar("Out")
 
 # Far beyond any contact: a nominal end close to the event makes the step controller stall.
 _FAR = 1e12
 # The controller bounds the error of a step. Measured, the outcome is up to twenty times worse.
 _SAFETY = 0.02
+# Of a regula falsi over the last step: its order is 1.4, and rounding is reached after about ten.
+_ITERATIONS = 14
 
 
-class EventOptions(eqx.Module):
-    """How to solve. All static but the solver's own parameters."""
+def _is_a(value: Any, name: str, kind: type) -> Any:
+    if value is None or isinstance(value, kind):
+        return value
+    raise ValueError(f"Argument `{name}` must be a diffrax {kind.__name__}, but is {value!r}.")
 
-    solver: diffrax.AbstractSolver
-    adjoint: diffrax.AbstractAdjoint
-    rtol: float = eqx.field(static=True)
-    atol: float = eqx.field(static=True)
-    max_steps: int = eqx.field(static=True)
+
+class Event(AbstractMethod):
+    """An adaptive solve that ends with the contact: for every law, and with an external force.
+
+    `rtol`, `atol`: tolerances of the outcome in scaled units, in (0, 1); None for 1e-9 (1e-5 in
+    float32, whose rounding allows no less) and for `rtol`. Take 1e-11 for derivatives. `solver`: a
+    diffrax solver, None for Dopri8. `adjoint`: a diffrax adjoint; None for sensitivities that serve
+    forward and reverse mode. `max_steps`: the most steps of each half, at least 2. Numbers may be
+    Python, NumPy or JAX scalars. Raises ValueError for an option out of its range. Source:
+    diffrax, Kidger (2021), doi 10.48550/arXiv.2202.02435.
+    """
+
+    rtol: float | None = eqx.field(
+        static=True, default=None, converter=functools.partial(as_tolerance, name="rtol")
+    )
+    atol: float | None = eqx.field(
+        static=True, default=None, converter=functools.partial(as_tolerance, name="atol")
+    )
+    solver: diffrax.AbstractSolver | None = eqx.field(
+        default=None,
+        converter=functools.partial(_is_a, name="solver", kind=diffrax.AbstractSolver),
+    )
+    adjoint: diffrax.AbstractAdjoint | None = eqx.field(
+        default=None,
+        converter=functools.partial(_is_a, name="adjoint", kind=diffrax.AbstractAdjoint),
+    )
+    max_steps: int = eqx.field(
+        static=True, default=256, converter=functools.partial(as_count, name="max_steps")
+    )
+    name: ClassVar[str] = "event"
+
+    def chosen(self, form: AbstractForm, pushed: bool) -> Event:
+        """Itself, for every form."""
+        return self
+
+    def solve(self, lanes: Lanes) -> ScaledImpact:
+        """The outcome of every different lane."""
+        return self.over(lanes.motion(), solve_event)
+
+    def over(self, motion: Motion, solve_lane: Callable[[Motion, Event], Out]) -> Out:
+        """`solve_lane(motion, self)` for every different lane, with derivatives."""
+
+        def lane(motion: Motion) -> Out:
+            return solve_lane(motion, self)
+
+        # An adjoint of the user's brings its own derivatives.
+        return over_lanes(lane if self.adjoint is not None else with_sensitivity(lane), motion)
+
+    def tolerances(self, dtype: Any) -> tuple[float, float]:
+        """The relative and absolute tolerance in a precision."""
+        double = dtype == jnp.float64
+        floor = 0.0 if double else 1e-5
+        rtol = max(self.rtol or (1e-9 if double else 1e-5), floor)
+        return rtol, max(self.atol or rtol, floor)
 
 
 class Leg(eqx.Module):
@@ -41,7 +104,7 @@ class Leg(eqx.Module):
     steps: Int[Array, ""]
 
 
-def solve_leg(motion: Motion, start: State, compressing: Flag, options: EventOptions) -> Leg:
+def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Leg:
     """From touch to the turn, or from the turn to the end, whichever `compressing` says."""
 
     def rate(t: object, state: State, motion: Motion) -> State:
@@ -51,51 +114,112 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, options: EventOpt
         # diffrax compares it with a Python 0.0, which has the default precision.
         return args.gap(y, compressing).astype(jnp.zeros(()).dtype)
 
-    # Neither a step nor a root can be asked for more than rounding lets them have.
-    rounding = float(jnp.finfo(start.u.dtype).eps)
-    finest = 10 * rounding
-    # Python numbers would give the time the default precision, and the state with it. A first step
-    # given as an array would be checked at run time, by a callback: the controller chooses it.
+    # Neither a step nor a root can be more accurate than rounding.
     dtype = start.w.dtype
-    # The moment of the event is a root of the last step's interpolant: cheap to find sharply.
-    # At 30 roundings one lane in a thousand kept stepping to and fro; at 100 none of 8000.
-    sharp = max(_SAFETY * min(options.rtol, options.atol), 10 * finest)
-    finder = optx.Newton(rtol=sharp, atol=sharp)
+    finest = 10 * float(jnp.finfo(dtype).eps)
+    rtol, atol = (max(_SAFETY * tolerance, finest) for tolerance in how.tolerances(dtype))
+    term = diffrax.ODETerm(rate)
+    solver = _solver(how, rtol, atol)
+    # Python numbers would give the time the default precision, and the state with it. A first step
+    # given as an array would be checked at run time, by a callback: the controller chooses it. A
+    # root finder of diffrax would bring a callback into the derivative: the event's moment is found
+    # below, and the solve ends with the step that contains it.
     solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(rate),
-        options.solver,
+        term,
+        solver,
         t0=jnp.zeros((), dtype),
         t1=jnp.asarray(_FAR, dtype),
         dt0=None,
         y0=start,
         args=motion,
         saveat=diffrax.SaveAt(t0=True, steps=True),
-        stepsize_controller=diffrax.PIDController(
-            rtol=max(_SAFETY * options.rtol, finest), atol=max(_SAFETY * options.atol, finest)
-        ),
-        event=diffrax.Event(gap, finder, direction=False),
-        adjoint=options.adjoint,
-        max_steps=options.max_steps,
+        stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
+        event=diffrax.Event(gap, direction=False),
+        adjoint=diffrax.ForwardMode() if how.adjoint is None else how.adjoint,
+        max_steps=how.max_steps,
         throw=False,
     )
     assert solution.ts is not None and solution.ys is not None
     steps = solution.stats["num_accepted_steps"]
+    arrived = jnp.asarray(solution.result == diffrax.RESULTS.event_occurred)
+
+    def at(index: Int[Array, ""]) -> tuple[Number, State]:
+        return jax.tree.map(lambda leaf: leaf[index], (solution.ts, solution.ys))
+
+    before = at(jnp.maximum(steps - 1, 0))
+    # Where no step was accepted the last one has no length, which would make its lane NaN.
+    after = jnp.where(steps > 0, at(steps)[0], 1)
+    moment, end = _event_in_step(term, solver, before, after, motion, compressing, arrived)
+    is_last = jnp.arange(solution.ts.size) == steps
     return Leg(
-        end=jax.tree.map(lambda leaf: leaf[steps], solution.ys),
-        path=Path(solution.ts, solution.ys, jnp.arange(solution.ts.size) <= steps),
-        arrived=jnp.asarray(solution.result == diffrax.RESULTS.event_occurred),
+        end=end,
+        path=Path(
+            jnp.where(is_last, moment, solution.ts),
+            jax.tree.map(functools.partial(jnp.where, is_last), end, solution.ys),
+            jnp.arange(solution.ts.size) <= steps,
+        ),
+        arrived=arrived,
         steps=steps,
     )
 
 
-def solve_legs(motion: Motion, options: EventOptions) -> tuple[Leg, Bool[Array, "2"]]:
+def _solver(how: Event, rtol: float, atol: float) -> diffrax.AbstractSolver:
+    """The solver with what diffrax fills in for a solve, so that it can be stepped alone too."""
+    solver: Any = diffrax.Dopri8() if how.solver is None else how.solver
+    if isinstance(solver, diffrax.AbstractRungeKutta) and how.adjoint is None:
+        solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
+    if isinstance(solver, diffrax.AbstractImplicitSolver):
+        defaults = {"rtol": rtol, "atol": atol, "norm": optx.rms_norm}
+        for name, default in defaults.items():
+            given = getattr(solver.root_finder, name)
+            if not (callable(given) or eqx.is_array_like(given)):
+                at = operator.attrgetter(f"root_finder.{name}")
+                solver = eqx.tree_at(at, solver, default)
+    return solver
+
+
+def _event_in_step(
+    term: diffrax.ODETerm,
+    solver: diffrax.AbstractSolver,
+    before: tuple[Number, State],
+    after: Number,
+    motion: Motion,
+    compressing: Flag,
+    arrived: Flag,
+) -> tuple[Number, State]:
+    """When the event comes in the last step, and the state then; the end of the step without one.
+
+    The step is taken again for its interpolant, by the same solver.
+    """
+    t, state = before
+    memory = solver.init(term, t, after, state, motion)
+    _, _, dense, _, _ = solver.step(term, t, after, state, motion, memory, made_jump=False)
+    interpolant = solver.interpolation_cls(t0=t, t1=after, **dense)
+    moving, still = eqx.partition(interpolant, eqx.is_array)
+
+    def gap(fraction: Number, moving: Any, motion: Motion, compressing: Flag, arrived: Flag):
+        steps = eqx.combine(moving, still)
+        y = steps.evaluate(steps.t0 + fraction * (steps.t1 - steps.t0))
+        return jnp.where(arrived, motion.gap(y, compressing), 1 - fraction)
+
+    def find(*parameters: Any) -> Number:
+        zero = jnp.zeros_like(t)
+        ends = gap(zero, *parameters), gap(zero + 1, *parameters)
+        return bracketed_root(lambda fraction: gap(fraction, *parameters), *ends, _ITERATIONS)
+
+    fraction = with_implicit_derivative(find, gap)(moving, motion, compressing, arrived)
+    moment = t + fraction * (after - t)
+    return moment, interpolant.evaluate(moment)
+
+
+def solve_legs(motion: Motion, how: Event) -> tuple[Leg, Bool[Array, "2"]]:
     """Both legs of an impact, stacked, and whether each is the compression.
 
     They run through the same compiled solve.
     """
 
     def run(state: State, compressing: Flag) -> tuple[State, Leg]:
-        leg = solve_leg(motion, state, compressing, options)
+        leg = solve_leg(motion, state, compressing, how)
         # The event puts the velocity at the turn within its tolerance of zero: now it is zero.
         return leg.end._replace(u=jnp.zeros_like(leg.end.u)), leg
 
@@ -103,27 +227,27 @@ def solve_legs(motion: Motion, options: EventOptions) -> tuple[Leg, Bool[Array, 
     return jax.lax.scan(run, motion.start(), flags)[1], flags
 
 
-def solve_event(motion: Motion, options: EventOptions) -> Scaled:
+def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     """The outcome of one lane."""
-    legs, flags = solve_legs(motion, options)
+    legs, flags = solve_legs(motion, how)
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
-    # Apart from the solve, so that it costs nothing where nobody asks for it.
+    # Apart from the solve, so that it is removed where the largest force is not used.
     forces = jax.vmap(lambda leg, flag: largest_force(motion, leg, flag))(legs.path, flags)
     max_force = jnp.max(forces)
     max_indentation = turn.w**motion.order
     compression_time = turn.t
     converged = jnp.all(legs.arrived)
     settled = motion.settled(end)
-    if motion.push is not None and not isinstance(motion.form, GeneralForm):
-        # With strong damping the bodies creep to rest and never turn: no event will come, but the
-        # end is known. Every form but the general one is xⁿ at rest.
+    static = motion.static_indentation()
+    if motion.push is not None and static is not None:
+        # With strong damping the bodies creep to rest and never turn: no event comes, but the end
+        # is known.
         creeps = ~legs.arrived[0] & motion.held(turn)
-        static = jnp.where(creeps, motion.push, 1) ** (1 / motion.n)
         max_indentation = jnp.where(creeps, static, max_indentation)
         max_force = jnp.where(creeps, jnp.maximum(max_force, motion.push), max_force)
         compression_time = jnp.where(creeps, jnp.inf, compression_time)
         converged, settled = converged | creeps, settled | creeps
-    return Scaled(
+    return ScaledImpact(
         restitution=-motion.velocity(end),
         duration=end.t,
         compression_time=compression_time,

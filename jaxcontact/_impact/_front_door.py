@@ -11,11 +11,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._contact import EXPONENT, Contact
+from .._forms import AbstractForm, Scale, scale_of
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw
 from .._parameter import Range, as_parameter, is_valid, sanitised
-from ._form import AbstractForm, HuntCrossleyForm, OscillatorForm, reduce
 from ._motion import Motion
-from ._scale import Scale, scale_of
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 FORCE = Range(inside=0.0)
@@ -78,7 +77,7 @@ def uniform(tree: Any) -> Any:
     dtype = (
         (double if double in strong else jnp.dtype("float32")) if strong else jnp.zeros(()).dtype
     )
-    rank = max(leaf.ndim for leaf in leaves)
+    rank = max((leaf.ndim for leaf in leaves), default=0)
 
     def convert(leaf: Any) -> Any:
         if not eqx.is_inexact_array(leaf):
@@ -94,8 +93,12 @@ def _as_array(leaf: Any) -> Any:
     return jnp.asarray(float(leaf)) if type(leaf) in (float, int) else leaf
 
 
-class Reduced(eqx.Module):
-    """A problem in scaled units, and which lanes of it are worth solving."""
+class Lanes(eqx.Module):
+    """A problem in scaled units, and which lanes of it are valid.
+
+    `form` and the exponent `n`, the external force `push` in scaled units (None without one) and
+    the `scale`, unbroadcast: a number that is the same in all lanes is a scalar.
+    """
 
     form: AbstractForm
     traced_exponent: Float[Array, "..."] | None
@@ -120,7 +123,7 @@ class Reduced(eqx.Module):
         return Motion(form, traced, push, self.static_exponent, audited)
 
 
-def reduced(problem: Problem) -> Reduced:
+def lanes_of(problem: Problem) -> Lanes:
     """The scaled problem. Bad lanes are marked, and solved with harmless numbers in place."""
     contact = problem.contact
     n = contact.exponent
@@ -140,8 +143,8 @@ def reduced(problem: Problem) -> Reduced:
     contact = sanitised(contact)
     velocity = jnp.where(SPEED.holds(problem.velocity), problem.velocity, SPEED.inside)
     scale = scale_of(contact, velocity)
-    form, good_form = sound(reduce(sanitised(problem.law), contact, scale))
-    return Reduced(
+    form, good_form = sanitised(problem.law).form(contact, scale).sound()
+    return Lanes(
         form=form,
         traced_exponent=traced,
         push=None if push is None else push / scale.force,
@@ -149,13 +152,3 @@ def reduced(problem: Problem) -> Reduced:
         valid=valid & good_form,
         static_exponent=n if isinstance(n, float) else None,
     )
-
-
-def sound(form: AbstractForm) -> tuple[AbstractForm, Bool[Array, "..."]]:
-    """A law of the user's may compute a damping that is negative or not finite: mark it."""
-    if isinstance(form, HuntCrossleyForm | OscillatorForm):
-        name = "alpha" if isinstance(form, HuntCrossleyForm) else "zeta"
-        number = getattr(form, name)
-        good = (number >= 0) & jnp.isfinite(number)
-        return eqx.tree_at(lambda f: getattr(f, name), form, jnp.where(good, number, 0)), good
-    return form, jnp.asarray(True)

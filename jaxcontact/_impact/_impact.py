@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import diffrax
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
-from .._laws import (
-    AbstractHuntCrossley,
-    AbstractLaw,
-    AbstractOscillator,
-    restitution_of,
-)
+from .._forms import scale_of
+from .._laws import AbstractLaw
 from .._parameter import as_parameter, is_valid, sanitised
-from ._form import AbstractForm, HuntCrossleyForm, OscillatorForm, closed_form
-from ._front_door import SPEED, Problem, check_law, problem_of, reduced, sound, uniform
-from ._methods import Options, choose, options_of, solve
-from ._oscillator import restitution_of_oscillator
+from ._front_door import SPEED, Problem, check_law, lanes_of, problem_of, uniform
+from ._method import AbstractMethod
+from ._methods import method_of
 from ._result import Impact, Status
 
 
@@ -27,12 +22,7 @@ def impact(
     contact: Contact,
     velocity: ArrayLike,
     *,
-    method: str = "auto",
-    rtol: float | None = None,
-    atol: float | None = None,
-    steps: int | None = None,
-    solver: diffrax.AbstractSolver | None = None,
-    adjoint: diffrax.AbstractAdjoint | None = None,
+    method: str | AbstractMethod = "auto",
     external_force: ArrayLike | None = None,
 ) -> Impact:
     """One impact of two bodies: m δ'' = -F(δ, δ') + external force, δ(0) = 0, δ'(0) = velocity.
@@ -41,18 +31,13 @@ def impact(
     `VELOCITY_THRESHOLD`. All numbers in them broadcast. `external_force` in N, constant, positive
     when it pushes the bodies together (the weight of a falling ball).
 
-    `method`: "exact", the closed form of the Hunt-Crossley family and of the oscillator laws
-    (Kelvin-Voigt, Tsuji, Antypov-Elliott, Thornton, Jankowski); "event", an adaptive solve that
-    ends with the contact, for every law and with an external force; "phase", `steps` fixed steps
-    over the phase angle with an error estimate, for laws that follow the contact to δ = 0; "auto",
-    the cheapest that is right: "exact" where there is a closed form, "event" elsewhere.
-    `Impact.method` says which it was.
-
-    `rtol`, `atol`: of the event solve, in scaled units, for the outcome (default 1e-9; 1e-5 in
-    float32); for the phase method `rtol` is the estimated error above which a lane counts as not
-    converged (default 1e-6, 1e-4). Take 1e-11 for derivatives. `steps`: the fixed steps of "phase"
-    (default 32), the most steps of each half of "event" (default 256). `solver`, `adjoint`: diffrax
-    objects for "event"; by default Dopri8, and sensitivities that serve both modes.
+    `method`: a name, or an object that holds the options of a method. "exact" (`jc.Exact`), the
+    closed form of the Hunt-Crossley family and of the oscillator laws; "event" (`jc.Event`), an
+    adaptive solve that ends with the contact, for every law and with an external force; "phase"
+    (`jc.Phase`), fixed steps over the phase angle with an error estimate, for laws that follow the
+    contact to δ = 0; "auto", the cheapest that is right: "exact" where there is a closed form,
+    "event" elsewhere. `Impact.method` says which it was. Derivatives of event solves are best at
+    `jc.Event(rtol=1e-11)`.
 
     Returns an `Impact` in the broadcast shape. Bad lanes are flagged in `.status`, their numbers
     NaN, their neighbours untouched. Raises ValueError for a Python scalar out of range, an exponent
@@ -62,18 +47,17 @@ def impact(
     references of the laws.
     """
     problem = problem_of(law, contact, velocity, external_force)
-    options = options_of(method, rtol, atol, steps, solver, adjoint)
-    return _impact(problem, options)
+    return _impact(problem, method_of(method))
 
 
 @eqx.filter_jit
-def _impact(problem: Problem, options: Options) -> Impact:
-    lanes = reduced(problem)
-    method = choose(options.method, lanes.form, lanes.push is not None)
-    scaled = solve(lanes, method, options)
+def _impact(problem: Problem, method: AbstractMethod) -> Impact:
+    lanes = lanes_of(problem)
+    method = method.chosen(lanes.form, lanes.push is not None)
+    scaled = method.solve(lanes)
     shape = problem.shape
     scale = lanes.scale
-    # Not of all: what nobody asks for must stay dead code. A force that is not finite shows itself.
+    # Of these two alone: what is not used must stay dead code. A force that is not finite is seen.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)
     solved = scaled.converged & finite
     status = jnp.where(scaled.settled, int(Status.SETTLED), int(Status.SEPARATED))
@@ -102,7 +86,7 @@ def _impact(problem: Problem, options: Options) -> Impact:
         if scaled.error_estimate is None
         else _fill(scaled.error_estimate, shape),
         steps=None if scaled.steps is None else _fill(scaled.steps, shape),
-        method=method,
+        method=method.name,
     )
 
 
@@ -115,7 +99,7 @@ def restitution(
     contact: Contact | None = None,
     velocity: ArrayLike | None = None,
     *,
-    method: str = "auto",
+    method: str | AbstractMethod = "auto",
 ) -> Float[Array, "..."]:
     """The restitution e a law delivers in a free impact, and nothing else: no time is computed.
 
@@ -128,47 +112,54 @@ def restitution(
     law: `exact_damping_factor`. Source: see `impact`.
     """
     check_law(law)
-    options = options_of(method, None, None, None, None, None)
-    closed = isinstance(law, AbstractHuntCrossley | AbstractOscillator)
+    how = method_of(method)
     if contact is not None and velocity is not None:
-        return _restitution(problem_of(law, contact, velocity), options)
-    if closed and method in ("auto", "exact"):
-        speed = None if velocity is None else as_parameter(velocity, "velocity", SPEED)
-        return _restitution_alone(*uniform((law, contact, speed)))
-    missing = "contact" if contact is None else "velocity"
-    raise ValueError(
-        f"Argument `{missing}` is needed for `{type(law).__name__}` by method {method!r}, "
-        "but is None."
-    )
+        return _restitution(problem_of(law, contact, velocity), how)
+    speed = None if velocity is None else as_parameter(velocity, "velocity", SPEED)
+    law, contact, speed = uniform((law, contact, speed))
+    e = _restitution_alone(law, contact, speed, how)
+    if e is None:
+        missing = "contact" if contact is None else "velocity"
+        raise ValueError(
+            f"Argument `{missing}` is needed for `{type(law).__name__}` by method {how.name!r}, "
+            "but is None."
+        )
+    return e
+
+
+def restitution_is_constant(law: AbstractLaw, contact: Contact) -> bool:
+    """Whether e is known to be the same at every speed: its form gives it without one."""
+    try:
+        return jax.eval_shape(lambda: law.form(contact, None).restitution()) is not None
+    except (TypeError, ValueError):  # the law needs the speed
+        return False
 
 
 @eqx.filter_jit
 def _restitution_alone(
-    law: AbstractLaw, contact: Contact | None, velocity: Float[Array, "..."] | None
-) -> Float[Array, "..."]:
+    law: AbstractLaw,
+    contact: Contact | None,
+    velocity: Float[Array, "..."] | None,
+    method: AbstractMethod,
+) -> Float[Array, "..."] | None:
     valid = is_valid(law)
+    scale = None
     if contact is not None:
         valid, contact = valid & is_valid(contact), sanitised(contact)
     if velocity is not None:
         fast = SPEED.holds(velocity)
-        valid, velocity = valid & fast, jnp.where(fast, velocity, SPEED.inside)
-    form = closed_form(sanitised(law), contact, velocity)
-    assert form is not None  # the caller has looked
-    form, good = sound(form)
-    return jnp.where(good & valid, _of_form(form), jnp.nan)
+        valid = valid & fast
+        scale = scale_of(contact, jnp.where(fast, velocity, SPEED.inside))
+    form, good = sanitised(law).form(contact, scale).sound()
+    e = method.chosen(form, pushed=False).restitution(form)
+    return None if e is None else jnp.where(good & valid, e, jnp.nan)
 
 
 @eqx.filter_jit
-def _restitution(problem: Problem, options: Options) -> Float[Array, "..."]:
-    lanes = reduced(problem)
-    if choose(options.method, lanes.form, pushed=False) != "exact":
+def _restitution(problem: Problem, method: AbstractMethod) -> Float[Array, "..."]:
+    lanes = lanes_of(problem)
+    e = method.chosen(lanes.form, pushed=False).restitution(lanes.form)
+    if e is None:
         # Under this jit whatever else the solve computes is dead code, and removed.
-        return _impact(problem, options).restitution
-    return _fill(jnp.where(lanes.valid, _of_form(lanes.form), jnp.nan), problem.shape)
-
-
-def _of_form(form: AbstractForm) -> Float[Array, "..."]:
-    if isinstance(form, HuntCrossleyForm):
-        return restitution_of(form.alpha)
-    assert isinstance(form, OscillatorForm)
-    return restitution_of_oscillator(form.zeta, form.ending)
+        return _impact(problem, method).restitution
+    return _fill(jnp.where(lanes.valid, e, jnp.nan), problem.shape)

@@ -1,8 +1,7 @@
 """The scaled equation of motion in regularised coordinates, as a solver sees it.
 
 The state is (w, u, t): `x = w^k`, the time t, and a momentum u, which is the velocity v itself or,
-for the free Hunt-Crossley family, `y = ln(1+αv)/α`. With y the right-hand side is entire and not
-stiff at any α.
+in a free impact, the coordinate that the form puts in its place.
 """
 
 from __future__ import annotations
@@ -15,9 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._elementary import log1p_over, speed_of
-from ._form import AbstractForm, Flag, HuntCrossleyForm, signed_power
-from ._quadrature import Exponent
+from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
 
 Number = Float[Array, ""]
 
@@ -25,7 +22,7 @@ Number = Float[Array, ""]
 class State(NamedTuple):
     """Where the motion is: x = w^k, the momentum u, the time t; or their rates. Scalars in a lane.
 
-    `loss` is the work done by damping so far, None where nobody asked for it.
+    `loss` is the work done by damping so far, None where it is not wanted.
     """
 
     w: Number
@@ -57,27 +54,27 @@ class Motion(eqx.Module):
         return self.form.order(self.n)
 
     @property
-    def logarithmic(self) -> bool:
-        """Whether the momentum is y = ln(1+αv)/α."""
-        return isinstance(self.form, HuntCrossleyForm) and self.push is None
+    def momentum(self) -> Momentum | None:
+        """The coordinate in place of the velocity; None for the velocity itself."""
+        return self.form.momentum(self.n) if self.push is None else None
+
+    @property
+    def one_way(self) -> bool:
+        """Whether the bodies, once they move apart, certainly part at x = 0."""
+        return self.push is None and self.form.never_pulls
 
     def start(self) -> State:
         """The moment of touch: w = 0, v = 1, t = 0."""
         dtype = jax.tree.leaves(self)[0].dtype
-        momentum = jnp.ones((), dtype)
-        if self.logarithmic:
-            assert isinstance(self.form, HuntCrossleyForm)
-            momentum = log1p_over(self.form.alpha)
+        momentum = self.momentum
+        touch = jnp.ones((), dtype) if momentum is None else momentum.at_touch
         zero = jnp.zeros((), dtype)
-        return State(zero, momentum, zero, zero if self.audited else None)
+        return State(zero, touch, zero, zero if self.audited else None)
 
     def velocity(self, state: State) -> Number:
         """x' at a state."""
-        momentum = state.u
-        if not self.logarithmic:
-            return momentum
-        assert isinstance(self.form, HuntCrossleyForm)
-        return speed_of(momentum, self.form.alpha)
+        momentum = self.momentum
+        return state.u if momentum is None else momentum.velocity(state.u)
 
     def force(self, state: State, compressing: Flag) -> Number:
         """f at a state, for w ≥ 0."""
@@ -86,11 +83,11 @@ class Motion(eqx.Module):
 
     def rate(self, state: State, compressing: Flag) -> State:
         """d(w, u, t)/dτ."""
-        w, k, n = state.w, self.order, self.n
+        w, k, n, momentum = state.w, self.order, self.n, self.momentum
         velocity = self.velocity(state)
         clock = signed_power(w, float(k - 1))
-        if self.logarithmic:
-            pull = signed_power(w, k * (n + 1) - 1)
+        if momentum is not None:
+            pull = momentum.pull(w)
         else:
             pull = self.form.pull(w, velocity, n, compressing)
             if self.push is not None:
@@ -113,17 +110,24 @@ class Motion(eqx.Module):
     def held(self, state: State) -> Bool[Array, ""]:
         """Whether the push keeps the bodies together for good: too little energy is left to part.
 
-        Damping can only take from ½v² + ∫ f(x, 0) dx - Γx, which is positive at separation.
+        Damping can only decrease ½v² + ∫ f(x, 0) dx - Γx, which is positive at separation.
         """
         if self.push is None:
             return jnp.asarray(False)
         kinetic = jnp.square(self.velocity(state)) / 2
         return kinetic + self.stored(state) < self.push * state.w**self.order
 
+    def static_indentation(self) -> Number | None:
+        """The x at rest under the push; None without a push or where the form does not know it."""
+        if self.push is None:
+            return None
+        # A pull has none: any positive number keeps its lane finite.
+        return self.form.static_indentation(jnp.where(self.push > 0, self.push, 1), self.n)
+
     def gap(self, state: State, compressing: Flag) -> Number:
         """What falls through zero at the end of a leg: the velocity in, the nearest gap out."""
         velocity = self.velocity(state)
-        if self.logarithmic:
+        if self.one_way:
             return jnp.where(compressing, velocity, state.w)
         return jnp.where(compressing, velocity, jnp.minimum(-velocity, self._gap_apart(state)))
 
@@ -137,6 +141,6 @@ class Motion(eqx.Module):
 
     def settled(self, state: State) -> Bool[Array, ""]:
         """Whether a way out ended because the contact turned inwards again."""
-        if self.logarithmic:
+        if self.one_way:
             return jnp.asarray(False)
         return -self.velocity(state) < self._gap_apart(state)

@@ -1,4 +1,4 @@
-"""One impact with the phase angle as the independent variable: fixed steps, no event, no branch.
+"""The phase method: the phase angle is the independent variable, without event and branch.
 
 In a free contact that pushes, the polar angle ψ of the point (w, u) runs from 0 at touch over π/2
 at the turn to π at separation, without turning back. Integrating r, t and τ over it with the
@@ -7,18 +7,66 @@ same steps for every lane needs neither an event nor a step controller.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import functools
+from typing import ClassVar, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from ._form import Flag, HuntCrossleyForm
+from .._forms import AbstractForm, Flag, ScaledImpact
+from ._front_door import Lanes
+from ._lanes import over_lanes
+from ._method import AbstractMethod, as_count, as_tolerance
 from ._motion import Motion, Number, State
 from ._peak import Path, largest_force
 from ._runge_kutta import NODES, step_with_error
-from ._scaled import Scaled
+from ._sensitivity import with_sensitivity
+
+
+class Phase(AbstractMethod):
+    """`steps` fixed steps of order 8 over the phase angle, with an error estimate.
+
+    For free impacts that last until δ = 0: the Hunt-Crossley family, and laws with tension. Every
+    lane takes the same steps, which suits graphics processors. `steps`: even, half for each way.
+    `tolerance`: the estimated relative error above which a lane counts as not converged; None for
+    1e-6 (1e-4 in float32). Raises ValueError for an option out of its range, and where it is asked
+    for a clamped contact or one with an external force. Source of the steps: Prince
+    & Dormand (1981), doi 10.1016/0771-050X(81)90010-3.
+    """
+
+    steps: int = eqx.field(
+        static=True, default=32, converter=functools.partial(as_count, name="steps")
+    )
+    tolerance: float | None = eqx.field(
+        static=True, default=None, converter=functools.partial(as_tolerance, name="tolerance")
+    )
+    name: ClassVar[str] = "phase"
+
+    def __check_init__(self):
+        if self.steps % 2:
+            raise ValueError(
+                "Argument `steps` must be even for the phase method, half for each way, "
+                f"but is {self.steps!r}."
+            )
+
+    def chosen(self, form: AbstractForm, pushed: bool) -> Phase:
+        """Itself, where the contact lasts until δ = 0."""
+        if pushed or not form.follows_phase_angle:
+            raise ValueError(
+                "Argument `method` must be 'event' or 'auto' here, but is 'phase': the phase angle "
+                "follows a contact to δ = 0, without external force and without a clamped tension."
+            )
+        return self
+
+    def solve(self, lanes: Lanes) -> ScaledImpact:
+        """The outcome of every different lane."""
+        double = lanes.scale.length.dtype == jnp.float64
+        tolerance = self.tolerance or (1e-6 if double else 1e-4)
+        solve = functools.partial(solve_phase, steps=self.steps, tolerance=tolerance)
+        return over_lanes(with_sensitivity(solve), lanes.motion())
 
 
 class Polar(NamedTuple):
@@ -29,18 +77,7 @@ class Polar(NamedTuple):
     tau: Number
 
 
-def _shrink(motion: Motion) -> Number:
-    """The unit of w in the plane of the angle.
-
-    It evens out how fast the solution changes with the angle: with strong damping the way out takes
-    most of the time. The exponent was chosen among a few by the error of the duration up to α = 20.
-    """
-    if isinstance(motion.form, HuntCrossleyForm):
-        return (1 + motion.form.alpha) ** 0.15
-    return jnp.ones_like(motion.start().w)
-
-
-def solve_phase(motion: Motion, steps: int, tolerance: float) -> Scaled:
+def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
     """The outcome of one lane in an even number of `steps`.
 
     The error estimate compares the method of order 8 with the embedded one of order 7, summed over
@@ -49,7 +86,8 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> Scaled:
     the estimate exceeds `tolerance`, are not converged.
     """
     start = motion.start()
-    unit = _shrink(motion)
+    # The unit of w in the plane of the angle.
+    unit = motion.form.phase_unit() * jnp.ones_like(start.w)
     width = np.pi / steps
     angles = (np.arange(steps)[:, None] + NODES) * width
     dtype = start.u.dtype
@@ -104,7 +142,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> Scaled:
     forces = jax.vmap(peak)(legs, jnp.array([True, False]))
     estimate = jnp.maximum(error[0], error[1] / last.t)
     end = jax.tree.map(lambda leaf: leaf[steps], states)
-    return Scaled(
+    return ScaledImpact(
         restitution=-motion.velocity(end),
         duration=last.t,
         compression_time=polars.t[half],

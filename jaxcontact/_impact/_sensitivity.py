@@ -55,31 +55,3 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
         return jax.tree.map(lambda out, kind: out.astype(kind.dtype), solved(*leaves), kinds)
 
     return differentiable
-
-
-def lanewise(solve: Callable[..., Out], in_rule: Callable[..., Out]) -> Callable[..., Out]:
-    """`solve`, which works lane by lane on arrays of one shape, with the same rule.
-
-    `in_rule` is the same function in a form that compiles faster. Going backwards through a
-    quadrature would keep every node of every lane; the derivative of a lane's integral by its one
-    or two numbers is one more integral.
-    """
-    solved = jax.custom_jvp(solve)
-
-    def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Out, Out]:
-        varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
-
-        def sensitivity(direction: jax.Array) -> tuple[Out, Out]:
-            pushed = [jnp.zeros_like(primal) for primal in primals]
-            for i, component in zip(varying, direction, strict=True):
-                pushed[i] = jnp.broadcast_to(component, primals[i].shape)
-            return jax.jvp(in_rule, primals, tuple(pushed))
-
-        basis = jnp.eye(len(varying), dtype=primals[0].dtype)
-        outcome, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)
-        return outcome, jax.tree.map(
-            lambda slope: sum(slope[j] * tangents[i] for j, i in enumerate(varying)), slopes
-        )
-
-    solved.defjvp(rule, symbolic_zeros=True)
-    return solved

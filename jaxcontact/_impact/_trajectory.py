@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import operator
 from typing import NamedTuple
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,14 +14,13 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from .._contact import Contact
 from .._laws import AbstractLaw
 from ._bracket import bracketed_root, ratio
-from ._event import EventOptions, Leg, solve_legs
-from ._front_door import Problem, problem_of, reduced
-from ._lanes import over_lanes
-from ._methods import Options, event_options, options_of
+from ._event import Event, Leg, solve_legs
+from ._front_door import Problem, lanes_of, problem_of
+from ._method import AbstractMethod
+from ._methods import stepping_method
 from ._motion import Motion, Number, State
 from ._result import Status
 from ._runge_kutta import step
-from ._sensitivity import with_sensitivity
 
 
 class Energy(eqx.Module):
@@ -66,29 +65,25 @@ def trajectory(
     velocity: ArrayLike,
     *,
     samples: int = 200,
-    rtol: float | None = None,
-    atol: float | None = None,
-    steps: int | None = None,
-    solver: diffrax.AbstractSolver | None = None,
-    adjoint: diffrax.AbstractAdjoint | None = None,
+    method: str | AbstractMethod = "auto",
     external_force: ArrayLike | None = None,
 ) -> Trajectory:
     """The motion of an impact: m δ'' = -F(δ, δ') + external force, δ(0) = 0, δ'(0) = velocity.
 
-    Arguments as for `impact` with the event method, which this uses; `samples` ≥ 2 moments, equally
-    spaced, the first at touch and the last at separation. Between the steps of the solver the
-    motion is found by a step of order 8, not by interpolation.
+    Arguments as for `impact`; `samples` ≥ 2 moments, equally spaced, the first at touch and the
+    last at separation. `method`: "event" (or "auto", which is the same here) or a `jc.Event` with
+    its options. Between the steps of the solver the motion is computed by a step of order 8, not by
+    interpolation.
 
     Returns a `Trajectory`; bad lanes are flagged in `.status`, their numbers NaN. Raises ValueError
-    as `impact` does. Source: see `impact`.
+    as `impact` does, and for other methods. Source: see `impact`.
     """
     if not isinstance(samples, int) or samples < 2:
         raise ValueError(
             f"Argument `samples` must be a whole number of at least 2, but is {samples!r}."
         )
     problem = problem_of(law, contact, velocity, external_force)
-    options = options_of("event", rtol, atol, steps, solver, adjoint)
-    return _trajectory(problem, options, samples)
+    return _trajectory(problem, stepping_method(method), samples)
 
 
 class _Path(NamedTuple):
@@ -103,15 +98,9 @@ class _Path(NamedTuple):
 
 
 @eqx.filter_jit
-def _trajectory(problem: Problem, options: Options, samples: int) -> Trajectory:
-    lanes = reduced(problem)
-    how = event_options(options, lanes.scale.length.dtype == jnp.float64)
-
-    def one_lane(motion: Motion) -> _Path:
-        return _path(motion, how, samples)
-
-    lane = one_lane if options.adjoint is not None else with_sensitivity(one_lane)
-    path = over_lanes(lane, lanes.motion(audited=True))
+def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
+    lanes = lanes_of(problem)
+    path = how.over(lanes.motion(audited=True), functools.partial(_path, samples=samples))
     shape = problem.shape
     scale = lanes.scale
     solved = path.converged & jnp.isfinite(path.t[..., -1])
@@ -147,8 +136,8 @@ def _trajectory(problem: Problem, options: Options, samples: int) -> Trajectory:
     )
 
 
-def _path(motion: Motion, options: EventOptions, samples: int) -> _Path:
-    legs, _ = solve_legs(motion, options)
+def _path(motion: Motion, how: Event, samples: int) -> _Path:
+    legs, _ = solve_legs(motion, how)
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
     fractions = jnp.linspace(0, 1, samples, dtype=end.t.dtype)
 

@@ -2,9 +2,6 @@
 
 from ._base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from ._base import AbstractLaw as AbstractLaw
-from ._damping_relation import exact_damping_factor as exact_damping_factor
-from ._damping_relation import rebound_exponent as rebound_exponent
-from ._damping_relation import restitution_of as restitution_of
 from ._energy_loss import EnergyLoss as EnergyLoss
 from ._exact import ExactRestitution as ExactRestitution
 from ._hunt_crossley import AbstractHuntCrossley as AbstractHuntCrossley
@@ -18,7 +15,6 @@ from ._oscillator import Jankowski as Jankowski
 from ._oscillator import KelvinVoigt as KelvinVoigt
 from ._oscillator import Thornton as Thornton
 from ._oscillator import Tsuji as Tsuji
-from ._power import power as power
 from ._power_damping import PowerDamping as PowerDamping
 from ._published import CarvalhoMartins as CarvalhoMartins
 from ._published import Flores as Flores

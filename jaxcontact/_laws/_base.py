@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
+from .._forms import AbstractForm, GeneralForm, Scale
 from .._parameter import shown
 
 if TYPE_CHECKING:
@@ -25,9 +26,10 @@ than this speed (a resting one, say) is given the c of this speed, in `force` an
 class AbstractLaw(eqx.Module):
     """A contact law: parameters as leaves, and the force they make.
 
-    Subclass it, give `force`, and the law works in `impact`, `trajectory`, `restitution` and under
-    every JAX transformation. `force` gets SI quantities that broadcast, and should be zero for a
-    negative indentation. Every array held by a law broadcasts with the contact and the speed.
+    A subclass with a `force` works in `impact`, `trajectory`, `restitution` and under every JAX
+    transformation. `force` gets SI quantities that broadcast, and should be zero for a negative
+    indentation. Every array held by a law broadcasts with the contact and the speed. A law that
+    knows more about itself, a closed form for example, says so by its `form`.
 
     The keyword `tension` (static) says whether the contact may pull. With False a pull counts as no
     force, and the contact ends when its force vanishes; with True it ends when δ is back at zero.
@@ -61,6 +63,18 @@ class AbstractLaw(eqx.Module):
             "K δ^n (1 + α δ'/v0)."
         )
 
+    def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
+        """What the law is in scaled units: the general form, unless a law knows a better one.
+
+        Arguments: the contact and the units of the impact. Either may be None where only the
+        restitution is wanted; without a contact a scale has no unit but the speed. Raises
+        ValueError where the form depends on what is missing.
+        """
+        needs(contact, "contact", self)
+        needs(scale, "velocity", self)
+        assert contact is not None and scale is not None  # for the type checker
+        return GeneralForm(law=self, contact=contact, scale=scale, tension=self.tension)
+
     def __repr__(self) -> str:
         numbers = (
             f"{field.name}={shown(getattr(self, field.name))}"
@@ -68,3 +82,12 @@ class AbstractLaw(eqx.Module):
             if field.name != "tension" or self.tension is not field.default
         )
         return f"{type(self).__name__}({', '.join(numbers)})"
+
+
+def needs(argument: object, name: str, law: AbstractLaw) -> None:
+    """Raise ValueError if an argument that the law depends on is None."""
+    if argument is None:
+        raise ValueError(
+            f"Argument `{name}` is needed for `{type(law).__name__}`, which depends on it, "
+            "but is None."
+        )

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from jaxtyping import Array, ArrayLike, Float
 
+from .._forms import exact_damping_factor
 from .._parameter import RESTITUTION, parameter
-from ._damping_relation import exact_damping_factor
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
 

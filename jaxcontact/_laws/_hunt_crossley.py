@@ -9,9 +9,10 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from .._elementary import power
+from .._forms import HuntCrossleyForm, Scale
 from .._parameter import NOT_NEGATIVE, as_parameter, parameter
-from ._base import VELOCITY_THRESHOLD, AbstractLaw
-from ._power import power
+from ._base import VELOCITY_THRESHOLD, AbstractLaw, needs
 from ._registry import register_law
 
 if TYPE_CHECKING:
@@ -19,10 +20,10 @@ if TYPE_CHECKING:
 
 
 class AbstractHuntCrossley(AbstractLaw):
-    """A law F = K δⁿ (1 + α δ'/v0); a subclass says what α is and gets the closed form for it.
+    """A law F = K δⁿ (1 + α δ'/v0); a subclass says what α is and is solved in closed form.
 
     In a free impact 1 + α δ'/v0 stays positive. An external pull can make it negative; the force is
-    then zero, unless the law was made with `tension=True`.
+    then clamped at zero, unless the law was made with `tension=True`.
     """
 
     tension: bool = eqx.field(static=True, default=False, kw_only=True)
@@ -58,13 +59,10 @@ class AbstractHuntCrossley(AbstractLaw):
         factor = 1 + damping * as_parameter(velocity, "velocity")
         return elastic * (factor if self.tension else jnp.maximum(factor, 0))
 
-
-def _needs(argument: object, name: str, law: AbstractLaw) -> None:
-    if argument is None:
-        raise ValueError(
-            f"Argument `{name}` is needed for `{type(law).__name__}`, whose α depends on it, "
-            "but is None."
-        )
+    def form(self, contact: Contact | None, scale: Scale | None) -> HuntCrossleyForm:
+        """f = xⁿ (1 + α v), which has a closed form; see `AbstractLaw.form`."""
+        alpha = self.damping_factor(contact, None if scale is None else scale.speed)
+        return HuntCrossleyForm(alpha=alpha, tension=self.tension)
 
 
 @register_law(
@@ -122,8 +120,8 @@ class ConstantDamping(AbstractHuntCrossley):
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
         """α = c v0/K; ValueError if `contact` or `velocity` is missing."""
-        _needs(contact, "contact", self)
-        _needs(velocity, "velocity", self)
+        needs(contact, "contact", self)
+        needs(velocity, "velocity", self)
         assert contact is not None and velocity is not None  # for the type checker
         return self.c * as_parameter(velocity, "velocity") / contact.stiffness
 
@@ -148,6 +146,6 @@ class MarhefkaOrin(AbstractHuntCrossley):
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
         """α = (3/2) a v0; ValueError if `velocity` is missing."""
-        _needs(velocity, "velocity", self)
+        needs(velocity, "velocity", self)
         assert velocity is not None  # for the type checker
         return 1.5 * self.a * as_parameter(velocity, "velocity")

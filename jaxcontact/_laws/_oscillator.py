@@ -13,11 +13,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._elementary import arc_over_sine, horner
+from .._elementary import arc_over_sine, horner, power
+from .._forms import OscillatorForm, Scale
 from .._implicit import implicit_root
 from .._parameter import RESTITUTION, RESTITUTION_FROM_ZERO, as_parameter, parameter
 from ._base import AbstractLaw
-from ._power import power
 from ._registry import register_law
 
 if TYPE_CHECKING:
@@ -63,6 +63,14 @@ class AbstractOscillator(AbstractLaw):
             indentation, (n - 1) / 2
         )
         return force if self.tension else jnp.maximum(force, 0)
+
+    def form(self, contact: Contact | None, scale: Scale | None) -> OscillatorForm:
+        """f = xⁿ + 2ζ √((n+1)/2) x^((n-1)/2) v, with a closed form; see `AbstractLaw.form`."""
+        return OscillatorForm(
+            zeta=self.damping_ratio(contact),
+            tension=self.tension,
+            approach_only=self.approach_only,
+        )
 
 
 def _log_decrement_ratio(e: Float[Array, "..."]) -> Float[Array, "..."]:

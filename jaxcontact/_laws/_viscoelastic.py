@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from .._elementary import power
+from .._forms import Scale, ViscoelasticForm
 from .._parameter import NOT_NEGATIVE, as_parameter, parameter
-from ._base import AbstractLaw
-from ._power import power
+from ._base import AbstractLaw, needs
 from ._registry import register_law
 
 if TYPE_CHECKING:
@@ -55,3 +56,10 @@ class KuwabaraKono(AbstractLaw):
             power(indentation, n) + n * self.A * power(indentation, n - 1) * rate
         )
         return force if self.tension else jnp.maximum(force, 0)
+
+    def form(self, contact: Contact | None, scale: Scale | None) -> ViscoelasticForm:
+        """f = xⁿ + n a x^(n-1) v with a = A v0/X; see `AbstractLaw.form`."""
+        needs(contact, "contact", self)
+        needs(scale, "velocity", self)
+        assert scale is not None  # for the type checker
+        return ViscoelasticForm(a=self.A / scale.time, tension=self.tension)

@@ -307,7 +307,9 @@ def test_the_sandwich_over_groups_is_that_of_the_definition(free):
     p = found.params
     jacobian = np.stack([np.exp(-p["b"] * X), -p["a"] * X * np.exp(-p["b"] * X), np.ones(50)], 1)
     bread = np.linalg.inv(jacobian.T @ jacobian)
-    scores = np.stack([(jacobian * found.residuals[:, None])[groups == g].sum(0) for g in range(10)])
+    scores = np.stack(
+        [(jacobian * found.residuals[:, None])[groups == g].sum(0) for g in range(10)]
+    )
     expected = bread @ scores.T @ scores @ bread * 10 / 9
     assert np.allclose(found.covariance, expected, rtol=1e-5)
     # Too few groups say nothing of the correlation in them.

@@ -7,8 +7,8 @@ import pytest
 from mpmath import mp, mpf
 
 import jaxcontact as jc
-from jaxcontact._impact._closed_form import solve_hunt_crossley
-from jaxcontact._impact._oscillator import solve_oscillator
+from jaxcontact._forms._hunt_crossley import solve_hunt_crossley
+from jaxcontact._forms._oscillator import solve_oscillator
 from tests.test_impact import units
 from tests.test_impact.support import column, grid, outcome, slopes, values
 
@@ -22,7 +22,7 @@ FIRST, SECOND = 1e-12, 1e-10
 """Closed forms by their one number, over all of its range: measured 1.3e-13, and 4e-13 (1.4e-11 for
 the duration at n = 3, whose curvature vanishes with α)."""
 
-OPTIONS = {"exact": {}, "event": {"rtol": 1e-11}, "phase": {}}
+METHODS = {"exact": jc.Exact(), "event": jc.Event(rtol=1e-11), "phase": jc.Phase()}
 
 # The phase method says where it stops being right.
 RANGE = {"exact": np.inf, "event": np.inf, "phase": 14.4}
@@ -106,7 +106,7 @@ def test_first_derivatives_by_every_parameter(method, traced):
         law = Threefold(
             p["alpha"], jc.EnergyLoss(e=p["e"], beta=p["beta"]), jc.ConstantDamping(c=p["c"])
         )
-        return quantities(jc.impact(law, contact, p["v"], method=method, **OPTIONS[method]))
+        return quantities(jc.impact(law, contact, p["v"], method=METHODS[method]))
 
     @jax.jit
     @jax.vmap

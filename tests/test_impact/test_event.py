@@ -32,7 +32,7 @@ def assert_solved(hit, some, tolerances, number):
 def hunt_crossley(**options):
     some = grid("hunt_crossley", n=1.5)
     law = jc.Damped(alpha=column(some, "alpha"))
-    return jc.impact(law, UNIT[1.5], 1.0, method="event", **options), some
+    return jc.impact(law, UNIT[1.5], 1.0, method=jc.Event(**options)), some
 
 
 def test_hunt_crossley_at_any_damping():
@@ -53,7 +53,7 @@ STIFF = 3e-8
 
 
 def test_a_stiff_solver():
-    hit, some = hunt_crossley(solver=diffrax.Kvaerno5(), steps=1024)
+    hit, some = hunt_crossley(solver=diffrax.Kvaerno5(), max_steps=1024)
     assert_solved(hit, some, dict.fromkeys(ALL, STIFF), "alpha")
 
 
@@ -119,7 +119,7 @@ TINY_REBOUND = 1e-7
 def test_linear_oscillators(ending):
     some = [c for c in grid("oscillator", ending=ending, n=1.0) if c.args["zeta"] < 1.4]
     law = given_ratio(column(some, "zeta"), ending)
-    hit = jc.impact(law, UNIT[1.0], 1.0, method="event", atol=1e-15)
+    hit = jc.impact(law, UNIT[1.0], 1.0, method=jc.Event(atol=1e-15))
     assert_solved(hit, some, ALL | {"e": TINY_REBOUND}, "zeta")
 
 

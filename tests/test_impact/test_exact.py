@@ -7,8 +7,8 @@ import pytest
 from mpmath import mp, mpf
 
 import jaxcontact as jc
-from jaxcontact._impact._closed_form import solve_hunt_crossley
-from jaxcontact._impact._oscillator import solve_oscillator
+from jaxcontact._forms._hunt_crossley import solve_hunt_crossley
+from jaxcontact._forms._oscillator import solve_oscillator
 from tests import oracle
 from tests.test_impact import units
 from tests.test_impact.support import assert_within, column, errors, grid, outcome, values

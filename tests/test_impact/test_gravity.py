@@ -89,7 +89,8 @@ def test_derivatives_under_gravity():
     some = [c for c in grid("with_gravity", n=1.5) if not c.settled]
 
     def solve(alpha, gamma):
-        hit = jc.impact(jc.Damped(alpha=alpha), UNIT[1.5], 1.0, external_force=gamma, rtol=1e-11)
+        law, how = jc.Damped(alpha=alpha), jc.Event(rtol=1e-11)
+        hit = jc.impact(law, UNIT[1.5], 1.0, external_force=gamma, method=how)
         return jnp.stack([hit.restitution, hit.duration, hit.max_indentation])
 
     @jax.jit
@@ -118,6 +119,10 @@ def test_a_settled_neighbour_spoils_no_derivative():
 
 def test_another_solver_settles_too():
     hit = jc.impact(
-        jc.HuGuo(e=0.6), BALL, jnp.array([1e-5, 1.0]), external_force=WEIGHT, solver=diffrax.Tsit5()
+        jc.HuGuo(e=0.6),
+        BALL,
+        jnp.array([1e-5, 1.0]),
+        method=jc.Event(solver=diffrax.Tsit5()),
+        external_force=WEIGHT,
     )
     assert (hit.status == jnp.array([jc.Status.SETTLED, jc.Status.SEPARATED])).all()

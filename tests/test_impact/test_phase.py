@@ -32,7 +32,7 @@ MOST_CAUTIOUS = 1e5
 def hunt_crossley(n, **options):
     some = grid("hunt_crossley", n=n)
     law = jc.Damped(alpha=column(some, "alpha"))
-    return jc.impact(law, jc.Contact(1.0, 1.0, n), 1.0, method="phase", **options), some
+    return jc.impact(law, jc.Contact(1.0, 1.0, n), 1.0, method=jc.Phase(**options)), some
 
 
 def true_error(hit, some):
@@ -72,7 +72,7 @@ def test_other_exponents_are_honest(n):
 
 
 def test_fewer_steps_are_worse_and_know_it():
-    coarse, some = hunt_crossley(1.5, steps=16, rtol=1e-3)
+    coarse, some = hunt_crossley(1.5, steps=16, tolerance=1e-3)
     assert_honest(coarse, some)
     fine, _ = hunt_crossley(1.5)
     assert (true_error(coarse, some) > 10 * true_error(fine, some))[:8].all()
@@ -97,6 +97,6 @@ def test_oscillators_are_honest(n):
 
 
 def test_the_tolerance_decides_what_counts_as_converged():
-    strict, _ = hunt_crossley(1.5, rtol=1e-8)
+    strict, _ = hunt_crossley(1.5, tolerance=1e-8)
     assert (strict.status == jnp.where(strict.error_estimate <= 1e-8, 0, 2)).all()
     assert 0 < (strict.status == 0).sum() < strict.status.size

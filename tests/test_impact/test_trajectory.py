@@ -113,7 +113,7 @@ def test_derivatives_of_samples(name):
 
     def samples(p):
         law = jc.HuGuo(e=p[0]) if name == "hu_guo" else jc.KuwabaraKono(A=p[0] * 4e-6)
-        path = jc.trajectory(law, CONTACT, p[1], samples=8, rtol=1e-11)
+        path = jc.trajectory(law, CONTACT, p[1], samples=8, method=jc.Event(rtol=1e-11))
         units = (1e-3, 1e-3, 1.0, 1e4)
         parts = (path.time, path.indentation, path.velocity, path.force)
         return jnp.stack([part / unit for part, unit in zip(parts, units, strict=True)])
@@ -172,7 +172,7 @@ def test_gravity_and_settling():
 
 
 def test_too_few_steps_are_flagged():
-    path = jc.trajectory(HU_GUO, CONTACT, SPEED, steps=4)
+    path = jc.trajectory(HU_GUO, CONTACT, SPEED, method=jc.Event(max_steps=4))
     assert path.status == jc.Status.NOT_CONVERGED
     assert np.isnan(path.time).all() and np.isnan(path.force).all()
 

@@ -128,7 +128,7 @@ def test_own_law_in_general_form():
     np.testing.assert_allclose(path.energy.total, 0.1 * 1.5**2, rtol=EVENT)
 
     def e(c):
-        return jc.impact(Dashpot(c=c), CONTACT, 1.5, rtol=1e-11, atol=1e-11).restitution
+        return jc.impact(Dashpot(c=c), CONTACT, 1.5, method=jc.Event(rtol=1e-11)).restitution
 
     cs = jnp.array([1e5, 4e5, 4e5 + 40, 4e5 - 40])
     batch, slopes = jax.jit(jax.vmap(jax.value_and_grad(e)))(cs)

@@ -74,7 +74,7 @@ def test_outputs_without_names():
 
 def test_what_is_held_fixed():
     def law(name, e, v, steps):
-        return jc.impact(jc.get_law(name, e=e), CONTACT, v, method="phase", steps=steps)
+        return jc.impact(jc.get_law(name, e=e), CONTACT, v, method=jc.Phase(steps=steps))
 
     table = jc.sweep(law, name="hu_guo", e=[0.3, 0.8], v=2.0, steps=16)
     assert table.shape == (2,)

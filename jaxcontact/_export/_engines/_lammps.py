@@ -11,8 +11,9 @@ from jaxtyping import Array, ArrayLike, Float
 from scipy.optimize import root_scalar
 
 from ..._contact import Contact
+from ..._elementary import power
 from ..._impact import restitution
-from ..._laws import AbstractLaw, AbstractOscillator, AntypovElliott, KuwabaraKono, Tsuji, power
+from ..._laws import AbstractLaw, AbstractOscillator, AntypovElliott, KuwabaraKono, Tsuji
 from ..._parameter import NOT_NEGATIVE, POSITIVE, RESTITUTION_FROM_ZERO, as_parameter, parameter
 from .._engine import Engine, register_engine
 from .._wanted import Draft, Wanted, matched_stiffness

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from ..._contact import Contact
+from ..._forms import exact_damping_factor
 from ..._laws import (
     AbstractHuntCrossley,
     CarvalhoMartins,
@@ -17,7 +18,6 @@ from ..._laws import (
     Gonthier,
     HuntCrossley,
     MarhefkaOrin,
-    exact_damping_factor,
 )
 from ..._parameter import NOT_NEGATIVE, POSITIVE, RESTITUTION, as_parameter, parameter
 from .._engine import Engine, register_engine

@@ -8,47 +8,79 @@ tension at τ = π/ω. Time follows from `dt = ((n+1)/2)^(-n/(n+1)) s^(-(n-1)/(n
 
 from __future__ import annotations
 
+from typing import ClassVar
+
+import equinox as eqx
 import jax.numpy as jnp
 from jax.scipy.special import betaln
-from jaxtyping import Array, Float
 
-from .._elementary import arc_over_sine, sinc_root
-from ._quadrature import UNROLL, Exponent, integrate, n_is_one, to_power
-from ._scaled import Scaled
+from .._elementary import arc_over_sine, power, sinc_root
+from ._base import AbstractForm, Exponent, Flag, Lane, sound_damping
+from ._quadrature import integrate, n_is_one, to_power
+from ._scaled import ScaledImpact
 from ._sensitivity import lanewise
 
-Lane = Float[Array, "..."]
+
+class OscillatorForm(AbstractForm):
+    """f = xⁿ + a x^((n-1)/2) v with a = 2ζ √((n+1)/2), ζ ≥ 0."""
+
+    zeta: Lane
+    tension: bool = eqx.field(static=True)
+    approach_only: bool = eqx.field(static=True)
+    closed_form: ClassVar[bool] = True
+
+    @property
+    def ending(self) -> str:
+        """How the contact ends: "approach" (damped on approach only), "tension" or "clamped"."""
+        if self.approach_only:
+            return "approach"
+        return "tension" if self.tension else "clamped"
+
+    def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent]:
+        """c = a and p = (n+1)/2."""
+        zeta = jnp.where(compressing, self.zeta, 0) if self.approach_only else self.zeta
+        return zeta * jnp.sqrt(jnp.asarray(2 * (n + 1), self.zeta.dtype)), (n + 1) / 2
+
+    def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        """xⁿ + a x^((n-1)/2) v."""
+        return power(x, n) + self.damping(n, compressing)[0] * v * power(x, (n - 1) / 2)
+
+    def sound(self) -> tuple[OscillatorForm, Flag]:
+        """A damping ratio must be finite and not negative."""
+        zeta, good = sound_damping(self.zeta)
+        return eqx.tree_at(lambda form: form.zeta, self, zeta), good
+
+    def restitution(self) -> Lane:
+        """The e of ζ, the same for every n."""
+        return restitution_of_oscillator(self.zeta, self.ending)
+
+    def solve(self, n: Exponent) -> ScaledImpact:
+        """Restitution and extrema by formula, the times by quadrature (by formula for n = 1)."""
+        return solve_oscillator(self.zeta, n, self.ending)
 
 
-def solve_oscillator(zeta: Lane, n: Exponent, ending: str) -> Scaled:
-    """Everything about the scaled impact with damping ratio ζ ≥ 0 and exponent n in [1, 3].
+def solve_oscillator(zeta: Lane, n: Exponent, ending: str) -> ScaledImpact:
+    """The scaled impact with damping ratio ζ ≥ 0 and exponent n in [1, 3].
 
     `ending` is "tension" (until x = 0; ζ < 1), "clamped" (until the force vanishes) or "approach"
-    (damping on approach only, elastic rebound). Restitution and extrema by formula, times by
-    quadrature, except for n = 1, where they are formulas too.
+    (damping on approach only, elastic rebound).
     """
     zeta = zeta + jnp.zeros_like(jnp.asarray(n, zeta.dtype))
     bound = ending == "tension"
     settled = (zeta >= 1) if bound else jnp.zeros_like(zeta, dtype=bool)
     zeta = jnp.where(settled, 0, zeta)
     s_max = jnp.exp(-zeta * arc_over_sine(zeta))
-    if isinstance(n, float):
-        times = lanewise(
-            lambda zeta: _times(zeta, n, ending, UNROLL), lambda zeta: _times(zeta, n, ending, 1)
-        )
-        compression, duration = times(zeta)
-    else:
-        compression, duration = lanewise(
-            lambda zeta, n: _times(zeta, n, ending, UNROLL),
-            lambda zeta, n: _times(zeta, n, ending, 1),
-        )(zeta, n)
-    return Scaled(
+
+    def times(zeta: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane]:
+        return _times(zeta, n, ending, unroll)
+
+    compression, duration = lanewise(times, zeta, n)
+    return ScaledImpact(
         restitution=restitution_of_oscillator(zeta, ending),
         duration=duration,
         compression_time=compression,
         max_indentation=((n + 1) / 2 * jnp.square(s_max)) ** (1 / (n + 1)),
         max_force=_max_force(zeta, n),
-        converged=jnp.ones_like(settled),
         settled=settled,
     )
 

@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.special import beta, roots_jacobi
 
-Exponent = float | Float[Array, "..."]
-
+from ._base import Exponent
 
 UNROLL = 2
 """Nodes between two passes through memory: measured among 1 to 10, for 256 to 400 000 lanes. What

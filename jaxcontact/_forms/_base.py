@@ -1,0 +1,150 @@
+"""What a form is: a contact law in scaled units, and what a solver may ask of it.
+
+Powers of x have no second derivative at touch and separation, which costs every solver its order.
+Forms are therefore solved in w with `x = w^k`, `dt = w^(k-1) dτ`, so that `w' = v/k` and
+`v' = Γ w^(k-1) - pull(w, v)` with `pull = w^(k-1) f(w^k, v)`.
+"""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable
+from typing import ClassVar, NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .._elementary import power
+from ._scaled import ScaledImpact
+
+Lane = Float[Array, "..."]
+Flag = Bool[Array, "..."]
+Exponent = float | Float[Array, "..."]
+
+
+def signed_power(w: Lane, exponent: Exponent) -> Lane:
+    """w^exponent, continued smoothly to w < 0, where only the last trial step of a solve goes."""
+    if isinstance(exponent, float) and exponent == int(exponent):
+        return w ** int(exponent)
+    return power(w, exponent)
+
+
+class Momentum(NamedTuple):
+    """A coordinate u(v) that replaces the velocity where it makes a free motion smoother.
+
+    Its value `at_touch`, where v = 1; the `velocity` v(u); and `pull`, -du/dτ as a function of w.
+    """
+
+    at_touch: Lane
+    velocity: Callable[[Lane], Lane]
+    pull: Callable[[Lane], Lane]
+
+
+class AbstractForm(eqx.Module):
+    """A contact law in scaled units: the f of x'' = Γ - f(x, x'), x(0) = 0, x'(0) = 1.
+
+    The units are those of `Scale`: X = (m v0²/K)^(1/(n+1)) of length, v0 of speed, X/v0 of time,
+    m v0²/X of force; Γ is the external force, n the exponent of the contact. A law returns its form
+    from `law.form(contact, scale)`; a law without a form of its own needs none.
+
+    A subclass declares its numbers as fields (arrays that broadcast), a static field `tension`
+    (whether the contact may pull; without, it ends where the force vanishes) and `force`. What else
+    it knows, it says by replacing a default that means "not known": `closed_form` with `solve`;
+    `restitution`; `never_pulls`; `damping`; `momentum`; `static_indentation`; `sound`. Source of
+    the scaling: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596.
+    """
+
+    tension: eqx.AbstractVar[bool]
+
+    closed_form: ClassVar[bool] = False
+    """Whether `solve` gives the free impact, so that method "exact" applies."""
+
+    never_pulls: ClassVar[bool] = False
+    """Whether f stays positive in every free impact, up to x = 0."""
+
+    @abc.abstractmethod
+    def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        """f(x, v), not clamped, right in value and derivative for x ≥ 0.
+
+        `compressing` says whether the motion has not yet reached its turn.
+        """
+
+    def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent] | None:
+        """The c and p of f = x^(n-p) (x^p + c v), 0 ≤ p ≤ n, or None for forces of other shapes.
+
+        Where they are known the motion is solved in a coordinate in which f is a polynomial.
+        """
+        return None
+
+    def solve(self, n: Exponent) -> ScaledImpact:
+        """The free impact in closed form, in the broadcast shape of the form's numbers and n."""
+        raise NotImplementedError(f"`{type(self).__name__}` has no closed form.")
+
+    def restitution(self) -> Lane | None:
+        """The e of a free impact where it needs neither n nor the time; None where it does."""
+        return None
+
+    def sound(self) -> tuple[AbstractForm, Flag]:
+        """The form with harmless numbers in place of impossible ones, and which were possible.
+
+        The other lanes are flagged as invalid input.
+        """
+        return self, jnp.asarray(True)
+
+    def momentum(self, n: Exponent) -> Momentum | None:
+        """The coordinate that replaces v in a free impact; None for v itself."""
+        return None
+
+    def phase_unit(self) -> Lane | float:
+        """The unit of w in the plane of the phase angle; any positive number is right."""
+        return 1.0
+
+    def static_indentation(self, push: Lane, n: Exponent) -> Lane | None:
+        """The x at which f(x, 0) balances a push Γ > 0; None where it is not known."""
+        return None if self.damping(n, jnp.asarray(True)) is None else push ** (1 / n)
+
+    @property
+    def follows_phase_angle(self) -> bool:
+        """Whether a free contact lasts until x = 0, as the phase method needs."""
+        return self.tension or self.never_pulls
+
+    def order(self, n: Exponent) -> int:
+        """The k of x = w^k: the smallest that makes f a polynomial, 2 where none does.
+
+        For other forces than those of `damping`, 2 makes square roots of x smooth.
+        """
+        damping = self.damping(n, jnp.asarray(True))
+        if not isinstance(n, float):
+            return 2
+        if damping is None:
+            return 1 if n == int(n) else 2
+        powers = (n + 1, n - damping[1] + 1)
+        return next((k for k in (1, 2, 3, 4) if all(k * p == int(k * p) for p in powers)), 2)
+
+    def pull(self, w: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        """w^(k-1) f(w^k, v), not clamped."""
+        k, damping = self.order(n), self.damping(n, compressing)
+        if damping is not None:
+            outer = signed_power(w, k * (n - damping[1] + 1) - 1)
+            return outer * self.pulling(w, v, n, compressing)
+        if k == 1:
+            return self.force(w, v, n, compressing)
+        # At w = 0 the derivative of f may be infinite, while that of w f is f: f is not evaluated.
+        touching = w == 0
+        inside = jnp.where(touching, 1, w)
+        return jnp.where(touching, 0, w * self.force(inside**2, v, n, compressing))
+
+    def pulling(self, w: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        """A smooth function that is negative where the contact pulls."""
+        damping = self.damping(n, compressing)
+        if damping is None:
+            return self.force(w ** self.order(n), v, n, compressing)
+        coefficient, excess = damping
+        return signed_power(w, self.order(n) * excess) + coefficient * v
+
+
+def sound_damping(number: Lane) -> tuple[Lane, Flag]:
+    """A damping number, 0 where it is negative or not finite, and where it was neither."""
+    good = (number >= 0) & jnp.isfinite(number)
+    return jnp.where(good, number, 0), good

@@ -1,0 +1,69 @@
+"""What a method is: its options, whether it can do what is asked, and its solve."""
+
+from __future__ import annotations
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax.core import Tracer
+
+from .._forms import AbstractForm, Lane, ScaledImpact
+from ._front_door import Lanes
+
+
+class AbstractMethod(eqx.Module):
+    """A way to solve an impact, with its options as fields.
+
+    A subclass sets `name` (which `Impact.method` repeats), gives `chosen` and `solve`, and works as
+    the `method` of `impact`, `restitution` and `bounce`. Options that are Python values are
+    declared with `eqx.field(static=True)`: methods with equal options share compiled code.
+    """
+
+    name: eqx.AbstractClassVar[str]
+
+    @abc.abstractmethod
+    def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:
+        """The method that solves this form, `pushed` by an external force or not: mostly `self`.
+
+        Raises ValueError where the method does not apply; the message says which one does.
+        """
+
+    @abc.abstractmethod
+    def solve(self, lanes: Lanes) -> ScaledImpact:
+        """The scaled outcome, in a shape that broadcasts to that of the problem.
+
+        `lanes.form`, `lanes.n` and `lanes.push` (None without external force) are the scaled
+        problem; lanes that are not valid hold harmless numbers.
+        """
+
+    def restitution(self, form: AbstractForm) -> Lane | None:
+        """The e of a free impact where no solve is necessary for it; None where one is."""
+        return None
+
+
+def as_tolerance(value: Any, name: str) -> float | None:
+    """A tolerance as a Python float, from any real scalar that is known; None stays None."""
+    if value is None:
+        return None
+    number = _scalar(value)
+    if not isinstance(number, int | float) or not 0 < number < 1:
+        raise ValueError(f"Argument `{name}` must be a number in (0, 1), but is {value!r}.")
+    return float(number)
+
+
+def as_count(value: Any, name: str) -> int:
+    """A number of steps as a Python int, from any whole scalar that is known."""
+    number = _scalar(value)
+    if not isinstance(number, int) or number < 2:
+        raise ValueError(f"Argument `{name}` must be a whole number above 1, but is {value!r}.")
+    return int(number)
+
+
+def _scalar(value: Any) -> object:
+    """A NumPy or JAX scalar as a Python number; what is no number as it is, flags as None."""
+    array = isinstance(value, np.ndarray | np.generic | jax.Array) and not isinstance(value, Tracer)
+    number = value.item() if array and value.ndim == 0 else value
+    return None if isinstance(number, bool) else number
