@@ -73,10 +73,8 @@ def uniform(tree: Any) -> Any:
     leaves = [leaf for leaf in jax.tree.leaves(tree) if eqx.is_inexact_array(leaf)]
     # A Python number is weakly typed and follows the arrays; alone it has the default precision.
     strong = [leaf.dtype for leaf in leaves if not leaf.weak_type]
-    double = jnp.dtype("float64")
-    dtype = (
-        (double if double in strong else jnp.dtype("float32")) if strong else jnp.zeros(()).dtype
-    )
+    # Numbers of a fit are double; without double precision they are used in single.
+    dtype = jax.dtypes.canonicalize_dtype(max(strong, key=lambda d: d.itemsize, default=float))
     rank = max((leaf.ndim for leaf in leaves), default=0)
 
     def convert(leaf: Any) -> Any:
