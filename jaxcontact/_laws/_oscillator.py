@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._elementary import arc_over_sine, horner, power
-from .._forms import OscillatorForm, Scale
+from .._forms import OscillatorForm
 from .._implicit import implicit_root
 from .._parameter import RESTITUTION, RESTITUTION_FROM_ZERO, as_parameter, parameter
 from ._base import AbstractLaw
@@ -34,13 +34,7 @@ class AbstractOscillator(AbstractLaw):
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         """The damping ratio ζ ≥ 0 of the regularised oscillator, dimensionless."""
 
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
+    def force(self, indentation, velocity, contact, impact_velocity) -> Float[Array, "..."]:
         """F = K δⁿ + 2ζ √((n+1)/2) √(Km) δ^((n-1)/2) δ' in N, and zero for δ < 0.
 
         Arguments: indentation δ in m, its rate δ' in m/s and the contact; they broadcast. The
@@ -64,7 +58,7 @@ class AbstractOscillator(AbstractLaw):
         )
         return force if self.tension else jnp.maximum(force, 0)
 
-    def form(self, contact: Contact | None, scale: Scale | None) -> OscillatorForm:
+    def form(self, contact, scale) -> OscillatorForm:
         """f = xⁿ + 2ζ √((n+1)/2) x^((n-1)/2) v, with a closed form; see `AbstractLaw.form`."""
         return OscillatorForm(
             zeta=self.damping_ratio(contact),
@@ -121,7 +115,7 @@ class KelvinVoigt(AbstractOscillator):
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
 
-    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
         """The ζ that delivers e."""
         if self.tension:
             return _log_decrement_ratio(self.e)
@@ -145,7 +139,7 @@ class AntypovElliott(AbstractOscillator):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
         """ζ = -ln e/√(π² + ln² e)."""
         return _log_decrement_ratio(self.e)
 
@@ -172,7 +166,7 @@ class Tsuji(AbstractOscillator):
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
-    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
         """ζ = a/√5."""
         return jnp.sqrt(0.4) * horner(_TSUJI, self.e)
 
@@ -226,7 +220,7 @@ class Thornton(AbstractOscillator):
     tension: bool = eqx.field(static=True, default=False, kw_only=True)
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
-    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
         """ζ = γ √(6/5)."""
         # 1/(1-q) - 1 = q/(1-q): no cancellation near e = 1, where q is small.
         fit = jnp.where(
@@ -256,7 +250,7 @@ class Jankowski(AbstractOscillator):
     approach_only: ClassVar[bool] = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
-    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
         """ζ = 2ξ/√5."""
         e = self.e
         return 9 * (1 - e) * (1 + e) / (e * (e * (9 * jnp.pi - 16) + 16))
