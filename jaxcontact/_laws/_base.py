@@ -30,8 +30,8 @@ class AbstractLaw(eqx.Module):
 
     A subclass with a `force` works in `impact`, `trajectory`, `restitution` and under every JAX
     transformation. `force` gets SI quantities that broadcast, and should be zero for a negative
-    indentation. Every array held by a law broadcasts with the contact and the speed. A law that
-    knows more about itself, a closed form for example, says so by its `form`.
+    indentation. Every array held by a law broadcasts with the contact and the speed. A law with a
+    closed form or another shortcut returns it from `form`.
 
     The keyword `tension` (static) says whether the contact may pull. With False a pull counts as no
     force, and the contact ends when its force vanishes; with True it ends when δ is back at zero.
@@ -66,7 +66,7 @@ class AbstractLaw(eqx.Module):
         )
 
     def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
-        """What the law is in scaled units: the general form, unless a law knows a better one.
+        """The law in scaled units: a general form, replaced by laws with a special one.
 
         Arguments: the contact and the units of the impact. Either may be None where only the
         restitution is wanted; without a contact a scale has no unit but the speed. Raises

@@ -1,4 +1,4 @@
-"""The law that delivers the restitution it is asked for."""
+"""The law that delivers exactly the restitution it is given."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class AbstractHuntCrossley(AbstractLaw):
-    """A law F = K δⁿ (1 + α δ'/v0); a subclass says what α is and is solved in closed form.
+    """A law F = K δⁿ (1 + α δ'/v0); a subclass gives α and is solved in closed form.
 
     In a free impact 1 + α δ'/v0 stays positive. An external pull can make it negative; the force is
     then clamped at zero, unless the law was made with `tension=True`.
@@ -42,7 +42,7 @@ class AbstractHuntCrossley(AbstractLaw):
         """F = K δⁿ max(0, 1 + α δ'/v0) in N, and zero for δ < 0.
 
         Arguments: indentation δ in m, its rate δ' in m/s, the contact, and the closing speed v0 at
-        touch in m/s; all broadcast. Below `VELOCITY_THRESHOLD` the threshold stands for v0. With
+        touch in m/s; all broadcast. Below `VELOCITY_THRESHOLD` the threshold replaces v0. With
         `tension=True` the force is not clamped.
         """
         speed = jnp.maximum(as_parameter(impact_velocity, "impact_velocity"), VELOCITY_THRESHOLD)
@@ -119,7 +119,7 @@ class ConstantDamping(AbstractHuntCrossley):
     valid="a v0 small: then e = 1 - a v0",
 )
 class MarhefkaOrin(AbstractHuntCrossley):
-    """A law that needs no memory of v0: F = K δⁿ (1 + (3/2) a δ'), meant to give e = 1 - a v0.
+    """A law without v0 in its force: F = K δⁿ (1 + (3/2) a δ'), intended to give e = 1 - a v0.
 
     `a` ≥ 0 in s/m. Good for small a v0; α = (3/2) a v0. Raises ValueError for a Python scalar out
     of range. Source: Marhefka & Orin (1999), IEEE Trans. Syst. Man Cybern. A 29:566,

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class AbstractOscillator(AbstractLaw):
-    """A law whose regularised form is the linear oscillator; a subclass says what ζ is."""
+    """A law whose regularised form is the linear oscillator; a subclass gives ζ."""
 
     approach_only: ClassVar[bool] = False
     """Whether the damping acts only while the bodies approach."""
@@ -133,7 +133,7 @@ class AntypovElliott(AbstractOscillator):
 
     F = K δ^(3/2) + √5 ζ √(Km) δ^(1/4) δ' with ζ = -ln e/√(π² + ln² e); for other exponents the
     damping term is 2ζ √((n+1)/2) √(Km) δ^((n-1)/2) δ', still exact. `e` in (0, 1]. The contact may
-    pull; with `tension=False` it delivers more than asked. Raises ValueError for a Python scalar
+    pull; with `tension=False` it delivers more than e. Raises ValueError for a Python scalar
     out of range. Source: Antypov & Elliott (2011), EPL 94:50004, doi 10.1209/0295-5075/94/50004.
     """
 
@@ -151,7 +151,7 @@ _TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
     "tsuji",
     formula="K δ^(3/2) + a √(Km) δ^(1/4) δ', a a polynomial in e",
     source="Tsuji et al. 1992, doi 10.1016/0032-5910(92)88030-L",
-    valid="e within 0.001 of the asked one below 1; not elastic at e = 1; n = 3/2",
+    valid="e within 0.001 of the given one below 1; not elastic at e = 1; n = 3/2",
 )
 class Tsuji(AbstractOscillator):
     """The damped Hertz contact of granular codes: F = K δ^(3/2) + a √(Km) δ^(1/4) δ'.

@@ -1,4 +1,4 @@
-"""Published formulas α(e) for the Hunt-Crossley family: each asks for e, few deliver it."""
+"""Published formulas α(e) for the Hunt-Crossley family; few of them deliver the e given."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class LankaraniNikravesh(AbstractHuntCrossley):
 class Flores(AbstractHuntCrossley):
     """α = 8(1-e)/(5e), with the loss of compression and restitution taken apart.
 
-    `e` in (0, 1]; delivers less than asked, by 6 % at 0.5. Raises ValueError for a Python scalar
+    `e` in (0, 1]; delivers less than e, by 6 % at 0.5. Raises ValueError for a Python scalar
     out of range. Source: Flores et al. (2011), Multibody Syst. Dyn. 25:357,
     doi 10.1007/s11044-010-9237-4; the same formula in Ye, Li & Zhu (2009), Earthquake Eng. Struct.
     Dyn. 38:1135.
@@ -122,7 +122,7 @@ class Gonthier(AbstractHuntCrossley):
 class CarvalhoMartins(AbstractHuntCrossley):
     """α = 3(1-e)(11-e)/(2(1+9e)), a rational fit to the exact relation.
 
-    `e` in [0, 1]; within 0.05 % of the asked e above 0.49. Raises ValueError for a Python scalar
+    `e` in [0, 1]; within 0.05 % of the given e above 0.49. Raises ValueError for a Python scalar
     out of range. Source: Carvalho & Martins (2019), Mech. Mach. Theory,
     doi 10.1016/j.mechmachtheory.2019.04.018.
     """

@@ -61,7 +61,7 @@ def test_any_known_scalar_is_a_number():
         ),
         (
             lambda: jc.trajectory(LAW, CONTACT, 1.0, method=jc.Phase()),
-            ["'event'", "Phase(steps=32"],
+            ["'event'", "Phase("],
         ),
         (lambda: jc.trajectory(LAW, CONTACT, 1.0, method="magic"), ["method", "'magic'"]),
     ],
@@ -84,21 +84,22 @@ def test_methods_are_static_fields_and_parts_of_trees():
     traces = []
 
     @eqx.filter_jit
-    def solve(how, e):
-        traces.append(how)
+    def solve(how, event, e):
+        traces.append(event.choice.rtol + event.part.rtol)
         law = jc.HuGuo(e=e)
         return [jc.impact(law, CONTACT, 1.3, method=m).duration for m in (how.choice, how.part)]
 
     def make():
-        return Static(jc.Event(rtol=1e-6, solver=diffrax.Tsit5()), jc.Phase(16))
+        event = jc.Event(rtol=1e-6, solver=diffrax.Tsit5())
+        return Static(jc.Phase(16), jc.Exact()), Static(event, event)
 
-    by_event, by_phase = solve(make(), jnp.asarray(0.5))
-    solve(make(), jnp.asarray(0.7))
-    assert len(traces) == 1
+    by_phase, by_formula = solve(*make(), jnp.asarray(0.5))
+    solve(*make(), jnp.asarray(0.7))
+    assert traces == [2e-6]
     assert {jc.Event(rtol=1e-6), jc.Event(rtol=np.float64(1e-6))} == {jc.Event(rtol=1e-6)}
     assert jc.Event(rtol=1e-6) != jc.Event(rtol=1e-7)
     exact = jc.impact(jc.HuGuo(e=0.5), CONTACT, 1.3).duration
-    np.testing.assert_allclose([by_event, by_phase], exact, rtol=1e-6)
+    np.testing.assert_allclose([by_phase, by_formula], exact, rtol=1e-6)
     plain = jax.jit(lambda how: jc.impact(LAW, CONTACT, 1.3, method=how).restitution)(jc.Exact())
     assert plain == jc.restitution(LAW)
 
@@ -131,14 +132,14 @@ class Classical(jc.AbstractMethod):
 
         touch = jnp.zeros_like(alpha), jnp.ones_like(alpha)
         x, v, rates = jax.lax.scan(advance, touch, length=int(6 / h))[1]
-        inside = jnp.cumprod(x >= 0, axis=0)
+        inside = jax.lax.cummin((x >= 0).astype(int), axis=0) == 1
         last = jnp.sum(inside, axis=0) - 1
         x_last, v_last = (jnp.take_along_axis(y, last[None], 0)[0] for y in (x, v))
-        force = jnp.where(inside == 1, push - rates, 0)
+        force = jnp.where(inside, push - rates, 0)
         return jc.ScaledImpact(
             restitution=-v_last,
-            duration=h * last - x_last / v_last,
-            compression_time=h * jnp.sum((v > 0) * inside, axis=0),
+            duration=h * last.astype(x.dtype) - x_last / v_last,
+            compression_time=h * jnp.sum((v > 0) & inside, axis=0, dtype=x.dtype),
             max_indentation=jnp.max(x, axis=0),
             max_force=jnp.max(force, axis=0),
         )
