@@ -114,7 +114,7 @@ class Lanes(eqx.Module):
         return self.traced_exponent
 
     def motion(self, *, audited: bool = False) -> Motion:
-        """The lanes as a solver sees them."""
+        """The equation of motion of the lanes, for methods that solve one lane."""
         # XLA would fold a solve of constants (Hertz's law has no other numbers), for forty seconds.
         numbers = (self.form, self.traced_exponent, self.push)
         form, traced, push = jax.lax.optimization_barrier(numbers)
@@ -122,7 +122,7 @@ class Lanes(eqx.Module):
 
 
 def lanes_of(problem: Problem) -> Lanes:
-    """The scaled problem. Bad lanes are marked, and solved with harmless numbers in place."""
+    """The scaled problem; in lanes with invalid input valid numbers replace it."""
     contact = problem.contact
     n = contact.exponent
     valid = is_valid(problem.law) & is_valid(contact) & SPEED.holds(problem.velocity)
