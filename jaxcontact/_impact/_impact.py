@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -125,14 +124,6 @@ def restitution(
             "but is None."
         )
     return e
-
-
-def restitution_is_constant(law: AbstractLaw, contact: Contact) -> bool:
-    """Whether e is certainly the same at every speed: the form gives it without a speed."""
-    try:
-        return jax.eval_shape(lambda: law.form(contact, None).restitution()) is not None
-    except (TypeError, ValueError):  # the law needs the speed
-        return False
 
 
 @eqx.filter_jit
