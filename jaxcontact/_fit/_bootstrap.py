@@ -10,12 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ._checks import at_least, is_level
 from ._data import FitData
 from ._found import Found, found_from
 from ._problem import Problem
+from ._solve import Options
 
 _STEPS = 100
-_FEWEST = 2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,12 +35,10 @@ class Bootstrap:
 
     def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """The percentile interval of each parameter."""
-        if not 0 < level < 1:
-            raise ValueError(f"Argument `level` must be in (0, 1), but is {level!r}.")
-        ends = np.quantile(
-            self.values[self.converged], [(1 - level) / 2, (1 + level) / 2], axis=0
-        ).T
-        return {name: (float(a), float(b)) for name, (a, b) in zip(self.names, ends, strict=True)}
+        is_level(level)
+        part = np.array([1 - level, 1 + level]) / 2
+        ends = np.quantile(self.values[self.converged], part, axis=0)
+        return dict(zip(self.names, zip(*ends.tolist(), strict=True), strict=True))
 
     def __repr__(self) -> str:
         count = int(self.converged.sum())
@@ -50,10 +49,15 @@ class Bootstrap:
         return "\n".join(lines)
 
 
-def bootstrap(fit: FitData, draws: int, seed: int) -> Bootstrap:
-    """The draws of `Fit.bootstrap`."""
-    if not isinstance(draws, int) or draws < _FEWEST:
-        raise ValueError(f"Argument `draws` must be at least {_FEWEST}, but is {draws!r}.")
+def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
+    """Fit data simulated from this fit: its prediction plus normal noise of its size.
+
+    Returns a `Bootstrap`: parameters (draws, k), their spread and percentile intervals. Draws that
+    did not converge are flagged and left out. Raises ValueError where the size of the noise is
+    unknown, or this fit did not converge.
+    Source: Efron & Tibshirani (1993), doi 10.1201/9780429246593.
+    """
+    at_least("draws", draws, 2)
     if not fit.converged:
         raise ValueError(f"A fit that did not converge has no bootstrap: {fit.reason}.")
     if not np.isfinite(fit.noise):
@@ -62,27 +66,22 @@ def bootstrap(fit: FitData, draws: int, seed: int) -> Bootstrap:
             "which leave the size of the noise unknown."
         )
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        theta = jnp.asarray(fit.theta)
-        key = jax.random.key(seed)
-        noise = jax.random.normal(key, (draws, fit.data.size)) * np.sqrt(fit.noise)
-        found = _refits(fit.problem, theta, noise, jnp.asarray(fit.rtol))
-        fine = jnp.all(found.still, axis=1) & jnp.isfinite(found.loss)
-    return Bootstrap(fit.names, np.asarray(found.values), np.asarray(fine))
+        noise = jax.random.normal(jax.random.key(seed), (draws, fit.data.size))
+        options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)
+        found = _refits(fit.problem, jnp.asarray(fit.theta), noise * np.sqrt(fit.noise), options)
+        good = jnp.all(found.still, axis=1) & jnp.isfinite(found.loss)
+    return Bootstrap(fit.names, np.asarray(found.values), np.asarray(good))
 
 
 @eqx.filter_jit
 def _refits(
-    problem: Problem,
-    theta: Float[Array, " k"],
-    noise: Float[Array, "draws n"],
-    rtol: Float[Array, ""],
+    problem: Problem, theta: Float[Array, " k"], noise: Float[Array, "draws n"], options: Options
 ) -> Found:
     used = problem.factor > 0
     clean = problem.prediction(theta)
 
     def one(noise: Float[Array, " n"]) -> Found:
         y = clean + jnp.where(used, noise / jnp.where(used, problem.factor, 1), 0)
-        simulated = eqx.tree_at(lambda p: p.y, problem, y)
-        return found_from(simulated, theta, rtol, None, _STEPS, 0, None)
+        return found_from(eqx.tree_at(lambda p: p.y, problem, y), theta, options)
 
     return jax.vmap(one)(noise)

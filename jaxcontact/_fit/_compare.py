@@ -14,10 +14,11 @@ import numpy as np
 from jaxtyping import ArrayLike, Bool
 
 from .._text_table import text_table
+from ._checks import at_least
 from ._data import FitData
 from ._found import find
 from ._inference import LEAST_GROUPS
-from ._solve import MOST_STEPS, PATIENCE
+from ._solve import Options
 from ._target import groups_of
 
 CLEAR_AICC = 2.0
@@ -90,11 +91,7 @@ def table(
 
 
 def compare_fits(
-    fits: Mapping[str, FitData],
-    *,
-    folds: int = 5,
-    groups: ArrayLike | None = None,
-    seed: int = 0,
+    fits: Mapping[str, FitData], *, folds: int = 5, groups: ArrayLike | None = None, seed: int = 0
 ) -> Comparison:
     """Compare fits to the same data: AICc, BIC, and the error at points that were left out.
 
@@ -109,8 +106,7 @@ def compare_fits(
     and robust fits that found their own scale, which cannot be compared.
     Source: Burnham & Anderson (2002), doi 10.1007/b97636; Vuong (1989), doi 10.2307/1912557.
     """
-    if not isinstance(folds, int) or folds < 2:
-        raise ValueError(f"Argument `folds` must be at least 2, but is {folds!r}.")
+    at_least("folds", folds, 2)
     _check(fits)
     used = np.asarray(next(iter(fits.values())).problem.factor) > 0
     return compared(fits, _parts(used, folds, groups, seed))
@@ -130,15 +126,9 @@ def compared(
     the verdict calls the parts and the groups.
     """
     _check(fits)
-    found = sorted(
-        (_candidate(name, fit, parts) for name, fit in fits.items()),
-        key=lambda c: (not c.converged, c.aicc),
-    )
-    first = fits[found[0].name]
-    found = tuple(
-        dataclasses.replace(c, behind=advantage(first, fits[c.name]) if c is not found[0] else None)
-        for c in found
-    )
+    names = sorted(fits, key=lambda name: (not fits[name].converged, criteria(fits[name])[1]))
+    first = fits[names[0]]
+    found = tuple(_candidate(name, fits[name], first, parts) for name in names)
     return Comparison(found, *_verdict(found, list(fits), parameters, left_out, group))
 
 
@@ -168,27 +158,23 @@ def advantage(fit: FitData, other: FitData) -> float | None:
     if fit.groups is None:
         return None
     used = np.asarray(fit.problem.factor) > 0
-    _, place = np.unique(fit.groups[used], return_inverse=True)
-    count = int(place.max()) + 1
-    z, worse = fit.z, other.z
-    scale = float(np.mean(z**2) + np.mean(worse**2)) / 2
-    if count < LEAST_GROUPS or not scale > 0:
+    place = np.unique(fit.groups[used], return_inverse=True)[1]
+    scale = float(np.mean(fit.z**2) + np.mean(other.z**2)) / 2
+    if place.max() + 1 < LEAST_GROUPS or not scale > 0:
         return None
-    gain = np.bincount(place, weights=(worse**2 - z**2) / (2 * scale), minlength=count)
-    spread = math.sqrt(count * float(np.var(gain, ddof=1)))
+    gain = np.bincount(place, weights=(other.z**2 - fit.z**2) / (2 * scale))
+    spread = math.sqrt(len(gain) * float(np.var(gain, ddof=1)))
     return float(np.sum(gain)) / spread if spread > 0 else None
 
 
 def _check(fits: Mapping[str, FitData]) -> None:
     if len(fits) < 2:
         raise ValueError(f"Argument `fits` must hold at least two fits, but holds {len(fits)}.")
-    first = next(iter(fits.values()))
+    first = next(iter(fits.values())).problem
     for name, fit in fits.items():
         robust = fit.problem.threshold is not None and not fit.absolute
-        same = np.array_equal(fit.problem.y, first.problem.y) and np.array_equal(
-            fit.problem.factor, first.problem.factor
-        )
-        if robust or not same:
+        pairs = (fit.problem.y, first.y), (fit.problem.factor, first.factor)
+        if robust or not all(np.array_equal(*pair) for pair in pairs):
             why = "a scale of its own" if robust else "other data or weights"
             raise ValueError(
                 f"Argument `fits` must hold fits to the same data, but {name!r} has {why}."
@@ -212,28 +198,29 @@ def _parts(
     return (fold[number] == np.arange(folds)[:, None]) & used
 
 
-def _candidate(name: str, fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> Candidate:
+def _candidate(
+    name: str, fit: FitData, first: FitData, parts: Bool[np.ndarray, "folds n"]
+) -> Candidate:
     k, aicc, bic = criteria(fit)
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        square = _held_out(fit, parts)
-    held_out = None if square is None else math.sqrt(square / np.count_nonzero(parts))
-    return Candidate(name, k, fit.loss, aicc, bic, held_out, None, fit.converged)
+        held_out = _held_out(fit, parts)
+    behind = None if fit is first else advantage(first, fit)
+    return Candidate(name, k, fit.loss, aicc, bic, held_out, behind, fit.converged)
 
 
 def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
-    """Σ z² of the points that each part leaves out, by the fit to the others; None without one."""
+    """√(mean z²) of points, each by the fit without its part; None where one did not converge."""
     square = 0.0
     for out in parts:
         # Other weights share the compiled search of the fit itself.
         weights = jnp.where(jnp.asarray(out), 0, fit.problem.factor)
         fewer = eqx.tree_at(lambda p: p.factor, fit.problem, weights)
-        start, rtol = jnp.asarray(fit.theta), jnp.asarray(fit.rtol)
-        found = find(fewer, start, rtol, None, MOST_STEPS, PATIENCE, None)
+        found = find(fewer, jnp.asarray(fit.theta), Options(jnp.asarray(fit.rtol)))
         if not np.all(found.still):
             return None
         z = np.asarray(fit.problem.off(found.prediction))
         square += float(np.sum(z[out] ** 2))
-    return square
+    return math.sqrt(square / np.count_nonzero(parts))
 
 
 def _verdict(

@@ -84,8 +84,7 @@ class FitData:
     def predict(self, x: Any = None) -> Any:
         """The prediction of the best parameters, at the data's x or at others."""
         with jax.enable_x64(True):
-            at = self.problem.x if x is None else jax.tree.map(jnp.asarray, x)
-            return evaluated(self.problem.predict, self.params, at)
+            return evaluated(self.problem.predict, self.params, self._place(x))
 
     def predict_with_error(self, x: Any = None) -> tuple[np.ndarray, np.ndarray]:
         """The prediction (n,), flattened, and its standard error √(g Cov gᵀ), g = d prediction/dp.
@@ -93,11 +92,14 @@ class FitData:
         Parameters without a standard error count as known.
         """
         with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-            at = self.problem.x if x is None else jax.tree.map(jnp.asarray, x)
-            curve, slope = map(np.asarray, _linearised(self.problem, jnp.asarray(self.values), at))
+            values = jnp.asarray(self.values)
+            slope, curve = map(np.asarray, _linearised(self.problem, values, self._place(x)))
         known = np.isfinite(np.diag(self.covariance))
         part = slope[:, known] @ self.covariance[np.ix_(known, known)]
         return curve, np.sqrt(np.sum(part * slope[:, known], axis=1))
+
+    def _place(self, x: Any) -> Any:
+        return self.problem.x if x is None else jax.tree.map(jnp.asarray, x)
 
 
 @eqx.filter_jit
@@ -106,5 +108,4 @@ def _linearised(problem: Problem, values: jax.Array, x: Any) -> tuple[jax.Array,
         curve = flattened(evaluated(problem.predict, problem.space.tree_of(values), x))
         return curve, curve
 
-    slope, curve = jax.jacfwd(at, has_aux=True)(values)
-    return curve, slope
+    return problem.jacobian(at, values)

@@ -14,13 +14,14 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._progress import progress_of
+from ._checks import at_least, listed
 from ._found import Found, find, find_all, holding
 from ._inference import infer
 from ._loss import Huber
 from ._problem import Problem, shapes_of
 from ._result import Fit
-from ._solve import MOST_STEPS, PATIENCE, Tell
-from ._space import Space, space_of
+from ._solve import MOST_STEPS, PATIENCE, Options
+from ._space import space_of
 from ._target import Target, groups_of, target_of
 from ._verdict import at_bound_of, falling, verdict
 
@@ -35,6 +36,7 @@ _OUTWARD = 3.0
 _END = 40.0
 """The logit of what rounds to 1 in double precision, where the slope is 0."""
 
+_MOST_GRADIENT_STEPS = 10_000
 LEVENBERG_MARQUARDT = "levenberg-marquardt"
 
 
@@ -95,8 +97,8 @@ def fit(
     match. Source: Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030.
     """
     _check(loss, optimizer, starts, spread, max_steps, rtol)
-    by_gradient = optimizer if optimizer != LEVENBERG_MARQUARDT else None
-    most = max_steps or (MOST_STEPS if by_gradient is None else 10_000)
+    by_gradient = None if optimizer == LEVENBERG_MARQUARDT else optimizer
+    most = max_steps or (MOST_STEPS if by_gradient is None else _MOST_GRADIENT_STEPS)
     with (
         _listener_of(progress, most) as tell,
         jax.enable_x64(True),
@@ -105,23 +107,27 @@ def fit(
         target = target_of(data, sigma, weights)
         names = groups_of(groups, target.y.size)
         space, theta = space_of(start, transforms)
-        problem = _problem(predict, space, x, target, loss, reverse, shapes_of(data))
-        rough = jnp.asarray(theta)
-        ends = np.zeros(0)
-
-        def search(problem: Problem, rough: Any) -> Found:
-            return find(problem, rough, jnp.asarray(rtol), by_gradient, most, patience, tell)
-
+        problem = Problem(
+            predict,
+            space,
+            jax.tree.map(jnp.asarray, x),
+            jnp.asarray(target.y),
+            jnp.asarray(target.factor),
+            jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None,
+            reverse,
+            shapes_of(data),
+        )
+        options = Options(jnp.asarray(rtol), by_gradient, most, patience, tell)
+        rough, ends = theta, np.zeros(0)
         if starts > 1:
-            rough, ends = _best_start(
-                problem, theta, starts, spread, seed, rtol, by_gradient, most, patience
-            )
-        found = search(problem, rough)
+            away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
+            rough, ends = _best_start(problem, np.stack([theta, *(theta + away)]), options)
+        found = _search(problem, rough, options)
         _check_start(problem, theta, found)
-        found = _set_to_bound(problem, found, theta, search)
+        found = _set_to_bound(problem, found, theta, options)
         if isinstance(loss, Huber) and sigma is None:
-            problem, found = _with_scale(problem, found, target, search)
-        return _result(problem, found, theta, target, ends, names, rtol, most)
+            problem, found = _with_scale(problem, found, options)
+        return _result(problem, found, theta, target, ends, names, options)
 
 
 def _check(
@@ -129,44 +135,36 @@ def _check(
 ) -> None:
     if loss != "squares" and not isinstance(loss, Huber):
         raise ValueError(f"Argument `loss` must be 'squares' or a `Huber`, but is {loss!r}.")
-    if isinstance(optimizer, str):
-        if optimizer != LEVENBERG_MARQUARDT:
-            raise ValueError(
-                f"Argument `optimizer` must be {LEVENBERG_MARQUARDT!r} or an optax optimiser, but "
-                f"is {optimizer!r}."
-            )
-    elif not (hasattr(optimizer, "init") and hasattr(optimizer, "update")):
+    is_optax = hasattr(optimizer, "init") and hasattr(optimizer, "update")
+    if not is_optax and optimizer != LEVENBERG_MARQUARDT:
         raise ValueError(
             f"Argument `optimizer` must be {LEVENBERG_MARQUARDT!r} or an optax optimiser, but is "
             f"{optimizer!r}."
         )
-    for name, value in (("starts", starts), ("max_steps", max_steps)):
-        if value is not None and (not isinstance(value, int) or value < 1):
-            raise ValueError(f"Argument `{name}` must be at least 1, but is {value!r}.")
+    at_least("starts", starts, 1)
+    if max_steps is not None:
+        at_least("max_steps", max_steps, 1)
     for name, number in (("spread", spread), ("rtol", rtol)):
         if not 0 < number < math.inf:
             raise ValueError(f"Argument `{name}` must be in (0, inf), but is {number!r}.")
 
 
-def _problem(
-    predict: Callable[..., Any],
-    space: Space,
-    x: Any,
-    target: Target,
-    loss: Any,
-    reverse: bool,
-    shapes: tuple[tuple[int, ...], ...],
-) -> Problem:
-    return Problem(
-        predict,
-        space,
-        None if x is None else jax.tree.map(jnp.asarray, x),
-        jnp.asarray(target.y),
-        jnp.asarray(target.factor),
-        jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None,
-        reverse,
-        shapes,
-    )
+def _search(problem: Problem, start: Any, options: Options) -> Found:
+    return _in_numpy(find(problem, jnp.asarray(start), options))
+
+
+def _in_numpy(found: Found) -> Found:
+    return jax.tree.map(np.asarray, found)
+
+
+def _best_start(
+    problem: Problem, lanes: np.ndarray, options: Options
+) -> tuple[np.ndarray, np.ndarray]:
+    """The best end of many starts, and the loss at which each start ended."""
+    found = _in_numpy(find_all(problem, jnp.asarray(lanes), options._replace(tell=None)))
+    ends = np.where(np.isfinite(found.loss), found.loss, np.inf)
+    best = int(np.argmin(ends))
+    return found.theta[best] if np.isfinite(ends[best]) else lanes[0], ends
 
 
 def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
@@ -176,66 +174,37 @@ def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
     prediction = np.asarray(problem.prediction(jnp.asarray(theta)))
     bad = ~np.isfinite(prediction) & (np.asarray(problem.factor) > 0)
     if bad.any():
-        where = np.flatnonzero(bad)
-        more = f" and {len(where) - 5} more" if len(where) > 5 else ""
-        points = ", ".join(map(str, where[:5]))
+        points = listed([str(i) for i in np.flatnonzero(bad)])
         raise ValueError(
-            f"Argument `start` must have a finite prediction, but has none at the points {points}"
-            f"{more}."
+            f"Argument `start` must have a finite prediction, but has none at the points {points}."
         )
 
 
-def _set_to_bound(
-    problem: Problem, found: Found, start: np.ndarray, search: Callable[[Problem, Any], Found]
-) -> Found:
+def _set_to_bound(problem: Problem, found: Found, start: np.ndarray, options: Options) -> Found:
     """The fit with a parameter that creeps to a bound set there, if that is no worse."""
-    theta, step = np.asarray(found.theta), np.asarray(found.step)
     space = problem.space
     # A logarithm has a bound on one side only.
-    out = (np.abs(step) > _OUTWARD) & (space.bounded_above | (space.has_unit & (step < 0)))
+    bounded = space.bounded_above | (space.has_unit & (found.step < 0))
+    out = (np.abs(found.step) > _OUTWARD) & bounded
     if not out.any() or not np.isfinite(found.loss):
         return found
-    bound = np.where(space.bounded_above, np.sign(step) * _END, start - _END)
-    there = search(problem, jnp.asarray(np.where(out, bound, theta)))
-    return there if float(there.loss) <= float(found.loss) else found
+    bound = np.where(space.bounded_above, np.sign(found.step) * _END, start - _END)
+    there = _search(problem, np.where(out, bound, found.theta), options)
+    return there if there.loss <= found.loss else found
 
 
-def _best_start(
-    problem: Problem,
-    theta: np.ndarray,
-    starts: int,
-    spread: float,
-    seed: int,
-    rtol: float,
-    optimizer: Any,
-    most: int,
-    patience: int,
-) -> tuple[Any, np.ndarray]:
-    """The best end of many starts, and the loss at which each start ended."""
-    away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
-    lanes = jnp.asarray(np.concatenate([theta[None], theta + away]))
-    found = find_all(problem, lanes, jnp.asarray(rtol), optimizer, most, patience)
-    ends = np.where(np.isfinite(found.loss), found.loss, np.inf)
-    if not np.isfinite(ends).any():
-        return jnp.asarray(theta), ends
-    return found.theta[int(np.argmin(ends))], ends
-
-
-def _with_scale(
-    problem: Problem, found: Found, target: Target, search: Callable[[Problem, Any], Found]
-) -> tuple[Problem, Found]:
+def _with_scale(problem: Problem, found: Found, options: Options) -> tuple[Problem, Found]:
     """The robust fit and the scale of its residuals, found in turn."""
-    used = target.factor > 0
     relative = problem.factor
-    scale = 0.0
-    for _ in range(_SCALE_ROUNDS):
-        off = np.abs(np.asarray(problem.standardised(found.theta) / problem.factor))[used]
-        new = float(np.median(off * np.asarray(relative)[used])) / _MEDIAN_OF_NORMAL
-        if new == 0 or abs(new - scale) <= _SAME_SCALE * new:
+    used = np.asarray(relative) > 0
+    scale = 1.0
+    for turn in range(_SCALE_ROUNDS):
+        new = scale * float(np.median(np.abs(found.z[used]))) / _MEDIAN_OF_NORMAL
+        if new == 0 or (turn and abs(new - scale) <= _SAME_SCALE * new):
             break
         scale = new
         problem = eqx.tree_at(lambda p: p.factor, problem, relative / scale)
-        found = search(problem, found.theta)
+        found = _search(problem, found.theta, options)
     return problem, found
 
 
@@ -246,79 +215,52 @@ def _result(
     target: Target,
     ends: np.ndarray,
     groups: np.ndarray | None,
-    rtol: float,
-    most: int,
+    options: Options,
 ) -> Fit:
     space = problem.space
-    theta = np.asarray(found.theta)
-    values = np.asarray(found.values)
-    z, jacobian = np.asarray(found.z), np.asarray(found.jacobian)
     used = target.factor > 0
     at_bound = at_bound_of(space, found, start, used)
     if at_bound.any():
-        found = holding(
-            problem, found, jnp.asarray(start), jnp.asarray(rtol), jnp.asarray(at_bound)
-        )
-    converged, reason = verdict(found, jacobian, at_bound, space, most)
-    told = infer(
-        jacobian if np.isfinite(jacobian).all() else np.zeros_like(jacobian),
-        z,
-        used,
-        space,
-        values,
-        at_bound,
-        target.absolute,
-        None if problem.threshold is None else float(problem.threshold),
-        groups,
-    )
+        found = _in_numpy(holding(problem, found, start, options.rtol, at_bound))
+    converged, reason = verdict(found, at_bound, space, options.max_steps)
+    told = infer(problem, found, at_bound, target.absolute, groups)
     if converged and (falls := falling(problem, found, start, told.unidentified)) is not None:
         converged = False
         reason = f"a saddle or a maximum: the loss falls along {falls}; start elsewhere"
-    covariance = told.covariance if converged else np.full_like(told.covariance, np.nan)
-    steps = int(found.steps)
+    if not converged:
+        unknown = np.full_like(told.covariance, np.nan)
+        told = told._replace(covariance=unknown, unidentified=())
     with np.errstate(divide="ignore", invalid="ignore"):
-        residuals = np.where(used, z / np.asarray(problem.factor), np.nan)
+        residuals = np.where(used, found.z / np.asarray(problem.factor), np.nan)
+    steps = int(found.steps)
     return Fit(
-        params=space.tree_of(found.values),
+        params=space.tree_of(jnp.asarray(found.values)),
         names=space.names,
-        values=values,
+        values=found.values,
         loss=float(found.loss),
-        history=np.asarray(found.history)[:steps],
+        history=found.history[:steps],
         residuals=residuals,
         converged=converged,
         reason=reason,
         steps=steps,
-        covariance=covariance,
-        unidentified=told.unidentified if converged else (),
-        at_bound=told.at_bound,
-        dof=told.dof,
-        noise=told.noise,
+        **told._asdict(),
         starts=ends,
         data=np.where(used, target.y, np.nan),
-        by_group=told.by_group,
         groups=groups,
         problem=problem,
-        theta=theta,
+        theta=found.theta,
         absolute=target.absolute,
-        rtol=rtol,
+        rtol=float(options.rtol),
     )
 
 
 @contextlib.contextmanager
-def _listener_of(progress: Any, most: int) -> Iterator[Tell | None]:
-    """What to call with each step and its loss; None where nothing is to be shown."""
+def _listener_of(progress: Any, most: int) -> Iterator[Callable[[Any, Any], Any] | None]:
+    """What to call with each step and its loss; None where nothing is shown."""
     if progress is False:
         yield None
     elif callable(progress):
-
-        def pass_on(step: Any, loss: Any) -> None:
-            progress(int(step), float(loss))
-
-        yield pass_on
+        yield lambda step, loss: progress(int(step), float(loss))
     else:
         with progress_of(progress, "steps", "fit") as bar:
-
-            def show(step: Any, loss: Any) -> None:
-                bar(int(step), most, f"loss {float(loss):.6g}")
-
-            yield show
+            yield lambda step, loss: bar(int(step), most, f"loss {float(loss):.6g}")

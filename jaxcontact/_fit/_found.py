@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._loss import shortened
 from ._problem import Problem
-from ._solve import Tell, search
+from ._solve import Options, search
 
 SINGULAR = 1e-7
 """Singular values of the Jacobian, its columns scaled to length 1, that are smaller than this part
@@ -21,111 +21,84 @@ NEGLIGIBLE = 1e-3
 """A remaining step of less than this part of a standard error counts as none."""
 
 
+Numbers = Any
+"""Arrays: of JAX while a search is compiled, of NumPy once its end is judged."""
+
+
 class Found(NamedTuple):
-    """The end of a search: coordinates, loss, history, steps; whether it stopped by itself.
+    """The end of a search: its `Path`, and the numbers that belong to its last point.
 
     `z` are the standardised residuals, `jacobian` is dz/dθ, `step` the remaining Gauss-Newton step,
     `allowed` the largest that counts as none, for each coordinate; `values` are the parameters,
     `prediction` is that of all points.
     """
 
-    theta: Float[Array, " k"]
-    loss: Float[Array, ""]
-    history: Float[Array, " steps"]
-    steps: Int[Array, ""]
-    patient: Bool[Array, ""]
-    z: Float[Array, " n"]
-    jacobian: Float[Array, "n k"]
-    step: Float[Array, " k"]
-    allowed: Float[Array, " k"]
-    values: Float[Array, " k"]
-    prediction: Float[Array, " n"]
+    theta: Float[Numbers, " k"]
+    history: Float[Numbers, " steps"]
+    steps: Int[Numbers, ""]
+    stopped: Bool[Numbers, ""]
+    loss: Float[Numbers, ""]
+    z: Float[Numbers, " n"]
+    jacobian: Float[Numbers, "n k"]
+    step: Float[Numbers, " k"]
+    allowed: Float[Numbers, " k"]
+    values: Float[Numbers, " k"]
+    prediction: Float[Numbers, " n"]
 
     @property
-    def still(self) -> Bool[Array, " k"]:
+    def still(self) -> Bool[Numbers, " k"]:
         """Which coordinates have converged."""
-        return jnp.abs(self.step) <= self.allowed
+        return abs(self.step) <= self.allowed
 
 
-@eqx.filter_jit
-def find(
-    problem: Problem,
-    start: Float[Array, " k"],
-    rtol: Float[Array, ""],
-    optimizer: Any,
-    max_steps: int,
-    patience: int,
-    tell: Tell | None,
-) -> Found:
+def found_from(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
     """Search from `start`, and the distance of its end from a minimum."""
-    return found_from(problem, start, rtol, optimizer, max_steps, patience, tell)
-
-
-@eqx.filter_jit
-def find_all(
-    problem: Problem,
-    starts: Float[Array, "lanes k"],
-    rtol: Float[Array, ""],
-    optimizer: Any,
-    max_steps: int,
-    patience: int,
-) -> Found:
-    """`find` from many starts at once."""
-
-    def one(start: Float[Array, " k"]) -> Found:
-        return found_from(problem, start, rtol, optimizer, max_steps, patience, None)
-
-    return jax.vmap(one)(starts)
-
-
-def found_from(
-    problem: Problem,
-    start: Float[Array, " k"],
-    rtol: Float[Array, ""],
-    optimizer: Any,
-    max_steps: int,
-    patience: int,
-    tell: Tell | None,
-) -> Found:
-    """`find`, not compiled by itself."""
-    path = search(problem, start, optimizer, max_steps, patience, tell)
-    theta = path.theta
+    path = search(problem, start, options)
 
     def twice(theta: Float[Array, " k"]) -> tuple[Array, tuple[Array, Array]]:
         prediction = problem.prediction(theta)
         z = problem.off(prediction)
         return z, (z, prediction)
 
-    jacobian, (z, prediction) = problem.jacobian(twice, theta)
-    r = shortened(z, problem.threshold)
-    step, allowed = _left(problem, z, jacobian, theta, start, rtol)
+    jacobian, (z, prediction) = problem.jacobian(twice, path.theta)
+    step, allowed = _left(problem, z, jacobian, path.theta, start, options.rtol)
     return Found(
-        theta,
-        jnp.sum(jnp.square(r)) / 2,
-        path.history,
-        path.steps,
-        path.patient,
-        z,
-        jacobian,
-        step,
-        allowed,
-        problem.space.values(theta),
-        prediction,
+        *path,
+        loss=jnp.sum(jnp.square(shortened(z, problem.threshold))) / 2,
+        z=z,
+        jacobian=jacobian,
+        step=step,
+        allowed=allowed,
+        values=problem.space.values(path.theta),
+        prediction=prediction,
     )
+
+
+find = eqx.filter_jit(found_from)
+"""`found_from`, compiled."""
+
+find_all = eqx.filter_jit(eqx.filter_vmap(found_from, in_axes=(None, 0, None)))
+"""`find` from many starts (lanes, k) at once."""
 
 
 @eqx.filter_jit
 def holding(
     problem: Problem,
     found: Found,
-    start: Float[Array, " k"],
+    start: Float[Numbers, " k"],
     rtol: Float[Array, ""],
-    hold: Bool[Array, " k"],
+    hold: Bool[Numbers, " k"],
 ) -> Found:
     """`found` with the remaining step of the other coordinates, where some are held at a bound."""
     free = jnp.where(hold[None, :], 0, found.jacobian)
     step, allowed = _left(problem, found.z, free, found.theta, start, rtol)
     return found._replace(step=step, allowed=allowed)
+
+
+@eqx.filter_jit
+def losses(problem: Problem, thetas: Float[Array, "lanes k"]) -> Float[Array, " lanes"]:
+    """The loss at many points."""
+    return jax.vmap(problem.loss)(thetas)
 
 
 def _left(
@@ -151,12 +124,6 @@ def _left(
     # Steps of a logarithm or a logit are absolute.
     size = jnp.where(problem.space.has_unit | (size == 0), 1, size)
     return step, jnp.maximum(rtol * size, NEGLIGIBLE * error)
-
-
-@eqx.filter_jit
-def losses(problem: Problem, thetas: Float[Array, "lanes k"]) -> Float[Array, " lanes"]:
-    """The loss at many points."""
-    return jax.vmap(problem.loss)(thetas)
 
 
 def _gauss_newton(

@@ -1,20 +1,22 @@
-"""What the data say of the parameters near the best ones, and what they leave open."""
+"""How certain the best parameters are, and which combinations are not identifiable."""
 
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
-from ._found import SINGULAR
+from ._found import SINGULAR, Found
+from ._problem import Problem
 from ._space import Space
 
 _PART = 1e-3
-"""A direction that the data leave open makes a parameter unidentifiable if the direction holds more
-than this of it, relative to its largest component."""
+"""A parameter is not identifiable if its component of a direction that leaves the prediction
+unchanged is larger than this part of the largest component."""
 
 LEAST_GROUPS = 8
-"""Groups of points needed before their scatter says anything about standard errors."""
+"""With fewer groups of points their scatter is no basis for standard errors."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,8 +39,7 @@ class Direction:
         return text
 
 
-@dataclasses.dataclass(frozen=True)
-class Inference:
+class Inference(NamedTuple):
     """The covariance (k, k) of the parameters, NaN where not identifiable, and its grounds."""
 
     covariance: np.ndarray
@@ -50,14 +51,10 @@ class Inference:
 
 
 def infer(
-    jacobian: np.ndarray,
-    z: np.ndarray,
-    used: np.ndarray,
-    space: Space,
-    values: np.ndarray,
+    problem: Problem,
+    found: Found,
     at_bound: np.ndarray,
     absolute: bool,
-    threshold: float | None,
     groups: np.ndarray | None,
 ) -> Inference:
     """Laplace's approximation Cov θ = s² (JᵀJ)⁻¹, carried to the parameters by dx/dθ.
@@ -69,13 +66,14 @@ def infer(
     1986, doi 10.1093/biomet/73.1.13). Directions in which JᵀJ is singular come from a singular
     value decomposition of the scaled columns; a parameter at its bound is held.
     """
-    names, k = space.names, len(space.names)
+    space, k = problem.space, len(at_bound)
+    finite = np.isfinite(found.jacobian).all()
+    jacobian = found.jacobian if finite else np.zeros_like(found.jacobian)
     length = np.linalg.norm(jacobian, axis=0)
-    free = ~at_bound & (length > 0)
     blind = ~at_bound & (length == 0)
     directions = [_direction({int(i): 1.0}, space) for i in np.flatnonzero(blind)]
     lost = at_bound | blind
-    order = np.flatnonzero(free)
+    order = np.flatnonzero(~lost)
     inverse = np.zeros((k, k))
     rank = 0
     if len(order):
@@ -94,56 +92,34 @@ def infer(
             lost[order[share]] = True
         basis = vt[good] / s[good, None] / length[order]
         inverse[np.ix_(order, order)] = basis.T @ basis
+    used = np.asarray(problem.factor) > 0
     dof = int(used.sum()) - rank
-    noise = _noise(z[used], dof, absolute, threshold)
-    number = None if groups is None else np.unique(groups[used], return_inverse=True)[1]
-    by_group = number is not None and int(number.max()) + 1 >= LEAST_GROUPS
+    # Squares are Huber's loss without a threshold: ψ = z, ψ' = 1.
+    threshold = np.inf if problem.threshold is None else float(problem.threshold)
+    z = found.z[used]
+    pull, inside = np.clip(z, -threshold, threshold), np.mean(np.abs(z) <= threshold)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bread = inverse / inside
+    noise = np.nan
+    if absolute and problem.threshold is None:
+        noise = 1.0
+    elif dof > 0 and inside > 0:
+        noise = float(np.sum(pull**2) / dof / inside**2)
+    number = np.zeros(len(z), int) if groups is None else groups[used]
+    count = len(np.unique(number))
+    by_group = count >= LEAST_GROUPS
     if by_group:
-        assert number is not None  # for the type checker
-        scatter = _sandwich(jacobian[used], z[used], inverse, number, threshold)
+        score = np.zeros((int(number.max()) + 1, k))
+        np.add.at(score, number, jacobian[used] * pull[:, None])
+        scatter = bread @ (score.T @ score) @ bread * (count / (count - 1))
     else:
         scatter = noise * inverse
-    stretch = space.stretch(values)
+    stretch = space.stretch(found.values)
     covariance = scatter * np.outer(stretch, stretch)
     covariance[lost] = np.nan
     covariance[:, lost] = np.nan
-    return Inference(
-        covariance,
-        tuple(directions),
-        tuple(name for name, there in zip(names, at_bound, strict=True) if there),
-        dof,
-        noise,
-        by_group,
-    )
-
-
-def _noise(z: np.ndarray, dof: int, absolute: bool, threshold: float | None) -> float:
-    if threshold is None and absolute:
-        return 1.0
-    if dof < 1:
-        return float("nan")
-    if threshold is None:
-        return float(np.sum(z**2) / dof)
-    inside = np.mean(np.abs(z) <= threshold)
-    pull = np.clip(z, -threshold, threshold)
-    return float(np.sum(pull**2) / dof / inside**2) if inside > 0 else float("nan")
-
-
-def _sandwich(
-    jacobian: np.ndarray,
-    z: np.ndarray,
-    inverse: np.ndarray,
-    number: np.ndarray,
-    threshold: float | None,
-) -> np.ndarray:
-    pull = z if threshold is None else np.clip(z, -threshold, threshold)
-    inside = 1.0 if threshold is None else float(np.mean(np.abs(z) <= threshold))
-    count = int(number.max()) + 1
-    score = np.zeros((count, jacobian.shape[1]))
-    np.add.at(score, number, jacobian * pull[:, None])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        bread = inverse / np.float64(inside)
-    return bread @ (score.T @ score) @ bread * (count / (count - 1))
+    ran = tuple(name for name, there in zip(space.names, at_bound, strict=True) if there)
+    return Inference(covariance, tuple(directions), ran, dof, noise, by_group)
 
 
 def _direction(parts: dict[int, float], space: Space) -> Direction:

@@ -36,7 +36,7 @@ class Problem(eqx.Module):
 
         Raises ValueError, while it is traced, unless it has the shapes of the data.
         """
-        got = evaluated(self.predict, self.space.params(theta), self.x)
+        got = evaluated(self.predict, self.space.tree_of(self.space.values(theta)), self.x)
         shapes = shapes_of(got)
         if shapes != self.shapes:
             raise ValueError(
@@ -45,28 +45,24 @@ class Problem(eqx.Module):
             )
         return flattened(got)
 
-    def standardised(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
-        """z = (prediction - data)/σ, zero where a point has no weight."""
-        return self.off(self.prediction(theta))
-
     def off(self, prediction: Float[Array, " n"]) -> Float[Array, " n"]:
-        """z of a prediction."""
+        """z = (prediction - data)/σ, zero where a point has no weight."""
         used = self.factor > 0
         return jnp.where(used, jnp.where(used, prediction - self.y, 0) * self.factor, 0)
 
     def residual(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
         """What is squared and summed."""
-        return shortened(self.standardised(theta), self.threshold)
+        return shortened(self.off(self.prediction(theta)), self.threshold)
 
     def loss(self, theta: Float[Array, " k"]) -> Float[Array, ""]:
         """½ Σ residual²."""
         return jnp.sum(jnp.square(self.residual(theta))) / 2
 
     def jacobian(
-        self, function: Callable, theta: Float[Array, " k"]
+        self, function: Callable, at: Float[Array, " k"]
     ) -> tuple[Float[Array, "n k"], Any]:
-        """The derivative of the first of two results by the coordinates, and the second."""
-        return (jax.jacrev if self.reverse else jax.jacfwd)(function, has_aux=True)(theta)
+        """The derivative of the first of two results of a function of (k,), and the second."""
+        return (jax.jacrev if self.reverse else jax.jacfwd)(function, has_aux=True)(at)
 
 
 def evaluated(predict: Callable[..., Any], params: Any, x: Any) -> Any:

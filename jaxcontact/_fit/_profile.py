@@ -12,10 +12,12 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from scipy import stats
 from scipy.interpolate import PchipInterpolator
 
+from ._checks import is_level
 from ._data import FitData
 from ._found import found_from
 from ._problem import Problem
-from ._space import Space
+from ._solve import Options
+from ._transforms import HELD
 
 _STEPS = 100
 
@@ -42,15 +44,12 @@ class Profile:
 
         An end beyond the profiled values is infinite.
         """
-        if not 0 < level < 1:
-            raise ValueError(f"Argument `level` must be in (0, 1), but is {level!r}.")
+        is_level(level)
         tail = (1 + level) / 2
         wanted = stats.norm.ppf(tail) if self.absolute else stats.t.ppf(tail, self.dof)
-        fine = np.isfinite(self.deviation)
-        x = np.concatenate([self.values[fine], [self.best]])
-        y = np.concatenate([self.deviation[fine], [0.0]])
-        y, order = np.unique(y, return_index=True)
-        x = x[order]
+        good = np.isfinite(self.deviation)
+        y, order = np.unique([*self.deviation[good], 0.0], return_index=True)
+        x = np.array([*self.values[good], self.best])[order]
         curve = PchipInterpolator(y, x, extrapolate=False)
         low, high = float(curve(-wanted)), float(curve(wanted))
         return (-np.inf if np.isnan(low) else low, np.inf if np.isnan(high) else high)
@@ -60,16 +59,27 @@ class Profile:
         return f"Profile of {self.name}: {self.best:.9g}, 95 % in [{low:.6g}, {high:.6g}]"
 
 
-def profile(fit: FitData, name: str, values: ArrayLike | None, points: int, span: float) -> Profile:
-    """The profile of `Fit.profile`."""
+def profile(
+    fit: FitData,
+    name: str,
+    values: ArrayLike | None = None,
+    *,
+    points: int = 41,
+    span: float = 4.0,
+) -> Profile:
+    """The profile likelihood of one parameter: the lowest loss with it held at each value.
+
+    By default `points` values over `span` standard errors to both sides, inside the bounds. Returns
+    a `Profile`, whose `interval(level)` needs no normal approximation. Raises ValueError for an
+    unknown name, one without a standard error if no values are given, and a fit that did not
+    converge. Source: Venzon & Moolgavkar (1988), doi 10.2307/2347496.
+    """
     if name not in fit.names:
         raise ValueError(f"Argument `name` must be one of {', '.join(fit.names)}, but is {name!r}.")
     if not fit.converged:
         raise ValueError(f"A fit that did not converge has no profile: {fit.reason}.")
     place = fit.names.index(name)
-    space = fit.problem.space
-    coordinate = space.coordinates[place]
-    low, high = float(space.low[place]), float(space.high[place])
+    low, high = float(fit.problem.space.low[place]), float(fit.problem.space.high[place])
     best = float(fit.values[place])
     if values is None:
         error = fit.standard_errors[name]
@@ -85,48 +95,19 @@ def profile(fit: FitData, name: str, values: ArrayLike | None, points: int, span
             raise ValueError(
                 f"Argument `values` must be finite and in ({low:g}, {high:g}), but is {values!r}."
             )
-    held = np.array([coordinate.to_free(float(value), low, high) for value in at])
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        loss, fine = _profile(
-            fit.problem, jnp.asarray(fit.theta), jnp.asarray(held), place, jnp.asarray(fit.rtol)
-        )
-    loss = np.where(fine, loss, np.nan)
-    rise = np.maximum(loss - fit.loss, 0)
-    unit = _unit(fit)
+        options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)
+        theta, held = jnp.asarray(fit.theta), jnp.asarray(at)
+        loss, converged = _profile(fit.problem, theta, held, place, options)
+    loss = np.where(converged, loss, np.nan)
+    # The rise of twice the loss at one standard error. The curvature of Huber's loss is mean ψ'
+    # times that of squares.
+    unit, threshold = fit.noise, fit.problem.threshold
+    if threshold is not None:
+        unit *= float(np.mean(np.abs(fit.z) <= float(threshold)))
     with np.errstate(invalid="ignore"):
-        deviation = np.sign(at - best) * np.sqrt(2 * rise / unit)
+        deviation = np.sign(at - best) * np.sqrt(2 * np.maximum(loss - fit.loss, 0) / unit)
     return Profile(name, best, at, loss, deviation, fit.dof, fit.absolute)
-
-
-def _unit(fit: FitData) -> float:
-    """The rise of twice the loss at one standard error.
-
-    The curvature of Huber's loss is mean ψ' times that of squares, and so is the rise.
-    """
-    if fit.problem.threshold is None:
-        return fit.noise
-    return fit.noise * float(np.mean(np.abs(fit.z) <= float(fit.problem.threshold)))
-
-
-class _Held(eqx.Module):
-    """A space in which one coordinate is held."""
-
-    space: Space
-    held: Float[Array, ""]
-    place: int = eqx.field(static=True)
-
-    @property
-    def has_unit(self) -> np.ndarray:
-        return np.delete(self.space.has_unit, self.place)
-
-    def params(self, theta: Float[Array, " rest"]) -> object:
-        return self.space.params(self._whole(theta))
-
-    def values(self, theta: Float[Array, " rest"]) -> Float[Array, " k"]:
-        return self.space.values(self._whole(theta))
-
-    def _whole(self, theta: Float[Array, " rest"]) -> Float[Array, " k"]:
-        return jnp.concatenate((theta[: self.place], self.held[None], theta[self.place :]))
 
 
 @eqx.filter_jit
@@ -135,17 +116,15 @@ def _profile(
     theta: Float[Array, " k"],
     held: Float[Array, " points"],
     place: int,
-    rtol: Float[Array, ""],
+    options: Options,
 ) -> tuple[Float[Array, " points"], Bool[Array, " points"]]:
-    start = jnp.concatenate([theta[:place], theta[place + 1 :]])
+    space = problem.space
+    coordinates = (*space.coordinates[:place], HELD, *space.coordinates[place + 1 :])
 
     def one(held: Float[Array, ""]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
-        space = _Held(problem.space, held, place)
-        reduced = eqx.tree_at(lambda p: p.space, problem, space)
-        if start.size == 0:
-            loss = reduced.loss(start)
-            return loss, jnp.isfinite(loss)
-        found = found_from(reduced, start, rtol, None, _STEPS, 0, None)
+        low = space.low.at[place].set(held)
+        reduced = dataclasses.replace(space, low=low, coordinates=coordinates)
+        found = found_from(dataclasses.replace(problem, space=reduced), theta, options)
         return found.loss, jnp.all(found.still) & jnp.isfinite(found.loss)
 
     return jax.vmap(one)(held)

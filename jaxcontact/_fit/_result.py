@@ -5,38 +5,18 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from jaxtyping import ArrayLike
 
-from ._bootstrap import Bootstrap, bootstrap
+from ._bootstrap import bootstrap
 from ._data import FitData
-from ._profile import Profile, profile
+from ._profile import profile
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Fit(FitData):
     __doc__ = FitData.__doc__
 
-    def bootstrap(self, draws: int = 200, *, seed: int = 0) -> Bootstrap:
-        """Fit data simulated from this fit: its prediction plus normal noise of its size.
-
-        Returns a `Bootstrap`: parameters (draws, k), their spread and percentile intervals. Draws
-        that did not converge are flagged and left out. Raises ValueError where the size of the
-        noise is unknown, or this fit did not converge.
-        Source: Efron & Tibshirani (1993), doi 10.1201/9780429246593.
-        """
-        return bootstrap(self, draws, seed)
-
-    def profile(
-        self, name: str, values: ArrayLike | None = None, *, points: int = 41, span: float = 4.0
-    ) -> Profile:
-        """The profile likelihood of one parameter: the lowest loss with it held at each value.
-
-        By default `points` values over `span` standard errors to both sides, inside the bounds.
-        Returns a `Profile`, whose `interval(level)` needs no normal approximation. Raises
-        ValueError for an unknown name, one without a standard error if no values are given, and a
-        fit that did not converge. Source: Venzon & Moolgavkar (1988), doi 10.2307/2347496.
-        """
-        return profile(self, name, values, points, span)
+    bootstrap = bootstrap
+    profile = profile
 
     def summary(self) -> str:
         """The fit in words, a line for each parameter."""

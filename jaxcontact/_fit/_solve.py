@@ -13,8 +13,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._problem import Problem
 
-Tell = Callable[[Any, Any], None]
-
 MOST_STEPS = 200
 """Steps of Levenberg-Marquardt, unless the caller says otherwise."""
 
@@ -32,40 +30,45 @@ _LEVEL = 1e-12
 """Relative decrease of the loss that counts as none, for the patience of a gradient method."""
 
 
+class Options(NamedTuple):
+    """How to search: an `optimizer` of optax, or None for Levenberg-Marquardt.
+
+    `rtol` decides about convergence; it is an array, so that another one does not compile anew.
+    `tell` is called with the number of each step and its loss.
+    """
+
+    rtol: Float[Array, ""]
+    optimizer: Any = None
+    max_steps: int = MOST_STEPS
+    patience: int = PATIENCE
+    tell: Callable[[Any, Any], Any] | None = None
+
+    def report(self, step: Array, loss: Array) -> None:
+        """Call `tell`, if there is one, from compiled code."""
+        if self.tell is not None:
+            jax.debug.callback(self.tell, step, loss)
+
+
 class Path(NamedTuple):
-    """Where a search went: its best point, the loss after each step (NaN beyond), the steps."""
+    """Where a search went: its best point, the loss after each of its steps (NaN beyond).
+
+    `stopped`: by itself, not by the limit of steps.
+    """
 
     theta: Float[Array, " k"]
     history: Float[Array, " steps"]
     steps: Int[Array, ""]
-    patient: Bool[Array, ""]
+    stopped: Bool[Array, ""]
 
 
-def search(
-    problem: Problem,
-    start: Float[Array, " k"],
-    optimizer: Any,
-    max_steps: int,
-    patience: int,
-    tell: Tell | None,
-) -> Path:
+def search(problem: Problem, start: Float[Array, " k"], options: Options) -> Path:
     """From `start` downhill until nothing is gained any more, or `max_steps` are used up."""
-    if optimizer is None:
-        return _levenberg_marquardt(problem, start, max_steps, tell)
-    return _gradient_descent(problem, start, optimizer, max_steps, patience, tell)
+    method = _levenberg_marquardt if options.optimizer is None else _gradient_descent
+    return method(problem, start, options)
 
 
-def _said(tell: Tell | None, step: Array, loss: Array) -> None:
-    if tell is not None:
-        jax.debug.callback(tell, step, loss)
-
-
-def _levenberg_marquardt(
-    problem: Problem, start: Float[Array, " k"], max_steps: int, tell: Tell | None
-) -> Path:
+def _levenberg_marquardt(problem: Problem, start: Float[Array, " k"], options: Options) -> Path:
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
-    options = {"jac": "bwd" if problem.reverse else "fwd"}
-
     # The damping and the tolerances of the solver have units: it is given numbers of order 1.
     spread = jnp.sqrt(jnp.mean(jnp.square(problem.y * problem.factor)))
     unit = jnp.where(spread > 0, spread, 1)
@@ -74,7 +77,7 @@ def _levenberg_marquardt(
         return problem.residual(place) / unit, None
 
     kinds = jax.eval_shape(problem.residual, start)
-    common = (problem, options)
+    common = (problem, {"jac": "bwd" if problem.reverse else "fwd"})
     state = solver.init(residual, start, *common, kinds, None, frozenset())
     numbers, rest = eqx.partition(state, eqx.is_array)
 
@@ -82,39 +85,32 @@ def _levenberg_marquardt(
         _, numbers, _, step = carry
         state = eqx.combine(numbers, rest)
         able = state.num_steps_since_acceptance < _REFUSED
-        return ~state.terminate & able & (step < max_steps)
+        return ~state.terminate & able & (step < options.max_steps)
 
     def advance(carry: tuple) -> tuple:
         place, numbers, history, step = carry
         state = eqx.combine(numbers, rest)
         place, state, _ = solver.step(residual, place, *common, state, frozenset())
         loss = jnp.sum(jnp.square(state.f_info.residual * unit)) / 2
-        _said(tell, step, loss)
+        options.report(step, loss)
         numbers, _ = eqx.partition(state, eqx.is_array)
         return place, numbers, history.at[step].set(loss), step + 1
 
-    history = jnp.full(max_steps, jnp.nan, start.dtype)
+    history = jnp.full(options.max_steps, jnp.nan, start.dtype)
     place, numbers, history, step = jax.lax.while_loop(
         unfinished, advance, (start, numbers, history, jnp.zeros((), int))
     )
-    return Path(place, history, step, step < max_steps)
+    return Path(place, history, step, step < options.max_steps)
 
 
-def _gradient_descent(
-    problem: Problem,
-    start: Float[Array, " k"],
-    optimizer: Any,
-    max_steps: int,
-    patience: int,
-    tell: Tell | None,
-) -> Path:
+def _gradient_descent(problem: Problem, start: Float[Array, " k"], options: Options) -> Path:
     import optax
 
-    optimizer = optax.with_extra_args_support(optimizer)
+    optimizer = optax.with_extra_args_support(options.optimizer)
 
     def unfinished(carry: tuple) -> Array:
         _, _, _, _, idle, _, step = carry
-        return (idle < patience) & (step < max_steps)
+        return (idle < options.patience) & (step < options.max_steps)
 
     def advance(carry: tuple) -> tuple:
         theta, state, best, lowest, idle, history, step = carry
@@ -126,22 +122,15 @@ def _gradient_descent(
         changes, state = optimizer.update(
             gradient, state, theta, value=loss, grad=gradient, value_fn=problem.loss
         )
-        _said(tell, step, loss)
+        options.report(step, loss)
         moved = jnp.asarray(optax.apply_updates(theta, changes))
         # A step into a region without numbers is taken back to the best point.
         theta = jnp.where(jnp.all(jnp.isfinite(moved)) & jnp.isfinite(loss), moved, best)
-        return (
-            theta,
-            state,
-            best,
-            lowest,
-            jnp.where(better, 0, idle + 1),
-            history.at[step].set(loss),
-            step + 1,
-        )
+        idle = jnp.where(better, 0, idle + 1)
+        return theta, state, best, lowest, idle, history.at[step].set(loss), step + 1
 
-    history = jnp.full(max_steps, jnp.nan, start.dtype)
+    history = jnp.full(options.max_steps, jnp.nan, start.dtype)
     zero = jnp.zeros((), int)
     first = (start, optimizer.init(start), start, jnp.asarray(jnp.inf), zero, history, zero)
     _, _, best, _, idle, history, step = jax.lax.while_loop(unfinished, advance, first)
-    return Path(best, history, step, idle >= patience)
+    return Path(best, history, step, idle >= options.patience)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import equinox as eqx
@@ -26,20 +27,13 @@ class Space(eqx.Module):
     others: list[Any]
     structure: Any = eqx.field(static=True)
     coordinates: tuple[Coordinate, ...] = eqx.field(static=True)
-    shapes: tuple[tuple[int, tuple[int, ...]] | None, ...] = eqx.field(static=True)
+    shapes: tuple[tuple[int, ...] | None, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
 
     def values(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
         """The fitted numbers themselves, in the order of their names."""
-        columns = [
-            coordinate.to_value(theta[i], self.low[i], self.high[i])
-            for i, coordinate in enumerate(self.coordinates)
-        ]
-        return jnp.stack(columns)
-
-    def params(self, theta: Float[Array, " k"]) -> Any:
-        """The pytree of parameters."""
-        return self.tree_of(self.values(theta))
+        columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
+        return jnp.stack([coordinate.to_value(*column) for coordinate, *column in columns])
 
     def tree_of(self, values: Float[Array, " k"]) -> Any:
         """The pytree that holds the fitted numbers `values`."""
@@ -47,16 +41,17 @@ class Space(eqx.Module):
         for shape in self.shapes:
             if shape is None:
                 leaves.append(next(others))
-            else:
-                count, own = shape
-                leaves.append(values[at : at + count].reshape(own))
-                at += count
+                continue
+            end = at + math.prod(shape)
+            leaves.append(values[at:end].reshape(shape))
+            at = end
         return jax.tree.unflatten(self.structure, leaves)
 
     def stretch(self, values: np.ndarray) -> np.ndarray:
         """dx/dθ (k,), of each number by its own coordinate."""
-        bounds = zip(values, np.asarray(self.low), np.asarray(self.high), strict=True)
-        return np.array([c.slope(*b) for c, b in zip(self.coordinates, bounds, strict=True)])
+        bounds = np.asarray(self.low), np.asarray(self.high)
+        columns = zip(self.coordinates, values, *bounds, strict=True)
+        return np.array([coordinate.slope(*column) for coordinate, *column in columns])
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -80,9 +75,9 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
     Raises ValueError for a start outside its bounds, one that is not finite, transforms that do
     not match, and nothing to fit.
     """
-    paths, structure = jax.tree_util.tree_flatten_with_path(start)
+    paths, structure = jax.tree.flatten_with_path(start)
     chosen = _chosen(start, transforms)
-    names, coordinates, shapes, others, low, high, theta = [], [], [], [], [], [], []
+    names, coordinates, shapes, others, ends, theta = [], [], [], [], [], []
     for (path, leaf), given in zip(paths, chosen, strict=True):
         transform = given or _declared(start, path)
         if not _is_fitted(leaf) or isinstance(transform, Fixed):
@@ -90,42 +85,38 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             others.append(jnp.asarray(float(leaf)) if type(leaf) is float else leaf)
             continue
         array = np.asarray(leaf, float)
-        shapes.append((array.size, array.shape))
+        shapes.append(array.shape)
         for index in np.ndindex(array.shape):
-            name = name_of(path) + (f"[{', '.join(map(str, index))}]" if index else "")
-            a, b = transform.bounds
-            _check(name or "its number", float(array[index]), a, b)
+            name = _name_of(path) + (f"[{', '.join(map(str, index))}]" if index else "")
+            value, bounds = float(array[index]), transform.bounds
+            allowed = Range(*bounds, low_open=True, high_open=True)
+            if not allowed.holds(value):
+                raise ValueError(
+                    f"Argument `start` must have {name or 'its number'} in {allowed}, where it can "
+                    f"move, but it is {value!r}."
+                )
             names.append(name or "parameter")
             coordinates.append(transform.coordinate)
-            low.append(a)
-            high.append(b)
-            theta.append(transform.coordinate.to_free(float(array[index]), a, b))
+            ends.append(bounds)
+            theta.append(transform.coordinate.to_free(value, *bounds))
     if not names:
         raise ValueError(f"Argument `start` must hold a number to fit, but is {start!r}.")
-    space = Space(
-        jnp.asarray(low, float),
-        jnp.asarray(high, float),
-        others,
-        structure,
-        tuple(coordinates),
-        tuple(shapes),
-        tuple(names),
-    )
-    return space, np.array(theta)
+    low, high = jnp.asarray(ends, float).T
+    keys = tuple(coordinates), tuple(shapes), tuple(names)
+    return Space(low, high, others, structure, *keys), np.array(theta)
 
 
-def name_of(path: tuple[Any, ...]) -> str:
+def _name_of(path: tuple[Any, ...]) -> str:
     """A leaf's place in words: `law.e`, `c`, `[0].mass`."""
     text = ""
     for key in path:
-        if isinstance(key, GetAttrKey):
-            text += f".{key.name.removeprefix('_traced').lstrip('_')}"
-        elif isinstance(key, DictKey):
-            text += f".{key.key}"
-        elif isinstance(key, SequenceKey):
-            text += f"[{key.idx}]"
-        elif isinstance(key, FlattenedIndexKey):
-            text += f"[{key.key}]"
+        match key:
+            case GetAttrKey(name):
+                text += f".{name.removeprefix('_traced').lstrip('_')}"
+            case DictKey(name):
+                text += f".{name}"
+            case SequenceKey(index) | FlattenedIndexKey(index):
+                text += f"[{index}]"
     return text.lstrip(".")
 
 
@@ -139,32 +130,28 @@ def _chosen(start: Any, transforms: Any) -> list[AbstractTransform | None]:
     """The transform given for each leaf; None where none was given."""
     if isinstance(transforms, dict):
         return _named(start, transforms)
+    chosen = []
+
+    def give(transform: Any, part: Any) -> None:
+        chosen.extend([transform] * jax.tree.structure(part).num_leaves)
+
     try:
-        spread = jax.tree.map(
-            lambda end, part: jax.tree.map(lambda _: _Held(end), part),
-            transforms,
-            start,
-            is_leaf=_is_end,
-        )
+        jax.tree.map(give, transforms, start, is_leaf=_is_end)
     except (ValueError, TypeError, KeyError) as error:
         raise ValueError(
             "Argument `transforms` must be one transform, a dict of them by name, or a prefix of "
             f"the tree of `start`, but is {transforms!r}."
         ) from error
-    held = jax.tree.leaves(spread, is_leaf=lambda x: isinstance(x, _Held))
-    return [_checked(one.transform) for one in held]
+    return [_checked(transform) for transform in chosen]
 
 
 def _named(start: Any, transforms: dict[str, Any]) -> list[AbstractTransform | None]:
     """Transforms by the name of a number, or of what holds it."""
-    names = [name_of(path) for path, _ in jax.tree_util.tree_flatten_with_path(start)[0]]
+    names = [_name_of(path) for path, _ in jax.tree.leaves_with_path(start)]
     chosen: list[AbstractTransform | None] = [None] * len(names)
     for wanted, transform in transforms.items():
-        places = [
-            i
-            for i, name in enumerate(names)
-            if name == wanted or name.startswith((f"{wanted}.", f"{wanted}["))
-        ]
+        inside = f"{wanted}.", f"{wanted}["
+        places = [i for i, name in enumerate(names) if name == wanted or name.startswith(inside)]
         if not places:
             raise ValueError(
                 f"Argument `transforms` must name numbers of `start`, {', '.join(names)}, but "
@@ -188,35 +175,16 @@ def _checked(transform: Any) -> AbstractTransform | None:
     return transform
 
 
-class _Held:
-    """A transform as a leaf: None would be no leaf at all."""
-
-    def __init__(self, transform: Any):
-        self.transform = transform
-
-
 def _declared(start: Any, path: tuple[Any, ...]) -> AbstractTransform:
     """The transform that follows from the range that a module declares for its field."""
-    owner = start
-    for key in path[:-1]:
-        if isinstance(key, GetAttrKey):
-            owner = getattr(owner, key.name)
-        elif isinstance(key, DictKey):
-            owner = owner[key.key]
-        elif isinstance(key, SequenceKey):
-            owner = owner[key.idx]
-        else:
-            return Free()
-    if path and isinstance(last := path[-1], GetAttrKey) and isinstance(owner, eqx.Module):
-        allowed = ranges(owner).get(last.name)
-        return Free() if allowed is None else of_range(allowed)
-    return Free()
-
-
-def _check(name: str, value: float, low: float, high: float) -> None:
-    allowed = Range(low, high, low_open=True, high_open=True)
-    if not allowed.holds(value):
-        raise ValueError(
-            f"Argument `start` must have {name} in {allowed}, where it can move, but it is "
-            f"{value!r}."
-        )
+    owner, allowed = start, None
+    for key in path:
+        match key:
+            case GetAttrKey(name):
+                allowed = ranges(owner).get(name) if isinstance(owner, eqx.Module) else None
+                owner = getattr(owner, name)
+            case DictKey(index) | SequenceKey(index):
+                owner, allowed = owner[index], None
+            case _:
+                return Free()
+    return Free() if allowed is None else of_range(allowed)

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-_NAMED = 5
-"""The most bad points that a message names; of the others it gives the number."""
+from ._checks import listed
 
 
 class Target(NamedTuple):
@@ -44,8 +43,8 @@ def target_of(data: Any, sigma: Any, weights: Any) -> Target:
     used = factor > 0
     if not used.any():
         raise ValueError("Argument `weights` must not be zero everywhere, but is.")
-    hint = "finite; give a point the weight 0 to leave it out"
-    _refuse(used & ~np.isfinite(y), y, "data", hint)
+    allowed = "finite; give a point the weight 0 to leave it out"
+    _refuse(used & ~np.isfinite(y), y, "data", allowed)
     return Target(np.where(used, y, 0.0), factor, sigma is not None)
 
 
@@ -62,7 +61,7 @@ def groups_of(names: Any, count: int) -> np.ndarray | None:
     return np.unique(given, return_inverse=True)[1]
 
 
-def flat(tree: Any) -> np.ndarray:
+def _flat(tree: Any) -> np.ndarray:
     """All numbers of a tree as one vector."""
     leaves = [np.asarray(leaf, float).ravel() for leaf in jax.tree.leaves(tree)]
     return np.concatenate(leaves) if leaves else np.zeros(0)
@@ -73,27 +72,26 @@ def _vector(tree: Any, name: str) -> np.ndarray:
         # numpy would drop an imaginary part.
         if any(np.iscomplexobj(leaf) for leaf in jax.tree.leaves(tree)):
             raise TypeError("complex numbers")
-        return flat(tree)
+        return _flat(tree)
     except (TypeError, ValueError) as error:
         raise ValueError(f"Argument `{name}` must hold real numbers, but is {tree!r}.") from error
 
 
 def _spread(value: Any, data: Any, name: str) -> np.ndarray:
     """One number for each point, from a number for all or a tree like the data."""
+    count = _flat(data).size
     if np.ndim(value) == 0 and isinstance(value, int | float | np.number | jax.Array | np.ndarray):
-        return np.full(flat(data).shape, float(value))
+        return np.full(count, float(value))
     given = _vector(value, name)
-    if given.shape != flat(data).shape:
+    if given.size != count:
         raise ValueError(
-            f"Argument `{name}` must have one number, or one for each of the {flat(data).size} "
-            f"points of `data`, but has {given.size}."
+            f"Argument `{name}` must have one number, or one for each of the {count} points of "
+            f"`data`, but has {given.size}."
         )
     return given
 
 
 def _refuse(bad: np.ndarray, values: np.ndarray, name: str, allowed: str) -> None:
     if bad.any():
-        where = np.flatnonzero(bad)
-        named = ", ".join(f"{values[i]:g} at point {i}" for i in where[:_NAMED])
-        more = f" and {len(where) - _NAMED} more" if len(where) > _NAMED else ""
-        raise ValueError(f"Argument `{name}` must be {allowed}, but is {named}{more}.")
+        named = listed([f"{values[i]:g} at point {i}" for i in np.flatnonzero(bad)])
+        raise ValueError(f"Argument `{name}` must be {allowed}, but is {named}.")

@@ -2,98 +2,67 @@
 
 from __future__ import annotations
 
-import abc
 import dataclasses
 import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from .._parameter import Range
 
 
-class Coordinate(abc.ABC):
-    """How a bounded value becomes a free number. Stateless: it selects code, bounds are data."""
+class Coordinate(NamedTuple):
+    """How a bounded value becomes a free number: it selects code, the bounds are data.
+
+    `label` stands before the name of a parameter in this coordinate. `has_unit`: a change of 1
+    means the same everywhere, as it does for a logarithm or a logit. The functions are of
+    (value, low, high), or (free number, low, high); `slope` is dvalue/dfree at a value.
+    """
 
     label: str
-    """What stands before the name of a parameter in this coordinate."""
     has_unit: bool
-    """Whether a change of 1 means the same everywhere, as it does for a logarithm or a logit."""
-    bounded_above: bool = False
-
-    @abc.abstractmethod
-    def to_free(self, value: float, low: float, high: float) -> float:
-        """The free number of a value inside its bounds."""
-
-    @abc.abstractmethod
-    def to_value(
-        self, free: Float[Array, ""], low: Float[Array, ""], high: Float[Array, ""]
-    ) -> Float[Array, ""]:
-        """The value of a free number."""
-
-    @abc.abstractmethod
-    def slope(self, value: float, low: float, high: float) -> float:
-        """The derivative of the value by its free number."""
+    bounded_above: bool
+    to_free: Callable[[float, float, float], float]
+    to_value: Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
+    slope: Callable[[float, float, float], float]
 
 
-class _Identity(Coordinate):
-    label, has_unit = "", False
-
-    def to_free(self, value: float, low: float, high: float) -> float:
-        return value
-
-    def to_value(
-        self, free: Float[Array, ""], low: Float[Array, ""], high: Float[Array, ""]
-    ) -> Float[Array, ""]:
-        return free
-
-    def slope(self, value: float, low: float, high: float) -> float:
-        return 1.0
-
-
-class _Logarithm(Coordinate):
-    label, has_unit = "ln ", True
-
-    def to_free(self, value: float, low: float, high: float) -> float:
-        return math.log(value)
-
-    def to_value(
-        self, free: Float[Array, ""], low: Float[Array, ""], high: Float[Array, ""]
-    ) -> Float[Array, ""]:
-        return jnp.exp(free)
-
-    def slope(self, value: float, low: float, high: float) -> float:
-        return value
-
-
-class _Logit(Coordinate):
-    label, has_unit, bounded_above = "logit ", True, True
-
-    def to_free(self, value: float, low: float, high: float) -> float:
-        return math.log((value - low) / (high - value))
-
-    def to_value(
-        self, free: Float[Array, ""], low: Float[Array, ""], high: Float[Array, ""]
-    ) -> Float[Array, ""]:
-        return low + (high - low) * jax.nn.sigmoid(free)
-
-    def slope(self, value: float, low: float, high: float) -> float:
-        return (value - low) * (high - value) / (high - low)
-
-
-_IDENTITY, _LOGARITHM, _LOGIT = _Identity(), _Logarithm(), _Logit()
+IDENTITY = Coordinate(
+    label="",
+    has_unit=False,
+    bounded_above=False,
+    to_free=lambda value, low, high: value,
+    to_value=lambda free, low, high: free,
+    slope=lambda value, low, high: 1.0,
+)
+LOGARITHM = Coordinate(
+    label="ln ",
+    has_unit=True,
+    bounded_above=False,
+    to_free=lambda value, low, high: math.log(value),
+    to_value=lambda free, low, high: jnp.exp(free),
+    slope=lambda value, low, high: value,
+)
+LOGIT = Coordinate(
+    label="logit ",
+    has_unit=True,
+    bounded_above=True,
+    to_free=lambda value, low, high: math.log((value - low) / (high - value)),
+    to_value=lambda free, low, high: low + (high - low) * jax.nn.sigmoid(free),
+    slope=lambda value, low, high: (value - low) * (high - value) / (high - low),
+)
+HELD = IDENTITY._replace(to_value=lambda free, low, high: low)
+"""A value that stays at `low` whatever the free number is."""
 
 
 class AbstractTransform:
     """Where a fitted parameter may lie: `Free`, `Positive`, `Between` or `Fixed`."""
 
-    coordinate: Coordinate = _IDENTITY
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """The open interval of the values."""
-        return -math.inf, math.inf
+    coordinate = IDENTITY
+    bounds: Any = (-math.inf, math.inf)
+    """The open interval (low, high) of the values."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,12 +74,8 @@ class Free(AbstractTransform):
 class Positive(AbstractTransform):
     """A number above 0; its logarithm is fitted."""
 
-    coordinate = _LOGARITHM
-
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """(0, ∞)."""
-        return 0.0, math.inf
+    coordinate = LOGARITHM
+    bounds = (0.0, math.inf)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,7 +88,7 @@ class Between(AbstractTransform):
 
     low: float
     high: float
-    coordinate = _LOGIT
+    coordinate = LOGIT
 
     def __post_init__(self) -> None:
         if not -math.inf < self.low < self.high < math.inf:
@@ -134,7 +99,6 @@ class Between(AbstractTransform):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """(low, high)."""
         return float(self.low), float(self.high)
 
 

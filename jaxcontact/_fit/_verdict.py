@@ -32,17 +32,15 @@ def at_bound_of(space: Space, found: Found, start: np.ndarray, used: np.ndarray)
     the search must have stopped by itself with an outward step remaining.
     """
     low, high = np.asarray(space.low), np.asarray(space.high)
-    values, theta, step = (np.asarray(a) for a in (found.values, found.theta, found.step))
     two_sided = space.bounded_above
-    width = np.where(two_sided, high - low, 1)
-    below = np.where(two_sided, values - low, np.inf) < _AT_BOUND * width
-    below |= space.has_unit & ~two_sided & (theta < start - _FAR)
-    above = np.where(two_sided, high - values, np.inf) < _AT_BOUND * width
-    z, jacobian = np.asarray(found.z), np.asarray(found.jacobian)
-    scatter = np.sqrt(np.sum(z**2) / max(int(used.sum()) - theta.size, 1))
-    noticeable = np.linalg.norm(jacobian, axis=0) > scatter
-    outwards = (below & (step < 0)) | (above & (step > 0))
-    creeps = ~np.asarray(found.still) & outwards & bool(found.patient)
+    near = _AT_BOUND * np.where(two_sided, high - low, 1)
+    below = np.where(two_sided, found.values - low, np.inf) < near
+    below |= space.has_unit & ~two_sided & (found.theta < start - _FAR)
+    above = np.where(two_sided, high - found.values, np.inf) < near
+    scatter = np.sqrt(np.sum(found.z**2) / max(int(used.sum()) - start.size, 1))
+    noticeable = np.linalg.norm(found.jacobian, axis=0) > scatter
+    outwards = (below & (found.step < 0)) | (above & (found.step > 0))
+    creeps = ~found.still & outwards & found.stopped
     return (below | above) & (~noticeable | creeps)
 
 
@@ -52,7 +50,7 @@ def falling(
     """A direction without slope along which the loss still falls: the end is no minimum."""
     if not directions or found.loss == 0:
         return None
-    theta, space = np.asarray(found.theta), problem.space
+    theta, space = found.theta, problem.space
     size = np.where(space.has_unit, 1, np.maximum(np.abs(theta), np.abs(start)))
     size = np.where(size > 0, size, 1)
     change = np.array([[one.components.get(name, 0) for name in space.names] for one in directions])
@@ -64,15 +62,13 @@ def falling(
     return directions[int(np.argmax(falls))] if falls.any() else None
 
 
-def verdict(
-    found: Found, jacobian: np.ndarray, at_bound: np.ndarray, space: Space, most: int
-) -> tuple[bool, str]:
+def verdict(found: Found, at_bound: np.ndarray, space: Space, most: int) -> tuple[bool, str]:
     """Whether the search converged, and the reason in words."""
-    if not (np.isfinite(found.loss) and np.isfinite(jacobian).all()):
+    if not (np.isfinite(found.loss) and np.isfinite(found.jacobian).all()):
         return False, "the prediction is not finite there"
     ran = [name for name, there in zip(space.names, at_bound, strict=True) if there]
     bound = f", {' and '.join(ran)} at the bound" if ran else ""
-    left = ~np.asarray(found.still) & ~at_bound
+    left = ~(found.still | at_bound)
     if not left.any():
         return True, "no step is left" + bound
     i = int(np.argmax(np.where(left, np.abs(found.step) / np.asarray(found.allowed), 0)))
