@@ -151,9 +151,9 @@ class Contact(eqx.Module):
 
         Arguments: `radius` R1 of the sphere and `socket_radius` R2 > R1 in m; the materials, None
         for a rigid socket. `mass` in kg; left out, it is the sphere's. A socket that is not wider
-        than the sphere gives NaN in its lane. Hertz's theory wants an indentation small beside the
-        clearance R2 - R1. Raises ValueError for Python scalars out of range (R2 ≤ R1 among them) or
-        a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
+        than the sphere gives NaN in its lane. Hertz's theory is valid for an indentation much
+        smaller than the clearance R2 - R1. Raises ValueError for Python scalars out of range (R2 ≤
+        R1 among them) or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
         doi 10.1017/CBO9781139171731.
         """
         inner = as_parameter(radius, "radius", POSITIVE)

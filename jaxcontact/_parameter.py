@@ -1,4 +1,4 @@
-"""Numbers at the door: conversion, ranges and the error messages that go with them."""
+"""Numbers on entry: conversion, ranges and error messages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from jaxtyping import Array, ArrayLike, Bool
 
 @dataclasses.dataclass(frozen=True)
 class Range:
-    """The interval a parameter must lie in; `inside` is a harmless member of it."""
+    """The interval a parameter must lie in; `inside` is some number in it."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -47,8 +47,8 @@ RESTITUTION_FROM_ZERO = Range(low=0.0, high=1.0, inside=0.5)
 def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
     """Turn a number or an array into a floating-point JAX array.
 
-    A Python or numpy scalar outside `allowed` raises ValueError, because there is no batch for a
-    flag to live in. Arrays and traced values pass: their bad lanes are flagged by `impact`.
+    A Python or numpy scalar outside `allowed` raises ValueError, because no batch could hold a
+    flag. Arrays and traced values pass: their bad lanes are flagged by `impact`.
     """
     array = value if isinstance(value, jax.Array) else _from_python(value, name, allowed)
     if not (jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)):
@@ -104,10 +104,10 @@ def is_valid(module: eqx.Module) -> Bool[Array, "..."]:
 
 
 def sanitised(module: Any) -> Any:
-    """`module` with every out-of-range number replaced by a harmless one.
+    """`module` with every out-of-range number replaced by one in the range.
 
     The bad lanes are flagged elsewhere; this keeps their infinities out of the arithmetic, so that
-    a derivative of the good lanes never meets 0 times inf.
+    a derivative of the good lanes never contains 0 times inf.
     """
     names = [name for name in ranges(module) if getattr(module, name) is not None]
     if not names:

@@ -1,4 +1,4 @@
-"""The front door of the bouncing ball."""
+"""The public function `bounce`."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def bounce(
 
 
 class _Run(eqx.Module):
-    """What the touches of a run share, in one shape and precision; bad numbers made harmless."""
+    """What the touches of a run share, in one shape and precision; invalid numbers replaced."""
 
     height: Array
     gravity: Array

@@ -64,7 +64,7 @@ def one_by_one(
         speed, state = carry
         begun = state == _SEPARATED
         moving = begun & (speed >= rest)
-        # A lane that has ended solves its first impact again, which is known to be harmless.
+        # A lane that has ended solves its first impact again, whose outcome is finite.
         speed_here = jnp.where(moving, speed, first)
         hit = impact(law, contact, speed_here, method=method, external_force=weight)
         status = jnp.where(begun, jnp.where(moving, hit.status, _SETTLED), state)

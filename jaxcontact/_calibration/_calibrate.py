@@ -14,10 +14,10 @@ from .._contact import Contact
 from .._flight import STANDARD_GRAVITY, Drag, Flight, require_positive
 from .._laws import AbstractLaw, parameters_of
 from .._measurements import Pairs, Recording, make_pairs
-from .._measurements._noise import Noise, estimate_noise
+from .._measurements._noise import Noise
 from .._measurements._outliers import THRESHOLD, Outliers, find_outliers
 from .._progress import Stages
-from ._choice import LawChoice, choose
+from ._choice import LawChoice, choose, weights_of
 from ._file import save, to_json
 from ._kinds import kinds_of
 from ._report import report
@@ -145,11 +145,9 @@ def calibrate(
         keep = ~outliers.flagged
         good = pairs.where(keep)
         good.needs_enough(marked=int(outliers.flagged.sum()))
-        residual = np.log(good.restitution) - outliers.trend(good.velocity)
-        noise = estimate_noise(residual, good.reading_factor, robust=False)
+        noise, weights = weights_of(pairs, outliers, keep)
 
         def chosen(use: np.ndarray) -> LawChoice:
-            weights = noise.sigma(pairs.reading_factor) ** -2
             group = pairs.layout.cluster_words[0]
             return choose(
                 pairs,

@@ -16,7 +16,8 @@ from .._fit import Candidate, Fit, FitData, compared, criteria, fit, groups_of, 
 from .._flight import Flight, Floats
 from .._laws import AbstractLaw
 from .._measurements import Pairs, make_pairs, read_recording
-from .._measurements._outliers import find_outliers
+from .._measurements._noise import Noise, estimate_noise
+from .._measurements._outliers import Outliers, find_outliers
 from .._parameter import POSITIVE, RESTITUTION
 from ._asked import Asked, asked_of
 from ._checks import column
@@ -202,14 +203,23 @@ def choose_law(
     if groups is not None:
         word = "trial"
         pairs = dataclasses.replace(pairs, cluster=groups_of(groups, len(v)))
-    marked = find_outliers(pairs).flagged if mark_outliers else np.zeros(len(v), bool)
-    relative = np.ones_like(v)
+    outliers = find_outliers(pairs)
+    marked = outliers.flagged & mark_outliers
+    relative = weights_of(pairs, outliers, ~marked)[1]
     if sigma is not None:
         how["sigma"] = np.broadcast_to(np.asarray(sigma, float), v.shape) / measured
     elif weights is not None:
         relative = np.broadcast_to(np.asarray(weights, float), v.shape) * measured**2
     kinds = kinds_of(law, contact.exponent)
     return choose(pairs, ~marked, relative, kinds, contact, group=word, **how)
+
+
+def weights_of(pairs: Pairs, outliers: Outliers, keep: np.ndarray) -> tuple[Noise, Floats]:
+    """The noise of ln e about the trend of the pairs to `keep`, and the weights (n,) of all."""
+    good = pairs.where(keep)
+    residual = np.log(good.restitution) - outliers.trend(good.velocity)
+    noise = estimate_noise(residual, good.reading_factor, robust=False)
+    return noise, noise.sigma(pairs.reading_factor) ** -2
 
 
 def choose(

@@ -100,9 +100,10 @@ def _decoded(value: Any, hint: Any, where: str) -> Any:
     if hint is float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             _refuse(where, f"must be a number, but is {value!r}")
-        if not math.isfinite(value):
-            _refuse(where, f"must be finite, but is {value!r}")
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            _refuse(where, "must be finite, but is too large")
     if type(value) is not hint:
         _refuse(where, f"must be of type {hint.__name__}, but is {value!r}")
     return value

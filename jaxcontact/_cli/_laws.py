@@ -43,52 +43,32 @@ def run(arguments: argparse.Namespace) -> int:
 
 def table() -> list[dict[str, Any]]:
     """One row per law: `law`, `formula`, `source`, `valid`, `delivers` ({e: e_out}, or None)."""
+    import jax.numpy as jnp
+
+    from .._impact import restitutions
     from .._laws import constant_laws, describe, list_laws
 
-    delivered = _delivered(constant_laws())
-    rows = []
-    for name in list_laws():
-        words = describe(name)
-        rows.append(
-            {
-                "law": name,
-                "formula": words.formula,
-                "source": words.source,
-                "valid": words.valid,
-                "delivers": delivered.get(name),
-            }
-        )
-    return rows
-
-
-def _delivered(names: list[str]) -> dict[str, dict[str, float | None]]:
-    """What each law delivers for the e of `ASKED`; None where that is not finite."""
-    import jax.numpy as jnp
-    import numpy as np
-
-    from .._contact import Contact
-    from .._impact import restitution
-    from .._laws import AbstractHuntCrossley, Damped, describe, get_law
-
-    def table_row(e: np.ndarray) -> dict[str, float | None]:
-        return {
-            f"{asked:g}": float(out) if math.isfinite(out) else None
-            for asked, out in zip(ASKED, e, strict=True)
+    names = constant_laws()
+    classes = tuple(describe(name).cls for name in names)
+    rows = restitutions(classes, jnp.tile(jnp.array(ASKED), (len(names), 1)))
+    delivered = {
+        name: {
+            f"{e:g}": out if math.isfinite(out) else None
+            for e, out in zip(ASKED, row.tolist(), strict=True)
         }
-
-    asked = jnp.array(ASKED)
-    family = [name for name in names if issubclass(describe(name).cls, AbstractHuntCrossley)]
-    # α alone decides the restitution: all laws of the family are one batch, compiled once.
-    contact = Contact(1.0, 1.0)
-    alpha = jnp.stack([get_law(name, e=asked).damping_factor(contact, 1.0) for name in family])
-    delivered = np.asarray(restitution(Damped(alpha=alpha), contact, 1.0))
-    rows = {name: table_row(e) for name, e in zip(family, delivered, strict=True)}
-    for name in names:
-        if name not in rows:
-            exponents = describe(name).cls.exponents
-            own = Contact(1.0, 1.0, exponents[0]) if exponents else contact
-            rows[name] = table_row(np.asarray(restitution(get_law(name, e=asked), own, 1.0)))
-    return rows
+        for name, row in zip(names, rows, strict=True)
+        if row is not None
+    }
+    return [
+        {
+            "law": law.name,
+            "formula": law.formula,
+            "source": law.source,
+            "valid": law.valid,
+            "delivers": delivered.get(law.name),
+        }
+        for law in map(describe, list_laws())
+    ]
 
 
 def _text(rows: list[dict[str, Any]]) -> str:

@@ -54,8 +54,8 @@ class Comparison:
     """Fits to the same data in the order of AICc; `best`, the name of the one to use, and why.
 
     `best` is the simplest of those that describe the data equally well: whose AICc is less than 2
-    above the lowest, or whose disadvantage is below two of its standard errors by group. None where
-    no fit converged.
+    above the lowest, or whose disadvantage is below two of its standard errors by group; of equally
+    simple ones, the one given first. None where no fit converged.
     """
 
     candidates: tuple[Candidate, ...]
@@ -95,11 +95,11 @@ def compare_fits(
 ) -> Comparison:
     """Compare fits to the same data: AICc, BIC, and the error at points that were left out.
 
-    With known noise AIC = 2 loss + 2k, without it n ln(2 loss/n) + 2(k+1), and AICc adds the
-    small-sample term; k counts the identifiable parameters. Cross-validation fits again without one
-    of `folds` parts, drawn from `seed` or, with `groups` (points,), made of whole groups (the
-    trials of an experiment, say), so that points of one group never stand on both sides. The
-    `groups` that the fits were given decide whether a difference of AICc is clear by group, too.
+    With known noise AIC = 2 loss + 2k, without it n ln(2 loss/n) - Σ ln w + 2(k+1) for weights w,
+    and AICc adds the small-sample term; k counts the identifiable parameters. Cross-validation fits
+    again without one of `folds` parts, drawn from `seed` or, with `groups` (points,), made of whole
+    groups (the trials of an experiment, say), so that points of one group never stand on both
+    sides. With the `groups` that the fits were given, a difference of AICc must be clear by group.
 
     Arguments: the `fits` by name, with the same data and weights. Returns a `Comparison`, which
     prints as a table with a verdict. Raises ValueError for fewer than two fits, fits to other data,
@@ -129,7 +129,7 @@ def compared(
     names = sorted(fits, key=lambda name: (not fits[name].converged, criteria(fits[name])[1]))
     first = fits[names[0]]
     found = tuple(_candidate(name, fits[name], first, parts) for name in names)
-    return Comparison(found, *_verdict(found, parameters, left_out, group))
+    return Comparison(found, *_verdict(found, list(fits), parameters, left_out, group))
 
 
 def criteria(fit: FitData) -> tuple[int, float, float]:
@@ -139,8 +139,11 @@ def criteria(fit: FitData) -> tuple[int, float, float]:
     if fit.absolute:
         deviance, counted = 2 * fit.loss, k
     else:
-        # Data without noise are fitted exactly; the logarithm needs a positive number.
-        deviance, counted = n * math.log(max(2 * fit.loss / n, 1e-300)), k + 1
+        # Data without noise are fitted exactly; the logarithm needs a positive number. With the
+        # sum of the weights' logarithms, their common scale cancels.
+        factor = np.asarray(fit.problem.factor)
+        scale = 2 * float(np.sum(np.log(factor[factor > 0])))
+        deviance, counted = n * math.log(max(2 * fit.loss / n, 1e-300)) - scale, k + 1
     small = 2 * counted * (counted + 1) / (n - counted - 1) if n > counted + 1 else math.inf
     return k, deviance + 2 * counted + small, deviance + counted * math.log(n)
 
@@ -222,6 +225,7 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
 
 def _verdict(
     found: tuple[Candidate, ...],
+    order: list[str],
     parameters: Callable[[str], str] | None,
     left_out: str,
     group: str,
@@ -236,7 +240,7 @@ def _verdict(
         for c in good
         if c.aicc - first.aicc < CLEAR_AICC or (c.behind is not None and c.behind < CLEAR_ADVANTAGE)
     ]
-    best = min(equal, key=lambda c: c.k)
+    best = min(equal, key=lambda c: (c.k, order.index(c.name)))
     how = "best" if len(equal) == 1 else "as well as any"
     values = f": {parameters(best.name)}" if parameters else ""
     text = f"Use {best.name}, which describes the data {how}{values}."

@@ -46,13 +46,14 @@ class AbstractForm(eqx.Module):
 
     The units are those of `Scale`: X = (m v0²/K)^(1/(n+1)) of length, v0 of speed, X/v0 of time,
     m v0²/X of force; Γ is the external force, n the exponent of the contact. A law returns its form
-    from `law.form(contact, scale)`; a law without a form of its own needs none.
+    from `law.form(contact, scale)`; the default there is a form of its SI force.
 
-    A subclass declares its numbers as fields (arrays that broadcast), a static field `tension`
-    (whether the contact may pull; without, it ends where the force vanishes) and `force`. What else
-    it knows, it says by replacing a default that means "not known": `closed_form` with `solve`;
-    `restitution`; `never_pulls`; `damping`; `momentum`; `static_indentation`; `sound`. Source of
-    the scaling: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596.
+    A subclass declares its numbers as fields (at least one array; all broadcast), a static field
+    `tension` (whether the contact may pull; without, it ends where the force vanishes) and `force`.
+    The other members have defaults that mean "not available", and a subclass replaces those it can
+    provide: `closed_form` together with `solve`; `restitution`; `never_pulls`; `damping`;
+    `momentum`; `phase_unit`; `static_indentation`; `sound`. Source of the scaling: the energy
+    integral of Hunt & Crossley (1975), doi 10.1115/1.3423596.
     """
 
     tension: eqx.AbstractVar[bool]
@@ -86,7 +87,7 @@ class AbstractForm(eqx.Module):
         return None
 
     def sound(self) -> tuple[AbstractForm, Flag]:
-        """The form with harmless numbers in place of impossible ones, and which were possible.
+        """The form with valid numbers throughout, and in which lanes they were valid before.
 
         The other lanes are flagged as invalid input.
         """

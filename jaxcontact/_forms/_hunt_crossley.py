@@ -158,8 +158,8 @@ def _times(alpha: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane]:
 def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
     """Time between touch and turn (a = α) or turn and separation (a = -α)."""
     p = n / (n + 1)
-    # Where strong damping makes the way out long, all that happens lies within `layer` of the
-    # turn: before it the bodies creep apart at the speed 1/α, which leaves e^-layer to neglect.
+    # Where strong damping makes the way out long, the integrand varies only within `layer` of the
+    # turn: farther out the bodies creep apart at the speed 1/α, up to a neglected e^-layer.
     double = a.dtype == jnp.float64
     layer = 36.0 if double else 17.0
     creeping = -a * length > layer

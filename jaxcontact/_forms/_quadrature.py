@@ -1,4 +1,4 @@
-"""Quadrature on [0, 1] for integrands that blow up like a known power at one end or at both."""
+"""Quadrature on [0, 1] for integrands that grow like a known power at the start."""
 
 from __future__ import annotations
 

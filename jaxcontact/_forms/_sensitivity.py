@@ -15,6 +15,28 @@ from ._quadrature import UNROLL
 Out = TypeVar("Out")
 
 
+def slopes_along(
+    function: Callable[..., Out], primals: tuple[jax.Array, ...], tangents: tuple
+) -> tuple[Out, Out, list[jax.Array]]:
+    """The value of a function of few numbers, its slopes by those that vary, and their tangents.
+
+    A rule for `custom_jvp` that is linear in the tangents, so that it transposes: the slopes are
+    computed forward, along the value, and multiply tangents going forward or cotangents going back.
+    Every primal is one number, or one in every lane.
+    """
+    varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
+
+    def sensitivity(direction: jax.Array) -> tuple[Out, Out]:
+        pushed = [jnp.zeros_like(primal) for primal in primals]
+        for i, component in zip(varying, direction, strict=True):
+            pushed[i] = jnp.broadcast_to(component, primals[i].shape)
+        return jax.jvp(function, primals, tuple(pushed))
+
+    basis = jnp.eye(len(varying), dtype=primals[0].dtype)
+    outcome, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)
+    return outcome, slopes, [tangents[i] for i in varying]
+
+
 def lanewise(solve: Callable[..., Out], number: Lane, n: Exponent) -> Out:
     """`solve(number, n, UNROLL)`, lane by lane on arrays of one shape, differentiated forward.
 
@@ -32,19 +54,10 @@ def lanewise(solve: Callable[..., Out], number: Lane, n: Exponent) -> Out:
 
     solved = jax.custom_jvp(direct)
 
-    def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Out, Out]:
-        varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
-
-        def sensitivity(direction: jax.Array) -> tuple[Out, Out]:
-            pushed = [jnp.zeros_like(primal) for primal in primals]
-            for i, component in zip(varying, direction, strict=True):
-                pushed[i] = jnp.broadcast_to(component, primals[i].shape)
-            return jax.jvp(in_rule, primals, tuple(pushed))
-
-        basis = jnp.eye(len(varying), dtype=primals[0].dtype)
-        outcome, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)
+    def rule(primals: tuple[Lane, ...], tangents: tuple) -> tuple[Out, Out]:
+        outcome, slopes, along = slopes_along(in_rule, primals, tangents)
         return outcome, jax.tree.map(
-            lambda slope: sum(slope[j] * tangents[i] for j, i in enumerate(varying)), slopes
+            lambda slope: sum(s * t for s, t in zip(slope, along, strict=True)), slopes
         )
 
     solved.defjvp(rule, symbolic_zeros=True)

@@ -96,7 +96,7 @@ class Event(AbstractMethod):
 
 
 class Leg(eqx.Module):
-    """One half of an impact: its last state, all accepted states, and whether its event came."""
+    """One half of an impact: last state, accepted states, and whether its event ended it."""
 
     end: State
     path: Path
@@ -105,7 +105,7 @@ class Leg(eqx.Module):
 
 
 def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Leg:
-    """From touch to the turn, or from the turn to the end, whichever `compressing` says."""
+    """From touch to the turn if `compressing`, from the turn to the end otherwise."""
 
     def rate(t: object, state: State, motion: Motion) -> State:
         return motion.rate(state, compressing)
@@ -187,7 +187,7 @@ def _event_in_step(
     compressing: Flag,
     arrived: Flag,
 ) -> tuple[Number, State]:
-    """When the event comes in the last step, and the state then; the end of the step without one.
+    """The moment of the event in the last step, and its state; the end of the step without one.
 
     The step is taken again for its interpolant, by the same solver.
     """
@@ -203,9 +203,11 @@ def _event_in_step(
         return jnp.where(arrived, motion.gap(y, compressing), 1 - fraction)
 
     def find(*parameters: Any) -> Number:
-        zero = jnp.zeros_like(t)
-        ends = gap(zero, *parameters), gap(zero + 1, *parameters)
-        return bracketed_root(lambda fraction: gap(fraction, *parameters), *ends, _ITERATIONS)
+        def at(fraction: Number) -> Number:
+            return gap(fraction, *parameters)
+
+        first, last = jax.vmap(at)(jnp.arange(2, dtype=t.dtype))
+        return bracketed_root(at, first, last, _ITERATIONS)
 
     fraction = with_implicit_derivative(find, gap)(moving, motion, compressing, arrived)
     moment = t + fraction * (after - t)
@@ -240,8 +242,8 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     settled = motion.settled(end)
     static = motion.static_indentation()
     if motion.push is not None and static is not None:
-        # With strong damping the bodies creep to rest and never turn: no event comes, but the end
-        # is known.
+        # With strong damping the bodies creep to rest and never turn: no event ends the leg, but
+        # the state at rest is known.
         creeps = ~legs.arrived[0] & motion.held(turn)
         max_indentation = jnp.where(creeps, static, max_indentation)
         max_force = jnp.where(creeps, jnp.maximum(max_force, motion.push), max_force)

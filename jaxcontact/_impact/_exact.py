@@ -37,5 +37,5 @@ class Exact(AbstractMethod):
         return lanes.form.solve(lanes.n)
 
     def restitution(self, form: AbstractForm) -> Lane | None:
-        """What the form alone says."""
+        """The e of the form, without its times."""
         return form.restitution()

@@ -73,10 +73,8 @@ def uniform(tree: Any) -> Any:
     leaves = [leaf for leaf in jax.tree.leaves(tree) if eqx.is_inexact_array(leaf)]
     # A Python number is weakly typed and follows the arrays; alone it has the default precision.
     strong = [leaf.dtype for leaf in leaves if not leaf.weak_type]
-    double = jnp.dtype("float64")
-    dtype = (
-        (double if double in strong else jnp.dtype("float32")) if strong else jnp.zeros(()).dtype
-    )
+    # Numbers of a fit are double; without double precision they are used in single.
+    dtype = jax.dtypes.canonicalize_dtype(max(strong, key=lambda d: d.itemsize, default=float))
     rank = max((leaf.ndim for leaf in leaves), default=0)
 
     def convert(leaf: Any) -> Any:
@@ -116,7 +114,7 @@ class Lanes(eqx.Module):
         return self.traced_exponent
 
     def motion(self, *, audited: bool = False) -> Motion:
-        """The lanes as a solver sees them."""
+        """The equation of motion of the lanes, for methods that solve one lane."""
         # XLA would fold a solve of constants (Hertz's law has no other numbers), for forty seconds.
         numbers = (self.form, self.traced_exponent, self.push)
         form, traced, push = jax.lax.optimization_barrier(numbers)
@@ -124,7 +122,7 @@ class Lanes(eqx.Module):
 
 
 def lanes_of(problem: Problem) -> Lanes:
-    """The scaled problem. Bad lanes are marked, and solved with harmless numbers in place."""
+    """The scaled problem; in lanes with invalid input valid numbers replace it."""
     contact = problem.contact
     n = contact.exponent
     valid = is_valid(problem.law) & is_valid(contact) & SPEED.holds(problem.velocity)

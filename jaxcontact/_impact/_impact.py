@@ -1,9 +1,8 @@
-"""The front door: one impact, from touch to separation."""
+"""The public functions `impact` and `restitution`."""
 
 from __future__ import annotations
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -41,7 +40,7 @@ def impact(
 
     Returns an `Impact` in the broadcast shape. Bad lanes are flagged in `.status`, their numbers
     NaN, their neighbours untouched. Raises ValueError for a Python scalar out of range, an exponent
-    the law is not made for, or a method that cannot do what is asked.
+    the law is not made for, or a method that does not apply.
 
     Source: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596, and the
     references of the laws.
@@ -57,7 +56,7 @@ def _impact(problem: Problem, method: AbstractMethod) -> Impact:
     scaled = method.solve(lanes)
     shape = problem.shape
     scale = lanes.scale
-    # Of these two alone: what is not used must stay dead code. A force that is not finite is seen.
+    # Of these two alone: what is not used must stay dead code. A force that is not finite shows.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)
     solved = scaled.converged & finite
     status = jnp.where(scaled.settled, int(Status.SETTLED), int(Status.SEPARATED))
@@ -125,14 +124,6 @@ def restitution(
             "but is None."
         )
     return e
-
-
-def restitution_is_constant(law: AbstractLaw, contact: Contact) -> bool:
-    """Whether e is known to be the same at every speed: its form gives it without one."""
-    try:
-        return jax.eval_shape(lambda: law.form(contact, None).restitution()) is not None
-    except (TypeError, ValueError):  # the law needs the speed
-        return False
 
 
 @eqx.filter_jit

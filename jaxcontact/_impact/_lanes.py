@@ -17,8 +17,8 @@ Out = TypeVar("Out")
 def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
     """`solve` for every lane of `problem`, whose leaves broadcast against each other.
 
-    The outcome has the broadcast shape. Leaves that nobody varies are not repeated by the caller,
-    so that a batch costs as many solves as there are different problems.
+    The outcome has the broadcast shape. Leaves that are the same in all lanes are not repeated by
+    the caller, so that a batch costs as many solves as there are different problems.
     """
     leaves, structure = jax.tree.flatten(problem)
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))

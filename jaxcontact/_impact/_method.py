@@ -1,4 +1,4 @@
-"""What a method is: its options, whether it can do what is asked, and its solve."""
+"""The interface of methods: options, whether a method applies, and its solve."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class AbstractMethod(eqx.Module):
     def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:
         """The method that solves this form, `pushed` by an external force or not: mostly `self`.
 
-        Raises ValueError where the method does not apply; the message says which one does.
+        Raises ValueError where the method does not apply; the message names one that does.
         """
 
     @abc.abstractmethod
@@ -36,7 +36,7 @@ class AbstractMethod(eqx.Module):
         """The scaled outcome, in a shape that broadcasts to that of the problem.
 
         `lanes.form`, `lanes.n` and `lanes.push` (None without external force) are the scaled
-        problem; lanes that are not valid hold harmless numbers.
+        problem; lanes with invalid input hold valid numbers in its place.
         """
 
     def restitution(self, form: AbstractForm) -> Lane | None:
@@ -45,7 +45,7 @@ class AbstractMethod(eqx.Module):
 
 
 def as_tolerance(value: Any, name: str) -> float | None:
-    """A tolerance as a Python float, from any real scalar that is known; None stays None."""
+    """A tolerance as a Python float, from any concrete real scalar; None stays None."""
     if value is None:
         return None
     number = _scalar(value)
@@ -55,7 +55,7 @@ def as_tolerance(value: Any, name: str) -> float | None:
 
 
 def as_count(value: Any, name: str) -> int:
-    """A number of steps as a Python int, from any whole scalar that is known."""
+    """A number of steps as a Python int, from any concrete whole scalar."""
     number = _scalar(value)
     if not isinstance(number, int) or number < 2:
         raise ValueError(f"Argument `{name}` must be a whole number above 1, but is {value!r}.")

@@ -1,4 +1,4 @@
-"""The scaled equation of motion in regularised coordinates, as a solver sees it.
+"""The scaled equation of motion in regularised coordinates.
 
 The state is (w, u, t): `x = w^k`, the time t, and a momentum u, which is the velocity v itself or,
 in a free impact, the coordinate that the form puts in its place.

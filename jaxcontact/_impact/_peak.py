@@ -29,7 +29,7 @@ def largest_force(motion: Motion, path: Path, compressing: Bool[Array, ""]) -> N
     may be a constant to the derivative.
     """
     moments, states, taken = path
-    # Where nothing was taken the touch stands in, so that no infinity enters the arithmetic.
+    # Unused entries hold infinities: the state at touch replaces them.
     states = jax.tree.map(lambda leaf: jnp.where(taken, leaf, leaf[0]), states)
     moments = jax.lax.stop_gradient(jnp.where(taken, moments, moments[0]))
     forces = jax.vmap(lambda state: motion.force(state, compressing))(states)

@@ -32,8 +32,8 @@ class Phase(AbstractMethod):
     For free impacts that last until δ = 0: the Hunt-Crossley family, and laws with tension. Every
     lane takes the same steps, which suits graphics processors. `steps`: even, half for each way.
     `tolerance`: the estimated relative error above which a lane counts as not converged; None for
-    1e-6 (1e-4 in float32). Raises ValueError for an option out of its range, and where it is asked
-    for a clamped contact or one with an external force. Source of the steps: Prince
+    1e-6 (1e-4 in float32). Raises ValueError for an option out of its range, for a
+    clamped contact and for one with an external force. Source of the steps: Prince
     & Dormand (1981), doi 10.1016/0771-050X(81)90010-3.
     """
 
@@ -127,7 +127,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
 
     polars = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), touch, polars)
     nodes = np.arange(steps + 1) * width
-    # At its ends the angle is known better than its sine and cosine.
+    # At the ends and the turn the sine and cosine are exact numbers.
     sine, cosine = np.sin(nodes), np.cos(nodes)
     half = steps // 2
     sine[steps] = cosine[half] = 0

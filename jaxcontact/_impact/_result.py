@@ -23,7 +23,7 @@ class Status(enum.IntEnum):
     """How an impact ended; the values of `Impact.status`."""
 
     SEPARATED = 0
-    """The bodies came apart."""
+    """The bodies separated."""
     SETTLED = 1
     """They stay in contact: restitution and rebound are zero, the duration is infinite."""
     NOT_CONVERGED = 2

@@ -1,4 +1,4 @@
-"""Derivatives that are carried forward with a solution and serve both modes."""
+"""Forward sensitivities that serve both modes of differentiation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
-from jax.custom_derivatives import SymbolicZero
+
+from .._forms import slopes_along
 
 In = TypeVar("In")
 Out = TypeVar("Out")
@@ -25,30 +26,21 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
         leaves, structure = jax.tree.flatten(problem)
         kinds = jax.eval_shape(solve, problem)
 
-        # Flags and counts travel as numbers: a derivative rule has no good word for integers. And
-        # all of it depends on the input, if only in form: a rule whose outcome is in part constant
-        # fails under jit of vmap (jax 0.10.2).
+        # Flags and counts are returned as numbers: a derivative rule cannot return integers. And
+        # every output depends on the input, if only formally: a rule whose outcome is constant in
+        # part fails under jit of vmap (jax 0.10.2).
         def on_leaves(*leaves: jax.Array) -> Out:
             outcome = solve(jax.tree.unflatten(structure, leaves))
-            form = jnp.isnan(leaves[0])
+            either = jnp.isnan(leaves[0])
             return jax.tree.map(
-                lambda out: jnp.where(form, out, out).astype(leaves[0].dtype), outcome
+                lambda out: jnp.where(either, out, out).astype(leaves[0].dtype), outcome
             )
 
         solved = jax.custom_jvp(on_leaves)
 
         def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Out, Out]:
-            varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
-
-            def sensitivity(direction: jax.Array) -> tuple[Out, Out]:
-                pushed = [jnp.zeros_like(primal) for primal in primals]
-                for i, component in zip(varying, direction, strict=True):
-                    pushed[i] = component
-                return jax.jvp(on_leaves, primals, tuple(pushed))
-
-            basis = jnp.eye(len(varying), dtype=primals[0].dtype)
-            outcome, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)
-            weights = jnp.stack([tangents[i] for i in varying])
+            outcome, slopes, along = slopes_along(on_leaves, primals, tangents)
+            weights = jnp.stack(along)
             return outcome, jax.tree.map(lambda s: jnp.tensordot(weights, s, axes=1), slopes)
 
         solved.defjvp(rule, symbolic_zeros=True)

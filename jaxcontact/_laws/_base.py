@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
@@ -14,6 +14,8 @@ from .._parameter import shown
 
 if TYPE_CHECKING:
     from .._contact import Contact
+
+_Given = TypeVar("_Given")
 
 VELOCITY_THRESHOLD = 1e-9
 """Closing speed in m/s below which the damping of a law stops growing.
@@ -28,8 +30,8 @@ class AbstractLaw(eqx.Module):
 
     A subclass with a `force` works in `impact`, `trajectory`, `restitution` and under every JAX
     transformation. `force` gets SI quantities that broadcast, and should be zero for a negative
-    indentation. Every array held by a law broadcasts with the contact and the speed. A law that
-    knows more about itself, a closed form for example, says so by its `form`.
+    indentation. Every array held by a law broadcasts with the contact and the speed. A law with a
+    closed form or another shortcut returns it from `form`.
 
     The keyword `tension` (static) says whether the contact may pull. With False a pull counts as no
     force, and the contact ends when its force vanishes; with True it ends when δ is back at zero.
@@ -64,16 +66,18 @@ class AbstractLaw(eqx.Module):
         )
 
     def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
-        """What the law is in scaled units: the general form, unless a law knows a better one.
+        """The law in scaled units: a general form, replaced by laws with a special one.
 
         Arguments: the contact and the units of the impact. Either may be None where only the
         restitution is wanted; without a contact a scale has no unit but the speed. Raises
         ValueError where the form depends on what is missing.
         """
-        needs(contact, "contact", self)
-        needs(scale, "velocity", self)
-        assert contact is not None and scale is not None  # for the type checker
-        return GeneralForm(law=self, contact=contact, scale=scale, tension=self.tension)
+        return GeneralForm(
+            law=self,
+            contact=needed(contact, "contact", self),
+            scale=needed(scale, "velocity", self),
+            tension=self.tension,
+        )
 
     def __repr__(self) -> str:
         numbers = (
@@ -84,10 +88,11 @@ class AbstractLaw(eqx.Module):
         return f"{type(self).__name__}({', '.join(numbers)})"
 
 
-def needs(argument: object, name: str, law: AbstractLaw) -> None:
-    """Raise ValueError if an argument that the law depends on is None."""
+def needed(argument: _Given | None, name: str, law: AbstractLaw) -> _Given:
+    """An argument that the law depends on; ValueError if it is None."""
     if argument is None:
         raise ValueError(
             f"Argument `{name}` is needed for `{type(law).__name__}`, which depends on it, "
             "but is None."
         )
+    return argument

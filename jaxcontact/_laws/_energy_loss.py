@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import jax.numpy as jnp
 from jax.scipy.special import gammaln
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._parameter import POSITIVE, RESTITUTION, parameter
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
-
-if TYPE_CHECKING:
-    from .._contact import Contact
 
 
 @register_law(
@@ -35,9 +30,7 @@ class EnergyLoss(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
     beta: Float[Array, "..."] = parameter("beta", POSITIVE)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = (1-e)/e / ((n+1) I(β)), with n = 3/2 if no contact is given."""
         n_plus_1 = 2.5 if contact is None else contact.exponent + 1
         ratio = n_plus_1 / self.beta

@@ -1,18 +1,13 @@
-"""The law that delivers the restitution it is asked for."""
+"""The law that delivers exactly the restitution it is given."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._forms import exact_damping_factor
 from .._parameter import RESTITUTION, parameter
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
-
-if TYPE_CHECKING:
-    from .._contact import Contact
 
 
 @register_law(
@@ -31,8 +26,6 @@ class ExactRestitution(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """The α that delivers e."""
         return exact_damping_factor(self.e)

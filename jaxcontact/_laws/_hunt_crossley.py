@@ -10,9 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._elementary import power
-from .._forms import HuntCrossleyForm, Scale
+from .._forms import HuntCrossleyForm
 from .._parameter import NOT_NEGATIVE, as_parameter, parameter
-from ._base import VELOCITY_THRESHOLD, AbstractLaw, needs
+from ._base import VELOCITY_THRESHOLD, AbstractLaw, needed
 from ._registry import register_law
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class AbstractHuntCrossley(AbstractLaw):
-    """A law F = K δⁿ (1 + α δ'/v0); a subclass says what α is and is solved in closed form.
+    """A law F = K δⁿ (1 + α δ'/v0); a subclass gives α and is solved in closed form.
 
     In a free impact 1 + α δ'/v0 stays positive. An external pull can make it negative; the force is
     then clamped at zero, unless the law was made with `tension=True`.
@@ -38,17 +38,11 @@ class AbstractHuntCrossley(AbstractLaw):
         neither. Raises ValueError where they are needed and missing.
         """
 
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
+    def force(self, indentation, velocity, contact, impact_velocity) -> Float[Array, "..."]:
         """F = K δⁿ max(0, 1 + α δ'/v0) in N, and zero for δ < 0.
 
         Arguments: indentation δ in m, its rate δ' in m/s, the contact, and the closing speed v0 at
-        touch in m/s; all broadcast. Below `VELOCITY_THRESHOLD` the threshold stands for v0. With
+        touch in m/s; all broadcast. Below `VELOCITY_THRESHOLD` the threshold replaces v0. With
         `tension=True` the force is not clamped.
         """
         speed = jnp.maximum(as_parameter(impact_velocity, "impact_velocity"), VELOCITY_THRESHOLD)
@@ -59,7 +53,7 @@ class AbstractHuntCrossley(AbstractLaw):
         factor = 1 + damping * as_parameter(velocity, "velocity")
         return elastic * (factor if self.tension else jnp.maximum(factor, 0))
 
-    def form(self, contact: Contact | None, scale: Scale | None) -> HuntCrossleyForm:
+    def form(self, contact, scale) -> HuntCrossleyForm:
         """f = xⁿ (1 + α v), which has a closed form; see `AbstractLaw.form`."""
         alpha = self.damping_factor(contact, None if scale is None else scale.speed)
         return HuntCrossleyForm(alpha=alpha, tension=self.tension)
@@ -77,9 +71,7 @@ class Hertz(AbstractHuntCrossley):
     Source: Hertz (1882), J. reine angew. Math. 92:156, doi 10.1515/crll.1882.92.156.
     """
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, ""]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = 0."""
         return jnp.asarray(0.0)
 
@@ -93,9 +85,7 @@ class Damped(AbstractHuntCrossley):
 
     alpha: Float[Array, "..."] = parameter("alpha", NOT_NEGATIVE)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α itself."""
         return self.alpha
 
@@ -116,14 +106,10 @@ class ConstantDamping(AbstractHuntCrossley):
 
     c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = c v0/K; ValueError if `contact` or `velocity` is missing."""
-        needs(contact, "contact", self)
-        needs(velocity, "velocity", self)
-        assert contact is not None and velocity is not None  # for the type checker
-        return self.c * as_parameter(velocity, "velocity") / contact.stiffness
+        stiffness = needed(contact, "contact", self).stiffness
+        return self.c * as_parameter(needed(velocity, "velocity", self), "velocity") / stiffness
 
 
 @register_law(
@@ -133,7 +119,7 @@ class ConstantDamping(AbstractHuntCrossley):
     valid="a v0 small: then e = 1 - a v0",
 )
 class MarhefkaOrin(AbstractHuntCrossley):
-    """A law that needs no memory of v0: F = K δⁿ (1 + (3/2) a δ'), meant to give e = 1 - a v0.
+    """A law without v0 in its force: F = K δⁿ (1 + (3/2) a δ'), intended to give e = 1 - a v0.
 
     `a` ≥ 0 in s/m. Good for small a v0; α = (3/2) a v0. Raises ValueError for a Python scalar out
     of range. Source: Marhefka & Orin (1999), IEEE Trans. Syst. Man Cybern. A 29:566,
@@ -142,10 +128,6 @@ class MarhefkaOrin(AbstractHuntCrossley):
 
     a: Float[Array, "..."] = parameter("a", NOT_NEGATIVE)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = (3/2) a v0; ValueError if `velocity` is missing."""
-        needs(velocity, "velocity", self)
-        assert velocity is not None  # for the type checker
-        return 1.5 * self.a * as_parameter(velocity, "velocity")
+        return 1.5 * self.a * as_parameter(needed(velocity, "velocity", self), "velocity")

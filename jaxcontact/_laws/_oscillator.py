@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._elementary import arc_over_sine, horner, power
-from .._forms import OscillatorForm, Scale
+from .._forms import OscillatorForm
 from .._implicit import implicit_root
 from .._parameter import RESTITUTION, RESTITUTION_FROM_ZERO, as_parameter, parameter
 from ._base import AbstractLaw
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class AbstractOscillator(AbstractLaw):
-    """A law whose regularised form is the linear oscillator; a subclass says what ζ is."""
+    """A law whose regularised form is the linear oscillator; a subclass gives ζ."""
 
     approach_only: ClassVar[bool] = False
     """Whether the damping acts only while the bodies approach."""
@@ -34,13 +34,7 @@ class AbstractOscillator(AbstractLaw):
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         """The damping ratio ζ ≥ 0 of the regularised oscillator, dimensionless."""
 
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
+    def force(self, indentation, velocity, contact, impact_velocity) -> Float[Array, "..."]:
         """F = K δⁿ + 2ζ √((n+1)/2) √(Km) δ^((n-1)/2) δ' in N, and zero for δ < 0.
 
         Arguments: indentation δ in m, its rate δ' in m/s and the contact; they broadcast. The
@@ -64,7 +58,7 @@ class AbstractOscillator(AbstractLaw):
         )
         return force if self.tension else jnp.maximum(force, 0)
 
-    def form(self, contact: Contact | None, scale: Scale | None) -> OscillatorForm:
+    def form(self, contact, scale) -> OscillatorForm:
         """f = xⁿ + 2ζ √((n+1)/2) x^((n-1)/2) v, with a closed form; see `AbstractLaw.form`."""
         return OscillatorForm(
             zeta=self.damping_ratio(contact),
@@ -121,7 +115,7 @@ class KelvinVoigt(AbstractOscillator):
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
 
-    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
         """The ζ that delivers e."""
         if self.tension:
             return _log_decrement_ratio(self.e)
@@ -139,13 +133,13 @@ class AntypovElliott(AbstractOscillator):
 
     F = K δ^(3/2) + √5 ζ √(Km) δ^(1/4) δ' with ζ = -ln e/√(π² + ln² e); for other exponents the
     damping term is 2ζ √((n+1)/2) √(Km) δ^((n-1)/2) δ', still exact. `e` in (0, 1]. The contact may
-    pull; with `tension=False` it delivers more than asked. Raises ValueError for a Python scalar
+    pull; with `tension=False` it delivers more than e. Raises ValueError for a Python scalar
     out of range. Source: Antypov & Elliott (2011), EPL 94:50004, doi 10.1209/0295-5075/94/50004.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
         """ζ = -ln e/√(π² + ln² e)."""
         return _log_decrement_ratio(self.e)
 
@@ -157,7 +151,7 @@ _TSUJI = (1.2728, -4.2783, 11.087, -22.348, 27.467, -18.022, 4.8218)
     "tsuji",
     formula="K δ^(3/2) + a √(Km) δ^(1/4) δ', a a polynomial in e",
     source="Tsuji et al. 1992, doi 10.1016/0032-5910(92)88030-L",
-    valid="e within 0.001 of the asked one below 1; not elastic at e = 1; n = 3/2",
+    valid="e within 0.001 of the given one below 1; not elastic at e = 1; n = 3/2",
 )
 class Tsuji(AbstractOscillator):
     """The damped Hertz contact of granular codes: F = K δ^(3/2) + a √(Km) δ^(1/4) δ'.
@@ -172,7 +166,7 @@ class Tsuji(AbstractOscillator):
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
-    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
         """ζ = a/√5."""
         return jnp.sqrt(0.4) * horner(_TSUJI, self.e)
 
@@ -226,7 +220,7 @@ class Thornton(AbstractOscillator):
     tension: bool = eqx.field(static=True, default=False, kw_only=True)
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
-    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
         """ζ = γ √(6/5)."""
         # 1/(1-q) - 1 = q/(1-q): no cancellation near e = 1, where q is small.
         fit = jnp.where(
@@ -256,7 +250,7 @@ class Jankowski(AbstractOscillator):
     approach_only: ClassVar[bool] = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
-    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
         """ζ = 2ξ/√5."""
         e = self.e
         return 9 * (1 - e) * (1 + e) / (e * (e * (9 * jnp.pi - 16) + 16))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._parameter import NOT_NEGATIVE, POSITIVE, REAL, as_parameter, parameter
-from ._base import needs
+from ._base import needed
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
 
@@ -39,9 +39,6 @@ class PowerDamping(AbstractHuntCrossley):
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
         """α = c (v0/v_r)^p v0/K; ValueError if `contact` or `velocity` is missing."""
-        needs(contact, "contact", self)
-        needs(velocity, "velocity", self)
-        assert contact is not None and velocity is not None  # for the type checker
-        speed = as_parameter(velocity, "velocity")
-        c = self.c * jnp.exp(self.power * jnp.log(speed / self.reference))
-        return c * speed / contact.stiffness
+        stiffness = needed(contact, "contact", self).stiffness
+        speed = as_parameter(needed(velocity, "velocity", self), "velocity")
+        return self.c * jnp.exp(self.power * jnp.log(speed / self.reference)) * speed / stiffness

@@ -1,18 +1,13 @@
-"""Published formulas α(e) for the Hunt-Crossley family: each asks for e, few deliver it."""
+"""Published formulas α(e) for the Hunt-Crossley family; few of them deliver the e given."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._parameter import RESTITUTION, RESTITUTION_FROM_ZERO, parameter
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
-
-if TYPE_CHECKING:
-    from .._contact import Contact
 
 
 @register_law(
@@ -30,9 +25,7 @@ class HuntCrossley(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = 3(1-e)/2."""
         return 1.5 * (1 - self.e)
 
@@ -52,9 +45,7 @@ class LankaraniNikravesh(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = 3(1-e²)/4."""
         return 0.75 * (1 - self.e) * (1 + self.e)
 
@@ -68,7 +59,7 @@ class LankaraniNikravesh(AbstractHuntCrossley):
 class Flores(AbstractHuntCrossley):
     """α = 8(1-e)/(5e), with the loss of compression and restitution taken apart.
 
-    `e` in (0, 1]; delivers less than asked, by 6 % at 0.5. Raises ValueError for a Python scalar
+    `e` in (0, 1]; delivers less than e, by 6 % at 0.5. Raises ValueError for a Python scalar
     out of range. Source: Flores et al. (2011), Multibody Syst. Dyn. 25:357,
     doi 10.1007/s11044-010-9237-4; the same formula in Ye, Li & Zhu (2009), Earthquake Eng. Struct.
     Dyn. 38:1135.
@@ -76,9 +67,7 @@ class Flores(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = 8(1-e)/(5e)."""
         return 1.6 * (1 - self.e) / self.e
 
@@ -98,9 +87,7 @@ class HuGuo(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = 3(1-e)/(2e)."""
         return 1.5 * (1 - self.e) / self.e
 
@@ -121,9 +108,7 @@ class Gonthier(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = (1-e²)/e."""
         return (1 - self.e) * (1 + self.e) / self.e
 
@@ -137,16 +122,14 @@ class Gonthier(AbstractHuntCrossley):
 class CarvalhoMartins(AbstractHuntCrossley):
     """α = 3(1-e)(11-e)/(2(1+9e)), a rational fit to the exact relation.
 
-    `e` in [0, 1]; within 0.05 % of the asked e above 0.49. Raises ValueError for a Python scalar
+    `e` in [0, 1]; within 0.05 % of the given e above 0.49. Raises ValueError for a Python scalar
     out of range. Source: Carvalho & Martins (2019), Mech. Mach. Theory,
     doi 10.1016/j.mechmachtheory.2019.04.018.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = 3(1-e)(11-e)/(2(1+9e))."""
         return 1.5 * (1 - self.e) * (11 - self.e) / (1 + 9 * self.e)
 
@@ -166,9 +149,7 @@ class HerbertMcWhannell(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = 6(1-e)/((2e-1)²+3)."""
         return 6 * (1 - self.e) / (jnp.square(2 * self.e - 1) + 3)
 
@@ -188,9 +169,7 @@ class ZhiyingQishao(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = (3/4)(1-e²) exp(2(1-e))."""
         return 0.75 * (1 - self.e) * (1 + self.e) * jnp.exp(2 * (1 - self.e))
 
@@ -210,8 +189,6 @@ class LeeWang(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = 3(1-e)/4."""
         return 0.75 * (1 - self.e)

@@ -29,7 +29,7 @@ _REGISTRY: dict[str, Description] = {}
 def register_law(
     name: str, *, formula: str = "", source: str = "", valid: str = ""
 ) -> Callable[[_Law], _Law]:
-    """Class decorator that makes a law known by `name` to `get_law`, `list_laws` and the commands.
+    """Class decorator that registers a law under `name` for `get_law`, `list_laws` and commands.
 
     Arguments: `formula` (α(e) or the force), `source` (with doi) and `valid` (its range) are the
     words shown in tables. Raises ValueError if another class holds the name already; registering

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._elementary import power
-from .._forms import Scale, ViscoelasticForm
+from .._forms import ViscoelasticForm
 from .._parameter import NOT_NEGATIVE, as_parameter, parameter
-from ._base import AbstractLaw, needs
+from ._base import AbstractLaw, needed
 from ._registry import register_law
-
-if TYPE_CHECKING:
-    from .._contact import Contact
 
 
 @register_law(
@@ -37,13 +32,7 @@ class KuwabaraKono(AbstractLaw):
 
     A: Float[Array, "..."] = parameter("A", NOT_NEGATIVE)
 
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
+    def force(self, indentation, velocity, contact, impact_velocity) -> Float[Array, "..."]:
         """F = K (δⁿ + n A δ^(n-1) δ') in N, and zero for δ < 0.
 
         Arguments: indentation δ in m, its rate δ' in m/s and the contact; they broadcast. The
@@ -57,9 +46,8 @@ class KuwabaraKono(AbstractLaw):
         )
         return force if self.tension else jnp.maximum(force, 0)
 
-    def form(self, contact: Contact | None, scale: Scale | None) -> ViscoelasticForm:
+    def form(self, contact, scale) -> ViscoelasticForm:
         """f = xⁿ + n a x^(n-1) v with a = A v0/X; see `AbstractLaw.form`."""
-        needs(contact, "contact", self)
-        needs(scale, "velocity", self)
-        assert scale is not None  # for the type checker
-        return ViscoelasticForm(a=self.A / scale.time, tension=self.tension)
+        needed(contact, "contact", self)
+        a = self.A / needed(scale, "velocity", self).time
+        return ViscoelasticForm(a=a, tension=self.tension)

@@ -46,7 +46,9 @@ def test_what_a_reader_needs_is_said(blue):
 
 def test_it_prints_itself_with_law_table_and_verdict(blue):
     text = repr(blue)
-    assert text.startswith("Calibration of bounce_intervals.csv, ball blue: 294 pairs, 23 marked")
+    assert text.startswith(
+        "Calibration of bounce_intervals.csv (shipped with the package), ball blue: "
+    )
     assert f"law      {blue.law!r}" in text
     assert blue.choice.verdict in text
     assert blue.table() == blue.choice.table()
@@ -73,6 +75,7 @@ def test_a_trend_with_the_drag_left_in_comes_with_a_warning():
 def heights(count):
     h = np.arange(1.0, count + 1)
     return {
+        "ball": ["a"] * count,
         "drop_height_m": h,
         "rebound_height_m": 0.7 * h + 0.01 * (-1) ** h,
         "trial": ["1"] * count,

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from jaxcontact._cli._files import write_all
+from jaxcontact._whole_files import write_all
 
 
 def test_all_are_written(tmp_path):

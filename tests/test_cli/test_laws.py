@@ -53,6 +53,7 @@ def test_every_law_with_e_delivers_something(rows):
                 "marhefka_orin",
                 "energy_loss",
                 "kuwabara_kono",
+                "power_damping",
             }
         else:
             assert all(e is not None and 0 <= e <= 1 for e in row["delivers"].values())

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._impact import restitutions
 from tests.test_impact.support import UNIT, column, grid, values
 
 FORMULA, EVENT = 1e-14, 1e-8
@@ -121,3 +122,15 @@ def test_what_is_missing_is_named(arguments, message):
 def test_an_unknown_method_is_named_first():
     with pytest.raises(ValueError, match=r"`method` must be one of .* but is 'magic'"):
         jc.restitution(jc.HuGuo(e=0.5), method="magic")
+
+
+def test_many_laws_at_once():
+    laws = (jc.HuGuo, jc.Flores, jc.Tsuji, jc.MarhefkaOrin, jc.KelvinVoigt)
+    e = jnp.tile(jnp.append(ASKED, 1.5), (len(laws), 1))
+    hu_guo, flores, tsuji, speed, kelvin_voigt = restitutions(laws, e)
+    assert speed is None
+    for law, got in ((jc.HuGuo, hu_guo), (jc.Flores, flores), (jc.Tsuji, tsuji)):
+        wanted = jc.restitution(law(e=e[0]))
+        assert np.allclose(got, wanted, rtol=FORMULA, atol=0, equal_nan=True)
+    assert np.allclose(kelvin_voigt[:-1], ASKED, rtol=FORMULA, atol=0)
+    assert np.isnan(kelvin_voigt[-1])

@@ -1,0 +1,151 @@
+"""A form that the package does not know works everywhere: the linear dashpot, written by a user."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+
+# Closed forms round; event solves at rtol 1e-9, measured 3.3e-9; what the phase method promises.
+FORMULA, EVENT, PHASE = 1e-13, 1e-8, 1e-6
+# Derivatives of event solves at rtol 1e-11; measured 3e-11.
+SLOPE = 1e-8
+
+
+class DashpotForm(jc.AbstractForm):
+    """f = x + 2ζ v, for n = 1 and ζ < 1/2: x = e^(-ζt) sin(ωt)/ω, ω² = 1-ζ²."""
+
+    zeta: jax.Array
+    tension: bool = eqx.field(static=True)
+    closed_form = True
+
+    def force(self, x, v, n, compressing):
+        return x + 2 * self.zeta * v
+
+    def restitution(self):
+        return jnp.exp(-jnp.pi * self.zeta / self._omega())
+
+    def solve(self, n):
+        zeta, omega = self.zeta, self._omega()
+        turn = jnp.arccos(zeta) / omega
+        # f' = 0 where tan(ωt) = ω (1-4ζ²)/(ζ (3-4ζ²)); f = e^(-ζt) there.
+        peak = jnp.arctan2(omega * (1 - 4 * zeta**2), zeta * (3 - 4 * zeta**2)) / omega
+        return jc.ScaledImpact(
+            restitution=self.restitution(),
+            duration=jnp.pi / omega,
+            compression_time=turn,
+            max_indentation=jnp.exp(-zeta * turn),
+            max_force=jnp.exp(-zeta * peak),
+        )
+
+    def _omega(self):
+        return jnp.sqrt(1 - self.zeta**2)
+
+
+class Dashpot(jc.AbstractLaw):
+    """F = K δ + c δ'."""
+
+    c: jax.Array = eqx.field(converter=jnp.asarray)
+    exponents = (1.0,)
+
+    def force(self, indentation, velocity, contact, impact_velocity):
+        return contact.stiffness * indentation + self.c * velocity
+
+    def form(self, contact, scale):
+        if contact is None:
+            raise ValueError("Argument `contact` is needed for `Dashpot`, but is None.")
+        zeta = self.c / (2 * jnp.sqrt(contact.stiffness * contact.mass))
+        return DashpotForm(zeta=zeta, tension=self.tension)
+
+
+class Plain(Dashpot):
+    """The same without a form of its own."""
+
+    def form(self, contact, scale):
+        return jc.AbstractLaw.form(self, contact, scale)
+
+
+MASS, STIFFNESS, SPEED = 0.3, 2e5, 1.7
+CONTACT = jc.Contact(MASS, STIFFNESS, 1.0)
+DAMPING = jnp.array([0.0, 3.0, 40.0, 150.0])
+
+
+def by_hand(c):
+    """The outcome in SI units, with NumPy: the damped oscillator, its largest force on a grid."""
+    zeta = np.asarray(c) / (2 * np.sqrt(STIFFNESS * MASS))
+    omega = np.sqrt(1 - zeta**2)
+    time = np.sqrt(MASS / STIFFNESS)
+    turn = np.arccos(zeta) / omega
+    t = np.linspace(0, np.pi, 200_001)[:, None]
+    x = np.exp(-zeta * t) * np.sin(omega * t) / omega
+    v = np.exp(-zeta * t) * np.cos(omega * t) - zeta * x
+    return {
+        "restitution": np.exp(-np.pi * zeta / omega),
+        "duration": time * np.pi / omega,
+        "compression_time": time * turn,
+        "max_indentation": SPEED * time * np.exp(-zeta * turn),
+        "max_force": SPEED * np.sqrt(STIFFNESS * MASS) * (x + 2 * zeta * v).max(axis=0),
+    }
+
+
+@pytest.mark.parametrize(
+    ("law", "method", "used", "tolerance"),
+    [
+        (Dashpot, "auto", "exact", FORMULA),
+        (Dashpot, "event", "event", EVENT),
+        (Dashpot, "phase", "phase", PHASE),
+        (Plain, "auto", "event", EVENT),
+    ],
+)
+def test_impact(law, method, used, tolerance):
+    hit = jc.impact(law(c=DAMPING), CONTACT, SPEED, method=method)
+    assert hit.method == used and (hit.status == jc.Status.SEPARATED).all()
+    for name, expected in by_hand(DAMPING).items():
+        # The grid misses the largest force by the square of its step.
+        within = max(tolerance, 1e-9) if name == "max_force" else tolerance
+        np.testing.assert_allclose(getattr(hit, name), expected, rtol=within, err_msg=name)
+
+
+def test_restitution_alone():
+    e = by_hand(DAMPING)["restitution"]
+    np.testing.assert_allclose(jc.restitution(Dashpot(c=DAMPING), CONTACT), e, rtol=FORMULA)
+    with pytest.raises(ValueError, match="`contact` is needed for `Dashpot`"):
+        jc.restitution(Dashpot(c=DAMPING))
+    with pytest.raises(ValueError, match="`velocity` is needed for `Plain`"):
+        jc.restitution(Plain(c=DAMPING), CONTACT)
+    with pytest.raises(ValueError, match="`velocity` is needed for `Dashpot` by method 'event'"):
+        jc.restitution(Dashpot(c=DAMPING), CONTACT, method="event")
+
+
+def test_what_rests_on_it():
+    path = jc.trajectory(Dashpot(c=40.0), CONTACT, SPEED, samples=20)
+    expected = by_hand(40.0)
+    np.testing.assert_allclose(path.time[-1], expected["duration"], rtol=EVENT)
+    np.testing.assert_allclose(-path.velocity[-1] / SPEED, expected["restitution"], rtol=EVENT)
+    # e is the same at every speed, which the run of a ball takes from the form.
+    run = jc.bounce(Dashpot(c=40.0), CONTACT, 0.5, bounces=3, rest_velocity=1e-3)
+    assert run.remaining_flight is not None
+    np.testing.assert_allclose(run.restitution, expected["restitution"], rtol=FORMULA)
+
+
+def test_derivatives():
+    def outcome(c, method):
+        hit = jc.impact(Dashpot(c=c), CONTACT, SPEED, method=method)
+        return jnp.stack([hit.restitution, hit.duration])
+
+    zeta, by_c = 40.0 / (2 * np.sqrt(STIFFNESS * MASS)), 1 / (2 * np.sqrt(STIFFNESS * MASS))
+    omega = np.sqrt(1 - zeta**2)
+    by_zeta = np.array(
+        [
+            -np.pi / omega**3 * np.exp(-np.pi * zeta / omega),
+            np.sqrt(MASS / STIFFNESS) * np.pi * zeta / omega**3,
+        ]
+    )
+    for method, tolerance in (("exact", FORMULA), (jc.Event(rtol=1e-11), SLOPE)):
+        of_c = functools.partial(outcome, method=method)
+        for slope in jax.jit(lambda c, f=of_c: (jax.jacfwd(f)(c), jax.jacrev(f)(c)))(40.0):
+            np.testing.assert_allclose(slope, by_zeta * by_c, rtol=tolerance)

@@ -1,0 +1,98 @@
+"""No program calls back to the host, which would keep it out of every compilation cache."""
+
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+import pytest
+
+import jaxcontact as jc
+
+PLACE = {"e": jnp.asarray(0.6), "K": jnp.asarray(3e8), "v": jnp.asarray(1.3)}
+
+
+def callbacks(jaxpr):
+    """The names of all primitives that call the host, however deep they stand."""
+    found = []
+    for equation in jaxpr.eqns:
+        if "callback" in equation.primitive.name:
+            found.append(equation.primitive.name)
+        for inner in jax.tree.leaves(list(equation.params.values()), is_leaf=_is_program):
+            if _is_program(inner):
+                found += callbacks(getattr(inner, "jaxpr", inner))
+    return found
+
+
+def _is_program(x):
+    return hasattr(x, "eqns") or hasattr(x, "jaxpr")
+
+
+def everything(solve):
+    """Value, both derivatives, and all of it for a batch, as one program."""
+
+    def point(p):
+        return solve(p), jax.jacfwd(solve)(p), jax.grad(solve)(p)
+
+    def program(p):
+        return point(p), jax.vmap(point)(jax.tree.map(lambda x: jnp.stack([x, x]), p))
+
+    return jax.make_jaxpr(program)(PLACE).jaxpr
+
+
+def contact(p):
+    return jc.Contact(0.7, p["K"])
+
+
+def total(hit):
+    return hit.restitution + hit.duration + hit.max_force + hit.compression_time
+
+
+def trajectory(p):
+    path = jc.trajectory(jc.KuwabaraKono(A=1e-6 * p["e"]), contact(p), p["v"], samples=3)
+    return jnp.sum(path.indentation + path.energy.dissipated)
+
+
+def bounce(p, **options):
+    run = jc.bounce(jc.HuGuo(e=p["e"]), contact(p), p["v"], bounces=2, **options)
+    return jnp.sum(run.height + run.time)
+
+
+PROGRAMS = {
+    **{
+        method: lambda p, method=method: total(
+            jc.impact(jc.HuGuo(e=p["e"]), contact(p), p["v"], method=method)
+        )
+        for method in ("exact", "phase", "event")
+    },
+    "pushed": lambda p: total(
+        jc.impact(jc.HuGuo(e=p["e"]), contact(p), p["v"], external_force=p["e"])
+    ),
+    "viscoelastic": lambda p: total(
+        jc.impact(jc.KuwabaraKono(A=1e-6 * p["e"]), contact(p), p["v"])
+    ),
+    "restitution": lambda p: (
+        jc.restitution(jc.HuGuo(e=p["e"]))
+        + jc.restitution(jc.ConstantDamping(c=1e7), contact(p), p["v"])
+    ),
+    "trajectory": trajectory,
+    "bounce": bounce,
+    "bounce with gravity in contact": lambda p: bounce(p, gravity_in_contact=True),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_no_program_has_a_callback(name):
+    assert callbacks(everything(PROGRAMS[name])) == []
+
+
+def test_a_callback_is_found():
+    def root(p):
+        # Its linear solve checks for an error at run time, in the derivative alone.
+        finder = optx.Newton(rtol=1e-6, atol=1e-6)
+        return jax.lax.cond(
+            p["e"] > 0,
+            lambda: optx.root_find(lambda x, e: x**2 - e, finder, 1.0, p["e"], throw=False).value,
+            lambda: p["v"],
+        )
+
+    assert callbacks(jax.make_jaxpr(root)(PLACE).jaxpr) == []
+    assert callbacks(everything(root))
