@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
-from .._fit import Fit, Fixed, Positive, fit
+from .._fit import Fit, Positive, fit
 from .._flight import (
     STANDARD_GRAVITY,
     Drag,
@@ -22,7 +22,7 @@ from .._flight import (
     launch_speed,
     speed_after_drop,
 )
-from .._impact import restitution
+from .._impact import AbstractMethod, method_of, restitution
 from .._laws import AbstractLaw
 from .._parameter import POSITIVE
 from ._checks import column, one_of
@@ -48,7 +48,7 @@ class NextFlight(eqx.Module):
     gravity: Float[Array, ""]
     slowing: Float[Array, ""] | None
     kind: str = eqx.field(static=True)
-    method: str = eqx.field(static=True)
+    method: AbstractMethod = eqx.field(converter=method_of)
 
     def __call__(self, model: BounceModel, first: Float[Array, " n"]) -> Float[Array, " n"]:
         g, c_d = self.gravity, model.drag_coefficient
@@ -72,7 +72,7 @@ def fit_bounces(
     gravity: float = STANDARD_GRAVITY,
     drag: Drag | None = None,
     fixed: tuple[str, ...] = ("mass", "stiffness", "drag_coefficient"),
-    method: str = "auto",
+    method: str | AbstractMethod = "auto",
     **how: Any,
 ) -> Fit:
     """A law, and the drag of the air, from successive flights of a ball on a heavy, level floor.
@@ -108,17 +108,12 @@ def fit_bounces(
     flight = Flight(gravity, drag)
     before = column(first, "first", POSITIVE)
     after = column(second, "second", POSITIVE, len(before))
-    start = BounceModel(law, contact, None if drag is None else drag.coefficient)
-    held = tuple(name for name in fixed if name != "drag_coefficient")
-    transforms = transforms_of(start, held)
+    start, slowing, transforms = BounceModel(law, contact), None, {}
     if drag is not None:
-        stays = "drag_coefficient" in fixed
-        transforms["drag_coefficient"] = Fixed() if stays else Positive()
+        start = BounceModel(law, contact, drag.coefficient)
+        slowing = flight.terminal_speed**-2 / drag.coefficient
+        transforms["drag_coefficient"] = Positive()
+    transforms |= transforms_of(start, fixed)
     with jax.enable_x64(True):
-        model = NextFlight(
-            jnp.asarray(float(gravity)),
-            None if drag is None else jnp.asarray(flight.terminal_speed**-2 / drag.coefficient),
-            kind,
-            method,
-        )
+        model = NextFlight(*jax.tree.map(jnp.asarray, (float(gravity), slowing)), kind, method)
     return fit(model, np.log(after), start, x=before, transforms=transforms, **how)

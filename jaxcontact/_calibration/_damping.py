@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
 from .._fit import Fit, Free, Positive, fit
-from .._impact import restitution
+from .._impact import AbstractMethod, method_of, restitution
 from .._laws import ConstantDamping, Damped, PowerDamping
 from .._parameter import POSITIVE, RESTITUTION
 from ._checks import column, one_of
@@ -22,7 +23,7 @@ class DeliveredByDamping(eqx.Module):
 
     contact: Contact
     reference: Float[Array, ""]
-    method: str = eqx.field(static=True)
+    method: AbstractMethod = eqx.field(converter=method_of)
 
     def __call__(
         self, params: dict[str, Float[Array, ""]], velocity: Float[Array, " n"]
@@ -31,10 +32,13 @@ class DeliveredByDamping(eqx.Module):
             law = PowerDamping(params["c"], params["power"], self.reference)
         else:
             law = ConstantDamping(params["c"])
-        if self.method in ("auto", "exact"):
-            # The same number; without contact and speed it compiles in half the time.
-            return restitution(Damped(alpha=law.damping_factor(self.contact, velocity)))
-        return restitution(law, self.contact, velocity, method=self.method)
+        alone = Damped(alpha=law.damping_factor(self.contact, velocity))
+        form = alone.form(None, None)
+        how = self.method.chosen(form, pushed=False)
+        if jax.eval_shape(lambda: how.restitution(form)) is None:
+            return restitution(law, self.contact, velocity, method=how)
+        # The same number; without contact and speed it compiles in half the time.
+        return restitution(alone, method=how)
 
 
 def fit_damping(
@@ -43,7 +47,7 @@ def fit_damping(
     contact: Contact,
     *,
     form: str = "constant",
-    method: str = "auto",
+    method: str | AbstractMethod = "auto",
     **how: Any,
 ) -> Fit:
     """The hysteresis damping factor c for which a contact delivers e(v0): F = K δⁿ + c δⁿ δ'.

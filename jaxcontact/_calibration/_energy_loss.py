@@ -11,11 +11,10 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
 from .._elementary import chebyshev
-from .._fit import Fit, Positive, fit
-from .._impact import restitution
+from .._fit import Fit, Positive, at_least, fit
+from .._impact import AbstractMethod, method_of, restitution
 from .._laws import EnergyLoss
-from .._parameter import RESTITUTION
-from ._checks import column
+from ._checks import asked_and_delivered
 
 
 class DeliveredByEnergyLoss(eqx.Module):
@@ -26,7 +25,7 @@ class DeliveredByEnergyLoss(eqx.Module):
 
     contact: Contact
     low: Float[Array, ""]
-    method: str = eqx.field(static=True)
+    method: AbstractMethod = eqx.field(converter=method_of)
 
     def __call__(self, params: dict[str, Array], asked: Float[Array, " n"]) -> Float[Array, " n"]:
         law = EnergyLoss(e=asked, beta=self.beta(params, asked))
@@ -46,7 +45,7 @@ def fit_energy_loss(
     *,
     degree: int | None = None,
     contact: Contact | None = None,
-    method: str = "auto",
+    method: str | AbstractMethod = "auto",
     **how: Any,
 ) -> Fit:
     """The power β for which the energy-loss family, asked for e_in, delivers e_out.
@@ -61,18 +60,12 @@ def fit_energy_loss(
     ValueError for columns that do not match or leave their range.
     Source: Hu & Guo (2015), Eq. 22-37, doi 10.1007/s11044-015-9453-z.
     """
-    asked = column(e_in, "e_in", RESTITUTION)
-    wanted = asked if e_out is None else column(e_out, "e_out", RESTITUTION, len(asked))
-    model = DeliveredByEnergyLoss(
-        # e depends on neither mass nor stiffness.
-        contact or Contact(mass=1.0, stiffness=1.0),
-        jnp.asarray(float(asked.min())),
-        method,
-    )
+    asked, wanted = asked_and_delivered(e_in, e_out)
+    # e depends on neither mass nor stiffness.
+    contact = contact or Contact(mass=1.0, stiffness=1.0)
+    model = DeliveredByEnergyLoss(contact, jnp.asarray(float(asked.min())), method)
     if degree is None:
-        start: dict[str, Any] = {"beta": 2.5}
-        return fit(model, wanted, start, x=asked, transforms=Positive(), **how)
-    if not isinstance(degree, int) or isinstance(degree, bool) or degree < 0:
-        raise ValueError(f"Argument `degree` must be None or at least 0, but is {degree!r}.")
-    start = {"log_beta": np.concatenate([[np.log(2.5)], np.zeros(degree)])}
+        return fit(model, wanted, {"beta": 2.5}, x=asked, transforms=Positive(), **how)
+    at_least("degree", degree, 0)
+    start = {"log_beta": np.array([np.log(2.5), *np.zeros(degree)])}
     return fit(model, wanted, start, x=asked, **how)

@@ -11,12 +11,10 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import EXPONENT, Contact
 from .._fit import AbstractTransform, Between, Fit, Fixed, fit
-from .._impact import impact
+from .._impact import AbstractMethod, impact, method_of
 from .._laws import AbstractLaw
-from .._parameter import POSITIVE, Range
-from ._checks import all_or_none, column
-
-_RESTITUTION = Range(low=0.0, high=1.0, inside=0.5)
+from .._parameter import POSITIVE, RESTITUTION_FROM_ZERO
+from ._checks import column, measured
 
 
 class ImpactModel(eqx.Module):
@@ -27,18 +25,15 @@ class ImpactModel(eqx.Module):
 
 
 class Outcome(eqx.Module):
-    """The measured columns of an impact, in their order, each where it was asked for."""
+    """e and the logarithm of the duration, whose error is relative; those of `fields`."""
 
-    method: str = eqx.field(static=True)
+    method: AbstractMethod = eqx.field(converter=method_of)
     fields: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, model: ImpactModel, velocity: Float[Array, " n"]) -> dict[str, Array]:
         hit = impact(model.law, model.contact, velocity, method=self.method)
-        # Durations are compared as logarithms: their error is relative.
-        return {
-            field: jnp.log(hit.duration) if field == "duration" else getattr(hit, field)
-            for field in self.fields
-        }
+        outcome = {"e": hit.restitution, "duration": jnp.log(hit.duration)}
+        return {field: outcome[field] for field in self.fields}
 
 
 def fit_impacts(
@@ -51,7 +46,7 @@ def fit_impacts(
     sigma_e: ArrayLike | None = None,
     sigma_duration: ArrayLike | None = None,
     fixed: tuple[str, ...] = ("mass",),
-    method: str = "auto",
+    method: str | AbstractMethod = "auto",
     **how: Any,
 ) -> Fit:
     """A law and a contact from tables of restitution and of contact time over the closing speed.
@@ -67,52 +62,34 @@ def fit_impacts(
     not match or leave their range.
     """
     v = column(velocity, "velocity", POSITIVE)
-    columns: dict[str, np.ndarray] = {}
-    noise: dict[str, Any] = {}
-    if e is not None:
-        columns["restitution"] = column(e, "e", _RESTITUTION, len(v), gaps=True)
-        noise["restitution"] = sigma_e
-    if duration is not None:
-        columns["duration"] = np.log(column(duration, "duration", POSITIVE, len(v), gaps=True))
-        noise["duration"] = sigma_duration
-    if not columns:
-        raise ValueError("Argument `e` or `duration` must be given, but both are None.")
-    known = all_or_none("`sigma_e` and `sigma_duration`", noise.values())
-    spread = {
-        name: np.broadcast_to(
-            1.0 if noise[name] is None else np.asarray(noise[name], float), v.shape
-        )
-        for name in columns
+    columns = {
+        "e": (e, sigma_e, RESTITUTION_FROM_ZERO),
+        "duration": (duration, sigma_duration, POSITIVE),
     }
-    there = {name: np.isfinite(values) for name, values in columns.items()}
+    how |= measured(columns, len(v), gaps=True)
+    if duration is not None:
+        how["data"]["duration"] = np.log(how["data"]["duration"])
     start = ImpactModel(law, contact)
-    scale: dict[str, Any]
-    if known:
-        scale = {"sigma": {name: np.where(there[name], spread[name], np.inf) for name in columns}}
-    else:
-        scale = {"weights": {name: there[name].astype(float) for name in columns}}
-    return fit(
-        Outcome(method, tuple(sorted(columns))),
-        {name: np.where(there[name], columns[name], 0.0) for name in columns},
-        start,
-        x=v,
-        transforms=transforms_of(start, fixed),
-        **scale,
-        **how,
-    )
+    model = Outcome(method, tuple(how["data"]))
+    return fit(model, start=start, x=v, transforms=transforms_of(start, fixed), **how)
 
 
 def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTransform]:
-    """How the numbers of a model move, and which of them stay."""
+    """How the numbers of a model move, and which of them stay.
+
+    The `fixed` are numbers of the model, its contact or its law; those that it lacks are skipped.
+    """
     transforms: dict[str, AbstractTransform] = {}
     if not isinstance(start.contact.exponent, float):
         transforms["contact.exponent"] = Between(EXPONENT.low, EXPONENT.high)
+    owners = {"": start, "contact.": start.contact, "law.": start.law}
     for name in fixed:
-        owner = "contact" if name in ("mass", "stiffness", "exponent") else "law"
-        if owner == "law" and not hasattr(start.law, name):
+        prefix = next((prefix for prefix, owner in owners.items() if hasattr(owner, name)), None)
+        if prefix is None:
             raise ValueError(
                 f"Argument `fixed` must name numbers of the law or the contact, but holds {name!r}."
             )
-        if name != "exponent" or "contact.exponent" in transforms:
-            transforms[f"{owner}.{name}"] = Fixed()
+        value = getattr(owners[prefix], name)
+        if value is not None and not (name == "exponent" and isinstance(value, float)):
+            transforms[prefix + name] = Fixed()
     return transforms

@@ -10,9 +10,8 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
 from .._fit import Fit, fit
-from .._impact import restitution
-from .._parameter import RESTITUTION
-from ._checks import column, one_of
+from .._impact import AbstractMethod, method_of, restitution
+from ._checks import asked_and_delivered, one_of
 from ._shapes import AbstractShape, shape_of
 
 
@@ -20,13 +19,11 @@ class DeliveredByShape(eqx.Module):
     """e_out(e_in) of the law that a shape makes."""
 
     contact: Contact | None
-    method: str = eqx.field(static=True)
+    method: AbstractMethod = eqx.field(converter=method_of)
 
     def __call__(self, shape: AbstractShape, asked: Float[Array, " n"]) -> Float[Array, " n"]:
-        law = shape.law(asked)
-        if self.contact is None:
-            return restitution(law, method=self.method)
-        return restitution(law, self.contact, jnp.ones(()), method=self.method)
+        velocity = None if self.contact is None else jnp.ones(())
+        return restitution(shape.law(asked), self.contact, velocity, method=self.method)
 
 
 def learn_law(
@@ -35,7 +32,7 @@ def learn_law(
     *,
     form: str | AbstractShape = "rational",
     contact: Contact | None = None,
-    method: str = "auto",
+    method: str | AbstractMethod = "auto",
     **how: Any,
 ) -> Fit:
     """A law α(e) = g(e) (1-e)/e learned so that it delivers e_out when asked for e_in.
@@ -48,8 +45,7 @@ def learn_law(
     Its numbers have no meaning one by one, and many of them may be undetermined.
     Raises ValueError for columns that do not match or leave their range.
     """
-    asked = column(e_in, "e_in", RESTITUTION)
-    wanted = asked if e_out is None else column(e_out, "e_out", RESTITUTION, len(asked))
+    asked, wanted = asked_and_delivered(e_in, e_out)
     if isinstance(form, str):
         one_of(form, "form", ("rational", "spline", "network"))
         form = shape_of(form, float(asked.min()))

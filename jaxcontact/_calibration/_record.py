@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
-from .._fit import Fit, Fixed, fit
+from .._fit import Fit, fit
 from .._impact import trajectory
 from .._laws import AbstractLaw
 from .._parameter import POSITIVE, REAL, parameter
-from ._checks import all_or_none, column
+from ._checks import column, measured
 from ._impacts import transforms_of
 
 _SAMPLES = 128
@@ -107,48 +107,14 @@ def fit_record(
     `.velocity`, `.start_time` and the offsets. Raises ValueError for columns that do not match.
     """
     moments = column(time, "time", REAL)
-    columns: dict[str, np.ndarray] = {}
-    noise: dict[str, float | None] = {}
-    for name, given, sigma in (
-        ("force", force, sigma_force),
-        ("indentation", indentation, sigma_indentation),
-    ):
-        if given is not None:
-            columns[name] = column(given, name, REAL, len(moments))
-            noise[name] = sigma
-    if not columns:
-        raise ValueError("Argument `force` or `indentation` must be given, but both are None.")
-    known = all_or_none("`sigma_force` and `sigma_indentation`", noise.values())
+    columns = {
+        "force": (force, sigma_force, REAL),
+        "indentation": (indentation, sigma_indentation, REAL),
+    }
+    how |= measured(columns, len(moments), weight=lambda c: np.abs(c).max() ** -2.0)
     if start_time is None:
-        reading = next(iter(columns.values()))
+        reading = next(iter(how["data"].values()))
         start_time = float(moments[np.argmax(reading > _TOUCHED * reading.max())])
-    start = RecordModel(
-        law,
-        contact,
-        velocity,  # pyright: ignore[reportArgumentType]
-        start_time,  # pyright: ignore[reportArgumentType]
-        jnp.zeros(()) if "force" in columns else None,
-        jnp.zeros(()) if "indentation" in columns else None,
-    )
-    scale: dict[str, Any]
-    if known:
-        scale = {"sigma": {name: np.full(len(moments), noise[name]) for name in columns}}
-    else:
-        scale = {
-            "weights": {
-                name: np.full(len(moments), np.abs(values).max() ** -2.0)
-                for name, values in columns.items()
-            }
-        }
-    held = tuple(name for name in fixed if name not in ("velocity", "start_time"))
-    transforms = transforms_of(start, held)
-    transforms |= {name: Fixed() for name in fixed if name not in held}
-    return fit(
-        Recorded(),
-        columns,
-        start,
-        x=moments,
-        transforms=transforms,
-        **scale,
-        **how,
-    )
+    offsets = (jnp.zeros(()) if name in how["data"] else None for name in columns)
+    start = RecordModel(law, contact, velocity, start_time, *offsets)
+    return fit(Recorded(), start=start, x=moments, transforms=transforms_of(start, fixed), **how)

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._elementary import chebyshev
+from .._fit import at_least
 from .._laws import Damped
 from .._parameter import RESTITUTION, as_parameter
 
@@ -46,7 +47,7 @@ class Rational(AbstractShape):
     below: Float[Array, " degree"]
 
     def __init__(self, degree: int = 6):
-        _check_at_least("degree", degree, 1)
+        at_least("degree", degree, 1)
         self.above = jnp.asarray(np.concatenate([[1.25, 0.25], np.zeros(degree - 1)]))
         self.below = jnp.zeros(degree)
 
@@ -67,7 +68,7 @@ class Spline(AbstractShape):
     low: float = eqx.field(static=True)
 
     def __init__(self, intervals: int = 80, low: float = 0.0):
-        _check_at_least("intervals", intervals, _SHORTEST_SPLINE)
+        at_least("intervals", intervals, _SHORTEST_SPLINE)
         if not 0 <= low < 1:
             raise ValueError(f"Argument `low` must be in [0, 1), but is {low!r}.")
         self.weights = jnp.full(intervals + 3, 1.25)
@@ -79,12 +80,8 @@ class Spline(AbstractShape):
         first = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)), 0, intervals - 1)
         t = place - first
         base = first.astype(int)
-        cubic = (
-            (1 - t) ** 3,
-            3 * t**3 - 6 * t**2 + 4,
-            -3 * t**3 + 3 * t**2 + 3 * t + 1,
-            t**3,
-        )
+        middle = 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1
+        cubic = ((1 - t) ** 3, *middle, t**3)
         return sum(w * self.weights[base + k] for k, w in enumerate(cubic)) / 6  # pyright: ignore
 
 
@@ -97,10 +94,9 @@ class Network(AbstractShape):
     network: eqx.nn.MLP
 
     def __init__(self, width: int = 8, seed: int = 0):
-        _check_at_least("width", width, 1)
-        self.network = eqx.nn.MLP(
-            "scalar", "scalar", width, 2, jax.nn.tanh, key=jax.random.key(seed)
-        )
+        at_least("width", width, 1)
+        key = jax.random.key(seed)
+        self.network = eqx.nn.MLP("scalar", "scalar", width, 2, jax.nn.tanh, key=key)
 
     def __call__(self, e: Float[Array, "..."]) -> Float[Array, "..."]:
         flat = jax.vmap(lambda e: self.network(2 * e - 1))(jnp.ravel(e))
@@ -112,8 +108,3 @@ def shape_of(form: str, low: float) -> AbstractShape:
     if form == "rational":
         return Rational()
     return Spline(low=low) if form == "spline" else Network()
-
-
-def _check_at_least(name: str, value: ArrayLike, least: int) -> None:
-    if not isinstance(value, int) or isinstance(value, bool) or value < least:
-        raise ValueError(f"Argument `{name}` must be at least {least}, but is {value!r}.")

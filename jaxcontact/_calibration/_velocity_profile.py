@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._fit import Positive, fit
+from .._parameter import NOT_NEGATIVE
+from ._checks import column
 
 Params = Mapping[str, Float[Array, ""]]
 _FEWEST = 3
@@ -57,9 +59,11 @@ def fit_velocity_profile(
 
     Source: Hu & Guo (2015), Eq. 22, doi 10.1007/s11044-015-9453-z.
     """
-    depth = _samples(indentation, "indentation")
-    speed = _samples(velocity, "velocity", len(depth))
-    share = np.ones(len(depth)) if weights is None else _samples(weights, "weights", len(depth))
+    depth = column(indentation, "indentation", NOT_NEGATIVE, least=_FEWEST)
+    speed = column(velocity, "velocity", NOT_NEGATIVE, len(depth))
+    share = np.ones(len(depth))
+    if weights is not None:
+        share = column(weights, "weights", NOT_NEGATIVE, len(depth))
     _check_compression(depth, speed)
     if not share.any():
         raise ValueError("Argument `weights` must not be zero everywhere, but is.")
@@ -99,27 +103,6 @@ def _profile(params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:
     square = _square(params, u)
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)
-
-
-def _samples(value: ArrayLike, name: str, length: int | None = None) -> np.ndarray:
-    array = np.asarray(value, float)
-    if array.ndim != 1 or array.size < _FEWEST:
-        raise ValueError(
-            f"Argument `{name}` must have the shape (samples,) with at least {_FEWEST} samples, "
-            f"but is of shape {array.shape}."
-        )
-    if length is not None and array.size != length:
-        raise ValueError(
-            f"Argument `{name}` must have the {length} samples of `indentation`, but has "
-            f"{array.size}."
-        )
-    bad = ~(np.isfinite(array) & (array >= 0))
-    if bad.any():
-        i = int(np.argmax(bad))
-        raise ValueError(
-            f"Argument `{name}` must be finite and not negative, but is {array[i]:g} at sample {i}."
-        )
-    return array
 
 
 def _check_compression(indentation: np.ndarray, velocity: np.ndarray) -> None:
