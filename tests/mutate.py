@@ -116,7 +116,10 @@ def _is_number(node: ast.AST) -> TypeGuard[ast.Constant]:
 
 
 def _other_number(x: Any) -> float:
-    """A tenth off, or a thousandfold where only the order matters, as in a tolerance."""
+    """One more or a tenth of a whole number; of others a tenth off, a thousandfold if tiny or huge.
+
+    Of a tolerance or a limit only the order matters.
+    """
     if isinstance(x, int):
         return x + 1 if abs(x) < 16 else x // 10
     if x == 0:
