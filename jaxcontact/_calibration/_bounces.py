@@ -115,5 +115,6 @@ def fit_bounces(
         transforms["drag_coefficient"] = Positive()
     transforms |= transforms_of(start, fixed)
     with jax.enable_x64(True):
-        model = NextFlight(*jax.tree.map(jnp.asarray, (float(gravity), slowing)), kind, method)
+        rate = None if slowing is None else jnp.asarray(slowing)
+        model = NextFlight(jnp.asarray(float(gravity)), rate, kind, method)
     return fit(model, np.log(after), start, x=before, transforms=transforms, **how)

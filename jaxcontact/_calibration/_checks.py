@@ -77,7 +77,7 @@ def measured(
     known = [sigma is not None for _, sigma, _ in there.values()]
     if all(known):
         noise = {
-            name: np.where(np.isnan(data[name]), np.inf, sigma)
+            name: np.where(np.isnan(data[name]), np.inf, np.asarray(sigma, float))
             for name, (_, sigma, _) in there.items()
         }
         return {"data": data, "sigma": noise}

@@ -14,7 +14,7 @@ from .._contact import Contact
 from .._fit import Fit, fit
 from .._impact import trajectory
 from .._laws import AbstractLaw
-from .._parameter import POSITIVE, REAL, parameter
+from .._parameter import POSITIVE, REAL, as_parameter, parameter
 from ._checks import column, measured
 from ._impacts import transforms_of
 
@@ -116,5 +116,6 @@ def fit_record(
         reading = next(iter(how["data"].values()))
         start_time = float(moments[np.argmax(reading > _TOUCHED * reading.max())])
     offsets = (jnp.zeros(()) if name in how["data"] else None for name in columns)
-    start = RecordModel(law, contact, velocity, start_time, *offsets)
+    numbers = as_parameter(velocity, "velocity", POSITIVE), jnp.asarray(start_time)
+    start = RecordModel(law, contact, *numbers, *offsets)
     return fit(Recorded(), start=start, x=moments, transforms=transforms_of(start, fixed), **how)

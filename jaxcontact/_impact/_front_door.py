@@ -112,8 +112,9 @@ class Lanes(eqx.Module):
     def motion(self, *, audited: bool = False) -> Motion:
         """The equation of motion of the lanes, for methods that solve one lane."""
         # XLA would fold a solve of constants (Hertz's law has no other numbers), for forty seconds.
-        numbers = jax.lax.optimization_barrier((self.form, self.exponent, self.push))
-        return Motion(*numbers, audited)
+        numbers = (self.form, self.exponent, self.push)
+        form, exponent, push = jax.lax.optimization_barrier(numbers)
+        return Motion(form, exponent, push, audited)
 
 
 def lanes_of(problem: Problem) -> Lanes:
