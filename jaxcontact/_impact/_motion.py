@@ -64,7 +64,7 @@ class Motion(eqx.Module):
         """The moment of touch: w = 0, v = 1, t = 0."""
         dtype = jax.tree.leaves(self)[0].dtype
         momentum = self.momentum
-        touch = jnp.ones((), dtype) if momentum is None else momentum.at_touch
+        touch = jnp.ones((), dtype) if momentum is None else momentum.at_touch()
         zero = jnp.zeros((), dtype)
         return State(zero, touch, zero, zero if self.audited else None)
 
