@@ -158,6 +158,12 @@ LAWS = {
         alpha=lambda c, K, v: c * v / K,
         names=("c",),
     ),
+    "power_damping": Law(
+        jc.PowerDamping,
+        ((4e7, -0.9, 1.5), (5e8, 0.3, 0.2), (0.0, 0.0, 1.0)),
+        alpha=lambda c, p, reference, K, v: c * (v / reference) ** p * v / K,
+        names=("c", "power", "reference"),
+    ),
     "marhefka_orin": Law(
         jc.MarhefkaOrin,
         ((0.1,), (0.6,), (0.0,)),

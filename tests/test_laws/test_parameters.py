@@ -19,8 +19,10 @@ def bad_numbers(name, argument):
     if argument == "e":
         zero = () if LAWS[name].from_zero else (0.0,)
         return r"\[0, 1\]" if LAWS[name].from_zero else r"\(0, 1\]", (-0.1, 1.1, *zero)
-    if argument == "beta":
+    if argument in ("beta", "reference"):
         return r"\(0, inf\)", (0.0, -1.0)
+    if argument == "power":
+        return r"\(-inf, inf\)", ()
     return r"\[0, inf\)", (-1.0,)
 
 
@@ -32,7 +34,8 @@ def test_scalars_out_of_range(name, argument):
     law = LAWS[name]
     good = dict(zip(law.names, law.parameters[0], strict=True))
     allowed, numbers = bad_numbers(name, argument)
-    for number in (*numbers, NAN, INF, -INF, np.float64(-2.0), np.float32(-2.0), -3):
+    negative = () if argument == "power" else (np.float64(-2.0), np.float32(-2.0), -3)
+    for number in (*numbers, NAN, INF, -INF, *negative):
         with pytest.raises(
             ValueError, match=f"`{argument}` must be in {allowed}, but is"
         ) as caught:
@@ -53,7 +56,7 @@ def test_arrays_out_of_range_pass(name, argument):
     np.testing.assert_array_equal(getattr(made, argument), mixed)
     if name == "kuwabara_kono":  # it has no formula; its lanes are those of `impact`
         return
-    needs = name in ("constant_damping", "marhefka_orin", "energy_loss")
+    needs = name in ("constant_damping", "power_damping", "marhefka_orin", "energy_loss")
     found = jc.restitution(made, *((jc.Contact(mass=1.0, stiffness=1e8), 1.0) if needs else ()))
     np.testing.assert_array_equal(np.isnan(found), [True] * (len(numbers) + 1) + [False])
     assert 0 < found[-1] < 1
