@@ -109,11 +109,11 @@ def fit_bounces(
     before = column(first, "first", POSITIVE)
     after = column(second, "second", POSITIVE, len(before))
     start, slowing, transforms = BounceModel(law, contact), None, {}
-    if drag is not None:
-        start = BounceModel(law, contact, drag.coefficient)
-        slowing = flight.terminal_speed**-2 / drag.coefficient
-        transforms["drag_coefficient"] = Positive()
-    transforms |= transforms_of(start, fixed)
     with jax.enable_x64(True):
-        model = NextFlight(*jax.tree.map(jnp.asarray, (float(gravity), slowing)), kind, method)
+        if drag is not None:
+            start = BounceModel(law, contact, drag.coefficient)
+            slowing = jnp.asarray(flight.terminal_speed**-2 / drag.coefficient)
+            transforms["drag_coefficient"] = Positive()
+        model = NextFlight(jnp.asarray(float(gravity)), slowing, kind, method)
+    transforms |= transforms_of(start, fixed)
     return fit(model, np.log(after), start, x=before, transforms=transforms, **how)
