@@ -28,7 +28,11 @@ from .._parameter import POSITIVE
 from ._checks import column, one_of
 from ._impacts import transforms_of
 
-_KINDS = ("intervals", "heights")
+# The speed of landing from the first reading, and the second reading from the speed of launch.
+_KINDS = {
+    "intervals": (lambda t, g, b: landing_speed(launch_speed(t, g, b), g, b), duration),
+    "heights": (speed_after_drop, height_reached),
+}
 
 
 class BounceModel(eqx.Module):
@@ -53,12 +57,9 @@ class NextFlight(eqx.Module):
     def __call__(self, model: BounceModel, first: Float[Array, " n"]) -> Float[Array, " n"]:
         g, c_d = self.gravity, model.drag_coefficient
         b = None if self.slowing is None or c_d is None else self.slowing * c_d
-        if self.kind == "intervals":
-            approach = landing_speed(launch_speed(first, g, b), g, b)
-        else:
-            approach = speed_after_drop(first, g, b)
+        landing, second = _KINDS[self.kind]
+        approach = landing(first, g, b)
         launch = approach * restitution(model.law, model.contact, approach, method=self.method)
-        second = duration if self.kind == "intervals" else height_reached
         return jnp.log(second(launch, g, b))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -91,7 +91,7 @@ def _filled(
     return {name: np.where(np.isnan(data[name]), missing, numbers[name]) for name in data}
 
 
-def one_of(value: str, name: str, choices: tuple[str, ...]) -> None:
+def one_of(value: str, name: str, choices: Iterable[str]) -> None:
     """Raise ValueError for a choice that is none."""
     if value not in choices:
         shown = ", ".join(map(repr, choices))
