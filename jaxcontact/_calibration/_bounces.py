@@ -28,7 +28,11 @@ from .._parameter import POSITIVE
 from ._checks import column, one_of
 from ._impacts import transforms_of
 
-_KINDS = ("intervals", "heights")
+# The speed of landing from the first reading, and the second reading from the speed of launch.
+_KINDS = {
+    "intervals": (lambda t, g, b: landing_speed(launch_speed(t, g, b), g, b), duration),
+    "heights": (speed_after_drop, height_reached),
+}
 
 
 class BounceModel(eqx.Module):
@@ -53,12 +57,9 @@ class NextFlight(eqx.Module):
     def __call__(self, model: BounceModel, first: Float[Array, " n"]) -> Float[Array, " n"]:
         g, c_d = self.gravity, model.drag_coefficient
         b = None if self.slowing is None or c_d is None else self.slowing * c_d
-        if self.kind == "intervals":
-            approach = landing_speed(launch_speed(first, g, b), g, b)
-        else:
-            approach = speed_after_drop(first, g, b)
+        landing, second = _KINDS[self.kind]
+        approach = landing(first, g, b)
         launch = approach * restitution(model.law, model.contact, approach, method=self.method)
-        second = duration if self.kind == "intervals" else height_reached
         return jnp.log(second(launch, g, b))
 
 
@@ -109,12 +110,11 @@ def fit_bounces(
     before = column(first, "first", POSITIVE)
     after = column(second, "second", POSITIVE, len(before))
     start, slowing, transforms = BounceModel(law, contact), None, {}
-    if drag is not None:
-        start = BounceModel(law, contact, drag.coefficient)
-        slowing = flight.terminal_speed**-2 / drag.coefficient
-        transforms["drag_coefficient"] = Positive()
-    transforms |= transforms_of(start, fixed)
     with jax.enable_x64(True):
-        rate = None if slowing is None else jnp.asarray(slowing)
-        model = NextFlight(jnp.asarray(float(gravity)), rate, kind, method)
+        if drag is not None:
+            start = BounceModel(law, contact, drag.coefficient)
+            slowing = jnp.asarray(flight.terminal_speed**-2 / drag.coefficient)
+            transforms["drag_coefficient"] = Positive()
+        model = NextFlight(jnp.asarray(float(gravity)), slowing, kind, method)
+    transforms |= transforms_of(start, fixed)
     return fit(model, np.log(after), start, x=before, transforms=transforms, **how)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -54,7 +54,7 @@ def asked_and_delivered(e_in: ArrayLike, e_out: ArrayLike | None) -> tuple[Colum
 
 
 def measured(
-    given: Mapping[str, tuple[ArrayLike | None, ArrayLike | None, Range]],
+    given: Mapping[str, tuple[Any, Any, Range]],
     length: int,
     *,
     gaps: bool = False,
@@ -71,24 +71,27 @@ def measured(
         either = " or ".join(f"`{name}`" for name in given)
         raise ValueError(f"Argument {either} must be given, but both are None.")
     data = {
-        name: column(values, name, allowed, length, gaps=gaps)  # pyright: ignore[reportArgumentType]
+        name: column(values, name, allowed, length, gaps=gaps)
         for name, (values, _, allowed) in there.items()
     }
-    known = [sigma is not None for _, sigma, _ in there.values()]
-    if all(known):
-        noise = {
-            name: np.where(np.isnan(data[name]), np.inf, np.asarray(sigma, float))
-            for name, (_, sigma, _) in there.items()
-        }
-        return {"data": data, "sigma": noise}
-    if any(known):
+    sigmas = {name: sigma for name, (_, sigma, _) in there.items() if sigma is not None}
+    if sigmas and len(sigmas) < len(data):
         both = " and ".join(f"`sigma_{name}`" for name in given)
         raise ValueError(f"Arguments {both} must be given for both columns or for none.")
-    weights = {name: np.where(np.isnan(c), 0.0, weight(c)) for name, c in data.items()}
-    return {"data": data, "weights": weights}
+    if sigmas:
+        return {"data": data, "sigma": _filled(data, sigmas, np.inf)}
+    weights = {name: weight(values) for name, values in data.items()}
+    return {"data": data, "weights": _filled(data, weights, 0.0)}
 
 
-def one_of(value: str, name: str, choices: tuple[str, ...]) -> None:
+def _filled(
+    data: dict[str, Column], numbers: Mapping[str, Any], missing: float
+) -> dict[str, Column]:
+    """`numbers` for each point of the columns, and `missing` where nothing was measured."""
+    return {name: np.where(np.isnan(data[name]), missing, numbers[name]) for name in data}
+
+
+def one_of(value: str, name: str, choices: Iterable[str]) -> None:
     """Raise ValueError for a choice that is none."""
     if value not in choices:
         shown = ", ".join(map(repr, choices))

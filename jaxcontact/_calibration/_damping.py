@@ -5,15 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
-from .._fit import Fit, Free, Positive, fit
+from .._fit import Fit, Positive, fit
 from .._impact import AbstractMethod, method_of, restitution
-from .._laws import ConstantDamping, Damped, PowerDamping
+from .._laws import ConstantDamping, PowerDamping
 from .._parameter import POSITIVE, RESTITUTION
 from ._checks import column, one_of
 
@@ -32,13 +31,7 @@ class DeliveredByDamping(eqx.Module):
             law = PowerDamping(params["c"], params["power"], self.reference)
         else:
             law = ConstantDamping(params["c"])
-        alone = Damped(alpha=law.damping_factor(self.contact, velocity))
-        form = alone.form(None, None)
-        how = self.method.chosen(form, pushed=False)
-        if jax.eval_shape(lambda: how.restitution(form)) is None:
-            return restitution(law, self.contact, velocity, method=how)
-        # The same number; without contact and speed it compiles in half the time.
-        return restitution(alone, method=how)
+        return restitution(law, self.contact, velocity, method=self.method)
 
 
 def fit_damping(
@@ -69,9 +62,7 @@ def fit_damping(
     middle, typical = float(np.exp(np.mean(np.log(v)))), min(float(np.median(measured)), 0.999)
     alpha = 1.5 * (1 - typical) / typical
     start: dict[str, Any] = {"c": alpha * np.asarray(contact.stiffness, float) / middle}
-    transforms: dict[str, Any] = {"c": Positive()}
     if form == "power":
         start["power"] = 0.0
-        transforms["power"] = Free()
     model = DeliveredByDamping(contact, jnp.asarray(middle), method)
-    return fit(model, measured, start, x=v, transforms=transforms, **how)
+    return fit(model, measured, start, x=v, transforms={"c": Positive()}, **how)

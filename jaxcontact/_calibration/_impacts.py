@@ -66,12 +66,12 @@ def fit_impacts(
         "e": (e, sigma_e, RESTITUTION_FROM_ZERO),
         "duration": (duration, sigma_duration, POSITIVE),
     }
-    how |= measured(columns, len(v), gaps=True)
+    table = measured(columns, len(v), gaps=True)
     if duration is not None:
-        how["data"]["duration"] = np.log(how["data"]["duration"])
+        table["data"]["duration"] = np.log(table["data"]["duration"])
     start = ImpactModel(law, contact)
-    model = Outcome(method, tuple(how["data"]))
-    return fit(model, start=start, x=v, transforms=transforms_of(start, fixed), **how)
+    model, transforms = Outcome(method, tuple(table["data"])), transforms_of(start, fixed)
+    return fit(model, start=start, x=v, transforms=transforms, **table, **how)
 
 
 def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTransform]:

@@ -12,7 +12,7 @@ from .._contact import Contact
 from .._fit import Fit, fit
 from .._impact import AbstractMethod, method_of, restitution
 from ._checks import asked_and_delivered, one_of
-from ._shapes import AbstractShape, shape_of
+from ._shapes import SHAPES, AbstractShape
 
 
 class DeliveredByShape(eqx.Module):
@@ -47,8 +47,8 @@ def learn_law(
     """
     asked, wanted = asked_and_delivered(e_in, e_out)
     if isinstance(form, str):
-        one_of(form, "form", ("rational", "spline", "network"))
-        form = shape_of(form, float(asked.min()))
+        one_of(form, "form", SHAPES)
+        form = SHAPES[form](float(asked.min()))
     if not isinstance(form, AbstractShape):
         raise ValueError(f"Argument `form` must be a name or a shape, but is {form!r}.")
     return fit(DeliveredByShape(contact, method), wanted, form, x=asked, **how)

@@ -14,7 +14,7 @@ from .._contact import Contact
 from .._fit import Fit, fit
 from .._impact import trajectory
 from .._laws import AbstractLaw
-from .._parameter import POSITIVE, REAL, as_parameter, parameter
+from .._parameter import POSITIVE, REAL, parameter
 from ._checks import column, measured
 from ._impacts import transforms_of
 
@@ -111,11 +111,12 @@ def fit_record(
         "force": (force, sigma_force, REAL),
         "indentation": (indentation, sigma_indentation, REAL),
     }
-    how |= measured(columns, len(moments), weight=lambda c: np.abs(c).max() ** -2.0)
+    table = measured(columns, len(moments), weight=lambda c: np.abs(c).max() ** -2.0)
     if start_time is None:
-        reading = next(iter(how["data"].values()))
+        reading = next(iter(table["data"].values()))
         start_time = float(moments[np.argmax(reading > _TOUCHED * reading.max())])
-    offsets = (jnp.zeros(()) if name in how["data"] else None for name in columns)
-    numbers = as_parameter(velocity, "velocity", POSITIVE), jnp.asarray(start_time)
+    numbers: Any = velocity, start_time
+    offsets = (jnp.zeros(()) if name in table["data"] else None for name in columns)
     start = RecordModel(law, contact, *numbers, *offsets)
-    return fit(Recorded(), start=start, x=moments, transforms=transforms_of(start, fixed), **how)
+    transforms = transforms_of(start, fixed)
+    return fit(Recorded(), start=start, x=moments, transforms=transforms, **table, **how)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
@@ -103,8 +104,9 @@ class Network(AbstractShape):
         return 1.25 + flat.reshape(jnp.shape(e))
 
 
-def shape_of(form: str, low: float) -> AbstractShape:
-    """The shape that a form stands for."""
-    if form == "rational":
-        return Rational()
-    return Spline(low=low) if form == "spline" else Network()
+SHAPES: dict[str, Callable[[float], AbstractShape]] = {
+    "rational": lambda low: Rational(),
+    "spline": lambda low: Spline(low=low),
+    "network": lambda low: Network(),
+}
+"""A shape to start from by name, for restitutions of at least `low`."""

@@ -65,30 +65,23 @@ def fit_velocity_profile(
     if weights is not None:
         share = column(weights, "weights", NOT_NEGATIVE, len(depth))
     _check_compression(depth, speed)
-    if not share.any():
-        raise ValueError("Argument `weights` must not be zero everywhere, but is.")
-    if not 0 < start < math.inf:
-        raise ValueError(f"Argument `start` must be in (0, inf), but is {start!r}.")
     u, v = depth / depth[-1], speed / speed[0]
     found = fit(
         _square if squared else _profile,
         v**2 if squared else v,
         {"beta": float(start)},
         x=u,
-        weights=share / share.sum(),
+        weights=share,
         transforms=Positive(),
     )
     reason = found.reason
     converged = found.converged and not (found.at_bound or found.unidentified)
     if found.converged and not converged:
         reason = "the samples do not determine β"
-    return VelocityProfile(
-        beta=float(found.params["beta"]) if converged else math.nan,
-        residual=math.sqrt(2 * found.loss) if converged else math.nan,
-        converged=converged,
-        steps=found.steps,
-        reason=reason,
-    )
+    beta, residual = float(found.params["beta"]), math.sqrt(2 * found.loss / share.sum())
+    if not converged:
+        beta = residual = math.nan
+    return VelocityProfile(beta, residual, converged, found.steps, reason)
 
 
 def _square(params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -116,7 +109,7 @@ def _check_compression(indentation: np.ndarray, velocity: np.ndarray) -> None:
         i = int(np.argmax(falls))
         raise ValueError(
             "Argument `indentation` must never fall during compression, but falls from "
-            f"{indentation[i]:g} to {indentation[i + 1]:g} at sample {i + 1}; leave out the "
+            f"{indentation[i]:g} to {indentation[i + 1]:g} at point {i + 1}; leave out the "
             "restitution."
         )
     if velocity[0] == 0 or velocity[-1] != 0:

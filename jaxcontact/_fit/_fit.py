@@ -15,7 +15,7 @@ from jaxtyping import ArrayLike
 
 from .._progress import progress_of
 from ._checks import at_least, listed
-from ._found import Found, find, find_all, holding
+from ._found import Found, compiled_step, find, find_all
 from ._inference import infer
 from ._loss import Huber
 from ._problem import Problem, shapes_of
@@ -221,7 +221,8 @@ def _result(
     used = target.factor > 0
     at_bound = at_bound_of(space, found, start, used)
     if at_bound.any():
-        found = _in_numpy(holding(problem, found, start, options.rtol, at_bound))
+        free = np.where(at_bound, 0, found.jacobian)
+        found = _in_numpy(compiled_step(problem, found, free, start, options.rtol))
     converged, reason = verdict(found, at_bound, space, options.max_steps)
     told = infer(problem, found, at_bound, target.absolute, groups)
     if converged and (falls := falling(problem, found, start, told.unidentified)) is not None:

@@ -28,9 +28,9 @@ Numbers = Any
 class Found(NamedTuple):
     """The end of a search: its `Path`, and the numbers that belong to its last point.
 
-    `z` are the standardised residuals, `jacobian` is dz/dθ, `step` the remaining Gauss-Newton step,
-    `allowed` the largest that counts as none, for each coordinate; `values` are the parameters,
-    `prediction` is that of all points.
+    `z` are the standardised residuals, `jacobian` is dz/dθ, `values` are the parameters,
+    `prediction` is that of all points; `step` the remaining Gauss-Newton step, `allowed` the
+    largest that counts as none, for each coordinate.
     """
 
     theta: Float[Numbers, " k"]
@@ -40,10 +40,10 @@ class Found(NamedTuple):
     loss: Float[Numbers, ""]
     z: Float[Numbers, " n"]
     jacobian: Float[Numbers, "n k"]
-    step: Float[Numbers, " k"]
-    allowed: Float[Numbers, " k"]
     values: Float[Numbers, " k"]
     prediction: Float[Numbers, " n"]
+    step: Float[Numbers, " k"] = None
+    allowed: Float[Numbers, " k"] = None
 
     @property
     def still(self) -> Bool[Numbers, " k"]:
@@ -61,17 +61,10 @@ def found_from(problem: Problem, start: Float[Array, " k"], options: Options) ->
         return z, (z, prediction)
 
     jacobian, (z, prediction) = problem.jacobian(twice, path.theta)
-    step, allowed = _left(problem, z, jacobian, path.theta, start, options.rtol)
-    return Found(
-        *path,
-        loss=jnp.sum(jnp.square(shortened(z, problem.threshold))) / 2,
-        z=z,
-        jacobian=jacobian,
-        step=step,
-        allowed=allowed,
-        values=problem.space.values(path.theta),
-        prediction=prediction,
-    )
+    loss = jnp.sum(jnp.square(shortened(z, problem.threshold))) / 2
+    values = problem.space.values(path.theta)
+    found = Found(*path, loss, z, jacobian, values, prediction)
+    return with_step(problem, found, jacobian, start, options.rtol)
 
 
 find = eqx.filter_jit(found_from)
@@ -82,48 +75,36 @@ find_all = eqx.filter_jit(eqx.filter_vmap(found_from, in_axes=(None, 0, None)))
 
 
 @eqx.filter_jit
-def holding(
-    problem: Problem,
-    found: Found,
-    start: Float[Numbers, " k"],
-    rtol: Float[Array, ""],
-    hold: Bool[Numbers, " k"],
-) -> Found:
-    """`found` with the remaining step of the other coordinates, where some are held at a bound."""
-    free = jnp.where(hold[None, :], 0, found.jacobian)
-    step, allowed = _left(problem, found.z, free, found.theta, start, rtol)
-    return found._replace(step=step, allowed=allowed)
-
-
-@eqx.filter_jit
 def losses(problem: Problem, thetas: Float[Array, "lanes k"]) -> Float[Array, " lanes"]:
     """The loss at many points."""
     return jax.vmap(problem.loss)(thetas)
 
 
-def _left(
+def with_step(
     problem: Problem,
-    z: Float[Array, " n"],
-    jacobian: Float[Array, "n k"],
-    theta: Float[Array, " k"],
-    start: Float[Array, " k"],
+    found: Found,
+    jacobian: Float[Numbers, "n k"],
+    start: Float[Numbers, " k"],
     rtol: Float[Array, ""],
-) -> tuple[Float[Array, " k"], Float[Array, " k"]]:
-    """The remaining Gauss-Newton step, and the largest that counts as none."""
-    r = shortened(z, problem.threshold)
+) -> Found:
+    """`found` with its remaining step by a Jacobian, in which columns of zeros hold coordinates."""
+    r = shortened(found.z, problem.threshold)
     # Zeros hide no failure: where the prediction is not finite, the loss is not finite either.
     usable = jnp.where(jnp.isfinite(jacobian), jacobian, 0)
     if problem.threshold is not None:
         # d√(2ρ)/dz = ψ/r, which is 1 where ρ is a square.
-        far = jnp.abs(z) > problem.threshold
+        far = jnp.abs(found.z) > problem.threshold
         pull = jnp.where(far, problem.threshold / jnp.where(far, jnp.abs(r), 1), 1)
         usable = usable * pull[:, None]
     used = jnp.sum(problem.factor > 0)
     step, error = _gauss_newton(usable, jnp.where(jnp.isfinite(r), r, 0), used)
-    size = jnp.maximum(jnp.maximum(jnp.abs(theta), jnp.abs(start)), error)
+    size = jnp.maximum(jnp.maximum(jnp.abs(found.theta), jnp.abs(start)), error)
     # Steps of a logarithm or a logit are absolute.
     size = jnp.where(problem.space.has_unit | (size == 0), 1, size)
-    return step, jnp.maximum(rtol * size, NEGLIGIBLE * error)
+    return found._replace(step=step, allowed=jnp.maximum(rtol * size, NEGLIGIBLE * error))
+
+
+compiled_step = eqx.filter_jit(with_step)
 
 
 def _gauss_newton(

@@ -51,11 +51,7 @@ class Inference(NamedTuple):
 
 
 def infer(
-    problem: Problem,
-    found: Found,
-    at_bound: np.ndarray,
-    absolute: bool,
-    groups: np.ndarray | None,
+    problem: Problem, found: Found, at_bound: np.ndarray, absolute: bool, groups: np.ndarray | None
 ) -> Inference:
     """Laplace's approximation Cov θ = s² (JᵀJ)⁻¹, carried to the parameters by dx/dθ.
 

@@ -60,12 +60,7 @@ class Profile:
 
 
 def profile(
-    fit: FitData,
-    name: str,
-    values: ArrayLike | None = None,
-    *,
-    points: int = 41,
-    span: float = 4.0,
+    fit: FitData, name: str, values: ArrayLike | None = None, *, points: int = 41, span: float = 4.0
 ) -> Profile:
     """The profile likelihood of one parameter: the lowest loss with it held at each value.
 

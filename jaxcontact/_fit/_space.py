@@ -79,6 +79,11 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
     chosen = _chosen(start, transforms)
     names, coordinates, shapes, others, ends, theta = [], [], [], [], [], []
     for (path, leaf), given in zip(paths, chosen, strict=True):
+        if not _is_end(given):
+            raise ValueError(
+                "Argument `transforms` must hold `Free`, `Positive`, `Between` or `Fixed`, but "
+                f"holds {given!r}."
+            )
         transform = given or _declared(start, path)
         if not _is_fitted(leaf) or isinstance(transform, Fixed):
             shapes.append(None)
@@ -127,7 +132,7 @@ def _is_fitted(leaf: Any) -> bool:
     return isinstance(leaf, float | int | np.floating) or eqx.is_inexact_array_like(leaf)
 
 
-def _chosen(start: Any, transforms: Any) -> list[AbstractTransform | None]:
+def _chosen(start: Any, transforms: Any) -> list[Any]:
     """The transform given for each leaf; None where none was given."""
     if isinstance(transforms, dict):
         return _named(start, transforms)
@@ -143,13 +148,13 @@ def _chosen(start: Any, transforms: Any) -> list[AbstractTransform | None]:
             "Argument `transforms` must be one transform, a dict of them by name, or a prefix of "
             f"the tree of `start`, but is {transforms!r}."
         ) from error
-    return [_checked(transform) for transform in chosen]
+    return chosen
 
 
-def _named(start: Any, transforms: dict[str, Any]) -> list[AbstractTransform | None]:
+def _named(start: Any, transforms: dict[str, Any]) -> list[Any]:
     """Transforms by the name of a number, or of what holds it."""
     names = [_name_of(path) for path, _ in jax.tree.leaves_with_path(start)]
-    chosen: list[AbstractTransform | None] = [None] * len(names)
+    chosen = [None] * len(names)
     for wanted, transform in transforms.items():
         inside = f"{wanted}.", f"{wanted}["
         places = [i for i, name in enumerate(names) if name == wanted or name.startswith(inside)]
@@ -159,21 +164,12 @@ def _named(start: Any, transforms: dict[str, Any]) -> list[AbstractTransform | N
                 f"names {wanted!r}."
             )
         for i in places:
-            chosen[i] = _checked(transform)
+            chosen[i] = transform
     return chosen
 
 
 def _is_end(x: Any) -> bool:
     return x is None or isinstance(x, AbstractTransform)
-
-
-def _checked(transform: Any) -> AbstractTransform | None:
-    if not _is_end(transform):
-        raise ValueError(
-            "Argument `transforms` must hold `Free`, `Positive`, `Between` or `Fixed`, but holds "
-            f"{transform!r}."
-        )
-    return transform
 
 
 def _declared(start: Any, path: tuple[Any, ...]) -> AbstractTransform:

@@ -135,22 +135,34 @@ GOOD = {"indentation": [0.0, 0.5, 1.0], "velocity": [1.0, 0.8, 0.0]}
 BAD = [
     ({"indentation": [0.0, 1.0]}, r"`indentation` must have the shape .* is of shape \(2,\)"),
     ({"indentation": [[0.0, 0.5, 1.0]]}, r"`indentation` .* is of shape \(1, 3\)"),
-    ({"velocity": [1.0, 0.9, 0.8, 0.0]}, "`velocity` must have the 3 samples .* but has 4"),
-    ({"weights": [1.0, 1.0, 1.0, 1.0]}, "`weights` must have the 3 samples .* but has 4"),
-    ({"velocity": [1.0, math.nan, 0.0]}, "`velocity` must be finite .* is nan at sample 1"),
-    ({"velocity": [math.inf, 0.5, 0.0]}, "`velocity` must be finite .* is inf at sample 0"),
-    ({"velocity": [1.0, -0.1, 0.0]}, r"`velocity` .*not negative, but is -0\.1 at sample 1"),
-    ({"indentation": [0.0, -0.5, 1.0]}, r"`indentation` .* is -0\.5 at sample 1"),
-    ({"weights": [1.0, -1.0, 1.0]}, "`weights` .*not negative, but is -1 at sample 1"),
+    (
+        {"velocity": [1.0, 0.9, 0.8, 0.0]},
+        "`velocity` .* for each of the 3 points, but has 4",
+    ),
+    (
+        {"weights": [1.0, 1.0, 1.0, 1.0]},
+        "`weights` .* for each of the 3 points, but has 4",
+    ),
+    (
+        {"velocity": [1.0, math.nan, 0.0]},
+        r"`velocity` .*\[0, inf\), but is nan at point 1",
+    ),
+    (
+        {"velocity": [math.inf, 0.5, 0.0]},
+        r"`velocity` .*\[0, inf\), but is inf at point 0",
+    ),
+    ({"velocity": [1.0, -0.1, 0.0]}, r"`velocity` must be in \[0, inf\), but is -0\.1 at point 1"),
+    ({"indentation": [0.0, -0.5, 1.0]}, r"`indentation` .* is -0\.5 at point 1"),
+    ({"weights": [1.0, -1.0, 1.0]}, "`weights` .* is -1 at point 1"),
     ({"weights": [0.0, 0.0, 0.0]}, "`weights` must not be zero everywhere"),
     ({"indentation": [0.1, 0.5, 1.0]}, r"must rise from 0 .* goes from 0\.1 to 1"),
     ({"indentation": [0.0, 0.0, 0.0]}, "must rise from 0 .* goes from 0 to 0"),
-    ({"indentation": [0.0, 1.0, 0.9]}, r"falls from 1 to 0\.9 at sample 2"),
+    ({"indentation": [0.0, 1.0, 0.9]}, r"falls from 1 to 0\.9 at point 2"),
     ({"velocity": [1.0, 0.5, 0.1]}, r"`velocity` .* goes from 1 to 0\.1; append"),
     ({"velocity": [0.0, 0.5, 0.0]}, "`velocity` must go from v0 > 0 .* goes from 0 to 0"),
-    ({"start": 0.0}, r"`start` must be in \(0, inf\), but is 0\.0"),
-    ({"start": math.inf}, r"`start` must be in \(0, inf\), but is inf"),
-    ({"start": math.nan}, r"`start` must be in \(0, inf\), but is nan"),
+    ({"start": 0.0}, r"`start` must have beta in \(0, inf\), .* it is 0\.0"),
+    ({"start": math.inf}, r"`start` must have beta in \(0, inf\), .* it is inf"),
+    ({"start": math.nan}, r"`start` must have beta in \(0, inf\), .* it is nan"),
 ]
 
 
