@@ -34,7 +34,7 @@ _SAFETY = 0.02
 _ITERATIONS = 14
 
 
-def _is_a(value: Any, name: str, kind: type) -> Any:
+def _of_diffrax(value: Any, name: str, kind: type) -> Any:
     if value is None or isinstance(value, kind):
         return value
     raise ValueError(f"Argument `{name}` must be a diffrax {kind.__name__}, but is {value!r}.")
@@ -59,11 +59,11 @@ class Event(AbstractMethod):
     )
     solver: diffrax.AbstractSolver | None = eqx.field(
         default=None,
-        converter=functools.partial(_is_a, name="solver", kind=diffrax.AbstractSolver),
+        converter=functools.partial(_of_diffrax, name="solver", kind=diffrax.AbstractSolver),
     )
     adjoint: diffrax.AbstractAdjoint | None = eqx.field(
         default=None,
-        converter=functools.partial(_is_a, name="adjoint", kind=diffrax.AbstractAdjoint),
+        converter=functools.partial(_of_diffrax, name="adjoint", kind=diffrax.AbstractAdjoint),
     )
     max_steps: int = eqx.field(
         static=True, default=256, converter=functools.partial(as_count, name="max_steps")
@@ -119,7 +119,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Le
     finest = 10 * float(jnp.finfo(dtype).eps)
     rtol, atol = (max(_SAFETY * tolerance, finest) for tolerance in how.tolerances(dtype))
     term = diffrax.ODETerm(rate)
-    solver = _solver(how, rtol, atol)
+    solver = diffrax.Dopri8() if how.solver is None else how.solver
     # Python numbers would give the time the default precision, and the state with it. A first step
     # given as an array would be checked at run time, by a callback: the controller chooses it. A
     # root finder of diffrax would bring a callback into the derivative: the event's moment is found
@@ -149,6 +149,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Le
     before = at(jnp.maximum(steps - 1, 0))
     # Where no step was accepted the last one has no length, which would make its lane NaN.
     after = jnp.where(steps > 0, at(steps)[0], 1)
+    solver = _ready(solver, rtol, atol)
     moment, end = _event_in_step(term, solver, before, after, motion, compressing, arrived)
     is_last = jnp.arange(solution.ts.size) == steps
     return Leg(
@@ -163,10 +164,10 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Le
     )
 
 
-def _solver(how: Event, rtol: float, atol: float) -> diffrax.AbstractSolver:
-    """The solver with what diffrax fills in for a solve, so that it can be stepped alone too."""
-    solver: Any = diffrax.Dopri8() if how.solver is None else how.solver
-    if isinstance(solver, diffrax.AbstractRungeKutta) and how.adjoint is None:
+def _ready(solver: Any, rtol: float, atol: float) -> Any:
+    """The solver with what diffrax fills in for a whole solve, so that it can take one step."""
+    if isinstance(solver, diffrax.AbstractRungeKutta):
+        # Loops that can be differentiated in both modes.
         solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
     if isinstance(solver, diffrax.AbstractImplicitSolver):
         defaults = {"rtol": rtol, "atol": atol, "norm": optx.rms_norm}
@@ -180,7 +181,7 @@ def _solver(how: Event, rtol: float, atol: float) -> diffrax.AbstractSolver:
 
 def _event_in_step(
     term: diffrax.ODETerm,
-    solver: diffrax.AbstractSolver,
+    solver: Any,
     before: tuple[Number, State],
     after: Number,
     motion: Motion,

@@ -31,7 +31,8 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
         # part fails under jit of vmap (jax 0.10.2).
         def on_leaves(*leaves: jax.Array) -> Out:
             outcome = solve(jax.tree.unflatten(structure, leaves))
-            kinds[:] = [out.dtype for out in jax.tree.leaves(outcome)]
+            # Kept here, because another trace of the solve for its types would take seconds.
+            kinds[:] = [jax.tree.map(jnp.result_type, outcome)]
             either = jnp.isnan(leaves[0])
             return jax.tree.map(
                 lambda out: jnp.where(either, out, out).astype(leaves[0].dtype), outcome
@@ -45,7 +46,7 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
             return outcome, jax.tree.map(lambda s: jnp.tensordot(weights, s, axes=1), slopes)
 
         solved.defjvp(rule, symbolic_zeros=True)
-        outs, shape = jax.tree.flatten(solved(*leaves))
-        return shape.unflatten([out.astype(kind) for out, kind in zip(outs, kinds, strict=True)])
+        outcome = solved(*leaves)
+        return jax.tree.map(lambda out, kind: out.astype(kind), outcome, kinds[0])
 
     return differentiable
