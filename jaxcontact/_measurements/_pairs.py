@@ -56,22 +56,19 @@ class Pairs:
         return dataclasses.replace(self, records=records, **kept)
 
     def needs_enough(self, marked: int = 0) -> None:
-        """Raise RecordingError where there are fewer pairs than a fit and its noise need.
-
-        `marked` pairs were left out before.
-        """
-        if len(self) >= LEAST_PAIRS:
+        """Raise RecordingError for too few pairs to fit; `marked` pairs were left out before."""
+        count = len(self)
+        if count >= LEAST_PAIRS:
             return
-        what = self.layout.pair_words[len(self) != 1]
-        of_ball = f" of {self.ball}" if self.ball else ""
+        what = self.layout.pair_words[count != 1] + (f" of {self.ball}" if self.ball else "")
         left_out = f"; {marked} more lie off the trend and are left out" if marked else ""
         raise RecordingError(
-            f"{len(self)} usable {what}{of_ball}, but at least {LEAST_PAIRS} are needed "
-            "(one parameter of the law, two of the noise, one to judge the fit by)"
-            f"{left_out}; {self.layout.pair_rule}; add rows",
-            source=self.source,
-            row=int(self.second_row.max()) if len(self) else None,
-            column=self.layout.columns[-1],
+            f"{count} usable {what}, but at least {LEAST_PAIRS} are needed (one parameter of the "
+            f"law, two of the noise, one to judge the fit by){left_out}; {self.layout.pair_rule}; "
+            "add rows",
+            self.source,
+            int(self.second_row.max()) if count else None,
+            self.layout.columns[-1],
         )
 
 

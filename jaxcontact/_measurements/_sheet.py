@@ -119,8 +119,8 @@ def sheet_of(source: Any, columns: Mapping[str, Any]) -> Sheet:
         return _from_columns("the columns given", columns, by_keyword=True)
     if source is None:
         shipped = importlib.resources.files("jaxcontact.data") / _SHIPPED_FILE
-        text = shipped.read_text(encoding="utf-8")
-        return _from_text(lambda: text, f"{_SHIPPED_FILE} (shipped with the package)")
+        name = f"{_SHIPPED_FILE} (shipped with the package)"
+        return _from_text(lambda: shipped.read_text(encoding="utf-8"), name)
     if isinstance(source, str | os.PathLike):
         path = pathlib.Path(source)
         return _from_text(lambda: path.read_text(encoding="utf-8"), str(path))
