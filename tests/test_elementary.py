@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 import jaxcontact as jc
 from jaxcontact._elementary import (
     arc_over_sine,
+    chebyshev,
     kappa,
     log1p_over,
     log_remainder,
@@ -284,3 +285,20 @@ def test_the_regularised_rebound():
             exact.append(float(-z / a))
     found = jax.jit(rebound_exponent)(jnp.asarray(DAMPING_FACTORS[3:]))
     np.testing.assert_allclose(found, exact, rtol=ROOT)
+
+
+CHEBYSHEV = 1e-13
+"""Clenshaw's recurrence against NumPy's, degree 12, values and slopes up to 50: measured 4e-15."""
+
+
+def test_chebyshev_series_and_slopes_are_those_of_numpy():
+    coefficients = np.random.default_rng(1).normal(size=13)
+    x = np.linspace(-1, 1, 21)
+    value, slope = jax.jvp(
+        lambda x: chebyshev(jnp.asarray(coefficients), x), (jnp.asarray(x),), (jnp.ones(21),)
+    )
+    series = np.polynomial.chebyshev
+    np.testing.assert_allclose(value, series.chebval(x, coefficients), atol=CHEBYSHEV)
+    expected = series.chebval(x, series.chebder(coefficients))
+    # The slope grows as the square of the degree at the ends.
+    np.testing.assert_allclose(slope, expected, rtol=CHEBYSHEV, atol=1e2 * CHEBYSHEV)

@@ -1,5 +1,6 @@
 """Ready-made fits: known truths come back, whatever method solves the impacts."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -273,3 +274,15 @@ def test_what_cannot_be_compared():
     with pytest.raises(ValueError, match="`folds` must be at most"):
         jc.compare_fits({"a": fit, "b": fit}, folds=9)
     assert jnp.isfinite(fit.loss)
+
+
+def test_shapes_have_slopes_at_the_ends():
+    # cos(k arccos t) had the slope NaN at e = 1, and an infinite one at e = 0.
+    shape = jc.Rational(3)
+    for e in (0.0, 1.0):
+        assert jax.grad(lambda e: shape(e))(e) == pytest.approx(0.5, rel=1e-12)
+    model = jc.fit_energy_loss(np.linspace(0.3, 1, 20), degree=2).problem.predict
+    params = {"log_beta": jnp.array([0.9, 0.1, 0.05])}
+    # T_1' = 1 and T_2' = 4 at t = 1, and dt/de = 2/0.7.
+    slope = jax.grad(lambda e: jnp.log(model.beta(params, e)))(1.0)
+    assert slope == pytest.approx((0.1 + 4 * 0.05) * 2 / 0.7, rel=1e-12)
