@@ -17,17 +17,26 @@ def bracketed_root(
     """The root in [0, 1] of a function with the values `at_zero` > 0 > `at_one` at the ends.
 
     Regula falsi that halves the value of an end kept twice (Illinois): it keeps the bracket, has
-    order 1.4, and a fixed length. Not for differentiation.
+    order 1.4, and ends where the root no longer moves, after `iterations` at the latest. Not for
+    differentiation.
     """
     zero = jnp.zeros_like(at_zero)
+    rounding = jnp.finfo(zero.dtype).eps
 
-    def narrow(_: int, bracket: tuple[Number, ...]) -> tuple[Number, ...]:
-        low, low_value, high, high_value, side = bracket
+    def unfinished(carry: tuple[Number, ...]) -> Array:
+        count, moved, *_ = carry
+        return (count < iterations) & (moved > rounding)
+
+    def narrow(carry: tuple[Number, ...]) -> tuple[Number, ...]:
+        count, _, last, low, low_value, high, high_value, side = carry
         middle = low + (high - low) * ratio(low_value, low_value - high_value)
         value = function(middle)
         up = value > 0
         kept_low, kept_high = ~up & (side < 0), up & (side > 0)
         return (
+            count + 1,
+            jnp.abs(middle - last),
+            middle,
             jnp.where(up, middle, low),
             jnp.where(up, value, jnp.where(kept_low, low_value / 2, low_value)),
             jnp.where(up, high, middle),
@@ -35,8 +44,8 @@ def bracketed_root(
             jnp.where(up, zero + 1, zero - 1),
         )
 
-    bracket = (zero, at_zero, zero + 1, at_one, zero)
-    low, low_value, high, high_value, _ = jax.lax.fori_loop(0, iterations, narrow, bracket)
+    first = (zero, zero + 2, zero - 1, zero, at_zero, zero + 1, at_one, zero)
+    _, _, _, low, low_value, high, high_value, _ = jax.lax.while_loop(unfinished, narrow, first)
     return low + (high - low) * ratio(low_value, low_value - high_value)
 
 
