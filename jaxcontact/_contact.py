@@ -62,7 +62,7 @@ class Contact(eqx.Module):
 
     mass: Float[Array, "..."] = parameter("mass", POSITIVE)
     stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
-    _exponent: Specialised = eqx.field()
+    _exponent: Specialised = eqx.field(default=Specialised(1.5, None))
 
     def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
         self.mass = as_parameter(mass, "mass", POSITIVE)
