@@ -18,7 +18,7 @@ from ._checks import column, measured
 
 
 class ImpactModel(eqx.Module):
-    """What a fit of impacts moves: a law and a contact."""
+    """What a fit of impacts varies: a law and a contact."""
 
     law: AbstractLaw
     contact: Contact
@@ -52,9 +52,9 @@ def fit_impacts(
     """A law and a contact from tables of restitution and of contact time over the closing speed.
 
     Arguments: the `law` and the `contact` to start from, all of whose numbers are fitted but the
-    `fixed` ones ("mass" by default: times know K/m only; n is fitted if the contact's exponent is
-    an array); `velocity` in m/s; `e` in [0, 1] and `duration` in s, at least one of them, NaN where
-    a speed was not measured, all (points,). `sigma_e`, and `sigma_duration` relative to the
+    `fixed` ones ("mass" by default: times determine only K/m; n is fitted if the contact's exponent
+    is an array); `velocity` in m/s; `e` in [0, 1] and `duration` in s, at least one of them, NaN
+    where a speed was not measured, all (points,). `sigma_e`, and `sigma_duration` relative to the
     duration (one number, or one for each point), are standard deviations; give both or none, if
     both columns are there. `method` as in `impact`; what else `fit` takes.
 
@@ -75,7 +75,7 @@ def fit_impacts(
 
 
 def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTransform]:
-    """How the numbers of a model move, and which of them stay.
+    """The transforms of the numbers of a model.
 
     The `fixed` are numbers of the model, its contact or its law; those that it lacks are skipped.
     """
