@@ -90,8 +90,7 @@ def fit_bounces(
     name. e(w) does not distinguish mass and stiffness from the parameters of the usual laws, so
     these are held by default; and C_d, since only a wide range of speeds distinguishes drag from a
     law whose damping grows with speed: the assumed law shifts C_d by far more than its standard
-    error.
-    `method` as in `impact`; what else `fit` takes (`sigma`, `loss=Huber()`, ...).
+    error. `method` as in `impact`; what else `fit` takes (`sigma`, `loss=Huber()`, ...).
 
     Errors of `first` are not modelled. They change the logarithm of `second` by nearly as much, so
     count them in `sigma`, the root of the sum of both squares; there is no bias while they are

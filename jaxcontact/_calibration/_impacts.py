@@ -25,7 +25,7 @@ class ImpactModel(eqx.Module):
 
 
 class Outcome(eqx.Module):
-    """e and the logarithm of the duration, whose error is relative; those of `fields`."""
+    """Those in `fields` of e and the logarithm of the duration, whose error is relative."""
 
     method: AbstractMethod = eqx.field(converter=method_of)
     fields: tuple[str, ...] = eqx.field(static=True)
@@ -77,19 +77,20 @@ def fit_impacts(
 def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTransform]:
     """The transforms of the numbers of a model.
 
-    The `fixed` are numbers of the model, its contact or its law; those that it lacks are skipped.
+    `fixed` names numbers of the model, its contact or its law. A number that is None, or an
+    exponent that is no array, is not fitted anyway.
     """
     transforms: dict[str, AbstractTransform] = {}
     if not isinstance(start.contact.exponent, float):
         transforms["contact.exponent"] = Between(EXPONENT.low, EXPONENT.high)
     owners = {"": start, "contact.": start.contact, "law.": start.law}
     for name in fixed:
-        prefix = next((prefix for prefix, owner in owners.items() if hasattr(owner, name)), None)
-        if prefix is None:
+        places = [prefix for prefix, owner in owners.items() if hasattr(owner, name)]
+        if not places:
             raise ValueError(
                 f"Argument `fixed` must name numbers of the law or the contact, but holds {name!r}."
             )
-        value = getattr(owners[prefix], name)
+        value = getattr(owners[places[0]], name)
         if value is not None and not (name == "exponent" and isinstance(value, float)):
-            transforms[prefix + name] = Fixed()
+            transforms[places[0] + name] = Fixed()
     return transforms
