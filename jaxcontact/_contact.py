@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from ._parameter import POSITIVE, Range, as_parameter, parameter, shown
+from ._parameter import POSITIVE, Range, Specialised, as_parameter, parameter, shown
 
 EXPONENT = Range(low=1.0, high=3.0, inside=1.5)
 POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.25)
@@ -62,16 +62,16 @@ class Contact(eqx.Module):
 
     mass: Float[Array, "..."] = parameter("mass", POSITIVE)
     stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
-    _static_exponent: float | None = eqx.field(static=True, default=None)
-    _traced_exponent: Float[Array, "..."] | None = None
+    _exponent: Specialised = eqx.field()
 
     def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
         self.mass = as_parameter(mass, "mass", POSITIVE)
         self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
         value = as_parameter(exponent, "exponent", EXPONENT)
         concrete = isinstance(exponent, int | float)
-        self._static_exponent = float(exponent) if concrete else None
-        self._traced_exponent = None if concrete else value
+        self._exponent = (
+            Specialised(float(exponent), None) if concrete else Specialised(None, value)
+        )
 
     def __repr__(self) -> str:
         return (
@@ -82,10 +82,7 @@ class Contact(eqx.Module):
     @property
     def exponent(self) -> float | Float[Array, "..."]:
         """The exponent n: a float if it was given as a Python number, an array otherwise."""
-        if self._static_exponent is not None:
-            return self._static_exponent
-        assert self._traced_exponent is not None
-        return self._traced_exponent
+        return self._exponent.value
 
     @classmethod
     def sphere_sphere(

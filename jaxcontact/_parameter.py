@@ -76,6 +76,21 @@ def _not_a_number(value: Any, name: str) -> ValueError:
     )
 
 
+class Specialised(eqx.Module):
+    """A number that is static and specialises the compiled code, or else a leaf."""
+
+    static: float | None = eqx.field(static=True)
+    traced: Array | None
+
+    @property
+    def value(self) -> float | Array:
+        """The number: a float where it is static, an array otherwise."""
+        if self.static is not None:
+            return self.static
+        assert self.traced is not None
+        return self.traced
+
+
 def parameter(name: str, allowed: Range = REAL) -> Any:
     """A field of an equinox module that holds a differentiable number with a known range."""
     return eqx.field(

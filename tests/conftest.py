@@ -37,6 +37,14 @@ settings.register_profile(
 )
 settings.load_profile("jaxcontact")
 
+# The longest files run first, so that no worker is left alone with one at the end.
+_LONG = "test_event test_choice test_problems test_front_door test_every_law test_skipping".split()
+_PLACE = {name: place for place, name in enumerate(_LONG)}
+
+
+def pytest_collection_modifyitems(items):
+    items.sort(key=lambda item: _PLACE.get(item.path.stem, len(_LONG)))
+
 
 @pytest.fixture
 def usual_promotion():

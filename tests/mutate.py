@@ -116,7 +116,10 @@ def _is_number(node: ast.AST) -> TypeGuard[ast.Constant]:
 
 
 def _other_number(x: Any) -> float:
-    """A tenth off, or a thousandfold where only the order matters, as in a tolerance."""
+    """One more or a tenth of a whole number; of others a tenth off, a thousandfold if tiny or huge.
+
+    Of a tolerance or a limit only the order matters.
+    """
     if isinstance(x, int):
         return x + 1 if abs(x) < 16 else x // 10
     if x == 0:
@@ -217,16 +220,23 @@ def plant(source: str, fault: Fault) -> str:
 
 
 def sample(sources: dict[str, str], count: int, seed: int) -> list[Fault]:
-    """Faults over all rooms: two a room, the others by the rooms' lines; all kinds as often."""
+    """Faults over all rooms: two a room, the others by the rooms' lines; all kinds as often.
+
+    No two are in the same expression.
+    """
+
+    def places(some: list[Fault]) -> int:
+        return len({(x.path, x.start, x.end) for x in some})
+
     chance = random.Random(seed)
     pool, size = defaultdict(list), Counter()
     for path in sorted(sources):
         if found := faults(path, sources[path]):
             pool[room_of(path)] += found
             size[room_of(path)] += sources[path].count("\n")
-    share = {room: min(2, len(pool[room])) for room in pool}
+    share = {room: min(2, places(pool[room])) for room in pool}
     while sum(share.values()) < count:
-        free = [room for room in pool if share[room] < len(pool[room])]
+        free = [room for room in pool if share[room] < places(pool[room])]
         share[max(free, key=lambda room: size[room] / share[room])] += 1
     drawn, used = [], Counter()
     for room in chance.sample(sorted(pool), len(pool)):
@@ -234,15 +244,17 @@ def sample(sources: dict[str, str], count: int, seed: int) -> list[Fault]:
             kinds = [kind for kind in KINDS if any(x.kind == kind for x in pool[room])]
             kind = min(chance.sample(kinds, len(kinds)), key=lambda x: used[x])
             fault = chance.choice([x for x in pool[room] if x.kind == kind])
-            pool[room].remove(fault)
+            same = fault.path, fault.start, fault.end
+            pool[room] = [x for x in pool[room] if (x.path, x.start, x.end) != same]
             used[fault.kind] += 1
             drawn.append(fault)
     return drawn
 
 
 def importers(sources: dict[str, str]) -> dict[str, set[str]]:
-    """The rooms that import a room, directly or through others."""
-    rooms, direct = {room_of(path) for path in sources}, defaultdict(set)
+    """The rooms that import a room themselves, for each room."""
+    rooms = {room_of(path) for path in sources}
+    direct: dict[str, set[str]] = {room: set() for room in rooms}
     for path, source in sources.items():
         depth = len(Path(path).parts) - 1  # of packages around the file
         for node in ast.walk(ast.parse(source)):
@@ -252,14 +264,16 @@ def importers(sources: dict[str, str]) -> dict[str, set[str]]:
             for name in names:
                 if (room := name.split(".")[0]) in rooms - {room_of(path)}:
                     direct[room].add(room_of(path))
-    above = {}
-    for room in rooms:
-        reached, new = set(), {room}
-        while new:
-            new = set().union(*(direct[x] for x in new)) - reached
-            reached |= new
-        above[room] = reached - {room}
-    return above
+    return direct
+
+
+def above(room: str, direct: dict[str, set[str]]) -> set[str]:
+    """The rooms that import a room, directly or through others."""
+    reached, new = set(), {room}
+    while new:
+        new = set().union(*(direct.get(x, set()) for x in new)) - reached
+        reached |= new
+    return reached - {room}
 
 
 def room_of_test(path: str, rooms: Iterable[str]) -> str:
@@ -272,11 +286,14 @@ def room_of_test(path: str, rooms: Iterable[str]) -> str:
 def stages(
     fault: Fault,
     sources: dict[str, str],
-    above: dict[str, set[str]],
+    direct: dict[str, set[str]],
     tests: dict[str, str],
     seconds: Mapping[str, float],
 ) -> tuple[list[str], list[str]]:
-    """The test files of the fault's room, and of the rooms above it; the likely and quick first."""
+    """The test files of the fault's room, and of the rooms above it; the likely and quick first.
+
+    What stands on top and has no tests of its own has those of what it imports.
+    """
     defined = {x.name for x in ast.walk(ast.parse(sources[fault.path])) if isinstance(x, _SCOPE)}
     words = {path: set(re.findall(r"\w+", text)) for path, text in tests.items()}
 
@@ -284,11 +301,13 @@ def stages(
         named = not words[path].isdisjoint(fault.scope.split("."))
         return not named, words[path].isdisjoint(defined), seconds.get(path, 0.0)
 
-    home = {x: room_of_test(x, above) for x in tests if Path(x).name.startswith("test_")}
-    own = [x for x in home if home[x] == fault.room]
-    others = [
-        x for x in home if home[x] in above[fault.room] or (not home[x] and PACKAGE in words[x])
-    ]
+    home = {x: room_of_test(x, direct) for x in tests if Path(x).name.startswith("test_")}
+    higher = above(fault.room, direct)
+    if fault.room in home.values() or higher:
+        own = [x for x in home if home[x] == fault.room]
+    else:
+        own = [x for x in home if fault.room in direct.get(home[x], ())]
+    others = [x for x in home if home[x] in higher or (not home[x] and PACKAGE in words[x])]
     return sorted(own, key=order), sorted(others, key=order)
 
 
@@ -330,6 +349,8 @@ class Pytest:
             "TMPDIR": str(temporary),
             "JAXCONTACT_TEST_CACHE": str(self.state / "cache"),
         }
+        # The trees are run many times.
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)
         command = [sys.executable, "-u", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=no"]
         with open(log, "wb") as out:
             process = subprocess.Popen(
@@ -541,12 +562,12 @@ def main() -> None:
             seconds[name.split("::")[0]] += its
         # A fault that makes one test this slow is a hang.
         pytest = Pytest(STATE, 300.0 + 2.0 * max(each.values(), default=0.0))
-        above = importers(sources)
+        direct = importers(sources)
         trees = [tree(STATE / f"tree{i}") for i in range(asked.jobs)]
 
         def one(fault: Fault, number: int) -> tuple[str, str] | None:
             return trial(
-                fault, trees[number], stages(fault, sources, above, tests, seconds), pytest
+                fault, trees[number], stages(fault, sources, direct, tests, seconds), pytest
             )
 
         run(drawn[: asked.first], results, marks, asked.jobs, one, pytest.stop)

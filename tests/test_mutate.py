@@ -114,14 +114,19 @@ def test_the_tests_of_a_room_come_first_and_then_those_above():
         "tests/test_oracle.py": "",
     }
     (fault,) = mutate.faults("jaxcontact/_low.py", sources["jaxcontact/_low.py"])
-    above = mutate.importers(sources)
-    own, others = mutate.stages(fault, sources, above, tests, {"tests/test_low.py": 9.0})
+    direct = mutate.importers(sources)
+    own, others = mutate.stages(fault, sources, direct, tests, {"tests/test_low.py": 9.0})
+    # The one that names the function, then the quick one.
     assert own == ["tests/test_low.py", "tests/test_low_edges.py"]
     assert set(others) == {
         "tests/test_high/test_a.py",
         "tests/test_higher.py",
         "tests/test_readme.py",
     }
+    top = {**sources, "jaxcontact/__main__.py": "from ._higher import g\n\ng(-1)\n"}
+    (fault, _) = mutate.faults("jaxcontact/__main__.py", top["jaxcontact/__main__.py"])
+    own, others = mutate.stages(fault, top, mutate.importers(top), tests, {})
+    assert (own, others) == (["tests/test_higher.py"], ["tests/test_readme.py"])
 
 
 def test_a_run_goes_on_where_it_stopped(tmp_path):

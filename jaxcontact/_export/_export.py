@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import jax
@@ -46,19 +45,15 @@ def export(
         draft = simulator.draft(wanted, **given)
         hit = solved(impact(draft.law, draft.contact, wanted.velocity))
     delivered = float(hit.restitution)
-    duration = float(hit.duration)
     if not abs(delivered / wanted.restitution - 1) < _AGREEMENT:
         raise RuntimeError(
             f"The law of engine {engine!r} delivers {delivered:.9g} with the parameters found, not "
             f"{wanted.restitution:.9g}."
         )
-    shared = {f.name: getattr(draft, f.name) for f in dataclasses.fields(draft)}
-    steps = shared.pop("steps")
     return Export(
-        **shared,
+        **vars(draft),
         engine=engine,
         target=wanted.restitution,
         delivered=delivered,
-        duration=duration,
-        time_step=None if steps is None else duration / steps,
+        duration=float(hit.duration),
     )

@@ -3,52 +3,42 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 
-from .._contact import Contact
-from .._laws import AbstractLaw
 from .._text_table import text_table
-from .._units import meaning
+from .._units import quantity
+from ._wanted import Draft
 
 
-@dataclasses.dataclass(frozen=True)
-class Export:
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Export(Draft):
     """The parameters with which an engine delivers a wanted restitution at one closing speed.
 
     `engine` and `model` say where they belong; `parameters` holds the numbers and `units` their
     units, by the same names; `snippet` is the text to paste. `target` is the wanted restitution and
     `delivered` that of the engine's law with these parameters, both by `impact`. `law` and
-    `contact` are the engine's law as it was solved: `impact(law, contact, velocity)` tells the
+    `contact` are the engine's law as it was solved: `impact(law, contact, velocity)` gives the
     rest. `duration` in s is how long that contact lasts, and `time_step` in s the step at which the
     engine itself was measured to be within `expected_error` (relative, of the restitution, for e of
-    0.12 and more); both None where the engine was not run. `limit` says in words what the
-    parameters do not reach, `source` where the engine's formula stands.
+    0.12 and more), `steps` of them in one contact; all None where the engine was not run. `limit`
+    says in words where the parameters do not hold, `source` where the engine's formula is given.
     """
 
     engine: str
-    model: str
-    parameters: Mapping[str, float]
-    units: Mapping[str, str]
-    snippet: str
     target: float
     delivered: float
     duration: float
-    time_step: float | None
-    expected_error: float | None
-    limit: str
-    source: str
-    law: AbstractLaw
-    contact: Contact
+
+    @property
+    def time_step(self) -> float | None:
+        """The step in s at which the engine was measured; None if it was not run."""
+        return None if self.steps is None else self.duration / self.steps
 
     def __repr__(self) -> str:
-        numbers = {name: (value, self.units[name]) for name, value in self.parameters.items()}
-        numbers |= {"target": (self.target, ""), "delivered": (self.delivered, "")}
-        numbers["duration"] = self.duration, meaning("duration")[1]
-        if self.time_step is not None:
-            numbers["time_step"] = self.time_step, f"{meaning('time_step')[1]}, or less"
-        if self.expected_error is not None:
-            numbers["expected_error"] = self.expected_error, ""
-        rows = [(name, f"{value:.9g} {unit}".rstrip()) for name, (value, unit) in numbers.items()]
+        rows = [(name, f"{x:.9g} {self.units[name]}") for name, x in self.parameters.items()]
+        for name in ("target", "delivered", "duration", "time_step", "expected_error"):
+            if (x := getattr(self, name)) is not None:
+                more = ", or less" if name == "time_step" else ""
+                rows.append((name, quantity(name, f"{x:.9g}") + more))
         return "\n".join(
             [
                 f"Export to {self.engine}: {self.model}",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike
@@ -26,7 +25,7 @@ class Wanted:
     velocity: float
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class Draft:
     """An engine's law with the parameters found, before it is solved again."""
 
@@ -36,24 +35,18 @@ class Draft:
     parameters: Mapping[str, float]
     units: Mapping[str, str]
     snippet: str
-    steps: int | None
-    """The time steps in one contact at which the engine was measured; None if it was not run."""
-    expected_error: float | None
     limit: str
     source: str
+    steps: int | None = None
+    """The time steps in one contact at which the engine was measured; None if it was not run."""
+    expected_error: float | None = None
 
 
 def wanted_of(law: AbstractLaw, contact: Contact, velocity: ArrayLike) -> Wanted:
     """The impact to reproduce; ValueError unless it is a single one that was solved."""
     hit = solved(impact(law, contact, velocity))
-    return Wanted(
-        restitution=float(hit.restitution),
-        duration=float(hit.duration),
-        mass=_number(contact.mass),
-        stiffness=_number(contact.stiffness),
-        exponent=_number(contact.exponent),
-        velocity=_number(velocity),
-    )
+    numbers = hit.restitution, hit.duration, contact.mass, contact.stiffness, contact.exponent
+    return Wanted(*map(float, numbers), velocity=float(np.asarray(velocity)))
 
 
 def solved(hit: Impact) -> Impact:
@@ -85,8 +78,3 @@ def matched_stiffness(wanted: Wanted, exponent: float, scaled_law: AbstractLaw) 
     tau = float(unit.duration)
     speed = wanted.velocity ** (1 - exponent)
     return wanted.mass * speed * (tau / wanted.duration) ** (exponent + 1)
-
-
-def _number(value: Any) -> float:
-    # `solved` has refused everything with an axis.
-    return float(np.asarray(value))

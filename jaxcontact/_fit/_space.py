@@ -117,7 +117,8 @@ def _name_of(path: tuple[Any, ...]) -> str:
     for key in path:
         match key:
             case GetAttrKey(name):
-                text += f".{name.removeprefix('_traced').lstrip('_')}"
+                # A leaf that could have been static is named after the field that holds it.
+                text += "" if name == "traced" else f".{name.lstrip('_')}"
             case DictKey(name):
                 text += f".{name}"
             case SequenceKey(index) | FlattenedIndexKey(index):

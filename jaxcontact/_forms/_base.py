@@ -36,7 +36,7 @@ class Momentum(NamedTuple):
     Its value `at_touch`, where v = 1; the `velocity` v(u); and `pull`, -du/dτ as a function of w.
     """
 
-    at_touch: Lane
+    at_touch: Callable[[], Lane]
     velocity: Callable[[Lane], Lane]
     pull: Callable[[Lane], Lane]
 

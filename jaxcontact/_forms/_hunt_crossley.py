@@ -57,7 +57,7 @@ class HuntCrossleyForm(AbstractForm):
         """y = ln(1+αv)/α, with y' = -xⁿ: not stiff at any α."""
         exponent = self.order(n) * (n + 1) - 1
         return Momentum(
-            at_touch=log1p_over(self.alpha),
+            at_touch=lambda: log1p_over(self.alpha),
             velocity=lambda y: speed_of(y, self.alpha),
             pull=lambda w: signed_power(w, exponent),
         )

@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from .._contact import EXPONENT, Contact
 from .._forms import AbstractForm, Scale, scale_of
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw
-from .._parameter import Range, as_parameter, is_valid, sanitised
+from .._parameter import Range, Specialised, as_parameter, is_valid, sanitised
 from ._motion import Motion
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
@@ -99,26 +99,22 @@ class Lanes(eqx.Module):
     """
 
     form: AbstractForm
-    traced_exponent: Float[Array, "..."] | None
+    exponent: Specialised
     push: Float[Array, "..."] | None
     scale: Scale
     valid: Bool[Array, "..."]
-    static_exponent: float | None = eqx.field(static=True)
 
     @property
     def n(self) -> float | Float[Array, "..."]:
         """The exponent, a float where it is concrete."""
-        if self.static_exponent is not None:
-            return self.static_exponent
-        assert self.traced_exponent is not None
-        return self.traced_exponent
+        return self.exponent.value
 
     def motion(self, *, audited: bool = False) -> Motion:
         """The equation of motion of the lanes, for methods that solve one lane."""
         # XLA would fold a solve of constants (Hertz's law has no other numbers), for forty seconds.
-        numbers = (self.form, self.traced_exponent, self.push)
-        form, traced, push = jax.lax.optimization_barrier(numbers)
-        return Motion(form, traced, push, self.static_exponent, audited)
+        numbers = (self.form, self.exponent, self.push)
+        form, exponent, push = jax.lax.optimization_barrier(numbers)
+        return Motion(form, exponent, push, audited)
 
 
 def lanes_of(problem: Problem) -> Lanes:
@@ -126,14 +122,14 @@ def lanes_of(problem: Problem) -> Lanes:
     contact = problem.contact
     n = contact.exponent
     valid = is_valid(problem.law) & is_valid(contact) & SPEED.holds(problem.velocity)
-    traced = None
     if not isinstance(n, float):
         good = EXPONENT.holds(n)
         if problem.law.exponents is not None:
             good = good & jnp.any(jnp.stack([n == e for e in problem.law.exponents]), axis=0)
         valid = valid & good
-        traced = jnp.where(good, n, EXPONENT.inside)
-        contact = eqx.tree_at(lambda c: c._traced_exponent, contact, traced)
+        contact = eqx.tree_at(
+            lambda c: c._exponent.traced, contact, jnp.where(good, n, EXPONENT.inside)
+        )
     push = problem.external_force
     if push is not None:
         valid = valid & FORCE.holds(push)
@@ -144,9 +140,8 @@ def lanes_of(problem: Problem) -> Lanes:
     form, good_form = sanitised(problem.law).form(contact, scale).sound()
     return Lanes(
         form=form,
-        traced_exponent=traced,
+        exponent=contact._exponent,
         push=None if push is None else push / scale.force,
         scale=scale,
         valid=valid & good_form,
-        static_exponent=n if isinstance(n, float) else None,
     )

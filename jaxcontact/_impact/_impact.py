@@ -10,7 +10,7 @@ from .._contact import Contact
 from .._forms import scale_of
 from .._laws import AbstractLaw
 from .._parameter import as_parameter, is_valid, sanitised
-from ._front_door import SPEED, Problem, check_law, lanes_of, problem_of, uniform
+from ._front_door import SPEED, Lanes, Problem, check_law, lanes_of, problem_of, uniform
 from ._method import AbstractMethod
 from ._methods import method_of
 from ._result import Impact, Status
@@ -49,12 +49,18 @@ def impact(
     return _impact(problem, method_of(method))
 
 
-@eqx.filter_jit
 def _impact(problem: Problem, method: AbstractMethod) -> Impact:
-    lanes = lanes_of(problem)
+    # Two programs: a small one that knows the law, and the solve of its form, which laws share.
+    return _solved(_lanes(problem), method, problem.shape)
+
+
+_lanes = eqx.filter_jit(lanes_of)
+
+
+@eqx.filter_jit
+def _solved(lanes: Lanes, method: AbstractMethod, shape: tuple[int, ...]) -> Impact:
     method = method.chosen(lanes.form, lanes.push is not None)
     scaled = method.solve(lanes)
-    shape = problem.shape
     scale = lanes.scale
     # Of these two alone: what is not used must stay dead code. A force that is not finite shows.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
+from .._parameter import Specialised
 
 Number = Float[Array, ""]
 
@@ -35,18 +36,14 @@ class Motion(eqx.Module):
     """One lane of an impact: a form, an exponent and a scaled external force Γ (None for none)."""
 
     form: AbstractForm
-    traced_exponent: Number | None
+    exponent: Specialised
     push: Number | None
-    static_exponent: float | None = eqx.field(static=True)
     audited: bool = eqx.field(static=True, default=False)
 
     @property
     def n(self) -> Exponent:
         """The exponent, a float where it is concrete."""
-        if self.static_exponent is not None:
-            return self.static_exponent
-        assert self.traced_exponent is not None
-        return self.traced_exponent
+        return self.exponent.value
 
     @property
     def order(self) -> int:
@@ -67,7 +64,7 @@ class Motion(eqx.Module):
         """The moment of touch: w = 0, v = 1, t = 0."""
         dtype = jax.tree.leaves(self)[0].dtype
         momentum = self.momentum
-        touch = jnp.ones((), dtype) if momentum is None else momentum.at_touch
+        touch = jnp.ones((), dtype) if momentum is None else momentum.at_touch()
         zero = jnp.zeros((), dtype)
         return State(zero, touch, zero, zero if self.audited else None)
 

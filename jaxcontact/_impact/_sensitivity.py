@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -24,13 +24,14 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
 
     def differentiable(problem: In) -> Out:
         leaves, structure = jax.tree.flatten(problem)
-        kinds = jax.eval_shape(solve, problem)
+        kinds: list[Any] = []
 
         # Flags and counts are returned as numbers: a derivative rule cannot return integers. And
         # every output depends on the input, if only formally: a rule whose outcome is constant in
         # part fails under jit of vmap (jax 0.10.2).
         def on_leaves(*leaves: jax.Array) -> Out:
             outcome = solve(jax.tree.unflatten(structure, leaves))
+            kinds[:] = [out.dtype for out in jax.tree.leaves(outcome)]
             either = jnp.isnan(leaves[0])
             return jax.tree.map(
                 lambda out: jnp.where(either, out, out).astype(leaves[0].dtype), outcome
@@ -44,6 +45,7 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
             return outcome, jax.tree.map(lambda s: jnp.tensordot(weights, s, axes=1), slopes)
 
         solved.defjvp(rule, symbolic_zeros=True)
-        return jax.tree.map(lambda out, kind: out.astype(kind.dtype), solved(*leaves), kinds)
+        outs, shape = jax.tree.flatten(solved(*leaves))
+        return shape.unflatten([out.astype(kind) for out, kind in zip(outs, kinds, strict=True)])
 
     return differentiable

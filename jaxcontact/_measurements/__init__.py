@@ -1,6 +1,5 @@
 """Recordings of bouncing balls: reading them, pairs of speed and restitution, noise, outliers."""
 
-from ._heights import Heights
 from ._intervals import Intervals
 from ._layout import LAYOUTS as LAYOUTS
 from ._layout import Layout as Layout
@@ -10,8 +9,8 @@ from ._pairs import Pairs as Pairs
 from ._pairs import make_pairs as make_pairs
 from ._recording import Recording as Recording
 from ._recording import read_recording as read_recording
-from ._rows import RecordingError as RecordingError
-from ._table import Table
+from ._sheet import RecordingError as RecordingError
+from ._single import Heights, Table
 
 for _layout_class in (Intervals, Heights, Table):
     register_layout(_layout_class())

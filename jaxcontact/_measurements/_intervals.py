@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from .._flight import Flight, landing_speed, launch_speed
 from ._layout import Layout, Paired, ReadingError, Record, span
-from ._rows import Row
-from ._triggers import trigger_fault
+from ._sheet import Row
+
+_TOLERANCE = 0.06
+_LATE_TOLERANCE = 0.25  # of the deviation that a late trigger would explain
+_MOST_MERGED = 5
 
 Group = tuple[str, float | None, str]
 
@@ -30,14 +34,8 @@ class Interval(Record):
 
     @property
     def group(self) -> Group:
-        """What names the trial: intervals of one group with successive bounces make a pair."""
+        """What identifies the trial: two intervals of a group in succession make a pair."""
         return self.ball, self.drop_height, self.trial
-
-    @property
-    def trial_name(self) -> str:
-        """The trial in words."""
-        drop = "" if self.drop_height is None else f"drop {self.drop_height:g} m, "
-        return f"{drop}trial {self.trial}"
 
 
 class Intervals(Layout[Interval]):
@@ -65,23 +63,15 @@ class Intervals(Layout[Interval]):
         seen: dict[tuple[Group, int], int] = {}
         records = []
         for row in rows:
-            record = Interval(
-                ball=row.text("ball", ""),
-                row=row.number,
-                drop_height=row.positive("drop_height_m") if row.has("drop_height_m") else None,
-                trial=row.text("trial", "1"),
-                bounce=row.count("bounce") if row.has("bounce") else 0,
-                seconds=row.positive("interval_s"),
-            )
-            counts[record.group] += 1
-            if not row.has("bounce"):
-                record = dataclasses.replace(record, bounce=counts[record.group])
-            place = (record.group, record.bounce)
-            if place in seen:
-                problem = f"bounce {record.bounce} of this trial is in row {seen[place]} already"
-                row.refuse("bounce", problem)
-            seen[place] = row.number
-            records.append(record)
+            ball, number = row.place
+            drop = row.positive("drop_height_m") if "drop_height_m" in row.values else None
+            group = ball, drop, row.text("trial", "1")
+            counts[group] += 1
+            bounce = row.count("bounce") if "bounce" in row.values else counts[group]
+            records.append(Interval(ball, number, *group[1:], bounce, row.positive("interval_s")))
+            first = seen.setdefault((group, bounce), number)
+            if first != number:
+                row.refuse("bounce", f"bounce {bounce} of this trial is in row {first} already")
         return records
 
     def facts(self, records: Sequence[Interval]) -> Mapping[str, str]:
@@ -97,8 +87,7 @@ class Intervals(Layout[Interval]):
             for first in records
             if (after := (first.group, first.bounce + 1)) in at
         ]
-        t1 = np.array([first.seconds for first, _ in couples])
-        t2 = np.array([second.seconds for _, second in couples])
+        t1, t2 = np.array([[one.seconds for one in couple] for couple in couples]).reshape(-1, 2).T
         # The size of the noise is taken from the interval that is expected, not from the one that
         # was read: otherwise an interval read too short would get less weight than one read too
         # long, and the fit would be biased.
@@ -109,14 +98,13 @@ class Intervals(Layout[Interval]):
         # Three trigger times n₁, n₂, n₃ make two intervals. With independent errors of the
         # triggers, ln e = (n₃ - n₂) p - (n₂ - n₁) q, whose variance over σ² is 2 (p² + q² + p q).
         p, q = expected_slope / expected, slope1 * landing_slope / t1
-        used = {record.row for couple in couples for record in couple}
         return Paired(
             velocity=landing,
             restitution=u2 / landing,
             reading_factor=2 * (p**2 + q**2 + p * q),
-            clusters=[first.trial_name for first, _ in couples],
+            clusters=[_trial(first) for first, _ in couples],
             records=couples,
-            unpaired=sum(record.row not in used for record in records),
+            unpaired=len(records) - len({record.row for couple in couples for record in couple}),
         )
 
     def guess(
@@ -126,7 +114,55 @@ class Intervals(Layout[Interval]):
         at = {(r.group, r.bounce): r.seconds for couple in records for r in couple}
         guesses = {}
         for k in map(int, np.flatnonzero(flagged)):
-            first = records[k][0]
-            near = [at.get((first.group, first.bounce + step)) for step in range(-2, 4)]
-            guesses[k] = trigger_fault(near, e)
+            group, bounce = records[k][0].group, records[k][0].bounce
+            near = [at.get((group, bounce + step), math.nan) for step in range(-2, 4)]
+            guesses[k] = _trigger_fault(near, e)
         return guesses
+
+
+def _trial(interval: Interval) -> str:
+    drop = "" if interval.drop_height is None else f"drop {interval.drop_height:g} m, "
+    return f"{drop}trial {interval.trial}"
+
+
+def _trigger_fault(near: Sequence[float], e: float) -> str:
+    """What may have happened to the pair (k, k+1) of intervals.
+
+    `near` are the intervals k-2 ... k+3 in s, NaN where there is none; `e` is the usual ratio.
+    """
+    two_before, before, first, second, after, two_after = near
+    # A flight cut in two: the parts together fit their neighbours, and each is too short.
+    # This is checked first: neighbours on both sides are better evidence than one ratio.
+    for left, whole, right in (
+        (before, first + second, after),
+        (first, second + after, two_after),
+        (two_before, before + first, second),
+    ):
+        ratios = [ratio for ratio in (whole / left, right / whole) if not math.isnan(ratio)]
+        if ratios and all(_close(ratio, e) for ratio in ratios):
+            return "spurious trigger (one flight cut in two)"
+    # An interval that holds m flights is 1 + e + ... times as long.
+    for m in range(2, _MOST_MERGED + 1):
+        whole = sum(e**k for k in range(m))
+        if _close(second / first, e * whole):
+            return f"missed trigger ({m} flights in the second interval)"
+        if _close(second / first, e**m / whole):
+            return f"missed trigger ({m} flights in the first interval)"
+    # A trigger between two good ones that came late or early: one interval is too long, its
+    # neighbour too short, and their sum is right, much more nearly than the ratio.
+    off = abs(math.log(second / first / e))
+    tolerance = min(_LATE_TOLERANCE * off, _TOLERANCE)
+    for reference, a, b in (
+        (two_before, before, first),
+        (before, first, second),
+        (first, second, after),
+    ):
+        right = abs(math.log((a + b) / reference / (e + e * e))) < tolerance
+        # Two good intervals also have the right sum: the fault must lie between these two.
+        if right and abs(math.log(b / a / e)) > off / 2:
+            return "late or early trigger"
+    return "unclear"
+
+
+def _close(ratio: float, expected: float) -> bool:
+    return abs(ratio / expected - 1) < _TOLERANCE

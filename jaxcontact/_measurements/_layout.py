@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from .._flight import Flight, Floats
-from ._rows import Row
+from ._sheet import Row
 
 Words = tuple[str, str]
 """A noun phrase in the singular and in the plural."""
@@ -68,10 +68,8 @@ class Layout(abc.ABC, Generic[R]):
 
     `name`; `columns`, which a file or a data frame must have, the reading that is paired last;
     `measured`, those of them that cannot be left out where columns are given by keyword;
-    `optional`, those that are read where there are any.
-
-    `reading_error`, None where it is not known how one enters; `uses_flight`, whether speeds follow
-    from flights, so that gravity and the drag of the air play a part.
+    `optional`, those that are read where they are present; `reading_error`, None where its effect
+    is not known; `uses_flight`, whether gravity and the drag of the air enter the speeds.
 
     For reports: `made_of`, what pairs are made of; `pair_words` and `cluster_words`; `pair_rule`,
     when rows make a pair; `errors_words`, how standard errors by cluster are found and what they
@@ -102,15 +100,15 @@ class Layout(abc.ABC, Generic[R]):
     def pair(self, records: Sequence[R], flight: Flight) -> Paired[R]:
         """The pairs in `records`, which are of one ball."""
 
-    @abc.abstractmethod
     def guess(
         self, records: Sequence[tuple[R, ...]], flagged: np.ndarray, e: float
     ) -> Mapping[int, str]:
-        """What may have happened to flagged pairs, by number, where it can be told.
+        """What may have happened to flagged pairs, by number; nothing where it cannot be told.
 
         `records` are those of all pairs and `flagged` (n,) marks some; `e` is the usual
         restitution.
         """
+        return {}
 
     def __repr__(self) -> str:
         return self.name

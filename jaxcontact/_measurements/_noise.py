@@ -54,34 +54,28 @@ def estimate_noise(residual: Floats, reading_factor: Floats, *, robust: bool) ->
     freedom), and the size is then set so that the median absolute standardised residual is that of
     a normal distribution; otherwise it is normal. The size is at least `RELATIVE_FLOOR`.
     """
-    mean_factor = float(np.mean(reading_factor))
-    shares = _SHARES if mean_factor > 0 else np.zeros(1)
-    scaled = reading_factor / mean_factor if mean_factor > 0 else reading_factor
-    shape = (1 - shares[:, None]) + shares[:, None] * scaled
+    scale = float(np.mean(reading_factor))
+    shares, scale = (_SHARES, scale) if scale > 0 else (_SHARES[:1], 1.0)
+    shape = 1 - shares[:, None] + shares[:, None] * (reading_factor / scale)
     square = residual**2 / shape
     floor = RELATIVE_FLOOR**2
-    size = np.maximum(np.median(square, axis=1), floor)
-    weight = np.ones_like(square)
-    for _ in range(_SCALE_STEPS):
-        if robust:
-            weight = (ROBUST_DEGREES + 1) / (ROBUST_DEGREES + square / size[:, None])
-        new = np.maximum(np.mean(weight * square, axis=1), floor)
-        done = np.all(np.abs(new - size) <= _SCALE_TOLERANCE * new)
-        size = new
-        if done:
-            break
-    standard = square / size[:, None]
     if robust:
+        size = np.maximum(np.median(square, axis=1), floor)
+        for _ in range(_SCALE_STEPS):
+            weight = (ROBUST_DEGREES + 1) / (ROBUST_DEGREES + square / size[:, None])
+            new = np.maximum(np.mean(weight * square, axis=1), floor)
+            done = np.all(np.abs(new - size) <= _SCALE_TOLERANCE * new)
+            size = new
+            if done:
+                break
+        standard = square / size[:, None]
         tail = (ROBUST_DEGREES + 1) / 2 * np.log1p(standard / ROBUST_DEGREES)
     else:
+        size = np.maximum(np.mean(square, axis=1), floor)
+        standard = square / size[:, None]
         tail = standard / 2
-    loss = np.sum(tail + np.log(shape * size[:, None]) / 2, axis=1)
-    best = int(np.argmin(loss))
+    best = int(np.argmin(np.sum(tail + np.log(shape * size[:, None]) / 2, axis=1)))
+    total, share = float(size[best]), float(shares[best])
     if robust:
-        size[best] *= max(mad_sigma(np.sqrt(standard[best])) ** 2, floor / size[best])
-    total = float(size[best])
-    share = float(shares[best])
-    return Noise(
-        relative=math.sqrt(total * (1 - share)),
-        reading=math.sqrt(total * share / mean_factor) if mean_factor > 0 else 0.0,
-    )
+        total *= max(mad_sigma(np.sqrt(standard[best])) ** 2, floor / total)
+    return Noise(math.sqrt(total * (1 - share)), math.sqrt(total * share / scale))

@@ -7,6 +7,7 @@ speed; the standard deviation is that of its reading (see `_noise`). e > 1 alone
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,7 @@ the normal distribution: that of the shipped balls ends at 4.9 (blue) and 5.8 (p
 out), and the next deviations are 7.9 and 11.9."""
 
 _LINE_POINTS = 10
-_ROUNDS = 20
-_LARGEST_FOR_ALL_SLOPES = 400
+_MOST_SHIFTS = 400
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,9 +37,14 @@ class Trend:
 
     def __call__(self, velocity: Floats) -> Floats:
         """ln e at speeds in m/s."""
-        if self.kind == "constant":
-            return np.full_like(velocity, self.level)
-        return self.level + self.slope * (velocity if self.kind == "speed" else np.log(velocity))
+        return self.level + self.slope * _AXES[self.kind](velocity)
+
+
+_AXES: dict[str, Callable[[Floats], Floats]] = {
+    "constant": np.zeros_like,
+    "speed": np.asarray,
+    "log speed": np.log,
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,23 +73,19 @@ def find_outliers(pairs: Pairs) -> Outliers:
     keep = np.ones(len(pairs), dtype=bool)
     # The first round includes all outliers and so uses the median alone, which holds while fewer
     # than half the pairs are wrong; later rounds, without the gross ones, fit slopes too.
-    trend = Trend("constant", float(np.median(y)), 0.0)
-    deviation = np.zeros(len(pairs))
-    noise = Noise(0.0, 0.0)
+    kinds: Iterable[str] = ["constant"]
     seen: set[bytes] = set()
-    for round_number in range(_ROUNDS):
-        if round_number:
-            trend = _robust_trend(pairs.velocity[keep], y[keep])
+    while True:
+        trend = _robust_trend(kinds, pairs.velocity[keep], y[keep])
         residual = y - trend(pairs.velocity)
         noise = estimate_noise(residual[keep], pairs.reading_factor[keep], robust=True)
         deviation = residual / noise.sigma(pairs.reading_factor)
-        new = np.abs(deviation) <= THRESHOLD
+        keep = np.abs(deviation) <= THRESHOLD
         # The marks may alternate between two sets: stop when a set comes up again.
-        if round_number and new.tobytes() in seen:
-            keep = new
+        if keep.tobytes() in seen:
             break
-        seen.add(new.tobytes())
-        keep = new
+        seen.add(keep.tobytes())
+        kinds = _AXES if keep.sum() >= _LINE_POINTS else ["constant"]
     flagged = ~keep
     usual = float(np.exp(np.median(trend(pairs.velocity[keep]))))
     told = pairs.layout.guess(pairs.records, flagged, usual)
@@ -92,29 +93,26 @@ def find_outliers(pairs: Pairs) -> Outliers:
     return Outliers(flagged, deviation, guess, trend, noise)
 
 
-def _robust_trend(velocity: Floats, y: Floats) -> Trend:
-    constant = Trend("constant", float(np.median(y)), 0.0)
-    if len(y) < _LINE_POINTS:
-        return constant
-    trends = [constant]
-    for kind, x in (("speed", velocity), ("log speed", np.log(velocity))):
-        slope = _theil_sen(x, y)
+def _robust_trend(kinds: Iterable[str], velocity: Floats, y: Floats) -> Trend:
+    """Of the kinds of trends, each a Theil-Sen line, the one that leaves the least scatter."""
+    trends = []
+    for kind in kinds:
+        x = _AXES[kind](velocity)
+        slope = _median_slope(x, y)
         trends.append(Trend(kind, float(np.median(y - slope * x)), slope))
     return min(trends, key=lambda trend: mad_sigma(y - trend(velocity)))
 
 
-def _theil_sen(x: Floats, y: Floats) -> float:
+def _median_slope(x: Floats, y: Floats) -> float:
     """Median of the slopes between pairs of points: a line that a quarter of them cannot move."""
-    if len(x) > _LARGEST_FOR_ALL_SLOPES:
-        # All slopes of a long recording would not fit in memory: join each point to those a
-        # fixed number of ranks away, at all distances.
-        order = np.argsort(x, kind="stable")
-        x, y = x[order], y[order]
-        shifts = np.unique(np.linspace(1, len(x) - 1, _LARGEST_FOR_ALL_SLOPES).astype(int))
-        dx = np.concatenate([x[s:] - x[:-s] for s in shifts])
-        dy = np.concatenate([y[s:] - y[:-s] for s in shifts])
-    else:
-        i, j = np.triu_indices(len(x), 1)
-        dx, dy = x[j] - x[i], y[j] - y[i]
-    apart = np.abs(dx) > 1e-9 * max(float(np.max(np.abs(x))), 1e-300)
-    return float(np.median(dy[apart] / dx[apart])) if np.any(apart) else 0.0
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], y[order]
+    least = 1e-9 * np.max(np.abs(x))
+    if x[-1] - x[0] <= least:
+        return 0.0
+    # All slopes of a long recording would not fit in memory: join each point to those a fixed
+    # number of ranks away, at all distances.
+    shifts = np.unique(np.linspace(1, len(x) - 1, min(len(x) - 1, _MOST_SHIFTS)).astype(int))
+    dx = np.concatenate([x[s:] - x[:-s] for s in shifts])
+    dy = np.concatenate([y[s:] - y[:-s] for s in shifts])
+    return float(np.median(dy[dx > least] / dx[dx > least]))

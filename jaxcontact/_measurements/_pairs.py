@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from .._flight import Flight, Floats
 from ._layout import Layout, Record
 from ._recording import Recording
-from ._rows import RecordingError
+from ._sheet import RecordingError
 
 Ints = NDArray[np.int64]
 
@@ -50,9 +51,8 @@ class Pairs:
 
     def where(self, keep: NDArray[np.bool_]) -> Pairs:
         """The pairs for which `keep` (n,) is true."""
-        arrays = ("velocity", "restitution", "reading_factor", "first_row", "second_row", "cluster")
-        kept = {name: getattr(self, name)[keep] for name in arrays}
-        records = tuple(r for r, k in zip(self.records, keep, strict=True) if k)
+        kept = {name: x[keep] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
+        records = tuple(itertools.compress(self.records, keep))
         return dataclasses.replace(self, records=records, **kept)
 
     def needs_enough(self, marked: int = 0) -> None:
@@ -89,9 +89,9 @@ def make_pairs(recording: Recording, flight: Flight) -> Pairs:
         velocity=made.velocity,
         restitution=made.restitution,
         reading_factor=made.reading_factor,
-        first_row=np.array([records[0].row for records in made.records], dtype=np.int64),
-        second_row=np.array([records[-1].row for records in made.records], dtype=np.int64),
-        cluster=np.array([order[name] for name in made.clusters], dtype=np.int64),
+        first_row=np.array([records[0].row for records in made.records], np.int64),
+        second_row=np.array([records[-1].row for records in made.records], np.int64),
+        cluster=np.array([order[name] for name in made.clusters], np.int64),
         cluster_names=tuple(order),
         records=tuple(made.records),
         flight=flight,

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, TextIO
 
 from ._layout import LAYOUTS, Layout, Record
-from ._sources import Sheet, sheet_of
+from ._sheet import Sheet, sheet_of
 
 _SHIPPED_BALL = "blue"
 
@@ -57,27 +58,27 @@ def read_recording(
       in m;
     - "table": `velocity`, the approach speed in m/s, `restitution`, and optionally `ball`.
 
-    `source` is a path of a CSV file with a header, an open text file, a dict of columns, or a data
-    frame (of pandas, polars, or whatever has `.columns` and `[name]`); columns of other names are
+    `source` is the path of a CSV file with a header, an open text file, a dict of columns, or a
+    data frame (of pandas, polars, or anything with `.columns` and `[name]`); other columns are
     ignored. None reads the bounce intervals that ship with the package. Without `source`, columns
     may be given by keyword: `read_recording(interval_s=[0.42, 0.37, 0.33])`. Only then `ball`,
-    `trial`, `bounce`, and for intervals `drop_height_m`, may be left out: that is one ball and one
-    trial whose bounces are counted in order.
+    `trial`, `bounce`, and for intervals `drop_height_m`, may be left out, which means one ball and
+    one trial whose bounces are counted in order.
 
     `ball` chooses a ball by its name, which is necessary where there are several (from the shipped
     data, "blue" is chosen). A sequence of names is the column `ball`, given by keyword.
 
     Returns a `Recording`. Raises RecordingError, which names source, row and column, for a file
-    that cannot be read, a column that is missing, there twice, not one-dimensional or of another
+    that cannot be read, a column that is missing, repeated, not one-dimensional or of another
     length, a row with too many fields, a number that is missing, text, not finite or not positive,
-    a bounce that is there twice, and a ball that is not there or has to be chosen. Rows of a file
-    are its lines, the header included; in columns of values they count from 1. Raises ValueError
-    for other arguments, unknown columns among the keywords included.
+    a repeated bounce, and a ball that does not exist or has to be chosen. Rows of a file are its
+    lines, the header included; in columns of values they count from 1. Raises ValueError for other
+    arguments, unknown columns among the keywords included.
     """
     if layout is not None and layout not in LAYOUTS:
         choices = ", ".join(map(repr, LAYOUTS))
         raise ValueError(f"Argument `layout` must be one of {choices}, but is {layout!r}.")
-    if not (ball is None or isinstance(ball, str)):
+    if ball is not None and not isinstance(ball, str):
         if source is not None:
             raise ValueError(
                 f"Argument `ball` must be the name of one ball in `source`, but is {ball!r}."
@@ -88,22 +89,38 @@ def read_recording(
         if name not in known:
             raise ValueError(f"Argument `{name}` is no known column; these are {', '.join(known)}.")
     sheet = sheet_of(source, columns)
-    if source is None and not columns and ball is None:
-        ball = _SHIPPED_BALL
     meant = _layout_of(sheet, layout)
     rows = sheet.rows((*meant.columns, *meant.optional))
     if not rows:
         what = "columns" if sheet.header_row is None else "a header"
         raise sheet.fault(f"holds {what} but no measurement", meant.columns[-1])
-    return _of_ball(meant.read(rows), ball, meant, sheet)
+    records = meant.read(rows)
+    balls = dict.fromkeys(record.ball for record in records)
+    named = ", ".join(filter(None, balls))
+    if ball is None and source is None and not columns:
+        ball = _SHIPPED_BALL
+    elif ball is None:
+        ball, *others = balls
+        if others:
+            # By keyword, `ball` is the column.
+            how = "give the columns as a dict and " if sheet.by_keyword else ""
+            problem = f"holds several balls ({named}); {how}choose one with `ball=`, as in {ball=}"
+            row = next(record.row for record in records if record.ball == others[0])
+            raise sheet.fault(problem, "ball", row)
+    if ball not in balls:
+        raise sheet.fault(f"has no ball {ball!r}; it holds {named or 'no named ball'}", "ball")
+    mine = tuple(record for record in records if record.ball == ball)
+    return Recording(sheet.source, meant, ball, mine)
 
 
 def _layout_of(sheet: Sheet, name: str | None) -> Layout[Any]:
-    names, layouts = sheet.names, list(LAYOUTS.values())
+    """The layout called `name`, or the one that the columns fit best; its columns are there."""
+    names, layouts = sheet.names, LAYOUTS.values()
     for column in names:
         if column and names.count(column) > 1:
             raise sheet.fault("is there twice in the header", column)
-    if name is None and not any(c in names for one in layouts for c in one.columns):
+    owners = collections.Counter(column for one in layouts for column in one.columns)
+    if name is None and owners.keys().isdisjoint(names):
         choices = "; ".join(", ".join(one.columns) for one in layouts)
         first = (names[0] or "1") if names else None
         raise sheet.fault(f"no known column; one of these sets is needed: {choices}", first)
@@ -112,42 +129,16 @@ def _layout_of(sheet: Sheet, name: str | None) -> Layout[Any]:
         needed = layout.measured if sheet.by_keyword else layout.columns
         return [column for column in needed if column not in names]
 
-    def lacks(layout: Layout[Any]) -> tuple[int, int]:
-        return len(missing(layout)), sum(column not in names for column in layout.columns)
-
-    def owns(layout: Layout[Any]) -> bool:
-        others = {c for one in layouts if one is not layout for c in one.columns}
-        return any(c in names and c not in others for c in layout.columns)
+    def misfit(layout: Layout[Any]) -> tuple[bool, int, int]:
+        has_own = any(column in names and owners[column] == 1 for column in layout.columns)
+        return not has_own, len(missing(layout)), len(set(layout.columns).difference(names))
 
     # The layout that lacks least, of those with a column that no other layout has, is meant. What
     # it lacks is then named, rather than all columns of all layouts.
-    if name is None:
-        meant = min([one for one in layouts if owns(one)] or layouts, key=lacks)
-    else:
-        meant = LAYOUTS[name]
+    meant = min(layouts, key=misfit) if name is None else LAYOUTS[name]
     for column in missing(meant):
         needed = ", ".join(meant.measured if sheet.by_keyword else meant.columns)
         raise sheet.fault(
             f"is missing; the layout {meant.name!r} needs the columns {needed}", column
         )
     return meant
-
-
-def _of_ball(
-    records: Sequence[Record], ball: str | None, layout: Layout[Any], sheet: Sheet
-) -> Recording:
-    balls = list(dict.fromkeys(record.ball for record in records))
-    named = ", ".join(name for name in balls if name)
-    if ball is None and len(balls) > 1:
-        # By keyword, `ball` is the column.
-        how = "give the columns as a dict and " if sheet.by_keyword else ""
-        raise sheet.fault(
-            f"holds several balls ({named}); {how}choose one with `ball=`, as in ball={balls[0]!r}",
-            "ball",
-            next(record.row for record in records if record.ball != balls[0]),
-        )
-    if ball is not None and ball not in balls:
-        raise sheet.fault(f"has no ball {ball!r}; it holds {named or 'no named ball'}", "ball")
-    ball = balls[0] if ball is None else ball
-    mine = tuple(record for record in records if record.ball == ball)
-    return Recording(sheet.source, layout, ball, mine)

@@ -7,7 +7,7 @@ import inspect
 import math
 import numbers
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -46,6 +46,34 @@ class Grid:
     def kinds(self) -> tuple[tuple[str, int | None, np.dtype], ...]:
         """All that a compiled function needs to know of the inputs."""
         return tuple((i.name, i.dim, i.values.dtype) for i in self.inputs)
+
+    def part(self, place: Sequence[slice]) -> Grid:
+        """The same at some indices of each dimension."""
+        inputs = tuple(
+            i if i.dim is None else replace(i, values=i.values[place[i.dim]]) for i in self.inputs
+        )
+        return replace(self, shape=tuple(s.stop - s.start for s in place), inputs=inputs)
+
+    def taken(self, dim: int, index: int) -> Grid:
+        """The same at one index of a dimension, without that dimension."""
+
+        def moved(given: Input) -> Input:
+            if given.dim is None or given.dim < dim:
+                return given
+            if given.dim == dim:
+                return replace(given, values=given.values[index], dim=None)
+            return replace(given, dim=given.dim - 1)
+
+        dims = self.dims[:dim] + self.dims[dim + 1 :]
+        shape = self.shape[:dim] + self.shape[dim + 1 :]
+        return Grid(dims, shape, tuple(map(moved, self.inputs)), self.static)
+
+    def taken_by(self, function: Callable[..., Any]) -> Grid:
+        """The same with those arguments that `function` takes."""
+        takes = _takes(function)
+        inputs = tuple(i for i in self.inputs if takes is None or i.name in takes)
+        static = tuple(s for s in self.static if takes is None or s[0] in takes)
+        return replace(self, inputs=inputs, static=static)
 
 
 def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
@@ -128,34 +156,41 @@ def _numbers(given: Any, name: str) -> np.ndarray:
     return plain.astype(jax.dtypes.canonicalize_dtype(plain.dtype))
 
 
+def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter]:
+    """The parameters of a function; those of one without a signature may be any."""
+    try:
+        return list(inspect.signature(function).parameters.values())
+    except (TypeError, ValueError):
+        return [inspect.Parameter("any", inspect.Parameter.VAR_KEYWORD)]
+
+
+def _takes(function: Callable[..., Any]) -> list[str] | None:
+    """The keywords that a function takes, or None if that is any."""
+    parameters = _parameters(function)
+    if any(p.kind == p.VAR_KEYWORD for p in parameters):
+        return None
+    return [p.name for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
+
+
 def check_call(function: Callable[..., Any], grid: Grid) -> None:
     """Raise ValueError if `function` cannot be called with the inputs as keywords."""
     if not callable(function):
         raise ValueError(f"Argument `fn` must be a function, but is {function!r}.")
-    try:
-        parameters = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):
-        return
     given = [i.name for i in grid.inputs] + [name for name, _ in grid.static]
-    takes = [p.name for p in parameters if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY)]
-    if not any(p.kind == p.VAR_KEYWORD for p in parameters):
-        for name in given:
-            if name not in takes:
-                raise ValueError(
-                    f"Argument `{name}` must be an argument of `fn` that can be given by keyword, "
-                    f"but those are: {', '.join(takes) or 'none'}."
-                )
-    needed = [
-        p.name
-        for p in parameters
-        if p.default is p.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
-    ]
-    missing = [name for name in needed if name not in given]
-    if missing:
-        raise ValueError(
-            f"Argument `{missing[0]}` of `fn` must be given, as an axis, a sample or a number, "
-            f"but there are only: {', '.join(given) or 'none'}."
-        )
+    takes = _takes(function)
+    for name in given:
+        if takes is not None and name not in takes:
+            raise ValueError(
+                f"Argument `{name}` must be an argument of `fn` that can be given by keyword, "
+                f"but those are: {', '.join(takes) or 'none'}."
+            )
+    for p in _parameters(function):
+        optional = p.default is not p.empty or p.kind in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+        if not optional and p.name not in given:
+            raise ValueError(
+                f"Argument `{p.name}` of `fn` must be given, as an axis, a sample or a number, "
+                f"but there are only: {', '.join(given) or 'none'}."
+            )
 
 
 def call(function: Callable[..., Any], given: Mapping[str, Any]) -> Any:

@@ -51,25 +51,21 @@ class Column:
 
     def array(self, shape: Sequence[int]) -> np.ndarray:
         """The whole array, over dimensions of the given lengths: a read-only view if possible."""
-        shape = tuple(shape)
-        whole = np.broadcast_to(
-            within(self.values, self.dims, range(len(shape))), shape + self.own_shape
-        )
-        if not self.masks:
-            return whole
-        result = whole.copy()
-        bad = ~self.good(shape)
-        result[bad] = self.otherwise
-        result.flags.writeable = False
-        return result
+        dims = range(len(shape))
+        whole = within(self.values, self.dims, dims)
+        whole = np.broadcast_to(whole, (*shape, *self.own_shape))
+        if self.masks:
+            whole = self._masked(whole, dims, self.masks)
+            whole.flags.writeable = False
+        return whole
 
-    def good(self, shape: Sequence[int]) -> np.ndarray:
-        """Where all masks hold, as a whole array of flags."""
-        shape = tuple(shape)
-        good = np.ones(shape, bool)
-        for mask in self.masks:
-            good &= within(mask.good, mask.dims, range(len(shape)))
-        return good
+    def _masked(self, array: np.ndarray, dims: Sequence[int], masks: Sequence[Mask]) -> np.ndarray:
+        """A copy of `array`, which lies over `dims`, with `otherwise` where a mask is false."""
+        result, good = array.copy(), np.ones(array.shape[: len(dims)], bool)
+        for mask in masks:
+            good &= within(mask.good, mask.dims, dims)
+        result[~good] = self.otherwise
+        return result
 
     def settled(self) -> Column:
         """The same, without masks that hold everywhere; those over its dimensions are applied."""
@@ -77,13 +73,8 @@ class Column:
         inside = [mask for mask in masks if set(mask.dims) <= set(self.dims)]
         if not inside:
             return replace(self, masks=tuple(masks))
-        values = self.values.copy()
-        lanes = values.shape[: len(self.dims)]
-        for mask in inside:
-            good = np.broadcast_to(within(mask.good, mask.dims, self.dims), lanes)
-            values[~good] = self.otherwise
         outside = tuple(mask for mask in masks if mask not in inside)
-        return replace(self, stored=values, masks=outside)
+        return replace(self, stored=self._masked(self.values, self.dims, inside), masks=outside)
 
     def taken(self, dim: int, index: int) -> Column:
         """The column at one index of a dimension, without that dimension."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import importlib.metadata
+import math
 import os
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any, TextIO
@@ -75,16 +76,11 @@ def attributes_of(name: str) -> dict[str, Any]:
     return {"long_name": words, "units": unit or "1"} if unit or words != name else {}
 
 
-def write_csv(sweep: Table, path: str | os.PathLike | TextIO) -> None:
-    """A long table, one row for each lane."""
-    if isinstance(path, str | os.PathLike):
-        with open(path, "w", newline="", encoding="utf-8") as file:
-            _write_rows(sweep, file)
-    else:
-        _write_rows(sweep, path)
-
-
-def _write_rows(sweep: Table, file: TextIO) -> None:
+def write_csv(sweep: Table, file: str | os.PathLike | TextIO) -> None:
+    """Write a long table, one row for each lane."""
+    if isinstance(file, str | os.PathLike):
+        with open(file, "w", newline="", encoding="utf-8") as opened:
+            return write_csv(sweep, opened)
     columns = {name: column.array(sweep.shape) for name, column in sweep.columns().items()}
     columns.setdefault("status", sweep.status)
     own = {name: array.shape[len(sweep.shape) :] for name, array in columns.items()}
@@ -92,7 +88,7 @@ def _write_rows(sweep: Table, file: TextIO) -> None:
     for name in columns:
         header += [name + _index(place) for place in np.ndindex(own[name])]
     along = [sweep.dims.index(dim) for dim in sweep.dims_of_axes().values()]
-    lanes = int(np.prod(sweep.shape, dtype=int))
+    lanes = math.prod(sweep.shape)
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(header)
     for start in range(0, lanes, _ROWS):

@@ -16,39 +16,31 @@ VALUE = "value"
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """One field of an output: numbers of leaves, or a constant where it holds no array."""
+    """One field of an output: the names of its arrays, or a constant where it holds none."""
 
     name: str
-    leaves: tuple[int, ...]
-    structure: Any
-    """How the leaves make up the field; None if the field is one array."""
+    arrays: tuple[str, ...] = ()
+    """The name of the field itself where it is one array."""
+    structure: Any = None
+    """How the arrays make up the field."""
     constant: Any = None
 
-    def leaf_names(self) -> list[str]:
-        """A name for every leaf: that of the field where it is one array."""
-        if self.structure is None:
-            return [self.name] if self.leaves else []
-        paths = jax.tree_util.tree_leaves_with_path(
-            jax.tree.unflatten(self.structure, range(len(self.leaves)))
-        )
-        return [self.name + jax.tree_util.keystr(path) for path, _ in paths]
 
-
-def fields_of(output: Any) -> tuple[list[Field], list[Any]]:
-    """The fields of one lane's output, and its arrays in order.
+def fields_of(output: Any) -> tuple[list[Field], dict[str, Any]]:
+    """The fields of one lane's output, and its arrays by name.
 
     Fields without arrays (None, what is static) are kept as they are.
     """
-    fields, arrays = [], []
+    fields: list[Field] = []
+    arrays: dict[str, Any] = {}
     for name, value in _named(output):
-        leaves, structure = jax.tree.flatten(value)
-        if not leaves or not all(map(_is_number, leaves)):
-            fields.append(Field(name, (), None, value))
-            continue
-        numbers = tuple(range(len(arrays), len(arrays) + len(leaves)))
-        alone = jax.tree.structure(0) == structure
-        fields.append(Field(name, numbers, None if alone else structure))
-        arrays += leaves
+        paths, structure = jax.tree_util.tree_flatten_with_path(value)
+        found = {name + jax.tree_util.keystr(path): leaf for path, leaf in paths}
+        if found and all(map(_is_number, found.values())):
+            fields.append(Field(name, tuple(found), structure))
+            arrays |= found
+        else:
+            fields.append(Field(name, constant=value))
     return fields, arrays
 
 

@@ -6,19 +6,20 @@ import functools
 import itertools
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
+from .._impact import Status
 from .._progress import Tell
 from ._axes import Grid
 from ._blocks import cut, padded
 from ._devices import Workers
-from ._plan import Group
-from ._skip import Array, is_flag
+from ._skip import Array, Group, is_flag
 
 Arrays = dict[str, np.ndarray]
 Order = Callable[[Group], np.ndarray]
@@ -32,16 +33,15 @@ class Part:
     number: int
     """Its number among the results of the call."""
     array: Array
-    useful: tuple[slice, ...]
-    """The part without padding."""
+    lengths: tuple[int, ...]
+    """How many lanes it has along each dimension, without padding."""
     place: tuple[Any, ...]
     """Where in the whole array it belongs: slices, or indices lane by lane."""
 
     @property
     def form(self) -> jax.ShapeDtypeStruct:
         """Shape and type of the part without padding."""
-        lanes = tuple(s.stop for s in self.useful)
-        return jax.ShapeDtypeStruct(lanes + self.array.kind.shape, self.array.kind.dtype)
+        return jax.ShapeDtypeStruct(self.lengths + self.array.kind.shape, self.array.kind.dtype)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,20 +51,25 @@ class Block:
     number: int
     call: Callable[..., Sequence[jax.Array]]
     arguments: Callable[[], list[np.ndarray]]
-    parts: tuple[Part, ...]
+    parts: Sequence[Part]
     place: tuple[slice, ...] = ()
     """The part of the dimensions of its group, if it is a part of a grid."""
 
     @property
     def lanes(self) -> int:
         """The number of lanes without padding."""
-        return max(math.prod(s.stop for s in part.useful) for part in self.parts)
+        return max(math.prod(part.lengths) for part in self.parts)
 
     def results(self, outputs: Sequence[jax.Array]) -> Arrays:
         """What the call returned, by key, without padding."""
         return {
-            part.array.key: np.asarray(outputs[part.number])[part.useful] for part in self.parts
+            part.array.key: np.asarray(outputs[part.number])[tuple(map(slice, part.lengths))]
+            for part in self.parts
         }
+
+
+Keep = Callable[[Block, Arrays], None]
+"""Called with a block and its results by key."""
 
 
 def shape_of(dims: Sequence[int], grid: Grid) -> tuple[int, ...]:
@@ -101,16 +106,14 @@ def _in_place(group: Group, grid: Grid, most: int, numbers: Iterator[int]) -> It
             Part(
                 number,
                 array,
-                tuple(slice(0, along[d].stop - along[d].start) for d in array.dims),
+                tuple(along[d].stop - along[d].start for d in array.dims),
                 tuple(along[d] for d in array.dims),
             )
             for number, array in enumerate(group.arrays)
             # The first block along a dimension computes what does not vary along it.
             if all(along[d].start == 0 for d in group.dims if d not in array.dims)
         ]
-        yield Block(
-            next(numbers), group.grid, functools.partial(arguments, place), tuple(parts), place
-        )
+        yield Block(next(numbers), group.grid, functools.partial(arguments, place), parts, place)
 
 
 def _ordered(
@@ -129,24 +132,20 @@ def _ordered(
 
     for (piece,) in made.blocks:
         at = places(order[piece])
-        useful = (slice(0, piece.stop - piece.start),)
         parts = [
-            Part(number, array, useful, tuple(at[d] for d in array.dims))
+            Part(number, array, (piece.stop - piece.start,), tuple(at[d] for d in array.dims))
             for number, array in enumerate(group.arrays)
         ]
-        yield Block(next(numbers), group.lanes, functools.partial(arguments, piece), tuple(parts))
+        yield Block(next(numbers), group.lanes, functools.partial(arguments, piece), parts)
 
 
 def compute(
-    blocks: Iterable[Block],
-    workers: Workers,
-    keep: Callable[[Block, Arrays], None] | None = None,
-) -> Iterator[tuple[Block, Arrays | None]]:
-    """Compute blocks and yield them in order, with their results, in every process.
+    blocks: Iterable[Block], workers: Workers, keep: Keep, *, exchange: bool = True
+) -> Iterator[Block]:
+    """Compute blocks in order, call `keep` with the results of each, and then yield it.
 
-    The next blocks are computed while one is read. With `keep`, which is called with the
-    results of a block by the process that has computed it, processes do not exchange results, and
-    None stands for them.
+    The next blocks are computed while one is read. Every process keeps every block; without
+    `exchange` only the one that has computed it does.
     """
     waiting: deque[tuple[list[Block], Sequence[jax.Array]]] = deque()
     blocks = iter(blocks)
@@ -159,87 +158,85 @@ def compute(
         if group:
             waiting.append((group, started))
         while waiting and (not group or len(waiting) > workers.ahead):
-            yield from _read(*waiting.popleft(), workers, keep)
+            done, outputs = waiting.popleft()
+            yield from _kept(done, outputs, workers, keep, exchange)
         if not group:
             return
 
 
-def _read(
+def _kept(
     group: list[Block],
-    started: Sequence[jax.Array],
+    outputs: Sequence[jax.Array],
     workers: Workers,
-    keep: Callable[[Block, Arrays], None] | None,
-) -> Iterator[tuple[Block, Arrays | None]]:
+    keep: Keep,
+    exchange: bool,
+) -> Iterator[Block]:
     mine = {}
     if workers.process < len(group):
-        mine = group[workers.process].results(started)
-        if keep is not None:
+        mine = group[workers.process].results(outputs)
+        if not exchange:
             keep(group[workers.process], mine)
-    if keep is not None:
-        yield from ((block, None) for block in group)
+    if not exchange:
+        yield from group
         return
     forms = [[part.form for part in block.parts] for block in group]
     forms += [[]] * (workers.processes - len(group))
     everyone = workers.exchanged(list(mine.values()), forms)
     for block, found in zip(group, everyone, strict=False):
-        keys = [part.array.key for part in block.parts]
-        yield block, dict(zip(keys, found, strict=True))
+        keep(block, dict(zip([part.array.key for part in block.parts], found, strict=True)))
+        yield block
 
 
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """The arrays of a run by key, and the part of the lanes that was computed, 1 at the end."""
-
-    arrays: Mapping[str, Any]
-    done: float
-
-
-def collect(
+def work_off(
     blocks: Sequence[Block],
-    grid: Grid,
+    total: int,
     workers: Workers,
     tell: Tell,
-    unfinished: Mapping[str, Any],
-) -> Outcome:
-    """Compute all blocks into arrays.
+    keep: Keep,
+    *,
+    exchange: bool = True,
+) -> tuple[list[Block], float]:
+    """Compute blocks: those that were not computed, and the part of `total` lanes that is done.
 
-    An interrupt from the keyboard ends it early: what has not been computed then holds the numbers
-    `unfinished`, by key. An interrupt before the first useful result is raised again.
+    An interrupt from the keyboard ends it early. It is raised again if the rest has flags, without
+    which no result is useful, or if other processes wait for the rest.
     """
-    arrays = empty_arrays(blocks, grid)
-    finished: set[int] = set()
-    total = sum(block.lanes for block in blocks)
-    done = 0
+    left = {block.number: block for block in blocks}
+    done = total - sum(block.lanes for block in blocks)
     try:
-        for block, results in compute(blocks, workers):
-            assert results is not None
-            for part in block.parts:
-                arrays[part.array.key][part.place] = results[part.array.key]
-            finished.add(block.number)
+        for block in compute(blocks, workers, keep, exchange=exchange):
+            del left[block.number]
             done += block.lanes
             tell(done, total)
     except KeyboardInterrupt:
-        missing = [block for block in blocks if block.number not in finished]
-        fill(arrays, missing, unfinished, workers)
-        return Outcome(arrays, done / total)
-    return Outcome(arrays, 1.0)
+        flags = any(is_flag(part.array.key) for block in left.values() for part in block.parts)
+        if flags or workers.processes > 1:
+            raise
+    return list(left.values()), done / total if left else 1.0
 
 
-def empty_arrays(blocks: Sequence[Block], grid: Grid) -> Arrays:
-    """Arrays that have room for the results of all blocks."""
-    return {
+def collect(
+    blocks: Sequence[Block], grid: Grid, workers: Workers, tell: Tell
+) -> tuple[Arrays, float]:
+    """Compute all blocks into arrays by key; with them the part of the lanes that is done."""
+    arrays = {
         array.key: np.empty(shape_of(array.dims, grid) + array.kind.shape, array.kind.dtype)
         for array in dict.fromkeys(part.array for block in blocks for part in block.parts)
     }
 
+    def keep(block: Block, results: Arrays) -> None:
+        for part in block.parts:
+            arrays[part.array.key][part.place] = results[part.array.key]
 
-def fill(
-    arrays: Arrays, missing: Sequence[Block], unfinished: Mapping[str, Any], workers: Workers
-) -> None:
-    """Fill what was not computed with `unfinished`; KeyboardInterrupt if the rest is useless."""
-    parts = [part for block in missing for part in block.parts]
-    # Other processes wait for results that will not come.
-    if workers.processes > 1 or any(is_flag(part.array.key) for part in parts):
-        raise KeyboardInterrupt
-    for part in parts:
-        arrays[part.array.key][part.place] = unfinished[part.array.key]
+    total = sum(block.lanes for block in blocks)
+    left, done = work_off(blocks, total, workers, tell, keep)
+    fill(arrays, left)
+    return arrays, done
+
+
+def fill(arrays: Arrays, left: Iterable[Block]) -> None:
+    """Fill the places of blocks that were not computed: NaN, zero, or NOT_CONVERGED."""
+    for part in (part for block in left for part in block.parts):
+        key = part.array.key
+        unknown = jnp.nan if jnp.issubdtype(part.array.kind.dtype, jnp.inexact) else 0
+        arrays[key][part.place] = int(Status.NOT_CONVERGED) if key == "status" else unknown

@@ -14,7 +14,7 @@ import numpy as np
 
 from ._axes import Grid
 from ._export import version
-from ._skip import Constant, Program
+from ._skip import Constant, Place, Program
 
 # Left out of every text: an object has another address in every process.
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+|0x[0-9a-f]{6,}")
@@ -72,7 +72,7 @@ def _of_param(name: str, value: Any) -> Iterator[bytes]:
                 yield _bytes(const)
 
 
-def _of_place(where: int | Constant) -> Iterator[bytes]:
+def _of_place(where: Place) -> Iterator[bytes]:
     yield _bytes(where.value) if isinstance(where, Constant) else str(where).encode()
 
 

@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,7 +55,8 @@ class BlockStore:
 
     def __init__(self, group: zarr.Group, blocks: Sequence[Mapping[str, Place]]):
         self._blocks = blocks
-        self._arrays: dict[str, Any] = {name: group[name] for part in blocks for name in part}
+        names = dict.fromkeys(name for part in blocks for name in part)
+        self._arrays: dict[str, Any] = {name: group[name] for name in names}
         self._checksums: Any = group[_CHECKSUMS]
 
     def read(self, number: int) -> dict[str, np.ndarray] | None:
@@ -84,8 +85,7 @@ class BlockStore:
         """Write a block; it counts once its checksum is written, which comes last."""
         for name, place in self._blocks[number].items():
             self._arrays[name][place] = arrays[name]
-        part = {name: np.asarray(arrays[name]) for name in self._blocks[number]}
-        self._checksums[number] = np.uint64(_checksum(part))
+        self._checksums[number] = np.uint64(_checksum(arrays))
 
     def arrays(self) -> dict[str, zarr.Array]:
         """The arrays by name; each is read on access."""
@@ -97,7 +97,7 @@ def open_store(
     signature: Mapping[str, Any],
     arrays: Mapping[str, Stored],
     blocks: Sequence[Mapping[str, Place]],
-    coordinates: Mapping[str, Coordinate] | None = None,
+    coordinates: Mapping[str, Coordinate],
 ) -> BlockStore:
     """The store at `path`, made if there is none; `blocks` says which part each block fills.
 
@@ -110,9 +110,14 @@ def open_store(
     # As JSON gives it back: tuples are lists there.
     signature = json.loads(json.dumps(signature))
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-        _create(path, signature, arrays, len(blocks), coordinates or {})
+        _create(path, signature, arrays, len(blocks), coordinates)
     group = _existing(path)
-    _compare(path, group.attrs[_SIGNATURE], signature)
+    found = ", ".join(_differences(group.attrs[_SIGNATURE], signature))
+    if found:
+        raise ValueError(
+            "Argument `store` must be a new path or the store of this same sweep, but "
+            f"{path} differs in {found}. Choose another path, or delete it."
+        )
     try:
         return BlockStore(group, blocks)
     except KeyError as error:
@@ -205,31 +210,15 @@ def _existing(path: Path) -> zarr.Group:
     return group
 
 
-def _compare(path: Path, there: Any, here: Any) -> None:
-    found = [
-        f"`{key}` ({_shown(old)} there, {_shown(new)} here)"
-        for key, old, new in _differences(there, here)
-    ]
-    if found:
-        raise ValueError(
-            "Argument `store` must be a new path or the store of this same sweep, but "
-            f"{path} differs in {', '.join(found)}. Choose another path, or delete it."
-        )
-
-
-def _differences(there: Any, here: Any, key: str = "") -> list[tuple[str, Any, Any]]:
+def _differences(there: Any, here: Any, key: str = "") -> Iterator[str]:
     """Where two JSON values differ: keys joined by dots, with both values."""
-    if not (isinstance(there, dict) and isinstance(here, dict)):
-        return [] if there == here else [(key, there, here)]
-    found = []
-    for name in here | there:
-        inner = f"{key}.{name}" if key else name
-        found += _differences(there.get(name), here.get(name), inner)
-    return found
-
-
-def _shown(value: Any) -> str:
-    return "none" if value is None else repr(value)
+    if isinstance(there, dict) and isinstance(here, dict):
+        for name in here | there:
+            inner = f"{key}.{name}" if key else name
+            yield from _differences(there.get(name), here.get(name), inner)
+    elif there != here:
+        old, new = ("none" if value is None else repr(value) for value in (there, here))
+        yield f"`{key}` ({old} there, {new} here)"
 
 
 def _checksum(arrays: Mapping[str, np.ndarray]) -> int:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from .._impact import Status
@@ -13,8 +15,7 @@ from ._table import Table
 def shown(sweep: Table) -> str:
     """The axes with their ranges, the fields with what they depend on, and how lanes ended."""
     lengths = " × ".join(f"{name} {n}" for name, n in zip(sweep.dims, sweep.shape, strict=True))
-    lanes = int(np.prod(sweep.shape, dtype=int))
-    lines = [f"Sweep of {sweep.function}: {lengths or 'no axes'}, {lanes:,} lanes"]
+    lines = [f"Sweep of {sweep.function}: {lengths or 'no axes'}, {math.prod(sweep.shape):,} lanes"]
     for name, values in sweep.axes.items():
         lines += _entry(name, quantity(name, _range(values)))
     if sweep.fixed:

@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import functools
-import inspect
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._impact import Status
 from .._progress import Listener, Tell, progress_of
-from ._axes import Grid, Input, check_call, grid_of
+from ._axes import Grid, check_call, grid_of
 from ._column import Column, Mask, within
 from ._devices import Workers, workers_of
-from ._fields import Field
-from ._plan import Group, Plan, plan_of
+from ._fields import VALUE, Field
+from ._plan import Plan, plan_of
 from ._result import Sweep
 from ._resume import collect_stored
-from ._run import blocks_of, collect, compute, shape_of
+from ._run import Arrays, Block, Order, blocks_of, collect, compute, shape_of
 from ._signature import signature_of
-from ._skip import flag_key, leaf_key
+from ._skip import Group, flag_key
 
 _LANES = 1 << 14
 """Lanes in one call on a CPU: their intermediate results fit its caches. Measured on two cores:
@@ -98,7 +95,7 @@ def sweep(
     Returns a `Sweep`. Bad lanes are flagged in `.status`, their neighbours untouched. Raises
     ValueError for an argument that `fn` does not take or lacks, and for axes that are no numbers.
     """
-    check_batch(batch_size)
+    _check_batch(batch_size)
     if store is not None and (reduce is not None or cost is not None):
         other = "reduce" if reduce is not None else "cost"
         raise ValueError(
@@ -112,38 +109,36 @@ def sweep(
     most = batch_size or _lanes_at_once(plan)
     with progress_of(progress if workers.process == 0 else False, "lanes", "sweep") as tell:
         if reduce is not None:
-            return _reduced(fn, plan, grid, most, workers, reduce, tell)
-        order = None if cost is None else _order_by(cost, grid, most, workers)
-        blocks = list(blocks_of(plan.groups, grid, most, order))
-        if store is None:
-            outcome = collect(blocks, grid, workers, tell, _unfinished(plan))
+            table = _reduced(fn, plan, grid, most, workers, reduce, tell)
         else:
-            outcome = collect_stored(
-                store,
-                signature_of(plan.program, name_of(fn), grid, most),
-                _names(plan),
-                _conditions(plan),
-                blocks,
-                grid,
-                workers,
-                tell,
-                _unfinished(plan),
-            )
-    if outcome.done < 1:
-        _warn(outcome.done)
-    return _table(plan, plan.groups, grid, outcome.arrays, outcome.done, name_of(fn))
+            order = None if cost is None else _order_by(cost, grid, most, workers)
+            blocks = list(blocks_of(plan.groups, grid, most, order))
+            if store is None:
+                arrays, done = collect(blocks, grid, workers, tell)
+            else:
+                signature = signature_of(plan.program, _name_of(fn), grid, most)
+                arrays, done = collect_stored(
+                    store, signature, plan.leaves, blocks, grid, workers, tell
+                )
+            table = _table(plan, plan.groups, grid, arrays, done, _name_of(fn))
+    if not table.complete:
+        warnings.warn(
+            f"The sweep was interrupted with {100 * table.done:.0f} % of its work done: lanes that "
+            "were not computed are NaN, and `complete` is False.",
+            stacklevel=2,
+        )
+    return table
 
 
 def _lanes_at_once(plan: Plan) -> int:
     if jax.default_backend() != "cpu":
         return _LANES_ACCELERATED
-    if plan.program.open_ended:
+    if plan.program.holds("while"):
         return _LANES_OPEN_ENDED
-    return _LANES_BRANCHING if plan.program.branching else _LANES
+    return _LANES_BRANCHING if plan.program.holds("cond") else _LANES
 
 
-def check_batch(batch_size: Any) -> None:
-    """Raise ValueError unless this is a number of lanes or None."""
+def _check_batch(batch_size: Any) -> None:
     whole = isinstance(batch_size, int) and not isinstance(batch_size, bool)
     if batch_size is not None and not (whole and batch_size >= 1):
         raise ValueError(
@@ -151,10 +146,9 @@ def check_batch(batch_size: Any) -> None:
         )
 
 
-def name_of(function: Callable[..., Any]) -> str:
-    """The name of a function."""
+def _name_of(function: Callable[..., Any]) -> str:
     if isinstance(function, functools.partial):
-        return name_of(function.func)
+        return _name_of(function.func)
     return getattr(function, "__name__", type(function).__name__)
 
 
@@ -168,72 +162,33 @@ def _table(
 ) -> Sweep:
     """The table of arrays that groups of a plan have filled."""
     dims = {array.key: array.dims for group in groups for array in group.arrays}
-    masks = {key: Mask(dims[key], arrays[key]) for key in arrays if key in dims}
-    columns = []
-    for i, leaf in enumerate(plan.leaves):
-        key = leaf_key(i)
-        conditions = () if groups == (plan.whole,) else leaf.conditions
-        flags = tuple(masks[flag_key(slot)] for slot in conditions)
-        columns.append(Column(dims[key], arrays[key], flags, leaf.otherwise))
-    checks = [masks[flag_key(slot)] for slot in plan.checks]
-    return Sweep(grid, plan.fields, columns, checks, done=done, function=function)
 
+    def masks(slots: Iterable[int]) -> tuple[Mask, ...]:
+        return tuple(Mask(dims[key], arrays[key]) for key in map(flag_key, slots))
 
-def _unfinished(plan: Plan) -> dict[str, Any]:
-    """The numbers of lanes that were not computed."""
-    numbers: dict[str, Any] = {}
-    for group in plan.groups:
-        for array in group.arrays:
-            inexact = jnp.issubdtype(array.kind.dtype, jnp.inexact)
-            numbers[array.key] = jnp.nan if inexact else 0
-    for field in plan.fields:
-        if field.name == "status":
-            numbers.update((leaf_key(leaf), int(Status.NOT_CONVERGED)) for leaf in field.leaves)
-    return numbers
-
-
-def _names(plan: Plan) -> dict[str, str]:
-    """The names of the arrays of the output, by key."""
-    return {
-        leaf_key(leaf): name
-        for field in plan.fields
-        for name, leaf in zip(field.leaf_names(), field.leaves, strict=True)
+    columns = {
+        name: Column(
+            dims[name],
+            arrays[name],
+            () if groups == (plan.whole,) else masks(leaf.conditions),
+            leaf.otherwise,
+        )
+        for name, leaf in plan.leaves.items()
     }
+    return Sweep(grid, plan.fields, columns, masks(plan.checks), done=done, function=function)
 
 
-def _conditions(plan: Plan) -> dict[str, list[str]]:
-    """The flags that must be true for an array of the output to hold, by key."""
-    return {
-        leaf_key(i): [flag_key(slot) for slot in leaf.conditions]
-        for i, leaf in enumerate(plan.leaves)
-    }
-
-
-def _warn(done: float) -> None:
-    warnings.warn(
-        f"The sweep was interrupted with {100 * done:.0f} % of its work done: lanes that were not "
-        "computed are NaN, and `complete` is False.",
-        stacklevel=3,
-    )
-
-
-def _order_by(
-    cost: Callable[..., Any], grid: Grid, most: int, workers: Workers
-) -> Callable[[Group], np.ndarray]:
+def _order_by(cost: Callable[..., Any], grid: Grid, most: int, workers: Workers) -> Order:
     """The lanes of a group from the most to the least expensive, as `cost` predicts."""
-    taken = _taken(cost)
-    given = tuple(i for i in grid.inputs if taken is None or i.name in taken)
-    static = tuple(s for s in grid.static if taken is None or s[0] in taken)
-    asked = Grid(grid.dims, grid.shape, given, static)
-    check_call(cost, asked)
-    plan = plan_of(cost, asked)
+    taken = grid.taken_by(cost)
+    check_call(cost, taken)
+    plan = plan_of(cost, taken)
     if len(plan.leaves) != 1 or plan.whole.arrays[0].kind.shape != ():
         raise ValueError("Argument `cost` must return one number for each lane.")
-    groups = tuple(group for group in plan.groups if not group.flags)
-    blocks = list(blocks_of(groups, asked, most))
-    outcome = collect(blocks, asked, workers, lambda *_: None, _unfinished(plan))
-    (group,) = groups
-    predicted = outcome.arrays[leaf_key(0)]
+    (group,) = (group for group in plan.groups if not group.flags)
+    blocks = list(blocks_of((group,), taken, most))
+    arrays, _ = collect(blocks, taken, workers, lambda *_: None)
+    (predicted,) = arrays.values()
 
     def order(wanted: Group) -> np.ndarray:
         # Any index serves along a dimension that the wanted arrays do not have.
@@ -243,16 +198,6 @@ def _order_by(
         return np.argsort(-lanes.reshape(-1), kind="stable")
 
     return order
-
-
-def _taken(function: Callable[..., Any]) -> set[str] | None:
-    try:
-        parameters = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):
-        return None
-    return (
-        None if any(p.kind == p.VAR_KEYWORD for p in parameters) else {p.name for p in parameters}
-    )
 
 
 def _reduced(
@@ -273,25 +218,20 @@ def _reduced(
         raise ValueError(
             f"Argument `reduce` must be a pair (start, fold) with a function, but is {reduce!r}."
         )
+    whole, function = (plan.whole,), _name_of(fn)
+
+    def keep(block: Block, arrays: Arrays) -> None:
+        nonlocal value
+        part = _table(plan, whole, grid.part(block.place), arrays, 1.0, function)
+        value = fold(value, part)
+
     done = 0
     try:
-        for block, arrays in compute(blocks_of((plan.whole,), grid, most), workers):
-            assert arrays is not None
-            part = _part(grid, block.place)
-            table = _table(plan, (plan.whole,), part, arrays, 1.0, name_of(fn))
-            value = fold(value, table)
+        for block in compute(blocks_of(whole, grid, most), workers, keep):
             done += block.lanes
             tell(done, grid.size)
     except KeyboardInterrupt:
         if not done or workers.processes > 1:
             raise
-        _warn(done / grid.size)
-    field = Field("value", (), None, value)
-    return Sweep(grid, [field], [], done=done / grid.size, function=name_of(fn))
-
-
-def _part(grid: Grid, place: tuple[slice, ...]) -> Grid:
-    inputs = tuple(
-        i if i.dim is None else Input(i.name, i.values[place[i.dim]], i.dim) for i in grid.inputs
-    )
-    return Grid(grid.dims, tuple(s.stop - s.start for s in place), inputs, grid.static)
+    field = Field(VALUE, constant=value)
+    return Sweep(grid, [field], {}, done=done / grid.size, function=function)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import jax
 import numpy as np
 
 from .._impact import Status
-from ._axes import Grid, Input
+from ._axes import Grid
 from ._column import Column, Mask, within
 from ._fields import Field
 
@@ -18,54 +18,46 @@ from ._fields import Field
 class Table:
     """All fields over a grid, each array stored over the dimensions that it depends on."""
 
+    dims: tuple[str, ...]
+    """The names of the dimensions."""
+    shape: tuple[int, ...]
+    """The lengths of the dimensions."""
+    axes: dict[str, np.ndarray]
+    """The numbers of every axis, or of every sample, by name."""
+    fixed: dict[str, Any]
+    """What was held fixed, by name."""
+    function: str
+    """The name of the function that was swept."""
+    done: float
+    """The part of the work that was done: 1, or less after an interrupt."""
+    complete: bool
+    """Whether every lane was computed."""
+
     def __init__(
         self,
         grid: Grid,
         fields: Sequence[Field],
-        columns: Sequence[Column],
+        columns: Mapping[str, Column],
         checks: Sequence[Mask] = (),
         *,
         done: float = 1.0,
         function: str = "",
     ):
+        self.dims, self.shape = grid.dims, grid.shape
+        self.axes = {i.name: i.values for i in grid.inputs if i.dim is not None}
+        fixed = {i.name: i.values[()] for i in grid.inputs if i.dim is None}
+        self.fixed = fixed | dict(grid.static)
+        self.function, self.done, self.complete = function, done, done == 1
         self._grid = grid
         self._fields = {field.name: field for field in fields}
-        self._columns = tuple(column.settled() for column in columns)
-        self._checks = tuple(checks)
-        self._done = done
-        self._function = function
+        self._columns = {name: column.settled() for name, column in columns.items()}
+        self._checks = checks
         self._made: dict[str, Any] = {}
-
-    @property
-    def axes(self) -> dict[str, np.ndarray]:
-        """The numbers of every axis, or of every sample, by name."""
-        return {i.name: i.values for i in self._grid.inputs if i.dim is not None}
-
-    @property
-    def fixed(self) -> dict[str, Any]:
-        """What was held fixed, by name."""
-        numbers = {i.name: i.values[()] for i in self._grid.inputs if i.dim is None}
-        return numbers | dict(self._grid.static)
-
-    @property
-    def dims(self) -> tuple[str, ...]:
-        """The names of the dimensions."""
-        return self._grid.dims
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """The lengths of the dimensions."""
-        return self._grid.shape
 
     @property
     def fields(self) -> tuple[str, ...]:
         """The names of the fields."""
         return tuple(self._fields)
-
-    @property
-    def complete(self) -> bool:
-        """Whether every lane was computed."""
-        return self._done == 1
 
     @property
     def status(self) -> np.ndarray:
@@ -78,30 +70,23 @@ class Table:
         if name not in self._fields:
             raise KeyError(f"{name!r} is not a field; the fields are {', '.join(self._fields)}")
         if name not in self._made:
-            self._made[name] = self._make(self._fields[name])
+            field = self._fields[name]
+            arrays = [self._columns[array].array(self.shape) for array in field.arrays]
+            made = jax.tree.unflatten(field.structure, arrays) if arrays else field.constant
+            self._made[name] = made
         return self._made[name]
 
-    def _make(self, field: Field) -> Any:
-        if not field.leaves:
-            return field.constant
-        arrays = [self._columns[leaf].array(self.shape) for leaf in field.leaves]
-        return arrays[0] if field.structure is None else jax.tree.unflatten(field.structure, arrays)
-
     def columns(self) -> dict[str, Column]:
-        """Every array, by the name of its field, as small as it is stored."""
-        return {
-            name: self._columns[leaf]
-            for field in self._fields.values()
-            for name, leaf in zip(field.leaf_names(), field.leaves, strict=True)
-        }
+        """Every array by its name, as small as it is stored."""
+        return self._columns
 
     @functools.cached_property
     def status_column(self) -> Column:
         """The status, as small as it is stored."""
-        given = self.columns().get("status")
+        given = self._columns.get("status")
         if given is not None:
             return given
-        floats = [c for c in self._columns if np.issubdtype(c.stored.dtype, np.inexact)]
+        floats = [c for c in self._columns.values() if np.issubdtype(c.stored.dtype, np.inexact)]
         checks = tuple(mask for mask in self._checks if not mask.good.all())
         masks = [mask for c in floats for mask in c.masks if not any(map(mask.same, checks))]
         dims = tuple(sorted({d for part in (*floats, *masks) for d in part.dims}))
@@ -127,38 +112,14 @@ class Table:
         """The dimension along which every axis, or sample, varies."""
         return {i.name: self.dims[i.dim] for i in self._grid.inputs if i.dim is not None}
 
-    @property
-    def function(self) -> str:
-        """The name of the function that was swept."""
-        return self._function
-
-    @property
-    def done(self) -> float:
-        """The part of the work that was done: 1, or less after an interrupt."""
-        return self._done
-
     def taken(self, name: str, place: int) -> Self:
         """The same at one index of a dimension, without that dimension."""
         dim = self.dims.index(name)
-
-        def moved(given: Input) -> Input:
-            if given.dim is None or given.dim < dim:
-                return given
-            if given.dim == dim:
-                return Input(given.name, given.values[place], None)
-            return Input(given.name, given.values, given.dim - 1)
-
-        grid = Grid(
-            dims=self.dims[:dim] + self.dims[dim + 1 :],
-            shape=self.shape[:dim] + self.shape[dim + 1 :],
-            inputs=tuple(map(moved, self._grid.inputs)),
-            static=self._grid.static,
-        )
         return type(self)(
-            grid,
+            self._grid.taken(dim, place),
             tuple(self._fields.values()),
-            [column.taken(dim, place) for column in self._columns],
+            {name: column.taken(dim, place) for name, column in self._columns.items()},
             [mask.taken(dim, place) for mask in self._checks],
-            done=self._done,
-            function=self._function,
+            done=self.done,
+            function=self.function,
         )

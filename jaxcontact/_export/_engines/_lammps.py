@@ -7,14 +7,13 @@ from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 from scipy.optimize import root_scalar
 
 from ..._contact import Contact
-from ..._elementary import power
 from ..._impact import restitution
 from ..._laws import AbstractLaw, AbstractOscillator, AntypovElliott, KuwabaraKono, Tsuji
-from ..._parameter import NOT_NEGATIVE, POSITIVE, RESTITUTION_FROM_ZERO, as_parameter, parameter
+from ..._parameter import POSITIVE, RESTITUTION_FROM_ZERO, as_parameter, parameter
 from .._engine import Engine, register_engine
 from .._wanted import Draft, Wanted, matched_stiffness
 
@@ -33,33 +32,6 @@ class TsujiWithoutRoot(AbstractOscillator):
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         """ζ = p(e)/√5."""
         return Tsuji(e=self.e).damping_ratio() / math.sqrt(2)
-
-
-class Viscoelastic(AbstractLaw):
-    """LAMMPS' hertz with damping viscoelastic: F = K δ^(3/2) + η m √(R δ) δ'; it may pull.
-
-    `eta` η ≥ 0 in 1/(m s), `radius` R > 0 in m, the effective one. The law of Kuwabara and Kono
-    with A = 2 η m √R/(3K). Source: the page of pair_style granular,
-    docs.lammps.org/pair_granular.html.
-    """
-
-    eta: Float[Array, "..."] = parameter("eta", NOT_NEGATIVE)
-    radius: Float[Array, "..."] = parameter("radius", POSITIVE)
-    exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
-
-    def force(
-        self,
-        indentation: ArrayLike,
-        velocity: ArrayLike,
-        contact: Contact,
-        impact_velocity: ArrayLike,
-    ) -> Float[Array, "..."]:
-        """F = K δ^(3/2) + η m √(R δ) δ' in N, and zero for δ < 0."""
-        indentation = as_parameter(indentation, "indentation")
-        contact_radius = jnp.sqrt(self.radius) * power(indentation, 0.5)
-        damping = self.eta * contact.mass * contact_radius * as_parameter(velocity, "velocity")
-        force = contact.stiffness * power(indentation, 1.5) + damping
-        return force if self.tension else jnp.maximum(force, 0)
 
 
 Solved = tuple[AbstractLaw, float, float]
@@ -88,7 +60,17 @@ def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], S
     """Solves a law whose parameter e is not the restitution that it delivers."""
 
     def solve(wanted: Wanted, radius: float) -> Solved:
-        e = _asked(lambda e: kind(e=jnp.asarray(e)), wanted.restitution)
+        def excess(e: float) -> float:
+            return float(restitution(kind(e=jnp.asarray(e)))) - wanted.restitution
+
+        lowest, highest = excess(0.0), excess(1.0)
+        if not lowest <= 0 <= highest:
+            raise ValueError(
+                "Argument `damping` must be one that delivers the restitution "
+                f"{wanted.restitution:g}, but 'tsuji' delivers {lowest + wanted.restitution:.4g} "
+                f"to {highest + wanted.restitution:.4g}; try 'coeff_restitution'."
+            )
+        e = root_scalar(excess, bracket=(0.0, 1.0), xtol=1e-14).root
         law = kind(e=jnp.asarray(e))
         return law, matched_stiffness(wanted, 1.5, law), e
 
@@ -96,32 +78,19 @@ def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], S
 
 
 def _viscoelastic(wanted: Wanted, radius: float) -> Solved:
-    # In units where mass, stiffness and speed are 1 the law has one number left, A.
-    unit = Contact(1.0, 1.0, 1.5)
-    scaled = KuwabaraKono(A=jnp.asarray(_scaled_relaxation(wanted.restitution, unit)))
+    # LAMMPS has F = K δ^(3/2) + η m √(R δ) δ': the law of Kuwabara and Kono with
+    # A = 2 η m √R/(3K). In units where mass, stiffness and speed are 1, A is its only number.
+    scaled = KuwabaraKono(A=jnp.asarray(_scaled_relaxation(wanted.restitution)))
     stiffness = matched_stiffness(wanted, 1.5, scaled)
     time = (wanted.mass / stiffness) ** 0.4 * wanted.velocity**-0.2
-    eta = 1.5 * stiffness * float(scaled.A) * time / (wanted.mass * math.sqrt(radius))
-    return Viscoelastic(eta=jnp.asarray(eta), radius=jnp.asarray(radius)), stiffness, eta
+    law = KuwabaraKono(A=scaled.A * time)
+    eta = 1.5 * stiffness * float(law.A) / (wanted.mass * math.sqrt(radius))
+    return law, stiffness, eta
 
 
-def _asked(law: Callable[[float], AbstractLaw], wanted: float) -> float:
-    """The e of `law` that delivers `wanted`; ValueError where the polynomial does not reach it."""
-
-    def excess(e: float) -> float:
-        return float(restitution(law(e))) - wanted
-
-    lowest, highest = excess(0.0), excess(1.0)
-    if not lowest <= 0 <= highest:
-        raise ValueError(
-            f"Argument `damping` must be one that delivers the restitution {wanted:g}, but 'tsuji' "
-            f"delivers {lowest + wanted:.4g} to {highest + wanted:.4g}; try 'coeff_restitution'."
-        )
-    return root_scalar(excess, bracket=(0.0, 1.0), xtol=1e-14).root
-
-
-def _scaled_relaxation(wanted: float, unit: Contact) -> float:
+def _scaled_relaxation(wanted: float) -> float:
     """The A of Kuwabara and Kono that delivers e in a contact of mass, stiffness and speed 1."""
+    unit = Contact(1.0, 1.0, 1.5)
 
     def excess(relaxation: float) -> float:
         return float(restitution(KuwabaraKono(A=jnp.asarray(relaxation)), unit, 1.0)) - wanted

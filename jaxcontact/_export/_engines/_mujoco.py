@@ -34,10 +34,7 @@ class SoftConstraint(AbstractOscillator):
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         """ζ = b/(2√(K/m)); ValueError if `contact` is missing."""
         if contact is None:
-            raise ValueError(
-                "Argument `contact` is needed for `SoftConstraint`, whose ζ depends on it, "
-                "but is None."
-            )
+            raise ValueError("Argument `contact` is needed for `SoftConstraint`, but is None.")
         return self.damping / 2 * jnp.sqrt(contact.mass) / jnp.sqrt(contact.stiffness)
 
 

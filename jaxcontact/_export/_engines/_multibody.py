@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -19,35 +17,17 @@ from ..._laws import (
     HuntCrossley,
     MarhefkaOrin,
 )
-from ..._parameter import NOT_NEGATIVE, POSITIVE, RESTITUTION, as_parameter, parameter
+from ..._parameter import POSITIVE, RESTITUTION, as_parameter, parameter
 from .._engine import Engine, register_engine
 from .._wanted import Draft, Wanted, matched_stiffness
 
 
-class Dissipation(AbstractHuntCrossley):
-    """Drake's point contact: F = K δ (1 + d δ'), zero where the bracket is negative.
-
-    `dissipation` d ≥ 0 in s/m, so that α = d v0. Source: the compliant contact pages of Drake's
-    documentation, drake.mit.edu/doxygen_cxx/group__compliant__contact.html.
-    """
-
-    dissipation: Float[Array, "..."] = parameter("dissipation", NOT_NEGATIVE)
-
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        """α = d v0; ValueError if `velocity` is missing."""
-        if velocity is None:
-            raise ValueError(
-                "Argument `velocity` is needed for `Dissipation`, whose α depends on it, "
-                "but is None."
-            )
-        return self.dissipation * as_parameter(velocity, "velocity")
-
-
 @register_engine
 class Drake(Engine):
-    """Drake's point contact F = k δ (1 + d δ'): α = d v0, so d = α(e)/v0, exactly."""
+    """Drake's point contact F = k δ (1 + d δ'): α = d v0, so d = α(e)/v0, exactly.
+
+    That is the law of Marhefka and Orin with a = (2/3) d.
+    """
 
     name = "drake"
 
@@ -59,7 +39,7 @@ class Drake(Engine):
         of_each = 2 * stiffness
         return Draft(
             model="point contact",
-            law=Dissipation(dissipation=jnp.asarray(dissipation)),
+            law=MarhefkaOrin(a=jnp.asarray(dissipation / 1.5)),
             contact=Contact(wanted.mass, stiffness, 1.0),
             parameters={
                 "hunt_crossley_dissipation": dissipation,
@@ -108,8 +88,6 @@ class Simbody(Engine):
             snippet=(
                 f"force.setBodyParameters(surface, {of_each:.12g}, {dissipation:.12g}, 0, 0, 0);"
             ),
-            steps=None,
-            expected_error=None,
             limit=(
                 "for both surfaces, each with these numbers. e falls with speed. Not run: Simbody "
                 "has no Python package; its integrators control their own step."
@@ -136,11 +114,6 @@ class GonthierCarvalhoMartins(AbstractHuntCrossley):
         return jnp.where(self.e > 1 / 3, above, Gonthier(e=self.e).damping_factor())
 
 
-def _of_hunt_crossley(alpha: float) -> float:
-    """The e with (3/2)(1-e) = α."""
-    return 1 - alpha / 1.5
-
-
 def _of_both(alpha: float) -> float:
     """The e whose α is that of Carvalho and Martins above 1/3 and of Gonthier et al. below."""
     # Both are quadratic in e: 3(1-e)(11-e) = 2α(1+9e), and 1-e² = αe. Their α agree at e = 1/3.
@@ -151,17 +124,10 @@ def _of_both(alpha: float) -> float:
     return 2 / (alpha + math.sqrt(alpha**2 + 4))
 
 
-class Model(NamedTuple):
-    """An impactModel of Exudyn: its law, the e for which its α is a given one, its source."""
-
-    law: Callable[..., AbstractHuntCrossley]
-    asked: Callable[[float], float]
-    source: str
-
-
+# An impactModel: its law, the e for which its α is a given one, and its source.
 _MODELS = {
-    1: Model(HuntCrossley, _of_hunt_crossley, "Hunt & Crossley 1975, doi 10.1115/1.3423596"),
-    2: Model(
+    1: (HuntCrossley, lambda alpha: 1 - alpha / 1.5, "Hunt & Crossley 1975, doi 10.1115/1.3423596"),
+    2: (
         GonthierCarvalhoMartins,
         _of_both,
         "Gonthier et al. 2004, doi 10.1023/B:MUBO.0000029392.21648.bc; "
@@ -180,8 +146,8 @@ class Exudyn(Engine):
         if impact_model not in _MODELS:
             raise ValueError(f"Argument `impact_model` must be 1 or 2, but is {impact_model!r}.")
         alpha = float(exact_damping_factor(wanted.restitution))
-        model = _MODELS[impact_model]
-        asked = model.asked(alpha)
+        kind, inverse, source = _MODELS[impact_model]
+        asked = inverse(alpha)
         if not asked > 0:
             raise ValueError(
                 "Argument `impact_model` must be 2 here, but is 1: it delivers 0.48774 at least, "
@@ -189,7 +155,7 @@ class Exudyn(Engine):
             )
         return Draft(
             model=f"ObjectContactSphereSphere, impactModel {impact_model}",
-            law=model.law(e=jnp.asarray(asked)),
+            law=kind(e=jnp.asarray(asked)),
             contact=Contact(wanted.mass, wanted.stiffness, wanted.exponent),
             parameters={
                 "restitutionCoefficient": asked,
@@ -213,5 +179,5 @@ class Exudyn(Engine):
                 "the speed at touch. The bodies must start apart: a ball that starts in touch is "
                 "never damped."
             ),
-            source=f"ObjectContactSphereSphere, exudyn.readthedocs.io; {model.source}",
+            source=f"ObjectContactSphereSphere, exudyn.readthedocs.io; {source}",
         )

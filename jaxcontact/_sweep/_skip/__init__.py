@@ -2,13 +2,12 @@
 
 from ._dependence import Dependence as Dependence
 from ._program import Constant as Constant
+from ._program import Place as Place
 from ._program import Program as Program
 from ._program import program_of as program_of
-from ._program import run as run
 from ._work import Analysis as Analysis
 from ._work import Array as Array
-from ._work import Work as Work
+from ._work import Group as Group
 from ._work import analysis_of as analysis_of
 from ._work import flag_key as flag_key
 from ._work import is_flag as is_flag
-from ._work import leaf_key as leaf_key

@@ -9,6 +9,7 @@ that number is filled in afterwards where it is false.
 
 from __future__ import annotations
 
+import functools
 import heapq
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -19,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._facts import Dims, Fact, Known, after, dims_of, of_constant
-from ._program import Constant, Program, Step
+from ._program import Constant, Place, Program, Step
 
 _COMPARISONS = {"gt", "ge", "lt", "le", "is_finite"}
 _SAME_NUMBER = {"abs", "convert_element_type", "reshape", "squeeze", "broadcast_in_dim", "copy"}
@@ -57,7 +58,7 @@ class Reading:
     def _reads(self, step: Step, changed: Mapping[int, Fact]) -> list[Fact]:
         return [self._fact(where, changed) for where in step.reads]
 
-    def _fact(self, where: int | Constant, changed: Mapping[int, Fact]) -> Fact:
+    def _fact(self, where: Place, changed: Mapping[int, Fact]) -> Fact:
         if isinstance(where, Constant):
             if where not in self._constants:
                 self._constants[where] = of_constant(where.value)
@@ -76,9 +77,8 @@ class Reading:
             if number == last:
                 continue
             last, step = number, self.program.steps[number]
-            for slot, fact in zip(
-                step.writes, after(step, self._reads(step, changed)), strict=True
-            ):
+            facts = after(step, self._reads(step, changed))
+            for slot, fact in zip(step.writes, facts, strict=True):
                 if slot not in assumed and fact != self.facts[slot]:
                     changed[slot] = fact
                     for user in self._users.get(slot, ()):
@@ -96,19 +96,17 @@ class Reading:
         # The same object for the same constant, so that equal steps compare equal.
         return self._made.setdefault((kind.shape, kind.dtype, value.tobytes()), Constant(value))
 
-    def specialised(
-        self, conditions: Iterable[int], outputs: Sequence[int | Constant]
-    ) -> tuple[tuple[Step, ...], list[int | Constant]]:
-        """The steps and the `outputs` of the program with all `conditions` true.
+    def specialised(self, conditions: Iterable[int], output: Place) -> tuple[list[Step], Place]:
+        """The steps and the `output` of the program with all `conditions` true.
 
         A choice that the conditions decide is replaced by the chosen case, so that the other case
         is not computed.
         """
         changed = self.given(conditions)
-        instead: dict[int, int | Constant] = {}
+        instead: dict[int, Place] = {}
         steps = []
 
-        def resolved(where: int | Constant) -> int | Constant:
+        def resolved(where: Place) -> Place:
             if isinstance(where, Constant):
                 return where
             fact = self._fact(where, changed)
@@ -131,34 +129,31 @@ class Reading:
                 ]
                 continue
             steps.append(Step(step.primitive, step.params, reads, step.writes))
-        return tuple(steps), [resolved(where) for where in outputs]
+        return steps, resolved(output)
 
 
 def dependences(reading: Reading) -> list[Dependence]:
     """For every output the fewest proven dimensions, and their conditions."""
-    everything = [dims_of(fact) for fact in reading.outputs()]
+
+    @functools.cache
+    def left(conditions: frozenset[int]) -> list[Dims]:
+        return list(map(dims_of, reading.outputs(conditions)))
+
+    everything = left(frozenset())
     flags = {slot: dims for slot in _flags(reading.program) if (dims := reading.dims(slot))}
     # The best case has all flags true. Only flags that lead to it are analysed.
-    best = [dims_of(fact) for fact in reading.outputs(flags)]
+    best = left(frozenset(flags))
     better = [i for i, dims in enumerate(best) if dims < everything[i]]
     worth = [slot for slot in flags if any(not flags[slot] <= best[i] for i in better)]
     refuted = {slot: reading.outputs([slot], False) for slot in worth}
-    memory: dict[frozenset[int], list[Dims]] = {}
-
-    def left(conditions: Sequence[int], output: int) -> Dims:
-        key = frozenset(conditions)
-        if key not in memory:
-            memory[key] = [dims_of(fact) for fact in reading.outputs(key)]
-        return memory[key][output]
-
     found = [Dependence(dims) for dims in everything]
     for i in better:
         conditions, otherwise = _common({slot: ends[i] for slot, ends in refuted.items()})
-        dims = left(conditions, i)
+        dims = left(frozenset(conditions))[i]
         # Few and cheap conditions: those that change nothing are removed, the widest first.
         for slot in sorted(conditions, key=lambda slot: -len(flags[slot])):
             fewer = [other for other in conditions if other != slot]
-            if left(fewer, i) == dims:
+            if left(frozenset(fewer))[i] == dims:
                 conditions = fewer
         if dims < everything[i]:
             found[i] = Dependence(dims, tuple(conditions), otherwise)

@@ -31,31 +31,18 @@ Fact = Known | Dims
 """What is known of a slot: its value, or else the dimensions it may depend on."""
 
 
-def dims_of(fact: Fact) -> Dims:
-    """The dimensions something may depend on."""
-    return frozenset() if isinstance(fact, Known) else fact
+def dims_of(*facts: Fact) -> Dims:
+    """The dimensions something may depend on, or several things together."""
+    return frozenset(d for fact in facts if not isinstance(fact, Known) for d in fact)
 
 
 _RESHAPES = {"reshape", "squeeze", "broadcast_in_dim", "transpose", "copy", "slice", "rev"}
 _FOLDED: dict[str, Callable[..., Any]] = {
-    "and": np.bitwise_and,
-    "or": np.bitwise_or,
-    "not": np.bitwise_not,
-    "xor": np.bitwise_xor,
-    "eq": np.equal,
-    "ne": np.not_equal,
-    "lt": np.less,
-    "le": np.less_equal,
-    "gt": np.greater,
-    "ge": np.greater_equal,
-    "is_finite": np.isfinite,
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "neg": np.negative,
-    "abs": np.abs,
-    "max": np.maximum,
-    "min": np.minimum,
+    **{"and": np.bitwise_and, "or": np.bitwise_or, "not": np.bitwise_not, "xor": np.bitwise_xor},
+    **{"lt": np.less, "le": np.less_equal, "gt": np.greater, "ge": np.greater_equal},
+    **{"eq": np.equal, "ne": np.not_equal, "is_finite": np.isfinite},
+    **{"add": np.add, "sub": np.subtract, "mul": np.multiply, "neg": np.negative},
+    **{"abs": np.abs, "max": np.maximum, "min": np.minimum},
 }
 # Where one NaN among the operands makes the outcome NaN. Not pow: 1 to any power is 1.
 _PASS_NAN = {
@@ -82,8 +69,8 @@ def after(step: Step, reads: list[Fact]) -> list[Fact]:
     name = step.primitive.name
     if name == "optimization_barrier":
         return reads
-    if name == "select_n":
-        return [_selected(reads)]
+    if name == "select_n" and (chosen := _chosen(*reads)) is not None:
+        return [chosen]
     known = [fact for fact in reads if isinstance(fact, Known)]
     if name in ("and", "or"):
         decisive = np.bool_(name == "or")
@@ -91,9 +78,9 @@ def after(step: Step, reads: list[Fact]) -> list[Fact]:
             return [Known(decisive)]
     if name in _PASS_NAN and any(fact.value != fact.value for fact in known):
         return [Known(known[0].value.dtype.type("nan"))]
-    if len(known) == len(reads) == 1 and name in _RESHAPES:
-        return [known[0]]
-    if len(known) == len(reads) == 1 and name == "convert_element_type":
+    if known and name in _RESHAPES:
+        return reads
+    if known and name == "convert_element_type":
         value, dtype = known[0].value, np.dtype(step.params["new_dtype"])
         # A fraction or a NaN converted to a whole number depends on the machine.
         if dtype.kind == "f" or (dtype.kind in "biu" and value.dtype.kind in "biu"):
@@ -102,13 +89,12 @@ def after(step: Step, reads: list[Fact]) -> list[Fact]:
     if len(known) == len(reads) and name in _FOLDED:
         with np.errstate(all="ignore"):
             return [Known(_FOLDED[name](*(fact.value for fact in known)))]
-    return [frozenset[int]().union(*map(dims_of, reads))] * len(step.writes)
+    return [dims_of(*reads)] * len(step.writes)
 
 
-def _selected(reads: list[Fact]) -> Fact:
-    which, *cases = reads
+def _chosen(which: Fact, *cases: Fact) -> Fact | None:
+    """The case that is chosen, if that is known or makes no difference."""
     if isinstance(which, Known):
         return cases[int(which.value)]
-    if isinstance(cases[0], Known) and all(cases[0].same(case) for case in cases):
-        return cases[0]
-    return frozenset[int]().union(*map(dims_of, reads))
+    alike = isinstance(cases[0], Known) and all(cases[0].same(case) for case in cases)
+    return cases[0] if alike else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,25 +13,12 @@ import jax.numpy as jnp
 
 # Calls that are replaced by their body: only values are wanted, no further derivative.
 _CALLS = {
-    "jit",
-    "pjit",
-    "closed_call",
-    "core_call",
-    "custom_jvp_call",
-    "custom_vjp_call",
-    "remat2",
-    "checkpoint",
+    *("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call"),
+    *("remat2", "checkpoint"),
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One primitive: it reads slots or constants, and writes slots."""
-
-    primitive: core.Primitive
-    params: dict[str, Any]
-    reads: tuple[int | Constant, ...]
-    writes: tuple[int, ...]
+_PROGRAMS = core.ClosedJaxpr, core.Jaxpr
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +26,20 @@ class Constant:
     """A number that was known while tracing."""
 
     value: Any
+
+
+Place = int | Constant
+"""Where a number is found: a slot, or a constant."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One primitive: what it reads, and the slots it writes."""
+
+    primitive: core.Primitive
+    params: dict[str, Any]
+    reads: tuple[Place, ...]
+    writes: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,26 +50,13 @@ class Program:
     shapes: tuple[jax.ShapeDtypeStruct, ...]
     """Shape and type of every slot."""
     inputs: int
-    outputs: tuple[int | Constant, ...]
+    outputs: tuple[Place, ...]
     pure: bool
     """Whether it has no side effects."""
 
-    @property
-    def open_ended(self) -> bool:
-        """Whether it has a loop of unknown length, as long in a block as for its slowest lane."""
-        return self._holds("while")
-
-    @property
-    def branching(self) -> bool:
-        """Whether it has branches; before each, all numbers of a block are written to memory."""
-        return self._holds("cond")
-
-    def _holds(self, primitive: str) -> bool:
-        return any(
-            step.primitive.name == primitive
-            or any(_holds(part, primitive) for part in _parts(step.params))
-            for step in self.steps
-        )
+    def holds(self, primitive: str) -> bool:
+        """Whether it has a primitive of this name, in a loop or a branch too."""
+        return primitive in _primitives(self.steps)
 
 
 def program_of(function: Callable[..., Any], inputs: Sequence[jax.ShapeDtypeStruct]) -> Program:
@@ -77,13 +65,8 @@ def program_of(function: Callable[..., Any], inputs: Sequence[jax.ShapeDtypeStru
     builder = _Builder()
     slots = [builder.slot(var.aval) for var in closed.jaxpr.invars]
     outputs = builder.add(closed.jaxpr, closed.consts, slots)
-    return Program(
-        steps=tuple(builder.steps),
-        shapes=tuple(builder.shapes),
-        inputs=len(slots),
-        outputs=tuple(outputs),
-        pure=not closed.jaxpr.effects,
-    )
+    steps, shapes, pure = builder.steps, builder.shapes, not closed.jaxpr.effects
+    return Program(tuple(steps), tuple(shapes), len(slots), tuple(outputs), pure)
 
 
 class _Builder:
@@ -95,14 +78,12 @@ class _Builder:
         self.shapes.append(jax.ShapeDtypeStruct(aval.shape, aval.dtype))
         return len(self.shapes) - 1
 
-    def add(
-        self, jaxpr: core.Jaxpr, consts: Sequence[Any], inputs: Sequence[int | Constant]
-    ) -> list[int | Constant]:
+    def add(self, jaxpr: core.Jaxpr, consts: Sequence[Any], inputs: Sequence[Place]) -> list[Place]:
         # Two calls of one body share its variables: each call gets slots of its own.
-        where: dict[core.Var, int | Constant] = dict(zip(jaxpr.invars, inputs, strict=True))
+        where: dict[core.Var, Place] = dict(zip(jaxpr.invars, inputs, strict=True))
         where.update(zip(jaxpr.constvars, map(Constant, consts), strict=True))
 
-        def read(atom: Any) -> int | Constant:
+        def read(atom: Any) -> Place:
             return Constant(atom.val) if isinstance(atom, core.Literal) else where[atom]
 
         for eqn in jaxpr.eqns:
@@ -126,52 +107,40 @@ def _body(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]] | None:
     return (body, ()) if isinstance(body, core.Jaxpr) and not body.constvars else None
 
 
-def _holds(jaxpr: core.Jaxpr, primitive: str) -> bool:
-    return any(
-        eqn.primitive.name == primitive
-        or any(_holds(part, primitive) for part in _parts(eqn.params))
-        for eqn in jaxpr.eqns
-    )
+def _primitives(steps: Iterable[Step | core.JaxprEqn]) -> Iterator[str]:
+    """The names of all primitives, also of those inside others: bodies of loops, branches."""
+    for step in steps:
+        yield step.primitive.name
+        for part in jax.tree.leaves(step.params, is_leaf=lambda x: isinstance(x, _PROGRAMS)):
+            if isinstance(part, _PROGRAMS):
+                yield from _primitives(part.eqns)
 
 
-def _parts(params: dict[str, Any]) -> Iterable[core.Jaxpr]:
-    """The programs that a primitive holds: bodies of loops, branches."""
-    for value in jax.tree.leaves(params, is_leaf=lambda x: isinstance(x, core.ClosedJaxpr)):
-        if isinstance(value, core.ClosedJaxpr):
-            yield value.jaxpr
-        elif isinstance(value, core.Jaxpr):
-            yield value
-
-
-def needed(
-    steps: Sequence[Step], outputs: Iterable[int | Constant]
-) -> tuple[tuple[Step, ...], set[int]]:
-    """The steps that `outputs` are made of, and the slots that come from outside."""
+def needed(steps: Sequence[Step], outputs: Iterable[Place]) -> tuple[set[int], set[int]]:
+    """The numbers of the steps that `outputs` need, and the slots of the inputs that they need."""
     wanted = {out for out in outputs if isinstance(out, int)}
-    kept = []
-    for step in reversed(steps):
-        if wanted.isdisjoint(step.writes):
-            continue
-        kept.append(step)
-        wanted.difference_update(step.writes)
-        wanted.update(read for read in step.reads if isinstance(read, int))
-    return tuple(reversed(kept)), wanted
+    numbers = set()
+    for number, step in reversed(list(enumerate(steps))):
+        if not wanted.isdisjoint(step.writes):
+            numbers.add(number)
+            wanted.difference_update(step.writes)
+            wanted.update(read for read in step.reads if isinstance(read, int))
+    return numbers, wanted
 
 
 class Shared:
-    """Steps of several versions of a program, numbered so that equal work has one number."""
+    """Steps of several versions of a program, in which equal steps of two versions are one."""
 
     def __init__(self, inputs: int):
         self.steps: list[Step] = []
         self._slots = itertools.count(inputs)
-        self._seen: dict[Any, int] = {}
-        self._makers: dict[int, int] = {}
+        self._seen: dict[Any, tuple[int, ...]] = {}
 
-    def add(self, steps: Sequence[Step], outputs: Sequence[int | Constant]) -> list[int | Constant]:
-        """Add one version; its outputs, as slots of the shared steps."""
+    def add(self, steps: Sequence[Step], output: Place) -> Place:
+        """Add one version; its output, as a slot of the shared steps."""
         where: dict[int, int] = {}
 
-        def shared(place: int | Constant) -> int | Constant:
+        def shared(place: Place) -> Place:
             return place if isinstance(place, Constant) else where.get(place, place)
 
         for step in steps:
@@ -179,33 +148,17 @@ class Shared:
             # The slots that a step writes identify it within its program.
             key = step.writes, reads
             if key not in self._seen:
-                self._seen[key] = len(self.steps)
-                writes = tuple(next(self._slots) for _ in step.writes)
-                self._makers.update(dict.fromkeys(writes, len(self.steps)))
-                self.steps.append(Step(step.primitive, step.params, reads, writes))
-            where.update(zip(step.writes, self.steps[self._seen[key]].writes, strict=True))
-        return [shared(place) for place in outputs]
-
-    def numbers_of(self, output: int | Constant) -> set[int]:
-        """The numbers of the steps that an output is made of."""
-        found: set[int] = set()
-        waiting = [output]
-        while waiting:
-            place = waiting.pop()
-            maker = None if isinstance(place, Constant) else self._makers.get(place)
-            if maker is not None and maker not in found:
-                found.add(maker)
-                waiting += self.steps[maker].reads
-        return found
+                self._seen[key] = tuple(next(self._slots) for _ in step.writes)
+                self.steps.append(Step(step.primitive, step.params, reads, self._seen[key]))
+            where.update(zip(step.writes, self._seen[key], strict=True))
+        return shared(output)
 
 
-def run(
-    steps: Sequence[Step], outputs: Sequence[int | Constant], inputs: dict[int, jax.Array]
-) -> list[Any]:
+def run(steps: Sequence[Step], outputs: Sequence[Place], inputs: dict[int, jax.Array]) -> list[Any]:
     """What `steps` make of `inputs`; to be traced by jit and vmap like any function."""
     values: dict[int, Any] = dict(inputs)
 
-    def read(where: int | Constant) -> Any:
+    def read(where: Place) -> Any:
         return where.value if isinstance(where, Constant) else values[where]
 
     for step in steps:

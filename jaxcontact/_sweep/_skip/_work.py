@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import jax
@@ -10,7 +11,9 @@ import jax.numpy as jnp
 
 from ._dependence import Dependence, Reading, dependences, range_checks
 from ._facts import Dims
-from ._program import Constant, Program, Shared, Step, needed
+from ._program import Place, Program, Shared, Step, needed, run
+
+Compiled = Callable[..., list[jax.Array]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,148 +28,174 @@ class Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Work:
-    """Arrays that are computed together, and the steps that compute them."""
+class Group:
+    """Arrays that one compiled function computes together."""
 
     arrays: tuple[Array, ...]
-    inputs: tuple[int, ...]
-    """The inputs that the steps read."""
+    inputs: Mapping[int, int | None]
+    """The numbers of the inputs that are read, with the dimension that each varies along."""
     steps: tuple[Step, ...]
-    outputs: tuple[int | Constant, ...]
+    outputs: tuple[Place, ...]
     """One for each array."""
 
-    @property
+    @functools.cached_property
     def dims(self) -> tuple[int, ...]:
         """The dimensions of all arrays."""
         return tuple(sorted({d for array in self.arrays for d in array.dims}))
+
+    @property
+    def flags(self) -> bool:
+        """Whether these are flags, to be computed before anything else."""
+        return is_flag(self.arrays[0].key)
+
+    @property
+    def apart(self) -> bool:
+        """Whether no array varies along all dimensions: then there is no product to cut."""
+        return all(array.dims != self.dims for array in self.arrays)
+
+    @functools.cached_property
+    def grid(self) -> Compiled:
+        """Compiled, over the outer product of one-dimensional inputs; each array over its dims."""
+        grid = self._lane
+        for d in reversed(self.dims):
+            grid = jax.vmap(
+                grid,
+                in_axes=tuple(0 if other == d else None for other in self.inputs.values()),
+                out_axes=[0 if d in array.dims else None for array in self.arrays],
+            )
+        return jax.jit(grid)
+
+    @functools.cached_property
+    def lanes(self) -> Compiled:
+        """Compiled, over aligned inputs, one lane each."""
+        axes = tuple(None if d is None else 0 for d in self.inputs.values())
+        return jax.jit(jax.vmap(self._lane, in_axes=axes) if self.dims else self._lane)
+
+    def _lane(self, *values: jax.Array) -> list[jax.Array]:
+        return run(self.steps, self.outputs, dict(zip(self.inputs, values, strict=True)))
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
     """What a sweep computes of a program."""
 
-    leaves: tuple[Dependence, ...]
-    """How every output follows from the arrays."""
+    program: Program
+    leaves: Mapping[str, Dependence]
+    """How every array of the output follows from what is computed, by its name."""
     checks: tuple[int, ...]
     """The flags that say whether the input of a lane is valid."""
-    works: tuple[Work, ...]
+    groups: tuple[Group, ...]
     """Flags first, then arrays of few dimensions first."""
-    whole: Work
+    whole: Group
     """All leaves and checks over all dimensions, with nothing skipped."""
 
 
-def leaf_key(leaf: int) -> str:
-    """The key of an array of the output."""
-    return f"leaf {leaf}"
+_FLAGS = "flags/"
 
 
 def flag_key(slot: int) -> str:
-    """The key of a flag."""
-    return f"flag {slot}"
+    """The key of a flag; that of a leaf is its name."""
+    return f"{_FLAGS}{slot}"
 
 
 def is_flag(key: str) -> bool:
     """Whether a key is that of a flag."""
-    return key.startswith("flag")
+    return key.startswith(_FLAGS)
 
 
-def analysis_of(program: Program, along: Sequence[int | None], rank: int) -> Analysis:
+def analysis_of(
+    program: Program, names: Sequence[str], along: Sequence[int | None], rank: int
+) -> Analysis:
     """What to compute of `program` over `rank` dimensions.
 
-    `along` holds, for each input, the dimension that it varies along, or None.
+    `names` are those of its outputs; `along` holds, for each input, the dimension that it varies
+    along, or None.
     """
-    return _Analyst(program, along, rank).analysis()
+    return _Analyst(program, along, rank).analysis(names)
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """An array, the numbers of its steps, and the slot that holds it."""
-
-    array: Array
-    steps: frozenset[int]
-    out: int | Constant
+_Parts = list[tuple[Array, Place]]
+"""Arrays, each with the slot that holds it."""
 
 
 class _Analyst:
     def __init__(self, program: Program, along: Sequence[int | None], rank: int):
-        self.program, self.all = program, tuple(range(rank))
+        self.program, self.along, self.all = program, along, frozenset(range(rank))
         self.reading = Reading(program, [frozenset(() if d is None else (d,)) for d in along])
         self.shared = Shared(program.inputs)
 
-    def analysis(self) -> Analysis:
+    def analysis(self, names: Sequence[str]) -> Analysis:
         program = self.program
         checks = tuple(range_checks(self.reading)) if program.pure else ()
-        places = {leaf_key(i): where for i, where in enumerate(program.outputs)}
+        places = dict(zip(names, program.outputs, strict=True))
         places |= {flag_key(slot): slot for slot in checks}
-        whole = Work(
-            tuple(Array(key, self.all, self._kind(where)) for key, where in places.items()),
-            tuple(range(program.inputs)),
+        whole = Group(
+            tuple(self._array(key, self.all, where) for key, where in places.items()),
+            dict(enumerate(self.along)),
             program.steps,
             tuple(places.values()),
         )
         if not program.pure:
             # A side effect must happen for every lane: nothing is skipped.
-            leaves = [Dependence(frozenset(self.all))] * len(program.outputs)
-            return Analysis(tuple(leaves), checks, (whole,), whole)
-        leaves = dependences(self.reading)
-        flags = {slot for leaf in leaves for slot in leaf.conditions} | set(checks)
+            leaves = dict.fromkeys(names, Dependence(self.all))
+            return Analysis(program, leaves, checks, (whole,), whole)
+        found = dependences(self.reading)
+        leaves = dict(zip(names, found, strict=True))
+        flags = {slot for leaf in found for slot in leaf.conditions} | set(checks)
         # Flags first, so that an interrupted sweep has them.
-        works = (*self._flags(sorted(flags)), *self._leaves(leaves))
-        return Analysis(tuple(leaves), checks, works, whole)
+        groups = (*self._flags(sorted(flags)), *self._leaves(leaves))
+        return Analysis(program, leaves, checks, groups, whole)
 
-    def _flags(self, flags: Sequence[int]) -> Iterator[Work]:
+    def _flags(self, flags: Sequence[int]) -> Iterator[Group]:
         """Flags of one dimension together, others with those of the same dimensions."""
-        together: dict[Dims, list[_Part]] = {}
+        together: dict[Dims, _Parts] = {}
         for slot in flags:
             dims = self.reading.dims(slot)
-            part = self._part(flag_key(slot), dims, slot, ())
-            together.setdefault(dims if len(dims) > 1 else frozenset(), []).append(part)
-        yield from map(self._together, together.values())
+            parts = together.setdefault(dims if len(dims) > 1 else frozenset(), [])
+            parts.append(self._part(flag_key(slot), slot, Dependence(dims)))
+        return map(self._group, together.values())
 
-    def _leaves(self, leaves: Sequence[Dependence]) -> Iterator[Work]:
+    def _leaves(self, leaves: Mapping[str, Dependence]) -> Iterator[Group]:
         """Arrays of the same dimensions together; an array of fewer joins one that shares its work.
 
         The scaled solve that gives the duration for each pair of numbers also gives the
         restitution: together they are compiled once and solved once.
         """
-        together: dict[Dims, list[_Part]] = {}
-        for i, leaf in enumerate(leaves):
-            part = self._part(leaf_key(i), leaf.dims, self.program.outputs[i], leaf.conditions)
-            together.setdefault(leaf.dims, []).append(part)
-        for few in sorted(together, key=lambda dims: (len(dims), sorted(dims))):
-            for more in sorted(together, key=lambda dims: (len(dims), sorted(dims))):
-                if few < more and _alike(together[few], together[more]):
+        together: dict[Dims, _Parts] = {}
+        for (name, leaf), where in zip(leaves.items(), self.program.outputs, strict=True):
+            together.setdefault(leaf.dims, []).append(self._part(name, where, leaf))
+        for few in sorted(together, key=_size):
+            for more in sorted(together, key=_size):
+                if few < more and self._alike(together[few], together[more]):
                     together[more] += together.pop(few)
                     break
-        yield from map(self._together, together.values())
+        return map(self._group, together.values())
 
-    def _part(
-        self, key: str, dims: Dims, where: int | Constant, conditions: Sequence[int]
-    ) -> _Part:
-        steps, outputs = self.reading.specialised(conditions, [where])
-        (out,) = self.shared.add(steps, outputs)
-        numbers = frozenset(self.shared.numbers_of(out))
-        return _Part(Array(key, tuple(sorted(dims)), self._kind(where)), numbers, out)
+    def _part(self, key: str, where: Place, leaf: Dependence) -> tuple[Array, Place]:
+        version = self.reading.specialised(leaf.conditions, where)
+        return self._array(key, leaf.dims, where), self.shared.add(*version)
 
-    def _together(self, parts: Sequence[_Part]) -> Work:
-        steps, outside = needed(
-            [self.shared.steps[k] for k in sorted(_steps_of(parts))], [p.out for p in parts]
-        )
-        arrays, outputs = tuple(p.array for p in parts), tuple(p.out for p in parts)
-        return Work(arrays, tuple(sorted(outside)), steps, outputs)
-
-    def _kind(self, where: int | Constant) -> jax.ShapeDtypeStruct:
+    def _array(self, key: str, dims: Dims, where: Place) -> Array:
         if isinstance(where, int):
-            return self.program.shapes[where]
-        value = jnp.asarray(where.value)
-        return jax.ShapeDtypeStruct(value.shape, value.dtype)
+            kind = self.program.shapes[where]
+        else:
+            kind = jax.eval_shape(jnp.asarray, where.value)
+        return Array(key, tuple(sorted(dims)), kind)
+
+    def _needed(self, parts: _Parts) -> tuple[set[int], set[int]]:
+        return needed(self.shared.steps, [where for _, where in parts])
+
+    def _alike(self, some: _Parts, others: _Parts) -> bool:
+        """Whether `others` need at least half of the work of `some` anyway."""
+        mine, theirs = self._needed(some)[0], self._needed(others)[0]
+        return 2 * len(mine & theirs) >= len(mine)
+
+    def _group(self, parts: _Parts) -> Group:
+        numbers, inputs = self._needed(parts)
+        arrays, outputs = zip(*parts, strict=True)
+        steps = tuple(self.shared.steps[k] for k in sorted(numbers))
+        return Group(arrays, {i: self.along[i] for i in sorted(inputs)}, steps, outputs)
 
 
-def _steps_of(parts: Sequence[_Part]) -> frozenset[int]:
-    return frozenset[int]().union(*(part.steps for part in parts))
-
-
-def _alike(some: Sequence[_Part], others: Sequence[_Part]) -> bool:
-    """Whether `others` need at least half of the work of `some` anyway."""
-    mine = _steps_of(some)
-    return 2 * len(mine & _steps_of(others)) >= len(mine)
+def _size(dims: Dims) -> tuple[int, list[int]]:
+    return len(dims), sorted(dims)

@@ -1,4 +1,4 @@
-"""Heights of a drop and of its first rebound: e = launch(h₁)/landing(h₀)."""
+"""Layouts in which each row is a pair: heights of a drop and its rebound, and tables of e(v)."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 
 from .._flight import Flight, speed_after_drop, speed_to_reach
 from ._layout import Layout, Paired, ReadingError, Record, span
-from ._rows import Row
+from ._sheet import Row
 
 
 @dataclasses.dataclass(frozen=True)
 class Rebound(Record):
     """Height in m of the first rebound after a drop from `drop_height` m."""
 
-    drop_height: float
     trial: str
+    drop_height: float
     height: float
 
 
@@ -37,13 +37,7 @@ class Heights(Layout[Rebound]):
 
     def read(self, rows: Sequence[Row]) -> list[Rebound]:
         return [
-            Rebound(
-                ball=row.text("ball", ""),
-                row=row.number,
-                drop_height=row.positive("drop_height_m"),
-                trial=row.text("trial", "1"),
-                height=row.positive("rebound_height_m"),
-            )
+            Rebound(*row.place, row.text("trial", "1"), *map(row.positive, self.measured))
             for row in rows
         ]
 
@@ -55,12 +49,11 @@ class Heights(Layout[Rebound]):
         }
 
     def pair(self, records: Sequence[Rebound], flight: Flight) -> Paired[Rebound]:
-        dropped = np.array([record.drop_height for record in records])
-        reached = np.array([record.height for record in records])
+        dropped, reached = np.array([(one.drop_height, one.height) for one in records]).T
         landing, _ = flight.evaluate(speed_after_drop, dropped)
         launch, _ = flight.evaluate(speed_to_reach, reached)
         # As for intervals, the noise is that of the height that is expected.
-        expected = dropped * (np.median(reached / dropped) if len(dropped) else 1.0)
+        expected = dropped * np.median(reached / dropped)
         return Paired(
             velocity=landing,
             restitution=launch / landing,
@@ -72,8 +65,45 @@ class Heights(Layout[Rebound]):
             records=[(record,) for record in records],
         )
 
-    def guess(
-        self, records: Sequence[tuple[Rebound, ...]], flagged: np.ndarray, e: float
-    ) -> Mapping[int, str]:
-        """Nothing: a height alone does not say what went wrong."""
-        return {}
+
+@dataclasses.dataclass(frozen=True)
+class Point(Record):
+    """A restitution measured at a known approach speed in m/s."""
+
+    velocity: float
+    restitution: float
+
+
+class Table(Layout[Point]):
+    """Rows of approach speed and restitution, taken as they are; a column `ball` is optional."""
+
+    name = "table"
+    columns = ("velocity", "restitution")
+    measured = columns
+    optional = ("ball",)
+    reading_error = None
+    uses_flight = False
+    made_of = "rows of speed and restitution"
+    pair_words = ("pair of speed and restitution", "pairs of speed and restitution")
+    cluster_words = ("row", "rows")
+    pair_rule = "each row is a pair"
+    errors_words = "by row (sandwich), which allows for scatter that differs from row to row"
+
+    def read(self, rows: Sequence[Row]) -> list[Point]:
+        return [Point(*row.place, *map(row.positive, self.columns)) for row in rows]
+
+    def facts(self, records: Sequence[Point]) -> Mapping[str, str]:
+        return {
+            "speeds": span([record.velocity for record in records], "m/s"),
+            "restitutions": span([record.restitution for record in records]),
+        }
+
+    def pair(self, records: Sequence[Point], flight: Flight) -> Paired[Point]:
+        velocity, restitution = np.array([(one.velocity, one.restitution) for one in records]).T
+        return Paired(
+            velocity=velocity,
+            restitution=restitution,
+            reading_factor=np.zeros(len(records)),
+            clusters=[f"row {record.row}" for record in records],
+            records=[(record,) for record in records],
+        )
