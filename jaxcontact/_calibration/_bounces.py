@@ -36,7 +36,7 @@ _KINDS = {
 
 
 class BounceModel(eqx.Module):
-    """What a fit of bounces moves: a law, a contact, and C_d, which is None in vacuum."""
+    """What a fit of bounces varies: a law, a contact, and C_d, which is None in vacuum."""
 
     law: AbstractLaw
     contact: Contact
@@ -87,17 +87,17 @@ def fit_bounces(
     (less buoyancy, g(1 - ρ_air/ρ_ball), for a light ball). `drag`, a quadratic one: mass in kg and
     radius in m of the ball, the coefficient C_d, which is fitted from that start unless it is
     `fixed`, and the density of the air in kg/m³; None is vacuum. `fixed`: numbers that stay, by
-    name. e(w) does not tell mass and stiffness from the numbers of the usual laws, so these are
-    held by default; and C_d, since only a wide range of speeds tells air from a law that damps
-    more at speed, and the law that is assumed moves it far more than its standard error says.
-    `method` as in `impact`; what else `fit` takes (`sigma`, `loss=Huber()`, ...).
+    name. e(w) does not distinguish mass and stiffness from the parameters of the usual laws, so
+    these are held by default; and C_d, since only a wide range of speeds distinguishes drag from a
+    law whose damping grows with speed: the assumed law shifts C_d by far more than its standard
+    error. `method` as in `impact`; what else `fit` takes (`sigma`, `loss=Huber()`, ...).
 
     Errors of `first` are not modelled. They change the logarithm of `second` by nearly as much, so
-    count them in `sigma`, the root of the sum of both squares; no bias is seen while they are small
-    beside the range of the data. Successive intervals share a trigger, whose error enters them with
-    opposite signs: where triggers are what scatters, standard errors are too large, several times
-    for long trials. The command `calibrate` weights both readings, finds spurious triggers and
-    counts a trial as one cluster, but holds C_d.
+    count them in `sigma`, the root of the sum of both squares; there is no bias while they are
+    small compared with the range of the data. Successive intervals share a trigger, whose error
+    enters them with opposite signs: where trigger errors dominate, standard errors are too large,
+    several times for long trials. The command `calibrate` weights both readings, finds spurious
+    triggers and counts a trial as one cluster, but holds C_d.
 
     Returns a `Fit` whose params have `.law`, `.contact` and `.drag_coefficient` (None in vacuum),
     and whose `predict(first)` is ln T₂ or ln h₂. Raises ValueError for columns that do not match

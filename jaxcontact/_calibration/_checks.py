@@ -1,4 +1,4 @@
-"""Columns of measurements at the door of a ready-made problem."""
+"""Checks of measured columns."""
 
 from __future__ import annotations
 

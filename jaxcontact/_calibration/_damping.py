@@ -48,8 +48,8 @@ def fit_damping(
     Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1], both (points,); the
     contact; `form` "constant", one c in N s/m^(n+1), or "power", c(v0) = c (v0/v_r)^power with v_r
     the geometric mean of the speeds; `method` of the impacts, as in `impact`; what else `fit`
-    takes (`sigma`, `loss`, ...). No constant c keeps e from falling with speed: α = c v0/K. A power
-    of -1 is a constant α, and so a constant e.
+    takes (`sigma`, `loss`, ...). With a constant c, e falls with speed, since α = c v0/K. A
+    power of -1 is a constant α, and so a constant e.
 
     Returns a `Fit` whose params are a dict with "c" (and "power"), and whose `predict(v)` is e(v).
     Raises ValueError for columns that do not match or leave their range.

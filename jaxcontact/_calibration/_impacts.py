@@ -18,14 +18,14 @@ from ._checks import column, measured
 
 
 class ImpactModel(eqx.Module):
-    """What a fit of impacts moves: a law and a contact."""
+    """What a fit of impacts varies: a law and a contact."""
 
     law: AbstractLaw
     contact: Contact
 
 
 class Outcome(eqx.Module):
-    """e and the logarithm of the duration, whose error is relative; those of `fields`."""
+    """Those in `fields` of e and the logarithm of the duration, whose error is relative."""
 
     method: AbstractMethod = eqx.field(converter=method_of)
     fields: tuple[str, ...] = eqx.field(static=True)
@@ -52,9 +52,9 @@ def fit_impacts(
     """A law and a contact from tables of restitution and of contact time over the closing speed.
 
     Arguments: the `law` and the `contact` to start from, all of whose numbers are fitted but the
-    `fixed` ones ("mass" by default: times know K/m only; n is fitted if the contact's exponent is
-    an array); `velocity` in m/s; `e` in [0, 1] and `duration` in s, at least one of them, NaN where
-    a speed was not measured, all (points,). `sigma_e`, and `sigma_duration` relative to the
+    `fixed` ones ("mass" by default: times determine only K/m; n is fitted if the contact's exponent
+    is an array); `velocity` in m/s; `e` in [0, 1] and `duration` in s, at least one of them, NaN
+    where a speed was not measured, all (points,). `sigma_e`, and `sigma_duration` relative to the
     duration (one number, or one for each point), are standard deviations; give both or none, if
     both columns are there. `method` as in `impact`; what else `fit` takes.
 
@@ -75,21 +75,22 @@ def fit_impacts(
 
 
 def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTransform]:
-    """How the numbers of a model move, and which of them stay.
+    """The transforms of the numbers of a model.
 
-    The `fixed` are numbers of the model, its contact or its law; those that it lacks are skipped.
+    `fixed` names numbers of the model, its contact or its law. A number that is None, or an
+    exponent that is no array, is not fitted anyway.
     """
     transforms: dict[str, AbstractTransform] = {}
     if not isinstance(start.contact.exponent, float):
         transforms["contact.exponent"] = Between(EXPONENT.low, EXPONENT.high)
     owners = {"": start, "contact.": start.contact, "law.": start.law}
     for name in fixed:
-        prefix = next((prefix for prefix, owner in owners.items() if hasattr(owner, name)), None)
-        if prefix is None:
+        places = [prefix for prefix, owner in owners.items() if hasattr(owner, name)]
+        if not places:
             raise ValueError(
                 f"Argument `fixed` must name numbers of the law or the contact, but holds {name!r}."
             )
-        value = getattr(owners[prefix], name)
+        value = getattr(owners[places[0]], name)
         if value is not None and not (name == "exponent" and isinstance(value, float)):
-            transforms[prefix + name] = Fixed()
+            transforms[places[0] + name] = Fixed()
     return transforms

@@ -26,7 +26,7 @@ _TOUCHED = 0.05
 
 
 class RecordModel(eqx.Module):
-    """What a fit of a record moves: a law, a contact, the speed, the touch, and zero errors.
+    """What a fit of a record varies: a law, a contact, the speed, the touch, and zero errors.
 
     `velocity` v0 in m/s, `start_time` in s, `force_offset` in N and `indentation_offset` in m, the
     last two None where that column was not measured.
@@ -102,9 +102,10 @@ def fit_record(
     `fixed`: numbers that stay, by name, the mass by default ("velocity" if it was measured). What
     else `fit` takes: `loss=Huber()`, say.
 
-    A force alone knows the mass only with the speed, an indentation alone only K/m: hold what it
-    cannot tell, or read it in `unidentified`. Returns a `Fit` whose params have `.law`, `.contact`,
-    `.velocity`, `.start_time` and the offsets. Raises ValueError for columns that do not match.
+    A force alone determines the mass only if the speed is known, an indentation alone determines
+    only K/m: hold what is not identifiable, or read it in `unidentified`. Returns a `Fit` whose
+    params have `.law`, `.contact`, `.velocity`, `.start_time` and the offsets. Raises ValueError
+    for columns that do not match.
     """
     moments = column(time, "time", REAL)
     columns = {

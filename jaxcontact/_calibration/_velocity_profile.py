@@ -46,14 +46,14 @@ def fit_velocity_profile(
     """The β > 0 for which δ' = v0 √(1 - (δ/δ_m)^β) is nearest to a compression: least squares.
 
     Minimises Σ wᵢ [δ'ᵢ/v0 - √(1 - (δᵢ/δ_m)^β)]² / Σ wᵢ over ln β from `start`; with `squared=True`
-    the squares of both are compared, and the root is gone. Arguments, all of shape (samples,), at
+    the squares of both are compared, without the root. Arguments, all of shape (samples,), at
     least 3: `indentation` δ in m, from 0 at touch to δ_m, never falling; `velocity` δ' in m/s, from
-    v0 > 0 at touch to 0 at the turn; `weights` ≥ 0, equal if None. A trajectory need not hold its
+    v0 > 0 at touch to 0 at the turn; `weights` ≥ 0, equal if None. A trajectory may lack its
     turn: append `impact(...).max_indentation` and 0. β depends on where the samples lie, each of
     which counts by its weight.
 
     Returns a `VelocityProfile`. No standard error is given: the samples of a solved motion carry no
-    noise, and what is left over is what no β can describe. Computes in double precision whatever
+    noise, and the residual is the part that no β describes. Computes in double precision whatever
     JAX is set to, and is not for use under `jit`. Raises ValueError for samples that are no
     compression.
 

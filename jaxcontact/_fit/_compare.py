@@ -218,7 +218,7 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
         found = find(fewer, jnp.asarray(fit.theta), Options(jnp.asarray(fit.rtol)))
         if not np.all(found.still):
             return None
-        z = np.asarray(fit.problem.off(found.prediction))
+        z = np.asarray(fit.problem.standardised(found.prediction))
         square += float(np.sum(z[out] ** 2))
     return math.sqrt(square / np.count_nonzero(parts))
 

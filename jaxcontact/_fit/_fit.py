@@ -1,4 +1,4 @@
-"""`fit`: the arguments checked, the search started, its end judged."""
+"""`fit`: check the arguments, search, and judge the end of the search."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SAME_SCALE = 1e-3
 
 _MEDIAN_OF_NORMAL = 0.6744897501960817
 _OUTWARD = 3.0
-"""A remaining step of more than this in a logarithm or logit: the search creeps to a bound."""
+"""With a larger remaining step of a logarithm or logit, the search creeps to a bound."""
 
 _END = 40.0
 """The logit of what rounds to 1 in double precision, where the slope is 0."""
@@ -224,13 +224,13 @@ def _result(
         free = np.where(at_bound, 0, found.jacobian)
         found = _in_numpy(compiled_step(problem, found, free, start, options.rtol))
     converged, reason = verdict(found, at_bound, space, options.max_steps)
-    told = infer(problem, found, at_bound, target.absolute, groups)
-    if converged and (falls := falling(problem, found, start, told.unidentified)) is not None:
+    inference = infer(problem, found, at_bound, target.absolute, groups)
+    if converged and (falls := falling(problem, found, start, inference.unidentified)) is not None:
         converged = False
         reason = f"a saddle or a maximum: the loss falls along {falls}; start elsewhere"
     if not converged:
-        unknown = np.full_like(told.covariance, np.nan)
-        told = told._replace(covariance=unknown, unidentified=())
+        unknown = np.full_like(inference.covariance, np.nan)
+        inference = inference._replace(covariance=unknown, unidentified=())
     with np.errstate(divide="ignore", invalid="ignore"):
         residuals = np.where(used, found.z / np.asarray(problem.factor), np.nan)
     steps = int(found.steps)
@@ -244,7 +244,7 @@ def _result(
         converged=converged,
         reason=reason,
         steps=steps,
-        **told._asdict(),
+        **inference._asdict(),
         starts=ends,
         data=np.where(used, target.y, np.nan),
         groups=groups,

@@ -57,7 +57,7 @@ def found_from(problem: Problem, start: Float[Array, " k"], options: Options) ->
 
     def twice(theta: Float[Array, " k"]) -> tuple[Array, tuple[Array, Array]]:
         prediction = problem.prediction(theta)
-        z = problem.off(prediction)
+        z = problem.standardised(prediction)
         return z, (z, prediction)
 
     jacobian, (z, prediction) = problem.jacobian(twice, path.theta)

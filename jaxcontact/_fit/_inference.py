@@ -66,9 +66,9 @@ def infer(
     finite = np.isfinite(found.jacobian).all()
     jacobian = found.jacobian if finite else np.zeros_like(found.jacobian)
     length = np.linalg.norm(jacobian, axis=0)
-    blind = ~at_bound & (length == 0)
-    directions = [_direction({int(i): 1.0}, space) for i in np.flatnonzero(blind)]
-    lost = at_bound | blind
+    flat = ~at_bound & (length == 0)
+    directions = [_direction({int(i): 1.0}, space) for i in np.flatnonzero(flat)]
+    lost = at_bound | flat
     order = np.flatnonzero(~lost)
     inverse = np.zeros((k, k))
     rank = 0

@@ -45,14 +45,14 @@ class Problem(eqx.Module):
             )
         return flattened(got)
 
-    def off(self, prediction: Float[Array, " n"]) -> Float[Array, " n"]:
+    def standardised(self, prediction: Float[Array, " n"]) -> Float[Array, " n"]:
         """z = (prediction - data)/σ, zero where a point has no weight."""
         used = self.factor > 0
         return jnp.where(used, jnp.where(used, prediction - self.y, 0) * self.factor, 0)
 
     def residual(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
         """What is squared and summed."""
-        return shortened(self.off(self.prediction(theta)), self.threshold)
+        return shortened(self.standardised(self.prediction(theta)), self.threshold)
 
     def loss(self, theta: Float[Array, " k"]) -> Float[Array, ""]:
         """½ Σ residual²."""

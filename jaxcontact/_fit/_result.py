@@ -46,5 +46,4 @@ class Fit(FitData):
             return "  without a standard error: no degree of freedom is left"
         return "  not identifiable"
 
-    def __repr__(self) -> str:
-        return self.summary()
+    __repr__ = summary

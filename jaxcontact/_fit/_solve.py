@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt and the optimisers of optax behind one face."""
+"""Levenberg-Marquardt and the optimisers of optax, called alike."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ PATIENCE = 200
 """Steps of a gradient method that may gain nothing."""
 
 _TOLERANCE = 1e-13
-"""Of the last accepted step of Levenberg-Marquardt, relative and absolute: its verdict is not
-used, so it may go on until rounding stops it."""
+"""Of the last accepted step of Levenberg-Marquardt, relative and absolute. The search goes on until
+rounding stops it; `Found.still` decides about convergence."""
 
 _REFUSED = 24
 """Steps refused in a row after which none will be accepted: each is a quarter of the last."""
@@ -62,7 +62,7 @@ class Path(NamedTuple):
 
 
 def search(problem: Problem, start: Float[Array, " k"], options: Options) -> Path:
-    """From `start` downhill until nothing is gained any more, or `max_steps` are used up."""
+    """Minimise from `start` until the loss no longer falls, or for `max_steps`."""
     method = _levenberg_marquardt if options.optimizer is None else _gradient_descent
     return method(problem, start, options)
 
@@ -116,7 +116,7 @@ def _gradient_descent(problem: Problem, start: Float[Array, " k"], options: Opti
         theta, state, best, lowest, idle, history, step = carry
         loss, gradient = jax.value_and_grad(problem.loss)(theta)
         better = loss < lowest * (1 - _LEVEL)
-        # The best point is kept even where the gain is too small to go on for.
+        # The best point is kept even where the gain is too small to count.
         lower = loss < lowest
         best, lowest = jnp.where(lower, theta, best), jnp.where(lower, loss, lowest)
         changes, state = optimizer.update(
