@@ -80,6 +80,7 @@ class AbstractForm(eqx.Module):
 
     def solve(self, n: Exponent) -> ScaledImpact:
         """The free impact in closed form, in the broadcast shape of the form's numbers and n."""
+        # Called only where `closed_form` is True, which promises a `solve`.
         raise NotImplementedError(f"`{type(self).__name__}` has no closed form.")
 
     def restitution(self) -> Lane | None:
