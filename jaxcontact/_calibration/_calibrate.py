@@ -23,8 +23,6 @@ from ._kinds import kinds_of
 from ._report import report
 from ._summary import (
     CalibrationSummary,
-    DragSummary,
-    NoiseSummary,
     PairSummary,
     RecordingSummary,
     SpeedBand,
@@ -173,8 +171,8 @@ def calibrate(
         requested=law,
         recording=_recording(recording, pairs),
         gravity=float(gravity),
-        drag=None if drag is None else _drag(drag, flight),
-        noise=_noise(noise, pairs),
+        drag=drag,
+        noise=noise,
         threshold=THRESHOLD,
         trend=outliers.trend.kind,
         pairs=_pairs(pairs, outliers),
@@ -212,17 +210,6 @@ def _recording(recording: Recording, pairs: Pairs) -> RecordingSummary:
         unpaired=pairs.unpaired,
         trials=tuple(pairs.cluster_names[k] for k in np.unique(pairs.cluster)),
     )
-
-
-def _drag(drag: Drag, flight: Flight) -> DragSummary:
-    return DragSummary(**dataclasses.asdict(drag), terminal_speed=flight.terminal_speed)
-
-
-def _noise(noise: Noise, pairs: Pairs) -> NoiseSummary:
-    error = pairs.layout.reading_error
-    if error is None:
-        return NoiseSummary(noise.relative, None, None)
-    return NoiseSummary(noise.relative, noise.reading, error.unit)
 
 
 def _pairs(pairs: Pairs, outliers: Outliers) -> tuple[PairSummary, ...]:

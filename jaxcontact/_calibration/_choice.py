@@ -253,17 +253,12 @@ def choose(
         with jax.enable_x64(True):
             model = LogRestitution(kind, contact, jnp.asarray(reference))
         start = kind.start(typical, contact, reference)
-        fits[kind.name] = fit(model, start=start, transforms=kind.transforms, **data)
+        fits[kind.name] = fit(model, start=start, transforms=dict(kind.transforms), **data)
     line = fit(_line, start={"level": np.log(typical), "slope": 0.0}, **data)
     laws = tuple(_law_fit(k, fits[k.name], pairs, use, contact, known, middle) for k in kinds)
     said = {law.kind: law.said for law in laws}
-    comparison = compared(
-        fits,
-        _bands(pairs, use, len(data["x"])),
-        parameters=said.__getitem__,
-        left_out="speeds",
-        group=group,
-    )
+    bands = _bands(pairs, use, len(data["x"]))
+    comparison = compared(fits, bands, parameters=said.__getitem__, left_out="speeds", group=group)
     found = laws[0].estimates[-1]
     return LawChoice(
         count=int(use.sum()),

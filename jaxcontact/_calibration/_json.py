@@ -40,8 +40,12 @@ def _refuse(where: str, what: str) -> typing.NoReturn:
     raise FormatError(f"{where.lstrip('.') or 'the file'} {what}")
 
 
-def _choices(hint: Any) -> tuple[Any, ...]:
-    return typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+def _needed(hint: Any, value: Any) -> Any:
+    """The type that a value must have: of `X | None`, None for None and X for all else."""
+    choices = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+    if value is None and types.NoneType in choices:
+        return types.NoneType
+    return next(choice for choice in choices if choice is not types.NoneType)
 
 
 def _hints(cls: Any) -> dict[str, Any]:
@@ -50,11 +54,7 @@ def _hints(cls: Any) -> dict[str, Any]:
 
 
 def _encoded(value: Any, hint: Any, where: str) -> Any:
-    choices = _choices(hint)
-    if types.NoneType in choices:
-        if value is None:
-            return None
-        (hint,) = (choice for choice in choices if choice is not types.NoneType)
+    hint = _needed(hint, value)
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin is tuple:
         return [_encoded(v, inner[0], f"{where}[{i}]") for i, v in enumerate(value)]
@@ -69,17 +69,15 @@ def _encoded(value: Any, hint: Any, where: str) -> Any:
             name: _encoded(getattr(value, name), own, f"{where}.{name}")
             for name, own in _hints(hint).items()
         }
+    if hint is types.NoneType:
+        return None
     if hint is float and not math.isfinite(value):
         raise ValueError(f"Cannot be saved: {where.lstrip('.')} is {value!r}.")
     return hint(value)
 
 
 def _decoded(value: Any, hint: Any, where: str) -> Any:
-    choices = _choices(hint)
-    if types.NoneType in choices:
-        if value is None:
-            return None
-        (hint,) = (choice for choice in choices if choice is not types.NoneType)
+    hint = _needed(hint, value)
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin is tuple:
         _expect(value, list, "a list", where)
@@ -96,7 +94,8 @@ def _decoded(value: Any, hint: Any, where: str) -> Any:
     if dataclasses.is_dataclass(hint):
         hints = _hints(hint)
         _fields(value, hints, where)
-        return hint(**{n: _decoded(value[n], own, f"{where}.{n}") for n, own in hints.items()})  # pyright: ignore[reportCallIssue]
+        numbers = {n: _decoded(value[n], own, f"{where}.{n}") for n, own in hints.items()}
+        return _made(lambda: hint(**numbers), where)  # pyright: ignore[reportCallIssue]
     if hint is float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             _refuse(where, f"must be a number, but is {value!r}")

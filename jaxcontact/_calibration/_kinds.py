@@ -9,7 +9,8 @@ from __future__ import annotations
 import abc
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -36,7 +37,6 @@ Params = Mapping[str, Any]
 WIDEST_LOGARITHM = 2.0
 """A parameter whose logarithm (or logit) has a larger standard error is not identifiable."""
 
-
 _SHORTEST = 256
 """Compiling takes a thousand times as long as fitting so many points."""
 
@@ -45,25 +45,17 @@ _SHORTEST = 256
 class AbstractKind(abc.ABC):
     """A kind of law: how its e(v) follows from a few parameters, and what these mean.
 
-    `law` is the registered name of a law of this kind. Hashable: it selects compiled code.
+    `law` is the registered name of a law of this kind, `name` the kind in a few words,
+    `unidentified` what e(v) leaves open; `transforms` tell where the parameters may lie; `own` are
+    the law's parameters that e(v) alone does not determine, each with its unit and the numbers of
+    the contact from which it follows. Hashable: it selects compiled code.
     """
 
     law: str
-
-    @property
-    @abc.abstractmethod
-    def name(self) -> str:
-        """The kind in a few words."""
-
-    @property
-    @abc.abstractmethod
-    def unidentified(self) -> str:
-        """What e(v) leaves open about this law."""
-
-    @property
-    @abc.abstractmethod
-    def transforms(self) -> dict[str, AbstractTransform]:
-        """Where the parameters may lie."""
+    name: str
+    unidentified: ClassVar[str]
+    transforms: ClassVar[Mapping[str, AbstractTransform]]
+    own: ClassVar[tuple[tuple[str, str, frozenset[str]], ...]] = ()
 
     @abc.abstractmethod
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
@@ -92,30 +84,26 @@ class AbstractKind(abc.ABC):
     def estimates(
         self, fit: FitData, contact: Contact, known: frozenset[str], speed: float
     ) -> tuple[Estimate, ...]:
-        """What e(v) determines, then what follows from it with the `known` mass and stiffness."""
-        errors = dict(zip(fit.names, fit.errors.tolist(), strict=True))
-        good = is_identifiable(fit)
-        found = []
-        for parameter, name, factor, unit in self.identified(contact):
-            value, error = float(fit.params[parameter]) * factor, errors[parameter] * factor
-            found.append(Estimate(name, value, error if good else None, unit))
-        return (*found, *self.derived(fit, found, known, speed))
+        """What e(v) determines; e at a typical speed; what follows where `known` has what it needs.
 
-    def derived(
-        self, fit: FitData, found: list[Estimate], known: frozenset[str], speed: float
-    ) -> tuple[Estimate, ...]:
-        """What follows from the estimates `found`: e at a typical speed, and the law's own c or A.
-
-        The parameters of the law itself follow where the mass or stiffness they need is `known`.
+        `known` names what of the contact was given, of "mass" and "stiffness".
         """
-        e, error = delivered(fit, np.array([speed]))
-        known_error = float(error[0]) if is_identifiable(fit) else None
-        typical = Estimate(f"e at {speed:.2f} m/s", float(e[0]), known_error, "")
-        return (typical, *self.own(fit, known))
+        good = is_identifiable(fit)
 
-    def own(self, fit: FitData, known: frozenset[str]) -> tuple[Estimate, ...]:
-        """The law's own parameters, where the mass or stiffness they need is `known`."""
-        return ()
+        def estimate(parameter: str, name: str, factor: float, unit: str) -> Estimate:
+            error = fit.standard_errors[parameter] * factor if good else None
+            return Estimate(name, float(fit.params[parameter]) * factor, error, unit)
+
+        found = [estimate(*one) for one in self.identified(contact)]
+        if name := self.at_speed(speed):
+            e, error = delivered(fit, np.array([speed]))
+            found.append(Estimate(name, float(e[0]), float(error[0]) if good else None, ""))
+        own = (estimate(one, one, 1.0, unit) for one, unit, needs in self.own if known >= needs)
+        return (*found, *own)
+
+    def at_speed(self, speed: float) -> str:
+        """What e at a speed in m/s is called; nothing where it is a parameter."""
+        return f"e at {speed:.2f} m/s"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -123,32 +111,17 @@ class ConstantE(AbstractKind):
     """The same e at every speed, as the law `law` of one parameter e delivers it."""
 
     law: str = "exact"
-
-    @property
-    def name(self) -> str:
-        """The kind, and the law that delivers it where that is not the exact one."""
-        return "constant e" if self.law == "exact" else f"constant e ({self.law})"
-
-    @property
-    def unidentified(self) -> str:
-        """Everything of the contact."""
-        return "mass, stiffness and exponent: e does not depend on them"
-
-    @property
-    def transforms(self) -> dict[str, AbstractTransform]:
-        """e in (0, 1)."""
-        return {"e": Between(0, 1)}
+    name: str = "constant e"
+    unidentified = "mass, stiffness and exponent: e does not depend on them"
+    transforms = MappingProxyType({"e": Between(0, 1)})
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """e itself."""
         return {"e": e}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
-        """The law of one parameter e."""
         return get_law(self.law, e=params["e"])
 
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
-        """The e of the law."""
         return (("e", "e", 1.0, ""),)
 
     def restitution(
@@ -159,19 +132,8 @@ class ConstantE(AbstractKind):
             return jnp.broadcast_to(params["e"], velocity.shape)
         return jnp.broadcast_to(restitution(get_law(self.law, e=params["e"])), velocity.shape)
 
-    def derived(
-        self, fit: FitData, found: list[Estimate], known: frozenset[str], speed: float
-    ) -> tuple[Estimate, ...]:
-        """The e delivered, where it is not the e of the law."""
-        if self.law == "exact":
-            return ()
-        at_speed = super().derived(fit, found, known, speed)[0]
-        return (dataclasses.replace(at_speed, name="e delivered"),)
-
-
-def _alpha_for(e: float) -> float:
-    """Hu and Guo's α = 3(1-e)/(2e), which nearly delivers e."""
-    return 1.5 * (1 - e) / e
+    def at_speed(self, speed: float) -> str:
+        return "" if self.law == "exact" else "e delivered"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,37 +141,20 @@ class ConstantC(AbstractKind):
     """A constant damping factor c: α = c v/K."""
 
     law: str = "constant_damping"
-
-    @property
-    def name(self) -> str:
-        return "constant c"
-
-    @property
-    def unidentified(self) -> str:
-        return "c and K one by one: e(v) determines only c/K, and nothing of m"
-
-    @property
-    def transforms(self) -> dict[str, AbstractTransform]:
-        """c > 0."""
-        return {"c": Positive()}
+    name: str = "constant c"
+    unidentified = "c and K one by one: e(v) determines only c/K, and nothing of m"
+    transforms = MappingProxyType({"c": Positive()})
+    own = (("c", "N s/m^(5/2)", frozenset({"stiffness"})),)
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """The c of Hu and Guo's α."""
-        return {"c": _alpha_for(e) * float(contact.stiffness) / reference}
+        """The c of Hu and Guo's α = 3(1-e)/(2e), which nearly delivers e."""
+        return {"c": 1.5 * (1 - e) / e * float(contact.stiffness) / reference}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
-        """`ConstantDamping`."""
         return ConstantDamping(c=params["c"])
 
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
-        """c/K."""
         return (("c", "c/K", 1 / float(contact.stiffness), "s/m"),)
-
-    def own(self, fit: FitData, known: frozenset[str]) -> tuple[Estimate, ...]:
-        """c, which needs K."""
-        error = fit.standard_errors["c"] if is_identifiable(fit) else None
-        c = Estimate("c", float(fit.params["c"]), error, "N s/m^(5/2)")
-        return (c,) if "stiffness" in known else ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -217,22 +162,14 @@ class PowerOfSpeed(ConstantC):
     """A damping factor that goes as a power of the closing speed: α = c (v/v_r)^p v/K."""
 
     law: str = "power_damping"
-
-    @property
-    def name(self) -> str:
-        return "c as a power of v"
-
-    @property
-    def transforms(self) -> dict[str, AbstractTransform]:
-        """c > 0, any power."""
-        return {"c": Positive(), "power": Free()}
+    name: str = "c as a power of v"
+    transforms = MappingProxyType({"c": Positive(), "power": Free()})
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """A constant c."""
         return super().start(e, contact, reference) | {"power": 0.0}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
-        """`PowerDamping`."""
         return PowerDamping(c=params["c"], power=params["power"], reference=reference)
 
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
@@ -245,19 +182,10 @@ class Viscoelastic(AbstractKind):
     """Kuwabara and Kono's law for n = 3/2: e depends on A (K/m)^(2/5) v^(1/5)."""
 
     law: str = "kuwabara_kono"
-
-    @property
-    def name(self) -> str:
-        return "Kuwabara-Kono"
-
-    @property
-    def unidentified(self) -> str:
-        return "A, K and m one by one: e(v) determines only A (K/m)^(2/5)"
-
-    @property
-    def transforms(self) -> dict[str, AbstractTransform]:
-        """A > 0."""
-        return {"A": Positive()}
+    name: str = "Kuwabara-Kono"
+    unidentified = "A, K and m one by one: e(v) determines only A (K/m)^(2/5)"
+    transforms = MappingProxyType({"A": Positive()})
+    own = (("A", "s", frozenset({"mass", "stiffness"})),)
 
     def serves(self, exponent: float | Array) -> bool:
         return isinstance(exponent, float) and exponent == 1.5
@@ -268,11 +196,9 @@ class Viscoelastic(AbstractKind):
         return {"A": strength / float(_frequency(contact))}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
-        """`KuwabaraKono`."""
         return KuwabaraKono(A=params["A"])
 
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
-        """A (K/m)^(2/5)."""
         return (("A", "A (K/m)^(2/5)", float(_frequency(contact)), "(m/s)^(-1/5)"),)
 
     def restitution(
@@ -280,12 +206,6 @@ class Viscoelastic(AbstractKind):
     ) -> Float[Array, " n"]:
         """e by a polynomial in the strength of the damping, which stays within its range."""
         return viscous_restitution(params["A"] * _frequency(contact) * velocity**0.2)
-
-    def own(self, fit: FitData, known: frozenset[str]) -> tuple[Estimate, ...]:
-        """A, which needs K and m."""
-        error = fit.standard_errors["A"] if is_identifiable(fit) else None
-        a = Estimate("A", float(fit.params["A"]), error, "s")
-        return (a,) if known >= {"mass", "stiffness"} else ()
 
 
 def _frequency(contact: Contact) -> Array:
@@ -341,4 +261,5 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
     if law not in constant_laws():
         choices = ", ".join(["all", *constant_laws(), *(kind.law for kind in others)])
         raise ValueError(f"Argument `law` must be one of {choices}, but is {law!r}.")
-    return (ConstantE(law), *others)
+    name = "constant e" if law == "exact" else f"constant e ({law})"
+    return (ConstantE(law, name), *others)

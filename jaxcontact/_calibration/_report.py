@@ -47,7 +47,7 @@ def _data(s: CalibrationSummary, layout: Layout) -> list[str]:
         lines += wrapped("", f"{counted(r.unpaired, ('interval', 'intervals'))} {verbs} no pair")
     scatter = f"{100 * s.noise.relative:.2g} % of e"
     error = layout.reading_error
-    if error is not None and s.noise.reading is not None:
+    if error is not None:
         scatter += f", and {error.factor * s.noise.reading:.2g} {error.shown} in {error.of}"
     return [
         *lines,
@@ -67,7 +67,8 @@ def drag_sentence(s: CalibrationSummary, layout: Layout) -> str:
             "`drag`) to take it out"
         )
     return (
-        f"taken out of the flights: quadratic, terminal speed {s.drag.terminal_speed:.3g} m/s "
+        f"taken out of the flights: quadratic, terminal speed "
+        f"{s.drag.terminal_speed(s.gravity):.3g} m/s "
         f"(mass {s.drag.mass:g} kg, radius {s.drag.radius:g} m, coefficient "
         f"{s.drag.coefficient:g}, air {s.drag.air_density:g} kg/m³; "
         "standard errors below contain no error of these)"

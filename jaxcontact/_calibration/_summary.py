@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 from .._contact import Contact
+from .._flight import Drag
 from .._laws import AbstractLaw
+from .._measurements._noise import Noise
 from ._choice import ChoiceData
 
 
@@ -19,26 +21,6 @@ class RecordingSummary:
     pairs: int
     unpaired: int
     trials: tuple[str, ...]
-
-
-@dataclasses.dataclass(frozen=True)
-class DragSummary:
-    """Drag that was taken out of the flights, in SI units."""
-
-    mass: float
-    radius: float
-    coefficient: float
-    air_density: float
-    terminal_speed: float
-
-
-@dataclasses.dataclass(frozen=True)
-class NoiseSummary:
-    """Scatter of e, relative, and of each reading in `reading_unit`; None where it has none."""
-
-    relative: float
-    reading: float | None
-    reading_unit: str | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,9 +53,9 @@ class CalibrationSummary:
     `impact(law, contact, v)` gives the fitted e. `given` names what of the contact was given
     ("mass", "stiffness"); the rest is 1. `standard_errors` of the law's parameters, None where they
     are not identifiable. `requested` is the `law` that was asked for; `gravity` in m/s²; `drag`,
-    None if it was left in; `noise`; `threshold` of the outlier rule and its `trend`; all `pairs`;
-    the `choice` among laws without marked pairs, and `with_marked` with them; medians `by_speed`;
-    `versions` of the packages.
+    None if it was left in; `noise`, the scatter of ln e; `threshold` of the outlier rule and its
+    `trend`; all `pairs`; the `choice` among laws without marked pairs, and `with_marked` with them;
+    medians `by_speed`; `versions` of the packages.
     """
 
     law: AbstractLaw | None
@@ -83,8 +65,8 @@ class CalibrationSummary:
     requested: str
     recording: RecordingSummary
     gravity: float
-    drag: DragSummary | None
-    noise: NoiseSummary
+    drag: Drag | None
+    noise: Noise
     threshold: float
     trend: str
     pairs: tuple[PairSummary, ...]
