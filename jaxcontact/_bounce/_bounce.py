@@ -11,7 +11,7 @@ from .. import _flight as flight
 from .._contact import EXPONENT, Contact
 from .._impact import AbstractMethod, Status, impact, method_of, problem_of, restitution_is_constant
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw
-from .._parameter import POSITIVE, Range, as_parameter, sanitised
+from .._parameter import POSITIVE, Range, as_parameter, require_count, sanitised
 from ._result import Bounce
 from ._touches import Touches, alike, one_by_one
 
@@ -49,10 +49,7 @@ def bounce(
     Returns a `Bounce`; a bad lane is NaN and flagged. Raises ValueError for a Python scalar out of
     range. Source: elementary ballistics, and `impact`.
     """
-    if isinstance(bounces, bool) or not isinstance(bounces, int) or bounces < 1:
-        raise ValueError(
-            f"Argument `bounces` must be a whole number of at least 1, but is {bounces!r}."
-        )
+    require_count("bounces", bounces, 1)
     if not isinstance(gravity_in_contact, bool):
         raise ValueError(
             f"Argument `gravity_in_contact` must be True or False, but is {gravity_in_contact!r}."
@@ -88,19 +85,16 @@ def _bounce(
     method: AbstractMethod,
 ) -> Bounce:
     run = _run(law, contact, height, gravity, rest, gravity_in_contact)
-    n = _exponent(contact)
-    if gravity_in_contact:
-        weight = _weight(contact, run.gravity)
-        touches = one_by_one(law, contact, run.speed, run.rest, weight, method, bounces)
-    elif restitution_is_constant(law, contact):
+    if not gravity_in_contact and restitution_is_constant(law, contact):
         first = impact(law, contact, run.speed, method=method)
+        n = _exponent(contact)
         power = (1 - n) / (1 + n)
         power = power if isinstance(power, float) else jnp.expand_dims(power, -1)
         touches = alike(first, run.speed, power, run.rest, bounces)
         e = jnp.where(first.status == int(Status.SEPARATED), first.restitution, 0)
         return _assembled(touches, run, e)
-    else:
-        touches = one_by_one(law, contact, run.speed, run.rest, None, method, bounces)
+    weight = _weight(contact, run.gravity) if gravity_in_contact else None
+    touches = one_by_one(law, contact, run.speed, run.rest, weight, method, bounces)
     return _assembled(touches, run, None)
 
 

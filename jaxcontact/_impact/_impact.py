@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -61,20 +64,20 @@ _lanes = eqx.filter_jit(lanes_of)
 def _solved(lanes: Lanes, method: AbstractMethod, shape: tuple[int, ...]) -> Impact:
     method = method.chosen(lanes.form, lanes.push is not None)
     scaled = method.solve(lanes)
-    scale = lanes.scale
+    scale, fill = lanes.scale, functools.partial(jnp.broadcast_to, shape=shape)
     # Of these two alone: what is not used must stay dead code. A force that is not finite shows.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)
     solved = scaled.converged & finite
     status = jnp.where(scaled.settled, int(Status.SETTLED), int(Status.SEPARATED))
     status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
-    status = _fill(jnp.where(lanes.valid, status, int(Status.INVALID_INPUT)), shape)
+    status = fill(jnp.where(lanes.valid, status, int(Status.INVALID_INPUT)))
     good = lanes.valid & solved
 
     def result(value: Float[Array, "..."], unit: Float[Array, "..."]) -> Float[Array, "..."]:
         # An infinite time stays out of the product: 0 times inf is no derivative of the unit.
         usable = good & jnp.isfinite(value)
         product = jnp.where(usable, value, 1) * unit
-        return _fill(jnp.where(usable, product, jnp.where(good, value, jnp.nan)), shape)
+        return fill(jnp.where(usable, product, jnp.where(good, value, jnp.nan)))
 
     one = jnp.ones_like(scale.speed)
     restitution = jnp.where(scaled.settled, 0, scaled.restitution)
@@ -87,16 +90,10 @@ def _solved(lanes: Lanes, method: AbstractMethod, shape: tuple[int, ...]) -> Imp
         max_force=result(scaled.max_force, scale.force),
         energy_loss=result((1 - restitution) * (1 + restitution), scale.energy),
         status=status,
-        error_estimate=None
-        if scaled.error_estimate is None
-        else _fill(scaled.error_estimate, shape),
-        steps=None if scaled.steps is None else _fill(scaled.steps, shape),
+        error_estimate=jax.tree.map(fill, scaled.error_estimate),
+        steps=jax.tree.map(fill, scaled.steps),
         method=method.name,
     )
-
-
-def _fill(value: Array, shape: tuple[int, ...]) -> Array:
-    return jnp.broadcast_to(value, shape)
 
 
 def restitution(
@@ -159,4 +156,4 @@ def _restitution(problem: Problem, method: AbstractMethod) -> Float[Array, "..."
     if e is None:
         # Under this jit whatever else the solve computes is dead code, and removed.
         return _impact(problem, method).restitution
-    return _fill(jnp.where(lanes.valid, e, jnp.nan), problem.shape)
+    return jnp.broadcast_to(jnp.where(lanes.valid, e, jnp.nan), problem.shape)

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
 from .._parameter import Specialised
+from ._runge_kutta import step
 
 Number = Float[Array, ""]
 
@@ -95,6 +96,10 @@ class Motion(eqx.Module):
             force = self.form.pull(w, velocity, n, compressing)
             loss = (force - self.form.pull(w, still, n, compressing)) * velocity
         return State(velocity / k, -pull, clock, loss)
+
+    def later(self, state: State, time: Number, compressing: Flag) -> State:
+        """The state a regularised `time` later, by one Runge-Kutta step."""
+        return step(lambda s: self.rate(s, compressing), state, time)
 
     def stored(self, state: State) -> Number:
         """∫ f(x, 0) dx from 0 to w^k: by a Gauss rule that is exact for the polynomial forms."""

@@ -12,6 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
+from .._parameter import require_count
 from .._progress import Listener, Tell, progress_of
 from ._axes import Grid, check_call, grid_of
 from ._column import Column, Mask, within
@@ -95,7 +96,8 @@ def sweep(
     Returns a `Sweep`. Bad lanes are flagged in `.status`, their neighbours untouched. Raises
     ValueError for an argument that `fn` does not take or lacks, and for axes that are no numbers.
     """
-    _check_batch(batch_size)
+    if batch_size is not None:
+        require_count("batch_size", batch_size, 1)
     if store is not None and (reduce is not None or cost is not None):
         other = "reduce" if reduce is not None else "cost"
         raise ValueError(
@@ -136,14 +138,6 @@ def _lanes_at_once(plan: Plan) -> int:
     if plan.program.holds("while"):
         return _LANES_OPEN_ENDED
     return _LANES_BRANCHING if plan.program.holds("cond") else _LANES
-
-
-def _check_batch(batch_size: Any) -> None:
-    whole = isinstance(batch_size, int) and not isinstance(batch_size, bool)
-    if batch_size is not None and not (whole and batch_size >= 1):
-        raise ValueError(
-            f"Argument `batch_size` must be a whole number of at least 1, but is {batch_size!r}."
-        )
 
 
 def _name_of(function: Callable[..., Any]) -> str:
