@@ -63,16 +63,14 @@ class Contact(eqx.Module):
 
     mass: Float[Array, "..."] = parameter("mass", POSITIVE)
     stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
-    _exponent: Specialised = eqx.field(default=Specialised(1.5, None))
+    _exponent: Specialised = eqx.field(default=Specialised(1.5))
 
     def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
         self.mass = as_parameter(mass, "mass", POSITIVE)
         self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
         value = as_parameter(exponent, "exponent", EXPONENT)
         concrete = isinstance(exponent, int | float)
-        self._exponent = (
-            Specialised(float(exponent), None) if concrete else Specialised(None, value)
-        )
+        self._exponent = Specialised(float(exponent)) if concrete else Specialised(None, value)
 
     def __repr__(self) -> str:
         return (

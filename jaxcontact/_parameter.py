@@ -90,7 +90,7 @@ class Specialised(eqx.Module):
     """A number that is static and specialises the compiled code, or else a leaf."""
 
     static: float | None = eqx.field(static=True)
-    traced: Array | None
+    traced: Array | None = None
 
     @property
     def value(self) -> float | Array:

@@ -70,6 +70,7 @@ class _Run(eqx.Module):
     speed: Array
     rest: Array
     static: Array
+    weight: Array
     valid: Array
 
 
@@ -93,7 +94,7 @@ def _bounce(
         touches = alike(first, run.speed, power, run.rest, bounces)
         e = jnp.where(first.status == int(Status.SEPARATED), first.restitution, 0)
         return _assembled(touches, run, e)
-    weight = _weight(contact, run.gravity) if gravity_in_contact else None
+    weight = run.weight if gravity_in_contact else None
     touches = one_by_one(law, contact, run.speed, run.rest, weight, method, bounces)
     return _assembled(touches, run, None)
 
@@ -101,10 +102,6 @@ def _bounce(
 def _exponent(contact: Contact) -> float | Array:
     n = contact.exponent
     return n if isinstance(n, float) else jnp.where(EXPONENT.holds(n), n, EXPONENT.inside)
-
-
-def _weight(contact: Contact, gravity: Array) -> Array:
-    return sanitised(contact).mass.astype(gravity.dtype) * gravity
 
 
 def _run(
@@ -129,7 +126,7 @@ def _run(
 
     height, gravity, speed = fill(height), fill(gravity), fill(speed)
     safe = sanitised(contact)
-    weight = _weight(contact, gravity)
+    weight = safe.mass.astype(dtype) * gravity
     static = fill((weight / safe.stiffness.astype(dtype)) ** (1 / _exponent(contact)))
     if rest is None:
         felt = jnp.zeros_like(static) if gravity_in_contact else jnp.sqrt(gravity * static)
@@ -139,7 +136,7 @@ def _run(
         rest = jnp.where(_REST.holds(rest), rest, _REST.inside)
     held = law.force(static, jnp.zeros_like(static), contact, jnp.ones_like(static))
     static = jnp.where(jnp.abs(held - weight) <= _STATIC * weight, static, jnp.nan)
-    return _Run(height, gravity, speed, fill(rest), static, fill(valid).astype(bool))
+    return _Run(height, gravity, speed, fill(rest), static, weight, fill(valid).astype(bool))
 
 
 def _assembled(touches: Touches, run: _Run, constant_e: Array | None) -> Bounce:

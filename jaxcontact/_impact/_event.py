@@ -15,8 +15,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Int
 
 from .._forms import AbstractForm, Flag, ScaledImpact
-from .._implicit import with_implicit_derivative
-from ._bracket import bracketed_root
+from .._implicit import bracketed_root, with_implicit_derivative
 from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
@@ -71,12 +70,9 @@ class Event(AbstractMethod):
         """The outcome of every different lane."""
         return self.over(lanes.motion(), solve_event)
 
-    def over(self, motion: Motion, solve_lane: Callable[[Motion, Event], Out]) -> Out:
-        """`solve_lane(motion, self)` for every different lane, with derivatives."""
-
-        def lane(motion: Motion) -> Out:
-            return solve_lane(motion, self)
-
+    def over(self, motion: Motion, solve_lane: Callable[..., Out]) -> Out:
+        """`solve_lane(motion, how=self)` for every different lane, with derivatives."""
+        lane = functools.partial(solve_lane, how=self)
         # An adjoint of the user's brings its own derivatives.
         return over_lanes(lane if self.adjoint is not None else with_sensitivity(lane), motion)
 

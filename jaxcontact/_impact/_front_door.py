@@ -44,11 +44,10 @@ def problem_of(
     check_law(law)
     if not isinstance(contact, Contact):
         raise ValueError(f"Argument `contact` must be a `Contact`, but is {contact!r}.")
+    if isinstance(external_force, int | float) and external_force == 0:
+        external_force = None
     if external_force is not None:
-        if isinstance(external_force, int | float) and external_force == 0:
-            external_force = None
-        else:
-            external_force = as_parameter(external_force, "external_force", FORCE)
+        external_force = as_parameter(external_force, "external_force", FORCE)
     n = contact.exponent
     if law.exponents is not None and isinstance(n, float) and n not in law.exponents:
         allowed = " or ".join(f"{exponent:g}" for exponent in law.exponents)

@@ -129,9 +129,8 @@ class Motion(eqx.Module):
     def gap(self, state: State, compressing: Flag) -> Number:
         """What falls through zero at the end of a leg: the velocity in, the nearest gap out."""
         velocity = self.velocity(state)
-        if self.one_way:
-            return jnp.where(compressing, velocity, state.w)
-        return jnp.where(compressing, velocity, jnp.minimum(-velocity, self._gap_apart(state)))
+        out = state.w if self.one_way else jnp.minimum(-velocity, self._gap_apart(state))
+        return jnp.where(compressing, velocity, out)
 
     def _gap_apart(self, state: State) -> Number:
         """Positive until the contact is over: at x = 0, or where a force that may not pull is 0."""

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._bracket import bracketed_root
+from .._implicit import bracketed_root
 from ._motion import Motion, Number, State
 
 

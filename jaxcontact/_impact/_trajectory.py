@@ -12,9 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._contact import Contact
+from .._implicit import bracketed_root, ratio
 from .._laws import AbstractLaw
 from .._parameter import require_count
-from ._bracket import bracketed_root, ratio
 from ._event import Event, Leg, solve_legs
 from ._front_door import Problem, lanes_of, problem_of
 from ._method import AbstractMethod
