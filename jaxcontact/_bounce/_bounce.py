@@ -141,8 +141,7 @@ def _run(
 
 def _assembled(touches: Touches, run: _Run, constant_e: Array | None) -> Bounce:
     """The record of a run; `constant_e` is the restitution where it is the same at all speeds."""
-    valid = run.valid[..., None]
-    status = jnp.where(valid, touches.status, int(Status.INVALID_INPUT))
+    status = jnp.where(run.valid[..., None], touches.status, int(Status.INVALID_INPUT))
     leaves = status == int(Status.SEPARATED)
     settled = status == int(Status.SETTLED)
     gravity = run.gravity[..., None]

@@ -61,24 +61,25 @@ def _results(
 
 
 def work_off(
+    missing: Sequence[Block],
     blocks: Sequence[Block],
-    total: int,
     workers: Workers,
     tell: Tell,
     keep: Callable[[Block, Arrays], None],
     *,
     exchange: bool = True,
 ) -> tuple[list[Block], float]:
-    """Compute blocks: those that were not computed, and the part of `total` lanes that is done.
+    """Compute the `missing` blocks: those that are left, and the part of all lanes that is done.
 
     `keep` is called with each block that has results in this process, and with these. An interrupt
     from the keyboard ends it early. It is raised again if the rest has flags, without which no
     result is useful, or if other processes wait for the rest.
     """
-    left = {block.number: block for block in blocks}
-    done = total - sum(block.lanes for block in blocks)
+    left = {block.number: block for block in missing}
+    total = sum(block.lanes for block in blocks)
+    done = total - sum(block.lanes for block in missing)
     try:
-        for block, results in compute(blocks, workers, exchange=exchange):
+        for block, results in compute(missing, workers, exchange=exchange):
             if results:
                 keep(block, results)
             del left[block.number]
@@ -104,8 +105,7 @@ def collect(
         for part in block.parts:
             arrays[part.array.key][part.place] = results[part.array.key]
 
-    total = sum(block.lanes for block in blocks)
-    left, done = work_off(blocks, total, workers, tell, keep)
+    left, done = work_off(blocks, blocks, workers, tell, keep)
     fill(arrays, left)
     return arrays, done
 
@@ -152,11 +152,9 @@ def collect_stored(
     def keep(block: Block, results: Arrays) -> None:
         store.write(block.number, results)
 
-    total = sum(block.lanes for block in blocks)
-    left, done = work_off(missing, total, workers, tell, keep, exchange=False)
-    found = store.arrays()
+    left, done = work_off(missing, blocks, workers, tell, keep, exchange=False)
     if left:
-        arrays = {key: np.asarray(array[...]) for key, array in found.items()}
+        arrays = {key: np.asarray(array[...]) for key, array in store.arrays.items()}
         fill(arrays, left)
         return arrays, done
     workers.meet("store complete")
@@ -166,7 +164,7 @@ def collect_stored(
             "Argument `store` must be a path that all processes share, but process "
             f"{workers.process} does not find {len(lacking)} blocks in {os.fspath(path)}."
         )
-    return {k: np.asarray(a[...]) if is_flag(k) else a for k, a in found.items()}, done
+    return {k: np.asarray(a[...]) if is_flag(k) else a for k, a in store.arrays.items()}, done
 
 
 def _form(part: Part, grid: Grid, leaf: Dependence | None) -> Stored:

@@ -16,8 +16,6 @@ _CALLS = {
     *("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call"),
     *("remat2", "checkpoint"),
 }
-
-
 _PROGRAMS = core.ClosedJaxpr, core.Jaxpr
 
 
