@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -26,8 +25,7 @@ def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
     if shape == ():
         return solve(problem)
-    count = math.prod(shape)
-    flat = [jnp.broadcast_to(leaf, shape).reshape(count) for leaf in leaves]
+    flat = [jnp.broadcast_to(leaf, shape).reshape(-1) for leaf in leaves]
     outcome = jax.vmap(solve)(jax.tree.unflatten(structure, flat))
     return jax.tree.map(lambda out: out.reshape(shape + out.shape[1:]), outcome)
 

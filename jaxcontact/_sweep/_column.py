@@ -40,8 +40,7 @@ class Column:
     def array(self, shape: Sequence[int]) -> np.ndarray:
         """The whole array, over dimensions of the given lengths: a read-only view if possible."""
         dims = range(len(shape))
-        whole = within(self.values, self.dims, dims)
-        whole = np.broadcast_to(whole, (*shape, *self.own_shape))
+        whole = np.broadcast_to(within(self.values, self.dims, dims), (*shape, *self.own_shape))
         if self.masks:
             whole = self._masked(whole, dims, self.masks)
             whole.flags.writeable = False

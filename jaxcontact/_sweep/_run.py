@@ -158,8 +158,7 @@ def collect_stored(
         fill(arrays, left)
         return arrays, done
     workers.meet("store complete")
-    lacking = store.lacking()
-    if lacking:
+    if lacking := store.lacking():
         raise ValueError(
             "Argument `store` must be a path that all processes share, but process "
             f"{workers.process} does not find {len(lacking)} blocks in {os.fspath(path)}."

@@ -112,8 +112,7 @@ def open_store(
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         _create(path, signature, arrays, len(blocks), coordinates)
     group = _existing(path)
-    found = ", ".join(_differences(group.attrs[_SIGNATURE], signature))
-    if found:
+    if found := ", ".join(_differences(group.attrs[_SIGNATURE], signature)):
         raise ValueError(
             "Argument `store` must be a new path or the store of this same sweep, but "
             f"{path} differs in {found}. Choose another path, or delete it."
