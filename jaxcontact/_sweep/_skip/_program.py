@@ -63,7 +63,7 @@ def program_of(function: Callable[..., Any], inputs: Sequence[jax.ShapeDtypeStru
     steps: list[Step] = []
     shapes: list[jax.ShapeDtypeStruct] = []
 
-    def slots(variables: Sequence[core.Var]) -> tuple[int, ...]:
+    def slots(variables: Sequence[Any]) -> tuple[int, ...]:
         first = len(shapes)
         shapes.extend(jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in variables)
         return tuple(range(first, len(shapes)))
