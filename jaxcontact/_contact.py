@@ -44,8 +44,9 @@ class Material(eqx.Module):
 
 
 def _hertz_stiffness(
-    compliance: Float[Array, "..."], radius: Float[Array, "..."]
+    sphere: Material, other: Material | None, radius: Float[Array, "..."]
 ) -> Float[Array, "..."]:
+    compliance = sphere.compliance + (0.0 if other is None else other.compliance)
     return 4 / 3 * jnp.sqrt(radius) / compliance
 
 
@@ -62,16 +63,14 @@ class Contact(eqx.Module):
 
     mass: Float[Array, "..."] = parameter("mass", POSITIVE)
     stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
-    _exponent: Specialised = eqx.field(default=Specialised(1.5, None))
+    _exponent: Specialised = eqx.field(default=Specialised(1.5))
 
     def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
         self.mass = as_parameter(mass, "mass", POSITIVE)
         self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
         value = as_parameter(exponent, "exponent", EXPONENT)
         concrete = isinstance(exponent, int | float)
-        self._exponent = (
-            Specialised(float(exponent), None) if concrete else Specialised(None, value)
-        )
+        self._exponent = Specialised(float(exponent)) if concrete else Specialised(None, value)
 
     def __repr__(self) -> str:
         return (
@@ -103,9 +102,7 @@ class Contact(eqx.Module):
         """
         first = as_parameter(radius, "radius", POSITIVE)
         second = as_parameter(other_radius, "other_radius", POSITIVE)
-        stiffness = _hertz_stiffness(
-            sphere.compliance + other.compliance, first / (first + second) * second
-        )
+        stiffness = _hertz_stiffness(sphere, other, first / (first + second) * second)
         if mass is None:
             first_mass, second_mass = sphere.sphere_mass(first), other.sphere_mass(second)
             mass = first_mass / (first_mass + second_mass) * second_mass
@@ -128,11 +125,8 @@ class Contact(eqx.Module):
         doi 10.1017/CBO9781139171731.
         """
         radius = as_parameter(radius, "radius", POSITIVE)
-        compliance = sphere.compliance + (0.0 if plane is None else plane.compliance)
-        return cls(
-            sphere.sphere_mass(radius) if mass is None else mass,
-            _hertz_stiffness(compliance, radius),
-        )
+        mass = sphere.sphere_mass(radius) if mass is None else mass
+        return cls(mass, _hertz_stiffness(sphere, plane, radius))
 
     @classmethod
     def sphere_socket(
@@ -164,8 +158,5 @@ class Contact(eqx.Module):
         wider = outer > inner
         clearance = jnp.where(wider, outer - inner, 1)
         effective = jnp.where(wider, inner / clearance * outer, jnp.nan)
-        compliance = sphere.compliance + (0.0 if socket is None else socket.compliance)
-        return cls(
-            sphere.sphere_mass(inner) if mass is None else mass,
-            _hertz_stiffness(compliance, effective),
-        )
+        mass = sphere.sphere_mass(inner) if mass is None else mass
+        return cls(mass, _hertz_stiffness(sphere, socket, effective))

@@ -200,10 +200,6 @@ def _slowed_fall(z: Lane) -> Lane:
     return jnp.where(near, square * log1p_over(z_near * square), far)
 
 
-def _quickened_residual(x: Lane, q: Lane) -> Lane:
-    return x * _shortened(q * jnp.square(x)) - 1
-
-
 def _quickened_guess(q: Lane) -> Lane:
     # With √b u = sinh y the time is y + atan(sinh y), which rises with a slope between 1 and 2:
     # Newton's steps from below never overshoot, however strong the drag is: three leave 2e-10.
@@ -216,5 +212,7 @@ def _quickened_guess(q: Lane) -> Lane:
     return jnp.where(some, jnp.sinh(y) / p, 1)
 
 
-_quickened = implicit_root(_quickened_residual, _quickened_guess, iterations=1)
+_quickened = implicit_root(
+    lambda x, q: x * _shortened(q * jnp.square(x)) - 1, _quickened_guess, iterations=1
+)
 """Launch speed over that in vacuum, at q = b (g T/2)²."""

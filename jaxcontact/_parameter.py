@@ -51,9 +51,11 @@ def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
     flag. Arrays and traced values pass: their bad lanes are flagged by `impact`.
     """
     array = value if isinstance(value, jax.Array) else _from_python(value, name, allowed)
-    if not (jnp.issubdtype(array.dtype, jnp.floating) or jnp.issubdtype(array.dtype, jnp.integer)):
+    if jnp.issubdtype(array.dtype, jnp.floating):
+        return array
+    if not jnp.issubdtype(array.dtype, jnp.integer):
         raise _not_a_number(value, name)
-    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
+    return array.astype(float)
 
 
 def _from_python(value: Any, name: str, allowed: Range) -> Array:
@@ -70,6 +72,14 @@ def _from_python(value: Any, name: str, allowed: Range) -> Array:
     return jnp.asarray(float(value) if isinstance(value, int | float) else plain)
 
 
+def require_count(name: str, value: Any, least: int) -> None:
+    """Raise ValueError for what is no whole number of at least `least`."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise ValueError(
+            f"Argument `{name}` must be a whole number of at least {least}, but is {value!r}."
+        )
+
+
 def _not_a_number(value: Any, name: str) -> ValueError:
     return ValueError(
         f"Argument `{name}` must be a real number or an array of real numbers, but is {value!r}."
@@ -80,7 +90,7 @@ class Specialised(eqx.Module):
     """A number that is static and specialises the compiled code, or else a leaf."""
 
     static: float | None = eqx.field(static=True)
-    traced: Array | None
+    traced: Array | None = None
 
     @property
     def value(self) -> float | Array:
@@ -111,10 +121,8 @@ def ranges(module: eqx.Module | type[eqx.Module]) -> dict[str, Range]:
 def is_valid(module: eqx.Module) -> Bool[Array, "..."]:
     """Whether all declared parameters of `module` lie in their ranges, lane by lane."""
     valid = jnp.asarray(True)
-    for name, allowed in ranges(module).items():
-        value = getattr(module, name)
-        if value is not None:
-            valid = valid & allowed.holds(value)
+    for value, allowed in _given(module).values():
+        valid = valid & allowed.holds(value)
     return valid
 
 
@@ -124,18 +132,20 @@ def sanitised(module: Any) -> Any:
     The bad lanes are flagged elsewhere; this keeps their infinities out of the arithmetic, so that
     a derivative of the good lanes never contains 0 times inf.
     """
-    names = [name for name in ranges(module) if getattr(module, name) is not None]
-    if not names:
+    given = _given(module)
+    if not given:
         return module
     clean = [
-        jnp.where(
-            ranges(module)[name].holds(getattr(module, name)),
-            getattr(module, name),
-            jnp.asarray(ranges(module)[name].inside, getattr(module, name).dtype),
-        )
-        for name in names
+        jnp.where(allowed.holds(value), value, jnp.asarray(allowed.inside, value.dtype))
+        for value, allowed in given.values()
     ]
-    return eqx.tree_at(lambda m: [getattr(m, name) for name in names], module, clean)
+    return eqx.tree_at(lambda m: [getattr(m, name) for name in given], module, clean)
+
+
+def _given(module: eqx.Module) -> dict[str, tuple[Array, Range]]:
+    """The declared parameters that are not None, with their ranges."""
+    found = {name: (getattr(module, name), allowed) for name, allowed in ranges(module).items()}
+    return {name: pair for name, pair in found.items() if pair[0] is not None}
 
 
 def shown(value: Any) -> str:

@@ -11,7 +11,7 @@ from .. import _flight as flight
 from .._contact import EXPONENT, Contact
 from .._impact import AbstractMethod, Status, impact, method_of, problem_of, restitution_is_constant
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw
-from .._parameter import POSITIVE, Range, as_parameter, sanitised
+from .._parameter import POSITIVE, Range, as_parameter, require_count, sanitised
 from ._result import Bounce
 from ._touches import Touches, alike, one_by_one
 
@@ -49,10 +49,7 @@ def bounce(
     Returns a `Bounce`; a bad lane is NaN and flagged. Raises ValueError for a Python scalar out of
     range. Source: elementary ballistics, and `impact`.
     """
-    if isinstance(bounces, bool) or not isinstance(bounces, int) or bounces < 1:
-        raise ValueError(
-            f"Argument `bounces` must be a whole number of at least 1, but is {bounces!r}."
-        )
+    require_count("bounces", bounces, 1)
     if not isinstance(gravity_in_contact, bool):
         raise ValueError(
             f"Argument `gravity_in_contact` must be True or False, but is {gravity_in_contact!r}."
@@ -73,6 +70,7 @@ class _Run(eqx.Module):
     speed: Array
     rest: Array
     static: Array
+    weight: Array
     valid: Array
 
 
@@ -88,29 +86,22 @@ def _bounce(
     method: AbstractMethod,
 ) -> Bounce:
     run = _run(law, contact, height, gravity, rest, gravity_in_contact)
-    n = _exponent(contact)
-    if gravity_in_contact:
-        weight = _weight(contact, run.gravity)
-        touches = one_by_one(law, contact, run.speed, run.rest, weight, method, bounces)
-    elif restitution_is_constant(law, contact):
+    if not gravity_in_contact and restitution_is_constant(law, contact):
         first = impact(law, contact, run.speed, method=method)
+        n = _exponent(contact)
         power = (1 - n) / (1 + n)
         power = power if isinstance(power, float) else jnp.expand_dims(power, -1)
         touches = alike(first, run.speed, power, run.rest, bounces)
         e = jnp.where(first.status == int(Status.SEPARATED), first.restitution, 0)
         return _assembled(touches, run, e)
-    else:
-        touches = one_by_one(law, contact, run.speed, run.rest, None, method, bounces)
+    weight = run.weight if gravity_in_contact else None
+    touches = one_by_one(law, contact, run.speed, run.rest, weight, method, bounces)
     return _assembled(touches, run, None)
 
 
 def _exponent(contact: Contact) -> float | Array:
     n = contact.exponent
     return n if isinstance(n, float) else jnp.where(EXPONENT.holds(n), n, EXPONENT.inside)
-
-
-def _weight(contact: Contact, gravity: Array) -> Array:
-    return sanitised(contact).mass.astype(gravity.dtype) * gravity
 
 
 def _run(
@@ -135,7 +126,7 @@ def _run(
 
     height, gravity, speed = fill(height), fill(gravity), fill(speed)
     safe = sanitised(contact)
-    weight = _weight(contact, gravity)
+    weight = safe.mass.astype(dtype) * gravity
     static = fill((weight / safe.stiffness.astype(dtype)) ** (1 / _exponent(contact)))
     if rest is None:
         felt = jnp.zeros_like(static) if gravity_in_contact else jnp.sqrt(gravity * static)
@@ -145,13 +136,12 @@ def _run(
         rest = jnp.where(_REST.holds(rest), rest, _REST.inside)
     held = law.force(static, jnp.zeros_like(static), contact, jnp.ones_like(static))
     static = jnp.where(jnp.abs(held - weight) <= _STATIC * weight, static, jnp.nan)
-    return _Run(height, gravity, speed, fill(rest), static, fill(valid).astype(bool))
+    return _Run(height, gravity, speed, fill(rest), static, weight, fill(valid).astype(bool))
 
 
 def _assembled(touches: Touches, run: _Run, constant_e: Array | None) -> Bounce:
     """The record of a run; `constant_e` is the restitution where it is the same at all speeds."""
-    valid = run.valid[..., None]
-    status = jnp.where(valid, touches.status, int(Status.INVALID_INPUT))
+    status = jnp.where(run.valid[..., None], touches.status, int(Status.INVALID_INPUT))
     leaves = status == int(Status.SEPARATED)
     settled = status == int(Status.SETTLED)
     gravity = run.gravity[..., None]

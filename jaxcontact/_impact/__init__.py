@@ -1,13 +1,13 @@
 """One impact: methods that solve it, and the functions that people call."""
 
-from ._constant import restitution_is_constant as restitution_is_constant
-from ._constant import restitutions as restitutions
 from ._event import Event as Event
-from ._exact import Exact as Exact
 from ._front_door import problem_of as problem_of
 from ._impact import impact as impact
 from ._impact import restitution as restitution
+from ._impact import restitution_is_constant as restitution_is_constant
+from ._impact import restitutions as restitutions
 from ._method import AbstractMethod as AbstractMethod
+from ._methods import Exact as Exact
 from ._methods import method_of as method_of
 from ._phase import Phase as Phase
 from ._result import Impact as Impact

@@ -15,14 +15,12 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Int
 
 from .._forms import AbstractForm, Flag, ScaledImpact
-from .._implicit import with_implicit_derivative
-from ._bracket import bracketed_root
+from .._implicit import bracketed_root, with_implicit_derivative
 from ._front_door import Lanes
-from ._lanes import over_lanes
-from ._method import AbstractMethod, as_count, as_tolerance
+from ._lanes import over_lanes, with_sensitivity
+from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion, Number, State
 from ._peak import Path, largest_force
-from ._sensitivity import with_sensitivity
 
 Out = TypeVar("Out")
 
@@ -35,10 +33,15 @@ _SAFETY = 0.02
 _ITERATIONS = 60
 
 
-def _of_diffrax(value: Any, name: str, kind: type) -> Any:
-    if value is None or isinstance(value, kind):
-        return value
-    raise ValueError(f"Argument `{name}` must be a diffrax {kind.__name__}, but is {value!r}.")
+def _of_diffrax(name: str, kind: type) -> Any:
+    """A field for what diffrax has several of; None for the default."""
+
+    def convert(value: Any) -> Any:
+        if value is None or isinstance(value, kind):
+            return value
+        raise ValueError(f"Argument `{name}` must be a diffrax {kind.__name__}, but is {value!r}.")
+
+    return eqx.field(default=None, converter=convert)
 
 
 class Event(AbstractMethod):
@@ -52,23 +55,11 @@ class Event(AbstractMethod):
     diffrax, Kidger (2021), doi 10.48550/arXiv.2202.02435.
     """
 
-    rtol: float | None = eqx.field(
-        static=True, default=None, converter=functools.partial(as_tolerance, name="rtol")
-    )
-    atol: float | None = eqx.field(
-        static=True, default=None, converter=functools.partial(as_tolerance, name="atol")
-    )
-    solver: diffrax.AbstractSolver | None = eqx.field(
-        default=None,
-        converter=functools.partial(_of_diffrax, name="solver", kind=diffrax.AbstractSolver),
-    )
-    adjoint: diffrax.AbstractAdjoint | None = eqx.field(
-        default=None,
-        converter=functools.partial(_of_diffrax, name="adjoint", kind=diffrax.AbstractAdjoint),
-    )
-    max_steps: int = eqx.field(
-        static=True, default=256, converter=functools.partial(as_count, name="max_steps")
-    )
+    rtol: float | None = tolerance_field("rtol")
+    atol: float | None = tolerance_field("atol")
+    solver: diffrax.AbstractSolver | None = _of_diffrax("solver", diffrax.AbstractSolver)
+    adjoint: diffrax.AbstractAdjoint | None = _of_diffrax("adjoint", diffrax.AbstractAdjoint)
+    max_steps: int = count_field("max_steps", 256)
     name: ClassVar[str] = "event"
 
     def chosen(self, form: AbstractForm, pushed: bool) -> Event:
@@ -79,12 +70,9 @@ class Event(AbstractMethod):
         """The outcome of every different lane."""
         return self.over(lanes.motion(), solve_event)
 
-    def over(self, motion: Motion, solve_lane: Callable[[Motion, Event], Out]) -> Out:
-        """`solve_lane(motion, self)` for every different lane, with derivatives."""
-
-        def lane(motion: Motion) -> Out:
-            return solve_lane(motion, self)
-
+    def over(self, motion: Motion, solve_lane: Callable[..., Out]) -> Out:
+        """`solve_lane(motion, how=self)` for every different lane, with derivatives."""
+        lane = functools.partial(solve_lane, how=self)
         # An adjoint of the user's brings its own derivatives.
         return over_lanes(lane if self.adjoint is not None else with_sensitivity(lane), motion)
 

@@ -44,11 +44,10 @@ def problem_of(
     check_law(law)
     if not isinstance(contact, Contact):
         raise ValueError(f"Argument `contact` must be a `Contact`, but is {contact!r}.")
+    if isinstance(external_force, int | float) and external_force == 0:
+        external_force = None
     if external_force is not None:
-        if isinstance(external_force, int | float) and external_force == 0:
-            external_force = None
-        else:
-            external_force = as_parameter(external_force, "external_force", FORCE)
+        external_force = as_parameter(external_force, "external_force", FORCE)
     n = contact.exponent
     if law.exponents is not None and isinstance(n, float) and n not in law.exponents:
         allowed = " or ".join(f"{exponent:g}" for exponent in law.exponents)
@@ -69,7 +68,7 @@ def check_law(law: Any) -> None:
 def uniform(tree: Any) -> Any:
     """`tree` with its numbers in one precision, the highest among them, and of one rank."""
     # A Python number left in a law is a value, not a choice: another one must not compile anew.
-    tree = jax.tree.map(_as_array, tree)
+    tree = jax.tree.map(lambda x: jnp.asarray(float(x)) if type(x) in (float, int) else x, tree)
     leaves = [leaf for leaf in jax.tree.leaves(tree) if eqx.is_inexact_array(leaf)]
     # A Python number is weakly typed and follows the arrays; alone it has the default precision.
     strong = [leaf.dtype for leaf in leaves if not leaf.weak_type]
@@ -85,10 +84,6 @@ def uniform(tree: Any) -> Any:
         return jax.lax.convert_element_type(leaf, dtype)
 
     return jax.tree.map(convert, tree)
-
-
-def _as_array(leaf: Any) -> Any:
-    return jnp.asarray(float(leaf)) if type(leaf) in (float, int) else leaf
 
 
 class Lanes(eqx.Module):

@@ -1,8 +1,14 @@
-"""The public functions `impact` and `restitution`."""
+"""The public functions `impact` and `restitution`, and e without contact and speed."""
 
 from __future__ import annotations
 
+import collections
+import functools
+from collections.abc import Callable
+from typing import Any
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -61,20 +67,20 @@ _lanes = eqx.filter_jit(lanes_of)
 def _solved(lanes: Lanes, method: AbstractMethod, shape: tuple[int, ...]) -> Impact:
     method = method.chosen(lanes.form, lanes.push is not None)
     scaled = method.solve(lanes)
-    scale = lanes.scale
+    scale, fill = lanes.scale, functools.partial(jnp.broadcast_to, shape=shape)
     # Of these two alone: what is not used must stay dead code. A force that is not finite shows.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)
     solved = scaled.converged & finite
     status = jnp.where(scaled.settled, int(Status.SETTLED), int(Status.SEPARATED))
     status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
-    status = _fill(jnp.where(lanes.valid, status, int(Status.INVALID_INPUT)), shape)
+    status = fill(jnp.where(lanes.valid, status, int(Status.INVALID_INPUT)))
     good = lanes.valid & solved
 
     def result(value: Float[Array, "..."], unit: Float[Array, "..."]) -> Float[Array, "..."]:
         # An infinite time stays out of the product: 0 times inf is no derivative of the unit.
         usable = good & jnp.isfinite(value)
         product = jnp.where(usable, value, 1) * unit
-        return _fill(jnp.where(usable, product, jnp.where(good, value, jnp.nan)), shape)
+        return fill(jnp.where(usable, product, jnp.where(good, value, jnp.nan)))
 
     one = jnp.ones_like(scale.speed)
     restitution = jnp.where(scaled.settled, 0, scaled.restitution)
@@ -87,16 +93,10 @@ def _solved(lanes: Lanes, method: AbstractMethod, shape: tuple[int, ...]) -> Imp
         max_force=result(scaled.max_force, scale.force),
         energy_loss=result((1 - restitution) * (1 + restitution), scale.energy),
         status=status,
-        error_estimate=None
-        if scaled.error_estimate is None
-        else _fill(scaled.error_estimate, shape),
-        steps=None if scaled.steps is None else _fill(scaled.steps, shape),
+        error_estimate=jax.tree.map(fill, scaled.error_estimate),
+        steps=jax.tree.map(fill, scaled.steps),
         method=method.name,
     )
-
-
-def _fill(value: Array, shape: tuple[int, ...]) -> Array:
-    return jnp.broadcast_to(value, shape)
 
 
 def restitution(
@@ -159,4 +159,43 @@ def _restitution(problem: Problem, method: AbstractMethod) -> Float[Array, "..."
     if e is None:
         # Under this jit whatever else the solve computes is dead code, and removed.
         return _impact(problem, method).restitution
-    return _fill(jnp.where(lanes.valid, e, jnp.nan), problem.shape)
+    return jnp.broadcast_to(jnp.where(lanes.valid, e, jnp.nan), problem.shape)
+
+
+def restitution_is_constant(law: AbstractLaw, contact: Contact) -> bool:
+    """Whether e is known to be the same at every speed: its form gives it without one."""
+    try:
+        return jax.eval_shape(lambda: law.form(contact, None).restitution()) is not None
+    except (TypeError, ValueError):  # the law needs the speed
+        return False
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def restitutions(
+    laws: tuple[Callable[..., AbstractLaw], ...], e: Float[Array, "laws n"]
+) -> list[Float[Array, " n"] | None]:
+    """The restitution that each law delivers for its own row of parameters e.
+
+    None for a law whose restitution also depends on the contact or the speed; NaN where a parameter
+    is out of range. Laws whose forms differ only in their numbers are solved together, since it
+    takes longer to compile a solve than to run it.
+    """
+    groups: dict[Any, list[tuple[int, list[Array]]]] = collections.defaultdict(list)
+    for k, made in enumerate(laws):
+        try:
+            law = made(e=e[k])
+            form, good = sanitised(law).form(None, None).sound()
+        except (TypeError, ValueError):  # the law needs the contact or the speed
+            continue
+        numbers, structure = jax.tree.flatten(form)
+        columns = [jnp.broadcast_to(x, e[k].shape) for x in (*numbers, good & is_valid(law))]
+        groups[structure].append((k, columns))
+    delivered: list[Float[Array, " n"] | None] = [None] * len(laws)
+    for structure, members in groups.items():
+        places, columns = zip(*members, strict=True)
+        *numbers, good = map(jnp.stack, zip(*columns, strict=True))
+        found = jax.tree.unflatten(structure, numbers).restitution()
+        if found is not None:
+            for k, row in zip(places, jnp.where(good, found, jnp.nan), strict=True):
+                delivered[k] = row
+    return delivered

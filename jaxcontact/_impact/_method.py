@@ -44,22 +44,30 @@ class AbstractMethod(eqx.Module):
         return None
 
 
-def as_tolerance(value: Any, name: str) -> float | None:
-    """A tolerance as a Python float, from any concrete real scalar; None stays None."""
-    if value is None:
-        return None
-    number = _scalar(value)
-    if not isinstance(number, int | float) or not 0 < number < 1:
-        raise ValueError(f"Argument `{name}` must be a number in (0, 1), but is {value!r}.")
-    return float(number)
+def tolerance_field(name: str) -> Any:
+    """A field for a tolerance: a Python float, from any concrete real scalar; None stays None."""
+
+    def convert(value: Any) -> float | None:
+        if value is None:
+            return None
+        number = _scalar(value)
+        if not isinstance(number, int | float) or not 0 < number < 1:
+            raise ValueError(f"Argument `{name}` must be a number in (0, 1), but is {value!r}.")
+        return float(number)
+
+    return eqx.field(static=True, default=None, converter=convert)
 
 
-def as_count(value: Any, name: str) -> int:
-    """A number of steps as a Python int, from any concrete whole scalar."""
-    number = _scalar(value)
-    if not isinstance(number, int) or number < 2:
-        raise ValueError(f"Argument `{name}` must be a whole number above 1, but is {value!r}.")
-    return int(number)
+def count_field(name: str, default: int) -> Any:
+    """A field for a number of steps: a Python int, from any concrete whole scalar."""
+
+    def convert(value: Any) -> int:
+        number = _scalar(value)
+        if not isinstance(number, int) or number < 2:
+            raise ValueError(f"Argument `{name}` must be a whole number above 1, but is {value!r}.")
+        return int(number)
+
+    return eqx.field(static=True, default=default, converter=convert)
 
 
 def _scalar(value: Any) -> object:

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
 from .._parameter import Specialised
+from ._runge_kutta import step
 
 Number = Float[Array, ""]
 
@@ -96,6 +97,10 @@ class Motion(eqx.Module):
             loss = (force - self.form.pull(w, still, n, compressing)) * velocity
         return State(velocity / k, -pull, clock, loss)
 
+    def later(self, state: State, time: Number, compressing: Flag) -> State:
+        """The state a regularised `time` later, by one Runge-Kutta step."""
+        return step(lambda s: self.rate(s, compressing), state, time)
+
     def stored(self, state: State) -> Number:
         """∫ f(x, 0) dx from 0 to w^k: by a Gauss rule that is exact for the polynomial forms."""
         nodes, weights = np.polynomial.legendre.leggauss(16)
@@ -124,9 +129,8 @@ class Motion(eqx.Module):
     def gap(self, state: State, compressing: Flag) -> Number:
         """What falls through zero at the end of a leg: the velocity in, the nearest gap out."""
         velocity = self.velocity(state)
-        if self.one_way:
-            return jnp.where(compressing, velocity, state.w)
-        return jnp.where(compressing, velocity, jnp.minimum(-velocity, self._gap_apart(state)))
+        out = state.w if self.one_way else jnp.minimum(-velocity, self._gap_apart(state))
+        return jnp.where(compressing, velocity, out)
 
     def _gap_apart(self, state: State) -> Number:
         """Positive until the contact is over: at x = 0, or where a force that may not pull is 0."""

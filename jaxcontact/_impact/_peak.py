@@ -8,9 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._bracket import bracketed_root
+from .._implicit import bracketed_root
 from ._motion import Motion, Number, State
-from ._runge_kutta import step
 
 
 class Path(NamedTuple):
@@ -39,21 +38,17 @@ def largest_force(motion: Motion, path: Path, compressing: Bool[Array, ""]) -> N
     rising = _force_rate(frozen, jax.lax.stop_gradient(_at(states, best)), compressing) > 0
     left = jnp.clip(jnp.where(rising, best, best - 1), 0, jnp.maximum(last - 1, 0))
     size = moments[left + 1] - moments[left]
-
-    def later(motion: Motion, state: State, fraction: Number) -> State:
-        return step(lambda s: motion.rate(s, compressing), state, fraction * size)
-
     start = jax.lax.stop_gradient(_at(states, left))
     finish = jax.lax.stop_gradient(_at(states, left + 1))
 
     def slope(fraction: Number) -> Number:
-        return _force_rate(frozen, later(frozen, start, fraction), compressing)
+        return _force_rate(frozen, frozen.later(start, fraction * size, compressing), compressing)
 
     # Without a change of sign the maximum is at an end, at touch for a law that jumps there.
     before, after = slope(jnp.zeros_like(size)), _force_rate(frozen, finish, compressing)
     inside = (before > 0) & (after < 0)
     theta = jnp.where(inside, bracketed_root(slope, before, after, iterations=10), 0)
-    between = motion.force(later(motion, _at(states, left), theta), compressing)
+    between = motion.force(motion.later(_at(states, left), theta * size, compressing), compressing)
     return jnp.maximum(between, forces[best])
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import functools
 from typing import ClassVar, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,12 +17,11 @@ from jaxtyping import Array, Int
 
 from .._forms import AbstractForm, Flag, ScaledImpact
 from ._front_door import Lanes
-from ._lanes import over_lanes
-from ._method import AbstractMethod, as_count, as_tolerance
+from ._lanes import over_lanes, with_sensitivity
+from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion, Number, State
 from ._peak import Path, largest_force
 from ._runge_kutta import NODES, step_with_error
-from ._sensitivity import with_sensitivity
 
 
 class Phase(AbstractMethod):
@@ -37,12 +35,8 @@ class Phase(AbstractMethod):
     & Dormand (1981), doi 10.1016/0771-050X(81)90010-3.
     """
 
-    steps: int = eqx.field(
-        static=True, default=32, converter=functools.partial(as_count, name="steps")
-    )
-    tolerance: float | None = eqx.field(
-        static=True, default=None, converter=functools.partial(as_tolerance, name="tolerance")
-    )
+    steps: int = count_field("steps", 32)
+    tolerance: float | None = tolerance_field("tolerance")
     name: ClassVar[str] = "phase"
 
     def __check_init__(self):

@@ -56,11 +56,10 @@ class Impact(eqx.Module):
     method: str = eqx.field(static=True)
 
     def __repr__(self) -> str:
-        lines = [f"Impact by method {self.method!r}"]
-        for name in NUMBERS:
-            lines.append(f"  {name:<17}{quantity(name, _show(getattr(self, name)))}")
-        lines.append(f"  {'status':<17}{status_words(self.status)}")
-        return "\n".join(lines)
+        texts = {name: quantity(name, _show(getattr(self, name))) for name in NUMBERS}
+        texts["status"] = status_words(self.status)
+        lines = (f"  {name:<17}{text}" for name, text in texts.items())
+        return "\n".join([f"Impact by method {self.method!r}", *lines])
 
 
 def _show(value: Array) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import operator
 from collections.abc import Callable
 from typing import TypeVar
@@ -85,14 +86,9 @@ def _computed_once(values: Computed, always: Array) -> Computed:
     leads to it: four times the work, measured. It drops an optimization barrier before it fuses,
     but does not look through a branch. Graphics processors would wait for the branch.
     """
-
-    def unchanged(values: Computed) -> Computed:
-        return values
-
-    def nothing(values: Computed) -> Computed:
-        return jax.tree.map(jnp.zeros_like, values)
+    zeros = functools.partial(jax.tree.map, jnp.zeros_like)
 
     def branch(values: Computed) -> Computed:
-        return jax.lax.cond(always, unchanged, nothing, values)
+        return jax.lax.cond(always, lambda values: values, zeros, values)
 
-    return jax.lax.platform_dependent(values, cpu=branch, default=unchanged)
+    return jax.lax.platform_dependent(values, cpu=branch, default=lambda values: values)

@@ -12,15 +12,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._contact import Contact
+from .._implicit import bracketed_root, ratio
 from .._laws import AbstractLaw
-from ._bracket import bracketed_root, ratio
+from .._parameter import require_count
 from ._event import Event, Leg, solve_legs
 from ._front_door import Problem, lanes_of, problem_of
 from ._method import AbstractMethod
 from ._methods import stepping_method
 from ._motion import Motion, Number, State
 from ._result import Status
-from ._runge_kutta import step
 
 
 class Energy(eqx.Module):
@@ -78,10 +78,7 @@ def trajectory(
     Returns a `Trajectory`; bad lanes are flagged in `.status`, their numbers NaN. Raises ValueError
     as `impact` does, and for other methods. Source: see `impact`.
     """
-    if not isinstance(samples, int) or samples < 2:
-        raise ValueError(
-            f"Argument `samples` must be a whole number of at least 2, but is {samples!r}."
-        )
+    require_count("samples", samples, 2)
     problem = problem_of(law, contact, velocity, external_force)
     return _trajectory(problem, stepping_method(method), samples)
 
@@ -172,21 +169,17 @@ def _state_at(
     moments = jax.lax.stop_gradient(leg.path.moments)
     size = moments[left + 1] - moments[left]
     start = jax.tree.map(lambda leaf: leaf[left], leg.path.states)
-
-    def later(motion: Motion, state: State, fraction: Number) -> State:
-        return step(lambda s: motion.rate(s, compressing), state, fraction * size)
-
     frozen, frozen_start = jax.lax.stop_gradient((motion, start))
     fraction = bracketed_root(
-        lambda fraction: frozen_moment - later(frozen, frozen_start, fraction).t,
+        lambda fraction: frozen_moment - frozen.later(frozen_start, fraction * size, compressing).t,
         frozen_moment - frozen_start.t,
         frozen_moment - jax.lax.stop_gradient(leg.path.states.t[left + 1]),
         iterations=20,
     )
     fraction = jax.lax.stop_gradient(jnp.clip(fraction, 0, 1))
     # One Newton step changes no digit of the fraction, and gives it its derivative.
-    reached = later(motion, start, fraction)
+    reached = motion.later(start, fraction * size, compressing)
     clock = jax.lax.stop_gradient(motion.rate(reached, compressing).t * size)
     missing = moment - reached.t
     fraction = fraction + ratio(missing - jax.lax.stop_gradient(missing), clock)
-    return later(motion, start, fraction)
+    return motion.later(start, fraction * size, compressing)

@@ -63,17 +63,15 @@ def estimate_noise(residual: Floats, reading_factor: Floats, *, robust: bool) ->
         size = np.maximum(np.median(square, axis=1), floor)
         for _ in range(_SCALE_STEPS):
             weight = (ROBUST_DEGREES + 1) / (ROBUST_DEGREES + square / size[:, None])
-            new = np.maximum(np.mean(weight * square, axis=1), floor)
-            done = np.all(np.abs(new - size) <= _SCALE_TOLERANCE * new)
-            size = new
-            if done:
+            last, size = size, np.maximum(np.mean(weight * square, axis=1), floor)
+            if np.all(np.abs(size - last) <= _SCALE_TOLERANCE * size):
                 break
-        standard = square / size[:, None]
-        tail = (ROBUST_DEGREES + 1) / 2 * np.log1p(standard / ROBUST_DEGREES)
     else:
         size = np.maximum(np.mean(square, axis=1), floor)
-        standard = square / size[:, None]
-        tail = standard / 2
+    standard = square / size[:, None]
+    tail = standard / 2
+    if robust:
+        tail = (ROBUST_DEGREES + 1) / 2 * np.log1p(standard / ROBUST_DEGREES)
     best = int(np.argmin(np.sum(tail + np.log(shape * size[:, None]) / 2, axis=1)))
     total, share = float(size[best]), float(shares[best])
     if robust:

@@ -16,8 +16,6 @@ from .._flight import Floats
 from ._noise import Noise, estimate_noise, mad_sigma
 from ._pairs import Pairs
 
-Flags = NDArray[np.bool_]
-
 THRESHOLD = 6.0
 """Pairs beyond this many robust standard deviations are marked. Real scatter has longer tails than
 the normal distribution: that of the shipped balls ends at 4.9 (blue) and 5.8 (pingpong, drag taken
@@ -55,7 +53,7 @@ class Outliers:
     for a ratio that is too large; `guess`, for each flagged pair, what may have happened.
     """
 
-    flagged: Flags
+    flagged: NDArray[np.bool_]
     deviation: Floats
     guess: dict[int, str]
     trend: Trend

@@ -78,8 +78,7 @@ class Grid:
 
 def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
     """The grid of `axes`, after the dimension of the `samples` if there are any."""
-    dims: list[str] = []
-    shape: list[int] = []
+    lengths: dict[str, int] = {}
     inputs: list[Input] = []
     static: list[tuple[str, Any]] = []
     if samples is not None:
@@ -89,8 +88,7 @@ def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
             raise ValueError(
                 f"Argument `{clash[0]}` must be given once, but is in `samples` and an axis."
             )
-        dims.append(SAMPLE)
-        shape.append(len(next(iter(columns.values()))))
+        lengths[SAMPLE] = len(next(iter(columns.values())))
         inputs += [Input(name, values, 0) for name, values in columns.items()]
     for name, given in axes.items():
         if given is None or isinstance(given, str | bool | int) or _is_object(given):
@@ -104,10 +102,9 @@ def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
             raise ValueError(
                 f"Argument `{name}` must have another name: samples have a dimension of this name."
             )
-        inputs.append(Input(name, _one_dimensional(values, name), len(dims)))
-        dims.append(name)
-        shape.append(len(values))
-    return Grid(tuple(dims), tuple(shape), tuple(inputs), tuple(static))
+        inputs.append(Input(name, _one_dimensional(values, name), len(lengths)))
+        lengths[name] = len(values)
+    return Grid(tuple(lengths), tuple(lengths.values()), tuple(inputs), tuple(static))
 
 
 def _is_object(given: Any) -> bool:

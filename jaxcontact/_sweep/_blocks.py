@@ -1,13 +1,23 @@
-"""A grid cut into blocks of one shape."""
+"""A grid cut into blocks of one shape, and what each computes."""
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import jax
 import numpy as np
+
+from ._axes import Grid
+from ._skip import Array, Group
+
+Arrays = dict[str, np.ndarray]
+Order = Callable[[Group], np.ndarray]
+"""The lanes of a group, counted in C order, in the order in which to compute them."""
 
 
 @dataclass(frozen=True)
@@ -56,3 +66,112 @@ def padded(values: np.ndarray, piece: slice, length: int) -> np.ndarray:
     if len(part) == length:
         return part
     return np.concatenate([part, np.repeat(part[-1:], length - len(part), axis=0)])
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One array that a block computes."""
+
+    number: int
+    """Its number among the results of the call."""
+    array: Array
+    lengths: tuple[int, ...]
+    """How many lanes it has along each dimension, without padding."""
+    place: tuple[Any, ...]
+    """Where in the whole array it belongs: slices, or indices lane by lane."""
+
+    @property
+    def form(self) -> jax.ShapeDtypeStruct:
+        """Shape and type of the part without padding."""
+        return jax.ShapeDtypeStruct(self.lengths + self.array.kind.shape, self.array.kind.dtype)
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """One call of a compiled function, and the parts of its results that are kept."""
+
+    number: int
+    call: Callable[..., Sequence[jax.Array]]
+    arguments: Callable[[], list[np.ndarray]]
+    parts: Sequence[Part]
+    place: tuple[slice, ...] = ()
+    """The part of the dimensions of its group, if it is a part of a grid."""
+
+    @property
+    def lanes(self) -> int:
+        """The number of lanes without padding."""
+        return max(math.prod(part.lengths) for part in self.parts)
+
+    def results(self, outputs: Sequence[jax.Array]) -> Arrays:
+        """What the call returned, by key, without padding."""
+        return {
+            part.array.key: np.asarray(outputs[part.number])[tuple(map(slice, part.lengths))]
+            for part in self.parts
+        }
+
+
+def shape_of(dims: Sequence[int], grid: Grid) -> tuple[int, ...]:
+    """The lengths of some dimensions."""
+    return tuple(grid.shape[d] for d in dims)
+
+
+def blocks_of(
+    groups: Sequence[Group], grid: Grid, most: int, order: Order | None = None
+) -> Iterator[Block]:
+    """All blocks of all groups, each of at most `most` lanes."""
+    numbers = itertools.count()
+    for group in groups:
+        many = math.prod(shape_of(group.dims, grid)) > most and not group.flags
+        if order is not None and many:
+            yield from _ordered(group, grid, most, order(group), numbers)
+        else:
+            yield from _in_place(group, grid, most, numbers)
+
+
+def _in_place(group: Group, grid: Grid, most: int, numbers: Iterator[int]) -> Iterator[Block]:
+    shape = shape_of(group.dims, grid)
+    # Arrays that lie apart need no cut: none is as large as the product of the dimensions.
+    made = cut(shape, math.prod(shape) if group.apart else most)
+    inputs = [grid.inputs[i] for i in group.inputs]
+
+    def arguments(place: tuple[slice, ...]) -> list[np.ndarray]:
+        pieces = dict(zip(group.dims, zip(place, made.block, strict=True), strict=True))
+        return [i.values if i.dim is None else padded(i.values, *pieces[i.dim]) for i in inputs]
+
+    for place in made.blocks:
+        along = dict(zip(group.dims, place, strict=True))
+        parts = [
+            Part(
+                number,
+                array,
+                tuple(along[d].stop - along[d].start for d in array.dims),
+                tuple(along[d] for d in array.dims),
+            )
+            for number, array in enumerate(group.arrays)
+            # The first block along a dimension computes what does not vary along it.
+            if all(along[d].start == 0 for d in group.dims if d not in array.dims)
+        ]
+        yield Block(next(numbers), group.grid, functools.partial(arguments, place), parts, place)
+
+
+def _ordered(
+    group: Group, grid: Grid, most: int, order: np.ndarray, numbers: Iterator[int]
+) -> Iterator[Block]:
+    made = cut((len(order),), most)
+    shape = shape_of(group.dims, grid)
+    inputs = [grid.inputs[i] for i in group.inputs]
+
+    def places(lanes: np.ndarray) -> dict[int, np.ndarray]:
+        return dict(zip(group.dims, np.unravel_index(lanes, shape), strict=True))
+
+    def arguments(piece: slice) -> list[np.ndarray]:
+        at = places(padded(order, piece, made.block[0]))
+        return [i.values if i.dim is None else i.values[at[i.dim]] for i in inputs]
+
+    for (piece,) in made.blocks:
+        at = places(order[piece])
+        parts = [
+            Part(number, array, (piece.stop - piece.start,), tuple(at[d] for d in array.dims))
+            for number, array in enumerate(group.arrays)
+        ]
+        yield Block(next(numbers), group.lanes, functools.partial(arguments, piece), parts)

@@ -11,32 +11,16 @@ import numpy as np
 
 
 @dataclass(frozen=True, eq=False)
-class Mask:
-    """Where a condition holds, over the dimensions that it depends on."""
-
-    dims: tuple[int, ...]
-    good: np.ndarray
-
-    def same(self, other: Mask) -> bool:
-        """Whether the other mask is equal."""
-        return self.dims == other.dims and np.array_equal(self.good, other.good)
-
-    def taken(self, dim: int, index: int) -> Mask:
-        """The mask at one index of a dimension, without that dimension."""
-        return Mask(_without(self.dims, dim), _take(self.good, self.dims, dim, index))
-
-
-@dataclass(frozen=True, eq=False)
 class Column:
     """`values` where all masks hold, and `otherwise` elsewhere, over the dimensions of a sweep.
 
     `stored` has one axis for each of `dims`, in ascending order, and then those of its own: an
-    array, or one on disk that is read on access.
+    array, or one on disk that is read on access. A mask is a column of flags that has no masks.
     """
 
     dims: tuple[int, ...]
     stored: Any
-    masks: tuple[Mask, ...] = ()
+    masks: tuple[Column, ...] = ()
     otherwise: Any = None
 
     @property
@@ -49,27 +33,32 @@ class Column:
         """The shape of one lane's value."""
         return self.stored.shape[len(self.dims) :]
 
+    def same(self, other: Column) -> bool:
+        """Whether another column stores the same numbers over the same dimensions."""
+        return self.dims == other.dims and np.array_equal(self.values, other.values)
+
     def array(self, shape: Sequence[int]) -> np.ndarray:
         """The whole array, over dimensions of the given lengths: a read-only view if possible."""
         dims = range(len(shape))
-        whole = within(self.values, self.dims, dims)
-        whole = np.broadcast_to(whole, (*shape, *self.own_shape))
+        whole = np.broadcast_to(within(self.values, self.dims, dims), (*shape, *self.own_shape))
         if self.masks:
             whole = self._masked(whole, dims, self.masks)
             whole.flags.writeable = False
         return whole
 
-    def _masked(self, array: np.ndarray, dims: Sequence[int], masks: Sequence[Mask]) -> np.ndarray:
+    def _masked(
+        self, array: np.ndarray, dims: Sequence[int], masks: Sequence[Column]
+    ) -> np.ndarray:
         """A copy of `array`, which lies over `dims`, with `otherwise` where a mask is false."""
         result, good = array.copy(), np.ones(array.shape[: len(dims)], bool)
         for mask in masks:
-            good &= within(mask.good, mask.dims, dims)
+            good &= within(mask.values, mask.dims, dims)
         result[~good] = self.otherwise
         return result
 
     def settled(self) -> Column:
         """The same, without masks that hold everywhere; those over its dimensions are applied."""
-        masks = [mask for mask in self.masks if not mask.good.all()]
+        masks = [mask for mask in self.masks if not mask.values.all()]
         inside = [mask for mask in masks if set(mask.dims) <= set(self.dims)]
         if not inside:
             return replace(self, masks=tuple(masks))
@@ -79,8 +68,11 @@ class Column:
     def taken(self, dim: int, index: int) -> Column:
         """The column at one index of a dimension, without that dimension."""
         masks = tuple(mask.taken(dim, index) for mask in self.masks)
-        values = _take(self.values, self.dims, dim, index)
-        return Column(_without(self.dims, dim), values, masks, self.otherwise).settled()
+        values = self.values
+        if dim in self.dims:
+            values = np.asarray(values.take(index, axis=self.dims.index(dim)))
+        dims = tuple(d - (d > dim) for d in self.dims if d != dim)
+        return Column(dims, values, masks, self.otherwise).settled()
 
     def counts(self, shape: Sequence[int]) -> dict[Any, int]:
         """How often each value occurs; the whole array is made only where dimensions are shared."""
@@ -91,7 +83,7 @@ class Column:
             return dict(zip(kinds.tolist(), numbers.tolist(), strict=True))
         lanes = math.prod(shape)
         free = lanes // math.prod(shape[d] for d in used)
-        good = free * math.prod(int(np.count_nonzero(mask.good)) for mask in self.masks)
+        good = free * math.prod(int(np.count_nonzero(mask.values)) for mask in self.masks)
         kinds, numbers = np.unique(self.values, return_counts=True)
         found = {k: good * n for k, n in zip(kinds.tolist(), numbers.tolist(), strict=True)}
         bad = (lanes - good * math.prod(shape[d] for d in self.dims)) * math.prod(self.own_shape)
@@ -107,11 +99,3 @@ def within(array: np.ndarray, dims: Sequence[int], among: Sequence[int]) -> np.n
     for place, d in enumerate(dims):
         lengths[among.index(d)] = array.shape[place]
     return array.reshape(tuple(lengths) + array.shape[len(dims) :])
-
-
-def _without(dims: tuple[int, ...], dim: int) -> tuple[int, ...]:
-    return tuple(d - (d > dim) for d in dims if d != dim)
-
-
-def _take(array: np.ndarray, dims: tuple[int, ...], dim: int, index: int) -> np.ndarray:
-    return np.asarray(array.take(index, axis=dims.index(dim))) if dim in dims else array

@@ -7,6 +7,7 @@ of devices therefore changes no result, and no lane waits for a slower one on an
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -62,18 +63,15 @@ class Workers:
 
 def workers_of(mesh: jax.sharding.Mesh | None) -> Workers:
     """The devices of `mesh` that this process has, and all processes that JAX knows of."""
-    if mesh is None:
-        devices = ()
-    elif isinstance(mesh, jax.sharding.Mesh):
-        devices = tuple(mesh.local_devices)
-        if not devices:
-            raise ValueError(
-                "Argument `mesh` must have a device of every process, but has none of process "
-                f"{jax.process_index()}."
-            )
-    else:
+    if not isinstance(mesh, jax.sharding.Mesh | None):
         raise ValueError(
             f"Argument `mesh` must be a `jax.sharding.Mesh` (see `jax.make_mesh`), but is {mesh!r}."
+        )
+    devices = () if mesh is None else tuple(mesh.local_devices)
+    if mesh is not None and not devices:
+        raise ValueError(
+            "Argument `mesh` must have a device of every process, but has none of process "
+            f"{jax.process_index()}."
         )
     return Workers(devices, jax.process_index(), jax.process_count())
 
@@ -83,9 +81,5 @@ def _bytes(form: jax.ShapeDtypeStruct) -> int:
 
 
 def _unpacked(row: np.ndarray, forms: Sequence[jax.ShapeDtypeStruct]) -> list[np.ndarray]:
-    arrays, start = [], 0
-    for form in forms:
-        part = row[start : start + _bytes(form)]
-        arrays.append(part.view(form.dtype).reshape(form.shape))
-        start += len(part)
-    return arrays
+    parts = np.split(row, list(itertools.accumulate(map(_bytes, forms))))
+    return [p.view(f.dtype).reshape(f.shape) for p, f in zip(parts, forms, strict=False)]

@@ -31,11 +31,9 @@ def dataset(sweep: Table) -> xarray.Dataset:
             "to_xarray needs xarray, which comes with `pip install 'jaxcontact[data]'`"
         ) from error
     arrays = {}
-    for name, column in sweep.columns().items():
+    for name, column in (sweep.columns() | {"status": sweep.status_column}).items():
         own = [f"{name}_{k}" for k in range(len(column.own_shape))]
         arrays[name] = ([*sweep.dims, *own], column.array(sweep.shape), attributes_of(name))
-    if "status" not in arrays:
-        arrays["status"] = (list(sweep.dims), sweep.status, attributes_of("status"))
     along = sweep.dims_of_axes()
     coordinates: dict[str, Any] = {
         name: ([along[name]], values, attributes_of(name)) for name, values in sweep.axes.items()
@@ -83,10 +81,10 @@ def write_csv(sweep: Table, file: str | os.PathLike | TextIO) -> None:
             return write_csv(sweep, opened)
     columns = {name: column.array(sweep.shape) for name, column in sweep.columns().items()}
     columns.setdefault("status", sweep.status)
-    own = {name: array.shape[len(sweep.shape) :] for name, array in columns.items()}
     header = [*sweep.axes]
-    for name in columns:
-        header += [name + _index(place) for place in np.ndindex(own[name])]
+    for name, array in columns.items():
+        for place in np.ndindex(array.shape[len(sweep.shape) :]):
+            header.append(name + (f"[{','.join(map(str, place))}]" if place else ""))
     along = [sweep.dims.index(dim) for dim in sweep.dims_of_axes().values()]
     lanes = math.prod(sweep.shape)
     writer = csv.writer(file, lineterminator="\n")
@@ -109,7 +107,3 @@ def _texts(values: np.ndarray, name: str = "") -> Iterator[str]:
         return (Status(code).name for code in values.tolist())
     # The shortest text that reads back to the same number, in its own precision.
     return iter(values.astype(str))
-
-
-def _index(place: tuple[int, ...]) -> str:
-    return "[" + ",".join(map(str, place)) + "]" if place else ""

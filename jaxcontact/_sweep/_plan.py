@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,10 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._axes import Grid, call
-from ._fields import Field, fields_of
 from ._skip import Analysis, analysis_of, program_of
+from ._table import Field
+
+VALUE = "value"
+"""The name of the only field of an output that has no names."""
 
 _REMEMBERED = 32
+_NUMBER = jax.Array | np.ndarray | np.generic | float | int | bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,3 +63,33 @@ def _plan(
     program = program_of(flat, [jax.ShapeDtypeStruct((), dtype) for dtype in dtypes])
     analysis = analysis_of(program, found, along, rank)
     return Plan(**vars(analysis), fields=tuple(fields))
+
+
+def fields_of(output: Any) -> tuple[list[Field], dict[str, Any]]:
+    """The fields of one lane's output, and its arrays by name.
+
+    Fields without arrays (None, what is static) are kept as they are.
+    """
+    fields: list[Field] = []
+    arrays: dict[str, Any] = {}
+    for name, value in _named(output):
+        paths, structure = jax.tree_util.tree_flatten_with_path(value)
+        found = {name + jax.tree_util.keystr(path): leaf for path, leaf in paths}
+        if found and all(isinstance(leaf, _NUMBER) for leaf in found.values()):
+            fields.append(Field(name, tuple(found), structure))
+            arrays |= found
+        else:
+            fields.append(Field(name, constant=value))
+    return fields, arrays
+
+
+def _named(output: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(output, Mapping):
+        yield from ((str(name), value) for name, value in output.items())
+    elif isinstance(output, tuple) and hasattr(output, "_asdict"):
+        yield from output._asdict().items()  # pyright: ignore[reportAttributeAccessIssue]
+    elif dataclasses.is_dataclass(output) and not isinstance(output, type):
+        for field in dataclasses.fields(output):
+            yield field.name, getattr(output, field.name)
+    else:
+        yield VALUE, output

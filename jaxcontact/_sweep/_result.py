@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import os
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 import numpy as np
 
+from .._impact import Status
+from .._text_table import wrapped
+from .._units import quantity
 from ._export import dataset, write_csv
-from ._summary import shown
 from ._table import Table
 
 if TYPE_CHECKING:
@@ -79,7 +82,29 @@ class Sweep(Table):
         write_csv(self, path)
 
     def __repr__(self) -> str:
-        return shown(self)
+        lengths = " × ".join(f"{name} {n}" for name, n in zip(self.dims, self.shape, strict=True))
+        lines = [
+            f"Sweep of {self.function}: {lengths or 'no axes'}, {math.prod(self.shape):,} lanes"
+        ]
+        for name, values in self.axes.items():
+            lines += _entry(name, quantity(name, _range(values)))
+        if self.fixed:
+            fixed = ", ".join(f"{k} = {_number(value)}" for k, value in self.fixed.items())
+            lines += _entry("fixed", fixed)
+        fields = []
+        for name, column in self.columns().items():
+            dims = {d for part in (column, *column.masks) for d in part.dims}
+            over = ", ".join(self.dims[d] for d in sorted(dims))
+            own = f" {column.own_shape}" if column.own_shape else ""
+            fields.append(f"{name}({over}){own}")
+        lines += _entry("fields", ", ".join(fields) or "none")
+        counts = ", ".join(f"{n:,} {_status(code)}" for code, n in self.status_counts().items())
+        lines += _entry("status", counts)
+        if not self.complete:
+            lines += _entry(
+                "stopped", f"{100 * self.done:.0f} % of the work is done; the other lanes are NaN"
+            )
+        return "\n".join(lines)
 
 
 def _place(values: np.ndarray, name: str, number: float, method: str | None) -> int:
@@ -94,3 +119,24 @@ def _place(values: np.ndarray, name: str, number: float, method: str | None) -> 
             f"{', '.join(f'{value:.9g}' for value in near)} (or pass method='nearest')."
         )
     return place
+
+
+def _status(code: int) -> str:
+    return Status(code).name.lower() if code in set(Status) else f"of status {code}"
+
+
+def _range(values: np.ndarray) -> str:
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return "none finite"
+    if len(values) <= 4:
+        return ", ".join(f"{value:.6g}" for value in values)
+    return f"{finite.min():.6g} to {finite.max():.6g}"
+
+
+def _number(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, np.floating) else str(value)
+
+
+def _entry(head: str, text: str) -> list[str]:
+    return wrapped(head, text, indent=10, lead="  ")

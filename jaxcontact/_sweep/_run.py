@@ -1,13 +1,11 @@
-"""The loop of a sweep: groups of arrays, block by block."""
+"""The loop of a sweep, in memory or into a store, where finished blocks are not computed again."""
 
 from __future__ import annotations
 
-import functools
 import itertools
-import math
+import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -17,135 +15,20 @@ import numpy as np
 from .._impact import Status
 from .._progress import Tell
 from ._axes import Grid
-from ._blocks import cut, padded
+from ._blocks import Arrays, Block, Part, shape_of
 from ._devices import Workers
-from ._skip import Array, Group, is_flag
-
-Arrays = dict[str, np.ndarray]
-Order = Callable[[Group], np.ndarray]
-"""The lanes of a group, counted in C order, in the order in which to compute them."""
-
-
-@dataclass(frozen=True, eq=False)
-class Part:
-    """One array that a block computes."""
-
-    number: int
-    """Its number among the results of the call."""
-    array: Array
-    lengths: tuple[int, ...]
-    """How many lanes it has along each dimension, without padding."""
-    place: tuple[Any, ...]
-    """Where in the whole array it belongs: slices, or indices lane by lane."""
-
-    @property
-    def form(self) -> jax.ShapeDtypeStruct:
-        """Shape and type of the part without padding."""
-        return jax.ShapeDtypeStruct(self.lengths + self.array.kind.shape, self.array.kind.dtype)
-
-
-@dataclass(frozen=True, eq=False)
-class Block:
-    """One call of a compiled function, and the parts of its results that are kept."""
-
-    number: int
-    call: Callable[..., Sequence[jax.Array]]
-    arguments: Callable[[], list[np.ndarray]]
-    parts: Sequence[Part]
-    place: tuple[slice, ...] = ()
-    """The part of the dimensions of its group, if it is a part of a grid."""
-
-    @property
-    def lanes(self) -> int:
-        """The number of lanes without padding."""
-        return max(math.prod(part.lengths) for part in self.parts)
-
-    def results(self, outputs: Sequence[jax.Array]) -> Arrays:
-        """What the call returned, by key, without padding."""
-        return {
-            part.array.key: np.asarray(outputs[part.number])[tuple(map(slice, part.lengths))]
-            for part in self.parts
-        }
-
-
-Keep = Callable[[Block, Arrays], None]
-"""Called with a block and its results by key."""
-
-
-def shape_of(dims: Sequence[int], grid: Grid) -> tuple[int, ...]:
-    """The lengths of some dimensions."""
-    return tuple(grid.shape[d] for d in dims)
-
-
-def blocks_of(
-    groups: Sequence[Group], grid: Grid, most: int, order: Order | None = None
-) -> Iterator[Block]:
-    """All blocks of all groups, each of at most `most` lanes."""
-    numbers = itertools.count()
-    for group in groups:
-        many = math.prod(shape_of(group.dims, grid)) > most and not group.flags
-        if order is not None and many:
-            yield from _ordered(group, grid, most, order(group), numbers)
-        else:
-            yield from _in_place(group, grid, most, numbers)
-
-
-def _in_place(group: Group, grid: Grid, most: int, numbers: Iterator[int]) -> Iterator[Block]:
-    shape = shape_of(group.dims, grid)
-    # Arrays that lie apart need no cut: none is as large as the product of the dimensions.
-    made = cut(shape, math.prod(shape) if group.apart else most)
-    inputs = [grid.inputs[i] for i in group.inputs]
-
-    def arguments(place: tuple[slice, ...]) -> list[np.ndarray]:
-        pieces = dict(zip(group.dims, zip(place, made.block, strict=True), strict=True))
-        return [i.values if i.dim is None else padded(i.values, *pieces[i.dim]) for i in inputs]
-
-    for place in made.blocks:
-        along = dict(zip(group.dims, place, strict=True))
-        parts = [
-            Part(
-                number,
-                array,
-                tuple(along[d].stop - along[d].start for d in array.dims),
-                tuple(along[d] for d in array.dims),
-            )
-            for number, array in enumerate(group.arrays)
-            # The first block along a dimension computes what does not vary along it.
-            if all(along[d].start == 0 for d in group.dims if d not in array.dims)
-        ]
-        yield Block(next(numbers), group.grid, functools.partial(arguments, place), parts, place)
-
-
-def _ordered(
-    group: Group, grid: Grid, most: int, order: np.ndarray, numbers: Iterator[int]
-) -> Iterator[Block]:
-    made = cut((len(order),), most)
-    shape = shape_of(group.dims, grid)
-    inputs = [grid.inputs[i] for i in group.inputs]
-
-    def places(lanes: np.ndarray) -> dict[int, np.ndarray]:
-        return dict(zip(group.dims, np.unravel_index(lanes, shape), strict=True))
-
-    def arguments(piece: slice) -> list[np.ndarray]:
-        at = places(padded(order, piece, made.block[0]))
-        return [i.values if i.dim is None else i.values[at[i.dim]] for i in inputs]
-
-    for (piece,) in made.blocks:
-        at = places(order[piece])
-        parts = [
-            Part(number, array, (piece.stop - piece.start,), tuple(at[d] for d in array.dims))
-            for number, array in enumerate(group.arrays)
-        ]
-        yield Block(next(numbers), group.lanes, functools.partial(arguments, piece), parts)
+from ._export import attributes_of
+from ._skip import Dependence, flag_key, is_flag
+from ._store import Coordinate, Stored, open_store
 
 
 def compute(
-    blocks: Iterable[Block], workers: Workers, keep: Keep, *, exchange: bool = True
-) -> Iterator[Block]:
-    """Compute blocks in order, call `keep` with the results of each, and then yield it.
+    blocks: Iterable[Block], workers: Workers, *, exchange: bool = True
+) -> Iterator[tuple[Block, Arrays]]:
+    """Compute blocks in order, and yield each with its results by key.
 
-    The next blocks are computed while one is read. Every process keeps every block; without
-    `exchange` only the one that has computed it does.
+    The next blocks are computed while one is read. Every process gets the results of every block;
+    without `exchange` only the one that has computed it does, and the others get none.
     """
     waiting: deque[tuple[list[Block], Sequence[jax.Array]]] = deque()
     blocks = iter(blocks)
@@ -158,53 +41,47 @@ def compute(
         if group:
             waiting.append((group, started))
         while waiting and (not group or len(waiting) > workers.ahead):
-            done, outputs = waiting.popleft()
-            yield from _kept(done, outputs, workers, keep, exchange)
+            yield from _results(*waiting.popleft(), workers, exchange)
         if not group:
             return
 
 
-def _kept(
-    group: list[Block],
-    outputs: Sequence[jax.Array],
-    workers: Workers,
-    keep: Keep,
-    exchange: bool,
-) -> Iterator[Block]:
-    mine = {}
-    if workers.process < len(group):
-        mine = group[workers.process].results(outputs)
-        if not exchange:
-            keep(group[workers.process], mine)
+def _results(
+    group: list[Block], outputs: Sequence[jax.Array], workers: Workers, exchange: bool
+) -> Iterator[tuple[Block, Arrays]]:
+    mine = group[workers.process].results(outputs) if workers.process < len(group) else {}
     if not exchange:
-        yield from group
+        yield from ((b, mine if k == workers.process else {}) for k, b in enumerate(group))
         return
     forms = [[part.form for part in block.parts] for block in group]
     forms += [[]] * (workers.processes - len(group))
     everyone = workers.exchanged(list(mine.values()), forms)
     for block, found in zip(group, everyone, strict=False):
-        keep(block, dict(zip([part.array.key for part in block.parts], found, strict=True)))
-        yield block
+        yield block, dict(zip([part.array.key for part in block.parts], found, strict=True))
 
 
 def work_off(
+    missing: Sequence[Block],
     blocks: Sequence[Block],
-    total: int,
     workers: Workers,
     tell: Tell,
-    keep: Keep,
+    keep: Callable[[Block, Arrays], None],
     *,
     exchange: bool = True,
 ) -> tuple[list[Block], float]:
-    """Compute blocks: those that were not computed, and the part of `total` lanes that is done.
+    """Compute the `missing` blocks: those that are left, and the part of all lanes that is done.
 
-    An interrupt from the keyboard ends it early. It is raised again if the rest has flags, without
-    which no result is useful, or if other processes wait for the rest.
+    `keep` is called with each block that has results in this process, and with these. An interrupt
+    from the keyboard ends it early. It is raised again if the rest has flags, without which no
+    result is useful, or if other processes wait for the rest.
     """
-    left = {block.number: block for block in blocks}
-    done = total - sum(block.lanes for block in blocks)
+    left = {block.number: block for block in missing}
+    total = sum(block.lanes for block in blocks)
+    done = total - sum(block.lanes for block in missing)
     try:
-        for block in compute(blocks, workers, keep, exchange=exchange):
+        for block, results in compute(missing, workers, exchange=exchange):
+            if results:
+                keep(block, results)
             del left[block.number]
             done += block.lanes
             tell(done, total)
@@ -228,8 +105,7 @@ def collect(
         for part in block.parts:
             arrays[part.array.key][part.place] = results[part.array.key]
 
-    total = sum(block.lanes for block in blocks)
-    left, done = work_off(blocks, total, workers, tell, keep)
+    left, done = work_off(blocks, blocks, workers, tell, keep)
     fill(arrays, left)
     return arrays, done
 
@@ -240,3 +116,71 @@ def fill(arrays: Arrays, left: Iterable[Block]) -> None:
         key = part.array.key
         unknown = jnp.nan if jnp.issubdtype(part.array.kind.dtype, jnp.inexact) else 0
         arrays[key][part.place] = int(Status.NOT_CONVERGED) if key == "status" else unknown
+
+
+def collect_stored(
+    path: str | os.PathLike,
+    signature: Mapping[str, Any],
+    leaves: Mapping[str, Dependence],
+    blocks: Sequence[Block],
+    grid: Grid,
+    workers: Workers,
+    tell: Tell,
+) -> tuple[Mapping[str, Any], float]:
+    """Compute the blocks that the store at `path` lacks; the arrays are those of the store.
+
+    `leaves` says which flags must be true for an array to hold. Only flags are read at once: the
+    results may be larger than the memory. Raises ValueError for a store of another sweep.
+    """
+    # The first block of an array has the full length.
+    first = {part.array.key: part for block in reversed(blocks) for part in block.parts}
+    store = open_store(
+        path,
+        signature,
+        {key: _form(part, grid, leaves.get(key)) for key, part in first.items()},
+        [{part.array.key: _place(part) for part in block.parts} for block in blocks],
+        {
+            i.name: Coordinate(grid.dims[i.dim], i.values, attributes_of(i.name))
+            for i in grid.inputs
+            if i.dim is not None
+        },
+    )
+    missing = [block for block in blocks if not store.finished(block.number)]
+    # All processes list what is missing before one of them writes.
+    workers.meet("store opened")
+
+    def keep(block: Block, results: Arrays) -> None:
+        store.write(block.number, results)
+
+    left, done = work_off(missing, blocks, workers, tell, keep, exchange=False)
+    if left:
+        arrays = {key: np.asarray(array[...]) for key, array in store.arrays.items()}
+        fill(arrays, left)
+        return arrays, done
+    workers.meet("store complete")
+    if lacking := store.lacking():
+        raise ValueError(
+            "Argument `store` must be a path that all processes share, but process "
+            f"{workers.process} does not find {len(lacking)} blocks in {os.fspath(path)}."
+        )
+    return {k: np.asarray(a[...]) if is_flag(k) else a for k, a in store.arrays.items()}, done
+
+
+def _form(part: Part, grid: Grid, leaf: Dependence | None) -> Stored:
+    array, key = part.array, part.array.key
+    attributes = attributes_of(key)
+    if leaf is not None and leaf.conditions:
+        # For readers of the store itself.
+        attributes["valid_where"] = " ".join(map(flag_key, leaf.conditions))
+    own = tuple(f"{key.split('/')[-1]}_{k}" for k in range(len(array.kind.shape)))
+    return Stored(
+        dims=tuple(grid.dims[d] for d in array.dims) + own,
+        shape=shape_of(array.dims, grid) + array.kind.shape,
+        chunk=part.form.shape,
+        dtype=np.dtype(array.kind.dtype),
+        attributes=attributes,
+    )
+
+
+def _place(part: Part) -> tuple[slice, ...]:
+    return part.place + tuple(slice(0, length) for length in part.array.kind.shape)

@@ -57,11 +57,9 @@ def _texts(program: Program) -> Iterator[bytes]:
         yield step.primitive.name.encode()
         for name in sorted(step.params):
             yield from _of_param(name, step.params[name])
-        for where in step.reads:
-            yield from _of_place(where)
+        yield from map(_of_place, step.reads)
         yield str(step.writes).encode()
-    for where in program.outputs:
-        yield from _of_place(where)
+    yield from map(_of_place, program.outputs)
 
 
 def _of_param(name: str, value: Any) -> Iterator[bytes]:
@@ -72,8 +70,8 @@ def _of_param(name: str, value: Any) -> Iterator[bytes]:
                 yield _bytes(const)
 
 
-def _of_place(where: Place) -> Iterator[bytes]:
-    yield _bytes(where.value) if isinstance(where, Constant) else str(where).encode()
+def _of_place(where: Place) -> bytes:
+    return _bytes(where.value) if isinstance(where, Constant) else str(where).encode()
 
 
 def _bytes(value: Any) -> bytes:

@@ -21,6 +21,8 @@ Place = tuple[slice, ...]
 
 _SIGNATURE = "jaxcontact_sweep"
 _CHECKSUMS = "blocks/checksum"
+# What was never written reads as NaN or -1 by its kind, or as 0 where every value may occur.
+_UNWRITTEN = {"f": np.nan, "c": np.nan, "i": -1}
 # What zarr and its codecs raise for a file that is short or altered.
 _UNREADABLE = (OSError, ValueError, RuntimeError)
 
@@ -48,6 +50,8 @@ class Coordinate:
 class BlockStore:
     """Arrays on disk, of which each block fills whole chunks, and a checksum for every block.
 
+    `arrays` holds them by name; each is read on access.
+
     A block is finished if what is read back has its checksum. A chunk that is missing, short,
     altered or was never written therefore does not count, however the process ended. As no two
     blocks share a file, processes may write different blocks at the same time.
@@ -56,7 +60,7 @@ class BlockStore:
     def __init__(self, group: zarr.Group, blocks: Sequence[Mapping[str, Place]]):
         self._blocks = blocks
         names = dict.fromkeys(name for part in blocks for name in part)
-        self._arrays: dict[str, Any] = {name: group[name] for name in names}
+        self.arrays: dict[str, Any] = {name: group[name] for name in names}
         self._checksums: Any = group[_CHECKSUMS]
 
     def read(self, number: int) -> dict[str, np.ndarray] | None:
@@ -66,7 +70,7 @@ class BlockStore:
             if not checksum:
                 return None
             found = {
-                name: np.asarray(self._arrays[name][place])
+                name: np.asarray(self.arrays[name][place])
                 for name, place in self._blocks[number].items()
             }
         except _UNREADABLE:
@@ -84,12 +88,8 @@ class BlockStore:
     def write(self, number: int, arrays: Mapping[str, np.ndarray]) -> None:
         """Write a block; it counts once its checksum is written, which comes last."""
         for name, place in self._blocks[number].items():
-            self._arrays[name][place] = arrays[name]
+            self.arrays[name][place] = arrays[name]
         self._checksums[number] = np.uint64(_checksum(arrays))
-
-    def arrays(self) -> dict[str, zarr.Array]:
-        """The arrays by name; each is read on access."""
-        return dict(self._arrays)
 
 
 def open_store(
@@ -112,8 +112,7 @@ def open_store(
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         _create(path, signature, arrays, len(blocks), coordinates)
     group = _existing(path)
-    found = ", ".join(_differences(group.attrs[_SIGNATURE], signature))
-    if found:
+    if found := ", ".join(_differences(group.attrs[_SIGNATURE], signature)):
         raise ValueError(
             "Argument `store` must be a new path or the store of this same sweep, but "
             f"{path} differs in {found}. Choose another path, or delete it."
@@ -168,7 +167,7 @@ def _create(
                 shape=form.shape,
                 chunks=form.chunk,
                 dtype=form.dtype,
-                fill_value=_unwritten(form.dtype),
+                fill_value=_UNWRITTEN.get(form.dtype.kind, 0),
                 dimension_names=form.dims,
                 attributes=dict(form.attributes),
             )
@@ -190,11 +189,6 @@ def _create(
             raise
     finally:
         shutil.rmtree(new, ignore_errors=True)
-
-
-def _unwritten(dtype: np.dtype) -> Any:
-    """The fill value of what was never written: NaN, -1, or 0 where every value may occur."""
-    return {"f": np.nan, "c": np.nan, "i": -1}.get(np.dtype(dtype).kind, 0)
 
 
 def _existing(path: Path) -> zarr.Group:

@@ -12,17 +12,18 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
+from .._parameter import require_count
 from .._progress import Listener, Tell, progress_of
 from ._axes import Grid, check_call, grid_of
-from ._column import Column, Mask, within
+from ._blocks import Order, blocks_of, shape_of
+from ._column import Column, within
 from ._devices import Workers, workers_of
-from ._fields import VALUE, Field
-from ._plan import Plan, plan_of
+from ._plan import VALUE, Plan, plan_of
 from ._result import Sweep
-from ._resume import collect_stored
-from ._run import Arrays, Block, Order, blocks_of, collect, compute, shape_of
+from ._run import collect, collect_stored, compute
 from ._signature import signature_of
 from ._skip import Group, flag_key
+from ._table import Field
 
 _LANES = 1 << 14
 """Lanes in one call on a CPU: their intermediate results fit its caches. Measured on two cores:
@@ -95,7 +96,8 @@ def sweep(
     Returns a `Sweep`. Bad lanes are flagged in `.status`, their neighbours untouched. Raises
     ValueError for an argument that `fn` does not take or lacks, and for axes that are no numbers.
     """
-    _check_batch(batch_size)
+    if batch_size is not None:
+        require_count("batch_size", batch_size, 1)
     if store is not None and (reduce is not None or cost is not None):
         other = "reduce" if reduce is not None else "cost"
         raise ValueError(
@@ -138,14 +140,6 @@ def _lanes_at_once(plan: Plan) -> int:
     return _LANES_BRANCHING if plan.program.holds("cond") else _LANES
 
 
-def _check_batch(batch_size: Any) -> None:
-    whole = isinstance(batch_size, int) and not isinstance(batch_size, bool)
-    if batch_size is not None and not (whole and batch_size >= 1):
-        raise ValueError(
-            f"Argument `batch_size` must be a whole number of at least 1, but is {batch_size!r}."
-        )
-
-
 def _name_of(function: Callable[..., Any]) -> str:
     if isinstance(function, functools.partial):
         return _name_of(function.func)
@@ -163,8 +157,8 @@ def _table(
     """The table of arrays that groups of a plan have filled."""
     dims = {array.key: array.dims for group in groups for array in group.arrays}
 
-    def masks(slots: Iterable[int]) -> tuple[Mask, ...]:
-        return tuple(Mask(dims[key], arrays[key]) for key in map(flag_key, slots))
+    def masks(slots: Iterable[int]) -> tuple[Column, ...]:
+        return tuple(Column(dims[key], arrays[key]) for key in map(flag_key, slots))
 
     columns = {
         name: Column(
@@ -219,15 +213,10 @@ def _reduced(
             f"Argument `reduce` must be a pair (start, fold) with a function, but is {reduce!r}."
         )
     whole, function = (plan.whole,), _name_of(fn)
-
-    def keep(block: Block, arrays: Arrays) -> None:
-        nonlocal value
-        part = _table(plan, whole, grid.part(block.place), arrays, 1.0, function)
-        value = fold(value, part)
-
     done = 0
     try:
-        for block in compute(blocks_of(whole, grid, most), workers, keep):
+        for block, arrays in compute(blocks_of(whole, grid, most), workers):
+            value = fold(value, _table(plan, whole, grid.part(block.place), arrays, 1.0, function))
             done += block.lanes
             tell(done, grid.size)
     except KeyboardInterrupt:

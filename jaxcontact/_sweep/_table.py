@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Self
 
 import jax
@@ -11,34 +12,34 @@ import numpy as np
 
 from .._impact import Status
 from ._axes import Grid
-from ._column import Column, Mask, within
-from ._fields import Field
+from ._column import Column, within
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """One field of an output: the names of its arrays, or a constant where it holds none."""
+
+    name: str
+    arrays: tuple[str, ...] = ()
+    """The name of the field itself where it is one array."""
+    structure: Any = None
+    """How the arrays make up the field."""
+    constant: Any = None
 
 
 class Table:
-    """All fields over a grid, each array stored over the dimensions that it depends on."""
+    """All fields over a grid, each array stored over the dimensions that it depends on.
 
-    dims: tuple[str, ...]
-    """The names of the dimensions."""
-    shape: tuple[int, ...]
-    """The lengths of the dimensions."""
-    axes: dict[str, np.ndarray]
-    """The numbers of every axis, or of every sample, by name."""
-    fixed: dict[str, Any]
-    """What was held fixed, by name."""
-    function: str
-    """The name of the function that was swept."""
-    done: float
-    """The part of the work that was done: 1, or less after an interrupt."""
-    complete: bool
-    """Whether every lane was computed."""
+    The attributes are those of `Sweep`, and `function`, the name of what was swept, and `done`, the
+    part of the work that was done: 1, or less after an interrupt.
+    """
 
     def __init__(
         self,
         grid: Grid,
         fields: Sequence[Field],
         columns: Mapping[str, Column],
-        checks: Sequence[Mask] = (),
+        checks: Sequence[Column] = (),
         *,
         done: float = 1.0,
         function: str = "",
@@ -87,7 +88,7 @@ class Table:
         if given is not None:
             return given
         floats = [c for c in self._columns.values() if np.issubdtype(c.stored.dtype, np.inexact)]
-        checks = tuple(mask for mask in self._checks if not mask.good.all())
+        checks = tuple(mask for mask in self._checks if not mask.values.all())
         masks = [mask for c in floats for mask in c.masks if not any(map(mask.same, checks))]
         dims = tuple(sorted({d for part in (*floats, *masks) for d in part.dims}))
         lost = np.zeros(tuple(self.shape[d] for d in dims), bool)
@@ -96,7 +97,7 @@ class Table:
             own = tuple(range(len(column.dims), nan.ndim))
             lost |= within(np.asarray(nan.any(own)), column.dims, dims)
         for mask in masks:
-            lost |= ~within(mask.good, mask.dims, dims)
+            lost |= ~within(mask.values, mask.dims, dims)
         codes = np.where(lost, int(Status.NOT_CONVERGED), int(Status.SEPARATED)).astype(np.int32)
         return Column(dims, codes, checks, int(Status.INVALID_INPUT)).settled()
 

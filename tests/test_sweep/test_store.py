@@ -73,7 +73,7 @@ def test_blocks_come_back_bit_for_bit(tmp_path):
 
 
 def test_the_whole_arrays(tmp_path):
-    arrays = filled(tmp_path / "a.zarr").arrays()
+    arrays = filled(tmp_path / "a.zarr").arrays
     assert same({name: np.asarray(array[...]) for name, array in arrays.items()}, WHOLE)
 
 
@@ -227,7 +227,7 @@ def test_xarray_reads_it(tmp_path):
 
 
 def test_what_is_not_written_yet_cannot_be_taken_for_a_result(tmp_path):
-    arrays = opened(tmp_path / "a.zarr").arrays()
+    arrays = opened(tmp_path / "a.zarr").arrays
     assert np.isnan(arrays["duration"][...]).all()
     assert (np.asarray(arrays["status"][...]) == -1).all()
 

@@ -16,8 +16,6 @@ _CALLS = {
     *("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call"),
     *("remat2", "checkpoint"),
 }
-
-
 _PROGRAMS = core.ClosedJaxpr, core.Jaxpr
 
 
@@ -62,23 +60,15 @@ class Program:
 def program_of(function: Callable[..., Any], inputs: Sequence[jax.ShapeDtypeStruct]) -> Program:
     """Trace `function` once, and inline the calls inside it."""
     closed = jax.make_jaxpr(function)(*inputs)
-    builder = _Builder()
-    slots = [builder.slot(var.aval) for var in closed.jaxpr.invars]
-    outputs = builder.add(closed.jaxpr, closed.consts, slots)
-    steps, shapes, pure = builder.steps, builder.shapes, not closed.jaxpr.effects
-    return Program(tuple(steps), tuple(shapes), len(slots), tuple(outputs), pure)
+    steps: list[Step] = []
+    shapes: list[jax.ShapeDtypeStruct] = []
 
+    def slots(variables: Sequence[Any]) -> tuple[int, ...]:
+        first = len(shapes)
+        shapes.extend(jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in variables)
+        return tuple(range(first, len(shapes)))
 
-class _Builder:
-    def __init__(self) -> None:
-        self.steps: list[Step] = []
-        self.shapes: list[jax.ShapeDtypeStruct] = []
-
-    def slot(self, aval: Any) -> int:
-        self.shapes.append(jax.ShapeDtypeStruct(aval.shape, aval.dtype))
-        return len(self.shapes) - 1
-
-    def add(self, jaxpr: core.Jaxpr, consts: Sequence[Any], inputs: Sequence[Place]) -> list[Place]:
+    def add(jaxpr: core.Jaxpr, consts: Sequence[Any], inputs: Sequence[Place]) -> tuple[Place, ...]:
         # Two calls of one body share its variables: each call gets slots of its own.
         where: dict[core.Var, Place] = dict(zip(jaxpr.invars, inputs, strict=True))
         where.update(zip(jaxpr.constvars, map(Constant, consts), strict=True))
@@ -87,15 +77,19 @@ class _Builder:
             return Constant(atom.val) if isinstance(atom, core.Literal) else where[atom]
 
         for eqn in jaxpr.eqns:
-            reads = [read(atom) for atom in eqn.invars]
+            reads = tuple(map(read, eqn.invars))
             body = _body(eqn)
             if body is None:
-                writes = [self.slot(var.aval) for var in eqn.outvars]
-                self.steps.append(Step(eqn.primitive, eqn.params, tuple(reads), tuple(writes)))
-                where.update(zip(eqn.outvars, writes, strict=True))
+                writes = slots(eqn.outvars)
+                steps.append(Step(eqn.primitive, eqn.params, reads, writes))
             else:
-                where.update(zip(eqn.outvars, self.add(*body, reads), strict=True))
-        return [read(atom) for atom in jaxpr.outvars]
+                writes = add(*body, reads)
+            where.update(zip(eqn.outvars, writes, strict=True))
+        return tuple(map(read, jaxpr.outvars))
+
+    given = slots(closed.jaxpr.invars)
+    outputs = add(closed.jaxpr, closed.consts, given)
+    return Program(tuple(steps), tuple(shapes), len(given), outputs, not closed.jaxpr.effects)
 
 
 def _body(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]] | None:
