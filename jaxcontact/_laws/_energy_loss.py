@@ -31,7 +31,6 @@ class EnergyLoss(AbstractHuntCrossley):
     beta: Float[Array, "..."] = parameter("beta", POSITIVE)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = (1-e)/e / ((n+1) I(β)), with n = 3/2 if no contact is given."""
         n_plus_1 = 2.5 if contact is None else contact.exponent + 1
         ratio = n_plus_1 / self.beta
         # Γ(3/2) = √π/2, so (n+1) I = ratio B(ratio, 3/2) = (√π/2) Γ(ratio+1)/Γ(ratio+3/2).

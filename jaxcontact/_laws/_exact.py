@@ -27,5 +27,4 @@ class ExactRestitution(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """The α that delivers e."""
         return exact_damping_factor(self.e)
