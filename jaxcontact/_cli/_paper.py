@@ -55,8 +55,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     files: dict[pathlib.Path, bytes] = {}
     for name in names:
         progress(f"making {name}")
-        made = _files_of(name, paper.FIGURES[name]())
-        files.update({folder / file: content for file, content in made.items()})
+        files |= _files_of(folder, name, paper.FIGURES[name]())
     progress("comparing the published numbers")
     numbers = paper.numbers()
     table = paper.markdown(numbers)
@@ -67,12 +66,12 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     return 0 if all(number.agrees or number.published.differs for number in numbers) else 1
 
 
-def _files_of(name: str, result: Reproduction) -> dict[str, bytes]:
-    files = {f"{name}.png": image_of(result.figure, "png", Software=None)}
+def _files_of(folder: pathlib.Path, name: str, result: Reproduction) -> dict[pathlib.Path, bytes]:
+    files = {folder / f"{name}.png": image_of(result.figure, "png", Software=None)}
     for title, table in result.tables.items():
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(table)
         writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
-        files[f"{name}_{title}.csv"] = text.getvalue().encode()
+        files[folder / f"{name}_{title}.csv"] = text.getvalue().encode()
     return files

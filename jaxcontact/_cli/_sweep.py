@@ -20,6 +20,8 @@ from ._law import add_law_and_contact, exponent_asked, parameters_asked
 from ._options import InputError, number
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from .._impact import Impact
     from .._sweep import Sweep
 
@@ -98,7 +100,12 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     progress("writing")
     contents = {out: _table(table, out.suffix.lower())}
     if plot is not None:
-        contents[plot] = _figure(table, arguments.field, plot)
+        from ..plot import sweep as draw
+
+        def fill(figure: Figure) -> None:
+            draw(table, field=arguments.field, ax=figure.subplots())
+
+        contents[plot] = drawn(fill, (6.4, 4.4), plot)
     write_all(contents)
     print(table)
     failed = Status.NOT_CONVERGED in table.status_counts()
@@ -151,9 +158,3 @@ def _table(table: Sweep, suffix: str) -> bytes:
     text = io.StringIO()
     table.to_csv(text)
     return text.getvalue().encode()
-
-
-def _figure(table: Sweep, field: str, file: pathlib.Path) -> bytes:
-    from ..plot import sweep as draw
-
-    return drawn(lambda figure: draw(table, field=field, ax=figure.subplots()), (6.4, 4.4), file)

@@ -59,7 +59,7 @@ class AbstractOscillator(AbstractLaw):
 
     def form(self, contact, scale) -> OscillatorForm:
         zeta = self.damping_ratio(contact)
-        return OscillatorForm(zeta, tension=self.tension, approach_only=self.approach_only)
+        return OscillatorForm(zeta=zeta, tension=self.tension, approach_only=self.approach_only)
 
 
 def _log_decrement_ratio(e: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import functools
-
 import jax.numpy as jnp
 import numpy as np
 
 from .._contact import Contact
 from .._laws import Damped, get_law
-from ._impacts import Impacts, solve
+from ._impacts import Impacts, cached, solve
 from ._reproduction import Table, long_table
 from ._style import FOUR_LAWS, RESTITUTIONS
 
@@ -25,17 +23,13 @@ SPEED = float(np.sqrt(2 * GRAVITY * DROP))
 SAMPLES = 200
 
 
+@cached
 def impacts() -> Impacts:
     """The twenty impacts, shape (4, 5) for laws and restitutions; as in the paper without gravity.
 
     Solved in the precision JAX is set to.
     """
-    return _impacts(str(jnp.result_type(float)))
-
-
-@functools.cache
-def _impacts(dtype: str) -> Impacts:
-    e = jnp.asarray(RESTITUTIONS, dtype)
+    e = jnp.asarray(RESTITUTIONS)
     alpha = jnp.stack([get_law(law.key, e=e).damping_factor() for law in FOUR_LAWS])
     # One law with one number stands for all four: one compiled solve serves them.
     return solve(Damped(alpha=alpha), Contact(mass=MASS, stiffness=STIFFNESS), SPEED, SAMPLES)

@@ -52,10 +52,9 @@ def bouncing() -> Reproduction:
         if e < 1:
             look: dict[str, Any] = {"color": SHADES[e], "linewidth": 0.9}
             top.plot(_SECONDS, heights[i], label=f"e = {e:.1f}", **look)
-            for felt, line in enumerate((":", ".-")):
-                listed = left[felt, i]
-                x, y = speed[felt, i][listed], restitution[felt, i][listed]
-                bottom.plot(x, y, line, markersize=3, **look)
+            curves = zip(left[:, i], speed[:, i], restitution[:, i], (":", ".-"), strict=True)
+            for listed, x, y, line in curves:
+                bottom.plot(x[listed], y[listed], line, markersize=3, **look)
     top.set_xlabel(label("time"))
     top.set_ylabel(label("height"))
     bottom.set_xscale("log")

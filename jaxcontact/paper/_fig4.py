@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -76,11 +77,13 @@ def fig4() -> Reproduction:
     for i, case in enumerate(CASES):
         _draw(axes[i], depth[i] * 1e6, solved[i], assumed[i], forms)
         axes[i].title.set_text(case.label)
-        _draw_differences(axes[-1], u[i], off[i], forms, 1.0 if i == 0 else 0.4)
+    _draw_differences(axes[-1], u, off, forms)
     legend_above(figure, axes[0], columns=3)
     number = np.arange(1, len(CASES) + 1)[:, None]
     samples = {"case": number, "deformation_m": depth, "numerical_m_per_s": solved}
-    samples |= {_column(form): assumed[:, k] for k, form in enumerate(forms)}
+    for k, form in enumerate(forms):
+        words = re.sub(" = |[ /]", "_", form.name).replace("β", "beta")
+        samples[f"{words}_m_per_s"] = assumed[:, k]
     profiles = {
         "case": number,
         "form": [form.name for form in forms],
@@ -89,15 +92,6 @@ def fig4() -> Reproduction:
     }
     tables = {"curves": long_table(samples), **tables, "profiles": long_table(profiles)}
     return Reproduction(figure, tables)
-
-
-def _column(form: Form) -> str:
-    return (
-        f"{form.name}_m_per_s".replace(" = ", "_")
-        .replace("β", "beta")
-        .replace(" ", "_")
-        .replace("/", "_")
-    )
 
 
 def _draw(
@@ -122,12 +116,11 @@ def _draw(
     ax.set_ylabel(VELOCITY)
 
 
-def _draw_differences(
-    ax: Axes, u: np.ndarray, off: np.ndarray, forms: tuple[Form, ...], alpha: float
-) -> None:
-    for form, share in zip(forms, off, strict=True):
-        if np.abs(share).max() < _CLOSE:
-            ax.plot(u, share, alpha=alpha, **form.look)
+def _draw_differences(ax: Axes, u: np.ndarray, off: np.ndarray, forms: tuple[Form, ...]) -> None:
+    for i, opacity in enumerate((1.0, 0.4)):
+        for form, share in zip(forms, off[i], strict=True):
+            if np.abs(share).max() < _CLOSE:
+                ax.plot(u[i], share, alpha=opacity, **form.look)
     ax.set_xlim(0, 1.02)
     ax.title.set_text("form less numerical, case 2 pale")
     ax.set_xlabel("deformation / largest deformation")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from jaxtyping import ArrayLike
+from numpy.typing import ArrayLike
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -15,7 +15,7 @@ Table = dict[str, np.ndarray]
 """Named columns of equal length; a name ends in its SI unit where there is one: `time_s`."""
 
 
-def long_table(columns: Mapping[str, ArrayLike | Sequence[str]]) -> Table:
+def long_table(columns: Mapping[str, ArrayLike]) -> Table:
     """A table of columns that broadcast: a row for each element, the last axis fastest."""
     arrays = np.broadcast_arrays(*map(np.asarray, columns.values()))
     return dict(zip(columns, map(np.ravel, arrays), strict=True))

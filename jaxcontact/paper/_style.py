@@ -54,14 +54,12 @@ def sheet(
     rows: int = 1,
     columns: int = 1,
     *,
-    width: float = COLUMN,
     height: float = 2.4,
-    sharex: bool = False,
-    sharey: bool = False,
+    **share: bool,
 ) -> tuple[Figure, list[Axes]]:
     """A figure with its axes, row by row; its own canvas, so that no display is needed.
 
-    `width` and `height` of the whole in inches; `sharex` and `sharey` as in matplotlib.
+    `height` of the whole in inches; `share` holds `sharex` and `sharey` of matplotlib.
     """
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -78,9 +76,9 @@ def sheet(
         "axes.linewidth": 0.6,
     }
     with rc_context(style):
-        figure = Figure(figsize=(width, height), layout="constrained")
+        figure = Figure(figsize=(COLUMN, height), layout="constrained")
         FigureCanvasAgg(figure)
-        axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
+        axes = figure.subplots(rows, columns, squeeze=False, **share)
     return figure, list(axes.flat)
 
 
