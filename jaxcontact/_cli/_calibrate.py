@@ -143,7 +143,7 @@ def _drag(arguments: argparse.Namespace) -> Drag | None:
     missing = [name for name, value in named.items() if value is None]
     if not missing:
         density = AIR_DENSITY if arguments.air_density is None else arguments.air_density
-        return Drag(*named.values(), density)
+        return Drag(arguments.mass, arguments.radius, arguments.drag_coefficient, density)
     named["--air-density"] = arguments.air_density
     useless = [name for name, value in named.items() if value is not None]
     if arguments.mass is not None and arguments.stiffness is not None:

@@ -55,11 +55,12 @@ def sheet(
     columns: int = 1,
     *,
     height: float = 2.4,
-    **share: bool,
+    sharex: bool = False,
+    sharey: bool = False,
 ) -> tuple[Figure, list[Axes]]:
     """A figure with its axes, row by row; its own canvas, so that no display is needed.
 
-    `height` of the whole in inches; `share` holds `sharex` and `sharey` of matplotlib.
+    `height` of the whole in inches; `sharex` and `sharey` as in matplotlib.
     """
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -78,7 +79,7 @@ def sheet(
     with rc_context(style):
         figure = Figure(figsize=(COLUMN, height), layout="constrained")
         FigureCanvasAgg(figure)
-        axes = figure.subplots(rows, columns, squeeze=False, **share)
+        axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
     return figure, list(axes.flat)
 
 
