@@ -6,9 +6,20 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from typing import Any
 
+from .._progress import Stages
 from . import _calibrate, _impact, _laws, _paper, _sweep
 from ._options import InputError
+
+# Each has SUMMARY, DESCRIPTION and EPILOG, `add_options(parser)` and `run(arguments, progress)`.
+_COMMANDS = {
+    "calibrate": _calibrate,
+    "laws": _laws,
+    "impact": _impact,
+    "sweep": _sweep,
+    "paper": _paper,
+}
 
 _EPILOG = """\
 exit codes: 0 done; 1 done, but something did not converge; 2 bad input, and nothing was written.
@@ -24,16 +35,19 @@ def main(argv: Sequence[str] | None = None) -> int:
     to double precision for the process. As usual for argparse, `--help` and misspelt options raise
     SystemExit.
     """
-    parser = argparse.ArgumentParser(
-        prog="jaxcontact",
-        description="Contact laws: what they deliver, impacts, and parameters from bounces.",
-        epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
+    style: dict[str, Any] = {
+        "formatter_class": argparse.RawDescriptionHelpFormatter,
+        "allow_abbrev": False,
+    }
+    words = "Contact laws: what they deliver, impacts, and parameters from bounces."
+    parser = argparse.ArgumentParser("jaxcontact", description=words, epilog=_EPILOG, **style)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for command in (_calibrate, _laws, _impact, _sweep, _paper):
-        command.add_parser(commands)
+    for name, command in _COMMANDS.items():
+        texts = {"description": command.DESCRIPTION, "epilog": command.EPILOG}
+        own = commands.add_parser(name, help=command.SUMMARY, **texts, **style)
+        own.add_argument("--quiet", action="store_true", help="no progress on stderr")
+        command.add_options(own)
+        own.set_defaults(run=command.run)
     arguments = parser.parse_args(argv)
 
     # Imported when the arguments are known to be good: --help need not wait for JAX.
@@ -41,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     jax.config.update("jax_enable_x64", True)
     try:
-        code = arguments.run(arguments)
+        code = arguments.run(arguments, Stages(quiet=arguments.quiet))
         sys.stdout.flush()
         return code
     except BrokenPipeError:

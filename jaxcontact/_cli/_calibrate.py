@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 import pathlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .._progress import Stages
 from .._whole_files import write_all
 from ._files import drawn
 from ._options import InputError, positive
-from ._parser import add_command
 
 if TYPE_CHECKING:
     from .._flight import Drag
@@ -19,14 +18,16 @@ FIGURE = "calibration.png"
 NUMBERS = "calibration.json"
 REPORT = "calibration.md"
 
-_DESCRIPTION = """\
+SUMMARY = "fit laws to a recording of bounces"
+
+DESCRIPTION = """\
 Turns a recording of bounces into pairs (approach speed, e), finds spurious and missed triggers by
 a robust rule, fits a constant e and speed-dependent laws (constant damping, damping as a power of
 the speed, Kuwabara-Kono), compares them, and writes calibration.png and calibration.json. Without
 FILE it uses the bounce intervals of a small rubber ball that ship with the package.
 """
 
-_EPILOG = """\
+EPILOG = """\
 FILE is a CSV file with a header and one of these sets of columns:
   ball, drop_height_m, trial, bounce, interval_s     seconds between successive impacts; `bounce`
                                                      counts the intervals of a trial
@@ -54,10 +55,7 @@ exit codes: 0 done; 1 a fit did not converge (everything is written); 2 bad inpu
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add `calibrate` to the subparsers of argparse."""
-    summary = "fit laws to a recording of bounces"
-    parser = add_command(commands, run, "calibrate", summary, _DESCRIPTION, _EPILOG)
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", nargs="?", metavar="FILE", help="recording (default: the shipped)")
     parser.add_argument(
         "--law", metavar="NAME", default="all", help="law to fit (default: all, of four kinds)"
@@ -73,36 +71,26 @@ def add_parser(commands: Any) -> None:
         default=".",
         help=f"folder for {FIGURE} and {NUMBERS}, made if missing (default: the current one)",
     )
-    parser.add_argument(
-        "--gravity", metavar="M/S2", type=positive, help="gravity in m/s² (default: 9.81)"
-    )
     air = parser.add_argument_group(
         "drag of the air", "quadratic drag, taken out of the flights if all three are given"
     )
-    air.add_argument(
-        "--mass", metavar="KG", type=positive, help="mass of the ball in kg (also used for A)"
-    )
-    air.add_argument("--radius", metavar="M", type=positive, help="radius of the ball in m")
-    air.add_argument(
-        "--drag-coefficient", metavar="CD", type=positive, help="0.4 to 0.5 for a sphere"
-    )
-    air.add_argument(
-        "--air-density", metavar="KG/M3", type=positive, help="in kg/m³ (default: 1.204)"
-    )
-    parser.add_argument(
-        "--stiffness",
-        metavar="K",
-        type=positive,
-        help="Hertz stiffness in N/m^(3/2); reports the c, and with --mass the A, that follow",
-    )
+    follow = "Hertz stiffness in N/m^(3/2); reports the c, and with --mass the A, that follow"
+    for group, name, metavar, words in (
+        (parser, "--gravity", "M/S2", "gravity in m/s² (default: 9.81)"),
+        (air, "--mass", "KG", "mass of the ball in kg (also used for A)"),
+        (air, "--radius", "M", "radius of the ball in m"),
+        (air, "--drag-coefficient", "CD", "0.4 to 0.5 for a sphere"),
+        (air, "--air-density", "KG/M3", "in kg/m³ (default: 1.204)"),
+        (parser, "--stiffness", "K", follow),
+    ):
+        group.add_argument(name, metavar=metavar, type=positive, help=words)
     parser.add_argument(
         "--report", action="store_true", help=f"also write {REPORT}, a page with the figure"
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Calibrate as asked; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
-    progress = Stages(quiet=arguments.quiet)
     progress("reading the recording")
     from .._calibration import calibrate
     from .._flight import STANDARD_GRAVITY
@@ -113,6 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out} is not a folder")
     drag = _drag(arguments)
+    gravity = STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity
     try:
         result = calibrate(
             read_recording(arguments.file, ball=arguments.ball),
@@ -120,7 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
             drag=drag,
             mass=arguments.mass,
             stiffness=arguments.stiffness,
-            gravity=STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity,
+            gravity=gravity,
             progress=progress,
         )
     except RecordingError as error:
@@ -130,13 +119,13 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--law: {error}") from error
     progress("drawing and writing")
     report = result.report()
-    figure = drawn(lambda f: calibration(result, ax=f.add_subplot()), (7.0, 4.6), "png")
-    files = {
-        out / FIGURE: figure,
-        out / NUMBERS: result.to_json().encode(),
-    }
+    figure = drawn(lambda f: calibration(result, ax=f.add_subplot()), (7.0, 4.6), out / FIGURE)
+    files = {out / FIGURE: figure, out / NUMBERS: result.to_json().encode()}
     if arguments.report:
-        files[out / REPORT] = _page(report).encode()
+        page = (
+            f"# Calibration\n\n![e over the approach speed]({FIGURE})\n\n```text\n{report}\n```\n"
+        )
+        files[out / REPORT] = page.encode()
     write_all(files)
     print(report)
     print(f"Written    {', '.join(map(str, files))}")
@@ -155,11 +144,8 @@ def _drag(arguments: argparse.Namespace) -> Drag | None:
     if not missing:
         density = AIR_DENSITY if arguments.air_density is None else arguments.air_density
         return Drag(arguments.mass, arguments.radius, arguments.drag_coefficient, density)
-    useless = [
-        name
-        for name, value in {**named, "--air-density": arguments.air_density}.items()
-        if value is not None
-    ]
+    named["--air-density"] = arguments.air_density
+    useless = [name for name, value in named.items() if value is not None]
     if arguments.mass is not None and arguments.stiffness is not None:
         useless.remove("--mass")  # wanted for A
     if useless:
@@ -169,8 +155,3 @@ def _drag(arguments: argparse.Namespace) -> Drag | None:
             f"also give {' and '.join(missing)}{hint}"
         )
     return None
-
-
-def _page(said: str) -> str:
-    """The report as a page of Markdown."""
-    return f"# Calibration\n\n![e over the approach speed]({FIGURE})\n\n```text\n{said}\n```\n"

@@ -27,8 +27,8 @@ def output_path(option: str, name: str, suffixes: Sequence[str]) -> pathlib.Path
     return path
 
 
-def drawn(draw: Callable[[Figure], object], size: tuple[float, float], form: str) -> bytes:
-    """A figure of the `size` in inches, filled by `draw`, as a file of the form "png", say."""
+def drawn(draw: Callable[[Figure], object], size: tuple[float, float], file: pathlib.Path) -> bytes:
+    """A figure of the `size` in inches, filled by `draw`, in the form that the file's name says."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -36,7 +36,7 @@ def drawn(draw: Callable[[Figure], object], size: tuple[float, float], form: str
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     draw(figure)
-    return image_of(figure, form)
+    return image_of(figure, file.suffix[1:].lower())
 
 
 def image_of(figure: Figure, form: str, **metadata: None) -> bytes:

@@ -1,11 +1,57 @@
-"""The law and the exponent given on the command line, checked."""
+"""A law and a contact on the command line: the options, and what was given, checked."""
 
 from __future__ import annotations
 
 import argparse
+import functools
+from collections.abc import Callable
 from typing import Any
 
-from ._options import InputError
+from ._options import InputError, assignment, positive
+
+
+def add_law_and_contact(
+    parser: argparse.ArgumentParser,
+    *,
+    number: Callable[[str], Any],
+    size: Callable[[str], Any],
+    form: tuple[str, str],
+    defaults: dict[str, float] | None = None,
+) -> None:
+    """Add the options of a law, a contact and a closing speed.
+
+    `number` reads a parameter of the law, `size` a number of the contact; `form` holds what help
+    shows as the VALUE of a NAME=VALUE, and an example. Without `defaults` the numbers of the
+    contact are required.
+    """
+    value, example = form
+    parser.add_argument(
+        "--law", metavar="NAME", required=True, help="name of the law; see `jaxcontact laws`"
+    )
+    parser.add_argument("--e", metavar="E", type=number, help="parameter e of the law")
+    parser.add_argument(
+        "--param",
+        metavar=f"NAME={value}",
+        type=functools.partial(assignment, read=number, form=value),
+        action="append",
+        default=[],
+        help=f"another parameter of the law, in SI units ({example}, say); may be repeated",
+    )
+    for name, metavar, words in (
+        ("mass", "KG", "effective mass in kg"),
+        ("stiffness", "K", "K of K δⁿ, in N/mⁿ"),
+        ("velocity", "V", "closing speed in m/s"),
+    ):
+        default = f" (default: {defaults[name]:g})" if defaults else ""
+        parser.add_argument(
+            f"--{name}", metavar=metavar, type=size, required=not defaults, help=words + default
+        )
+    parser.add_argument(
+        "--exponent",
+        metavar="N",
+        type=positive,
+        help="n of K δⁿ (default: the law's own, 1.5 where it has none)",
+    )
 
 
 def parameters_asked(arguments: argparse.Namespace) -> dict[str, Any]:

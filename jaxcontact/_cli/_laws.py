@@ -5,37 +5,34 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 from typing import Any
 
 from .._progress import Stages
 from .._text_table import text_table
-from ._parser import add_command
 
 ASKED = (0.9, 0.7, 0.5, 0.3, 0.1)
 
-_DESCRIPTION = """\
+SUMMARY = "table of all laws and what they deliver"
+
+DESCRIPTION = """\
 A table of all laws: name, α(e) of F = K δⁿ (1 + α δ'/v0) (or the force, for laws of another form),
 the restitution of a free impact for e = 0.9 0.7 0.5 0.3 0.1, and the source. A dash: the law has no
 parameter e (its restitution follows from its own parameters, and often from the speed).
 """
 
+EPILOG = None
 
-def add_parser(commands: Any) -> None:
-    """Add `laws` to the subparsers of argparse."""
-    summary = "table of all laws and what they deliver"
-    parser = add_command(commands, run, "laws", summary, _DESCRIPTION)
+
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="as JSON instead of a table")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Print the table."""
-    progress = Stages(quiet=arguments.quiet)
     progress("compiling and solving an impact for each law and e")
     rows = table()
     if arguments.json:
-        json.dump(rows, sys.stdout, indent=1, ensure_ascii=False, allow_nan=False)
-        print()
+        print(json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False))
     else:
         print(_text(rows))
     return 0

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
+from typing import Any
 
 
 class InputError(ValueError):
@@ -29,9 +31,9 @@ def number(text: str) -> float:
     return value
 
 
-def assignment(text: str) -> tuple[str, float]:
-    """`NAME=NUMBER`; for argparse."""
+def assignment(text: str, read: Callable[[str], Any], form: str) -> tuple[str, Any]:
+    """`NAME=VALUE`, the value by `read`; for argparse, with what help shows as VALUE in `form`."""
     name, equals, value = text.partition("=")
     if not equals or not name.isidentifier():
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=NUMBER")
-    return name, number(value)
+        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME={form}")
+    return name, read(value)

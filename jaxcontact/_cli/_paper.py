@@ -6,23 +6,24 @@ import argparse
 import csv
 import io
 import pathlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .._progress import Stages
 from .._whole_files import write_all
 from ._files import image_of
 from ._options import InputError
-from ._parser import add_command
 
 if TYPE_CHECKING:
     from ..paper import Reproduction
 
-_DESCRIPTION = """\
+SUMMARY = "the figures and numbers of Hu & Guo (2015), reproduced"
+
+DESCRIPTION = """\
 Regenerate the results of Hu & Guo (2015): figures (PNG), the numbers behind them (CSV), and a table
 of the published numbers beside ours (numbers.md, and on stdout).
 """
 
-_EPILOG = """\
+EPILOG = """\
 example: jaxcontact paper --out results fig6 fig10
 
 Without names, everything: fig3 to fig6, fig8 to fig10, and `bouncing`, the ball followed to rest.
@@ -31,17 +32,14 @@ exit codes: 0 done; 1 a published number differs for no stated reason; 2 bad inp
 """
 
 
-def add_parser(commands: Any) -> None:
-    """Add `paper` to the subparsers of argparse."""
-    summary = "the figures and numbers of Hu & Guo (2015), reproduced"
-    parser = add_command(commands, run, "paper", summary, _DESCRIPTION, _EPILOG)
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("figures", metavar="FIGURE", nargs="*", help="names, such as fig6")
     parser.add_argument(
         "--out", metavar="DIR", default="paper", help="where to write (default: paper)"
     )
 
 
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Make the figures of the arguments and write them. Raises InputError, OSError."""
     from .. import paper
 
@@ -54,29 +52,26 @@ def run(arguments: argparse.Namespace) -> int:
     folder = pathlib.Path(arguments.out)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"--out {arguments.out}: is a file")
-    progress = Stages(quiet=arguments.quiet)
     files: dict[pathlib.Path, bytes] = {}
     for name in names:
         progress(f"making {name}")
-        made = _files_of(name, paper.FIGURES[name]())
-        files.update({folder / file: content for file, content in made.items()})
+        files |= _files_of(folder, name, paper.FIGURES[name]())
     progress("comparing the published numbers")
     numbers = paper.numbers()
     table = paper.markdown(numbers)
     files[folder / "numbers.md"] = table.encode()
-    folder.mkdir(parents=True, exist_ok=True)
     write_all(files)
     print(table, end="")
     print(f"\n{len(files)} files in {folder}")
     return 0 if all(number.agrees or number.published.differs for number in numbers) else 1
 
 
-def _files_of(name: str, result: Reproduction) -> dict[str, bytes]:
-    files = {f"{name}.png": image_of(result.figure, "png", Software=None)}
+def _files_of(folder: pathlib.Path, name: str, result: Reproduction) -> dict[pathlib.Path, bytes]:
+    files = {folder / f"{name}.png": image_of(result.figure, "png", Software=None)}
     for title, table in result.tables.items():
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(table)
         writer.writerows(zip(*(column.tolist() for column in table.values()), strict=True))
-        files[f"{name}_{title}.csv"] = text.getvalue().encode()
+        files[folder / f"{name}_{title}.csv"] = text.getvalue().encode()
     return files

@@ -16,21 +16,24 @@ from .._impact._result import NUMBERS
 from .._progress import Stages
 from .._whole_files import write_all
 from ._files import FIGURES, drawn, output_path
-from ._law import exponent_asked, parameters_asked
+from ._law import add_law_and_contact, exponent_asked, parameters_asked
 from ._options import InputError, number
-from ._parser import add_command, add_law_and_contact
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from .._impact import Impact
     from .._sweep import Sweep
 
-_DESCRIPTION = """\
+SUMMARY = "impacts over ranges of parameters, as a table and a map"
+
+DESCRIPTION = """\
 Impacts over the grid of one or more ranges. Every number may be a range FROM:TO:COUNT, with evenly
 spaced values, or FROM:TO:COUNT:log, spaced by a factor. Writes all fields of the impacts, and draws
 one of them: lines over one range, a map over two.
 """
 
-_EPILOG = """\
+EPILOG = """\
 example: jaxcontact sweep --law hu_guo --e 0.05:1:96 --velocity 0.01:10:200:log --out result.nc
 
 A .nc file is NetCDF (version 3), with units; it takes `pip install 'jaxcontact[data]'`. A .csv file
@@ -44,18 +47,9 @@ _CONTACT = {"mass": 1.0, "stiffness": 1e8, "velocity": 1.0}
 """The defaults; the restitution often depends on none of them."""
 
 
-def add_parser(commands: Any) -> None:
-    """Add `sweep` to the subparsers of argparse."""
-    summary = "impacts over ranges of parameters, as a table and a map"
-    parser = add_command(commands, run, "sweep", summary, _DESCRIPTION, _EPILOG)
-    add_law_and_contact(
-        parser,
-        number=span,
-        size=span,
-        param=named_span,
-        form=("RANGE", "c=1e5:1e7:50:log"),
-        defaults=_CONTACT,
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
+    form = "RANGE", "c=1e5:1e7:50:log"
+    add_law_and_contact(parser, number=span, size=span, form=form, defaults=_CONTACT)
     parser.add_argument(
         "--out", metavar="FILE", required=True, help="the table to write; .nc or .csv"
     )
@@ -84,17 +78,8 @@ def span(text: str) -> float | np.ndarray:
     return np.geomspace(low, high, int(parts[2]))
 
 
-def named_span(text: str) -> tuple[str, float | np.ndarray]:
-    """`NAME=` and a number or range; for argparse."""
-    name, equals, value = text.partition("=")
-    if not equals or not name.isidentifier():
-        raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME=RANGE")
-    return name, span(value)
-
-
-def run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Sweep over the ranges given and write the table. Raises InputError, OSError."""
-    progress = Stages(quiet=arguments.quiet)
     out = output_path("--out", arguments.out, (".nc", ".csv"))
     if out.suffix.lower() == ".nc" and importlib.util.find_spec("xarray") is None:
         raise InputError(
@@ -115,7 +100,12 @@ def run(arguments: argparse.Namespace) -> int:
     progress("writing")
     contents = {out: _table(table, out.suffix.lower())}
     if plot is not None:
-        contents[plot] = _figure(table, arguments.field, plot.suffix[1:].lower())
+        from ..plot import sweep as draw
+
+        def fill(figure: Figure) -> None:
+            draw(table, field=arguments.field, ax=figure.subplots())
+
+        contents[plot] = drawn(fill, (6.4, 4.4), plot)
     write_all(contents)
     print(table)
     failed = Status.NOT_CONVERGED in table.status_counts()
@@ -168,9 +158,3 @@ def _table(table: Sweep, suffix: str) -> bytes:
     text = io.StringIO()
     table.to_csv(text)
     return text.getvalue().encode()
-
-
-def _figure(table: Sweep, field: str, form: str) -> bytes:
-    from ..plot import sweep as draw
-
-    return drawn(lambda figure: draw(table, field=field, ax=figure.subplots()), (6.4, 4.4), form)

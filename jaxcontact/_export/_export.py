@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import jax
+import numpy as np
 from jaxtyping import ArrayLike
 
 from .._contact import Contact
@@ -12,7 +13,7 @@ from .._impact import impact
 from .._laws import AbstractLaw
 from ._engine import engine_of
 from ._result import Export
-from ._wanted import solved, wanted_of
+from ._wanted import Wanted, solved
 
 # The event solve is good to 1e-8 in e; the rest are closed forms.
 _AGREEMENT = 1e-6
@@ -41,7 +42,9 @@ def export(
     simulator = engine_of(engine)
     given = simulator.checked(options)
     with jax.enable_x64(True):
-        wanted = wanted_of(law, contact, velocity)
+        hit = solved(impact(law, contact, velocity))
+        numbers = hit.restitution, hit.duration, contact.mass, contact.stiffness, contact.exponent
+        wanted = Wanted(*map(float, numbers), velocity=float(np.asarray(velocity)))
         draft = simulator.draft(wanted, **given)
         hit = solved(impact(draft.law, draft.contact, wanted.velocity))
     delivered = float(hit.restitution)

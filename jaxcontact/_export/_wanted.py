@@ -5,9 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
-import numpy as np
-from jaxtyping import ArrayLike
-
 from .._contact import Contact
 from .._impact import Impact, Status, impact
 from .._laws import AbstractLaw
@@ -40,13 +37,6 @@ class Draft:
     steps: int | None = None
     """The time steps in one contact at which the engine was measured; None if it was not run."""
     expected_error: float | None = None
-
-
-def wanted_of(law: AbstractLaw, contact: Contact, velocity: ArrayLike) -> Wanted:
-    """The impact to reproduce; ValueError unless it is a single one that was solved."""
-    hit = solved(impact(law, contact, velocity))
-    numbers = hit.restitution, hit.duration, contact.mass, contact.stiffness, contact.exponent
-    return Wanted(*map(float, numbers), velocity=float(np.asarray(velocity)))
 
 
 def solved(hit: Impact) -> Impact:

@@ -14,7 +14,7 @@ from ._hunt_crossley import restitution_of as restitution_of
 from ._oscillator import OscillatorForm as OscillatorForm
 from ._scale import ContactLike as ContactLike
 from ._scale import Scale as Scale
+from ._scale import ScaledImpact as ScaledImpact
 from ._scale import scale_of as scale_of
-from ._scaled import ScaledImpact as ScaledImpact
 from ._sensitivity import slopes_along as slopes_along
 from ._viscoelastic import ViscoelasticForm as ViscoelasticForm

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._elementary import power
-from ._scaled import ScaledImpact
+from ._scale import ScaledImpact
 
 Lane = Float[Array, "..."]
 Flag = Bool[Array, "..."]

@@ -31,7 +31,6 @@ class GeneralForm(AbstractForm):
     tension: bool = eqx.field(static=True)
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        """F(X x, v0 v) in units of m v0²/X."""
         scale = self.scale
         force = self.law.force(scale.length * x, scale.speed * v, self.contact, scale.speed)
         return as_parameter(force, "force") / scale.force

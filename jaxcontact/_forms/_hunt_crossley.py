@@ -23,8 +23,8 @@ from .._elementary import kappa, log1p_over, log_remainder, power, psi, speed_of
 from .._implicit import implicit_root
 from .._parameter import RESTITUTION, as_parameter
 from ._base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power, sound_damping
-from ._quadrature import integrate, to_power, with_exponent
-from ._scaled import ScaledImpact
+from ._quadrature import integrate, to_power
+from ._scale import ScaledImpact
 from ._sensitivity import lanewise
 
 
@@ -37,20 +37,16 @@ class HuntCrossleyForm(AbstractForm):
     never_pulls: ClassVar[bool] = True
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent]:
-        """c = α and p = 0."""
         return self.alpha, 0.0
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        """xⁿ (1 + α v)."""
         return power(x, n) * (1 + self.alpha * v)
 
     def sound(self) -> tuple[HuntCrossleyForm, Flag]:
-        """A damping factor must be finite and not negative."""
         alpha, good = sound_damping(self.alpha)
         return eqx.tree_at(lambda form: form.alpha, self, alpha), good
 
     def restitution(self) -> Lane:
-        """The e of α, the same for every n."""
         return restitution_of(self.alpha)
 
     def momentum(self, n: Exponent) -> Momentum:
@@ -72,7 +68,17 @@ class HuntCrossleyForm(AbstractForm):
 
     def solve(self, n: Exponent) -> ScaledImpact:
         """Restitution and extrema by formula, the two times by quadrature."""
-        return solve_hunt_crossley(self.alpha, n)
+        alpha = self.alpha
+        if not isinstance(n, float):
+            alpha, n = jnp.broadcast_arrays(alpha, n)
+        compression, rebound = lanewise(_times, alpha, n)
+        return ScaledImpact(
+            restitution=restitution_of(alpha),
+            duration=compression + rebound,
+            compression_time=compression,
+            max_indentation=((n + 1) * log_remainder(alpha)) ** (1 / (n + 1)),
+            max_force=_max_force(alpha, n),
+        )
 
 
 def _rebound_residual(rho: Lane, alpha: Lane) -> Lane:
@@ -136,19 +142,6 @@ def exact_damping_factor(e: ArrayLike) -> Lane:
     return jnp.where(valid, -z * kappa(z) / safe, jnp.nan)
 
 
-def solve_hunt_crossley(alpha: Lane, n: Exponent) -> ScaledImpact:
-    """The scaled impact with damping factor α ≥ 0 and exponent n in [1, 3]."""
-    alpha, n = with_exponent(alpha, n)
-    compression, rebound = lanewise(_times, alpha, n)
-    return ScaledImpact(
-        restitution=restitution_of(alpha),
-        duration=compression + rebound,
-        compression_time=compression,
-        max_indentation=((n + 1) * log_remainder(alpha)) ** (1 / (n + 1)),
-        max_force=_max_force(alpha, n),
-    )
-
-
 def _times(alpha: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane]:
     """From touch to the turn, and from there to separation."""
     way_in = _half_time(alpha, log1p_over(alpha), n, unroll)
@@ -160,8 +153,7 @@ def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
     p = n / (n + 1)
     # Where strong damping makes the way out long, the integrand varies only within `layer` of the
     # turn: farther out the bodies creep apart at the speed 1/α, up to a neglected e^-layer.
-    double = a.dtype == jnp.float64
-    layer = 36.0 if double else 17.0
+    layer = 36.0 if a.dtype == jnp.float64 else 17.0
     creeping = -a * length > layer
     rate = jnp.where(creeping, -a, 1)
     start = jnp.where(creeping, length - layer / rate, 0)
@@ -177,7 +169,7 @@ def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
         # The rule expects the singularity at the start of its span; here it may lie further out.
         return slowness * to_power(span * node / distance, p)
 
-    integral = integrate(integrand, p, a, 20 if double else 10, unroll) * span ** (1 - p)
+    integral = integrate(integrand, p, a, unroll) * span ** (1 - p)
     creep_integral = creep * length ** (1 - p) * (n + 1)
     return (integral + creep_integral) * (n + 1) ** -p
 

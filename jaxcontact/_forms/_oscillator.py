@@ -8,6 +8,7 @@ tension at τ = π/ω. Time follows from `dt = ((n+1)/2)^(-n/(n+1)) s^(-(n-1)/(n
 
 from __future__ import annotations
 
+import functools
 from typing import ClassVar
 
 import equinox as eqx
@@ -17,7 +18,7 @@ from jax.scipy.special import betaln
 from .._elementary import arc_over_sine, power, sinc_root
 from ._base import AbstractForm, Exponent, Flag, Lane, sound_damping
 from ._quadrature import integrate, n_is_one, to_power
-from ._scaled import ScaledImpact
+from ._scale import ScaledImpact
 from ._sensitivity import lanewise
 
 
@@ -31,61 +32,45 @@ class OscillatorForm(AbstractForm):
 
     @property
     def ending(self) -> str:
-        """How the contact ends: "approach" (damped on approach only), "tension" or "clamped"."""
+        """How the contact ends: "tension" (at x = 0; ζ < 1), "clamped" (the force vanishes) or
+        "approach" (damped on approach only, elastic rebound).
+        """
         if self.approach_only:
             return "approach"
         return "tension" if self.tension else "clamped"
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent]:
-        """c = a and p = (n+1)/2."""
         zeta = jnp.where(compressing, self.zeta, 0) if self.approach_only else self.zeta
         return zeta * jnp.sqrt(jnp.asarray(2 * (n + 1), self.zeta.dtype)), (n + 1) / 2
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        """xⁿ + a x^((n-1)/2) v."""
         return power(x, n) + self.damping(n, compressing)[0] * v * power(x, (n - 1) / 2)
 
     def sound(self) -> tuple[OscillatorForm, Flag]:
-        """A damping ratio must be finite and not negative."""
         zeta, good = sound_damping(self.zeta)
         return eqx.tree_at(lambda form: form.zeta, self, zeta), good
 
     def restitution(self) -> Lane:
-        """The e of ζ, the same for every n."""
-        return restitution_of_oscillator(self.zeta, self.ending)
+        return _restitution(self.zeta, self.ending)
 
     def solve(self, n: Exponent) -> ScaledImpact:
         """Restitution and extrema by formula, the times by quadrature (by formula for n = 1)."""
-        return solve_oscillator(self.zeta, n, self.ending)
+        zeta = self.zeta + jnp.zeros_like(jnp.asarray(n, self.zeta.dtype))
+        settled = (zeta >= 1) & (self.ending == "tension")
+        zeta = jnp.where(settled, 0, zeta)
+        s_max = jnp.exp(-zeta * arc_over_sine(zeta))
+        compression, duration = lanewise(functools.partial(_times, self.ending), zeta, n)
+        return ScaledImpact(
+            restitution=_restitution(zeta, self.ending),
+            duration=duration,
+            compression_time=compression,
+            max_indentation=((n + 1) / 2 * jnp.square(s_max)) ** (1 / (n + 1)),
+            max_force=_max_force(zeta, n),
+            settled=settled,
+        )
 
 
-def solve_oscillator(zeta: Lane, n: Exponent, ending: str) -> ScaledImpact:
-    """The scaled impact with damping ratio ζ ≥ 0 and exponent n in [1, 3].
-
-    `ending` is "tension" (until x = 0; ζ < 1), "clamped" (until the force vanishes) or "approach"
-    (damping on approach only, elastic rebound).
-    """
-    zeta = zeta + jnp.zeros_like(jnp.asarray(n, zeta.dtype))
-    bound = ending == "tension"
-    settled = (zeta >= 1) if bound else jnp.zeros_like(zeta, dtype=bool)
-    zeta = jnp.where(settled, 0, zeta)
-    s_max = jnp.exp(-zeta * arc_over_sine(zeta))
-
-    def times(zeta: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane]:
-        return _times(zeta, n, ending, unroll)
-
-    compression, duration = lanewise(times, zeta, n)
-    return ScaledImpact(
-        restitution=restitution_of_oscillator(zeta, ending),
-        duration=duration,
-        compression_time=compression,
-        max_indentation=((n + 1) / 2 * jnp.square(s_max)) ** (1 / (n + 1)),
-        max_force=_max_force(zeta, n),
-        settled=settled,
-    )
-
-
-def _times(zeta: Lane, n: Exponent, ending: str, unroll: int) -> tuple[Lane, Lane]:
+def _times(ending: str, zeta: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane]:
     """From touch to the turn, and from touch to the end."""
     turn = arc_over_sine(zeta)
     compression = _compression_time(zeta, turn, n, unroll)
@@ -96,7 +81,7 @@ def _times(zeta: Lane, n: Exponent, ending: str, unroll: int) -> tuple[Lane, Lan
     return compression, compression + _elastic_rebound_time(jnp.exp(-zeta * turn), n)
 
 
-def restitution_of_oscillator(zeta: Lane, ending: str) -> Lane:
+def _restitution(zeta: Lane, ending: str) -> Lane:
     """e of the damping ratio ζ: e^(-πζ/ω) with tension, e^(-2ζC) clamped, e^(-ζC) on approach."""
     if ending == "tension":
         bound = zeta >= 1
@@ -118,10 +103,6 @@ def _time_unit(n: Exponent) -> Exponent:
     return ((n + 1) / 2) ** (-n / (n + 1))
 
 
-def _nodes(like: Lane) -> int:
-    return 20 if like.dtype == jnp.float64 else 10
-
-
 def _compression_time(zeta: Lane, turn: Lane, n: Exponent, unroll: int) -> Lane:
     if n_is_one(n):
         return turn
@@ -132,7 +113,7 @@ def _compression_time(zeta: Lane, turn: Lane, n: Exponent, unroll: int) -> Lane:
         s_over_tau = jnp.exp(-zeta * tau) * sinc_root((1 - zeta) * (1 + zeta) * jnp.square(tau))
         return to_power(s_over_tau, -q)
 
-    return _time_unit(n) * turn ** (1 - q) * integrate(integrand, q, zeta, _nodes(zeta), unroll)
+    return _time_unit(n) * turn ** (1 - q) * integrate(integrand, q, zeta, unroll)
 
 
 def _half_period_time(zeta: Lane, n: Exponent, unroll: int) -> Lane:
@@ -149,7 +130,7 @@ def _half_period_time(zeta: Lane, n: Exponent, unroll: int) -> Lane:
         first = to_power(jnp.exp(-decrement * u) * shape, -q)
         return first + to_power(jnp.exp(-decrement * (1 - u)) * shape, -q)
 
-    integral = integrate(integrand, q, zeta, _nodes(zeta), unroll)
+    integral = integrate(integrand, q, zeta, unroll)
     return _time_unit(n) * jnp.pi * (2 * omega) ** (q - 1) * integral
 
 
@@ -173,7 +154,7 @@ def _clamped_rebound_time(zeta: Lane, turn: Lane, n: Exponent, unroll: int) -> L
         s = tau * jnp.exp(-zeta_ * tau) * sinc_root((1 - zeta_) * (1 + zeta_) * jnp.square(tau))
         return to_power(jnp.where(weak, 1, s), -_weakness(n))
 
-    direct = _time_unit(n) * turn * integrate(integrand, 0.0, zeta, 20, unroll)
+    direct = _time_unit(n) * turn * integrate(integrand, 0.0, zeta, unroll, count=20)
     return jnp.where(weak, whole - rest, direct)
 
 
@@ -187,7 +168,7 @@ def _end_time(zeta: Lane, angle: Lane, n: Exponent, unroll: int) -> Lane:
         decay = jnp.exp(-(zeta / omega) * (jnp.pi - phi))
         return to_power(decay * sinc_root(jnp.square(phi)) / omega, -q)
 
-    integral = integrate(integrand, q, zeta, _nodes(zeta), unroll)
+    integral = integrate(integrand, q, zeta, unroll)
     return _time_unit(n) * angle ** (1 - q) / omega * integral
 
 

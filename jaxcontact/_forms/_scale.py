@@ -1,4 +1,4 @@
-"""The units in which mass, stiffness and closing speed drop out of an impact."""
+"""The units in which mass, stiffness and speed drop out of an impact, and its outcome in them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any, Protocol, cast
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 
 class ContactLike(Protocol):
@@ -49,3 +49,23 @@ def scale_of(contact: ContactLike | None, velocity: Float[Array, "..."]) -> Scal
         force=contact.mass * velocity * (velocity / length),
         energy=0.5 * contact.mass * velocity * velocity,
     )
+
+
+class ScaledImpact(eqx.Module):
+    """The outcome of x'' = Γ - f(x, x'), x(0) = 0, x'(0) = 1, in the units of the scaled problem.
+
+    `restitution` e; `duration` until separation and `compression_time` until the turn, in units of
+    X/v0; `max_indentation` in X and `max_force` in m v0²/X, with X = (m v0²/K)^(1/(n+1)).
+    `converged`: whether the numbers can be trusted; `settled`: whether the bodies stay together.
+    `error_estimate` (relative, of restitution and duration) and `steps` for methods that have them.
+    """
+
+    restitution: Float[Array, "..."]
+    duration: Float[Array, "..."]
+    compression_time: Float[Array, "..."]
+    max_indentation: Float[Array, "..."]
+    max_force: Float[Array, "..."]
+    converged: Bool[Array, "..."] | bool = True
+    settled: Bool[Array, "..."] | bool = False
+    error_estimate: Float[Array, "..."] | None = None
+    steps: Int[Array, "..."] | None = None

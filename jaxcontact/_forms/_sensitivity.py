@@ -46,16 +46,13 @@ def lanewise(solve: Callable[..., Out], number: Lane, n: Exponent) -> Out:
     """
     fixed = (n,) if isinstance(n, float) else ()
 
-    def direct(*numbers: Lane) -> Out:
-        return solve(*numbers, *fixed, UNROLL)
+    def with_unroll(unroll: int) -> Callable[..., Out]:
+        return lambda *numbers: solve(*numbers, *fixed, unroll)
 
-    def in_rule(*numbers: Lane) -> Out:
-        return solve(*numbers, *fixed, 1)
-
-    solved = jax.custom_jvp(direct)
+    solved = jax.custom_jvp(with_unroll(UNROLL))
 
     def rule(primals: tuple[Lane, ...], tangents: tuple) -> tuple[Out, Out]:
-        outcome, slopes, along = slopes_along(in_rule, primals, tangents)
+        outcome, slopes, along = slopes_along(with_unroll(1), primals, tangents)
         return outcome, jax.tree.map(
             lambda slope: sum(s * t for s, t in zip(slope, along, strict=True)), slopes
         )

@@ -15,9 +15,7 @@ class ViscoelasticForm(AbstractForm):
     tension: bool = eqx.field(static=True)
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent]:
-        """c = n a and p = 1."""
         return n * self.a, 1.0
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        """xⁿ + n a x^(n-1) v."""
         return power(x, n) + n * self.a * v * power(x, n - 1)

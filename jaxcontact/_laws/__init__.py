@@ -2,8 +2,8 @@
 
 from ._base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from ._base import AbstractLaw as AbstractLaw
-from ._energy_loss import EnergyLoss as EnergyLoss
-from ._exact import ExactRestitution as ExactRestitution
+from ._energy_balance import EnergyLoss as EnergyLoss
+from ._energy_balance import ExactRestitution as ExactRestitution
 from ._hunt_crossley import AbstractHuntCrossley as AbstractHuntCrossley
 from ._hunt_crossley import ConstantDamping as ConstantDamping
 from ._hunt_crossley import Damped as Damped

@@ -41,9 +41,8 @@ class AbstractHuntCrossley(AbstractLaw):
     def force(self, indentation, velocity, contact, impact_velocity) -> Float[Array, "..."]:
         """F = K δⁿ max(0, 1 + α δ'/v0) in N, and zero for δ < 0.
 
-        Arguments: indentation δ in m, its rate δ' in m/s, the contact, and the closing speed v0 at
-        touch in m/s; all broadcast. Below `VELOCITY_THRESHOLD` the threshold replaces v0. With
-        `tension=True` the force is not clamped.
+        Below `VELOCITY_THRESHOLD` the threshold replaces v0. With `tension=True` the force is not
+        clamped.
         """
         speed = jnp.maximum(as_parameter(impact_velocity, "impact_velocity"), VELOCITY_THRESHOLD)
         elastic = contact.stiffness * power(
@@ -54,7 +53,6 @@ class AbstractHuntCrossley(AbstractLaw):
         return elastic * (factor if self.tension else jnp.maximum(factor, 0))
 
     def form(self, contact, scale) -> HuntCrossleyForm:
-        """f = xⁿ (1 + α v), which has a closed form; see `AbstractLaw.form`."""
         alpha = self.damping_factor(contact, None if scale is None else scale.speed)
         return HuntCrossleyForm(alpha=alpha, tension=self.tension)
 
@@ -72,7 +70,6 @@ class Hertz(AbstractHuntCrossley):
     """
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = 0."""
         return jnp.asarray(0.0)
 
 
@@ -86,7 +83,6 @@ class Damped(AbstractHuntCrossley):
     alpha: Float[Array, "..."] = parameter("alpha", NOT_NEGATIVE)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α itself."""
         return self.alpha
 
 

@@ -37,9 +37,8 @@ class AbstractOscillator(AbstractLaw):
     def force(self, indentation, velocity, contact, impact_velocity) -> Float[Array, "..."]:
         """F = K δⁿ + 2ζ √((n+1)/2) √(Km) δ^((n-1)/2) δ' in N, and zero for δ < 0.
 
-        Arguments: indentation δ in m, its rate δ' in m/s and the contact; they broadcast. The
-        closing speed does not matter. Without tension a negative F is replaced by zero. At δ = 0
-        the derivative in δ is infinite for 1 < n < 3 and is defined to be that of the elastic part.
+        The closing speed does not matter. At δ = 0 the derivative in δ is infinite for 1 < n < 3
+        and is defined to be that of the elastic part.
         """
         n = contact.exponent
         indentation = as_parameter(indentation, "indentation")
@@ -59,12 +58,8 @@ class AbstractOscillator(AbstractLaw):
         return force if self.tension else jnp.maximum(force, 0)
 
     def form(self, contact, scale) -> OscillatorForm:
-        """f = xⁿ + 2ζ √((n+1)/2) x^((n-1)/2) v, with a closed form; see `AbstractLaw.form`."""
-        return OscillatorForm(
-            zeta=self.damping_ratio(contact),
-            tension=self.tension,
-            approach_only=self.approach_only,
-        )
+        zeta = self.damping_ratio(contact)
+        return OscillatorForm(zeta=zeta, tension=self.tension, approach_only=self.approach_only)
 
 
 def _log_decrement_ratio(e: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -116,7 +111,6 @@ class KelvinVoigt(AbstractOscillator):
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
 
     def damping_ratio(self, contact=None) -> Float[Array, "..."]:
-        """The ζ that delivers e."""
         if self.tension:
             return _log_decrement_ratio(self.e)
         return _clamped_ratio(-jnp.log(self.e) / 2)
@@ -140,7 +134,6 @@ class AntypovElliott(AbstractOscillator):
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
     def damping_ratio(self, contact=None) -> Float[Array, "..."]:
-        """ζ = -ln e/√(π² + ln² e)."""
         return _log_decrement_ratio(self.e)
 
 

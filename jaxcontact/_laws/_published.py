@@ -26,7 +26,6 @@ class HuntCrossley(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = 3(1-e)/2."""
         return 1.5 * (1 - self.e)
 
 
@@ -46,7 +45,6 @@ class LankaraniNikravesh(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = 3(1-e²)/4."""
         return 0.75 * (1 - self.e) * (1 + self.e)
 
 
@@ -68,7 +66,6 @@ class Flores(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = 8(1-e)/(5e)."""
         return 1.6 * (1 - self.e) / self.e
 
 
@@ -88,7 +85,6 @@ class HuGuo(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = 3(1-e)/(2e)."""
         return 1.5 * (1 - self.e) / self.e
 
 
@@ -109,7 +105,6 @@ class Gonthier(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = (1-e²)/e."""
         return (1 - self.e) * (1 + self.e) / self.e
 
 
@@ -130,7 +125,6 @@ class CarvalhoMartins(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = 3(1-e)(11-e)/(2(1+9e))."""
         return 1.5 * (1 - self.e) * (11 - self.e) / (1 + 9 * self.e)
 
 
@@ -150,7 +144,6 @@ class HerbertMcWhannell(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = 6(1-e)/((2e-1)²+3)."""
         return 6 * (1 - self.e) / (jnp.square(2 * self.e - 1) + 3)
 
 
@@ -170,7 +163,6 @@ class ZhiyingQishao(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = (3/4)(1-e²) exp(2(1-e))."""
         return 0.75 * (1 - self.e) * (1 + self.e) * jnp.exp(2 * (1 - self.e))
 
 
@@ -190,5 +182,4 @@ class LeeWang(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = 3(1-e)/4."""
         return 0.75 * (1 - self.e)

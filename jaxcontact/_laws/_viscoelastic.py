@@ -33,11 +33,6 @@ class KuwabaraKono(AbstractLaw):
     A: Float[Array, "..."] = parameter("A", NOT_NEGATIVE)
 
     def force(self, indentation, velocity, contact, impact_velocity) -> Float[Array, "..."]:
-        """F = K (δⁿ + n A δ^(n-1) δ') in N, and zero for δ < 0.
-
-        Arguments: indentation δ in m, its rate δ' in m/s and the contact; they broadcast. The
-        closing speed does not matter. Without tension a negative F is replaced by zero.
-        """
         n = contact.exponent
         indentation = as_parameter(indentation, "indentation")
         rate = as_parameter(velocity, "velocity")
@@ -47,7 +42,6 @@ class KuwabaraKono(AbstractLaw):
         return force if self.tension else jnp.maximum(force, 0)
 
     def form(self, contact, scale) -> ViscoelasticForm:
-        """f = xⁿ + n a x^(n-1) v with a = A v0/X; see `AbstractLaw.form`."""
         needed(contact, "contact", self)
         a = self.A / needed(scale, "velocity", self).time
         return ViscoelasticForm(a=a, tension=self.tension)

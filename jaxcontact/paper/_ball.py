@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import functools
-
 import jax.numpy as jnp
 import numpy as np
 
 from .._contact import Contact
 from .._laws import Damped, get_law
-from ._column import column
-from ._impacts import Impacts, solve
-from ._reproduction import Table
+from ._impacts import Impacts, cached, solve
+from ._reproduction import Table, long_table
 from ._style import FOUR_LAWS, RESTITUTIONS
 
 MASS, RADIUS, HEIGHT, GRAVITY, STIFFNESS = 1.0, 0.1, 1.0, 9.8, 1.4e8
@@ -26,18 +23,14 @@ SPEED = float(np.sqrt(2 * GRAVITY * DROP))
 SAMPLES = 200
 
 
+@cached
 def impacts() -> Impacts:
     """The twenty impacts, shape (4, 5) for laws and restitutions; as in the paper without gravity.
 
     Solved in the precision JAX is set to.
     """
-    return _impacts(str(jnp.result_type(float)))
-
-
-@functools.cache
-def _impacts(dtype: str) -> Impacts:
-    e = jnp.asarray(RESTITUTIONS, dtype)
-    alpha = jnp.stack([get_law(column(law.law), e=e).damping_factor() for law in FOUR_LAWS])
+    e = jnp.asarray(RESTITUTIONS)
+    alpha = jnp.stack([get_law(law.key, e=e).damping_factor() for law in FOUR_LAWS])
     # One law with one number stands for all four: one compiled solve serves them.
     return solve(Damped(alpha=alpha), Contact(mass=MASS, stiffness=STIFFNESS), SPEED, SAMPLES)
 
@@ -45,15 +38,15 @@ def _impacts(dtype: str) -> Impacts:
 def ball_table() -> Table:
     """The outcome of all twenty, law by law, each from e = 1.0 down to 0.2."""
     solved = impacts()
-    names = [column(law.law) for law in FOUR_LAWS]
-    return {
-        "law": np.repeat(names, len(RESTITUTIONS)),
-        "e_in": np.tile(RESTITUTIONS, len(FOUR_LAWS)),
-        "alpha": solved.alpha.ravel(),
-        "max_deformation_m": solved.max_indentation.ravel(),
-        "duration_s": solved.duration.ravel(),
-        "max_force_N": solved.max_force.ravel(),
-        "rebound_velocity_m_per_s": solved.rebound_velocity.ravel(),
-        "energy_loss_J": solved.energy_loss.ravel(),
-        "e_out": solved.restitution.ravel(),
+    columns = {
+        "law": np.array([[law.key] for law in FOUR_LAWS]),
+        "e_in": RESTITUTIONS,
+        "alpha": solved.alpha,
+        "max_deformation_m": solved.max_indentation,
+        "duration_s": solved.duration,
+        "max_force_N": solved.max_force,
+        "rebound_velocity_m_per_s": solved.rebound_velocity,
+        "energy_loss_J": solved.energy_loss,
+        "e_out": solved.restitution,
     }
+    return long_table(columns)

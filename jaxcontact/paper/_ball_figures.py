@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from .._units import label
-from ._ball import SAMPLES, ball_table, impacts
-from ._column import column
+from ._ball import ball_table, impacts
 from ._impacts import Impacts
-from ._reproduction import Reproduction, Table
+from ._reproduction import Reproduction, long_table
 from ._style import FOUR_LAWS, RESTITUTIONS, SHADES, VELOCITY, legend_above, sheet
 
 _MILLI, _KILO = 1e3, 1e-3
@@ -48,16 +47,12 @@ def _panels(solved: Impacts, x: np.ndarray, y: np.ndarray, across: str, up: str)
     for ax in axes[::2]:
         ax.set_ylabel(up)
     legend_above(figure, axes[0], columns=3)
-    return Reproduction(figure, {"curves": _curves(solved), "ball": ball_table()})
-
-
-def _curves(solved: Impacts) -> Table:
-    names = [column(law.law) for law in FOUR_LAWS]
-    return {
-        "law": np.repeat(names, len(RESTITUTIONS) * SAMPLES),
-        "e_in": np.tile(np.repeat(RESTITUTIONS, SAMPLES), len(names)),
-        "time_s": solved.time.ravel(),
-        "deformation_m": solved.indentation.ravel(),
-        "velocity_m_per_s": solved.velocity.ravel(),
-        "force_N": solved.force.ravel(),
+    curves = {
+        "law": np.array([[[law.key]] for law in FOUR_LAWS]),
+        "e_in": np.array(RESTITUTIONS)[:, None],
+        "time_s": solved.time,
+        "deformation_m": solved.indentation,
+        "velocity_m_per_s": solved.velocity,
+        "force_N": solved.force,
     }
+    return Reproduction(figure, {"curves": long_table(curves), "ball": ball_table()})

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 from typing import NamedTuple
 
 import jax.numpy as jnp
 
 from .._contact import Contact
 from .._laws import ConstantDamping
-from ._impacts import Impacts, solve
+from ._impacts import Impacts, cached, solve
 
 
 class Case(NamedTuple):
@@ -36,13 +35,9 @@ SAMPLES = 801
 """Moments of each impact: cubics through them give δ' to 7e-9 of v0, worst next to touch."""
 
 
+@cached
 def impacts() -> Impacts:
     """The two cases, solved in the precision JAX is set to, with the outcome in closed form."""
-    return _impacts(str(jnp.result_type(float)))
-
-
-@functools.cache
-def _impacts(dtype: str) -> Impacts:
-    law = ConstantDamping(c=jnp.asarray([case.c for case in CASES], dtype))
-    speed = jnp.asarray([case.velocity for case in CASES], dtype)
+    law = ConstantDamping(c=jnp.asarray([case.c for case in CASES]))
+    speed = jnp.asarray([case.velocity for case in CASES])
     return solve(law, Contact(mass=MASS, stiffness=STIFFNESS), speed, SAMPLES)

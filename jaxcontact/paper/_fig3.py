@@ -6,7 +6,7 @@ import numpy as np
 
 from .._units import label
 from ._cases import CASES, impacts
-from ._reproduction import Reproduction
+from ._reproduction import Reproduction, long_table
 from ._style import VELOCITY, sheet
 
 
@@ -36,15 +36,15 @@ def fig3() -> Reproduction:
         bottom.set_xlabel(label("time", prefix="µ"))
     axes[0].set_ylabel(VELOCITY)
     axes[2].set_ylabel(label("indentation", "deformation", prefix="µ"))
-    samples = solved.time.shape[1]
+    number = np.arange(1, len(CASES) + 1)
     motion = {
-        "case": np.repeat(np.arange(1, len(CASES) + 1), samples),
-        "time_s": solved.time.ravel(),
-        "deformation_m": solved.indentation.ravel(),
-        "velocity_m_per_s": solved.velocity.ravel(),
+        "case": number[:, None],
+        "time_s": solved.time,
+        "deformation_m": solved.indentation,
+        "velocity_m_per_s": solved.velocity,
     }
     outcome = {
-        "case": np.arange(1, len(CASES) + 1),
+        "case": number,
         "impact_velocity_m_per_s": np.array([case.velocity for case in CASES]),
         "alpha": solved.alpha,
         "restitution": solved.restitution,
@@ -52,4 +52,4 @@ def fig3() -> Reproduction:
         "compression_time_s": solved.compression_time,
         "max_deformation_m": solved.max_indentation,
     }
-    return Reproduction(figure, {"motion": motion, "impact": outcome})
+    return Reproduction(figure, {"motion": long_table(motion), "impact": outcome})

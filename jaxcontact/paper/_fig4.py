@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .._units import label
 from ._cases import CASES, impacts
-from ._compression import Compression, compression
+from ._compression import compression
 from ._regression import INTERVALS, regression_tables
-from ._reproduction import Reproduction, Table
+from ._reproduction import Reproduction, long_table
 from ._style import VELOCITY, legend_above, sheet
 
 if TYPE_CHECKING:
@@ -32,8 +33,13 @@ class Form(NamedTuple):
     colour: str
     style: str | tuple[int, tuple[int, ...]]
 
+    @property
+    def look(self) -> dict[str, Any]:
+        """How its lines are drawn."""
+        return {"color": self.colour, "linestyle": self.style, "linewidth": 1.1}
 
-def _power(beta: float) -> Callable[[np.ndarray], np.ndarray]:
+
+def _power(beta: float | np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     return lambda u: np.sqrt(1 - u**beta)
 
 
@@ -60,70 +66,42 @@ def fig4() -> Reproduction:
     curves = [compression(impacts(), i) for i in range(len(CASES))]
     tables = regression_tables(curves)
     beta = tables["band"]["beta"]
+    v0 = np.array([[case.velocity] for case in CASES])
+    depth = np.stack([curve.positions("indentation", INTERVALS) for curve in curves])
+    solved = np.stack([curve.velocity_at(x) for curve, x in zip(curves, depth, strict=True)])
+    u = depth / depth[:, -1:]
+    forms = (*FORMS, Form("fitted β", _power(beta[:, None]), "black", "-"))
+    assumed = np.stack([v0 * form.profile(u) for form in forms], axis=1)
+    off = (assumed - solved[:, None]) / v0[:, None]
     figure, axes = sheet(3, 1, height=6.4)
-    sampled, distances = [], []
-    for i, curve in enumerate(curves):
-        forms = (*FORMS, Form("fitted β", _power(beta[i]), "black", "-"))
-        columns = _columns(i, curve, forms)
-        _draw(axes[i], i, columns, forms)
-        _draw_differences(axes[-1], i, columns, forms)
-        sampled.append(columns)
-        distances.append(_distances(i, columns, forms))
+    for i, case in enumerate(CASES):
+        _draw(axes[i], depth[i] * 1e6, solved[i], assumed[i], forms)
+        axes[i].title.set_text(case.label)
+    _draw_differences(axes[-1], u, off, forms)
     legend_above(figure, axes[0], columns=3)
-    return Reproduction(
-        figure, {"curves": _stack(sampled), **tables, "profiles": _stack(distances)}
-    )
-
-
-def _columns(i: int, curve: Compression, forms: tuple[Form, ...]) -> Table:
-    depth = curve.positions("indentation", INTERVALS)
-    u, v0 = depth / curve.max_indentation, CASES[i].velocity
-    columns = {
-        "case": np.full(len(u), i + 1),
-        "deformation_m": depth,
-        "numerical_m_per_s": curve.velocity_at(depth),
+    number = np.arange(1, len(CASES) + 1)[:, None]
+    samples = {"case": number, "deformation_m": depth, "numerical_m_per_s": solved}
+    for k, form in enumerate(forms):
+        words = re.sub(" = |[ /]", "_", form.name).replace("β", "beta")
+        samples[f"{words}_m_per_s"] = assumed[:, k]
+    profiles = {
+        "case": number,
+        "form": [form.name for form in forms],
+        "rms_difference": np.sqrt(np.mean(off**2, axis=-1)),
+        "largest_difference": np.abs(off).max(axis=-1),
     }
-    return columns | {_column(form): v0 * form.profile(u) for form in forms}
+    tables = {"curves": long_table(samples), **tables, "profiles": long_table(profiles)}
+    return Reproduction(figure, tables)
 
 
-def _column(form: Form) -> str:
-    return (
-        f"{form.name}_m_per_s".replace(" = ", "_")
-        .replace("β", "beta")
-        .replace(" ", "_")
-        .replace("/", "_")
-    )
-
-
-def _distances(i: int, columns: Table, forms: tuple[Form, ...]) -> Table:
-    off = np.array([columns[_column(form)] - columns["numerical_m_per_s"] for form in forms])
-    off = off / CASES[i].velocity
-    return {
-        "case": np.full(len(forms), i + 1),
-        "form": np.array([form.name for form in forms]),
-        "rms_difference": np.sqrt(np.mean(off**2, axis=1)),
-        "largest_difference": np.abs(off).max(axis=1),
-    }
-
-
-def _stack(tables: list[Table]) -> Table:
-    return {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-
-
-def _draw(ax: Axes, i: int, columns: Table, forms: tuple[Form, ...]) -> None:
-    depth = columns["deformation_m"] * 1e6
-    for form in forms:
-        ax.plot(
-            depth,
-            columns[_column(form)],
-            color=form.colour,
-            linestyle=form.style,
-            linewidth=1.1,
-            label=form.name,
-        )
+def _draw(
+    ax: Axes, depth: np.ndarray, solved: np.ndarray, assumed: np.ndarray, forms: tuple[Form, ...]
+) -> None:
+    for form, velocity in zip(forms, assumed, strict=True):
+        ax.plot(depth, velocity, label=form.name, **form.look)
     ax.plot(
         depth[::_MARKERS],
-        columns["numerical_m_per_s"][::_MARKERS],
+        solved[::_MARKERS],
         "o",
         color="black",
         markersize=3,
@@ -134,18 +112,15 @@ def _draw(ax: Axes, i: int, columns: Table, forms: tuple[Form, ...]) -> None:
     )
     ax.set_xlim(0, depth[-1] * 1.02)
     ax.set_ylim(bottom=0)
-    ax.title.set_text(CASES[i].label)
     ax.set_xlabel(label("indentation", "deformation", prefix="µ"))
     ax.set_ylabel(VELOCITY)
 
 
-def _draw_differences(ax: Axes, i: int, columns: Table, forms: tuple[Form, ...]) -> None:
-    u = columns["deformation_m"] / columns["deformation_m"][-1]
-    for form in forms:
-        off = (columns[_column(form)] - columns["numerical_m_per_s"]) / CASES[i].velocity
-        if np.abs(off).max() < _CLOSE:
-            pale = 1.0 if i == 0 else 0.4
-            ax.plot(u, off, color=form.colour, linestyle=form.style, linewidth=1.1, alpha=pale)
+def _draw_differences(ax: Axes, u: np.ndarray, off: np.ndarray, forms: tuple[Form, ...]) -> None:
+    for i, opacity in enumerate((1.0, 0.4)):
+        for form, share in zip(forms, off[i], strict=True):
+            if np.abs(share).max() < _CLOSE:
+                ax.plot(u[i], share, alpha=opacity, **form.look)
     ax.set_xlim(0, 1.02)
     ax.title.set_text("form less numerical, case 2 pale")
     ax.set_xlabel("deformation / largest deformation")

@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._laws import AbstractHuntCrossley, get_law
-from ._column import column
+from .._laws import get_law
 from ._reproduction import Reproduction, Table
 from ._style import FOUR_LAWS, REFERENCE, legend_above, sheet
 
@@ -30,8 +29,7 @@ def fig5() -> Reproduction:
     figure, (ax,) = sheet(height=2.7)
     table: Table = {"e_in": GRID}
     for law in FOUR_LAWS:
-        name = column(law.law)
-        alpha = table[name] = np.asarray(_alpha(name, jnp.asarray(GRID)))
+        alpha = table[law.key] = np.asarray(_alpha(law.key, jnp.asarray(GRID)))
         ax.plot(GRID, alpha, color=law.colour, linestyle=law.style, linewidth=1.3, label=law.name)
     exact = table["exact"] = np.asarray(_alpha("exact", jnp.asarray(GRID)))
     ax.plot(GRID, exact, **REFERENCE, label="exact")
@@ -44,7 +42,7 @@ def fig5() -> Reproduction:
 
 
 def _limits() -> Table:
-    names = [column(law.law) for law in FOUR_LAWS]
+    names = [law.key for law in FOUR_LAWS]
     near_zero = np.array([float(_alpha(name, NEAR_ZERO)) for name in names])
     slopes = [jax.grad(lambda e, name=name: _alpha(name, e))(1.0) for name in names]
     return {
@@ -57,6 +55,4 @@ def _limits() -> Table:
 
 
 def _alpha(name: str, e: ArrayLike) -> Float[Array, "..."]:
-    law = get_law(name, e=e)
-    assert isinstance(law, AbstractHuntCrossley)  # for the type checker
-    return law.damping_factor()
+    return get_law(name, e=e).damping_factor()

@@ -7,7 +7,6 @@ import numpy as np
 
 from .._impact import restitution
 from .._laws import get_law
-from ._column import column
 from ._reproduction import Reproduction, Table
 from ._style import FOUR_LAWS, REFERENCE, legend_above, sheet
 
@@ -19,7 +18,7 @@ _TENTHS = np.isin(GRID, np.arange(1, 11) / 10)
 RANGES = (0.1, 0.01)
 """Errors are taken from each of these to 1: those of the table, and those of the drawn curve."""
 
-_NAMES = (*(column(law.law) for law in FOUR_LAWS), "exact")
+_NAMES = (*(law.key for law in FOUR_LAWS), "exact")
 
 
 def fig6() -> Reproduction:
@@ -34,7 +33,7 @@ def fig6() -> Reproduction:
     figure, (top, bottom) = sheet(2, 1, height=4.4, sharex=True)
     for law in FOUR_LAWS:
         look = {"color": law.colour, "linestyle": law.style, "linewidth": 1.3}
-        e_out = curves[column(law.law)]
+        e_out = curves[law.key]
         top.plot(GRID, e_out, **look, label=law.name)
         bottom.plot(GRID, e_out - GRID, **look)
     top.plot(GRID, curves["exact"], **REFERENCE, label="exact")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
@@ -32,6 +35,12 @@ class Impacts(NamedTuple):
     max_indentation: np.ndarray
     max_force: np.ndarray
     energy_loss: np.ndarray
+
+
+def cached(make: Callable[[], Impacts]) -> Callable[[], Impacts]:
+    """`make`, called once for each precision that JAX is set to."""
+    once = functools.cache(lambda precision: make())
+    return functools.wraps(make)(lambda: once(jnp.result_type(float)))
 
 
 def solve(

@@ -9,7 +9,7 @@ import numpy as np
 from .._calibration import VelocityProfile, fit_velocity_profile
 from ._cases import CASES
 from ._compression import SAMPLINGS, Compression, Sampling
-from ._reproduction import Table
+from ._reproduction import Table, long_table
 
 INTERVALS = 1000
 """Between the samples of a regression."""
@@ -46,18 +46,18 @@ def regression_tables(curves: list[Compression]) -> dict[str, Table]:
     published = np.array([case.beta for case in CASES])
     default = beta[:, choices.index(DEFAULT)]
     low, high = beta.min(axis=1), beta.max(axis=1)
-    each = len(choices)
     fewer = np.array([[regress(curve, intervals=n).beta for n in FEWER] for curve in curves])
+    regression = {
+        "case": number[:, None],
+        "uniform_in": [sampling for sampling, _ in choices],
+        "residual_in": [_RESIDUALS[squared] for _, squared in choices],
+        "beta": beta,
+        "published_beta": published[:, None],
+        "difference": beta - published[:, None],
+        "rms_residual": residual,
+    }
     return {
-        "regression": {
-            "case": number.repeat(each),
-            "uniform_in": np.tile([sampling for sampling, _ in choices], len(CASES)),
-            "residual_in": np.tile([_RESIDUALS[squared] for _, squared in choices], len(CASES)),
-            "beta": beta.ravel(),
-            "published_beta": published.repeat(each),
-            "difference": (beta - published[:, None]).ravel(),
-            "rms_residual": residual.ravel(),
-        },
+        "regression": long_table(regression),
         "band": {
             "case": number,
             "published_beta": published,
@@ -67,9 +67,5 @@ def regression_tables(curves: list[Compression]) -> dict[str, Table]:
             "highest_beta": high,
             "published_inside": (low <= published) & (published <= high),
         },
-        "samples": {
-            "case": number.repeat(len(FEWER)),
-            "intervals": np.tile(FEWER, len(CASES)),
-            "beta": fewer.ravel(),
-        },
+        "samples": long_table({"case": number[:, None], "intervals": FEWER, "beta": fewer}),
     }

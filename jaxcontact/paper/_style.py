@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .._laws import AbstractHuntCrossley, Flores, HuGuo, HuntCrossley, LankaraniNikravesh
 from .._units import label
 
 if TYPE_CHECKING:
@@ -22,17 +21,18 @@ class PaperLaw(NamedTuple):
 
     panel: str
     name: str
-    law: type[AbstractHuntCrossley]
+    key: str
+    """The registered name: that of the columns of tables."""
     colour: str
     style: str
 
 
 # Okabe and Ito's colours; the dashes distinguish the laws in grey.
 FOUR_LAWS = (
-    PaperLaw("a", "Lankarani-Nikravesh", LankaraniNikravesh, "#56B4E9", "-."),
-    PaperLaw("b", "Hunt-Crossley", HuntCrossley, "#E69F00", "--"),
-    PaperLaw("c", "Flores et al.", Flores, "#009E73", ":"),
-    PaperLaw("d", "Hu-Guo", HuGuo, "#0072B2", "-"),
+    PaperLaw("a", "Lankarani-Nikravesh", "lankarani_nikravesh", "#56B4E9", "-."),
+    PaperLaw("b", "Hunt-Crossley", "hunt_crossley", "#E69F00", "--"),
+    PaperLaw("c", "Flores et al.", "flores", "#009E73", ":"),
+    PaperLaw("d", "Hu-Guo", "hu_guo", "#0072B2", "-"),
 )
 
 RESTITUTIONS = (1.0, 0.8, 0.6, 0.4, 0.2)
@@ -54,14 +54,13 @@ def sheet(
     rows: int = 1,
     columns: int = 1,
     *,
-    width: float = COLUMN,
     height: float = 2.4,
     sharex: bool = False,
     sharey: bool = False,
 ) -> tuple[Figure, list[Axes]]:
     """A figure with its axes, row by row; its own canvas, so that no display is needed.
 
-    `width` and `height` of the whole in inches; `sharex` and `sharey` as in matplotlib.
+    `height` of the whole in inches; `sharex` and `sharey` as in matplotlib.
     """
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -78,7 +77,7 @@ def sheet(
         "axes.linewidth": 0.6,
     }
     with rc_context(style):
-        figure = Figure(figsize=(width, height), layout="constrained")
+        figure = Figure(figsize=(COLUMN, height), layout="constrained")
         FigureCanvasAgg(figure)
         axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey)
     return figure, list(axes.flat)

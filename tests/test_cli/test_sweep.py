@@ -8,7 +8,8 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._cli import main
-from jaxcontact._cli._sweep import named_span, span
+from jaxcontact._cli._options import assignment
+from jaxcontact._cli._sweep import span
 
 SAME = 1e-15
 """The same impacts in other batches: measured 2e-16."""
@@ -18,7 +19,7 @@ def test_ranges():
     assert span("0.5") == 0.5
     np.testing.assert_array_equal(span("0:1:5"), np.linspace(0, 1, 5))
     np.testing.assert_array_equal(span("0.01:10:4:log"), np.geomspace(0.01, 10, 4))
-    name, values = named_span("c=1:2:2")
+    name, values = assignment("c=1:2:2", span, "RANGE")
     assert name == "c" and list(values) == [1, 2]
 
 

@@ -34,6 +34,11 @@ def given_ratio(zeta, ending: str) -> AbstractOscillator:
     return GivenRatio(zeta=zeta, tension=ending == "tension")
 
 
+def scaled(law, n):
+    """The free impact in scaled units, in closed form; for laws that depend on nothing else."""
+    return law.form(None, None).solve(n)
+
+
 def grid(function: str, **fixed):
     """The oracle's cases that have the arguments given."""
     return [c for c in cases(function) if all(c.args[k] == x for k, x in fixed.items())]

@@ -7,10 +7,8 @@ import pytest
 from mpmath import mp, mpf
 
 import jaxcontact as jc
-from jaxcontact._forms._hunt_crossley import solve_hunt_crossley
-from jaxcontact._forms._oscillator import solve_oscillator
 from tests.test_impact import units
-from tests.test_impact.support import column, grid, outcome, slopes, values
+from tests.test_impact.support import column, given_ratio, grid, outcome, scaled, slopes, values
 
 TOLERANCE = {"exact": 1e-11, "event": 1e-7, "phase": 1e-7}
 """Relative to the derivative or, where that is small, to 1e-3 of its unit: measured 2e-14, 3e-8
@@ -139,7 +137,7 @@ def test_hunt_crossley_by_its_damping_factor(n):
     some = grid("hunt_crossley", n=n)
 
     def solve(alpha):
-        return outcome(solve_hunt_crossley(alpha, n))
+        return outcome(scaled(jc.Damped(alpha=alpha), n))
 
     def slope(alpha):
         return jax.jvp(solve, (alpha,), (jnp.ones_like(alpha),))[1]
@@ -163,7 +161,7 @@ def test_oscillators_by_their_damping_ratio(ending):
     some = grid("oscillator", ending=ending, n=1.5)
 
     def solve(zeta):
-        return outcome(solve_oscillator(zeta, 1.5, ending))
+        return outcome(scaled(given_ratio(zeta, ending), 1.5))
 
     @jax.jit
     def everything(zeta):

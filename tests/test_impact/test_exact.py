@@ -7,11 +7,18 @@ import pytest
 from mpmath import mp, mpf
 
 import jaxcontact as jc
-from jaxcontact._forms._hunt_crossley import solve_hunt_crossley
-from jaxcontact._forms._oscillator import solve_oscillator
 from tests import oracle
 from tests.test_impact import units
-from tests.test_impact.support import assert_within, column, errors, grid, outcome, values
+from tests.test_impact.support import (
+    assert_within,
+    column,
+    errors,
+    given_ratio,
+    grid,
+    outcome,
+    scaled,
+    values,
+)
 
 # Formulas: measured 1e-15. Quadrature: measured 1.2e-13 (n = 3, α = 1.6e6), 5e-14 for n ≤ 2.
 FORMULA, TIME = 1e-13, 1e-12
@@ -30,13 +37,13 @@ def test_hunt_crossley(n):
     some = grid("hunt_crossley", n=n)
     alpha = column(some, "alpha")
     assert alpha.max() == 1.6e6
-    got = jax.jit(lambda alpha: outcome(solve_hunt_crossley(alpha, n)))(alpha)
+    got = jax.jit(lambda alpha: outcome(scaled(jc.Damped(alpha=alpha), n)))(alpha)
     assert_within(errors(got, values(some)), TOLERANCES, alpha)
 
 
 def test_hunt_crossley_with_traced_exponents():
     some = grid("hunt_crossley")
-    got = jax.jit(lambda a, n: outcome(solve_hunt_crossley(a, n)))(
+    got = jax.jit(lambda a, n: outcome(scaled(jc.Damped(alpha=a), n)))(
         column(some, "alpha"), column(some, "n")
     )
     assert_within(errors(got, values(some)), TOLERANCES, column(some, "alpha"))
@@ -47,14 +54,14 @@ def test_oscillators(ending):
     for n in (1.0, 1.5, 2.0):
         some = grid("oscillator", ending=ending, n=n)
         if some:
-            got = outcome(solve_oscillator(column(some, "zeta"), n, ending))
+            got = outcome(scaled(given_ratio(column(some, "zeta"), ending), n))
             assert_within(errors(got, values(some)), TOLERANCES, column(some, "zeta"))
 
 
 @pytest.mark.parametrize("ending", ["tension", "clamped", "approach"])
 def test_oscillators_with_traced_exponents(ending):
     some = grid("oscillator", ending=ending)
-    got = jax.jit(lambda zeta, n: outcome(solve_oscillator(zeta, n, ending)))(
+    got = jax.jit(lambda zeta, n: outcome(scaled(given_ratio(zeta, ending), n)))(
         column(some, "zeta"), column(some, "n")
     )
     assert_within(errors(got, values(some)), TOLERANCES, column(some, "zeta"))

@@ -54,7 +54,6 @@ class MuJoCo(Engine):
         stiffness = matched_stiffness(wanted, 1.0, law)
         k = stiffness / wanted.mass
         damping = 2 * zeta * math.sqrt(k)
-        # 0 - damping in the snippet, because -0.0 would print as -0.
         parameters = {"stiffness": k, "damping": damping, "dampratio": zeta, "impedance": IMPEDANCE}
         units = {"stiffness": "1/s^2", "damping": "1/s", "dampratio": "", "impedance": ""}
         return Draft(
@@ -63,6 +62,7 @@ class MuJoCo(Engine):
             contact=Contact(wanted.mass, stiffness, 1.0),
             parameters=parameters,
             units=units,
+            # 0 - damping, because -0.0 would print as -0.
             snippet=(
                 f'solref="{-k:.12g} {0 - damping:.12g}" '
                 f'solimp="{IMPEDANCE:g} {IMPEDANCE:g} 0.001 0.5 2"'

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ..._contact import Contact
 from ..._forms import exact_damping_factor
@@ -106,10 +106,7 @@ class GonthierCarvalhoMartins(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_factor(
-        self, contact: Contact | None = None, velocity: ArrayLike | None = None
-    ) -> Float[Array, "..."]:
-        """α = 3(1-e)(11-e)/(2(1+9e)) for e > 1/3, (1-e²)/e below."""
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         above = CarvalhoMartins(e=self.e).damping_factor()
         return jnp.where(self.e > 1 / 3, above, Gonthier(e=self.e).damping_factor())
 

@@ -1,4 +1,4 @@
-"""The energy-loss family: the laws that follow from an assumed velocity profile of power β."""
+"""Laws from the energy balance of an impact: for an assumed velocity profile, and exactly."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float
 
+from .._forms import exact_damping_factor
 from .._parameter import POSITIVE, RESTITUTION, parameter
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
@@ -31,9 +32,28 @@ class EnergyLoss(AbstractHuntCrossley):
     beta: Float[Array, "..."] = parameter("beta", POSITIVE)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        """α = (1-e)/e / ((n+1) I(β)), with n = 3/2 if no contact is given."""
         n_plus_1 = 2.5 if contact is None else contact.exponent + 1
         ratio = n_plus_1 / self.beta
         # Γ(3/2) = √π/2, so (n+1) I = ratio B(ratio, 3/2) = (√π/2) Γ(ratio+1)/Γ(ratio+3/2).
         log_integral = gammaln(ratio + 1) - gammaln(ratio + 1.5)
         return (1 - self.e) / self.e * jnp.exp(-log_integral) * (2 / jnp.sqrt(jnp.pi))
+
+
+@register_law(
+    "exact",
+    formula="α(1+e) = ln((1+α)/(1-αe))",
+    source="energy integral of the family; see jaxcontact.exact_damping_factor",
+    valid="all e in (0, 1], exactly",
+)
+class ExactRestitution(AbstractHuntCrossley):
+    """The member of the Hunt-Crossley family that delivers exactly the e it is given.
+
+    α solves `α(1+e) = ln[(1+α)/(1-αe)]`. `e` in (0, 1]. Raises ValueError for a Python scalar out
+    of range. Derived from the energy integral of the force of Hunt & Crossley (1975),
+    doi 10.1115/1.3423596.
+    """
+
+    e: Float[Array, "..."] = parameter("e", RESTITUTION)
+
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+        return exact_damping_factor(self.e)
