@@ -54,7 +54,7 @@ def place(law):
 def test_all_transformations(name):
     solve = solver(name)
 
-    @jax.jit
+    # Not under `jit`, where every law would be a program of its own: laws of a form share solves.
     @jax.vmap
     def everything(p):
         """Outcome, gradient, and derivative along the parameters, of lanes."""

@@ -223,29 +223,34 @@ numbers = st.one_of(st.floats(0.05, 3.0), st.sampled_from([0.0, -1.0, np.nan, np
 axis = st.lists(numbers, min_size=1, max_size=4)
 
 
-def mixture(a, b, c):
-    """Checks and choices of many kinds, over three inputs."""
+def mixture(a, b, c, xp=jnp):
+    """Checks and choices of many kinds, over three inputs, in JAX or NumPy."""
     good = (a > 0) & (b >= 0) & ~(c > 2.5)
-    inner = jnp.where(good, a * jnp.where(b > 1, b, 1.0), jnp.nan)
+    inner = xp.where(good, a * xp.where(b > 1, b, 1.0), xp.nan)
     return {
-        "masked": jnp.where((a > 0) & (c < 2), a + 1, jnp.nan),
+        "masked": xp.where((a > 0) & (c < 2), a + 1, xp.nan),
         "inner": inner,
-        "again": jnp.where(jnp.isnan(inner), 7.0, inner),
-        "number": jnp.where((b > 0) | (c > 0), a, -3.0),
-        "whole": jnp.where(good & jnp.isfinite(a), 1, 2),
-        "nested": jnp.where(b > 0, jnp.where(c > 0, a, jnp.nan), jnp.nan) * 2 + 1,
+        "again": xp.where(xp.isnan(inner), 7.0, inner),
+        "number": xp.where((b > 0) | (c > 0), a, -3.0),
+        "whole": xp.where(good & xp.isfinite(a), 1, 2),
+        "nested": xp.where(b > 0, xp.where(c > 0, a, xp.nan), xp.nan) * 2 + 1,
         "flag": good,
-        "not": jnp.where(~(b < 1), a, 5.0),
-        "power": jnp.where(b > 0, a, jnp.nan) ** 0,
+        "not": xp.where(~(b < 1), a, 5.0),
+        "power": xp.where(b > 0, a, xp.nan) ** 0,
     }
 
 
+def mixed(a, b, c):
+    return mixture(a, b, c)
+
+
 @settings(max_examples=60)
-@given(a=axis, b=axis, c=axis, most=st.integers(1, 40))
+# Each size of blocks is compiled: one lane, a part of the last axis, several, all.
+@given(a=axis, b=axis, c=axis, most=st.sampled_from([1, 3, 7, 40]))
 def test_against_a_loop_in_python(a, b, c, most):
-    table = jc.sweep(mixture, a=a, b=b, c=c, batch_size=most)
-    with jax.disable_jit():
+    table = jc.sweep(mixed, a=a, b=b, c=c, batch_size=most)
+    with np.errstate(all="ignore"):
         for place in itertools.product(*map(range, table.shape)):
-            lane = {n: jnp.asarray(x[i]) for n, x, i in zip("abc", (a, b, c), place, strict=True)}
-            for name, expected in mixture(**lane).items():
+            lane = [np.float64(x[i]) for x, i in zip((a, b, c), place, strict=True)]
+            for name, expected in mixture(*lane, xp=np).items():
                 np.testing.assert_array_equal(table[name][place], expected, err_msg=name)
