@@ -60,9 +60,9 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     try:
         law = get_law(arguments.law, **given)
         contact = Contact(arguments.mass, arguments.stiffness, exponent)
+        hit = impact(law, contact, arguments.velocity)
     except ValueError as error:
         raise InputError(str(error)) from error
-    hit = impact(law, contact, arguments.velocity)
     status = Status(int(hit.status))
     if status == Status.INVALID_INPUT:
         raise InputError("a parameter is out of its range")

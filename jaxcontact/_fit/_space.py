@@ -159,9 +159,10 @@ def _named(start: Any, transforms: dict[str, Any]) -> list[Any]:
         inside = f"{wanted}.", f"{wanted}["
         places = [i for i, name in enumerate(names) if name == wanted or name.startswith(inside)]
         if not places:
+            known = ", ".join(filter(None, names)) or "which is one number without a name"
             raise ValueError(
-                f"Argument `transforms` must name numbers of `start`, {', '.join(names)}, but "
-                f"names {wanted!r}."
+                f"Argument `transforms` must name numbers of `start`, {known}, but names "
+                f"{wanted!r}."
             )
         for i in places:
             chosen[i] = transform

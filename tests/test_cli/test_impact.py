@@ -69,6 +69,7 @@ BAD = {
     "e twice": ("--law=hu_guo --e=.5 --param=e=.6", "given by --e already"),
     "range": ("--law=hu_guo --e=1.5", "`e` must be in"),
     "exponent": ("--law=tsuji --e=.5 --exponent=1", "tsuji is made for 1.5"),
+    "slow": ("--law=hu_guo --e=.5 --velocity=1e-12", "`velocity` must be in [1e-09, inf)"),
     "suffix": ("--law=hu_guo --e=.5 --plot=x.doc", "must end in .png, .pdf or .svg"),
 }
 
@@ -78,7 +79,7 @@ def test_bad_input_is_refused(case, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     options, message = BAD[case]
     contact = ["--mass=1", "--stiffness=1e8", "--velocity=1"]
-    assert main(["impact", *options.split(), *contact, "--quiet"]) == 2
+    assert main(["impact", *contact, *options.split(), "--quiet"]) == 2
     printed = capsys.readouterr()
     assert printed.err.startswith("error: ")
     assert message in printed.err

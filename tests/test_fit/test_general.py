@@ -276,6 +276,7 @@ def test_going_backwards_is_the_same(free):
         ({"data": np.zeros(0)}, "`data` must hold a number"),
         ({"start": {"a": 1.0, "b": -1e3, "c": 0.0}}, "must have a finite prediction"),
         ({"transforms": {"d": jc.Free()}}, "must name numbers of `start`, a, b, c"),
+        ({"start": 1.0, "transforms": {"d": jc.Free()}}, "`start`, which is one number without"),
         ({"transforms": "log"}, "`transforms` must"),
     ],
 )
