@@ -1,7 +1,9 @@
 """What holds for every test: double precision, strict arrays, repeatable examples, no windows."""
 
 import atexit
+import gc
 import os
+import pathlib
 import shutil
 import tempfile
 
@@ -44,6 +46,21 @@ _PLACE = {name: place for place, name in enumerate(_LONG)}
 
 def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: _PLACE.get(item.path.stem, len(_LONG)))
+
+
+# Linux lets a process map 65,530 regions of memory, and ends it at the next one. A compiled program
+# takes a few, an impact by an adaptive solve and all that goes with it 500.
+_MAPS = pathlib.Path("/proc/self/maps")
+_MOST_MAPS = 25_000
+
+
+@pytest.fixture(scope="module", autouse=True)
+def room_for_programs():
+    """After a file, programs are dropped where they are too many; the cache still has them."""
+    yield
+    if _MAPS.exists() and _MAPS.read_bytes().count(b"\n") > _MOST_MAPS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture
