@@ -97,11 +97,14 @@ class Contact(eqx.Module):
 
         Arguments: radii in m and materials; h = (1-ν²)/E. `mass` is the effective mass in kg; left
         out, it follows from the densities. Raises ValueError for a Python scalar out of range or a
-        missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
+        missing density or material. Source: Johnson (1985), Contact Mechanics, ch. 4,
         doi 10.1017/CBO9781139171731.
         """
         first = as_parameter(radius, "radius", POSITIVE)
         second = as_parameter(other_radius, "other_radius", POSITIVE)
+        # For a plane or a socket None is a rigid body; of two spheres neither can be left out.
+        if other is None:
+            raise ValueError("Argument `other` must be a `Material`, but is None.")
         stiffness = _hertz_stiffness(sphere, other, first / (first + second) * second)
         if mass is None:
             first_mass, second_mass = sphere.sphere_mass(first), other.sphere_mass(second)
