@@ -17,37 +17,72 @@ def implicit_root(
 ) -> Callable[..., Lane]:
     """A function `x(*parameters)` that solves `residual(x, *parameters) = 0` lane by lane.
 
-    A fixed number of Newton steps from a good guess has no branch and fuses into one loop over the
-    lanes. Derivatives as in `with_implicit_derivative`.
+    A fixed number of Newton steps from a good guess, without a branch. They are a loop, so that the
+    residual is compiled once. Derivatives as in `with_implicit_derivative`.
     """
 
     def newton(*parameters: Lane) -> Lane:
-        x = guess(*parameters)
-        for _ in range(iterations):
-            value, derivative = _with_slope(residual, x, parameters)
-            x = x - value / derivative
-        return x
+        def improved(_: int, x: Lane) -> Lane:
+            value, slope = _with_slope(residual, x, parameters)
+            return x - value / slope
+
+        return jax.lax.fori_loop(0, iterations, improved, guess(*parameters))
 
     return with_implicit_derivative(newton, residual)
 
 
+def expanded_root(
+    expansion: Callable[..., tuple[Lane, Lane, Lane, Lane]],
+    guess: Callable[..., Lane],
+    iterations: int,
+) -> Callable[..., Lane]:
+    """As `implicit_root`, for a residual that comes with its first three derivatives in x.
+
+    They cost next to nothing where the residual is an integral, and Householder's steps of order
+    four need half the evaluations. The first derivative may be right at the root only.
+    """
+
+    def householder(*parameters: Lane) -> Lane:
+        x = guess(*parameters)
+        for _ in range(iterations):
+            value, slope, second, third = expansion(x, *parameters)
+            step, bend, twist = value / slope, second / slope, third / slope
+            half = step * bend / 2
+            x = x - step * (1 - half) / (1 - 2 * half + jnp.square(step) * twist / 6)
+        return x
+
+    def residual(x: Lane, *parameters: Lane) -> Lane:
+        return expansion(x, *parameters)[0]
+
+    def slope(x: Lane, *parameters: Lane) -> Lane:
+        return expansion(x, *parameters)[1]
+
+    return with_implicit_derivative(householder, residual, slope)
+
+
 def with_implicit_derivative(
-    find: Callable[..., Lane], residual: Callable[..., Lane]
+    find: Callable[..., Lane],
+    residual: Callable[..., Lane],
+    slope: Callable[..., Lane] | None = None,
 ) -> Callable[..., Lane]:
     """`find(*parameters)`, which returns a root x of `residual(x, *parameters)`, differentiable.
 
     The derivative is the implicit one, `dx = -(∂R/∂p dp)/(∂R/∂x)`, written in terms of the root
     itself, so that it is right in both modes and to any order; `find` is never differentiated.
-    Parameters are pytrees of arrays.
+    Parameters are pytrees of arrays. `slope` is ∂R/∂x where it is known.
     """
     root = jax.custom_jvp(find)
+
+    def by_root(x: Lane, *parameters: Lane) -> Lane:
+        return _with_slope(residual, x, parameters)[1]
+
+    steepness = by_root if slope is None else slope
 
     @root.defjvp
     def root_jvp(parameters: tuple, tangents: tuple) -> tuple[Lane, Lane]:
         x = root(*parameters)
         _, forcing = jax.jvp(lambda *p: residual(x, *p), parameters, tangents)
-        _, derivative = _with_slope(residual, x, parameters)
-        return x, -forcing / derivative
+        return x, -forcing / steepness(x, *parameters)
 
     return root
 
