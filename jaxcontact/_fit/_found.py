@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._loss import shortened
+from ._loss import shortened, shortened_slope
 from ._problem import Problem
 from ._solve import Options, search
 
@@ -53,18 +53,11 @@ class Found(NamedTuple):
 
 def found_from(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
     """Search from `start`, and the distance of its end from a minimum."""
-    path = search(problem, start, options)
-
-    def twice(theta: Float[Array, " k"]) -> tuple[Array, tuple[Array, Array]]:
-        prediction = problem.prediction(theta)
-        z = problem.standardised(prediction)
-        return z, (z, prediction)
-
-    jacobian, (z, prediction) = problem.jacobian(twice, path.theta)
-    loss = jnp.sum(jnp.square(shortened(z, problem.threshold))) / 2
+    path, end = search(problem, start, options)
+    loss = jnp.sum(jnp.square(shortened(end.z, problem.threshold))) / 2
     values = problem.space.values(path.theta)
-    found = Found(*path, loss, z, jacobian, values, prediction)
-    return with_step(problem, found, jacobian, start, options.rtol)
+    found = Found(*path, loss, end.z, end.jacobian, values, end.prediction)
+    return with_step(problem, found, end.jacobian, start, options.rtol)
 
 
 find = eqx.filter_jit(found_from)
@@ -89,13 +82,7 @@ def with_step(
 ) -> Found:
     """`found` with its remaining step by a Jacobian, in which columns of zeros hold coordinates."""
     r = shortened(found.z, problem.threshold)
-    # Zeros hide no failure: where the prediction is not finite, the loss is not finite either.
-    usable = jnp.where(jnp.isfinite(jacobian), jacobian, 0)
-    if problem.threshold is not None:
-        # d√(2ρ)/dz = ψ/r, which is 1 where ρ is a square.
-        far = jnp.abs(found.z) > problem.threshold
-        pull = jnp.where(far, problem.threshold / jnp.where(far, jnp.abs(r), 1), 1)
-        usable = usable * pull[:, None]
+    usable = shortened_slope(found.z, jacobian, problem.threshold)
     used = jnp.sum(problem.factor > 0)
     step, error = _gauss_newton(usable, jnp.where(jnp.isfinite(r), r, 0), used)
     size = jnp.maximum(jnp.maximum(jnp.abs(found.theta), jnp.abs(start)), error)

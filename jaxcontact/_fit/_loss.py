@@ -34,3 +34,19 @@ def shortened(z: Float[Array, " n"], threshold: Float[Array, ""] | None) -> Floa
     far = jnp.abs(z) > threshold
     size = jnp.where(far, jnp.abs(z), 2 * threshold)
     return jnp.where(far, jnp.sign(z) * jnp.sqrt(threshold * (2 * size - threshold)), z)
+
+
+def shortened_slope(
+    z: Float[Array, " n"], jacobian: Float[Array, "n k"], threshold: Float[Array, ""] | None
+) -> Float[Array, "n k"]:
+    """The derivative of `shortened` residuals from that of z, 0 where that is not finite.
+
+    Zeros hide no failure: where the prediction is not finite, the loss is not finite either.
+    """
+    usable = jnp.where(jnp.isfinite(jacobian), jacobian, 0)
+    if threshold is None:
+        return usable
+    # d√(2ρ)/dz = ψ/r, which is 1 where ρ is a square.
+    far = jnp.abs(z) > threshold
+    r = jnp.where(far, jnp.abs(shortened(z, threshold)), 1)
+    return usable * jnp.where(far, threshold / r, 1)[:, None]

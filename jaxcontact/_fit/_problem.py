@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,6 +13,14 @@ from jaxtyping import Array, Float
 
 from ._loss import shortened
 from ._space import Space
+
+
+class Point(NamedTuple):
+    """What a search knows where it stands: z, dz/dθ and the prediction of all points."""
+
+    z: Float[Array, " n"]
+    jacobian: Float[Array, "n k"]
+    prediction: Float[Array, " n"]
 
 
 class Problem(eqx.Module):
@@ -57,6 +65,17 @@ class Problem(eqx.Module):
     def loss(self, theta: Float[Array, " k"]) -> Float[Array, ""]:
         """½ Σ residual²."""
         return jnp.sum(jnp.square(self.residual(theta))) / 2
+
+    def at(self, theta: Float[Array, " k"]) -> Point:
+        """Standardised residuals and their derivatives."""
+
+        def twice(theta: Float[Array, " k"]) -> tuple[Array, tuple[Array, Array]]:
+            prediction = self.prediction(theta)
+            z = self.standardised(prediction)
+            return z, (z, prediction)
+
+        jacobian, (z, prediction) = self.jacobian(twice, theta)
+        return Point(z, jacobian, prediction)
 
     def jacobian(
         self, function: Callable, at: Float[Array, " k"]

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
-from ._problem import Problem
+from ._loss import shortened, shortened_slope
+from ._problem import Point, Problem
 
 MOST_STEPS = 200
 """Steps of Levenberg-Marquardt, unless the caller says otherwise."""
@@ -61,24 +62,36 @@ class Path(NamedTuple):
     stopped: Bool[Array, ""]
 
 
-def search(problem: Problem, start: Float[Array, " k"], options: Options) -> Path:
-    """Minimise from `start` until the loss no longer falls, or for `max_steps`."""
+def search(problem: Problem, start: Float[Array, " k"], options: Options) -> tuple[Path, Point]:
+    """Minimise from `start` until the loss no longer falls, or for `max_steps`; and the end."""
     method = _levenberg_marquardt if options.optimizer is None else _gradient_descent
     return method(problem, start, options)
 
 
-def _levenberg_marquardt(problem: Problem, start: Float[Array, " k"], options: Options) -> Path:
+# optimistix traces what it is given three times: a compiled function is traced once.
+_point = eqx.filter_jit(Problem.at)
+
+
+def _levenberg_marquardt(
+    problem: Problem, start: Float[Array, " k"], options: Options
+) -> tuple[Path, Point]:
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
     # The damping and the tolerances of the solver have units: it is given numbers of order 1.
     spread = jnp.sqrt(jnp.mean(jnp.square(problem.y * problem.factor)))
     unit = jnp.where(spread > 0, spread, 1)
 
-    def residual(place: Array, problem: Problem) -> tuple[Array, None]:
-        return problem.residual(place) / unit, None
+    # Value and Jacobian come together and are kept, so that the solver's own linearisation is a
+    # product with a matrix, and the end of the search is known without another evaluation.
+    def residual(place: Array, problem: Problem) -> tuple[Array, Point]:
+        here = jax.lax.stop_gradient(place)
+        point = _point(problem, here)
+        slope = shortened_slope(point.z, point.jacobian, problem.threshold)
+        r = shortened(point.z, problem.threshold)
+        return (r + slope @ (place - here)) / unit, point
 
-    kinds = jax.eval_shape(problem.residual, start)
-    common = (problem, {"jac": "bwd" if problem.reverse else "fwd"})
-    state = solver.init(residual, start, *common, kinds, None, frozenset())
+    shape, at_shape = jax.eval_shape(lambda place: residual(place, problem), start)
+    common = (problem, {"jac": "fwd"})
+    state = solver.init(residual, start, *common, shape, at_shape, frozenset())
     numbers, rest = eqx.partition(state, eqx.is_array)
 
     def unfinished(carry: tuple) -> Array:
@@ -100,10 +113,13 @@ def _levenberg_marquardt(problem: Problem, start: Float[Array, " k"], options: O
     place, numbers, history, step = jax.lax.while_loop(
         unfinished, advance, (start, numbers, history, jnp.zeros((), int))
     )
-    return Path(place, history, step, step < options.max_steps)
+    path = Path(place, history, step, step < options.max_steps)
+    return path, eqx.combine(numbers, rest).aux
 
 
-def _gradient_descent(problem: Problem, start: Float[Array, " k"], options: Options) -> Path:
+def _gradient_descent(
+    problem: Problem, start: Float[Array, " k"], options: Options
+) -> tuple[Path, Point]:
     import optax
 
     optimizer = optax.with_extra_args_support(options.optimizer)
@@ -133,4 +149,4 @@ def _gradient_descent(problem: Problem, start: Float[Array, " k"], options: Opti
     zero = jnp.zeros((), int)
     first = (start, optimizer.init(start), start, jnp.asarray(jnp.inf), zero, history, zero)
     _, _, best, _, idle, history, step = jax.lax.while_loop(unfinished, advance, first)
-    return Path(best, history, step, idle >= options.patience)
+    return Path(best, history, step, idle >= options.patience), problem.at(best)
