@@ -30,24 +30,28 @@ def largest_force(motion: Motion, path: Path, compressing: Bool[Array, ""]) -> N
     moments, states, taken = path
     # Unused entries hold infinities: the state at touch replaces them.
     states = jax.tree.map(lambda leaf: jnp.where(taken, leaf, leaf[0]), states)
-    moments = jax.lax.stop_gradient(jnp.where(taken, moments, moments[0]))
     forces = jax.vmap(lambda state: motion.force(state, compressing))(states)
     best = jnp.argmax(jax.lax.stop_gradient(jnp.where(taken, forces, -jnp.inf)))
-    last = jnp.sum(taken) - 1
-    frozen = jax.lax.stop_gradient(motion)
-    rising = _force_rate(frozen, jax.lax.stop_gradient(_at(states, best)), compressing) > 0
-    left = jnp.clip(jnp.where(rising, best, best - 1), 0, jnp.maximum(last - 1, 0))
-    size = moments[left + 1] - moments[left]
-    start = jax.lax.stop_gradient(_at(states, left))
-    finish = jax.lax.stop_gradient(_at(states, left + 1))
+    frozen, fixed, moments = jax.lax.stop_gradient(
+        (motion, states, jnp.where(taken, moments, moments[0]))
+    )
 
-    def slope(fraction: Number) -> Number:
-        return _force_rate(frozen, frozen.later(start, fraction * size, compressing), compressing)
+    def slope(state: State) -> Number:
+        return _force_rate(frozen, state, compressing)
+
+    # From the best state to the next one, or to it from the one before.
+    near = jnp.clip(best + jnp.arange(-1, 2), 0, jnp.sum(taken) - 1)
+    slopes = jax.vmap(lambda index: slope(_at(fixed, index)))(near)
+    first = jnp.where(slopes[1] > 0, 1, 0)
+    left, before, after = near[first], slopes[first], slopes[first + 1]
+    size = moments[near[first + 1]] - moments[left]
+
+    def later(fraction: Number) -> Number:
+        return slope(frozen.later(_at(fixed, left), fraction * size, compressing))
 
     # Without a change of sign the maximum is at an end, at touch for a law that jumps there.
-    before, after = slope(jnp.zeros_like(size)), _force_rate(frozen, finish, compressing)
     inside = (before > 0) & (after < 0)
-    theta = jnp.where(inside, bracketed_root(slope, before, after, iterations=10), 0)
+    theta = jnp.where(inside, bracketed_root(later, before, after, iterations=10), 0)
     between = motion.force(motion.later(_at(states, left), theta * size, compressing), compressing)
     return jnp.maximum(between, forces[best])
 
