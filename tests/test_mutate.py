@@ -6,7 +6,7 @@ from collections import Counter
 
 import pytest
 
-from tests import mutate
+from tests import mutate, mutate_faults
 
 SOURCE = '''"""A file with 1 + 1 in its docstring."""
 
@@ -65,16 +65,18 @@ def differences(a: object, b: object) -> list[str]:
 
 
 def test_all_kinds_are_found_and_only_in_what_runs():
-    found = mutate.faults(PATH, SOURCE)
+    found = mutate_faults.faults(PATH, SOURCE)
     assert {(x.kind, x.old, x.new) for x in found} == EXPECTED
     assert len(found) == len(EXPECTED)
-    assert {x.kind for x in found} == set(mutate.KINDS)
+    assert {x.kind for x in found} == set(mutate_faults.KINDS)
     assert {x.scope for x in found if x.old != "3.0"} == {"f"}
 
 
-@pytest.mark.parametrize("fault", mutate.faults(PATH, SOURCE), ids=lambda x: f"{x.old} {x.new}")
+@pytest.mark.parametrize(
+    "fault", mutate_faults.faults(PATH, SOURCE), ids=lambda x: f"{x.old} {x.new}"
+)
 def test_a_fault_changes_one_node_and_moves_no_line(fault):
-    planted = mutate.plant(SOURCE, fault)
+    planted = mutate_faults.plant(SOURCE, fault)
     assert planted.count("\n") == SOURCE.count("\n")
     assert planted.splitlines()[-1] == SOURCE.splitlines()[-1]
     places = differences(ast.parse(SOURCE), ast.parse(planted))
@@ -84,16 +86,20 @@ def test_a_fault_changes_one_node_and_moves_no_line(fault):
 
 def test_the_draw_covers_all_rooms_and_kinds_and_is_repeatable():
     sources = mutate.read(mutate.ROOT, mutate.PACKAGE)
-    drawn = mutate.sample(sources, 60, 0)
+    drawn = mutate_faults.sample(sources, 60, 0)
     assert len(set(drawn)) == len(drawn) == 60
     # No line of this room can be wrong.
-    assert {x.room for x in drawn} == {mutate.room_of(path) for path in sources} - {"data"}
+    assert {x.room for x in drawn} == {mutate_faults.room_of(path) for path in sources} - {"data"}
     counts = Counter(x.kind for x in drawn)
-    assert set(counts) == set(mutate.KINDS) and min(counts.values()) >= 8
+    assert set(counts) == set(mutate_faults.KINDS) and min(counts.values()) >= 8
     for x in drawn:
-        ast.parse(mutate.plant(sources[x.path], x))
+        ast.parse(mutate_faults.plant(sources[x.path], x))
     few = {path: sources[path] for path in sorted(sources)[:9]}
-    assert mutate.sample(few, 9, 0) == mutate.sample(few, 9, 0) != mutate.sample(few, 9, 1)
+    assert (
+        mutate_faults.sample(few, 9, 0)
+        == mutate_faults.sample(few, 9, 0)
+        != mutate_faults.sample(few, 9, 1)
+    )
 
 
 def test_the_tests_of_a_room_come_first_and_then_those_above():
@@ -113,7 +119,7 @@ def test_the_tests_of_a_room_come_first_and_then_those_above():
         "tests/test_readme.py": "import jaxcontact",
         "tests/test_oracle.py": "",
     }
-    (fault,) = mutate.faults("jaxcontact/_low.py", sources["jaxcontact/_low.py"])
+    (fault,) = mutate_faults.faults("jaxcontact/_low.py", sources["jaxcontact/_low.py"])
     direct = mutate.importers(sources)
     own, others = mutate.stages(fault, sources, direct, tests, {"tests/test_low.py": 9.0})
     # The one that names the function, then the quick one.
@@ -124,13 +130,13 @@ def test_the_tests_of_a_room_come_first_and_then_those_above():
         "tests/test_readme.py",
     }
     top = {**sources, "jaxcontact/__main__.py": "from ._higher import g\n\ng(-1)\n"}
-    (fault, _) = mutate.faults("jaxcontact/__main__.py", top["jaxcontact/__main__.py"])
+    (fault, _) = mutate_faults.faults("jaxcontact/__main__.py", top["jaxcontact/__main__.py"])
     own, others = mutate.stages(fault, top, mutate.importers(top), tests, {})
     assert (own, others) == (["tests/test_higher.py"], ["tests/test_readme.py"])
 
 
 def test_a_run_goes_on_where_it_stopped(tmp_path):
-    drawn, results = mutate.faults(PATH, SOURCE), tmp_path / "results.jsonl"
+    drawn, results = mutate_faults.faults(PATH, SOURCE), tmp_path / "results.jsonl"
     signs = [x for x in drawn if x.kind == "sign"]
 
     def run(package, tests, most=None):
@@ -167,7 +173,7 @@ def test_a_trial_leaves_the_tree_as_it_was(tmp_path):
     path = tmp_path / PATH
     path.parent.mkdir(parents=True)
     path.write_text(SOURCE, encoding="utf-8")
-    fault = mutate.faults(PATH, SOURCE)[0]
+    fault = mutate_faults.faults(PATH, SOURCE)[0]
     seen = []
 
     class Answers:
