@@ -86,5 +86,15 @@ def assert_within(errors_, tolerances: dict[str, float], labels=None) -> None:
         assert not bad.any(), f"{f}: {np.nanmax(errors_[f]):.2e} > {tolerance:.0e} at {where}"
 
 
+def both_jacobians(solve, p):
+    """The value and the slopes by a vector p, forward and in reverse, from one linearisation."""
+    value, forward = jax.linearize(solve, p)
+    backward = jax.linear_transpose(forward, p)
+    ahead = jax.vmap(forward, out_axes=-1)(jnp.eye(p.size))
+    rows = jnp.eye(value.size).reshape(-1, *value.shape)
+    (back,) = jax.vmap(backward)(rows)
+    return value, ahead, back.reshape(ahead.shape)
+
+
 def finite(tree) -> bool:
     return all(bool(jnp.all(jnp.isfinite(x))) for x in jax.tree.leaves(tree) if eqx.is_array(x))

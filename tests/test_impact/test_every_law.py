@@ -57,10 +57,10 @@ def test_all_transformations(name):
     # Not under `jit`, where every law would be a program of its own: laws of a form share solves.
     @jax.vmap
     def everything(p):
-        """Outcome, gradient, and derivative along the parameters, of lanes."""
-        (total, status), gradient = jax.value_and_grad(solve, has_aux=True)(p)
-        along = jax.jvp(lambda p: solve(p)[0], (p,), (p,))[1]
-        return total, status, gradient, along
+        """Outcome, gradient, and derivative along the parameters, of lanes, by one solve."""
+        total, forward, status = jax.linearize(solve, p, has_aux=True)
+        (gradient,) = jax.linear_transpose(forward, p)(jnp.ones_like(total))
+        return total, status, gradient, forward(p)
 
     damped = place(parameters(name, 0.7, OTHER))
     elastic = place(parameters(name, 1.0, ELASTIC))

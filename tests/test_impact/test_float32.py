@@ -61,9 +61,7 @@ def test_derivatives_at_all_corners_are_finite():
             hit.duration / jax.lax.stop_gradient(hit.duration)
         )
 
-    single_, double = (
-        jax.jit(jax.grad(total, (0, 1, 2, 3)))(*flat(t)) for t in (jnp.float32, jnp.float64)
-    )
+    single_, double = (jax.grad(total, (0, 1, 2, 3))(*flat(t)) for t in (jnp.float32, jnp.float64))
     for got, want in zip(single_, double, strict=True):
         assert got.dtype == jnp.float32 and jnp.isfinite(got).all()
         assert np.allclose(got, want, rtol=SLOPE, atol=0)
@@ -77,8 +75,6 @@ def test_the_other_methods(method):
     some = [c for a in ALPHAS for c in grid("hunt_crossley", n=1.5, alpha=a)]
     alpha = column(some, "alpha").astype(jnp.float32)
 
-    # The damping is an argument: XLA would spend a minute folding a solve of constants.
-    @jax.jit
     def solve(alpha, stiffness, mass, velocity):
         def hit(alpha):
             contact = jc.Contact(mass, stiffness)

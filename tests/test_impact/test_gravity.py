@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from tests.test_impact.support import UNIT, assert_within, column, errors, grid, outcome, values
+from tests.test_impact.support import (
+    UNIT,
+    assert_within,
+    both_jacobians,
+    column,
+    errors,
+    grid,
+    outcome,
+    values,
+)
 
 # At the default rtol of 1e-9: measured 3.3e-9 (n = 3/2), 7.5e-9 (n = 1), twice that for the loss.
 PROMISE, LOSS = 1e-8, 2e-8
@@ -88,19 +97,17 @@ def test_a_pull_that_the_contact_may_not_follow():
 def test_derivatives_under_gravity():
     some = [c for c in grid("with_gravity", n=1.5) if not c.settled]
 
-    def solve(alpha, gamma):
+    def solve(p):
+        alpha, gamma = p
         law, how = jc.Damped(alpha=alpha), jc.Event(rtol=1e-11)
         hit = jc.impact(law, UNIT[1.5], 1.0, external_force=gamma, method=how)
         return jnp.stack([hit.restitution, hit.duration, hit.max_indentation])
 
-    @jax.jit
-    @jax.vmap
-    def everything(alpha, gamma):
-        return jax.jacfwd(solve, (0, 1))(alpha, gamma), jax.jacrev(solve, (0, 1))(alpha, gamma)
-
+    p = jnp.stack([column(some, "alpha"), column(some, "gamma")], axis=1)
+    _, *both = jax.vmap(lambda p: both_jacobians(solve, p))(p)
     names = ("e", "duration", "max_indentation")
-    for slopes in everything(column(some, "alpha"), column(some, "gamma")):
-        for slope, by in zip(slopes, ("alpha", "gamma"), strict=True):
+    for slopes in both:
+        for slope, by in zip(jnp.moveaxis(slopes, -1, 0), ("alpha", "gamma"), strict=True):
             want = np.array([[c.d[by][f] for f in names] for c in some], dtype=float)
             error = np.abs(slope - want) / np.maximum(np.abs(want), 1e-3)
             assert np.isfinite(slope).all()

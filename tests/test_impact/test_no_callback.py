@@ -26,13 +26,11 @@ def _is_program(x):
 
 
 def everything(solve):
-    """Value, both derivatives, and all of it for a batch, as one program."""
-
-    def point(p):
-        return solve(p), jax.jacfwd(solve)(p), jax.grad(solve)(p)
+    """The value, and for a batch the value with its gradient, as one program."""
 
     def program(p):
-        return point(p), jax.vmap(point)(jax.tree.map(lambda x: jnp.stack([x, x]), p))
+        lanes = jax.tree.map(lambda x: jnp.stack([x, x]), p)
+        return solve(p), jax.vmap(jax.value_and_grad(solve))(lanes)
 
     return jax.make_jaxpr(program)(PLACE).jaxpr
 

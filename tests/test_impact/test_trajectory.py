@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
-from tests.test_impact.support import UNIT, finite
+from tests.test_impact.support import UNIT, both_jacobians, finite
 
 # At the default rtol of 1e-9, in units of the largest value: measured 8e-10 for the energy, 4e-10
 # against scipy.
@@ -124,9 +124,7 @@ def test_derivatives_of_samples(name):
         *(at + step for step in STEP * jnp.eye(2)),
         *(at - step for step in STEP * jnp.eye(2)),
     ]
-    values, forward, reverse = jax.jit(
-        jax.vmap(lambda p: (samples(p), jax.jacfwd(samples)(p), jax.jacrev(samples)(p)))
-    )(jnp.stack(points))
+    values, forward, reverse = jax.vmap(lambda p: both_jacobians(samples, p))(jnp.stack(points))
     assert finite((values, forward, reverse))
     assert np.allclose(forward[0], reverse[0], rtol=1e-10, atol=1e-10)
     difference = np.moveaxis(np.asarray(values[1:3] - values[3:5]) / (2 * STEP), 0, -1)

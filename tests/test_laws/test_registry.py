@@ -131,7 +131,7 @@ def test_own_law_in_general_form():
         return jc.impact(Dashpot(c=c), CONTACT, 1.5, method=jc.Event(rtol=1e-11)).restitution
 
     cs = jnp.array([1e5, 4e5, 4e5 + 40, 4e5 - 40])
-    batch, slopes = jax.jit(jax.vmap(jax.value_and_grad(e)))(cs)
+    batch, slopes = jax.vmap(jax.value_and_grad(e))(cs)
     np.testing.assert_allclose(batch[1], hit.restitution, rtol=EVENT)
     np.testing.assert_allclose(slopes[1], (batch[2] - batch[3]) / 80, rtol=SLOPE)
 
