@@ -68,7 +68,7 @@ def search(problem: Problem, start: Float[Array, " k"], options: Options) -> tup
     return method(problem, start, options)
 
 
-# optimistix traces what it is given three times: a compiled function is traced once.
+# Shapes are asked for twice before the search: a compiled function is traced once for all of it.
 _point = eqx.filter_jit(Problem.at)
 
 

@@ -51,15 +51,12 @@ class AbstractForm(eqx.Module):
     A subclass declares its numbers as fields (at least one array; all broadcast), a static field
     `tension` (whether the contact may pull; without, it ends where the force vanishes) and `force`.
     The other members have defaults that mean "not available", and a subclass replaces those it can
-    provide: `closed_form` together with `solve`; `restitution`; `never_pulls`; `damping`;
-    `momentum`; `phase_unit`; `static_indentation`; `sound`. Source of the scaling: the energy
-    integral of Hunt & Crossley (1975), doi 10.1115/1.3423596.
+    provide: `solve`; `restitution`; `never_pulls`; `damping`; `momentum`; `phase_unit`;
+    `static_indentation`; `sound`. Source of the scaling: the energy integral of Hunt & Crossley
+    (1975), doi 10.1115/1.3423596.
     """
 
     tension: eqx.AbstractVar[bool]
-
-    closed_form: ClassVar[bool] = False
-    """Whether `solve` gives the free impact, so that method "exact" applies."""
 
     never_pulls: ClassVar[bool] = False
     """Whether f stays positive in every free impact, up to x = 0."""
@@ -78,10 +75,14 @@ class AbstractForm(eqx.Module):
         """
         return None
 
-    def solve(self, n: Exponent) -> ScaledImpact:
+    def solve(self, n: Exponent) -> ScaledImpact | None:
         """The free impact in closed form, in the broadcast shape of the form's numbers and n."""
-        # Called only where `closed_form` is True, which promises a `solve`.
-        raise NotImplementedError(f"`{type(self).__name__}` has no closed form.")
+        return None
+
+    @property
+    def closed_form(self) -> bool:
+        """Whether the class has a `solve` of its own, so that method "exact" applies."""
+        return type(self).solve is not AbstractForm.solve
 
     def restitution(self) -> Lane | None:
         """The e of a free impact where it needs neither n nor the time; None where it does."""

@@ -33,7 +33,6 @@ class HuntCrossleyForm(AbstractForm):
 
     alpha: Lane
     tension: bool = eqx.field(static=True)
-    closed_form: ClassVar[bool] = True
     never_pulls: ClassVar[bool] = True
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent]:

@@ -9,7 +9,6 @@ tension at τ = π/ω. Time follows from `dt = ((n+1)/2)^(-n/(n+1)) s^(-(n-1)/(n
 from __future__ import annotations
 
 import functools
-from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -28,7 +27,6 @@ class OscillatorForm(AbstractForm):
     zeta: Lane
     tension: bool = eqx.field(static=True)
     approach_only: bool = eqx.field(static=True)
-    closed_form: ClassVar[bool] = True
 
     @property
     def ending(self) -> str:

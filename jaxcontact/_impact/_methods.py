@@ -36,7 +36,9 @@ class Exact(AbstractMethod):
 
     def solve(self, lanes: Lanes) -> ScaledImpact:
         """The closed form."""
-        return lanes.form.solve(lanes.n)
+        solved = lanes.form.solve(lanes.n)
+        assert solved is not None  # `chosen` refuses forms without one
+        return solved
 
     def restitution(self, form: AbstractForm) -> Lane | None:
         """The e of the form, without its times."""

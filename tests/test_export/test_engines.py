@@ -52,8 +52,7 @@ def exports(engine, options, wanted=WANTED):
 def needed(engine):
     reason = missing(engine)
     if reason:
-        # The simulators come with the optional extra [engines] only: without it nothing can be run.
-        pytest.skip(reason)
+        pytest.skip(reason)  # the simulators come with the optional extra [engines] only
 
 
 @pytest.mark.parametrize(("engine", "options"), VARIANTS, ids=LABEL)

@@ -22,7 +22,6 @@ class DashpotForm(jc.AbstractForm):
 
     zeta: jax.Array
     tension: bool = eqx.field(static=True)
-    closed_form = True
 
     def force(self, x, v, n, compressing):
         return x + 2 * self.zeta * v
