@@ -81,12 +81,12 @@ class HuntCrossleyForm(AbstractForm):
 
 
 def _rebound_expansion(rho: Lane, alpha: Lane) -> tuple[Lane, Lane, Lane, Lane]:
-    # Of ρ² ψ(z) - L(α) with z = -αρ. By ψ's definition the derivatives are ρ κ(z), e^z and -α e^z.
+    # Of ρ² ψ(z) - L(α) with z = -αρ. By ψ's definition the derivatives are ρ κ(z), e^z and -α e^z;
+    # to write κ by ψ, or e^z by κ, would lose all digits at strong damping.
     z = -alpha * rho
-    square = psi(z)
-    slope = rho * (1 + z * square)
-    second = 1 - alpha * slope
-    return jnp.square(rho) * square - log_remainder(alpha), slope, second, -alpha * second
+    second = jnp.exp(z)
+    value = jnp.square(rho) * psi(z) - log_remainder(alpha)
+    return value, rho * kappa(z), second, -alpha * second
 
 
 def _rebound_guess(alpha: Lane) -> Lane:

@@ -38,6 +38,16 @@ def test_hunt_crossley_over_the_range():
     assert np.allclose(got, values(some)["e"], rtol=FORMULA, atol=0)
 
 
+@pytest.mark.parametrize(("dtype", "largest"), [(np.float64, 153), (np.float32, 18)])
+def test_extreme_damping_delivers_its_inverse(dtype, largest):
+    """α e = 1 up to e^-α, with derivative -1/α², up to where α² overflows."""
+    alpha = jnp.asarray(10.0 ** np.linspace(1.9, largest, 500), dtype)
+    e, slope = jax.jvp(lambda a: jc.restitution(jc.Damped(alpha=a)), (alpha,), (alpha,))
+    rounding = 4 * np.finfo(dtype).eps
+    assert np.allclose(e * alpha, 1, rtol=rounding, atol=0)
+    assert np.allclose(slope, -e, rtol=rounding, atol=0)
+
+
 def test_laws_that_depend_on_the_place():
     velocity = jnp.array([0.1, 1.0, 10.0])
     slowing = jc.restitution(jc.ConstantDamping(c=3e7), CONTACT, velocity)
