@@ -48,7 +48,8 @@ def psi(z: Float[Array, "..."]) -> Float[Array, "..."]:
     small = jnp.abs(z) < 1
     z_series = jnp.where(small, z, 0)
     z_closed = jnp.where(small, 1, z)
-    closed = (jnp.expm1(z_closed) - z_closed) / jnp.square(z_closed)
+    # Divided twice: z² would overflow, and earlier in the derivative.
+    closed = (jnp.expm1(z_closed) / z_closed - 1) / z_closed
     return jnp.where(small, horner(_PSI_SERIES, z_series), closed)
 
 
@@ -89,7 +90,7 @@ def log_remainder(u: Float[Array, "..."]) -> Float[Array, "..."]:
     # ln(1+u) = 2 atanh(q): its series in q² converges three times faster than the one in u.
     q = u_series / (2 + u_series)
     series = (1 - q) * (1 - q * (1 - q) * horner(_ATANH_SERIES, jnp.square(q))) / 2
-    closed = (u_closed - jnp.log1p(u_closed)) / jnp.square(u_closed)
+    closed = (1 - jnp.log1p(u_closed) / u_closed) / u_closed
     return jnp.where(small, series, closed)
 
 

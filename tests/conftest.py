@@ -19,8 +19,8 @@ os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ["JAXCONTACT_TEST_CACHE"]
 os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "true"
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
-# Programs here are compiled once and run a few times, so the compiler's optimisations cost more than
-# they save: a quarter of the run. With 0 in this variable the tests run what users run.
+# Programs are compiled once here and run a few times: the compiler's optimisations cost a quarter
+# of the run, more than they save. With 0 in this variable the tests run what users run.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
 
 import jax
