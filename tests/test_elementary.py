@@ -20,6 +20,7 @@ from jaxcontact._elementary import (
     speed_of,
 )
 from jaxcontact._forms import rebound_exponent, restitution_of
+from jaxcontact._implicit import bracketed_root
 
 # Functions that cancel at their removable points, down to arguments of 1e-300, and differences of
 # them: 600 digits lost, 60 of the step twice, and many to spare.
@@ -302,3 +303,18 @@ def test_chebyshev_series_and_slopes_are_those_of_numpy():
     expected = series.chebval(x, series.chebder(coefficients))
     # The slope grows as the square of the degree at the ends.
     np.testing.assert_allclose(slope, expected, rtol=CHEBYSHEV, atol=1e2 * CHEBYSHEV)
+
+
+# Measured 1e-15, for the cube.
+BRACKETED = 2e-15
+
+
+@pytest.mark.parametrize(("power", "most"), [(1, 1), (3, 14), (7, 20)])
+def test_a_bracketed_root_takes_few_steps(power, most):
+    """To rounding, also where one end of the bracket would be kept: c - x^p for c near 0 and 1."""
+    c = jnp.asarray(np.geomspace(1e-3, 0.999, 60))
+
+    def root(c):
+        return bracketed_root(lambda x: c - x**power, c, c - 1, most)
+
+    assert np.allclose(jax.vmap(root)(c), c ** (1 / power), rtol=0, atol=BRACKETED)

@@ -51,6 +51,20 @@ def test_silent_for_a_second(capsys):
     assert capsys.readouterr().out == ""
 
 
+def test_a_bar_is_shown_after_a_second_and_seldom_in_a_file(monkeypatch):
+    asked = []
+
+    def bar(**options):
+        asked.append((options["delay"], options["mininterval"]))
+        return io.StringIO()
+
+    monkeypatch.setattr(_progress, "_bar_type", lambda: bar)
+    for stream in (io.StringIO(), Terminal()):
+        with contextlib.redirect_stderr(stream), progress_of(True, "lanes", "sweep"):
+            pass
+    assert asked == [(1.0, 10.0), (1.0, 0.2)]
+
+
 @pytest.mark.usefixtures("at_once")
 def test_who_is_told(capsys):
     reports = [(1, 2), (2, 2)]

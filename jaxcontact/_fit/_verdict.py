@@ -23,6 +23,9 @@ the parameter, absolute for a logarithm or a logit."""
 _FALL = 1e-5
 """Relative fall of the loss by which a saddle is recognised: a curvature of order 1 gives 1e-4."""
 
+_ROUNDING = 16 * float(np.finfo(float).eps)
+"""Of a residual, relative to the terms it is the sum of."""
+
 
 def at_bound_of(space: Space, found: Found, start: np.ndarray, used: np.ndarray) -> np.ndarray:
     """Which parameters have run to an end of their interval.
@@ -48,7 +51,7 @@ def falling(
     problem: Problem, found: Found, start: np.ndarray, directions: tuple[Direction, ...]
 ) -> Direction | None:
     """A direction without slope along which the loss still falls: the end is no minimum."""
-    if not directions or found.loss == 0:
+    if not directions:
         return None
     theta, space = found.theta, problem.space
     size = np.where(space.has_unit, 1, np.maximum(np.abs(theta), np.abs(start)))
@@ -58,7 +61,12 @@ def falling(
     aside = np.asarray(
         losses(problem, jnp.asarray(theta + np.stack([change, -change])).reshape(-1, len(theta)))
     ).reshape(2, -1)
-    falls = np.any(aside < float(found.loss) * (1 - _FALL), axis=0)
+    # Where the data are met to rounding, the loss is nothing else.
+    factor = np.asarray(problem.factor)
+    terms = factor * (np.abs(problem.y) + np.abs(found.prediction))
+    blur = _ROUNDING * (terms + np.abs(found.jacobian) @ np.abs(theta))
+    blur = np.sum((blur * (np.abs(found.z) + blur))[factor > 0])
+    falls = np.any(aside < float(found.loss) * (1 - _FALL) - blur, axis=0)
     return directions[int(np.argmax(falls))] if falls.any() else None
 
 

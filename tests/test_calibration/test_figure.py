@@ -34,10 +34,10 @@ def test_every_pair_is_drawn_once_and_inside(blue, ax):
     calibration(blue, ax=ax)
     points = [line for line in ax.lines if line.get_linestyle() == "None"]
     assert sum(len(line.get_xdata()) for line in points) == len(blue.pairs)
-    low, high = ax.get_ylim()
+    (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
     for line in points:
-        y = np.asarray(line.get_ydata())
-        assert np.all((y > low) & (y < high))
+        x, y = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+        assert np.all((x > left) & (x < right) & (y > low) & (y < high))
     kept = next(line for line in points if line.get_label() == "kept")
     assert len(kept.get_xdata()) == blue.choice.count
 

@@ -13,8 +13,9 @@ from tests.test_impact.support import both_jacobians
 
 # Closed forms round; event solves at rtol 1e-9, measured 3.3e-9; what the phase method promises.
 FORMULA, EVENT, PHASE = 1e-13, 1e-8, 1e-6
-# Derivatives of event solves at rtol 1e-11; measured 3e-11.
-SLOPE = 1e-8
+# Derivatives of event solves at rtol 1e-11; measured 3e-11, or 1.6e-8 where the compiler does not
+# optimise and the steps round otherwise.
+SLOPE = 1e-7
 
 
 class DashpotForm(jc.AbstractForm):
