@@ -38,6 +38,7 @@ def test_what_a_reader_needs_is_said(blue):
         "a straight line (no law)",
         "the law is ExactRestitution",
         "mass and stiffness were not given",
+        "give --stiffness for c, and --mass",
         blue.choice.verdict,
     ):
         assert words in text
@@ -56,9 +57,12 @@ def test_it_prints_itself_with_law_table_and_verdict(blue):
         assert line in text
 
 
-def test_drag_that_was_taken_out_is_said():
-    result = jc.calibrate(jc.read_recording(ball="pingpong"), law="constant_damping", drag=DRAG)
+def test_drag_that_was_taken_out_and_numbers_that_were_given_are_said():
+    ping = jc.read_recording(ball="pingpong")
+    given = {"mass": 0.0027, "stiffness": 1e6}
+    result = jc.calibrate(ping, law="constant_damping", drag=DRAG, **given)
     text = " ".join(result.report().split())
+    assert "not given" not in text and "give --stiffness" not in text
     assert "taken out of the flights: quadratic, terminal speed 8.37 m/s" in text
     assert result.summary.drag.coefficient == 0.5
 
