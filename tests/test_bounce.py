@@ -142,6 +142,11 @@ def test_a_ball_that_stops():
         ({"height": 1.0, "bounces": 0}, "`bounces` must be a whole number of at least 1, but is 0"),
         ({"height": 1.0, "bounces": 2.5}, "`bounces` must be a whole number.*but is 2.5"),
         ({"height": 1.0, "method": "fast"}, "`method`.*'fast'"),
+        (
+            {"height": 1.0, "gravity_in_contact": "yes"},
+            "`gravity_in_contact` must be True or False",
+        ),
+        ({"height": 1.0, "gravity_in_contact": 1}, "`gravity_in_contact` must be True or False"),
     ],
 )
 def test_bad_arguments(arguments, message):

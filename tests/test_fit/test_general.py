@@ -141,6 +141,14 @@ def test_fewer_points_than_numbers(y):
     assert parts["slope"] / parts["offset"] == pytest.approx(-1 / 3)
 
 
+@pytest.mark.parametrize("transform", [jc.Free(), jc.Positive(), jc.Between(1.0, 5.0)])
+def test_a_search_starts_where_it_is_told(transform):
+    """The data are met at the start: a first step from elsewhere would show in the history."""
+    x = np.linspace(1, 2, 5)
+    found = jc.fit(lambda a, x: jnp.exp(a * x), np.exp(2.0 * x), 2.0, x=x, transforms=transform)
+    assert found.history[0] < 1e-20 and found.params == pytest.approx(2.0, rel=1e-13)
+
+
 def test_no_degree_of_freedom():
     lone = jc.fit(lambda a, x: a * x, [2.0], 1.0, x=np.array([3.0]))
     assert "no degree of freedom" in repr(lone)
