@@ -267,6 +267,15 @@ def test_loading_the_package_loads_no_plotting():
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT.parent)
 
 
+def test_pictures_load_on_first_use():
+    code = """
+import jaxcontact as jc
+assert not hasattr(jc, "nonsense")
+assert jc.plot.fit.__module__.startswith("jaxcontact.plot") and callable(jc.paper.fig6)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT.parent)
+
+
 GOOD = {
     "_laws/_base.py": """
         from typing import TYPE_CHECKING
