@@ -149,6 +149,18 @@ def test_a_search_starts_where_it_is_told(transform):
     assert found.history[0] < 1e-20 and found.params == pytest.approx(2.0, rel=1e-13)
 
 
+def test_errors_are_the_parameters_own_whatever_is_fitted():
+    x, noise = np.linspace(1, 2, 40), np.random.default_rng(0).normal(size=40)
+
+    def error(transform):
+        found = jc.fit(lambda a, x: a * x, 2 * x + 0.01 * noise, 1.9, x=x, transforms=transform)
+        return found.standard_errors["parameter"]
+
+    free = error(jc.Free())
+    assert error(jc.Positive()) == pytest.approx(free, rel=1e-8)
+    assert error(jc.Between(1.0, 5.0)) == pytest.approx(free, rel=1e-8)
+
+
 def test_no_degree_of_freedom():
     lone = jc.fit(lambda a, x: a * x, [2.0], 1.0, x=np.array([3.0]))
     assert "no degree of freedom" in repr(lone)
