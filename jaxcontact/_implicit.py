@@ -39,7 +39,7 @@ def expanded_root(
     """As `implicit_root`, for a residual that comes with its first three derivatives in x.
 
     They cost next to nothing where the residual is an integral, and Householder's steps of order
-    four need half the evaluations. The first derivative may be right at the root only.
+    four need half the evaluations.
     """
 
     def householder(*parameters: Lane) -> Lane:

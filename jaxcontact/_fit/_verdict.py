@@ -63,9 +63,10 @@ def falling(
     ).reshape(2, -1)
     # Where the data are met to rounding, the loss is nothing else.
     factor = np.asarray(problem.factor)
-    terms = factor * (np.abs(problem.y) + np.abs(found.prediction))
-    blur = _ROUNDING * (terms + np.abs(found.jacobian) @ np.abs(theta))
-    blur = np.sum((blur * (np.abs(found.z) + blur))[factor > 0])
+    used = factor > 0
+    terms = factor[used] * (np.abs(problem.y)[used] + np.abs(found.prediction)[used])
+    blur = _ROUNDING * (terms + np.abs(found.jacobian[used]) @ np.abs(theta))
+    blur = np.sum(blur * (np.abs(found.z[used]) + blur))
     falls = np.any(aside < float(found.loss) * (1 - _FALL) - blur, axis=0)
     return directions[int(np.argmax(falls))] if falls.any() else None
 

@@ -125,7 +125,7 @@ def test_linear_oscillators(ending):
 
 # n = 1 has the largest errors, 1.3e-8 for the energy loss.
 @pytest.mark.slow
-@pytest.mark.parametrize("n", [1.0, 1.25, 3.0])
+@pytest.mark.parametrize("n", [1.0, 1.25, 2.0, 3.0])
 def test_other_exponents(n):
     some = grid("hunt_crossley", n=n)
     law = jc.Damped(alpha=column(some, "alpha"))

@@ -26,11 +26,13 @@ def _is_program(x):
 
 
 def everything(solve):
-    """The value, and for a batch the value with its gradient, as one program."""
+    """Value, both derivatives, and all of it for a batch, as one program."""
+
+    def point(p):
+        return solve(p), jax.jacfwd(solve)(p), jax.grad(solve)(p)
 
     def program(p):
-        lanes = jax.tree.map(lambda x: jnp.stack([x, x]), p)
-        return solve(p), jax.vmap(jax.value_and_grad(solve))(lanes)
+        return point(p), jax.vmap(point)(jax.tree.map(lambda x: jnp.stack([x, x]), p))
 
     return jax.make_jaxpr(program)(PLACE).jaxpr
 

@@ -62,8 +62,9 @@ def test_hunt_crossley_down_to_a_restitution_of_a_tenth():
     assert hit.method == "phase" and (hit.steps == 32).all()
 
 
-def test_another_exponent_is_honest():
-    hit, some = hunt_crossley(2.0)
+@pytest.mark.parametrize("n", [1.0, 2.0])
+def test_other_exponents_are_honest(n):
+    hit, some = hunt_crossley(n)
     assert_honest(hit, some)
     alpha = column(some, "alpha")
     assert (hit.status[alpha <= 5] == jc.Status.SEPARATED).all()
@@ -71,12 +72,8 @@ def test_another_exponent_is_honest():
 
 
 def test_fewer_steps_are_worse_and_know_it():
-    tolerance = 1e-3
-    coarse, some = hunt_crossley(1.5, steps=16, tolerance=tolerance)
+    coarse, some = hunt_crossley(1.5, steps=16, tolerance=1e-3)
     assert_honest(coarse, some)
-    # The tolerance decides what counts as converged.
-    assert (coarse.status == jnp.where(coarse.error_estimate <= tolerance, 0, 2)).all()
-    assert 0 < (coarse.status == 0).sum() < coarse.status.size
     fine, _ = hunt_crossley(1.5)
     assert (true_error(coarse, some) > 10 * true_error(fine, some))[:8].all()
 
@@ -97,3 +94,9 @@ def test_oscillators_are_honest(n):
     hit = jc.impact(given_ratio(column(some, "zeta"), "tension"), UNIT[n], 1.0, method="phase")
     assert_honest(hit, some)
     assert (hit.status[column(some, "zeta") <= 0.1] == jc.Status.SEPARATED).all()
+
+
+def test_the_tolerance_decides_what_counts_as_converged():
+    strict, _ = hunt_crossley(1.5, tolerance=1e-8)
+    assert (strict.status == jnp.where(strict.error_estimate <= 1e-8, 0, 2)).all()
+    assert 0 < (strict.status == 0).sum() < strict.status.size

@@ -1,4 +1,4 @@
-"""A sweep by formula, by steps and with a gradient, which other processes compute, too."""
+"""A sweep of every method and a gradient, for tests in which other processes compute it too."""
 
 import sys
 from pathlib import Path
@@ -16,15 +16,16 @@ def contact():
 
 
 def durations(e, v):
-    """By two methods, with the gradient of one."""
+    """By the three methods, with the gradient of the event solve."""
 
-    def exact(e, v):
-        return jc.impact(jc.HuGuo(e=e), contact(), v, method="exact").duration
+    def event(e, v):
+        return jc.impact(jc.HuGuo(e=e), contact(), v, method="event").duration
 
-    by_formula, gradient = jax.value_and_grad(exact, argnums=(0, 1))(e, v)
+    by_event, gradient = jax.value_and_grad(event, argnums=(0, 1))(e, v)
     return {
-        "event": jc.impact(jc.HuGuo(e=e), contact(), v, method="event").duration,
-        "exact": by_formula,
+        "exact": jc.impact(jc.HuGuo(e=e), contact(), v, method="exact").duration,
+        "phase": jc.impact(jc.HuGuo(e=e), contact(), v, method="phase").duration,
+        "event": by_event,
         "by_e": gradient[0],
         "by_v": gradient[1],
     }

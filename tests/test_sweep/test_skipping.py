@@ -78,7 +78,7 @@ def hertzian(e, K, m, v):
     return alone(e, K - 1e5 * m, m, v)
 
 
-FUNCTIONS = [summary, stepped, damped, alone, slope, replaced, branches, hertzian]
+FUNCTIONS = [summary, stepped, phased, damped, alone, slope, replaced, branches, hertzian]
 
 
 @functools.cache
