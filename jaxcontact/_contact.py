@@ -63,7 +63,8 @@ class Contact(eqx.Module):
 
     mass: Float[Array, "..."] = parameter("mass", POSITIVE)
     stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
-    _exponent: Specialised
+    # `__init__` always sets it: a default is asked for because the fields before have one.
+    _exponent: Specialised = eqx.field(default=Specialised(1.5))
 
     def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
         self.mass = as_parameter(mass, "mass", POSITIVE)
