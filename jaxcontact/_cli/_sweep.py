@@ -53,7 +53,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", metavar="FILE", required=True, help="the table to write; .nc or .csv"
     )
-    parser.add_argument("--plot", metavar="FILE", help="draw a field; .png, .pdf or .svg")
+    words = "draw a field, 6.4 in by 4.4 in; .png, .pdf or .svg"
+    parser.add_argument("--plot", metavar="FILE", help=words)
     parser.add_argument(
         "--field", metavar="NAME", default="restitution", help="to draw (default: restitution)"
     )

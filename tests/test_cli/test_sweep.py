@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+import struct
 
 import numpy as np
 import pytest
@@ -75,7 +76,10 @@ def test_netcdf_and_map(tmp_path, capsys):
         assert data.duration.attrs["units"] == "s"
         assert data.attrs["function"] == "hu_guo"
         assert float(data.mass) == 1.0
-    assert plot.read_bytes().startswith(b"\x89PNG")
+    # As the help says: 6.4 in by 4.4 in, at 200 pixels an inch.
+    assert plot.read_bytes()[:24] == b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(
+        ">2I", 1280, 880
+    )
     assert sorted(path.name for path in tmp_path.iterdir()) == ["map.png", "result.nc"]
 
 
