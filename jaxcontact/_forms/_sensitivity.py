@@ -25,16 +25,26 @@ def slopes_along(
     Every primal is one number, or one in every lane.
     """
     varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
+    along = [tangents[i] for i in varying]
+
+    def of_varying(*numbers: jax.Array) -> Out:
+        given = list(primals)
+        for i, number in zip(varying, numbers, strict=True):
+            given[i] = number
+        return function(*given)
 
     def sensitivity(direction: jax.Array) -> tuple[Out, Out]:
-        pushed = [jnp.zeros_like(primal) for primal in primals]
-        for i, component in zip(varying, direction, strict=True):
-            pushed[i] = jnp.broadcast_to(component, primals[i].shape)
-        return jax.jvp(function, primals, tuple(pushed))
+        numbers = tuple(primals[i] for i in varying)
+        pushed = (jnp.broadcast_to(d, x.shape) for d, x in zip(direction, numbers, strict=True))
+        return jax.jvp(of_varying, numbers, tuple(pushed))
 
     basis = jnp.eye(len(varying), dtype=primals[0].dtype)
+    if len(varying) == 1:
+        # A batch of one direction would be traced once more, and compiled with an axis of one.
+        outcome, slope = sensitivity(basis[0])
+        return outcome, jax.tree.map(lambda s: s[None], slope), along
     outcome, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)
-    return outcome, slopes, [tangents[i] for i in varying]
+    return outcome, slopes, along
 
 
 def lanewise(solve: Callable[..., Out], number: Lane, n: Exponent) -> Out:

@@ -72,7 +72,7 @@ class Event(AbstractMethod):
 
     def over(self, motion: Motion, solve_lane: Callable[..., Out]) -> Out:
         """`solve_lane(motion, how=self)` for every different lane, with derivatives."""
-        lane = functools.partial(solve_lane, how=self)
+        lane = eqx.Partial(solve_lane, how=self)
         # An adjoint of the user's brings its own derivatives.
         return over_lanes(lane if self.adjoint is not None else with_sensitivity(lane), motion)
 

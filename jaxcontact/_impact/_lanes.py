@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,6 +31,12 @@ def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
     return jax.tree.map(lambda out: out.reshape(shape + out.shape[1:]), outcome)
 
 
+@eqx.filter_jit
+def _traced_once(solve: Callable[[In], Out], problem: In) -> Out:
+    """`solve(problem)`, which JAX traces once for all batches and derivatives of equal solves."""
+    return solve(problem)
+
+
 def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
     """`solve` with a derivative rule that is linear in the tangents, so that it transposes.
 
@@ -46,7 +53,7 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
         # every output depends on the input, if only formally: a rule whose outcome is constant in
         # part fails under jit of vmap (jax 0.10.2).
         def on_leaves(*leaves: jax.Array) -> Out:
-            outcome = solve(jax.tree.unflatten(structure, leaves))
+            outcome = _traced_once(solve, jax.tree.unflatten(structure, leaves))
             # Kept here, because another trace of the solve for its types would take seconds.
             kinds[:] = [jax.tree.map(jnp.result_type, outcome)]
             either = jnp.isnan(leaves[0])

@@ -63,10 +63,15 @@ class Motion(eqx.Module):
 
     def start(self) -> State:
         """The moment of touch: w = 0, v = 1, t = 0."""
-        dtype = jax.tree.leaves(self)[0].dtype
-        momentum = self.momentum
-        touch = jnp.ones((), dtype) if momentum is None else momentum.at_touch()
-        zero = jnp.zeros((), dtype)
+        number = jax.tree.leaves(self)[0]
+
+        # It depends on the lane and its tangent, if only formally: otherwise JAX finds out, loop by
+        # loop, by tracing their bodies once more for each.
+        def of_lane(value: Number | float) -> Number:
+            return jnp.where(jnp.isnan(number), number, value)
+
+        touch = of_lane(1.0 if self.momentum is None else self.momentum.at_touch())
+        zero = of_lane(0.0)
         return State(zero, touch, zero, zero if self.audited else None)
 
     def velocity(self, state: State) -> Number:

@@ -7,9 +7,9 @@ same steps for every lane needs neither an event nor a step controller.
 
 from __future__ import annotations
 
-import functools
 from typing import ClassVar, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -59,7 +59,7 @@ class Phase(AbstractMethod):
         """The outcome of every different lane."""
         double = lanes.scale.length.dtype == jnp.float64
         tolerance = self.tolerance or (1e-6 if double else 1e-4)
-        solve = functools.partial(solve_phase, steps=self.steps, tolerance=tolerance)
+        solve = eqx.Partial(solve_phase, steps=self.steps, tolerance=tolerance)
         return over_lanes(with_sensitivity(solve), lanes.motion())
 
 

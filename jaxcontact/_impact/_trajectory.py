@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import operator
 from typing import NamedTuple
 
@@ -97,7 +96,7 @@ class _Path(NamedTuple):
 @eqx.filter_jit
 def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
     lanes = lanes_of(problem)
-    path = how.over(lanes.motion(audited=True), functools.partial(_path, samples=samples))
+    path = how.over(lanes.motion(audited=True), eqx.Partial(_path, samples=samples))
     shape = problem.shape
     scale = lanes.scale
     solved = path.converged & jnp.isfinite(path.t[..., -1])

@@ -30,7 +30,7 @@ assert len(used) == 4
 
 @pytest.mark.slow
 def test_four_devices_equal_one_bit_for_bit(tmp_path, on_one_device):
-    flags = "--xla_force_host_platform_device_count=4"
+    flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=4"
     subprocess.run(
         [*script(FOUR), tmp_path / "four.npz"],
         check=True,
