@@ -12,9 +12,11 @@ import jaxcontact as jc
 from jaxcontact._elementary import (
     arc_over_sine,
     chebyshev,
+    half_gamma_ratio,
     kappa,
     log1p_over,
     log_remainder,
+    log_remainder_over,
     psi,
     sinc_root,
     speed_of,
@@ -105,6 +107,16 @@ FUNCTIONS = {
         log_remainder,
         removable(lambda u: (u - mp.log1p(u)) / u**2, 0, 0.5),
         [*TINY, *around(-0.5, 0.5), -0.9, -0.999, 3.0, 1e3, 1e8, 1e15],
+    ),
+    "log_remainder_over": (
+        log_remainder_over,
+        lambda u: (u * u / 2 - u + mp.log1p(u)) / u**3 if u else mp.mpf(1) / 3,
+        [*(u for u in TINY if abs(u) != 1e-300), 0.5, -0.5],
+    ),
+    "half_gamma_ratio": (
+        half_gamma_ratio,
+        lambda x: mp.exp(mp.loggamma(x + mp.mpf(0.5)) - mp.loggamma(x)),
+        [1e-9, 0.01, 0.5, 1.0, 1.5, 4.0, 30.0, 1e3, 2.5e8, 1e15],
     ),
     "arc_over_sine": (
         arc_over_sine,

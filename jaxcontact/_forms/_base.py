@@ -12,7 +12,9 @@ from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._elementary import power
@@ -137,6 +139,25 @@ class AbstractForm(eqx.Module):
         touching = w == 0
         inside = jnp.where(touching, 1, w)
         return jnp.where(touching, 0, w * self.force(inside**2, v, n, compressing))
+
+    def dissipation(self, w: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+        """w^(k-1) (f(x, v) - f(x, 0)) v, the rate at which damping takes energy."""
+        damping = self.damping(n, compressing)
+        if damping is not None:
+            outer = signed_power(w, self.order(n) * (n - damping[1] + 1) - 1)
+            return outer * damping[0] * jnp.square(v)
+        still = self.pull(w, jnp.zeros_like(v), n, jnp.asarray(True))
+        return (self.pull(w, v, n, compressing) - still) * v
+
+    def stored(self, w: Lane, n: Exponent) -> Lane:
+        """∫ f(x, 0) dx from 0 to w^k; where it is no polynomial, by a Gauss rule."""
+        if self.damping(n, jnp.asarray(True)) is not None:
+            return signed_power(w, self.order(n) * (n + 1)) / (n + 1)
+        nodes, weights = np.polynomial.legendre.leggauss(16)
+        still, held = jnp.zeros_like(w), jnp.asarray(True)
+        at = jnp.asarray((1 + nodes) / 2, w.dtype)
+        pulls = jax.vmap(lambda node: self.pull(w * node, still, n, held))(at)
+        return self.order(n) * w * jnp.tensordot(jnp.asarray(weights / 2, w.dtype), pulls, 1)
 
     def pulling(self, w: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
         """A smooth function that is negative where the contact pulls."""

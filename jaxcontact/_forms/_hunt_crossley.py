@@ -19,7 +19,15 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
-from .._elementary import kappa, log1p_over, log_remainder, power, psi, speed_of
+from .._elementary import (
+    kappa,
+    log1p_over,
+    log_remainder,
+    log_remainder_over,
+    power,
+    psi,
+    speed_of,
+)
 from .._implicit import expanded_root, implicit_root
 from .._parameter import RESTITUTION, as_parameter
 from ._base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power, sound_damping
@@ -71,12 +79,14 @@ class HuntCrossleyForm(AbstractForm):
         if not isinstance(n, float):
             alpha, n = jnp.broadcast_arrays(alpha, n)
         compression, rebound = lanewise(_times, alpha, n)
+        e = restitution_of(alpha)
         return ScaledImpact(
-            restitution=restitution_of(alpha),
+            restitution=e,
             duration=compression + rebound,
             compression_time=compression,
             max_indentation=((n + 1) * log_remainder(alpha)) ** (1 / (n + 1)),
             max_force=_max_force(alpha, n),
+            energy_loss=_energy_lost(alpha, e),
         )
 
 
@@ -110,6 +120,17 @@ def restitution_of(alpha: Lane) -> Lane:
     """The e that the damping factor α ≥ 0 delivers in a free impact, for every exponent n."""
     rho = rebound_exponent(alpha)
     return rho * kappa(-alpha * rho)
+
+
+def _energy_lost(alpha: Lane, e: Lane) -> Lane:
+    """1 - e², without a difference where damping is weak.
+
+    With `v²/2 - G(v) = α v³ M(αv)` the balance G(1) = G(-e) reads `1 - e² = 2α (M(α) + e³ M(-αe))`.
+    """
+    weak = alpha < 0.5
+    a, speed = jnp.where(weak, alpha, 0), jnp.where(weak, e, 1)
+    little = 2 * a * (log_remainder_over(a) + speed**3 * log_remainder_over(-a * speed))
+    return jnp.where(weak, little, (1 - e) * (1 + e))
 
 
 def _damping_residual(z: Lane, e: Lane) -> Lane:

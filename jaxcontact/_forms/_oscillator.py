@@ -49,7 +49,7 @@ class OscillatorForm(AbstractForm):
         return eqx.tree_at(lambda form: form.zeta, self, zeta), good
 
     def restitution(self) -> Lane:
-        return _restitution(self.zeta, self.ending)
+        return jnp.exp(-_decay(self.zeta, self.ending))
 
     def solve(self, n: Exponent) -> ScaledImpact:
         """Restitution and extrema by formula, the times by quadrature (by formula for n = 1)."""
@@ -58,13 +58,15 @@ class OscillatorForm(AbstractForm):
         zeta = jnp.where(settled, 0, zeta)
         s_max = jnp.exp(-zeta * arc_over_sine(zeta))
         compression, duration = lanewise(functools.partial(_times, self.ending), zeta, n)
+        decay = _decay(zeta, self.ending)
         return ScaledImpact(
-            restitution=_restitution(zeta, self.ending),
+            restitution=jnp.exp(-decay),
             duration=duration,
             compression_time=compression,
             max_indentation=((n + 1) / 2 * jnp.square(s_max)) ** (1 / (n + 1)),
             max_force=_max_force(zeta, n),
             settled=settled,
+            energy_loss=-jnp.expm1(-2 * decay),
         )
 
 
@@ -79,13 +81,13 @@ def _times(ending: str, zeta: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lan
     return compression, compression + _elastic_rebound_time(jnp.exp(-zeta * turn), n)
 
 
-def _restitution(zeta: Lane, ending: str) -> Lane:
-    """e of the damping ratio ζ: e^(-πζ/ω) with tension, e^(-2ζC) clamped, e^(-ζC) on approach."""
+def _decay(zeta: Lane, ending: str) -> Lane:
+    """-ln e of the damping ratio ζ: πζ/ω with tension, 2ζC clamped, ζC on approach."""
     if ending == "tension":
         bound = zeta >= 1
-        return jnp.where(bound, 0, jnp.exp(-_decrement(jnp.where(bound, 0, zeta))))
+        return jnp.where(bound, jnp.inf, _decrement(jnp.where(bound, 0, zeta)))
     loss = zeta * arc_over_sine(zeta)
-    return jnp.exp(-2 * loss if ending == "clamped" else -loss)
+    return 2 * loss if ending == "clamped" else loss
 
 
 def _decrement(zeta: Lane) -> Lane:

@@ -57,6 +57,8 @@ class ScaledImpact(eqx.Module):
     `restitution` e; `duration` until separation and `compression_time` until the turn, in units of
     X/v0; `max_indentation` in X and `max_force` in m v0²/X, with X = (m v0²/K)^(1/(n+1)).
     `converged`: whether the numbers can be trusted; `settled`: whether the bodies stay together.
+    `energy_loss`: the part of the initial energy that is lost, for solutions that know it without
+    forming 1 - e², which has few digits where e is near 1; None for 1 - e².
     `error_estimate` (relative, of restitution and duration) and `steps` for methods that have them.
     """
 
@@ -67,5 +69,6 @@ class ScaledImpact(eqx.Module):
     max_force: Float[Array, "..."]
     converged: Bool[Array, "..."] | bool = True
     settled: Bool[Array, "..."] | bool = False
+    energy_loss: Float[Array, "..."] | None = None
     error_estimate: Float[Array, "..."] | None = None
     steps: Int[Array, "..."] | None = None

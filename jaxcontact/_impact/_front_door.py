@@ -104,12 +104,12 @@ class Lanes(eqx.Module):
         """The exponent, a float where it is concrete."""
         return self.exponent.value
 
-    def motion(self, *, audited: bool = False) -> Motion:
+    def motion(self) -> Motion:
         """The equation of motion of the lanes, for methods that solve one lane."""
         # XLA would fold a solve of constants (Hertz's law has no other numbers), for forty seconds.
         numbers = (self.form, self.exponent, self.push)
         form, exponent, push = jax.lax.optimization_barrier(numbers)
-        return Motion(form, exponent, push, audited)
+        return Motion(form, exponent, push)
 
 
 def lanes_of(problem: Problem) -> Lanes:

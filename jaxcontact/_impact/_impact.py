@@ -84,6 +84,8 @@ def _solved(lanes: Lanes, method: AbstractMethod, shape: tuple[int, ...]) -> Imp
 
     one = jnp.ones_like(scale.speed)
     restitution = jnp.where(scaled.settled, 0, scaled.restitution)
+    loss = scaled.energy_loss
+    loss = (1 - restitution) * (1 + restitution) if loss is None else loss
     return Impact(
         restitution=result(restitution, one),
         rebound_velocity=result(restitution, scale.speed),
@@ -91,7 +93,7 @@ def _solved(lanes: Lanes, method: AbstractMethod, shape: tuple[int, ...]) -> Imp
         compression_time=result(scaled.compression_time, scale.time),
         max_indentation=result(scaled.max_indentation, scale.length),
         max_force=result(scaled.max_force, scale.force),
-        energy_loss=result((1 - restitution) * (1 + restitution), scale.energy),
+        energy_loss=result(jnp.where(scaled.settled, 1, loss), scale.energy),
         status=status,
         error_estimate=jax.tree.map(fill, scaled.error_estimate),
         steps=jax.tree.map(fill, scaled.steps),

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
@@ -24,7 +23,7 @@ Number = Float[Array, ""]
 class State(NamedTuple):
     """Where the motion is: x = w^k, the momentum u, the time t; or their rates. Scalars in a lane.
 
-    `loss` is the work done by damping so far, None where it is not wanted.
+    `loss` is the energy that damping has taken so far, None where it is not wanted.
     """
 
     w: Number
@@ -39,7 +38,6 @@ class Motion(eqx.Module):
     form: AbstractForm
     exponent: Specialised
     push: Number | None
-    audited: bool = eqx.field(static=True, default=False)
 
     @property
     def n(self) -> Exponent:
@@ -72,7 +70,7 @@ class Motion(eqx.Module):
 
         touch = of_lane(1.0 if self.momentum is None else self.momentum.at_touch())
         zero = of_lane(0.0)
-        return State(zero, touch, zero, zero if self.audited else None)
+        return State(zero, touch, zero, zero)
 
     def velocity(self, state: State) -> Number:
         """x' at a state."""
@@ -96,10 +94,8 @@ class Motion(eqx.Module):
             if self.push is not None:
                 pull = pull - self.push * clock
         loss = None
-        if self.audited:
-            still = jnp.zeros_like(velocity)
-            force = self.form.pull(w, velocity, n, compressing)
-            loss = (force - self.form.pull(w, still, n, compressing)) * velocity
+        if state.loss is not None:
+            loss = self.form.dissipation(w, velocity, n, compressing)
         return State(velocity / k, -pull, clock, loss)
 
     def later(self, state: State, time: Number, compressing: Flag) -> State:
@@ -107,12 +103,8 @@ class Motion(eqx.Module):
         return step(lambda s: self.rate(s, compressing), state, time)
 
     def stored(self, state: State) -> Number:
-        """∫ f(x, 0) dx from 0 to w^k: by a Gauss rule that is exact for the polynomial forms."""
-        nodes, weights = np.polynomial.legendre.leggauss(16)
-        still, held = jnp.zeros_like(state.w), jnp.asarray(True)
-        at = state.w * jnp.asarray((1 + nodes) / 2, state.w.dtype)
-        pulls = jax.vmap(lambda w: self.form.pull(w, still, self.n, held))(at)
-        return self.order * state.w * jnp.sum(jnp.asarray(weights / 2, state.w.dtype) * pulls)
+        """The elastic energy at a state."""
+        return self.form.stored(state.w, self.n)
 
     def held(self, state: State) -> Bool[Array, ""]:
         """Whether the push keeps the bodies together for good: too little energy is left to part.
@@ -131,11 +123,15 @@ class Motion(eqx.Module):
         # A pull has none: any positive number keeps its lane finite.
         return self.form.static_indentation(jnp.where(self.push > 0, self.push, 1), self.n)
 
-    def gap(self, state: State, compressing: Flag) -> Number:
-        """What falls through zero at the end of a leg: the velocity in, the nearest gap out."""
+    def gaps(self, state: State, compressing: Flag) -> tuple[Number, Number]:
+        """What falls through zero where a leg ends: at a turn, and where the bodies part.
+
+        The first one starts a way out at zero.
+        """
         velocity = self.velocity(state)
-        out = state.w if self.one_way else jnp.minimum(-velocity, self._gap_apart(state))
-        return jnp.where(compressing, velocity, out)
+        back = jnp.ones_like(velocity) if self.one_way else -velocity
+        apart = state.w if self.one_way else self._gap_apart(state)
+        return jnp.where(compressing, velocity, back), jnp.where(compressing, 1, apart)
 
     def _gap_apart(self, state: State) -> Number:
         """Positive until the contact is over: at x = 0, or where a force that may not pull is 0."""

@@ -28,6 +28,7 @@ def largest_force(motion: Motion, path: Path, compressing: Bool[Array, ""]) -> N
     may be a constant to the derivative.
     """
     moments, states, taken = path
+    states = states._replace(loss=None)
     # Unused entries hold infinities: the state at touch replaces them.
     states = jax.tree.map(lambda leaf: jnp.where(taken, leaf, leaf[0]), states)
     forces = jax.vmap(lambda state: motion.force(state, compressing))(states)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from .._forms import AbstractForm, Flag, ScaledImpact
+from ._balance import balance_of
 from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
@@ -64,11 +65,12 @@ class Phase(AbstractMethod):
 
 
 class Polar(NamedTuple):
-    """What is integrated over the angle: r, the time t, and the regularised time τ."""
+    """What is integrated over the angle: r, the time t, the regularised time τ, the energy lost."""
 
     radius: Number
     t: Number
     tau: Number
+    loss: Number
 
 
 def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
@@ -89,7 +91,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
     compressing = jnp.arange(steps) < steps // 2
 
     def in_plane(polar: Polar, sine: Number, cosine: Number) -> State:
-        return State(unit * polar.radius * sine, polar.radius * cosine, polar.t)
+        return State(unit * polar.radius * sine, polar.radius * cosine, polar.t, polar.loss)
 
     def advance(carry: tuple[Polar, tuple[Number, Number], Flag], at: tuple) -> tuple:
         polar, (radius_error, t_error), forward = carry
@@ -97,11 +99,11 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
 
         def rate(stage: int, polar: Polar) -> tuple[Polar, Flag]:
             s, c = sine[stage], cosine[stage]
-            dw, du, clock, _ = motion.rate(in_plane(polar, s, c), flag)
+            dw, du, clock, loss = motion.rate(in_plane(polar, s, c), flag)
             dx = dw / unit
             turning = c * dx - s * du
             slow = polar.radius / jnp.where(turning > 0, turning, 1)
-            change = Polar((s * dx + c * du) * slow, clock * slow, slow)
+            change = Polar((s * dx + c * du) * slow, clock * slow, slow, loss * slow)
             return change, turning > 0
 
         polar, step_error, good = step_with_error(rate, polar, width, always)
@@ -110,7 +112,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
         return (polar, (radius_error, t_error), forward & good), polar
 
     zero = jnp.zeros_like(unit)
-    touch = Polar(start.u, zero, zero)
+    touch = Polar(start.u, zero, zero, zero)
     # Not `jnp.ones`: the compiler must not see that it is true everywhere.
     always = jnp.arange(steps) >= 0
     (last, error, forward), polars = jax.lax.scan(
@@ -136,14 +138,17 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
     forces = jax.vmap(peak)(legs, jnp.array([True, False]))
     estimate = jnp.maximum(error[0], error[1] / last.t)
     end = jax.tree.map(lambda leaf: leaf[steps], states)
+    max_indentation = states.w[half] ** motion.order
+    balance = balance_of(motion, end, max_indentation)
     return ScaledImpact(
-        restitution=-motion.velocity(end),
+        restitution=balance.restitution,
         duration=last.t,
         compression_time=polars.t[half],
-        max_indentation=states.w[half] ** motion.order,
+        max_indentation=max_indentation,
         max_force=jnp.max(forces),
-        converged=forward & (estimate <= tolerance),
+        converged=forward & (estimate <= tolerance) & (balance.error <= tolerance),
         settled=jnp.asarray(False),
+        energy_loss=balance.energy_loss,
         error_estimate=estimate,
         steps=jnp.asarray(steps),
     )

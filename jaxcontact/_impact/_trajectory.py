@@ -96,7 +96,7 @@ class _Path(NamedTuple):
 @eqx.filter_jit
 def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
     lanes = lanes_of(problem)
-    path = how.over(lanes.motion(audited=True), eqx.Partial(_path, samples=samples))
+    path = how.over(lanes.motion(), eqx.Partial(_path, samples=samples))
     shape = problem.shape
     scale = lanes.scale
     solved = path.converged & jnp.isfinite(path.t[..., -1])
@@ -153,7 +153,7 @@ def _path(motion: Motion, how: Event, samples: int) -> _Path:
         v=jax.vmap(motion.velocity)(states),
         force=forces if motion.form.tension else jnp.maximum(forces, 0),
         elastic=elastic,
-        loss=states.loss if states.loss is not None else jnp.zeros_like(w),
+        loss=states.loss,
         converged=jnp.all(legs.arrived),
         settled=motion.settled(end),
     )

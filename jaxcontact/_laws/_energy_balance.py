@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-from jax.scipy.special import gammaln
+import math
+
 from jaxtyping import Array, Float
 
+from .._elementary import half_gamma_ratio
 from .._forms import exact_damping_factor
 from .._parameter import POSITIVE, RESTITUTION, parameter
 from ._hunt_crossley import AbstractHuntCrossley
@@ -35,8 +36,7 @@ class EnergyLoss(AbstractHuntCrossley):
         n_plus_1 = 2.5 if contact is None else contact.exponent + 1
         ratio = n_plus_1 / self.beta
         # Γ(3/2) = √π/2, so (n+1) I = ratio B(ratio, 3/2) = (√π/2) Γ(ratio+1)/Γ(ratio+3/2).
-        log_integral = gammaln(ratio + 1) - gammaln(ratio + 1.5)
-        return (1 - self.e) / self.e * jnp.exp(-log_integral) * (2 / jnp.sqrt(jnp.pi))
+        return (1 - self.e) / self.e * half_gamma_ratio(ratio + 1) * (2 / math.sqrt(math.pi))
 
 
 @register_law(

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
 from tests.test_impact.support import (
@@ -20,6 +21,8 @@ from tests.test_impact.support import (
 
 # At the default rtol of 1e-9: measured 3.3e-9 (n = 3/2), 7.5e-9 (n = 1), twice that for the loss.
 PROMISE, LOSS = 1e-8, 2e-8
+# Measured 2e-9.
+BY_SCIPY = 1e-8
 # At rtol 1e-11, relative to the slope or 1e-3: measured 3.6e-7 where de/dΓ is small, else 1e-9.
 SLOPE = 1e-6
 
@@ -92,6 +95,31 @@ def test_a_pull_that_the_contact_may_not_follow():
     }
     assert all(hit.status == jc.Status.SEPARATED for hit in pulled.values())
     assert pulled[True].duration >= pulled[False].duration * (1 - PROMISE)
+
+
+@pytest.mark.parametrize("pull", [3.0, 30.0, 100.0])
+def test_a_strong_pull_ends_a_contact_soon_after_its_turn(pull):
+    """Sooner than a first step: the event must not be missed where a way out starts with v = 0."""
+    law = jc.AntypovElliott(e=0.3, tension=False)
+    hit = jc.impact(law, UNIT[1.5], 1.0, external_force=-pull)
+    zeta = float(law.damping_ratio(UNIT[1.5]))
+
+    def force(x, v):
+        x = max(x, 0.0)
+        return x**1.5 + 2 * zeta * np.sqrt(1.25) * x**0.25 * v
+
+    def vanishes(t, y):
+        return force(*y) if y[1] < 0 else 1.0
+
+    vanishes.terminal = True
+    by_scipy = solve_ivp(
+        lambda t, y: [y[1], -pull - force(*y)],
+        *((0, 10), [0.0, 1.0], "DOP853"),
+        **{"events": vanishes, "rtol": 1e-12, "atol": 1e-15, "max_step": 1e-2 / pull},
+    )
+    assert hit.status == jc.Status.SEPARATED
+    assert np.isclose(hit.duration, by_scipy.t[-1], rtol=BY_SCIPY, atol=0)
+    assert np.isclose(hit.restitution, -by_scipy.y[1, -1], rtol=BY_SCIPY, atol=0)
 
 
 def test_derivatives_under_gravity():

@@ -175,6 +175,12 @@ def test_energy_loss_of_hu_and_guo():
     assert abs(float(jc.EnergyLoss(e=0.5, beta=2.0).damping_factor()) - 1.6018) < FOUR_DIGITS
 
 
+@pytest.mark.parametrize("beta", [1e-8, 1e-3, 1e3, 1e8])
+def test_energy_loss_of_any_profile(beta):
+    got = float(jc.EnergyLoss(e=0.5, beta=beta).damping_factor())
+    assert got == pytest.approx(float(energy_loss_alpha(mp.mpf(0.5), mp.mpf(beta))), rel=1e-14)
+
+
 def test_energy_loss_at_any_exponent():
     e, beta = 0.4, [0.5, 1.0, 2.0, 2.5, 4.0, 20.0]
     with mp.workdps(25):

@@ -1,0 +1,46 @@
+"""The energy of an integrated impact: what is lost, what is left, and whether it adds up."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+
+from .._forms import Flag
+from ._motion import Motion, Number, State
+
+
+class Balance(NamedTuple):
+    """The `restitution` e and the `energy_loss`, in units of the initial energy.
+
+    `error`: by how much the energies do not add up, relative to the largest energy of the motion.
+    """
+
+    restitution: Number
+    energy_loss: Number
+    error: Number
+
+
+def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
+    """The energies at the end: e² = 1 + 2Γx - 2 (damping's work + ∫ f(x, 0) dx).
+
+    The energy lost is what damping took and the elastic energy that a contact without tension
+    abandons at its end. e follows from the velocity or, where little is lost, from the energies:
+    then neither the digits of 1 - e are lost nor those of e under a force that moves the bodies
+    much faster than they came.
+    """
+    assert end.loss is not None
+    speed, push = -motion.velocity(end), motion.push
+    # The root for x = 0 may lie below it, by rounding.
+    at = end._replace(w=jnp.maximum(end.w, 0))
+    lost = 2 * (end.loss if motion.one_way else end.loss + motion.stored(at))
+    left, changed, largest = 1 - lost, lost, jnp.ones_like(lost)
+    if push is not None:
+        gained = 2 * push * at.w**motion.order
+        left, changed = left + gained, changed + jnp.abs(gained)
+        largest = largest + 2 * jnp.maximum(push, 0) * max_indentation
+    # The error of e² is that of its energies on one way, 2 e times that of the speed on the other.
+    little: Flag = (changed < 2 * speed * jnp.sqrt(largest)) & (left > 0)
+    by_energy = jnp.sqrt(jnp.where(little, left, 1))
+    error = jnp.abs(left - jnp.square(speed)) / largest
+    return Balance(jnp.where(little, by_energy, speed), lost, error)
