@@ -5,6 +5,7 @@ from __future__ import annotations
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ._parameter import POSITIVE, Range, Specialised, as_parameter, parameter, shown
@@ -70,7 +71,7 @@ class Contact(eqx.Module):
         self.mass = as_parameter(mass, "mass", POSITIVE)
         self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
         value = as_parameter(exponent, "exponent", EXPONENT)
-        concrete = isinstance(exponent, int | float)
+        concrete = isinstance(exponent, int | float | np.integer | np.floating)
         self._exponent = Specialised(float(exponent)) if concrete else Specialised(None, value)
 
     def __repr__(self) -> str:

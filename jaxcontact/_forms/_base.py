@@ -109,6 +109,39 @@ class AbstractForm(eqx.Module):
         """The x at which f(x, 0) balances a push Γ > 0; None where it is not known."""
         return None if self.damping(n, jnp.asarray(True)) is None else push ** (1 / n)
 
+    def creeping_speed(self, n: Exponent) -> Lane | float:
+        """The speed that strong damping leaves at the turn, in units of that of the impact.
+
+        Damping alone would stop the bodies at c x^q/q = 1, q = n-p+1. From there they creep back
+        with c v = -x^p.
+        """
+        damping = self.damping(n, jnp.asarray(True))
+        if damping is None:
+            return 1.0
+        c, p = damping
+        q = n - p + 1
+        strong = jnp.maximum(c, jnp.maximum(q, 1))
+        return (q / strong) ** (p / q) / strong
+
+    def creeping_excess(self, n: Exponent) -> Lane | float:
+        """The force of a contact that creeps back beside its two parts, which cancel: 1/c²."""
+        damping = self.damping(n, jnp.asarray(False))
+        return 1.0 if damping is None else 1 / jnp.square(jnp.maximum(damping[0], 1))
+
+    def creeps_back(self, n: Exponent) -> Flag:
+        """Whether damping lets a free contact that may pull creep back to x = 0 for ever.
+
+        Of x'' = -x^(n-p) (x^p + c x') inertia wins near x = 0 where 2p < n + 1, and the contact
+        ends; damping wins where 2p > n + 1; where 2p = n + 1 the motion is that of an oscillator,
+        which is overdamped from c = 2√p on.
+        """
+        damping = self.damping(n, jnp.asarray(False))
+        if damping is None or not self.tension:
+            return jnp.asarray(False)
+        c, p = damping
+        excess, critical = (jnp.asarray(x, c.dtype) for x in (2 * p - (n + 1), 2 * p**0.5))
+        return (c > 0) & ((excess > 0) | ((excess == 0) & (c >= critical)))
+
     @property
     def follows_phase_angle(self) -> bool:
         """Whether a free contact lasts until x = 0, as the phase method needs."""

@@ -116,6 +116,30 @@ class Motion(eqx.Module):
         kinetic = jnp.square(self.velocity(state)) / 2
         return kinetic + self.stored(state) < self.push * state.w**self.order
 
+    def smallness(self) -> tuple[Number | float, Number | float]:
+        """How small what ends the motion is beside the forces, and beside the speed of the impact.
+
+        Both are 1 unless damping is strong: a creeping contact without tension ends where forces
+        cancel that differ by little on all of its way; before the turn little speed is left.
+        """
+        form = self.form
+        clamped = not (form.tension or form.never_pulls)
+        ending = form.creeping_excess(self.n) if clamped else 1.0
+        speed = form.creeping_speed(self.n) if self.momentum is None else 1.0
+        if self.order == 1 and self.always_parts and form.tension:
+            # Where no power of w stretches it, a slow way out ends as small as its e.
+            speed = float(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
+        return ending, speed
+
+    @property
+    def always_parts(self) -> bool:
+        """Whether a contact parts in the end, however slowly: nothing pushes or sticks."""
+        return self.push is None and self.form.damping(self.n, jnp.asarray(True)) is not None
+
+    def creeps_back(self) -> Bool[Array, ""]:
+        """Whether the bodies of a free contact creep apart for ever."""
+        return self.form.creeps_back(self.n)
+
     def static_indentation(self) -> Number | None:
         """The x at rest under the push; None without a push or where the form does not know it."""
         if self.push is None:

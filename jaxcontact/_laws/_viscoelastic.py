@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._elementary import power
-from .._forms import ViscoelasticForm
+from .._forms import AbstractForm, OscillatorForm, ViscoelasticForm
 from .._parameter import NOT_NEGATIVE, as_parameter, parameter
 from ._base import AbstractLaw, needed
 from ._registry import register_law
@@ -24,10 +24,12 @@ class KuwabaraKono(AbstractLaw):
     `A` ≥ 0 is a material time in s. Restitution falls with speed: for a Hertz contact
     1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v0^(1/5) while that is small, so e(v) fixes A (K/m)^(2/5)
     and nothing else. As published the contact may pull shortly before it ends at δ = 0; with
-    `tension=False` it ends where the force vanishes. At δ = 0 the derivative in δ of √δ is infinite
-    and is defined to be 0. Raises ValueError for a Python scalar out of range. Source: Kuwabara &
-    Kono (1987), Jpn. J. Appl. Phys. 26:1230, doi 10.1143/JJAP.26.1230; Brilliantov et al. (1996),
-    Phys. Rev. E 53:5382, doi 10.1103/PhysRevE.53.5382.
+    `tension=False` it ends where the force vanishes. For n = 1 it is the linear spring and dashpot
+    with ζ = A √(K/m)/2, which with tension and ζ ≥ 1 creeps back for ever: the impact is settled.
+    At δ = 0 the derivative in δ of √δ is infinite and is defined to be 0. Raises ValueError for a
+    Python scalar out of range. Source: Kuwabara & Kono (1987), Jpn. J. Appl. Phys. 26:1230,
+    doi 10.1143/JJAP.26.1230; Brilliantov et al. (1996), Phys. Rev. E 53:5382,
+    doi 10.1103/PhysRevE.53.5382.
     """
 
     A: Float[Array, "..."] = parameter("A", NOT_NEGATIVE)
@@ -41,7 +43,10 @@ class KuwabaraKono(AbstractLaw):
         )
         return force if self.tension else jnp.maximum(force, 0)
 
-    def form(self, contact, scale) -> ViscoelasticForm:
-        needed(contact, "contact", self)
+    def form(self, contact, scale) -> AbstractForm:
+        exponent = needed(contact, "contact", self).exponent
         a = self.A / needed(scale, "velocity", self).time
+        if isinstance(exponent, float) and exponent == 1:
+            # The linear spring and dashpot, which has a closed form.
+            return OscillatorForm(zeta=a / 2, tension=self.tension, approach_only=False)
         return ViscoelasticForm(a=a, tension=self.tension)

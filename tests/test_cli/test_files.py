@@ -14,6 +14,15 @@ def test_all_are_written(tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {"a", "y"}
 
 
+def test_others_may_read_what_the_umask_lets_them(tmp_path):
+    old = os.umask(0o027)
+    try:
+        write_all({tmp_path / "x": b"1"})
+    finally:
+        os.umask(old)
+    assert (tmp_path / "x").stat().st_mode & 0o777 == 0o640
+
+
 def test_a_failure_leaves_the_old_and_no_scraps(tmp_path):
     old = tmp_path / "x"
     old.write_bytes(b"old")

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import jaxcontact as jc
 from jaxcontact._export import Draft, Engine, export, register_engine
+from jaxcontact._export._engines import _lammps
 from tests.test_export import engines
 
 # Both solvers at 1e-9 or better: measured 1e-9 for viscoelastic, 1e-10 for the others.
@@ -195,6 +196,15 @@ def test_an_elastic_contact():
     assert ' 0" ' in export(jc.Hertz(), CONTACT, SPEED, engine="mujoco").snippet
     for engine, options, name in (("exudyn", {}, "restitutionCoefficient"), ("lammps", R, "e")):
         assert export(jc.Hertz(), CONTACT, SPEED, engine=engine, **options).parameters[name] == 1
+
+
+@pytest.mark.parametrize("loss", [1e-4, 0.5])
+def test_the_search_for_a_relaxation_keeps_the_loss(loss, monkeypatch):
+    # A stand-in for the solver, which has no error of its own here: e = 1/(1 + A)².
+    monkeypatch.setattr(_lammps, "restitution", lambda law, *_: (1 + float(law.A)) ** -2)
+    found = _lammps._scaled_relaxation(1 - loss)
+    # The root of a nearly elastic contact is as small as its loss: measured 9e-13 of it.
+    assert found == pytest.approx((1 - loss) ** -0.5 - 1, rel=1e-11, abs=0)
 
 
 def test_a_speed_dependent_law_is_exported_at_its_speed():
