@@ -135,7 +135,7 @@ def test_the_tests_of_a_room_come_first_and_then_those_above():
     assert (own, others) == (["tests/test_higher.py"], ["tests/test_readme.py"])
 
 
-def test_a_run_goes_on_where_it_stopped(tmp_path):
+def test_a_run_goes_on_where_it_stopped(tmp_path, monkeypatch):
     drawn, results = mutate_faults.faults(PATH, SOURCE), tmp_path / "results.jsonl"
     signs = [x for x in drawn if x.kind == "sign"]
 
@@ -163,10 +163,13 @@ def test_a_run_goes_on_where_it_stopped(tmp_path):
     assert run("a", "a") == []
     assert run("a", "b") == signs
     assert run("b", "b") == drawn
-    text = mutate.table(drawn, mutate.known(results, {"package": "b", "tests": "b"}), 2.0)
+    text = mutate.table(drawn, mutate.known(results, {"package": "b", "tests": "b"}, drawn), 2.0)
     assert "10 killed, 3 survived; 2 minutes" in text
     assert "| sign | 0 | 3 |" in text and "| condition | 4 | 0 |" in text
     assert text.count("no test fails yet") == 3
+    # What has a reason need not be run again after the tests have changed.
+    monkeypatch.setitem(mutate.REASONS, signs[0].change, "the reason")
+    assert run("b", "c") == signs[1:]
 
 
 def test_a_trial_leaves_the_tree_as_it_was(tmp_path):
