@@ -161,7 +161,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Le
     )
 
 
-def _ready(solver: Any, rtol: float, atol: float, backwards: bool) -> Any:
+def _ready(solver: Any, rtol: Number, atol: Number | float, backwards: bool) -> Any:
     """The solver with what diffrax fills in for a whole solve, so that it can take one step."""
     if isinstance(solver, diffrax.AbstractRungeKutta):
         # The fast loop over the stages has no reverse mode, which a given adjoint may need.

@@ -100,6 +100,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
         def rate(stage: int, polar: Polar) -> tuple[Polar, Flag]:
             s, c = sine[stage], cosine[stage]
             dw, du, clock, loss = motion.rate(in_plane(polar, s, c), flag)
+            assert loss is not None  # since the state has one
             dx = dw / unit
             turning = c * dx - s * du
             slow = polar.radius / jnp.where(turning > 0, turning, 1)

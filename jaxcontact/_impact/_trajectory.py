@@ -153,7 +153,7 @@ def _path(motion: Motion, how: Event, samples: int) -> _Path:
         v=jax.vmap(motion.velocity)(states),
         force=forces if motion.form.tension else jnp.maximum(forces, 0),
         elastic=elastic,
-        loss=states.loss,
+        loss=jnp.asarray(states.loss),
         converged=jnp.all(legs.arrived),
         settled=motion.settled(end),
     )

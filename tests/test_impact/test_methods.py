@@ -101,7 +101,8 @@ def test_methods_are_static_fields_and_parts_of_trees():
     exact = jc.impact(jc.HuGuo(e=0.5), CONTACT, 1.3).duration
     np.testing.assert_allclose([by_phase, by_formula], exact, rtol=1e-6)
     plain = jax.jit(lambda how: jc.impact(LAW, CONTACT, 1.3, method=how).restitution)(jc.Exact())
-    assert plain == jc.restitution(LAW)
+    # Two programs, which may round one operation apart.
+    np.testing.assert_allclose(plain, jc.restitution(LAW), rtol=3e-16)
 
 
 class Classical(jc.AbstractMethod):
