@@ -107,28 +107,25 @@ def bracketed_root(
 
     def unfinished(carry: tuple[Lane, ...]) -> Array:
         count, moved, *_ = carry
-        return (count < iterations) & (moved > rounding)
+        return (count <= iterations) & (moved > rounding)
 
+    # A value decides in the step after the one that computes it. In the same step XLA may compute
+    # it several times, once for each use, and a value near zero not always with the same sign.
     def narrow(carry: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        count, _, last, low, low_value, high, high_value, side = carry
-        middle = low + (high - low) * ratio(low_value, low_value - high_value)
-        value = function(middle)
+        count, _, middle, value, low, low_value, high, high_value, side = carry
         up = value > 0
         kept_low, kept_high = ~up & (side < 0), up & (side > 0)
-        return (
-            count + 1,
-            jnp.abs(middle - last),
-            middle,
-            jnp.where(up, middle, low),
-            jnp.where(up, value, jnp.where(kept_low, low_value / 2, low_value)),
-            jnp.where(up, high, middle),
-            jnp.where(up, jnp.where(kept_high, high_value / 2, high_value), value),
-            jnp.where(up, zero + 1, zero - 1),
-        )
+        low_value = jnp.where(up, value, jnp.where(kept_low, low_value / 2, low_value))
+        high_value = jnp.where(up, jnp.where(kept_high, high_value / 2, high_value), value)
+        low, high = jnp.where(up, middle, low), jnp.where(up, high, middle)
+        # The first step begins with the value at zero, which is no news of the root.
+        side = jnp.where(count == 0, zero, jnp.where(up, zero + 1, zero - 1))
+        chord = low + (high - low) * ratio(low_value, low_value - high_value)
+        moved = jnp.where(count == 0, zero + 2, jnp.abs(chord - middle))
+        return count + 1, moved, chord, function(chord), low, low_value, high, high_value, side
 
-    first = (zero, zero + 2, zero - 1, zero, at_zero, zero + 1, at_one, zero)
-    _, _, _, low, low_value, high, high_value, _ = jax.lax.while_loop(unfinished, narrow, first)
-    return low + (high - low) * ratio(low_value, low_value - high_value)
+    first = (zero, zero + 2, zero, at_zero, zero, at_zero, zero + 1, at_one, zero)
+    return jax.lax.while_loop(unfinished, narrow, first)[2]
 
 
 def ratio(numerator: Lane, denominator: Lane) -> Lane:

@@ -128,7 +128,7 @@ class Motion(eqx.Module):
         speed = form.creeping_speed(self.n) if self.momentum is None else 1.0
         if self.order == 1 and self.always_parts and form.tension:
             # Where no power of w stretches it, a slow way out ends as small as its e.
-            speed = float(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
+            speed = float(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny) ** 0.5
         return ending, speed
 
     @property

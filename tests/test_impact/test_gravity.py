@@ -74,6 +74,13 @@ def test_strong_damping_creeps_to_rest():
     assert (hit.max_force >= WEIGHT).all()
 
 
+def test_out_of_steps_before_the_turn_is_no_rest():
+    """Little speed is left there, and the elastic energy must be counted."""
+    contact, forces = jc.Contact(1.0, 1.0), jnp.array([0.01, 0.1, 1.0])
+    hit = jc.impact(jc.Hertz(), contact, 1.0, external_force=forces, method=jc.Event(max_steps=14))
+    assert (hit.status == jc.Status.NOT_CONVERGED).all() and np.isnan(hit.max_indentation).all()
+
+
 def test_a_push_delays_and_a_pull_hastens():
     forces = jnp.array([-4.0, -1.0, 0.0, 1.0, 4.0])
     hit = jc.impact(jc.HuGuo(e=0.6), jc.Contact(0.7, 3e5), 0.3, external_force=forces)
