@@ -10,6 +10,10 @@ from .._forms import Flag
 from ._motion import Motion, Number, State
 
 
+# Where the energies have a weight of 1e-12, they are left out.
+_HOPELESS = 1e3
+
+
 class Balance(NamedTuple):
     """The `restitution` e and the `energy_loss`, in units of the initial energy.
 
@@ -40,7 +44,11 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
         left, changed = left + gained, changed + jnp.abs(gained)
         largest = largest + 2 * jnp.maximum(push, 0) * max_indentation
     # The error of e² is that of its energies on one way, 2 e times that of the speed on the other.
-    little: Flag = (changed < 2 * speed * jnp.sqrt(largest)) & (left > 0)
-    by_energy = jnp.sqrt(jnp.where(little, left, 1))
+    # They are weighed, not switched: a fit would stop at the seam.
+    scale = 2 * speed * jnp.sqrt(largest)
+    known: Flag = (left > 0) & (changed < _HOPELESS * scale)
+    doubt = changed / jnp.where(known, scale, 1)
+    by_energy = jnp.sqrt(jnp.where(known, left, 1))
+    weighed = speed + (by_energy - speed) / (1 + jnp.square(jnp.square(doubt)))
     error = jnp.abs(left - jnp.square(speed)) / largest
-    return Balance(jnp.where(little, by_energy, speed), lost, error)
+    return Balance(jnp.where(known, weighed, speed), lost, error)

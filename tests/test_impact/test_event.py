@@ -21,6 +21,8 @@ from tests.test_impact.support import (
 PROMISE = 1e-8
 ALL = dict.fromkeys(values(grid("kuwabara_kono")), PROMISE)
 MOST_STEPS = 128
+# Overdamped contacts without tension: measured 218.
+CREEPING_STEPS = 256
 
 
 def assert_solved(hit, some, tolerances, number):
@@ -53,13 +55,8 @@ STIFF = 3e-8
 
 
 def test_a_stiff_solver():
-    hit, some = hunt_crossley(solver=diffrax.Kvaerno5(), max_steps=1024)
+    hit, some = hunt_crossley(solver=diffrax.Kvaerno5(), max_steps=8192)
     assert_solved(hit, some, dict.fromkeys(ALL, STIFF), "alpha")
-
-
-# Without tension the contact ends where a creeping force vanishes, which is where it changes
-# slowly: measured 2.9e-8 for the duration at A = 5, 8.9e-9 for e at 3.
-CREEPING_DURATION = 1e-7
 
 
 @pytest.mark.parametrize("tension", [True, False])
@@ -67,7 +64,7 @@ def test_kuwabara_kono(tension):
     some = grid("kuwabara_kono", tension=tension)
     law = jc.KuwabaraKono(A=column(some, "a"), tension=tension)
     hit = jc.impact(law, UNIT[1.5], 1.0)
-    assert_solved(hit, some, ALL if tension else ALL | {"duration": CREEPING_DURATION}, "a")
+    assert_solved(hit, some, ALL, "a")
     assert hit.steps.max() <= MOST_STEPS
 
 
@@ -91,27 +88,15 @@ def test_a_law_of_the_users():
     assert_solved(hit, some, ALL | {"e": UNKNOWN_FORCE}, "a")
 
 
-# The bodies creep: an error of 1e-11 in the state is one of 1e-5 in when it vanishes. Measured for
-# damping ratios above 1, at worst: 1.7e-5 (clamped, ζ = 50), and 3.3e-8 of e = 1e-4; it moves with
-# the rounding of the steps.
-CREEPING = {"duration": 1e-4, "compression_time": 1e-4, "e": 1e-7}
-
-
 @pytest.mark.parametrize("ending", ["tension", "clamped", "approach"])
 def test_oscillators(ending):
     some = grid("oscillator", ending=ending, n=1.5)
     law = given_ratio(column(some, "zeta"), ending)
     hit = jc.impact(law, UNIT[1.5], 1.0, method="event")
-    assert_solved(hit, some, ALL | CREEPING, "zeta")
-    assert hit.steps.max() <= MOST_STEPS
+    assert_solved(hit, some, ALL, "zeta")
+    # Overdamped contacts without tension end where forces cancel on all of their way.
     moderate = np.asarray(column(some, "zeta")) <= 1
-    error = {f: x[moderate] for f, x in errors(outcome(hit), values(some)).items()}
-    assert_within(error, ALL)
-
-
-# A rebound of e = 8e-7, found to 4e-11 of the closing speed: relative to itself that is 4e-5, and
-# cured by an absolute tolerance as small as the rebound: measured 2.9e-8.
-TINY_REBOUND = 1e-7
+    assert hit.steps[moderate].max() <= MOST_STEPS and hit.steps.max() <= CREEPING_STEPS
 
 
 @pytest.mark.slow
@@ -119,8 +104,8 @@ TINY_REBOUND = 1e-7
 def test_linear_oscillators(ending):
     some = [c for c in grid("oscillator", ending=ending, n=1.0) if c.args["zeta"] < 1.4]
     law = given_ratio(column(some, "zeta"), ending)
-    hit = jc.impact(law, UNIT[1.0], 1.0, method=jc.Event(atol=1e-15))
-    assert_solved(hit, some, ALL | {"e": TINY_REBOUND}, "zeta")
+    hit = jc.impact(law, UNIT[1.0], 1.0, method="event")
+    assert_solved(hit, some, ALL, "zeta")
 
 
 # n = 1 has the largest errors, 1.3e-8 for the energy loss.
