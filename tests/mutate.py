@@ -298,7 +298,9 @@ def _cell(text: str, most: int = 90) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
-def table(drawn: list[Fault], done: dict[str, dict[str, Any]], minutes: float) -> str:
+def table(
+    drawn: list[Fault], done: dict[str, dict[str, Any]], minutes: float, commit: str = "unknown"
+) -> str:
     """The results as Markdown: counts, all faults, and why the survivors survive."""
     rows = sorted(
         ((x, done.get(x.key, {"outcome": "not run", "test": "", "seconds": 0})) for x in drawn),
@@ -309,7 +311,8 @@ def table(drawn: list[Fault], done: dict[str, dict[str, Any]], minutes: float) -
     lines = [
         "# Do the tests fail when the package is wrong?",
         "",
-        f"{len(rows)} faults, drawn over all rooms by `python -m tests.mutate`, none exchanged: "
+        f"{len(rows)} faults in the package of commit {commit}, drawn over all rooms by "
+        "`python -m tests.mutate`, none exchanged: "
         f"{', '.join(f'{n} {outcome}' for outcome, n in total.most_common())}; "
         f"{minutes:.0f} minutes in all.",
         "",
@@ -360,7 +363,10 @@ def main() -> None:
     minutes = json.loads(clock.read_text()) if clock.exists() else {}
     spent = minutes.get(marks["package"], 0.0)
     if asked.table:
-        TABLE.write_text(table(drawn, known(results, marks, drawn), spent), encoding="utf-8")
+        head = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
+        commit = subprocess.run(head, check=True, capture_output=True, text=True).stdout.strip()
+        done = known(results, marks, drawn)
+        TABLE.write_text(table(drawn, done, spent, commit), encoding="utf-8")
         return
     try:
         each = {} if asked.no_baseline else baseline(STATE, marks, asked.jobs)
