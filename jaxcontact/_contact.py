@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -44,6 +46,13 @@ class Material(eqx.Module):
         return 4 / 3 * jnp.pi * as_parameter(radius, "radius", POSITIVE) ** 3 * self.density
 
 
+def _materials(**given: Any) -> None:
+    """Raise ValueError for what is no material."""
+    for name, value in given.items():
+        if not isinstance(value, Material):
+            raise ValueError(f"Argument `{name}` must be a `Material`, but is {value!r}.")
+
+
 def _hertz_stiffness(
     sphere: Material, other: Material | None, radius: Float[Array, "..."]
 ) -> Float[Array, "..."]:
@@ -55,7 +64,7 @@ class Contact(eqx.Module):
     """One contact: the effective mass and the elastic force K δⁿ that the laws build on.
 
     Arguments: `mass` m > 0 in kg, the effective mass m1 m2/(m1+m2); `stiffness` K > 0 in N/mⁿ;
-    `exponent` n in [1, 3]. All broadcast. Mass and stiffness are leaves. A Python number for n is
+    `exponent` n in [1, 3]. All broadcast. Mass and stiffness are leaves. A plain number for n is
     static and specialises the compiled code (another number compiles anew); an array makes n a
     leaf, which can be differentiated and batched at some cost in speed. Raises ValueError for a
     Python scalar out of range. For Hertz contacts use `sphere_sphere`, `sphere_plane` and
@@ -105,8 +114,7 @@ class Contact(eqx.Module):
         first = as_parameter(radius, "radius", POSITIVE)
         second = as_parameter(other_radius, "other_radius", POSITIVE)
         # For a plane or a socket None is a rigid body; of two spheres neither can be left out.
-        if other is None:
-            raise ValueError("Argument `other` must be a `Material`, but is None.")
+        _materials(sphere=sphere, other=other)
         stiffness = _hertz_stiffness(sphere, other, first / (first + second) * second)
         if mass is None:
             first_mass, second_mass = sphere.sphere_mass(first), other.sphere_mass(second)
@@ -129,6 +137,7 @@ class Contact(eqx.Module):
         out of range or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
         doi 10.1017/CBO9781139171731.
         """
+        _materials(sphere=sphere, **({} if plane is None else {"plane": plane}))
         radius = as_parameter(radius, "radius", POSITIVE)
         mass = sphere.sphere_mass(radius) if mass is None else mass
         return cls(mass, _hertz_stiffness(sphere, plane, radius))
@@ -152,6 +161,7 @@ class Contact(eqx.Module):
         R1 among them) or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
         doi 10.1017/CBO9781139171731.
         """
+        _materials(sphere=sphere, **({} if socket is None else {"socket": socket}))
         inner = as_parameter(radius, "radius", POSITIVE)
         outer = as_parameter(socket_radius, "socket_radius", POSITIVE)
         both_python = not isinstance(radius, jax.Array) and not isinstance(socket_radius, jax.Array)

@@ -59,11 +59,17 @@ def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
 
 
 def _from_python(value: Any, name: str, allowed: Range) -> Array:
+    if isinstance(value, np.ma.MaskedArray):
+        raise ValueError(
+            f"Argument `{name}` must be an array without a mask (`filled(nan)` makes one, whose "
+            f"masked lanes are flagged), but is {value!r}."
+        )
     try:
         plain = np.asarray(value)
     except (TypeError, ValueError) as error:
         raise _not_a_number(value, name) from error
-    if plain.dtype.kind not in "fiu":
+    # A long double would lose digits in silence: JAX has nothing wider than 8 bytes.
+    if plain.dtype.kind not in "fiu" or plain.dtype.itemsize > 8:
         raise _not_a_number(value, name)
     scalar = plain.ndim == 0 and not isinstance(value, np.ndarray)
     if scalar and not allowed.holds(float(plain)):
@@ -82,7 +88,8 @@ def require_count(name: str, value: Any, least: int) -> None:
 
 def _not_a_number(value: Any, name: str) -> ValueError:
     return ValueError(
-        f"Argument `{name}` must be a real number or an array of real numbers, but is {value!r}."
+        f"Argument `{name}` must be a real number or an array of real numbers, of at most 64 bits, "
+        f"but is {value!r}."
     )
 
 

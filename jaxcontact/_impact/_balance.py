@@ -9,7 +9,6 @@ import jax.numpy as jnp
 from .._forms import Flag
 from ._motion import Motion, Number, State
 
-
 # Where the energies have a weight of 1e-12, they are left out.
 _HOPELESS = 1e3
 

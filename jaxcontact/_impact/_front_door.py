@@ -42,8 +42,7 @@ def problem_of(
 ) -> Problem:
     """Convert and check what can be checked without looking into arrays."""
     check_law(law)
-    if not isinstance(contact, Contact):
-        raise ValueError(f"Argument `contact` must be a `Contact`, but is {contact!r}.")
+    check_contact(contact)
     if isinstance(external_force, int | float) and external_force == 0:
         external_force = None
     if external_force is not None:
@@ -63,6 +62,12 @@ def check_law(law: Any) -> None:
     """Raise ValueError for what is not a law."""
     if not isinstance(law, AbstractLaw):
         raise ValueError(f"Argument `law` must be a contact law (see `list_laws`), but is {law!r}.")
+
+
+def check_contact(contact: Any) -> None:
+    """Raise ValueError for what is no contact."""
+    if not isinstance(contact, Contact):
+        raise ValueError(f"Argument `contact` must be a `Contact`, but is {contact!r}.")
 
 
 def uniform(tree: Any) -> Any:

@@ -16,7 +16,16 @@ from .._contact import Contact
 from .._forms import scale_of
 from .._laws import AbstractLaw
 from .._parameter import as_parameter, is_valid, sanitised
-from ._front_door import SPEED, Lanes, Problem, check_law, lanes_of, problem_of, uniform
+from ._front_door import (
+    SPEED,
+    Lanes,
+    Problem,
+    check_contact,
+    check_law,
+    lanes_of,
+    problem_of,
+    uniform,
+)
 from ._method import AbstractMethod
 from ._methods import method_of
 from ._result import Impact, Status
@@ -119,6 +128,8 @@ def restitution(
     law: `exact_damping_factor`. Source: see `impact`.
     """
     check_law(law)
+    if contact is not None:
+        check_contact(contact)
     how = method_of(method)
     if contact is not None and velocity is not None:
         return _restitution(problem_of(law, contact, velocity), how)

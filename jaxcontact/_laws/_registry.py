@@ -51,7 +51,7 @@ def register_law(
 
 def describe(name: str) -> Description:
     """The description of a registered law; ValueError with the known names if there is none."""
-    if name not in _REGISTRY:
+    if not isinstance(name, str) or name not in _REGISTRY:
         known = ", ".join(_REGISTRY)
         raise ValueError(f"Argument `name` must be one of {known}, but is {name!r}.")
     return _REGISTRY[name]
