@@ -78,9 +78,8 @@ def test_beta_is_the_same_by_other_methods(method):
     found = jc.fit_energy_loss(ASKED[::9], method=method)
     exact = jc.fit_energy_loss(ASKED[::9])
     assert found.converged and exact.converged
-    assert float(found.params["beta"]) == pytest.approx(
-        float(exact.params["beta"]), rel=SAME[method]
-    )
+    # A fit that does not meet its points ends within its `rtol`: measured 2e-9.
+    assert float(found.params["beta"]) == pytest.approx(float(exact.params["beta"]), rel=1e-8)
 
 
 @pytest.mark.parametrize("method", ["phase", "event"])
