@@ -35,12 +35,14 @@ def signed_power(w: Lane, exponent: Exponent) -> Lane:
 class Momentum(NamedTuple):
     """A coordinate u(v) that replaces the velocity where it makes a free motion smoother.
 
-    Its value `at_touch`, where v = 1; the `velocity` v(u); and `pull`, -du/dτ as a function of w.
+    Its value `at_touch`, where v = 1; the `velocity` v(u); `pull`, -du/dτ as a function of w; and
+    `lost`, the energy that damping has taken when the momentum has become u.
     """
 
     at_touch: Callable[[], Lane]
     velocity: Callable[[Lane], Lane]
     pull: Callable[[Lane], Lane]
+    lost: Callable[[Lane], Lane]
 
 
 class AbstractForm(eqx.Module):

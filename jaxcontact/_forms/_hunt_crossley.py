@@ -63,7 +63,17 @@ class HuntCrossleyForm(AbstractForm):
             at_touch=lambda: log1p_over(self.alpha),
             velocity=lambda y: speed_of(y, self.alpha),
             pull=lambda w: signed_power(w, exponent),
+            lost=lambda y: self._loss_at(log1p_over(self.alpha)) - self._loss_at(y),
         )
+
+    def _loss_at(self, y: Lane) -> Lane:
+        """∫ αs²/(1+αs) ds from 0 to v(y): what damping takes of ½v², as xⁿ dx = -v dv/(1+αv)."""
+        v = speed_of(y, self.alpha)
+        u = self.alpha * v
+        weak = jnp.abs(u) < 0.5
+        series = self.alpha * v**3 * log_remainder_over(jnp.where(weak, u, 0))
+        closed = jnp.square(v) / 2 - (v - y) / jnp.where(weak, 1, self.alpha)
+        return jnp.where(weak, series, closed)
 
     def phase_unit(self) -> Lane:
         """(1+α)^0.15, which evens out how fast the solution changes with the angle.

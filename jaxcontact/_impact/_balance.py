@@ -32,11 +32,11 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
     then neither the digits of 1 - e are lost nor those of e under a force that moves the bodies
     much faster than they came.
     """
-    assert end.loss is not None
     speed, push = -motion.velocity(end), motion.push
     # The root for x = 0 may lie below it, by rounding.
     at = end._replace(w=jnp.maximum(end.w, 0))
-    lost = 2 * (end.loss if motion.one_way else end.loss + motion.stored(at))
+    taken = motion.lost(end)
+    lost = 2 * (taken if motion.one_way else taken + motion.stored(at))
     left, changed, largest = 1 - lost, lost, jnp.ones_like(lost)
     if push is not None:
         gained = 2 * push * at.w**motion.order

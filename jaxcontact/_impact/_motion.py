@@ -23,7 +23,7 @@ Number = Float[Array, ""]
 class State(NamedTuple):
     """Where the motion is: x = w^k, the momentum u, the time t; or their rates. Scalars in a lane.
 
-    `loss` is the energy that damping has taken so far, None where it is not wanted.
+    `loss` is the energy that damping has taken so far; None where u tells it or nobody asks.
     """
 
     w: Number
@@ -70,7 +70,7 @@ class Motion(eqx.Module):
 
         touch = of_lane(1.0 if self.momentum is None else self.momentum.at_touch())
         zero = of_lane(0.0)
-        return State(zero, touch, zero, zero)
+        return State(zero, touch, zero, zero if self.momentum is None else None)
 
     def velocity(self, state: State) -> Number:
         """x' at a state."""
@@ -105,6 +105,13 @@ class Motion(eqx.Module):
     def stored(self, state: State) -> Number:
         """The elastic energy at a state."""
         return self.form.stored(state.w, self.n)
+
+    def lost(self, state: State) -> Number:
+        """The energy that damping has taken until a state."""
+        if state.loss is not None:
+            return state.loss
+        assert self.momentum is not None
+        return self.momentum.lost(state.u)
 
     def held(self, state: State) -> Bool[Array, ""]:
         """Whether the push keeps the bodies together for good: too little energy is left to part.

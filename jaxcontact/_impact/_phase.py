@@ -70,7 +70,7 @@ class Polar(NamedTuple):
     radius: Number
     t: Number
     tau: Number
-    loss: Number
+    loss: Number | None
 
 
 def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
@@ -100,11 +100,11 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
         def rate(stage: int, polar: Polar) -> tuple[Polar, Flag]:
             s, c = sine[stage], cosine[stage]
             dw, du, clock, loss = motion.rate(in_plane(polar, s, c), flag)
-            assert loss is not None  # since the state has one
             dx = dw / unit
             turning = c * dx - s * du
             slow = polar.radius / jnp.where(turning > 0, turning, 1)
-            change = Polar((s * dx + c * du) * slow, clock * slow, slow, loss * slow)
+            taken = None if loss is None else loss * slow
+            change = Polar((s * dx + c * du) * slow, clock * slow, slow, taken)
             return change, turning > 0
 
         polar, step_error, good = step_with_error(rate, polar, width, always)
@@ -113,7 +113,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
         return (polar, (radius_error, t_error), forward & good), polar
 
     zero = jnp.zeros_like(unit)
-    touch = Polar(start.u, zero, zero, zero)
+    touch = Polar(start.u, zero, zero, start.loss)
     # Not `jnp.ones`: the compiler must not see that it is true everywhere.
     always = jnp.arange(steps) >= 0
     (last, error, forward), polars = jax.lax.scan(

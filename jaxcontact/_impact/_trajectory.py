@@ -153,7 +153,7 @@ def _path(motion: Motion, how: Event, samples: int) -> _Path:
         v=jax.vmap(motion.velocity)(states),
         force=forces if motion.form.tension else jnp.maximum(forces, 0),
         elastic=elastic,
-        loss=jnp.asarray(states.loss),
+        loss=jax.vmap(motion.lost)(states),
         converged=jnp.all(legs.arrived),
         settled=motion.settled(end),
     )
