@@ -46,11 +46,10 @@ class Material(eqx.Module):
         return 4 / 3 * jnp.pi * as_parameter(radius, "radius", POSITIVE) ** 3 * self.density
 
 
-def _materials(**given: Any) -> None:
+def _check_material(value: Any, name: str) -> None:
     """Raise ValueError for what is no material."""
-    for name, value in given.items():
-        if not isinstance(value, Material):
-            raise ValueError(f"Argument `{name}` must be a `Material`, but is {value!r}.")
+    if not isinstance(value, Material):
+        raise ValueError(f"Argument `{name}` must be a `Material`, but is {value!r}.")
 
 
 def _hertz_stiffness(
@@ -114,7 +113,8 @@ class Contact(eqx.Module):
         first = as_parameter(radius, "radius", POSITIVE)
         second = as_parameter(other_radius, "other_radius", POSITIVE)
         # For a plane or a socket None is a rigid body; of two spheres neither can be left out.
-        _materials(sphere=sphere, other=other)
+        _check_material(sphere, "sphere")
+        _check_material(other, "other")
         stiffness = _hertz_stiffness(sphere, other, first / (first + second) * second)
         if mass is None:
             first_mass, second_mass = sphere.sphere_mass(first), other.sphere_mass(second)
@@ -137,7 +137,9 @@ class Contact(eqx.Module):
         out of range or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
         doi 10.1017/CBO9781139171731.
         """
-        _materials(sphere=sphere, **({} if plane is None else {"plane": plane}))
+        _check_material(sphere, "sphere")
+        if plane is not None:
+            _check_material(plane, "plane")
         radius = as_parameter(radius, "radius", POSITIVE)
         mass = sphere.sphere_mass(radius) if mass is None else mass
         return cls(mass, _hertz_stiffness(sphere, plane, radius))
@@ -161,7 +163,9 @@ class Contact(eqx.Module):
         R1 among them) or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
         doi 10.1017/CBO9781139171731.
         """
-        _materials(sphere=sphere, **({} if socket is None else {"socket": socket}))
+        _check_material(sphere, "sphere")
+        if socket is not None:
+            _check_material(socket, "socket")
         inner = as_parameter(radius, "radius", POSITIVE)
         outer = as_parameter(socket_radius, "socket_radius", POSITIVE)
         both_python = not isinstance(radius, jax.Array) and not isinstance(socket_radius, jax.Array)

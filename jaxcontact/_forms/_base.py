@@ -123,7 +123,7 @@ class AbstractForm(eqx.Module):
         c, p = damping
         q = n - p + 1
         strong = jnp.maximum(c, jnp.maximum(q, 1))
-        return (q / strong) ** (p / q) / strong
+        return power(q / strong, p / q) / strong
 
     def creeping_excess(self, n: Exponent) -> Lane | float:
         """The force of a contact that creeps back beside its two parts, which cancel: 1/c²."""
@@ -141,8 +141,10 @@ class AbstractForm(eqx.Module):
         if damping is None or not self.tension:
             return jnp.asarray(False)
         c, p = damping
-        excess, critical = (jnp.asarray(x, c.dtype) for x in (2 * p - (n + 1), 2 * p**0.5))
-        return (c > 0) & ((excess > 0) | ((excess == 0) & (c >= critical)))
+        # A flag has no derivative: none is taken of the root, which has no slope at p = 0.
+        p = jax.lax.stop_gradient(jnp.asarray(p, c.dtype))
+        excess = 2 * p - (n + 1)
+        return (c > 0) & ((excess > 0) | ((excess == 0) & (c >= 2 * jnp.sqrt(p))))
 
     @property
     def follows_phase_angle(self) -> bool:

@@ -28,9 +28,9 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
     """The energies at the end: e² = 1 + 2Γx - 2 (damping's work + ∫ f(x, 0) dx).
 
     The energy lost is what damping took and the elastic energy that a contact without tension
-    abandons at its end. e follows from the velocity or, where little is lost, from the energies:
-    then neither the digits of 1 - e are lost nor those of e under a force that moves the bodies
-    much faster than they came.
+    abandons at its end. e is a mean of what the velocity and the energies say, which trusts the
+    energies where little is lost: that keeps the digits of 1 - e, and those of e under a force that
+    moves the bodies much faster than they came.
     """
     speed, push = -motion.velocity(end), motion.push
     # The root for x = 0 may lie below it, by rounding.

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Int
 
 from .._forms import AbstractForm, Flag, ScaledImpact
 from .._implicit import bracketed_root, with_implicit_derivative
-from ._balance import balance_of
+from ._balance import Balance, balance_of
 from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
@@ -235,6 +235,20 @@ def solve_legs(motion: Motion, how: Event) -> tuple[Leg, Bool[Array, "2"]]:
     return jax.lax.scan(run, motion.start(), flags)[1], flags
 
 
+def was_followed(motion: Motion, legs: Leg, balance: Balance, how: Event) -> Bool[Array, ""]:
+    """Whether both legs reached their ends, and their energies add up.
+
+    What always parts but was turned round, by rounding at the end of a slow way out, was not
+    followed to its end; what creeps back for ever has none.
+    """
+    end = jax.tree.map(operator.itemgetter(1), legs.end)
+    allowed = _IMBALANCE * how.tolerances(end.t.dtype)[0]
+    good = jnp.all(legs.arrived) & (balance.error <= allowed)
+    if motion.always_parts:
+        good = good & ~motion.settled(end) & ~motion.creeps_back()
+    return good
+
+
 def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     """The outcome of one lane."""
     legs, flags = solve_legs(motion, how)
@@ -245,8 +259,7 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     max_indentation = turn.w**motion.order
     compression_time = turn.t
     balance = balance_of(motion, end, max_indentation)
-    allowed = _IMBALANCE * how.tolerances(end.t.dtype)[0]
-    converged = jnp.all(legs.arrived) & (balance.error <= allowed)
+    converged = was_followed(motion, legs, balance, how)
     settled = motion.settled(end)
     static = motion.static_indentation()
     if motion.push is not None and static is not None:
@@ -258,11 +271,9 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
         compression_time = jnp.where(creeps, jnp.inf, compression_time)
         converged, settled = converged | creeps, settled | creeps
     if motion.always_parts:
-        # Nothing but a creep for ever keeps these bodies together. What rounding turns round at the
-        # end of a slow way out was not followed to its end.
-        creeps_back = motion.creeps_back()
-        converged = legs.arrived[0] & jnp.where(creeps_back, True, converged & ~settled)
-        settled = creeps_back
+        # Nothing but a creep for ever keeps these bodies together.
+        settled = motion.creeps_back()
+        converged = converged | (settled & legs.arrived[0])
     return ScaledImpact(
         restitution=balance.restitution,
         duration=end.t,

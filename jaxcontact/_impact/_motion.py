@@ -6,6 +6,7 @@ in a free impact, the coordinate that the form puts in its place.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import equinox as eqx
@@ -135,7 +136,7 @@ class Motion(eqx.Module):
         speed = form.creeping_speed(self.n) if self.momentum is None else 1.0
         if self.order == 1 and self.always_parts and form.tension:
             # Where no power of w stretches it, a slow way out ends as small as its e.
-            speed = float(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny) ** 0.5
+            speed = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
         return ending, speed
 
     @property

@@ -14,7 +14,8 @@ from .._contact import Contact
 from .._implicit import bracketed_root, ratio
 from .._laws import AbstractLaw
 from .._parameter import require_count
-from ._event import Event, Leg, solve_legs
+from ._balance import balance_of
+from ._event import Event, Leg, solve_legs, was_followed
 from ._front_door import Problem, lanes_of, problem_of
 from ._method import AbstractMethod
 from ._methods import stepping_method
@@ -70,9 +71,9 @@ def trajectory(
     """The motion of an impact: m δ'' = -F(δ, δ') + external force, δ(0) = 0, δ'(0) = velocity.
 
     Arguments as for `impact`; `samples` ≥ 2 moments, equally spaced, the first at touch and the
-    last at separation. `method`: "event" (or "auto", which is the same here) or a `jc.Event` with
-    its options. Between the steps of the solver the motion is computed by a step of order 8, not by
-    interpolation.
+    last at separation; a contact that creeps for ever has no such moment and is not converged.
+    `method`: "event" (or "auto", which is the same here) or a `jc.Event` with its options. Between
+    the steps of the solver the motion is computed by a step of order 8, not by interpolation.
 
     Returns a `Trajectory`; bad lanes are flagged in `.status`, their numbers NaN. Raises ValueError
     as `impact` does, and for other methods. Source: see `impact`.
@@ -144,6 +145,7 @@ def _path(motion: Motion, how: Event, samples: int) -> _Path:
         state = _state_at(motion, leg, jax.lax.stop_gradient(moment), moment, on_way_in)
         return state, motion.force(state, on_way_in), motion.stored(state)
 
+    balance = balance_of(motion, end, turn.w**motion.order)
     states, forces, elastic = jax.vmap(sample)(fractions)
     # Touch and separation are known: no sample may lie outside the contact by its rounding.
     w = jnp.maximum(states.w, 0).at[0].set(0)
@@ -154,7 +156,7 @@ def _path(motion: Motion, how: Event, samples: int) -> _Path:
         force=forces if motion.form.tension else jnp.maximum(forces, 0),
         elastic=elastic,
         loss=jax.vmap(motion.lost)(states),
-        converged=jnp.all(legs.arrived),
+        converged=was_followed(motion, legs, balance, how),
         settled=motion.settled(end),
     )
 

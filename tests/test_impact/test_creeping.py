@@ -44,7 +44,16 @@ def test_a_rebound_that_no_step_can_see_is_flagged(n):
     hit = linear(1.999, n, method="event")
     assert hit.status == jc.Status.NOT_CONVERGED and np.isnan(hit.duration)
     duration = np.pi / np.sqrt((1 - 1.999 / 2) * (1 + 1.999 / 2))
+    path = jc.trajectory(jc.KuwabaraKono(A=1.999), jc.Contact(1.0, 1.0, n), 1.0, samples=3)
+    assert path.status == jc.Status.NOT_CONVERGED
     assert linear(1.999, 1.0).duration == pytest.approx(duration, rel=EXACT)
+
+
+def test_no_trajectory_of_what_has_no_end():
+    law = jc.KuwabaraKono(A=jnp.array([1.9, 2.0, 2.05, 1e4]))
+    for n in (1.0, jnp.array(1.0)):
+        status = jc.trajectory(law, jc.Contact(1.0, 1.0, n), 1.0, samples=3).status
+        assert status.tolist() == [jc.Status.SEPARATED] + 3 * [jc.Status.NOT_CONVERGED]
 
 
 def test_without_tension_it_parts_where_the_force_vanishes():

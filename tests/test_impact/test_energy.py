@@ -98,7 +98,10 @@ def test_a_solve_that_missed_something_is_flagged(monkeypatch):
     monkeypatch.setattr(_event, "_IMBALANCE", 1e-9)
     jax.clear_caches()
     try:
-        hit = jc.impact(jc.Damped(alpha=0.5), UNIT[1.5], 1.0, method=jc.Event(rtol=3e-9))
+        law, how = jc.Damped(alpha=0.5), jc.Event(rtol=3e-9)
+        hit = jc.impact(law, UNIT[1.5], 1.0, method=how)
+        path = jc.trajectory(law, UNIT[1.5], 1.0, samples=3, method=how)
     finally:
         jax.clear_caches()
     assert hit.status == jc.Status.NOT_CONVERGED and np.isnan(hit.restitution)
+    assert path.status == jc.Status.NOT_CONVERGED and np.isnan(path.velocity).all()
