@@ -81,8 +81,8 @@ def read_recording(
     if ball is not None and not isinstance(ball, str):
         if source is not None or not columns:
             raise ValueError(
-                "Argument `ball` must be the name of one ball, or its column beside others given "
-                f"by keyword, but is {rendered(ball)}."
+                "Argument `ball` must be the name of one ball in `source`, or a column of names "
+                f"beside other columns given by keyword, but is {rendered(ball)}."
             )
         columns, ball = {"ball": ball, **columns}, None
     known = dict.fromkeys(c for one in LAYOUTS.values() for c in (*one.columns, *one.optional))

@@ -173,3 +173,72 @@ def test_the_checks_leave_traced_values_alone():
     e, stiffness, force = e_of(0.5, 0.1)
     assert 0 < e < 1 and stiffness > 0 and force > 0
     assert jax.numpy.isnan(e_of(2.0, 0.1)[0])
+
+
+STEEL = jc.Material(2.1e11, [0.3, 0.3], 7800.0)
+CONTACTS = jc.Contact([1.0, 2.0], 1e6)
+THREE = [0.1, 0.2, 0.3]
+MISFITS = {
+    "impact": (lambda: jc.impact(jc.HuGuo(e=0.5), CONTACTS, THREE), "contact velocity"),
+    "force": (
+        lambda: jc.impact(jc.HuGuo(e=THREE), jc.Contact(1.0, 1.0), 1.0, external_force=[1.0, 2.0]),
+        "law external_force",
+    ),
+    "contact": (lambda: jc.impact(jc.HuGuo(e=0.5), jc.Contact([1.0, 2.0], THREE), 1.0), "contact"),
+    "restitution": (lambda: jc.restitution(jc.HuGuo(e=[0.5, 0.6]), None, THREE), "law velocity"),
+    "trajectory": (lambda: jc.trajectory(jc.HuGuo(e=0.5), CONTACTS, THREE), "contact velocity"),
+    "bounce": (
+        lambda: jc.bounce(jc.HuGuo(e=0.5), CONTACTS, 1.0, gravity=THREE),
+        "contact gravity",
+    ),
+    "law.force": (
+        lambda: jc.Tsuji(e=0.5).force(THREE, [0.1, 0.2], jc.Contact(1.0, 1.0), 1.0),
+        "indentation velocity",
+    ),
+    "sphere_plane": (lambda: jc.Contact.sphere_plane(THREE, STEEL), "radius sphere"),
+    "sphere_sphere": (
+        lambda: jc.Contact.sphere_sphere([0.1, 0.2], THREE, STEEL, STEEL),
+        "radius other_radius",
+    ),
+    "sphere_socket": (lambda: jc.Contact.sphere_socket(0.1, THREE, STEEL), "socket_radius sphere"),
+    "sphere_mass": (
+        lambda: jc.Material(1.0, 0.3, [1.0, 2.0]).sphere_mass(THREE),
+        "radius density",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MISFITS)
+def test_shapes_that_do_not_broadcast(name):
+    call, named = MISFITS[name]
+    with pytest.raises(
+        ValueError, match=r"must have shapes that broadcast, but have .*\(3,\)"
+    ) as e:
+        call()
+    assert all(f"`{one}`" in str(e.value) for one in named.split())
+
+
+def test_large_whole_numbers_are_not_wrapped_around():
+    """Without double precision JAX holds whole numbers of 32 bits."""
+    with jax.enable_x64(False):
+        stiffness = jc.Contact(1.0, np.array([140_000_000_000])).stiffness
+        assert stiffness.dtype == np.float32
+        np.testing.assert_allclose(stiffness, 1.4e11, rtol=1e-6)
+        assert jc.Contact(1.0, np.int64(140_000_000_000)).stiffness > 1.3e11
+
+
+def test_whole_numbers_of_numpy_and_jax_count():
+    for whole in (np.int64(4), np.int32(4), jax.numpy.asarray(4), np.array(4)):
+        assert jc.Event(max_steps=whole) == jc.Event(max_steps=4)
+        assert jc.Rational(degree=whole).below.shape == (4,)
+    for tenth in (np.float32(0.125), jax.numpy.asarray(0.125), np.array(0.125)):
+        assert jc.Event(rtol=tenth) == jc.Event(rtol=0.125)
+        assert jc.Huber(tenth) == jc.Huber(0.125)
+
+
+def test_heights_of_one_run_at_many_times():
+    run = jc.bounce(jc.ExactRestitution(e=0.5), jc.Contact(1.0, 1e6), 1.0, bounces=2)
+    times = np.array([[0.0, 0.1, 0.2], [0.3, 0.4, 0.5]])
+    heights = run.height_at(times)
+    assert heights.shape == (2, 3)
+    np.testing.assert_array_equal(heights[1], run.height_at(times[1]))
