@@ -146,7 +146,9 @@ def require_count(name: str, value: Any, least: int) -> int:
     """The whole number of at least `least` that a scalar is; ValueError for anything else."""
     number = concrete(value)
     if not isinstance(number, int) or number < least or number.bit_length() > _MOST_BITS:
-        size = f" and at most {_MOST_BITS} bits" if isinstance(number, int) and number > 0 else ""
+        size = (
+            f" and at most {_MOST_BITS} bits" if isinstance(number, int) and number > least else ""
+        )
         raise ValueError(
             f"Argument `{name}` must be a whole number of at least {least}{size}, "
             f"but is {rendered(value)}."

@@ -44,8 +44,9 @@ def target_of(data: Any, sigma: Any, weights: Any) -> Target:
     used = factor > 0
     if not used.any():
         raise ValueError(
-            f"Argument `{'weights' if sigma is None else 'sigma'}` must give some point a weight, "
-            f"but is {rendered(weights if sigma is None else sigma)}."
+            f"Argument `weights` must not be zero everywhere, but is {rendered(weights)}."
+            if sigma is None
+            else f"Argument `sigma` must not be infinite everywhere, but is {rendered(sigma)}."
         )
     allowed = "finite; give a point the weight 0 to leave it out"
     _refuse(used & ~np.isfinite(y), y, "data", allowed)
@@ -62,7 +63,8 @@ def groups_of(names: Any, count: int) -> np.ndarray | None:
         good = not isinstance(names, np.ma.MaskedArray) and given.dtype.kind not in "Vc"
     except Exception as error:  # whatever a foreign object raises, or names without an order
         raise _no_names(names, count) from error
-    if not good or (given.dtype == object and not all(isinstance(one, str) for one in given)):
+    names_only = given.dtype != object or all(isinstance(x, str | int | float) for x in given)
+    if not good or not names_only:
         raise _no_names(names, count)
     if size != count:
         raise ValueError(
