@@ -145,10 +145,9 @@ def require_number(name: str, value: Any, allowed: Range = REAL) -> float:
 def require_count(name: str, value: Any, least: int) -> int:
     """The whole number of at least `least` that a scalar is; ValueError for anything else."""
     number = concrete(value)
-    if not isinstance(number, int) or number < least or number.bit_length() > _MOST_BITS:
-        size = (
-            f" and at most {_MOST_BITS} bits" if isinstance(number, int) and number > least else ""
-        )
+    whole = isinstance(number, int) and number >= least
+    if not isinstance(number, int) or not whole or number.bit_length() > _MOST_BITS:
+        size = f" and at most {_MOST_BITS} bits" if whole else ""
         raise ValueError(
             f"Argument `{name}` must be a whole number of at least {least}{size}, "
             f"but is {rendered(value)}."

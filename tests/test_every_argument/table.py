@@ -138,7 +138,7 @@ def _choice():
     return jc.LawChoice(**empty | there)
 
 
-def _bounce():
+def a_bounce():
     two, one = jnp.ones(2), jnp.ones(())
     names = [field.name for field in dataclasses.fields(jc.Bounce)]
     per_touch = {"time", "duration", "impact_velocity", "restitution", "height", "status"}
@@ -332,7 +332,7 @@ def cases() -> dict[str, Case]:
                 "method": METHODS,
             },
         ),
-        "Bounce.height_at": Case(_bounce().height_at, {}, {"time": REALS}, staged=True),
+        "Bounce.height_at": Case(a_bounce().height_at, {}, {"time": REALS}, staged=True),
         "Event": Case(
             jc.Event,
             {},
