@@ -88,7 +88,9 @@ class Row:
         text, value = self.text(column), self.values[column]
         try:
             # `float` takes bytes and flags, too, and cuts digits off.
-            if isinstance(value, bytes | bytearray | bool | np.bool_ | np.longdouble):
+            if isinstance(value, bytes | bytearray | bool | np.bool_):
+                raise TypeError
+            if type(value) is np.longdouble:
                 raise TypeError
             return text, float(value)
         except (TypeError, ValueError, OverflowError):
