@@ -237,7 +237,8 @@ def test_whole_numbers_of_numpy_and_jax_count():
 
 
 def test_heights_of_one_run_at_many_times():
-    height_at = jax.jit(a_bounce().height_at)
+    run = a_bounce()
+    height_at = jax.jit(lambda times: run.height_at(times))
     times = np.array([[0.0, 0.1, 0.2], [0.3, 0.4, 0.5]])
     heights = height_at(times)
     assert heights.shape == (2, 3)
