@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import io
 import math
 import pathlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from .._impact import Impact
-    from .._sweep import Sweep
 
 SUMMARY = "impacts over ranges of parameters, as a table and a map"
 
@@ -99,7 +97,11 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     progress(f"compiling and solving {lanes:,} impacts")
     table = sweep(function, progress=False if arguments.quiet else None, **given)
     progress("writing")
-    contents = {out: _table(table, out.suffix.lower())}
+    contents: dict[pathlib.Path, bytes | Callable[[BinaryIO], object]] = {}
+    if out.suffix.lower() == ".nc":
+        contents[out] = bytes(table.to_xarray().to_netcdf(engine="scipy"))
+    else:
+        contents[out] = table.to_csv
     if plot is not None:
         from ..plot import sweep as draw
 
@@ -151,11 +153,3 @@ def _function(arguments: argparse.Namespace, given: dict[str, Any]) -> Callable[
         if isinstance(value, float) and not allowed[name].holds(value):
             raise InputError(f"{name} must be in {allowed[name]}, but is {value:g}")
     return impact_of
-
-
-def _table(table: Sweep, suffix: str) -> bytes:
-    if suffix == ".nc":
-        return bytes(table.to_xarray().to_netcdf(engine="scipy"))
-    text = io.StringIO()
-    table.to_csv(text)
-    return text.getvalue().encode()

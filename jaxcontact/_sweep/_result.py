@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from typing import TYPE_CHECKING, Any, Self, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Self, TextIO
 
 import numpy as np
 
@@ -74,10 +74,11 @@ class Sweep(Table):
         """
         return dataset(self)
 
-    def to_csv(self, path: str | os.PathLike | TextIO) -> None:
+    def to_csv(self, path: str | os.PathLike | TextIO | BinaryIO) -> None:
         """Write a long table, one row for each lane: its axes, then its fields.
 
-        `path` names a file, or is an open one. The status is written by name.
+        `path` names a file, which then appears whole or not at all, or is an open one. The status
+        is written by name, and every number so that it reads back to the same one.
         """
         write_csv(self, path)
 
@@ -109,7 +110,9 @@ class Sweep(Table):
 
 def _place(values: np.ndarray, name: str, number: float, method: str | None) -> int:
     distance = np.abs(values - number)
-    place = int(np.argmin(np.where(np.isnan(distance), np.inf, distance)))
+    # Of two zeros, the one of the same sign.
+    other = np.signbit(values) != np.signbit(number)
+    place = int(np.lexsort((other, np.where(np.isnan(distance), np.inf, distance)))[0])
     digits = np.finfo(values.dtype).eps if values.dtype.kind == "f" else 0
     exact = distance[place] <= _ROUNDINGS * digits * abs(number)
     if method is None and not exact:
