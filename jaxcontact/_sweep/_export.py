@@ -7,7 +7,7 @@ import importlib.metadata
 import io
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, cast
 
 import numpy as np
 
@@ -77,7 +77,7 @@ def write_csv(sweep: Table, file: str | os.PathLike | TextIO | BinaryIO) -> None
     """Write a long table, one row for each lane; a file that is named appears whole or not."""
     if isinstance(file, str | os.PathLike):
         write_all({Path(file): functools.partial(write_csv, sweep)})
-    elif isinstance(file, io.BufferedIOBase | io.RawIOBase):
-        file.writelines(rows.encode() for rows in rows_of(sweep))
-    else:
-        file.writelines(rows_of(sweep))
+        return
+    binary = isinstance(file, io.BufferedIOBase | io.RawIOBase)
+    for rows in rows_of(sweep):
+        cast(Any, file).write(rows.encode() if binary else rows)

@@ -21,6 +21,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
 _MOST = 10_000
 """Objects that are looked at: beyond, tracing anew is no dearer than finding the key."""
@@ -130,7 +131,7 @@ class _Reader:
             owner = getattr(value, "__self__", None)
             fixed = owner is None or isinstance(owner, types.ModuleType)
             yield _Same(value) if fixed else self.key(owner, names)
-            yield value.__name__
+            yield getattr(value, "__name__", "")
         elif isinstance(value, _FIXED) or kind is object:
             yield _Same(value)
         elif kind is jax.tree_util.PyTreeDef:
@@ -273,7 +274,7 @@ def _array(value: Any) -> Iterator[Hashable]:
     yield value.shape
     yield str(value.dtype)
     if isinstance(value, jax.Array):
-        if isinstance(value, jax.core.Tracer):
+        if isinstance(value, Tracer):
             raise NoKey("a value that is being traced")
         yield getattr(value, "weak_type", False)
         if not isinstance(value.dtype, np.dtype):

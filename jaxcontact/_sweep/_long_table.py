@@ -52,7 +52,7 @@ class _Cells:
 
     def __init__(self, name: str, column: Column, shape: Sequence[int]):
         self.status, self.column = name == "status", column
-        self.otherwise = self._made(np.asarray(column.otherwise)) if column.masks else None
+        self.otherwise = self._made(np.asarray(column.otherwise)) if column.masks else np.array("")
         repeated = _REPEATED * math.prod(column.stored.shape) <= math.prod(shape)
         self.ready = self._made(column.values) if repeated else None
 

@@ -166,7 +166,7 @@ def _found(group: zarr.Group, name: str, coordinate: bool) -> dict[str, Any] | N
     """The same of an array that is there; None if it cannot be read."""
     try:
         array: Any = group[name]
-        names = array.metadata.dimension_names or [None] * len(array.shape)
+        names: Any = array.metadata.dimension_names or [None] * len(array.shape)
         form = Stored(names, array.shape, array.chunks, array.dtype, dict(array.attrs))
         found = _described(form)
         if coordinate:

@@ -61,7 +61,9 @@ def sweep(
     else:
         _lines(ax, table, across, np.moveaxis(values, table.dims.index(across), 0))
     if not sampled and _geometric(numbers):
-        ax.set_xscale("log")
+        # The margins of an axis up to 1e308 lie beyond what a double holds.
+        with np.errstate(over="ignore"):
+            ax.set_xscale("log")
     ax.set_xlabel(label(across))
     ax.set_ylabel(label(name))
     return ax
