@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Self, TextIO
 import numpy as np
 
 from .._impact import Status
+from .._parameter import require_choice, require_number, require_path
 from .._text_table import wrapped
 from .._units import quantity
 from ._export import dataset, write_csv
@@ -17,7 +18,7 @@ from ._table import Table
 if TYPE_CHECKING:
     import xarray
 
-METHODS = (None, "nearest")
+METHODS = ("nearest",)
 
 _ROUNDINGS = 4
 """A number of an axis made by linspace differs from the same one typed by a rounding or two."""
@@ -55,8 +56,8 @@ class Sweep(Table):
         Samples are selected by their number: `sample=3`. Raises ValueError for a number that is
         not on the axis or a name that is not a dimension.
         """
-        if method not in METHODS:
-            raise ValueError(f"Argument `method` must be one of {METHODS}, but is {method!r}.")
+        if method is not None:
+            require_choice("method", method, METHODS)
         found = self
         for name, number in where.items():
             if name not in self.dims:
@@ -64,6 +65,7 @@ class Sweep(Table):
                     f"Argument `{name}` must be a dimension of the sweep, but those are: "
                     f"{', '.join(self.dims) or 'none'}."
                 )
+            number = require_number(name, number)
             found = found.taken(name, _place(self.coordinates(name), name, number, method))
         return found
 
@@ -80,7 +82,7 @@ class Sweep(Table):
         `path` names a file, which then appears whole or not at all, or is an open one. The status
         is written by name, and every number so that it reads back to the same one.
         """
-        write_csv(self, path)
+        write_csv(self, path if hasattr(path, "write") else require_path("path", path))
 
     def __repr__(self) -> str:
         lengths = " × ".join(f"{name} {n}" for name, n in zip(self.dims, self.shape, strict=True))

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._parameter import require_path
+
 if TYPE_CHECKING:
     import zarr
 
@@ -135,14 +137,13 @@ def open_store(
 
 
 def _local(path: str | os.PathLike) -> Path:
-    if not isinstance(path, str | os.PathLike) or isinstance(os.fspath(path), bytes):
-        raise TypeError(f"Argument `store` must be a path, but is {path!r}.")
     if "://" in str(path):
         raise ValueError(
-            f"Argument `store` must be a path of this machine, but is {str(path)!r}: remote stores "
-            "are not served. Sweep into a local folder and copy it, or mount the remote one."
+            f"Argument `store` must be the path of a folder of this machine, but is {str(path)!r}: "
+            "remote stores are not served. Sweep into a local folder and copy it, or mount the "
+            "remote one."
         )
-    return Path(path)
+    return require_path("store", path)
 
 
 def _described(form: Stored) -> dict[str, Any]:

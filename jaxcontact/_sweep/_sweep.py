@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._parameter import require_count
+from .._parameter import rendered, require_count, require_function, require_path
 from .._progress import Listener, Tell, progress_of
 from ._axes import Grid, check_call, grid_of
 from ._blocks import Order, blocks_of, shape_of
@@ -100,13 +100,17 @@ def sweep(
     ValueError for an argument that `fn` does not take or lacks, and for axes that are no numbers.
     """
     if batch_size is not None:
-        require_count("batch_size", batch_size, 1)
-    if store is not None and (reduce is not None or cost is not None):
-        other = "reduce" if reduce is not None else "cost"
-        raise ValueError(
-            f"Argument `store` must be None with `{other}`, but is {os.fspath(store)!r}: a store "
-            "holds every lane in its place."
-        )
+        batch_size = require_count("batch_size", batch_size, 1)
+    if cost is not None:
+        require_function("cost", cost)
+    if store is not None:
+        require_path("store", store)
+        if reduce is not None or cost is not None:
+            other = "reduce" if reduce is not None else "cost"
+            raise ValueError(
+                f"Argument `store` must be None with `{other}`, but is {rendered(store)}: a store "
+                "holds every lane in its place."
+            )
     grid = grid_of(samples, axes)
     check_call(fn, grid)
     workers = workers_of(mesh)
@@ -213,7 +217,8 @@ def _reduced(
         fold = value = None
     if not callable(fold):
         raise ValueError(
-            f"Argument `reduce` must be a pair (start, fold) with a function, but is {reduce!r}."
+            "Argument `reduce` must be a pair (start, fold) with a function, "
+            f"but is {rendered(reduce)}."
         )
     whole, function = (plan.whole,), _name_of(fn)
     done = 0

@@ -26,6 +26,7 @@ from tests.test_every_argument.kinds import (
     FLAG,
     INSIDE,
     JAX_SCALARS,
+    KINDS,
     LAW,
     NONE,
     POSITIVE,
@@ -118,6 +119,20 @@ def _line(params, x):
 def a_fit():
     x = np.linspace(0, 1, 8)
     return jc.fit(_line, 1 + 2 * x + 0.1 * np.cos(40 * x), {"a": 0.5, "b": 1.0}, x=x)
+
+
+def _doubled(e):
+    return 2 * e
+
+
+_SWEPT = ARRAYS - {"empty list", "shape (0,)", "shape (2, 3)", "DataFrame"} | INSIDE
+_NOT_SWEPT = frozenset(
+    {"empty list", "ragged", "list of text", "list of None", "shape (0,)", "shape (2, 3)"}
+    | {"masked", "masked 0-d", "array of text", "array of objects", "structured", "Decimal"}
+    | {"Fraction", "complex", "numpy complex", "long double", "array of complex", "jax key"}
+    | {"array of long doubles", "array of dates", "jax complex", "datetime64", "timedelta64"}
+)
+"""Kinds that are no numbers for an axis; all else is passed on to the function as it is."""
 
 
 def _path():
@@ -633,6 +648,29 @@ def cases() -> dict[str, Case]:
                 "ax": NONE,
             },
         ),
+        "sweep": Case(
+            jc.sweep,
+            {"fn": _doubled, "e": np.linspace(0, 1, 3), "progress": False},
+            {
+                "fn": frozenset({"function"}),
+                "samples": NONE,
+                "batch_size": WHOLE | NONE,
+                "store": TEXT - {"empty text"} | NONE,
+                "mesh": NONE,
+                "reduce": NONE,
+                "cost": NONE,
+                "progress": PROGRESS | NONE,
+            },
+            untested=CALLABLE,
+        ),
+        "sweep, axis": Case(
+            jc.sweep,
+            {"fn": _doubled, "e": 0.5, "progress": False},
+            {"e": _SWEPT},
+            untested=frozenset(KINDS) - _SWEPT - _NOT_SWEPT,
+        ),
+        "Sweep.select": Case(_table().select, {"e": 0.5}, {"e": INSIDE | {"zero"}, "method": NONE}),
+        "Sweep.to_csv": Case(_table().to_csv, {}, {"path": TEXT - {"empty text"}}),
         "plot.sweep": Case(
             jc.plot.sweep,
             {"table": _table(), "ax": plt.figure().add_subplot()},
@@ -665,9 +703,9 @@ EXEMPT = {
     r"Status\(.*\)": "an enumeration of Python",
     # Called by the library, with arguments that are checked before
     r"Abstract(Law|HuntCrossley|Form|Method|Shape)(\..*)?\(.*\)": "an interface to fill in",
+    r"Sweep\.(coordinates|taken)\(.*\)": "called by the library",
     r".*\.(form|chosen|solve|over|tolerances|damping_ratio)\(.*\)": "called by the library",
     r"(Exact|Event|Phase)\.restitution\(.*\)": "called by the library",
     r".*\.damping_factor\(.*\)": "not used where α does not depend on it",
-    r"(sweep|Sweep\..*)\(.*\)": "see tests/test_sweep",
 }
 """Patterns of callables and arguments that are not in the table, and why."""

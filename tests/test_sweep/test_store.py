@@ -226,7 +226,7 @@ def test_an_altered_coordinate_is_refused(tmp_path):
 
 @pytest.mark.parametrize("path", ["s3://bucket/x", "gs://bucket/x", "file:///tmp/x", 3, b"x"])
 def test_what_is_no_path_of_this_machine_is_refused(path):
-    with pytest.raises((TypeError, ValueError), match="Argument `store` must be a path"):
+    with pytest.raises((TypeError, ValueError), match="Argument `store` must be the path"):
         opened(path)
 
 
