@@ -58,6 +58,10 @@ def keeps(value):
     return lambda e: (value, e)
 
 
+def _kind(value):
+    return type(value).__name__
+
+
 def typed_once():
     return lambda e, v: jc.impact(jc.HuGuo(e=e), jc.Contact(1.0, 1e8), v)
 
@@ -84,7 +88,7 @@ def test_a_function_typed_again_is_the_same():
         *(functools.partial(scaled, 1.0), jax.vmap(scaled), jax.grad(scaled), jax.jit(scaled)),
         *(Settings(scaled), [scaled], {"a": (scaled,)}, keeps(scaled), functools.cache(scaled)),
     ],
-    ids=repr,
+    ids=_kind,
 )
 def test_a_global_that_is_read_counts(function, monkeypatch):
     before = key_of(function)
@@ -165,7 +169,7 @@ def test_a_cell_that_changes():
 
 
 @pytest.mark.parametrize(
-    "hidden", [iter([1]), np.random.default_rng(0), re.compile("a"), np.array([None])], ids=repr
+    "hidden", [iter([1]), np.random.default_rng(0), re.compile("a"), np.array([None])], ids=_kind
 )
 def test_a_state_that_cannot_be_seen_has_no_key(hidden):
     with pytest.raises(NoKey):
