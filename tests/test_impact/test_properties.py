@@ -1,0 +1,140 @@
+"""What holds for every law, however strong its damping and whatever pushes: energy, order, units.
+
+Each family of forces is one compiled function of a fixed number of lanes, which hypothesis fills.
+"""
+
+import functools
+
+import equinox as eqx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jaxcontact as jc
+from tests.test_impact.support import given_ratio
+
+LANES = 16
+UNITS = 1e-12
+"""Powers of numbers up to 1e±12: measured 2e-14."""
+AGREE = 1e-8
+"""README's bound of event solves, which is ten times that of the phase method."""
+ORDER = 2e-8
+"""Two neighbours may err by AGREE in opposite directions."""
+
+FAMILIES = {
+    "hunt_crossley": (lambda x: jc.Damped(alpha=x), 1.5),
+    "oscillator": (lambda x: given_ratio(x, "tension"), 1.5),
+    "clamped oscillator": (lambda x: given_ratio(x, "clamped"), 1.5),
+    "kuwabara_kono": (lambda x: jc.KuwabaraKono(A=x), 1.5),
+}
+ROUTES = [(family, method) for family in FAMILIES for method in ("auto", "event")]
+
+damping = st.one_of(st.floats(-6, 6).map(lambda x: 10**x), st.sampled_from([0.0, 1e-300, 1e6]))
+either_sign = st.tuples(st.sampled_from([-1, 1]), st.floats(-4, 4)).map(lambda p: p[0] * 10 ** p[1])
+scale = st.floats(-12, 12).map(lambda x: 10**x)
+
+
+def lanes(one):
+    return st.lists(one, min_size=LANES, max_size=LANES).map(np.array)
+
+
+@functools.cache
+def solved(family, method, pushed=False):
+    """Impacts of a family, compiled once."""
+    law_of, n = FAMILIES[family]
+
+    @eqx.filter_jit
+    def solve(number, mass, stiffness, velocity, push):
+        contact = jc.Contact(mass, stiffness, n)
+        force = push if pushed else None
+        law = law_of(number)
+        return jc.impact(law, contact, velocity, external_force=force, method=method)
+
+    return lambda number, *rest: solve(*np.broadcast_arrays(number, *(rest or (1.0,) * 4)))
+
+
+def parted(hit):
+    return np.asarray(hit.status) == jc.Status.SEPARATED
+
+
+@pytest.mark.parametrize(("family", "method"), ROUTES)
+@given(numbers=lanes(damping))
+@settings(max_examples=25)
+def test_more_damping_never_gives_more_rebound(family, method, numbers):
+    """Nor is energy gained: e ≤ 1, and what is lost is between none and all."""
+    numbers = np.sort(numbers)
+    hit = solved(family, method)(numbers)
+    good = parted(hit)
+    e, lost = np.asarray(hit.restitution)[good], np.asarray(hit.energy_loss)[good]
+    assert np.all((e >= 0) & (e <= 1)) and np.all((lost >= 0) & (lost <= 0.5))
+    assert np.all(np.diff(e) <= ORDER * e[1:])
+    # Nothing weak is flagged.
+    assert np.all(good[numbers < 0.1])
+
+
+@given(
+    numbers=lanes(damping), push=lanes(st.floats(-4, 4).map(lambda x: np.sign(x) * 10 ** abs(x)))
+)
+@settings(max_examples=25)
+def test_a_push_gives_no_energy_to_a_contact_that_ends_where_it_began(numbers, push):
+    hit = solved("hunt_crossley", "event", True)(numbers, 1.0, 1.0, 1.0, push)
+    good = parted(hit)
+    e, lost = np.asarray(hit.restitution)[good], np.asarray(hit.energy_loss)[good]
+    assert np.all((e >= 0) & (lost >= 0))
+    # A pulled contact parts where its force vanishes, at δ > 0: the pull has done work less there.
+    assert np.all(e[push[good] > 0] <= 1)
+
+
+@given(numbers=lanes(damping), m=lanes(scale), k=lanes(scale), v=lanes(scale))
+@settings(max_examples=25)
+def test_units_drop_out(numbers, m, k, v):
+    """Over 24 orders of magnitude: α alone decides, and the rest scales."""
+    hit = solved("hunt_crossley", "auto")(numbers, m, k, np.maximum(v, 1e-6), 1.0)
+    unit = solved("hunt_crossley", "auto")(numbers)
+    v = np.maximum(v, 1e-6)
+    length = (m / k) ** 0.4 * v**0.8
+    np.testing.assert_array_equal(hit.restitution, unit.restitution)
+    for name, scale in {
+        "duration": length / v,
+        "compression_time": length / v,
+        "max_indentation": length,
+        "max_force": k * length**1.5,
+        "energy_loss": m * v**2,
+        "rebound_velocity": v,
+    }.items():
+        expected = np.asarray(getattr(unit, name)) * scale
+        np.testing.assert_allclose(getattr(hit, name), expected, rtol=UNITS, err_msg=name)
+
+
+@given(numbers=lanes(st.floats(-6, 1.3).map(lambda x: 10**x)))
+@settings(max_examples=25)
+def test_the_methods_agree(numbers):
+    """Down to e = 0.03; what the phase method does not reach, it flags."""
+    exact, event = (solved("hunt_crossley", how)(numbers) for how in ("auto", "event"))
+    phase = solved("hunt_crossley", "phase")(numbers)
+    assert exact.method == "exact" and parted(exact).all() and parted(event).all()
+    for other in (event, phase):
+        good = parted(other)
+        for name in ("restitution", "duration", "compression_time", "max_indentation", "max_force"):
+            found, expected = (np.asarray(getattr(hit, name))[good] for hit in (other, exact))
+            np.testing.assert_allclose(found, expected, rtol=AGREE, err_msg=name)
+    assert parted(phase)[np.asarray(exact.restitution) > 0.1].all()
+
+
+radius = st.floats(-4, 1).map(lambda x: 10**x)
+modulus = st.floats(5, 12).map(lambda x: 10**x)
+
+
+@given(
+    r=st.tuples(radius, radius),
+    E=st.tuples(modulus, modulus),
+    nu=st.tuples(*[st.floats(-0.9, 0.5)] * 2),
+)
+@settings(max_examples=40)
+def test_the_order_of_the_bodies_does_not_matter(r, E, nu):
+    bodies = [jc.Material(*one, 2000.0) for one in zip(E, nu, strict=True)]
+    one = jc.Contact.sphere_sphere(*r, *bodies)
+    other = jc.Contact.sphere_sphere(*r[::-1], *bodies[::-1])
+    np.testing.assert_allclose(one.stiffness, other.stiffness, rtol=1e-15)
+    np.testing.assert_allclose(one.mass, other.mass, rtol=1e-15)
