@@ -17,11 +17,11 @@ import numpy as np
 
 from .collocation import EXTENDED, FINE, STAGES, Array, radau, solve_small
 
-TOLERANCE = 1e-12
+TOLERANCE = 1e-11
 """Of the last Legendre coefficient in a step: halving its digits moves results by less than 1e-15."""
 STRONG = 1.0
 """The c from which on the force itself is the variable."""
-MOST_STEPS = 6000
+MOST_STEPS = 1500
 LANES_AT_ONCE = 1500
 SEPARATED, SETTLED, UNANSWERED = 0, 1, 2
 
@@ -113,6 +113,20 @@ def _orders(problem: Problem) -> Array:
     return found
 
 
+def _creeps_in(push: Array, c: Array, p: Array, n: Array, x: Array, v: Array) -> Array:
+    """Whether the bodies creep to rest under a push, from below and without ever turning.
+
+    Near rest y'' + d y' + s y = 0; overdamped, y > 0 has no zero where it falls slower than e^(-λt),
+    λ the faster of its two rates.
+    """
+    rest = np.maximum(push, 0) ** (1 / n)
+    d, s = c * rest ** (n - p), n * rest ** (n - 1)
+    root = d * d - 4 * s
+    fast = (d + np.sqrt(np.maximum(root, 0))) / 2
+    y = rest - x
+    return (root > 0) & (y > 0) & (y <= EXTENDED("1e-5") * rest) & (v <= EXTENDED("0.9") * fast * y)
+
+
 class _Lanes:
     """The state of a chunk of lanes, and the loop that moves them on."""
 
@@ -128,6 +142,11 @@ class _Lanes:
         self.u = 1 + self.b * (problem.p == 0)
         self.t, self.loss, self.xm, self.tc, self.fm = (np.zeros(count, EXTENDED) for _ in range(5))
         self.k = _orders(problem)
+        # The order of the largest force: no step has to follow less.
+        q = problem.n - problem.p + 1
+        deep = np.minimum(1, (q / np.maximum(self.c, q)) ** (1 / q))
+        deep = np.minimum(deep, 1 / np.maximum(1, -2 * problem.push))
+        self.expected = EXTENDED("0.01") * deep**problem.n
         self.h = EXTENDED("1e-2") / (1 + self.c + np.abs(problem.push)) ** (1 / self.k)
         self.low, self.high = np.zeros(count, EXTENDED), np.zeros(count, EXTENDED)
         self.landing = np.zeros(count, int)
@@ -211,6 +230,13 @@ class _Lanes:
         error_w = np.abs(np.einsum("j,jl->l", rule.spectrum, z)) / scale_w
         error_u = np.abs(np.einsum("j,jl->l", rule.spectrum, d)) / scale_u
         error = np.maximum(error_w, error_u)
+        # Of a hundred times less weight is the force, whose maximum is read off between the nodes.
+        jolt = outer / np.where(clock != 0, np.abs(clock), 1) * force - self._force_at(i)
+        biggest = np.maximum(np.maximum(self.fm[i], np.max(np.abs(jolt), 0)), self.expected[i])
+        error_f = np.abs(np.einsum("j,jl->l", rule.spectrum, jolt)) / biggest / 100
+        # From touch on a force may rise like a small power, which no step follows.
+        followed = (w0 > 0) | (k * (n - p) >= 1) | (n == p)
+        error = np.maximum(error, np.where(followed, error_f, 0))
         good &= np.isfinite(error)
         fine = good & (error <= self.tolerance)
         landing = self.landing[i] > 0
@@ -225,10 +251,12 @@ class _Lanes:
         # --- events
         out = self.out[i]
         clamped = ~q.tension[i]
-        gap_part = np.where(out, w, 1)
+        # Where the two parts of a force cancel they do so before x = 0.
+        gap_part = np.where(out & ~(clamped & (p > 0) & (c > 0)), w, 1)
         # A free contact of the family never pulls: its force may fall below every number.
         pulls = clamped & ~((p == 0) & (push >= 0))
-        gap_clamp = np.where(out & pulls, force, 1)
+        beyond = np.where((w < 0) & (p > 0), c * v, force)
+        gap_clamp = np.where(out & pulls, beyond, 1)
         gap_turn = np.where(out, 1, v)
         gaps = np.stack([gap_turn, gap_part, gap_clamp])  # (3, s, lanes)
         met = (gaps <= 0).any(0)
@@ -256,6 +284,7 @@ class _Lanes:
             )
             acceleration = push[at] * ke - oe * fe
             rate_force = np.where(strong[at], c[at] * se, p[at] * ie * ve + c[at] * se)
+            fe = np.where((we < 0) & (p[at] > 0), c[at] * ve, fe)
             gap = np.choose(which, [ve, we, fe])
             rate = np.choose(which, [acceleration, ve / k[at], rate_force])
             low = np.where(gap > 0, h[at], self.low[i[at]])
@@ -268,8 +297,16 @@ class _Lanes:
             arrived[at] = close | (count >= _LANDINGS) | (high - low <= EXTENDED("2e-19") * high)
             # Newton mostly; every fourth time the middle, which corners need.
             target = np.where(outside | (count % 8 == 7), (low + high) / 2, target)
-            self.low[i[at]], self.high[i[at]] = low, high
-            self.landing[i[at]] = np.where(arrived[at], 0, count + 1)
+            # Another event may have come first: then it is the one to land on.
+            sooner = arrived[at] & (pulls[at] & (p[at] == 0))
+            other = np.where(which == 1, fe, we)
+            sooner &= (which > 0) & (other < -EXTENDED("1e-17"))
+            arrived[at] &= ~sooner
+            self.event[i[at]] = np.where(sooner, 3 - which, which)
+            self.low[i[at]] = np.where(sooner, 0, low)
+            self.high[i[at]] = np.where(sooner, h[at], high)
+            self.landing[i[at]] = np.where(arrived[at], 0, np.where(sooner, 1, count + 1))
+            target = np.where(sooner, h[at] / 2, target)
             self.h[i[at]] = np.where(arrived[at], self.h[i[at]], target)
         accept = (fine & ~landing & ~meets) | arrived
         at = np.flatnonzero(accept)
@@ -321,9 +358,11 @@ class _Lanes:
         energy = ve * ve / 2 + stored - push * x
         back = was_out & (ve > 0) & ~parted
         held = (push > 0) & (energy < 0)
-        still = held & (np.abs(push - _power(we, k * n)) <= EXTENDED("1e-13") * push)
-        creeps = ~was_out & ~turned & still
-        settled = (was_out & ~parted & (held | back)) | creeps
+        creeps = ~was_out & ~turned & held & _creeps_in(push, c, p, n, x, ve)
+        # A damped oscillator that may pull has no end from critical damping on.
+        forever = turned & (push == 0) & q.tension[i] & (2 * p == n + 1) & ~q.approach[i]
+        forever &= c >= 2 * np.sqrt(p)
+        settled = (was_out & ~parted & (held | back)) | creeps | forever
         done = parted | settled
         at = np.flatnonzero(done)
         if at.size:
@@ -342,8 +381,7 @@ class _Lanes:
         grid = np.einsum("gj,jl->gl", rule.fine, values)
         powers = np.einsum("gj,jl->gl", rule.monomial, values)
         best = np.argmax(grid, 0)
-        inside = (best > 0) & (best < FINE - 1)
-        at = best / EXTENDED(FINE - 1)
+        at = np.clip(best, 1, FINE - 2) / EXTENDED(FINE - 1)
         degree = np.arange(STAGES + 1)
         for _ in range(4):
             first = second = EXTENDED(0)
@@ -352,11 +390,11 @@ class _Lanes:
             for k in degree[:1:-1]:
                 second = second * at + k * (k - 1) * powers[k]
             step = np.clip(first / second, -1 / EXTENDED(FINE), 1 / EXTENDED(FINE))
-            at = np.where(inside & np.isfinite(step), np.clip(at - step, 0, 1), at)
+            at = np.where(np.isfinite(step), np.clip(at - step, 0, 1), at)
         peak = EXTENDED(0)
         for k in degree[::-1]:
             peak = peak * at + powers[k]
-        largest = np.maximum(np.max(values, 0), np.where(inside, peak, 0))
+        largest = np.maximum(np.max(values, 0), peak)
         self.fm[lanes] = np.maximum(self.fm[lanes], largest)
 
     def _force_at(self, i: Array) -> Array:
