@@ -15,13 +15,14 @@ from .collocation import EXTENDED, Array
 from .kinds import KINDS
 from .motion_oracle import QUANTITIES, solve
 
-NODES = 22
-"""Chebyshev nodes in half a decade of the damping; 16 leave 2e-14 near critical damping."""
+NODES = 18
+"""Chebyshev nodes in a panel of the damping."""
 TABLE_TOLERANCE = 1e-15
 """Of the oracle at the nodes: its largest force has a hundred times that."""
 NODES_IN_N = 22
-LOWEST, HIGHEST = -34, 7
-"""Decades of the damping. What is weaker changes no outcome by 1e-16."""
+EDGES = np.concatenate([np.arange(-34.0, -2.0), np.arange(-12, 12) / 6, np.arange(2.0, 7.5, 0.5)])
+"""Panels in log10 of the damping. What is weaker changes no outcome by 1e-16; the narrow ones keep
+their distance from the complex dampings at which two extrema of the force meet."""
 FROM, TO = EXTENDED(1), EXTENDED(3)
 
 
@@ -57,9 +58,10 @@ def _basis(x: Array, count: int) -> Array:
 
 @functools.lru_cache
 def _table(kind: str, n: float | None, panel: int) -> dict[str, Array]:
-    """ln of the outcomes in half a decade: (nodes in n, nodes); one row where n is concrete."""
+    """ln of the outcomes in a panel: (nodes in n, nodes); one row where n is concrete."""
     x, *_ = _chebyshev(NODES)
-    damping = 10 ** (EXTENDED(panel) / 2 + (1 + x) / 4)
+    low, high = EXTENDED(EDGES[panel]), EXTENDED(EDGES[panel + 1])
+    damping = 10 ** ((low + high) / 2 + x * (high - low) / 2)
     z, *_ = _chebyshev(NODES_IN_N)
     ns = np.array([EXTENDED(n)]) if n is not None else (FROM + TO) / 2 + z * (TO - FROM) / 2
     at, of = np.meshgrid(ns, damping, indexing="ij")
@@ -72,10 +74,10 @@ def free(kind: str, damping: Array, n: Array | float) -> Free:
     """The free impacts of lanes, by the damping number of the kind."""
     described = KINDS[kind]
     variable, slope = described.to_free(np.asarray(damping, EXTENDED))
-    floor = EXTENDED(10) ** LOWEST
+    floor = EXTENDED(10) ** EDGES[0]
     safe = np.maximum(variable, floor)
-    position = 2 * np.log10(safe)
-    panels = np.clip(np.floor(position), 2 * LOWEST, 2 * HIGHEST).astype(int)
+    position = np.log10(safe)
+    panels = np.clip(np.searchsorted(EDGES, position, side="right") - 1, 0, EDGES.size - 2)
     concrete = float(n) if np.ndim(n) == 0 else None
     where_n = np.broadcast_to(np.asarray(n, EXTENDED), safe.shape)
     _, _, d_damping = _chebyshev(NODES)
@@ -84,7 +86,8 @@ def free(kind: str, damping: Array, n: Array | float) -> Free:
     value, by_damping, by_n = ({q: np.zeros(shape, EXTENDED) for q in QUANTITIES} for _ in range(3))
     for panel in np.unique(panels):
         k = np.flatnonzero(panels == panel)
-        along = _basis(2 * (position[k] - panel) - 1, NODES)
+        low, high = EXTENDED(EDGES[panel]), EXTENDED(EDGES[panel + 1])
+        along = _basis((2 * position[k] - low - high) / (high - low), NODES)
         if concrete is None:
             across = _basis((where_n[k] - (FROM + TO) / 2) / ((TO - FROM) / 2), NODES_IN_N)
         else:
@@ -93,9 +96,8 @@ def free(kind: str, damping: Array, n: Array | float) -> Free:
             log = np.einsum("il,ij,jl->l", across, table, along)
             out = np.exp(log)
             value[q][k] = out
-            # A panel is half a decade, [-1, 1] in its own variable: d x/d ln = 4/ln 10.
             rate = np.einsum("il,ij,jl->l", across, table @ d_damping.T, along)
-            by_damping[q][k] = out * rate * 4 / np.log(EXTENDED(10)) * slope[k]
+            by_damping[q][k] = out * rate * 2 / (high - low) / np.log(EXTENDED(10)) * slope[k]
             if concrete is None:
                 rate = np.einsum("il,ij,jl->l", across, d_n @ table, along)
                 by_n[q][k] = out * rate * 2 / (TO - FROM)

@@ -10,7 +10,7 @@ from .collocation import EXTENDED, Array
 from .free_table import free
 from .grid import Job
 from .kinds import KINDS
-from .motion_oracle import QUANTITIES, SEPARATED, SETTLED, UNANSWERED, Truth, solve
+from .motion_oracle import QUANTITIES, SEPARATED, UNANSWERED, Truth, solve
 
 RIGHT, FLAGGED_RIGHTLY, FLAGGED_WITHOUT_NEED, WRONG, NO_TRUTH = range(5)
 CLASSES = ("right", "flagged, rightly", "flagged without need", "wrong without a flag", "no truth")
@@ -100,7 +100,11 @@ def judge(
     flagged = status >= 2
     mismatch = ~flagged & (status != truth.status)
     units = np.stack([errors[q] / bounds[q] for q in QUANTITIES])
-    doubtful = (flagged | mismatch | ~(units.max(0) <= 1)) & (truth.status != UNANSWERED)
+    excused = (truth.e < SMALLEST_E) & (truth.status == SEPARATED)
+    if job.method == "phase":
+        excused |= ~documented_for_phase(job, truth.e)
+    doubtful = np.where(flagged, ~excused, mismatch | ~(units.max(0) <= 1))
+    doubtful &= truth.status != UNANSWERED
     condition = {q: np.zeros(damping.size) for q in QUANTITIES}
     near = np.zeros(damping.size, bool)
     k = np.flatnonzero(doubtful)
@@ -115,13 +119,7 @@ def judge(
     excess = np.where(mismatch & near, 0, np.where(mismatch, np.inf, excess))
     excess = np.where(np.isnan(excess), np.inf, excess)
     hardest = np.max(np.stack([condition[q] for q in ("e", "duration")]), 0)
-    rightly = (
-        near
-        | (10 * rtol * hardest >= HOPELESS)
-        | ((truth.e < SMALLEST_E) & (truth.status == SEPARATED))
-    )
-    if job.method == "phase":
-        rightly |= ~documented_for_phase(job, truth.e)
+    rightly = excused | near | (10 * rtol * hardest >= HOPELESS)
     klass = np.where(excess.max(0) <= 1, RIGHT, WRONG)
     klass = np.where(flagged, np.where(rightly, FLAGGED_RIGHTLY, FLAGGED_WITHOUT_NEED), klass)
     klass = np.where(truth.status == UNANSWERED, NO_TRUTH, klass)
