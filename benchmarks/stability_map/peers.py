@@ -74,7 +74,9 @@ def by_scipy(kind: str, way: str) -> tuple[Array, Array]:
         apart.terminal, apart.direction = True, -1
         try:
             with np.errstate(all="ignore"):
-                end = solve_ivp(rate, (0, LONGEST), (0, 1), method, events=apart, rtol=rtol, atol=atol)
+                end = solve_ivp(
+                    rate, (0, LONGEST), (0, 1), method, events=apart, rtol=rtol, atol=atol
+                )
         except (TooManyCallsError, ValueError):
             found.append((np.nan, np.nan))
             continue

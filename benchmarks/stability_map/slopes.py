@@ -63,7 +63,9 @@ def run_slopes(job: Job) -> dict[str, Any]:
         for q in ASKED:
             scale = np.maximum(np.abs(want[name][q]), SMALLEST * np.abs(value[q]))
             off = np.abs(got[name][q] - want[name][q]) / scale
-            allowed = np.maximum(BOUNDS[job.method, job.precision], 10 * rtol * second[name][q] / scale)
+            allowed = np.maximum(
+                BOUNDS[job.method, job.precision], 10 * rtol * second[name][q] / scale
+            )
             # Where the damping or the push is zero its logarithm has no derivative.
             moving = dict(zip(("damping", "n", "push"), numbers, strict=True))[name] != 0
             known = np.isfinite(want[name][q]) & moving
@@ -104,7 +106,13 @@ def _package(job: Job, lanes: Lanes) -> tuple[dict[str, dict[str, Array]], Array
     def solve_(p):
         n = p.get("n", job.exponent)
         contact = jc.Contact(fixed[0], fixed[1], n)
-        hit = jc.impact(law_of(job.kind, p["damping"]), contact, fixed[2], method=how, external_force=p.get("push"))
+        hit = jc.impact(
+            law_of(job.kind, p["damping"]),
+            contact,
+            fixed[2],
+            method=how,
+            external_force=p.get("push"),
+        )
         return (hit.restitution, hit.duration), hit.status
 
     found, status = {}, None
@@ -133,7 +141,9 @@ def _along_n(job: Job, lanes: Lanes, start: dict[str, jax.Array]) -> dict[str, j
     return along
 
 
-def _truth(job: Job, numbers: tuple[Array, Array, Array]) -> tuple[Any, Any, Array, dict[str, Array]]:
+def _truth(
+    job: Job, numbers: tuple[Array, Array, Array]
+) -> tuple[Any, Any, Array, dict[str, Array]]:
     """First derivatives, the size of the second ones, the status and the values."""
     kind = KINDS[job.kind]
     damping, n, push = numbers

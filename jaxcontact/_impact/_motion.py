@@ -20,6 +20,10 @@ from ._runge_kutta import step
 
 Number = Float[Array, ""]
 
+# In units of the energy of the impact: a contact that damping takes more from stays for certain, with
+# room for the estimate.
+_STAYS = 100.0
+
 
 class State(NamedTuple):
     """Where the motion is: x = w^k, the momentum u, the time t; or their rates. Scalars in a lane.
@@ -137,7 +141,20 @@ class Motion(eqx.Module):
         if self.order == 1 and self.always_parts and form.tension:
             # Where no power of w stretches it, a slow way out ends as small as its e.
             speed = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
-        return ending, speed
+        return self._fastest() * ending, speed
+
+    def _fastest(self) -> Number | float:
+        """The speed of the impact in units of the largest one, which a strong push brings about.
+
+        The errors of fast motion would be large beside the slow end of a contact that parts again.
+        """
+        static, damping = self.static_indentation(), self.form.damping(self.n, jnp.asarray(True))
+        if self.push is None or static is None or damping is None:
+            return 1.0
+        fastest = jnp.sqrt(1 + jnp.maximum(self.push, 0) * static)
+        c, p = damping
+        parts = c * static ** (self.n - p + 1) * fastest < _STAYS
+        return jnp.where(parts, 1 / fastest, 1)
 
     @property
     def always_parts(self) -> bool:
@@ -171,7 +188,11 @@ class Motion(eqx.Module):
             return state.w
         leaving = jnp.asarray(False)
         pulling = self.form.pulling(state.w, self.velocity(state), self.n, leaving)
-        return jnp.minimum(state.w, pulling)
+        apart = jnp.minimum(state.w, pulling)
+        if self.push is not None and self.form.never_pulls:
+            # Where its force vanished a push would press: there only rounding can get.
+            apart = jnp.where(self.push > 0, state.w, apart)
+        return apart
 
     def settled(self, state: State) -> Bool[Array, ""]:
         """Whether a way out ended because the contact turned inwards again."""
