@@ -285,6 +285,12 @@ class _Lanes:
             acceleration = push[at] * ke - oe * fe
             rate_force = np.where(strong[at], c[at] * se, p[at] * ie * ve + c[at] * se)
             fe = np.where((we < 0) & (p[at] > 0), c[at] * ve, fe)
+            # Weak damping ends so close to x = 0 that x^p is flat there, but x is not.
+            flat = (which == 2) & ~strong[at] & (p[at] > 0)
+            root = np.where(flat, _power(c[at] * np.minimum(ve, 0), 1 / (k[at] * p[at])), 0)
+            fe = np.where(flat, we - root, fe)
+            rate_flat = ve / k[at] - root / (k[at] * p[at]) * acceleration / ve
+            rate_force = np.where(flat, rate_flat, rate_force)
             gap = np.choose(which, [ve, we, fe])
             rate = np.choose(which, [acceleration, ve / k[at], rate_force])
             low = np.where(gap > 0, h[at], self.low[i[at]])

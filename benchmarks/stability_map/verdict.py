@@ -109,10 +109,13 @@ def judge(
     near = np.zeros(damping.size, bool)
     k = np.flatnonzero(doubtful)
     if k.size:
-        found, close = _condition(job, damping[k], n[k], push[k], truth, k, rtol)
+        found, close, turns = _condition(job, damping[k], n[k], push[k], truth, k, rtol)
         for q in QUANTITIES:
             condition[q][k] = found[q]
         near[k] = close
+        errors["compression_time"][k] = np.where(
+            turns & np.isinf(errors["compression_time"][k]), 0, errors["compression_time"][k]
+        )
     allowed = {q: np.maximum(bounds[q], 10 * rtol * condition[q]) for q in QUANTITIES}
     excess = np.stack([errors[q] / allowed[q] for q in QUANTITIES])
     # On the other side of a threshold that is that near, the numbers are those of the other side.
@@ -133,14 +136,15 @@ def _error(q: str, got: Array, truth: Truth) -> Array:
     both_infinite = np.isinf(got) & np.isinf(want)
     with np.errstate(invalid="ignore"):
         error = np.abs(got - want) / np.where(scale > 0, scale, 1)
-    return np.where(both_infinite, 0, error)
+    return np.where(both_infinite, 0, np.where(np.isnan(error) & ~np.isnan(got), np.inf, error))
 
 
 def _condition(job: Job, damping, n, push, truth: Truth, k: Array, rtol: float):
-    """Σ |∂ ln Q/∂ ln θ| over damping, push and n; and whether the status changes nearby."""
+    """Σ |∂ ln Q/∂ ln θ| over damping, push and n; whether the status changes nearby, and whether
+    nearby bodies turn that creep here, or the reverse."""
     kind = KINDS[job.kind]
     total = {q: np.zeros(k.size) for q in QUANTITIES}
-    near = np.zeros(k.size, bool)
+    near, creeps = np.zeros(k.size, bool), np.zeros(k.size, bool)
 
     def moved(name: str, by: float) -> Truth:
         numbers = {"damping": damping, "n": n, "push": push}
@@ -164,5 +168,7 @@ def _condition(job: Job, damping, n, push, truth: Truth, k: Array, rtol: float):
             )
             total[q] += np.asarray(slope, float)
         for by in (10 * rtol, -10 * rtol):
-            near |= moved(name, by).status != status
-    return total, near
+            there = moved(name, by)
+            near |= there.status != status
+            creeps |= np.isinf(there.compression_time) != np.isinf(truth.compression_time[k])
+    return total, near, creeps
