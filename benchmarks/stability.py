@@ -1,10 +1,10 @@
 """Where the package is right, flagged or wrong: `python benchmarks/stability.py`.
 
-Every kind of law by every method, over damping, exponents, pushes, units and both precisions, beside
-oracles in extended precision that share no code with the package. The result is written after every
-job to benchmarks/stability.json; a run that was stopped goes on where it was. `--fresh` starts over,
-`--lanes` scales the number of lanes, `--only` runs the jobs whose name contains a text; the page and the
-pictures are made from the file by `--page`.
+Every kind of law by every method, over damping, exponents, pushes, units and both precisions,
+beside oracles in extended precision that share no code with the package. The result is written
+after every job to benchmarks/stability.json; a run that was stopped goes on where it was.
+`--fresh` starts over, `--lanes` scales the number of lanes, `--only` runs the jobs whose name
+contains a text; `--page` makes the page and the pictures from the file.
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ pytestmark = pytest.mark.skipif(
     reason="this processor's long double is no longer than double",
 )
 
-# The oracles of the map, measured beside forty digits stored as float64: 2e-16; of the largest force,
-# which is read off between nodes, 3e-13.
+# The oracles of the map, measured beside forty digits stored as float64: 2e-16; of the largest
+# force, which is read off between nodes, 3e-13.
 ORACLE, FORCE = 1e-15, 1e-12
 # Chebyshev's table: measured 2e-15, of the largest force 3e-14.
 TABLE, TABLE_FORCE = 1e-14, 1e-12

@@ -1,7 +1,7 @@
 """Free impacts in extended precision: what depends on the damping and n alone, from a table.
 
-Chebyshev polynomials over the decades of the damping (and over n where it is traced), through values
-of the collocation oracle. They give the derivatives, too. The restitution is a formula.
+Chebyshev polynomials over the decades of the damping (and over n where it is traced), through
+values of the collocation oracle. They give the derivatives, too.
 """
 
 from __future__ import annotations

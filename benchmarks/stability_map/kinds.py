@@ -40,7 +40,7 @@ class Kind:
         return self.family == "oscillator" and self.tension and not self.approach
 
     def to_free(self, damping: Array) -> tuple[Array, Array]:
-        """A number y from 0 to infinity in whose logarithm outcomes are smooth; d ln y/d ln damping."""
+        """A number y ≥ 0 in whose logarithm outcomes are smooth, and d ln y/d ln damping."""
         if not self.ends_at_critical:
             return damping, np.ones_like(damping)
         below = (1 - damping) * (1 + damping)

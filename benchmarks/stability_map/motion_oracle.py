@@ -3,10 +3,11 @@
 `x'' = Γ - x^(n-p) (x^p + c x')`, `x(0) = 0`, `x'(0) = 1`. Every law of the registry has this shape:
 p = 0 is the Hunt-Crossley family, p = 1 Kuwabara-Kono, p = (n+1)/2 the linear oscillators.
 
-It is solved for w = x^(1/k) and u = v + b x^p over τ with dt = w^(k-1) dτ, where k makes powers whole. With strong damping b = 1/c: then u is
-the force itself, which a creeping contact would otherwise lose in the difference of its two parts.
-Radau's method does not mind that creeping is stiff; steps are as short as the Legendre coefficients
-ask, and end on the events by Newton's method.
+It is solved for w = x^(1/k) and u = v + b x^p over τ with dt = w^(k-1) dτ, where k makes powers
+whole. With strong damping b = 1/c: then u is the force itself, which a creeping contact would
+otherwise lose in the difference of its two parts. Radau's method does not mind that creeping is
+stiff; steps are as short as the Legendre coefficients ask, and Newton's method puts their ends on
+the events.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from .collocation import EXTENDED, FINE, STAGES, Array, radau, solve_small
 
 TOLERANCE = 1e-11
-"""Of the last Legendre coefficient in a step: halving its digits moves results by less than 1e-15."""
+"""Of the last Legendre coefficient in a step; a hundred times finer moves results by 1e-15."""
 STRONG = 1.0
 """The c from which on the force itself is the variable."""
 MOST_STEPS = 1500
@@ -32,7 +33,7 @@ _TINY = EXTENDED("1e-4900")
 
 @dataclass
 class Problem:
-    """Scaled impacts, one a lane. `tension`: lasts until x = 0; `approach`: damped until the turn."""
+    """Scaled impacts. `tension`: lasts until x = 0; `approach`: damped until the turn."""
 
     c: Array
     p: Array
@@ -116,8 +117,8 @@ def _orders(problem: Problem) -> Array:
 def _creeps_in(push: Array, c: Array, p: Array, n: Array, x: Array, v: Array) -> Array:
     """Whether the bodies creep to rest under a push, from below and without ever turning.
 
-    Near rest y'' + d y' + s y = 0; overdamped, y > 0 has no zero where it falls slower than e^(-λt),
-    λ the faster of its two rates.
+    Near rest y'' + d y' + s y = 0; overdamped, y > 0 has no zero where it falls slower than
+    e^(-λt), λ the faster of its two rates.
     """
     rest = np.maximum(push, 0) ** (1 / n)
     d, s = c * rest ** (n - p), n * rest ** (n - 1)
@@ -200,7 +201,7 @@ class _Lanes:
         scale_w = scale_u = None
         for _ in range(_NEWTON):
             w, u = w0 + z, u0 + d
-            v, force, outer, inner, slope, wp, clock = parts(w, u)
+            v, force, outer, inner, slope, _, clock = parts(w, u)
             safe = np.where(np.abs(w) > 0, w, _TINY)
             outer_w = a1 * outer / safe
             force_w = np.where(strong, 0, k * p * inner)
@@ -226,7 +227,7 @@ class _Lanes:
             if not todo.any():
                 break
         w, u = w0 + z, u0 + d
-        v, force, outer, inner, slope, wp, clock = parts(w, u)
+        v, force, outer, inner, slope, _, clock = parts(w, u)
         error_w = np.abs(np.einsum("j,jl->l", rule.spectrum, z)) / scale_w
         error_u = np.abs(np.einsum("j,jl->l", rule.spectrum, d)) / scale_u
         error = np.maximum(error_w, error_u)

@@ -55,8 +55,10 @@ def _grid() -> tuple[Array, Array]:
 
 
 def by_scipy(kind: str, way: str) -> tuple[Array, Array]:
-    """e and duration of every place of the grid; NaN where the solve failed, infinite time where
-    the contact did not end."""
+    """e and duration over the grid; NaN where the solve failed.
+
+    The time is infinite where the contact did not end.
+    """
     method, rtol, atol = SCIPY[way]
     force = _force(kind)
     found = []
@@ -127,7 +129,7 @@ def run_all() -> dict[str, Any]:
     for kind in KINDS_ASKED:
         damping, push = _grid()
         truth = solve(KINDS[kind].problem(damping, np.full(damping.size, EXPONENT), push))
-        ways = {way: by_scipy for way in SCIPY} | {way: by_diffrax for way in DIFFRAX}
+        ways = dict.fromkeys(SCIPY, by_scipy) | dict.fromkeys(DIFFRAX, by_diffrax)
         for way, solver in ways.items():
             known[f"{kind}/{way}"] = _compared(*solver(kind, way), truth)
             print(kind, way, known[f"{kind}/{way}"]["counts"], flush=True)

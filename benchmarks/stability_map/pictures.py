@@ -1,4 +1,4 @@
-"""The map as pictures: colour is the decade of the largest error, hatched where lanes are flagged."""
+"""The map as pictures: colour is the decade of the largest error; hatched: flagged."""
 
 from __future__ import annotations
 

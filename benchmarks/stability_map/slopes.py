@@ -6,7 +6,6 @@ derivative, or to 1e-6 of the quantity where the derivative is smaller than that
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import jax
@@ -120,7 +119,7 @@ def _package(job: Job, lanes: Lanes) -> tuple[dict[str, dict[str, Array]], Array
         along = {f: (x if f == name else jnp.zeros_like(x)) for f, x in start.items()}
         if name == "n":
             along = _along_n(job, lanes, start)
-        (e, duration), (de, dt), status = jax.jvp(solve_, (start,), (along,), has_aux=True)
+        (_, duration), (de, dt), status = jax.jvp(solve_, (start,), (along,), has_aux=True)
         dt = np.asarray(dt).astype(EXTENDED) / scale.time
         if name == "n":
             # The unit of time changes with n, too: d ln X/dn = -ln X/(n+1).

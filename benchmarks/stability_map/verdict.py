@@ -140,8 +140,11 @@ def _error(q: str, got: Array, truth: Truth) -> Array:
 
 
 def _condition(job: Job, damping, n, push, truth: Truth, k: Array, rtol: float):
-    """Σ |∂ ln Q/∂ ln θ| over damping, push and n; whether the status changes nearby, and whether
-    nearby bodies turn that creep here, or the reverse."""
+    """Σ |∂ ln Q/∂ ln θ| over damping, push and n, and two flags.
+
+    They say whether the status changes nearby, and whether nearby bodies turn that creep here, or
+    the reverse.
+    """
     kind = KINDS[job.kind]
     total = {q: np.zeros(k.size) for q in QUANTITIES}
     near, creeps = np.zeros(k.size, bool), np.zeros(k.size, bool)

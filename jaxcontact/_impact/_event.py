@@ -278,7 +278,8 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
         at_rest = jnp.abs(max_indentation - static) <= _AT_REST * rtol * static
         creeps = motion.held(turn) & (~legs.arrived[0] | (at_rest & ~motion.swings(static)))
         max_indentation = jnp.where(creeps, static, max_indentation)
-        max_force = jnp.where(creeps, jnp.maximum(max_force, motion.push), max_force)
+        # The way out of what never turned is none.
+        max_force = jnp.where(creeps, jnp.maximum(forces[0], motion.push), max_force)
         compression_time = jnp.where(creeps, jnp.inf, compression_time)
         converged, settled = converged | creeps, settled | creeps
     if motion.push is not None:

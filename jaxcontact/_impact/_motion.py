@@ -20,8 +20,8 @@ from ._runge_kutta import step
 
 Number = Float[Array, ""]
 
-# In units of the energy of the impact: a contact that damping takes more from stays for certain, with
-# room for the estimate.
+# In units of the energy of the impact: a contact that damping takes more from stays for certain,
+# with room for the estimate.
 _STAYS = 100.0
 
 

@@ -15,6 +15,7 @@ from tests.test_impact.support import (
     both_jacobians,
     column,
     errors,
+    given_ratio,
     grid,
     outcome,
     values,
@@ -199,3 +200,12 @@ def test_a_strong_push_leaves_the_slow_end_its_digits():
     truth = with_gravity(0.0, 1.5, 1e4)
     hit = jc.impact(jc.Damped(alpha=jnp.array(0.0)), UNIT[1.5], 1.0, external_force=1e4)
     assert hit.duration == pytest.approx(float(truth.duration), rel=PROMISE)
+
+
+def test_what_creeps_to_rest_has_no_way_out():
+    """Damped on approach only, and pushed: an elastic way out counted twice the force."""
+    law = given_ratio(jnp.array([300.0, 1e4]), "approach")
+    hit = jc.impact(law, UNIT[1.5], 1.0, external_force=1e4)
+    assert (hit.status == jc.Status.SETTLED).all()
+    # By the oracle of benchmarks/stability_map: the speed is largest before damping has grown.
+    np.testing.assert_allclose(hit.max_force, [10734.70771105, 10788.53758967], rtol=PROMISE)
