@@ -233,7 +233,7 @@ def solve_legs(motion: Motion, how: Event) -> tuple[Leg, Bool[Array, "2"]]:
     def run(state: State, compressing: Flag) -> tuple[State, Leg]:
         leg = solve_leg(motion, state, compressing, how)
         # The event puts the velocity at the turn within its tolerance of zero: now it is zero.
-        return leg.end._replace(u=jnp.zeros_like(leg.end.u)), leg
+        return motion.still(leg.end), leg
 
     flags = jnp.asarray([True, False])
     return jax.lax.scan(run, motion.start(), flags)[1], flags

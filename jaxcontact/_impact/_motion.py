@@ -73,19 +73,30 @@ class Motion(eqx.Module):
         def of_lane(value: Number | float) -> Number:
             return jnp.where(jnp.isnan(number), number, value)
 
-        touch = of_lane(1.0 if self.momentum is None else self.momentum.at_touch())
+        touch = of_lane(
+            1.0 + self.form.offset() if self.momentum is None else self.momentum.at_touch()
+        )
         zero = of_lane(0.0)
         return State(zero, touch, zero, zero if self.momentum is None else None)
 
     def velocity(self, state: State) -> Number:
         """x' at a state."""
         momentum = self.momentum
-        return state.u if momentum is None else momentum.velocity(state.u)
+        return state.u - self.form.offset() if momentum is None else momentum.velocity(state.u)
+
+    def still(self, state: State) -> State:
+        """The state with the velocity 0."""
+        rest = jnp.zeros_like(state.u)
+        return state._replace(u=rest + self.form.offset() if self.momentum is None else rest)
+
+    def _for_form(self, state: State) -> Number:
+        """What the form calls v."""
+        return state.u if self.momentum is None else self.velocity(state)
 
     def force(self, state: State, compressing: Flag) -> Number:
         """f at a state, for w ≥ 0."""
         x = signed_power(state.w, float(self.order))
-        return self.form.force(x, self.velocity(state), self.n, compressing)
+        return self.form.force(x, self._for_form(state), self.n, compressing)
 
     def rate(self, state: State, compressing: Flag) -> State:
         """d(w, u, t)/dτ."""
@@ -95,12 +106,12 @@ class Motion(eqx.Module):
         if momentum is not None:
             pull = momentum.pull(w)
         else:
-            pull = self.form.pull(w, velocity, n, compressing)
+            pull = self.form.pull(w, state.u, n, compressing)
             if self.push is not None:
                 pull = pull - self.push * clock
         loss = None
         if state.loss is not None:
-            loss = self.form.dissipation(w, velocity, n, compressing)
+            loss = self.form.dissipation(w, self._for_form(state), n, compressing)
         return State(velocity / k, -pull, clock, loss)
 
     def later(self, state: State, time: Number, compressing: Flag) -> State:
@@ -141,6 +152,9 @@ class Motion(eqx.Module):
         if self.order == 1 and self.always_parts and form.tension:
             # Where no power of w stretches it, a slow way out ends as small as its e.
             speed = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
+        if self.push is not None and self.form.never_pulls and not form.tension:
+            # Under a weak pull the force falls to that of the pull before it vanishes.
+            speed = speed * jnp.where(self.push < 0, jnp.clip(-self.push, 1e-12, 1), 1)
         return self._fastest() * ending, speed
 
     def _fastest(self) -> Number | float:
@@ -187,7 +201,7 @@ class Motion(eqx.Module):
         if self.form.tension:
             return state.w
         leaving = jnp.asarray(False)
-        pulling = self.form.pulling(state.w, self.velocity(state), self.n, leaving)
+        pulling = self.form.pulling(state.w, self._for_form(state), self.n, leaving)
         apart = jnp.minimum(state.w, pulling)
         if self.push is not None and self.form.never_pulls:
             # Where its force vanished a push would press: there only rounding can get.

@@ -209,3 +209,14 @@ def test_what_creeps_to_rest_has_no_way_out():
     assert (hit.status == jc.Status.SETTLED).all()
     # By the oracle of benchmarks/stability_map: the speed is largest before damping has grown.
     np.testing.assert_allclose(hit.max_force, [10734.70771105, 10788.53758967], rtol=PROMISE)
+
+
+def test_a_weak_pull_ends_a_creeping_contact_where_its_force_vanishes():
+    """Where 1 + αv = 0: in v it has no digits."""
+    alpha, pull = jnp.array([300.0, 1e4, 1e6]), jnp.array([-1e-12, -1e-12, -1e4])
+    hit = jc.impact(jc.Damped(alpha=alpha), UNIT[1.5], 1.0, external_force=pull)
+    np.testing.assert_allclose(hit.restitution, 1 / alpha, rtol=PROMISE)
+    # By the oracle of benchmarks/stability_map.
+    np.testing.assert_allclose(
+        hit.duration, [1.962981954914, 0.49105459638, 9.999939290341e-05], rtol=PROMISE
+    )
