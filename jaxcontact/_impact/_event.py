@@ -39,7 +39,7 @@ _IMBALANCE = 100
 
 # Bodies that creep to rest turn by rounding within this of it, in units of rtol. What swings past
 # goes much farther: the two are told apart by the damping, too.
-_AT_REST = 1e3
+_AT_REST = 10
 
 
 def _of_diffrax(name: str, kind: type) -> Any:
