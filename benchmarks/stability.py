@@ -27,6 +27,8 @@ from stability_map.verdict import CLASSES, judge
 
 HERE = Path(__file__).parent
 RESULT = HERE / "stability.json"
+PEERS = HERE / "stability_peers.json"
+SLOPES = HERE / "stability_slopes.json"
 
 
 def run(job: Job) -> dict[str, Any]:
@@ -48,12 +50,23 @@ def main() -> None:
     parser.add_argument(
         "--page", action="store_true", help="only make docs/stability.md and pictures"
     )
+    parser.add_argument("--peers", action="store_true", help="only what users would write instead")
+    parser.add_argument("--slopes", action="store_true", help="only the first derivatives")
     parser.add_argument("--out", type=Path, default=RESULT)
     arguments = parser.parse_args()
     if arguments.page:
         from stability_map.page import write
 
-        write(json.loads(arguments.out.read_text()))
+        read = [json.loads(p.read_text()) for p in (arguments.out, PEERS, SLOPES) if p.exists()]
+        write(*read)
+        return
+    if arguments.peers:
+        from stability_map.peers import run_all
+
+        PEERS.write_text(_compact(run_all()))
+        return
+    if arguments.slopes:
+        _slopes(arguments.only, arguments.fresh)
         return
     known = {}
     if arguments.out.exists() and not arguments.fresh:
@@ -72,6 +85,17 @@ def main() -> None:
             f"[{number}/{len(jobs)}] {job.name}: {words}; {known[job.name]['seconds']} s",
             flush=True,
         )
+
+
+def _slopes(only: str, fresh: bool) -> None:
+    from stability_map.slopes import run_slopes, slope_jobs
+
+    known = json.loads(SLOPES.read_text()) if SLOPES.exists() and not fresh else {}
+    for job in slope_jobs():
+        if only in job.name and job.name not in known:
+            known[job.name] = run_slopes(job)
+            SLOPES.write_text(_compact(known))
+            print(job.name, {k: v for k, v in known[job.name].items() if k != "worst"}, flush=True)
 
 
 def _compact(known: dict[str, Any]) -> str:

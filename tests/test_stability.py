@@ -64,6 +64,8 @@ def test_the_table_of_free_impacts():
             np.testing.assert_allclose(found.value[q].astype(float), want, rtol=tolerance)
 
 
+# A strong pull at 1.1 times the bound; stiff creeping that runs out of steps.
+WRONG_PUSHED, FLAGGED_PUSHED = 1, 11
 # Lanes, and how many of them may be wrong or flagged without need: what docs/stability.md states.
 JOBS = [
     (Job("hunt_crossley", 1.5, False, "exact", "float64", 512), 0, 0),

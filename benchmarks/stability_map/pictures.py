@@ -15,8 +15,6 @@ from .collocation import Array
 from .record import DAMPING_EDGES
 
 DECADES = np.arange(-16, 2)
-_COLUMNS = ("free", "n=1", "n=1.5", "n=2", "n=3", "n=traced")
-_PUSHES = ("pull", "", "", "", "", "", "", "", "", "push")
 NAMES = {
     "hunt_crossley": "Hunt-Crossley",
     "hunt_crossley_tension": "Hunt-Crossley, tension",
@@ -116,6 +114,19 @@ def draw_free(known: dict[str, Any], path: Path, precision: str) -> None:
             image = panel(ax, *stacked, title, ("1", "3/2", "2", "3", "any"))
             ax.set_xlabel("exponent n", fontsize=8)
     _finish(fig, axes, image, path, f"free impacts, {precision}")
+
+
+def draw_peers(known: dict[str, Any], path: Path) -> None:
+    """One panel a way: damping against push, n = 3/2; the package's own way is in the other one."""
+    fig, axes = plt.subplots(2, 6, figsize=(14, 6), layout="constrained")
+    image = None
+    for ax, (name, way) in zip(axes.flat, known.items(), strict=False):
+        decade, flags, total = (np.array(way[k]) for k in ("decade", "flags", "total"))
+        words = _push_words(decade.shape[1])
+        image = panel(ax, decade, flags, total, name.replace("/", "\n"), words)
+        rows = range(0, decade.shape[0], 3)
+        ax.set_yticks(rows, ["0" if r == 0 else f"$10^{{{r - 5}}}$" for r in rows], fontsize=7)
+    _finish(fig, axes, image, path, "n = 3/2, damping against push, float64")
 
 
 def _finish(fig: Any, axes: Any, image: Any, path: Path, title: str) -> None:
