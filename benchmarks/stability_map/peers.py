@@ -25,8 +25,8 @@ DAMPINGS = np.array([0.0, *10.0 ** np.arange(-4.0, 6.5)])
 PUSHES = np.array([-1e4, -1e2, -1.0, -1e-2, -1e-4, 0.0, 1e-4, 1e-2, 1.0, 1e2, 1e4])
 LONGEST = 1e9
 """Scaled time after which a contact that has not ended counts as one that stays."""
-MOST_CALLS = 60_000
-"""Evaluations of the force after which a solve counts as failed: a thousand times the usual."""
+MOST_CALLS = 8_000
+"""Evaluations of the force after which a solve counts as failed: a hundred times the usual."""
 # Its default tolerances, and the finest that it bears.
 SCIPY = {
     "scipy LSODA, default": ("LSODA", 1e-3, 1e-6),
@@ -47,6 +47,13 @@ def _force(kind: str) -> Callable[..., Any]:
     if kind == "hunt_crossley":
         return lambda x, v, c, m: x**n * m.maximum(0.0, 1 + c * v)
     return lambda x, v, c, m: x ** (n - 1) * (x + n * c * v)
+
+
+def _gap(kind: str, x: Any, v: Any, c: Any, m: Any) -> Any:
+    """What vanishes where the contact is over: x, or a force that may not pull."""
+    if kind != "hunt_crossley":
+        return x
+    return m.minimum(x, m.where(v < 0, 1 + c * v, 1.0))
 
 
 def _grid() -> tuple[Array, Array]:
@@ -70,8 +77,8 @@ def by_scipy(kind: str, way: str) -> tuple[Array, Array]:
                 raise TooManyCallsError
             return y[1], push - force(max(y[0], 0.0), y[1], damping, np)
 
-        def apart(t, y):
-            return y[0]
+        def apart(t, y, damping=damping):
+            return _gap(kind, y[0], y[1], damping, np)
 
         apart.terminal, apart.direction = True, -1
         try:
@@ -109,7 +116,9 @@ def by_diffrax(kind: str, way: str) -> tuple[Array, Array]:
             jnp.array([0.0, 1.0]),
             stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
             event=diffrax.Event(
-                lambda t, y, args, **_: y[0], optx.Newton(1e-10, 1e-10), direction=False
+                lambda t, y, args, **_: _gap(kind, y[0], y[1], damping, jnp),
+                optx.Newton(1e-10, 1e-10),
+                direction=False,
             ),
             max_steps=16_384,
             throw=False,
