@@ -17,7 +17,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 # The oracles of the map, measured beside forty digits stored as float64: 2e-16; of the largest
-# force, which is read off between nodes, 5.4e-12.
+# force, which is read off between nodes, 6.4e-12.
 ORACLE, FORCE = 1e-15, 2e-11
 # Chebyshev's table: measured 2e-15, of the largest force 3e-14.
 TABLE, TABLE_FORCE = 1e-14, 1e-12
