@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ._parameter import POSITIVE, Range, Specialised, as_parameter, parameter, shown
+from ._parameter import (
+    POSITIVE,
+    Range,
+    Specialised,
+    as_parameter,
+    is_plain,
+    parameter,
+    rendered,
+    require_broadcast,
+    require_kind,
+    shown,
+)
 
 EXPONENT = Range(low=1.0, high=3.0, inside=1.5)
 POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.25)
@@ -43,13 +50,18 @@ class Material(eqx.Module):
                 "Argument `density` of the material must be given for a mass, but is None; "
                 "or give `mass` to the contact."
             )
-        return 4 / 3 * jnp.pi * as_parameter(radius, "radius", POSITIVE) ** 3 * self.density
+        radius = as_parameter(radius, "radius", POSITIVE)
+        require_broadcast(radius=radius, density=self.density)
+        return 4 / 3 * jnp.pi * radius**3 * self.density
 
 
-def _check_material(value: Any, name: str) -> None:
-    """Raise ValueError for what is no material."""
-    if not isinstance(value, Material):
-        raise ValueError(f"Argument `{name}` must be a `Material`, but is {value!r}.")
+def require_contact(value: object) -> Contact:
+    """A contact; ValueError for anything else."""
+    return require_kind("contact", value, Contact, "a `Contact`")
+
+
+def _require_material(name: str, value: object) -> None:
+    require_kind(name, value, Material, "a `Material`")
 
 
 def _hertz_stiffness(
@@ -79,8 +91,8 @@ class Contact(eqx.Module):
         self.mass = as_parameter(mass, "mass", POSITIVE)
         self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
         value = as_parameter(exponent, "exponent", EXPONENT)
-        concrete = isinstance(exponent, int | float | np.integer | np.floating)
-        self._exponent = Specialised(float(exponent)) if concrete else Specialised(None, value)
+        plain = is_plain(exponent)
+        self._exponent = Specialised(float(exponent)) if plain else Specialised(None, value)
 
     def __repr__(self) -> str:
         return (
@@ -113,8 +125,9 @@ class Contact(eqx.Module):
         first = as_parameter(radius, "radius", POSITIVE)
         second = as_parameter(other_radius, "other_radius", POSITIVE)
         # For a plane or a socket None is a rigid body; of two spheres neither can be left out.
-        _check_material(sphere, "sphere")
-        _check_material(other, "other")
+        _require_material("sphere", sphere)
+        _require_material("other", other)
+        require_broadcast(radius=first, other_radius=second, sphere=sphere, other=other)
         stiffness = _hertz_stiffness(sphere, other, first / (first + second) * second)
         if mass is None:
             first_mass, second_mass = sphere.sphere_mass(first), other.sphere_mass(second)
@@ -137,10 +150,11 @@ class Contact(eqx.Module):
         out of range or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
         doi 10.1017/CBO9781139171731.
         """
-        _check_material(sphere, "sphere")
+        _require_material("sphere", sphere)
         if plane is not None:
-            _check_material(plane, "plane")
+            _require_material("plane", plane)
         radius = as_parameter(radius, "radius", POSITIVE)
+        require_broadcast(radius=radius, sphere=sphere, plane=plane)
         mass = sphere.sphere_mass(radius) if mass is None else mass
         return cls(mass, _hertz_stiffness(sphere, plane, radius))
 
@@ -163,16 +177,17 @@ class Contact(eqx.Module):
         R1 among them) or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
         doi 10.1017/CBO9781139171731.
         """
-        _check_material(sphere, "sphere")
+        _require_material("sphere", sphere)
         if socket is not None:
-            _check_material(socket, "socket")
+            _require_material("socket", socket)
         inner = as_parameter(radius, "radius", POSITIVE)
         outer = as_parameter(socket_radius, "socket_radius", POSITIVE)
-        both_python = not isinstance(radius, jax.Array) and not isinstance(socket_radius, jax.Array)
-        if both_python and inner.ndim == outer.ndim == 0 and not outer > inner:
+        require_broadcast(radius=inner, socket_radius=outer, sphere=sphere, socket=socket)
+        # The numbers themselves: under `jit` the arrays made of them may not be compared.
+        if is_plain(radius) and is_plain(socket_radius) and not socket_radius > radius:
             raise ValueError(
-                f"Argument `socket_radius` must be larger than `radius` = {radius!r}, "
-                f"but is {socket_radius!r}."
+                f"Argument `socket_radius` must be larger than `radius` = {rendered(radius)}, "
+                f"but is {rendered(socket_radius)}."
             )
         wider = outer > inner
         clearance = jnp.where(wider, outer - inner, 1)

@@ -13,7 +13,9 @@ import operator
 from collections.abc import Sequence
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
+
+from ._parameter import as_parameter, is_plain
 
 # Each series is cut where its first omitted term is below half an ulp of float64 at the switch.
 _PSI_SERIES = tuple(1 / math.factorial(k + 2) for k in range(18))
@@ -141,15 +143,19 @@ def sinc_root(x: Float[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(near, horner(_SINC_SERIES, jnp.where(near, x, 0)), far)
 
 
-def power(x: Float[Array, "..."], exponent: float | Float[Array, "..."]) -> Float[Array, "..."]:
+def power(x: ArrayLike, exponent: ArrayLike) -> Float[Array, "..."]:
     """`x^exponent` for x ≥ 0 and zero for x < 0, with a finite derivative everywhere.
 
     The derivative at x = 0 is the one from the right where that is finite (0 for an exponent above
     1, 1 for an exponent of 1) and 0, by definition, where it is not (an exponent between 0 and 1).
-    A Python exponent that is a multiple of 1/4 is built from products and square roots, which is
-    several times faster than a general power.
+    A Python or NumPy exponent that is a multiple of 1/4 is built from products and square roots,
+    which is several times faster than a general power. Raises ValueError for what is no number.
     """
-    if isinstance(exponent, float | int):
+    x, given = as_parameter(x, "x"), as_parameter(exponent, "exponent")
+    if not is_plain(exponent):
+        exponent = given
+    else:
+        exponent = float(exponent)
         if exponent == 0:
             return jnp.where(x >= 0, jnp.ones_like(x), 0)
         quarters = 4 * exponent

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ._elementary import horner, kappa, log1p_over, sinc_root
 from ._implicit import implicit_root
+from ._parameter import POSITIVE, require_kind, require_number
 
 STANDARD_GRAVITY = 9.81
 AIR_DENSITY = 1.204
@@ -39,12 +40,6 @@ _ATAN_SERIES = tuple((-1) ** k / (2 * k + 1) for k in range(16))
 _ASINH_SERIES = tuple((-1) ** k * math.comb(2 * k, k) / 4**k / (2 * k + 1) for k in range(16))
 
 
-def require_positive(name: str, value: float) -> None:
-    """Raise ValueError unless `value` is positive and finite; `name` is the argument's."""
-    if not (value > 0 and math.isfinite(value)):
-        raise ValueError(f"Argument `{name}` must be positive and finite, but is {value!r}.")
-
-
 @dataclasses.dataclass(frozen=True)
 class Drag:
     """Quadratic drag F = ½ ρ C_d π R² v² of a ball.
@@ -59,11 +54,12 @@ class Drag:
     air_density: float = AIR_DENSITY
 
     def __post_init__(self) -> None:
-        for name, value in dataclasses.asdict(self).items():
-            require_positive(name, value)
+        for name, value in vars(self).copy().items():
+            object.__setattr__(self, name, require_number(name, value, POSITIVE))
 
     def terminal_speed(self, gravity: float) -> float:
         """v_t = sqrt(2 m g/(ρ C_d π R²)) in m/s."""
+        gravity = require_number("gravity", gravity, POSITIVE)
         area = math.pi * self.radius**2
         return math.sqrt(2 * self.mass * gravity / (self.air_density * self.coefficient * area))
 
@@ -72,14 +68,16 @@ class Drag:
 class Flight:
     """Gravity in m/s² and the drag of flights over a level floor; None is vacuum.
 
-    Raises ValueError unless `gravity` is positive and finite.
+    Raises ValueError unless `gravity` is positive and finite, and `drag` a `Drag` or None.
     """
 
     gravity: float = STANDARD_GRAVITY
     drag: Drag | None = None
 
     def __post_init__(self) -> None:
-        require_positive("gravity", self.gravity)
+        object.__setattr__(self, "gravity", require_number("gravity", self.gravity, POSITIVE))
+        if self.drag is not None:
+            require_kind("drag", self.drag, Drag, "a `Drag` or None")
 
     @property
     def terminal_speed(self) -> float:

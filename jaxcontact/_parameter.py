@@ -5,7 +5,10 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from typing import Any
+import os
+import pathlib
+from collections.abc import Callable, Iterable
+from typing import Any, TypeGuard, TypeVar
 
 import equinox as eqx
 import jax
@@ -13,6 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool
+
+Kind = TypeVar("Kind")
+
+_LONG, _BEGINNING = 300, 100
+"""Characters: what is longer is shown by its beginning, its type and its shape."""
+
+_MOST_BITS = 63
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +52,7 @@ NOT_NEGATIVE = Range(low=0.0, inside=0.0)
 REAL = Range(inside=0.0)
 RESTITUTION = Range(low=0.0, high=1.0, low_open=True, inside=0.5)
 RESTITUTION_FROM_ZERO = Range(low=0.0, high=1.0, inside=0.5)
+FRACTION = Range(low=0.0, high=1.0, low_open=True, high_open=True, inside=0.5)
 
 
 def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
@@ -51,46 +62,174 @@ def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
     flag. Arrays and traced values pass: their bad lanes are flagged by `impact`.
     """
     array = value if isinstance(value, jax.Array) else _from_python(value, name, allowed)
-    if jnp.issubdtype(array.dtype, jnp.floating):
-        return array
-    if not jnp.issubdtype(array.dtype, jnp.integer):
+    if not _is_real(array.dtype):
         raise _not_a_number(value, name)
-    return array.astype(float)
+    return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
 def _from_python(value: Any, name: str, allowed: Range) -> Array:
+    plain = real_array(value, name)
+    scalar = plain.ndim == 0 and not isinstance(value, np.ndarray)
+    if scalar and not allowed.holds(float(plain)):
+        raise ValueError(f"Argument `{name}` must be in {allowed}, but is {rendered(value)}.")
+    # A Python number stays weakly typed: it follows the precision of the arrays it meets.
+    if isinstance(value, int | float):
+        return jnp.asarray(float(value))
+    # Without double precision JAX would wrap large whole numbers around.
+    whole = jnp.issubdtype(plain.dtype, jnp.integer)
+    return jnp.asarray(plain.astype(float) if whole else plain)
+
+
+def as_numbers(value: Any, name: str) -> np.ndarray:
+    """Turn real numbers into a NumPy array of double precision; ValueError for anything else."""
+    return real_array(value, name).astype(float)
+
+
+def real_array(value: Any, name: str) -> np.ndarray:
+    """Turn real numbers into a NumPy array of their own type; ValueError for anything else."""
     if isinstance(value, np.ma.MaskedArray):
         raise ValueError(
             f"Argument `{name}` must be an array without a mask (`filled(nan)` makes one, whose "
-            f"masked lanes are flagged), but is {value!r}."
+            f"masked lanes are flagged), but is {rendered(value)}."
         )
     try:
-        plain = np.asarray(value)
-    except (TypeError, ValueError) as error:
+        # NumPy would read the characters of a `bytearray` as numbers.
+        plain = np.asarray(None if isinstance(value, bytearray) else value)
+    except Exception as error:  # whatever the conversion of a foreign object raises
         raise _not_a_number(value, name) from error
-    # A long double would lose digits in silence: JAX has nothing wider than 8 bytes.
-    if plain.dtype.kind not in "fiu" or plain.dtype.itemsize > 8:
+    if not _is_real(plain.dtype):
         raise _not_a_number(value, name)
-    scalar = plain.ndim == 0 and not isinstance(value, np.ndarray)
-    if scalar and not allowed.holds(float(plain)):
-        raise ValueError(f"Argument `{name}` must be in {allowed}, but is {value!r}.")
-    # A Python number stays weakly typed: it follows the precision of the arrays it meets.
-    return jnp.asarray(float(value) if isinstance(value, int | float) else plain)
+    return plain
 
 
-def require_count(name: str, value: Any, least: int) -> None:
-    """Raise ValueError for what is no whole number of at least `least`."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise ValueError(
-            f"Argument `{name}` must be a whole number of at least {least}, but is {value!r}."
-        )
+def _is_real(dtype: Any) -> bool:
+    """Whether numbers of this type are real, and JAX can hold all their digits."""
+    real = jnp.issubdtype(dtype, jnp.floating) or jnp.issubdtype(dtype, jnp.integer)
+    # NumPy counts durations among the integers, and has long doubles of 16 bytes.
+    return real and dtype.kind != "m" and dtype.itemsize <= 8
 
 
 def _not_a_number(value: Any, name: str) -> ValueError:
     return ValueError(
         f"Argument `{name}` must be a real number or an array of real numbers, of at most 64 bits, "
-        f"but is {value!r}."
+        f"but is {rendered(value)}."
     )
+
+
+def is_plain(value: Any) -> TypeGuard[int | float | np.integer | np.floating]:
+    """Whether a number is a Python or NumPy scalar, which specialises code where that pays."""
+    return isinstance(value, int | float | np.integer | np.floating)
+
+
+def concrete(value: Any) -> int | float | None:
+    """A Python, NumPy or JAX scalar as a Python number; None for all else, traced values too."""
+    if isinstance(value, np.ndarray | np.generic | jax.Array):
+        foreign = isinstance(value, Tracer | np.ma.MaskedArray) or value.ndim > 0
+        value = None if foreign or not _is_real(value.dtype) else value.item()
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
+def require_number(name: str, value: Any, allowed: Range = REAL) -> float:
+    """The one number in `allowed` that a scalar is, as a float; ValueError for anything else."""
+    try:
+        number = float(math.nan if (known := concrete(value)) is None else known)
+    except OverflowError:
+        number = math.nan
+    if not allowed.holds(number):
+        raise ValueError(
+            f"Argument `{name}` must be a number in {allowed}, but is {rendered(value)}."
+        )
+    return number
+
+
+def require_count(name: str, value: Any, least: int) -> int:
+    """The whole number of at least `least` that a scalar is; ValueError for anything else."""
+    number = concrete(value)
+    whole = isinstance(number, int) and number >= least
+    if not isinstance(number, int) or not whole or number.bit_length() > _MOST_BITS:
+        size = f" and at most {_MOST_BITS} bits" if whole else ""
+        raise ValueError(
+            f"Argument `{name}` must be a whole number of at least {least}{size}, "
+            f"but is {rendered(value)}."
+        )
+    return number
+
+
+def as_flag(value: Any) -> bool | None:
+    """A Python, NumPy or JAX flag as True or False; None for anything else."""
+    if isinstance(value, np.ndarray | np.generic | jax.Array):
+        plain = not isinstance(value, Tracer | np.ma.MaskedArray) and value.ndim == 0
+        value = value.item() if plain and value.dtype == bool else None
+    return value if isinstance(value, bool) else None
+
+
+def require_flag(name: str, value: Any) -> bool:
+    """True or False; ValueError for anything else."""
+    flag = as_flag(value)
+    if flag is None:
+        raise ValueError(f"Argument `{name}` must be True or False, but is {rendered(value)}.")
+    return flag
+
+
+def require_choice(name: str, value: Any, choices: Iterable[str]) -> str:
+    """One of a few names; ValueError, which lists them, for anything else."""
+    known = tuple(choices)
+    if not isinstance(value, str) or value not in known:
+        raise ValueError(
+            f"Argument `{name}` must be one of {', '.join(map(repr, known))}, "
+            f"but is {rendered(value)}."
+        )
+    return value
+
+
+def require_kind(name: str, value: Any, kind: type[Kind], allowed: str) -> Kind:
+    """An object of a class, `allowed` in words; ValueError for anything else."""
+    if not isinstance(value, kind):
+        raise ValueError(f"Argument `{name}` must be {allowed}, but is {rendered(value)}.")
+    return value
+
+
+def require_function(name: str, value: Any) -> Callable[..., Any]:
+    """Something that can be called; ValueError for anything else."""
+    if not callable(value):
+        raise ValueError(f"Argument `{name}` must be a function, but is {rendered(value)}.")
+    return value
+
+
+def require_path(name: str, value: Any) -> pathlib.Path:
+    """The path of a file; ValueError for what is no text and no `os.PathLike`."""
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(text, str) or not text or "\0" in text:
+        raise ValueError(f"Argument `{name}` must be the path of a file, but is {rendered(value)}.")
+    return pathlib.Path(text)
+
+
+def require_broadcast(**given: Any) -> tuple[int, ...]:
+    """The shape to which all numbers in some arguments broadcast; ValueError if there is none."""
+    shapes = {name: [np.shape(leaf) for leaf in jax.tree.leaves(v)] for name, v in given.items()}
+    try:
+        return np.broadcast_shapes(*(shape for one in shapes.values() for shape in one))
+    except ValueError as error:
+        parts = {name: ", ".join(map(str, one)) for name, one in shapes.items() if any(one)}
+        raise ValueError(
+            f"Argument{'s' * (len(parts) > 1)} {' and '.join(f'`{name}`' for name in parts)} must "
+            "have shapes that broadcast, but have "
+            f"{'; '.join(f'{shown} in `{name}`' for name, shown in parts.items())}."
+        ) from error
+
+
+def rendered(value: Any) -> str:
+    """A value as a message shows it, the beginning of what is long."""
+    kind = type(value).__name__
+    try:
+        text = repr(value)
+    except Exception:  # whatever it raises, as whole numbers do from 4300 digits on
+        return f"an object of type `{kind}`"
+    if len(text) <= _LONG:
+        return text
+    shape = getattr(value, "shape", None)
+    more = f" and shape {shape}" if isinstance(shape, tuple) else ""
+    return f"{text[:_BEGINNING]}... (of type `{kind}`{more})"
 
 
 class Specialised(eqx.Module):

@@ -9,6 +9,8 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
+from ._parameter import as_flag, rendered
+
 _PATIENCE = 1.0
 """Seconds: work that ends sooner shows no bar."""
 _TERMINAL, _FILE = 0.2, 10.0
@@ -38,13 +40,14 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
         listener: Any = wanted
         yield lambda done, total=None, note="", /: listener(done, total)
         return
-    if wanted is not None and not isinstance(wanted, bool):
+    shows = as_flag(wanted)
+    if wanted is not None and shows is None:
         raise ValueError(
             "Argument `progress` must be True, False, None or a function of two numbers, "
-            f"but is {wanted!r}."
+            f"but is {rendered(wanted)}."
         )
     watched = sys.stderr.isatty() or in_notebook()
-    if not (watched if wanted is None else wanted):
+    if not (watched if shows is None else shows):
         yield lambda done, total=None, note="", /: None
         return
     bar = _bar_type()(
@@ -82,6 +85,22 @@ def in_notebook() -> bool:
     shell = sys.modules.get("IPython")
     get = getattr(shell, "get_ipython", None)
     return get is not None and getattr(get(), "kernel", None) is not None
+
+
+def stages_of(wanted: bool | Callable[[str], None]) -> Callable[[str], None]:
+    """What to call with each stage: a user's function, or `Stages` for True and False.
+
+    Raises ValueError for what is none of these.
+    """
+    if callable(wanted):
+        return wanted
+    shows = as_flag(wanted)
+    if shows is None:
+        raise ValueError(
+            "Argument `progress` must be True, False or a function of a text, but is "
+            f"{rendered(wanted)}."
+        )
+    return Stages(quiet=not shows)
 
 
 class Stages:

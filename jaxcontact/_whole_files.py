@@ -6,15 +6,25 @@ import contextlib
 import os
 import pathlib
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from typing import BinaryIO
 
 
-def write_all(contents: Mapping[pathlib.Path, bytes]) -> None:
+def is_special(path: pathlib.Path) -> bool:
+    """Whether there is a folder, a pipe or a device of this name, which no file can replace."""
+    return path.exists() and not path.is_file()
+
+
+def write_all(contents: Mapping[pathlib.Path, bytes | Callable[[BinaryIO], object]]) -> None:
     """Write all files, each whole: to a temporary file beside it first, then renamed.
 
-    Missing folders are made. Nothing is renamed before everything is written; the temporary files
-    are removed if anything fails. Raises OSError.
+    A content is what to write, or a function that writes it. Missing folders are made. Nothing is
+    renamed before everything is written; the temporary files are removed if anything fails. Raises
+    OSError, also where a name is that of a folder, a pipe or a device.
     """
+    for path in contents:
+        if is_special(path):
+            raise FileExistsError(f"{path} is a folder, a pipe or a device, no file to replace")
     temporary: dict[pathlib.Path, str] = {}
     try:
         for path, content in contents.items():
@@ -22,7 +32,10 @@ def write_all(contents: Mapping[pathlib.Path, bytes]) -> None:
             handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
             temporary[path] = name
             with os.fdopen(handle, "wb") as file:
-                file.write(content)
+                if callable(content):
+                    content(file)
+                else:
+                    file.write(content)
             # mkstemp makes files that only their owner may read; give them the usual rights.
             mask = os.umask(0)
             os.umask(mask)

@@ -24,8 +24,8 @@ ROOT = Path(__file__).parents[1] / PACKAGE
 # From the ground up. A room may import rooms on lower floors, and nothing of its own floor but
 # itself.
 FLOORS = [
+    {"_parameter"},
     {
-        "_parameter",
         "_elementary",
         "_implicit",
         "_units",
@@ -52,8 +52,8 @@ FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 # Where a library may be imported at all, and where while a module is being loaded; None is
 # everywhere.
 ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
-    "diffrax": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0]}, None),
-    "optimistix": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0]}, None),
+    "diffrax": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
+    "optimistix": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
     "matplotlib": ({"plot", "paper", "_cli"}, {"plot"}),
     "optax": ({"_fit"}, set()),
     "xarray": (None, set()),

@@ -8,10 +8,18 @@ import numpy as np
 from jaxtyping import Array, ArrayLike
 
 from .. import _flight as flight
-from .._contact import EXPONENT, Contact
+from .._contact import EXPONENT, Contact, require_contact
 from .._impact import AbstractMethod, Status, impact, method_of, problem_of, restitution_is_constant
-from .._laws import VELOCITY_THRESHOLD, AbstractLaw
-from .._parameter import POSITIVE, Range, as_parameter, require_count, sanitised
+from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
+from .._parameter import (
+    POSITIVE,
+    Range,
+    as_parameter,
+    require_broadcast,
+    require_count,
+    require_flag,
+    sanitised,
+)
 from ._result import Bounce
 from ._touches import Touches, alike, one_by_one
 
@@ -49,16 +57,18 @@ def bounce(
     Returns a `Bounce`; a bad lane is NaN and flagged. Raises ValueError for a Python scalar out of
     range. Source: elementary ballistics, and `impact`.
     """
-    require_count("bounces", bounces, 1)
-    if not isinstance(gravity_in_contact, bool):
-        raise ValueError(
-            f"Argument `gravity_in_contact` must be True or False, but is {gravity_in_contact!r}."
-        )
+    require_law(law)
+    require_contact(contact)
+    bounces = require_count("bounces", bounces, 1)
+    gravity_in_contact = require_flag("gravity_in_contact", gravity_in_contact)
     height = as_parameter(height, "height", POSITIVE)
     gravity = as_parameter(gravity, "gravity", POSITIVE)
     if rest_velocity is not None:
         rest_velocity = as_parameter(rest_velocity, "rest_velocity", _REST)
     how = method_of(method)
+    require_broadcast(
+        law=law, contact=contact, height=height, gravity=gravity, rest_velocity=rest_velocity
+    )
     return _bounce(law, contact, height, gravity, rest_velocity, bounces, gravity_in_contact, how)
 
 

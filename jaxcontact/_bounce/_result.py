@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from .._flight import duration, height_after
 from .._impact import Status
 from .._impact._result import status_words
-from .._parameter import as_parameter, shown
+from .._parameter import as_parameter, require_broadcast, shown
 from .._units import quantity
 
 
@@ -54,17 +54,26 @@ class Bounce(eqx.Module):
         lanes; the drop height before the release.
         """
         time = as_parameter(time, "time").astype(self.time.dtype)
+        require_broadcast(time=time, bounces=self.rest_time[..., None])
         shape = np.broadcast_shapes(time.shape, (*self.rest_time.shape, 1))
         time = jnp.broadcast_to(time, shape)
-        touched = jnp.sum(self.time[..., None, :] <= time[..., :, None], axis=-1)
+
+        def of_touches(field: Array) -> Array:
+            return jnp.broadcast_to(field, (*shape[:-1], field.shape[-1]))
+
+        def of_run(number: Array) -> Array:
+            return jnp.broadcast_to(number, shape[:-1])[..., None]
+
+        begins = of_touches(self.time)
+        touched = jnp.sum(begins[..., None, :] <= time[..., :, None], axis=-1)
         last = jnp.maximum(touched - 1, 0)
 
         def of_last(field: Array) -> Array:
-            return jnp.take_along_axis(field, last, axis=-1)
+            return jnp.take_along_axis(of_touches(field), last, axis=-1)
 
-        gravity = self.gravity[..., None]
+        gravity = of_run(self.gravity)
         drop = height_after(jnp.maximum(time, 0), jnp.zeros_like(time), gravity, None)
-        falling = self.drop_height[..., None] + drop
+        falling = of_run(self.drop_height) + drop
         resting = of_last(self.status) == int(Status.SETTLED)
         leaves = of_last(self.time) + jnp.where(resting, 0, of_last(self.duration))
         speed = of_last(self.restitution * self.impact_velocity)

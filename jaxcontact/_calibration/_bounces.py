@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._contact import Contact
+from .._contact import Contact, require_contact
 from .._fit import Fit, Positive, fit
 from .._flight import (
     STANDARD_GRAVITY,
@@ -23,9 +23,9 @@ from .._flight import (
     speed_after_drop,
 )
 from .._impact import AbstractMethod, method_of, restitution
-from .._laws import AbstractLaw
-from .._parameter import POSITIVE
-from ._checks import column, one_of
+from .._laws import AbstractLaw, require_law
+from .._parameter import POSITIVE, require_choice
+from ._checks import column
 from ._impacts import transforms_of
 
 # The speed of landing from the first reading, and the second reading from the speed of launch.
@@ -103,18 +103,18 @@ def fit_bounces(
     and whose `predict(first)` is ln T₂ or ln h₂. Raises ValueError for columns that do not match
     or are not positive, and arguments out of range.
     """
-    one_of(kind, "kind", _KINDS)
-    if not (drag is None or isinstance(drag, Drag)):
-        raise ValueError(f"Argument `drag` must be a `Drag` or None, but is {drag!r}.")
+    require_choice("kind", kind, _KINDS)
+    require_law(law)
+    require_contact(contact)
     flight = Flight(gravity, drag)
     before = column(first, "first", POSITIVE)
-    after = column(second, "second", POSITIVE, len(before))
+    after = column(second, "second", POSITIVE, ("first", before))
     start, slowing, transforms = BounceModel(law, contact), None, {}
     with jax.enable_x64(True):
         if drag is not None:
             start = BounceModel(law, contact, drag.coefficient)
             slowing = jnp.asarray(flight.terminal_speed**-2 / drag.coefficient)
             transforms["drag_coefficient"] = Positive()
-        model = NextFlight(jnp.asarray(float(gravity)), slowing, kind, method)
+        model = NextFlight(jnp.asarray(flight.gravity), slowing, kind, method)
     transforms |= transforms_of(start, fixed)
     return fit(model, np.log(after), start, x=before, transforms=transforms, **how)

@@ -11,12 +11,13 @@ import jax
 import numpy as np
 
 from .._contact import Contact
-from .._flight import STANDARD_GRAVITY, Drag, Flight, require_positive
+from .._flight import STANDARD_GRAVITY, Drag, Flight
 from .._laws import AbstractLaw, parameters_of
 from .._measurements import Pairs, Recording, make_pairs
 from .._measurements._noise import Noise
 from .._measurements._outliers import THRESHOLD, Outliers, find_outliers
-from .._progress import Stages
+from .._parameter import POSITIVE, require_kind, require_number
+from .._progress import stages_of
 from ._choice import LawChoice, choose, weights_of
 from ._file import save, to_json
 from ._kinds import kinds_of
@@ -122,18 +123,14 @@ def calibrate(
     for a recording with too few pairs and for arguments out of range.
     Source: Burnham & Anderson (2002), doi 10.1007/b97636; the laws' own.
     """
-    if not isinstance(recording, Recording):
-        raise ValueError(
-            "Argument `recording` must be a `Recording` (see `read_recording`), but is "
-            f"{recording!r}."
-        )
+    require_kind("recording", recording, Recording, "a `Recording` (see `read_recording`)")
     kinds = kinds_of(law, 1.5)
     numbers = {"mass": mass, "stiffness": stiffness}
     given = tuple(name for name, value in numbers.items() if value is not None)
     for name in given:
-        require_positive(name, numbers[name])  # pyright: ignore[reportArgumentType]
+        numbers[name] = require_number(name, numbers[name], POSITIVE)
     flight = Flight(gravity, drag)
-    tell = progress if callable(progress) else Stages(quiet=not progress)
+    tell = stages_of(progress)
     with jax.enable_x64(True):
         contact = Contact(*(1.0 if value is None else value for value in numbers.values()))
         pairs = make_pairs(recording, flight)
@@ -170,7 +167,7 @@ def calibrate(
         standard_errors=_errors(choice, kind, found),
         requested=law,
         recording=_recording(recording, pairs),
-        gravity=float(gravity),
+        gravity=flight.gravity,
         drag=drag,
         noise=noise,
         threshold=THRESHOLD,

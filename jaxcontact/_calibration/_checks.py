@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from .._parameter import RESTITUTION, Range
+from .._parameter import RESTITUTION, Range, as_numbers, rendered
 
 Column = Float[np.ndarray, " n"]
 
@@ -17,26 +17,28 @@ def column(
     value: ArrayLike,
     name: str,
     allowed: Range,
-    length: int | None = None,
+    beside: tuple[str, Column] | None = None,
     *,
     least: int = 1,
     gaps: bool = False,
 ) -> Column:
     """A measured column (n,), every number of it in its range; with `gaps`, NaN is no measurement.
 
+    `beside` is the name of another column, and the column itself, of the same length.
+
     Raises ValueError that names the first bad point.
     """
-    array = np.asarray(value, float)
+    array = as_numbers(value, name)
     if array.ndim != 1 or array.size < least:
         enough = f" with at least {least} points" if least > 1 else ""
         raise ValueError(
             f"Argument `{name}` must have the shape (points,){enough}, but is of shape "
-            f"{array.shape}."
+            f"{array.shape}: it is {rendered(value)}."
         )
-    if length is not None and array.size != length:
+    if beside is not None and array.size != len(beside[1]):
         raise ValueError(
-            f"Argument `{name}` must have one number for each of the {length} points, but has "
-            f"{array.size}."
+            f"Argument `{name}` must have one number for each of the {len(beside[1])} points of "
+            f"`{beside[0]}`, but has {array.size}: it is {rendered(value)}."
         )
     bad = ~(allowed.holds(array) | (gaps & np.isnan(array)))
     if bad.any():
@@ -50,12 +52,12 @@ def column(
 def asked_and_delivered(e_in: ArrayLike, e_out: ArrayLike | None) -> tuple[Column, Column]:
     """The columns `e_in` and `e_out` in (0, 1]; without `e_out`, what is asked for twice."""
     asked = column(e_in, "e_in", RESTITUTION)
-    return asked, asked if e_out is None else column(e_out, "e_out", RESTITUTION, len(asked))
+    return asked, asked if e_out is None else column(e_out, "e_out", RESTITUTION, ("e_in", asked))
 
 
 def measured(
     given: Mapping[str, tuple[Any, Any, Range]],
-    length: int,
+    beside: tuple[str, Column],
     *,
     gaps: bool = False,
     weight: Callable[[Column], float] = lambda values: 1.0,
@@ -71,13 +73,26 @@ def measured(
         either = " or ".join(f"`{name}`" for name in given)
         raise ValueError(f"Argument {either} must be given, but both are None.")
     data = {
-        name: column(values, name, allowed, length, gaps=gaps)
+        name: column(values, name, allowed, beside, gaps=gaps)
         for name, (values, _, allowed) in there.items()
     }
-    sigmas = {name: sigma for name, (_, sigma, _) in there.items() if sigma is not None}
+    sigmas = {
+        name: for_each(sigma, f"sigma_{name}", len(beside[1]))
+        for name, (_, sigma, _) in there.items()
+        if sigma is not None
+    }
+    for name, (_, sigma, _) in given.items():
+        if sigma is not None and name not in there:
+            raise ValueError(
+                f"Argument `sigma_{name}` must be None without `{name}`, but is {rendered(sigma)}."
+            )
     if sigmas and len(sigmas) < len(data):
         both = " and ".join(f"`sigma_{name}`" for name in given)
-        raise ValueError(f"Arguments {both} must be given for both columns or for none.")
+        missing = next(name for name in data if name not in sigmas)
+        raise ValueError(
+            f"Arguments {both} must be given for both columns or for none, but `sigma_{missing}` "
+            "is None."
+        )
     if sigmas:
         return {"data": data, "sigma": _filled(data, sigmas, np.inf)}
     weights = {name: weight(values) for name, values in data.items()}
@@ -91,8 +106,22 @@ def _filled(
     return {name: np.where(np.isnan(data[name]), missing, numbers[name]) for name in data}
 
 
-def one_of(value: str, name: str, choices: Iterable[str]) -> None:
-    """Raise ValueError for a choice that is none."""
-    if value not in choices:
-        shown = ", ".join(map(repr, choices))
-        raise ValueError(f"Argument `{name}` must be one of {shown}, but is {value!r}.")
+def for_each(value: Any, name: str, length: int, *, zero: bool = False) -> Column:
+    """A standard deviation or a weight for each point (n,), from one for all or one for each.
+
+    Raises ValueError for what is no number above 0 (or `zero`); an infinite standard deviation
+    leaves a point out.
+    """
+    array = as_numbers(value, name)
+    if array.shape not in ((), (length,)):
+        raise ValueError(
+            f"Argument `{name}` must have one number, or one for each of the {length} points, but "
+            f"has the shape {array.shape}: it is {rendered(value)}."
+        )
+    good = (array >= 0) & np.isfinite(array) if zero else array > 0
+    counts = array > 0 if zero else np.isfinite(array)
+    if not good.all() or not counts.any():
+        allowed = "finite and not negative" if zero else "positive (inf leaves a point out)"
+        allowed += ", and leave some point in"
+        raise ValueError(f"Argument `{name}` must be {allowed}, but is {rendered(value)}.")
+    return np.broadcast_to(array, (length,))

@@ -11,16 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._contact import Contact
+from .._contact import Contact, require_contact
 from .._fit import Candidate, Fit, FitData, compared, criteria, fit, groups_of, table
 from .._flight import Flight, Floats
 from .._laws import AbstractLaw
 from .._measurements import Pairs, make_pairs, read_recording
 from .._measurements._noise import Noise, estimate_noise
 from .._measurements._outliers import Outliers, find_outliers
-from .._parameter import POSITIVE, RESTITUTION
+from .._parameter import POSITIVE, RESTITUTION, require_choice, require_flag
 from ._asked import Asked, asked_of
-from ._checks import column
+from ._checks import column, for_each
 from ._estimate import Estimate
 from ._kinds import (
     AbstractKind,
@@ -98,7 +98,8 @@ class ChoiceData:
     asked: tuple[Asked, ...]
 
     def law_fit(self, kind: str) -> LawFit:
-        """The fit of a kind of law, by its name."""
+        """The fit of a kind of law, by its name; ValueError for an unknown one."""
+        require_choice("kind", kind, [law.kind for law in self.laws])
         return next(law for law in self.laws if law.kind == kind)
 
     def table(self) -> str:
@@ -135,9 +136,7 @@ class LawChoice(ChoiceData):
         chosen = self.best if kind is None else kind
         if chosen is None:
             raise ValueError("No fit converged, so there is no best law; see `fits`.")
-        if chosen not in self.fits:
-            known = ", ".join(map(repr, self.fits))
-            raise ValueError(f"Argument `kind` must be one of {known}, but is {kind!r}.")
+        require_choice("kind", chosen, self.fits)
         found = self.fits[chosen]
         if not found.converged:
             raise ValueError(f"The fit of {chosen} did not converge: {found.reason}.")
@@ -146,8 +145,12 @@ class LawChoice(ChoiceData):
             return of.law_of(found.params, self.contact, jnp.asarray(self.reference))
 
     def curve(self, kind: str, speeds: ArrayLike) -> tuple[Floats, Floats]:
-        """e of a kind at closing speeds (n,) in m/s, and its standard error."""
-        return delivered(self.fits[kind], np.asarray(speeds, float))
+        """e of a kind at closing speeds (n,) in m/s, and its standard error.
+
+        Raises ValueError for an unknown kind, and for speeds that are not positive.
+        """
+        found = self.fits[require_choice("kind", kind, self.fits)]
+        return delivered(found, column(speeds, "speeds", POSITIVE))
 
     def __repr__(self) -> str:
         lines = [self.table(), self.verdict]
@@ -195,8 +198,11 @@ def choose_law(
     Raises ValueError for columns that do not match or leave their range, fewer than 4 points, and
     what `fit` and `compare_fits` raise. Source: Burnham & Anderson (2002), doi 10.1007/b97636.
     """
+    require_contact(contact)
+    kinds = kinds_of(law, contact.exponent)
+    mark_outliers = require_flag("mark_outliers", mark_outliers)
     v = column(velocity, "velocity", POSITIVE)
-    measured = column(e, "e", RESTITUTION, len(v))
+    measured = column(e, "e", RESTITUTION, ("velocity", v))
     pairs = make_pairs(read_recording(velocity=v, restitution=measured), Flight())
     pairs.needs_enough()
     word = "row"
@@ -207,10 +213,9 @@ def choose_law(
     marked = outliers.flagged & mark_outliers
     relative = weights_of(pairs, outliers, ~marked)[1]
     if sigma is not None:
-        how["sigma"] = np.broadcast_to(np.asarray(sigma, float), v.shape) / measured
+        how["sigma"] = for_each(sigma, "sigma", len(v)) / measured
     elif weights is not None:
-        relative = np.broadcast_to(np.asarray(weights, float), v.shape) * measured**2
-    kinds = kinds_of(law, contact.exponent)
+        relative = for_each(weights, "weights", len(v), zero=True) * measured**2
     return choose(pairs, ~marked, relative, kinds, contact, group=word, **how)
 
 

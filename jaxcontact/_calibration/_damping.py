@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._contact import Contact
+from .._contact import Contact, require_contact
 from .._fit import Fit, Positive, fit
 from .._impact import AbstractMethod, method_of, restitution
 from .._laws import ConstantDamping, PowerDamping
-from .._parameter import POSITIVE, RESTITUTION
-from ._checks import column, one_of
+from .._parameter import POSITIVE, RESTITUTION, require_choice
+from ._checks import column
 
 
 class DeliveredByDamping(eqx.Module):
@@ -55,9 +55,10 @@ def fit_damping(
     Raises ValueError for columns that do not match or leave their range.
     Source: Hunt & Crossley (1975), doi 10.1115/1.3423596.
     """
-    one_of(form, "form", ("constant", "power"))
+    require_choice("form", form, ("constant", "power"))
+    require_contact(contact)
     v = column(velocity, "velocity", POSITIVE)
-    measured = column(e, "e", RESTITUTION, len(v))
+    measured = column(e, "e", RESTITUTION, ("velocity", v))
     # Near the middle of the data Hu and Guo's relation gives an α that is close enough.
     middle, typical = float(np.exp(np.mean(np.log(v)))), min(float(np.median(measured)), 0.999)
     alpha = 1.5 * (1 - typical) / typical

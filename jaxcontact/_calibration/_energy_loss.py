@@ -9,11 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._contact import Contact
+from .._contact import Contact, require_contact
 from .._elementary import chebyshev
-from .._fit import Fit, Positive, at_least, fit
+from .._fit import Fit, Positive, fit
 from .._impact import AbstractMethod, method_of, restitution
 from .._laws import EnergyLoss
+from .._parameter import require_count
 from ._checks import asked_and_delivered
 
 
@@ -62,10 +63,10 @@ def fit_energy_loss(
     """
     asked, wanted = asked_and_delivered(e_in, e_out)
     # e depends on neither mass nor stiffness.
-    contact = contact or Contact(mass=1.0, stiffness=1.0)
+    contact = Contact(mass=1.0, stiffness=1.0) if contact is None else require_contact(contact)
     model = DeliveredByEnergyLoss(contact, jnp.asarray(float(asked.min())), method)
     if degree is None:
         return fit(model, wanted, {"beta": 2.5}, x=asked, transforms=Positive(), **how)
-    at_least("degree", degree, 0)
+    degree = require_count("degree", degree, 0)
     start = {"log_beta": np.array([np.log(2.5), *np.zeros(degree)])}
     return fit(model, wanted, start, x=asked, **how)

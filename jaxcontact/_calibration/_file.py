@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import os
-import pathlib
 
 import jax
 
+from .._parameter import require_path
 from .._whole_files import write_all
 from ._json import FormatError, dumps, loads
 from ._summary import CalibrationSummary
@@ -22,7 +22,7 @@ def to_json(summary: CalibrationSummary) -> str:
 
 def save(summary: CalibrationSummary, path: str | os.PathLike) -> None:
     """Write a calibration as JSON, whole or not at all; OSError where that fails."""
-    write_all({pathlib.Path(path): to_json(summary).encode()})
+    write_all({require_path("path", path): to_json(summary).encode()})
 
 
 def load_calibration(path: str | os.PathLike) -> CalibrationSummary:
@@ -31,12 +31,11 @@ def load_calibration(path: str | os.PathLike) -> CalibrationSummary:
     Returns a `CalibrationSummary`: `.law`, `.contact`, `.standard_errors`, `.choice` and all else
     that was found, as plain data. Raises ValueError that names the file and the field for an
     unknown format version, an unknown or missing field, an unknown law, a number that is missing or
-    not finite; OSError for a file that cannot be read.
+    not finite, and for what is no path; OSError for a file that cannot be read.
     """
+    file = require_path("path", path)
     try:
         with jax.enable_x64(True):
-            return loads(
-                pathlib.Path(path).read_text(encoding="utf-8"), CalibrationSummary, VERSION
-            )
+            return loads(file.read_text(encoding="utf-8"), CalibrationSummary, VERSION)
     except (FormatError, UnicodeDecodeError) as error:
-        raise ValueError(f"{os.fspath(path)}: {error}") from error
+        raise ValueError(f"{file}: {error}") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import equinox as eqx
@@ -9,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._contact import EXPONENT, Contact
+from .._contact import EXPONENT, Contact, require_contact
 from .._fit import AbstractTransform, Between, Fit, Fixed, fit
 from .._impact import AbstractMethod, impact, method_of
-from .._laws import AbstractLaw
-from .._parameter import POSITIVE, RESTITUTION_FROM_ZERO
+from .._laws import AbstractLaw, require_law
+from .._parameter import POSITIVE, RESTITUTION_FROM_ZERO, rendered
 from ._checks import column, measured
 
 
@@ -61,17 +62,25 @@ def fit_impacts(
     Returns a `Fit` whose params have `.law` and `.contact`. Raises ValueError for columns that do
     not match or leave their range.
     """
+    require_law(law)
+    require_contact(contact)
     v = column(velocity, "velocity", POSITIVE)
     columns = {
         "e": (e, sigma_e, RESTITUTION_FROM_ZERO),
         "duration": (duration, sigma_duration, POSITIVE),
     }
-    table = measured(columns, len(v), gaps=True)
+    table = measured(columns, ("velocity", v), gaps=True)
     if duration is not None:
         table["data"]["duration"] = np.log(table["data"]["duration"])
     start = ImpactModel(law, contact)
     model, transforms = Outcome(method, tuple(table["data"])), transforms_of(start, fixed)
     return fit(model, start=start, x=v, transforms=transforms, **table, **how)
+
+
+def _holds(owner: Any, name: Any) -> bool:
+    """Whether a model, law or contact has a field of this name."""
+    fields = {field.name.lstrip("_") for field in dataclasses.fields(owner)}
+    return isinstance(name, str) and name in fields and name != "tension"
 
 
 def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTransform]:
@@ -83,12 +92,18 @@ def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTrans
     transforms: dict[str, AbstractTransform] = {}
     if not isinstance(start.contact.exponent, float):
         transforms["contact.exponent"] = Between(EXPONENT.low, EXPONENT.high)
+    if not isinstance(fixed, list | tuple | set | frozenset):
+        raise ValueError(
+            "Argument `fixed` must be a tuple of names of numbers of the law or the contact, but "
+            f"is {rendered(fixed)}."
+        )
     owners = {"": start, "contact.": start.contact, "law.": start.law}
     for name in fixed:
-        places = [prefix for prefix, owner in owners.items() if hasattr(owner, name)]
+        places = [prefix for prefix, owner in owners.items() if _holds(owner, name)]
         if not places:
             raise ValueError(
-                f"Argument `fixed` must name numbers of the law or the contact, but holds {name!r}."
+                "Argument `fixed` must name numbers of the law or the contact, but holds "
+                f"{rendered(name)}."
             )
         value = getattr(owners[places[0]], name)
         if value is not None and not (name == "exponent" and isinstance(value, float)):

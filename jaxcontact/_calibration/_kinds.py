@@ -29,6 +29,7 @@ from .._laws import (
     constant_laws,
     get_law,
 )
+from .._parameter import rendered
 from ._estimate import Estimate
 from ._viscous import viscous_restitution
 
@@ -253,13 +254,15 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
     ValueError for any other name.
     """
     others = tuple(kind for kind in SPEED_DEPENDENT if kind.serves(exponent))
+    choices = ["all", *constant_laws(), *(kind.law for kind in others)]
+    if not isinstance(law, str) or law not in choices:
+        raise ValueError(
+            f"Argument `law` must be one of {', '.join(choices)}, but is {rendered(law)}."
+        )
     if law == "all":
         return (ConstantE(), *others)
     for kind in others:
         if law == kind.law:
             return (ConstantE(), kind)
-    if law not in constant_laws():
-        choices = ", ".join(["all", *constant_laws(), *(kind.law for kind in others)])
-        raise ValueError(f"Argument `law` must be one of {choices}, but is {law!r}.")
     name = "constant e" if law == "exact" else f"constant e ({law})"
     return (ConstantE(law, name), *others)

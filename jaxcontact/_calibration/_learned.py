@@ -8,10 +8,11 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._contact import Contact
+from .._contact import Contact, require_contact
 from .._fit import Fit, fit
 from .._impact import AbstractMethod, method_of, restitution
-from ._checks import asked_and_delivered, one_of
+from .._parameter import rendered
+from ._checks import asked_and_delivered
 from ._shapes import SHAPES, AbstractShape
 
 
@@ -46,9 +47,13 @@ def learn_law(
     Raises ValueError for columns that do not match or leave their range.
     """
     asked, wanted = asked_and_delivered(e_in, e_out)
-    if isinstance(form, str):
-        one_of(form, "form", SHAPES)
-        form = SHAPES[form](float(asked.min()))
+    if contact is not None:
+        require_contact(contact)
     if not isinstance(form, AbstractShape):
-        raise ValueError(f"Argument `form` must be a name or a shape, but is {form!r}.")
+        if not isinstance(form, str) or form not in SHAPES:
+            raise ValueError(
+                f"Argument `form` must be one of {', '.join(map(repr, SHAPES))} or a shape, but is "
+                f"{rendered(form)}."
+            )
+        form = SHAPES[form](float(asked.min()))
     return fit(DeliveredByShape(contact, method), wanted, form, x=asked, **how)

@@ -10,11 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._contact import Contact
+from .._contact import Contact, require_contact
 from .._fit import Fit, fit
 from .._impact import trajectory
-from .._laws import AbstractLaw
-from .._parameter import POSITIVE, REAL, parameter
+from .._laws import AbstractLaw, require_law
+from .._parameter import POSITIVE, REAL, parameter, require_number
 from ._checks import column, measured
 from ._impacts import transforms_of
 
@@ -107,15 +107,19 @@ def fit_record(
     params have `.law`, `.contact`, `.velocity`, `.start_time` and the offsets. Raises ValueError
     for columns that do not match.
     """
+    require_law(law)
+    require_contact(contact)
+    velocity = require_number("velocity", velocity, POSITIVE)
     moments = column(time, "time", REAL)
     columns = {
         "force": (force, sigma_force, REAL),
         "indentation": (indentation, sigma_indentation, REAL),
     }
-    table = measured(columns, len(moments), weight=lambda c: np.abs(c).max() ** -2.0)
+    table = measured(columns, ("time", moments), weight=lambda c: np.abs(c).max() ** -2.0)
     if start_time is None:
         reading = next(iter(table["data"].values()))
         start_time = float(moments[np.argmax(reading > _TOUCHED * reading.max())])
+    start_time = require_number("start_time", start_time)
     numbers: Any = velocity, start_time
     offsets = (jnp.zeros(()) if name in table["data"] else None for name in columns)
     start = RecordModel(law, contact, *numbers, *offsets)

@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._elementary import chebyshev
-from .._fit import at_least
 from .._laws import Damped
-from .._parameter import RESTITUTION, as_parameter
+from .._parameter import RESTITUTION, Range, as_parameter, require_count, require_number
 
 _SHORTEST_SPLINE = 4
+_BELOW_ONE = Range(low=0.0, high=1.0, high_open=True, inside=0.5)
 
 
 class AbstractShape(eqx.Module):
@@ -48,7 +48,7 @@ class Rational(AbstractShape):
     below: Float[Array, " degree"]
 
     def __init__(self, degree: int = 6):
-        at_least("degree", degree, 1)
+        degree = require_count("degree", degree, 1)
         self.above = jnp.asarray(np.concatenate([[1.25, 0.25], np.zeros(degree - 1)]))
         self.below = jnp.zeros(degree)
 
@@ -69,11 +69,9 @@ class Spline(AbstractShape):
     low: float = eqx.field(static=True)
 
     def __init__(self, intervals: int = 80, low: float = 0.0):
-        at_least("intervals", intervals, _SHORTEST_SPLINE)
-        if not 0 <= low < 1:
-            raise ValueError(f"Argument `low` must be in [0, 1), but is {low!r}.")
+        intervals = require_count("intervals", intervals, _SHORTEST_SPLINE)
         self.weights = jnp.full(intervals + 3, 1.25)
-        self.low = float(low)
+        self.low = require_number("low", low, _BELOW_ONE)
 
     def __call__(self, e: Float[Array, "..."]) -> Float[Array, "..."]:
         intervals = self.weights.size - 3
@@ -95,7 +93,7 @@ class Network(AbstractShape):
     network: eqx.nn.MLP
 
     def __init__(self, width: int = 8, seed: int = 0):
-        at_least("width", width, 1)
+        width, seed = require_count("width", width, 1), require_count("seed", seed, 0)
         key = jax.random.key(seed)
         self.network = eqx.nn.MLP("scalar", "scalar", width, 2, jax.nn.tanh, key=key)
 

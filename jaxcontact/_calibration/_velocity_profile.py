@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._fit import Positive, fit
-from .._parameter import NOT_NEGATIVE
+from .._parameter import NOT_NEGATIVE, POSITIVE, require_flag, require_number
 from ._checks import column
 
 Params = Mapping[str, Float[Array, ""]]
@@ -59,17 +59,19 @@ def fit_velocity_profile(
 
     Source: Hu & Guo (2015), Eq. 22, doi 10.1007/s11044-015-9453-z.
     """
+    squares = require_flag("squared", squared)
+    guess = require_number("start", start, POSITIVE)
     depth = column(indentation, "indentation", NOT_NEGATIVE, least=_FEWEST)
-    speed = column(velocity, "velocity", NOT_NEGATIVE, len(depth))
+    speed = column(velocity, "velocity", NOT_NEGATIVE, ("indentation", depth))
     share = np.ones(len(depth))
     if weights is not None:
-        share = column(weights, "weights", NOT_NEGATIVE, len(depth))
+        share = column(weights, "weights", NOT_NEGATIVE, ("indentation", depth))
     _check_compression(depth, speed)
     u, v = depth / depth[-1], speed / speed[0]
     found = fit(
-        _square if squared else _profile,
-        v**2 if squared else v,
-        {"beta": float(start)},
+        _square if squares else _profile,
+        v**2 if squares else v,
+        {"beta": guess},
         x=u,
         weights=share,
         transforms=Positive(),

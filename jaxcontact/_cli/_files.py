@@ -7,6 +7,7 @@ import pathlib
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from .._whole_files import is_special
 from ._options import InputError
 
 if TYPE_CHECKING:
@@ -22,8 +23,9 @@ def output_path(option: str, name: str, suffixes: Sequence[str]) -> pathlib.Path
     if path.suffix.lower() not in suffixes:
         allowed = " or ".join([", ".join(suffixes[:-1]), suffixes[-1]])
         raise InputError(f"{option} {name}: the name must end in {allowed}")
-    if path.is_dir():
-        raise InputError(f"{option} {name}: is a folder")
+    if is_special(path):
+        kind = "folder" if path.is_dir() else "pipe or a device"
+        raise InputError(f"{option} {name}: is a {kind}")
     return path
 
 

@@ -66,6 +66,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     status = Status(int(hit.status))
     if status == Status.INVALID_INPUT:
         raise InputError("a parameter is out of its range")
+    if beyond := _beyond(hit, status):
+        raise InputError(f"{', '.join(beyond)}: too large to be written in double precision")
     if plot is not None:
         progress("compiling and drawing the trajectory")
         write_all({plot: _figure(law, contact, arguments, plot)})
@@ -78,6 +80,15 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
 def _numbers(hit: Impact) -> dict[str, float]:
     return {name: float(getattr(hit, name)) for name in NUMBERS}
+
+
+def _beyond(hit: Impact, status: Status) -> list[str]:
+    """What a separated contact has no number for: mass, stiffness and velocity lie too far out."""
+    from .._impact import Status
+
+    if status != Status.SEPARATED:
+        return []
+    return [name.replace("_", " ") for name, x in _numbers(hit).items() if not math.isfinite(x)]
 
 
 def _text(arguments: argparse.Namespace, hit: Impact, status: Status) -> str:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib.util
-import io
 import math
 import pathlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -39,8 +39,9 @@ example: jaxcontact sweep --law hu_guo --e 0.05:1:96 --velocity 0.01:10:200:log 
 A .nc file is NetCDF (version 3), with units; it takes `pip install 'jaxcontact[data]'`. A .csv file
 has one row for each impact. A parameter that leaves its range flags its impacts as INVALID_INPUT.
 
-exit codes: 0 done; 1 some impacts could not be solved to accuracy (everything is written), or the
-sweep was interrupted; 2 bad input, nothing written.
+exit codes: 0 done; 1 some impacts could not be solved to accuracy, or have numbers too large for
+double precision (everything is written), or the sweep was interrupted; 2 bad input, nothing
+written.
 """
 
 _CONTACT = {"mass": 1.0, "stiffness": 1e8, "velocity": 1.0}
@@ -99,7 +100,11 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     progress(f"compiling and solving {lanes:,} impacts")
     table = sweep(function, progress=False if arguments.quiet else None, **given)
     progress("writing")
-    contents = {out: _table(table, out.suffix.lower())}
+    contents: dict[pathlib.Path, bytes | Callable[[BinaryIO], object]] = {}
+    if out.suffix.lower() == ".nc":
+        contents[out] = bytes(table.to_xarray().to_netcdf(engine="scipy"))
+    else:
+        contents[out] = table.to_csv
     if plot is not None:
         from ..plot import sweep as draw
 
@@ -109,8 +114,20 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         contents[plot] = drawn(fill, (6.4, 4.4), plot)
     write_all(contents)
     print(table)
+    beyond = _beyond(table)
+    if beyond:
+        print(f"  beyond  {beyond:,} separated impacts have numbers too large for double precision")
     failed = Status.NOT_CONVERGED in table.status_counts()
-    return 1 if failed or not table.complete else 0
+    return 1 if failed or beyond or not table.complete else 0
+
+
+def _beyond(table: Sweep) -> int:
+    """How many contacts separated but have no number for one of their fields."""
+    from .._impact import Status
+
+    fields = (name for name in NUMBERS if name in table.fields)
+    lost = functools.reduce(np.logical_or, (~np.isfinite(table[name]) for name in fields))
+    return int(np.count_nonzero(lost & (table.status == Status.SEPARATED)))
 
 
 def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path | None:
@@ -151,11 +168,3 @@ def _function(arguments: argparse.Namespace, given: dict[str, Any]) -> Callable[
         if isinstance(value, float) and not allowed[name].holds(value):
             raise InputError(f"{name} must be in {allowed[name]}, but is {value:g}")
     return impact_of
-
-
-def _table(table: Sweep, suffix: str) -> bytes:
-    if suffix == ".nc":
-        return bytes(table.to_xarray().to_netcdf(engine="scipy"))
-    text = io.StringIO()
-    table.to_csv(text)
-    return text.getvalue().encode()

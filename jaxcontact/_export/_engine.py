@@ -7,6 +7,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any, ClassVar, TypeVar
 
+from .._parameter import require_choice
 from ._wanted import Draft, Wanted
 
 _ENGINES: dict[str, Engine] = {}
@@ -61,7 +62,4 @@ def register_engine(kind: type[Kind]) -> type[Kind]:
 
 def engine_of(name: str) -> Engine:
     """The registered engine of this name. Raises ValueError if there is none."""
-    if name not in _ENGINES:
-        known = ", ".join(map(repr, sorted(_ENGINES)))
-        raise ValueError(f"Argument `engine` must be one of {known}, but is {name!r}.")
-    return _ENGINES[name]
+    return _ENGINES[require_choice("engine", name, sorted(_ENGINES))]

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._contact import Contact
-from .._impact import impact
+from .._impact import impact, problem_of
 from .._laws import AbstractLaw
 from ._engine import engine_of
 from ._result import Export
@@ -42,6 +42,11 @@ def export(
     simulator = engine_of(engine)
     given = simulator.checked(options)
     with jax.enable_x64(True):
+        if shape := problem_of(law, contact, velocity).shape:
+            raise ValueError(
+                "Arguments `law`, `contact` and `velocity` must be scalars, but have the shape "
+                f"{shape}; export lane by lane."
+            )
         hit = solved(impact(law, contact, velocity))
         numbers = hit.restitution, hit.duration, contact.mass, contact.stiffness, contact.exponent
         wanted = Wanted(*map(float, numbers), velocity=float(np.asarray(velocity)))

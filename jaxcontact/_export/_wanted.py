@@ -41,11 +41,6 @@ class Draft:
 
 def solved(hit: Impact) -> Impact:
     """`hit` itself, if it is one impact that ended in separation; ValueError otherwise."""
-    if hit.status.shape != ():
-        raise ValueError(
-            "Arguments `law`, `contact` and `velocity` must be scalars, but have the shape "
-            f"{hit.status.shape}; export lane by lane."
-        )
     status = Status(int(hit.status))
     if status is not Status.SEPARATED or not float(hit.restitution) > 0:
         raise ValueError(

@@ -1,7 +1,6 @@
 """Fitting any differentiable prediction to data, with uncertainty."""
 
 from ._bootstrap import Bootstrap as Bootstrap
-from ._checks import at_least as at_least
 from ._compare import Candidate as Candidate
 from ._compare import Comparison as Comparison
 from ._compare import compare_fits as compare_fits

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ._checks import at_least, is_level
+from .._parameter import FRACTION, require_count, require_number
 from ._data import FitData
 from ._found import Found, found_from
 from ._problem import Problem
@@ -35,7 +35,7 @@ class Bootstrap:
 
     def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
         """The percentile interval of each parameter."""
-        is_level(level)
+        level = require_number("level", level, FRACTION)
         part = np.array([1 - level, 1 + level]) / 2
         ends = np.quantile(self.values[self.converged], part, axis=0)
         return dict(zip(self.names, zip(*ends.tolist(), strict=True), strict=True))
@@ -57,7 +57,8 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
     unknown, or this fit did not converge.
     Source: Efron & Tibshirani (1993), doi 10.1201/9780429246593.
     """
-    at_least("draws", draws, 2)
+    draws = require_count("draws", draws, 2)
+    seed = require_count("seed", seed, 0)
     if not fit.converged:
         raise ValueError(f"A fit that did not converge has no bootstrap: {fit.reason}.")
     if not np.isfinite(fit.noise):

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Bool
 
+from .._parameter import rendered, require_count
 from .._text_table import text_table
-from ._checks import at_least
 from ._data import FitData
 from ._found import find
 from ._inference import LEAST_GROUPS
@@ -106,7 +106,8 @@ def compare_fits(
     and robust fits that found their own scale, which cannot be compared.
     Source: Burnham & Anderson (2002), doi 10.1007/b97636; Vuong (1989), doi 10.2307/1912557.
     """
-    at_least("folds", folds, 2)
+    folds = require_count("folds", folds, 2)
+    seed = require_count("seed", seed, 0)
     _check(fits)
     used = np.asarray(next(iter(fits.values())).problem.factor) > 0
     return compared(fits, _parts(used, folds, groups, seed))
@@ -168,6 +169,9 @@ def advantage(fit: FitData, other: FitData) -> float | None:
 
 
 def _check(fits: Mapping[str, FitData]) -> None:
+    held = fits.values() if isinstance(fits, Mapping) else [None]
+    if not all(isinstance(one, FitData) for one in held):
+        raise ValueError(f"Argument `fits` must be a dict of fits, but is {rendered(fits)}.")
     if len(fits) < 2:
         raise ValueError(f"Argument `fits` must hold at least two fits, but holds {len(fits)}.")
     first = next(iter(fits.values())).problem

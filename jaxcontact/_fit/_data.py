@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._inference import Direction
-from ._problem import Problem, evaluated, flattened
+from ._problem import Problem, evaluated, flattened, place_like
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,7 +99,7 @@ class FitData:
         return curve, np.sqrt(np.sum(part * slope[:, known], axis=1))
 
     def _place(self, x: Any) -> Any:
-        return self.problem.x if x is None else jax.tree.map(jnp.asarray, x)
+        return self.problem.x if x is None else place_like(x, self.problem.x)
 
 
 @eqx.filter_jit

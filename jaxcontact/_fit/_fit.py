@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -13,12 +12,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
+from .._parameter import (
+    POSITIVE,
+    as_flag,
+    rendered,
+    require_count,
+    require_flag,
+    require_function,
+    require_number,
+)
 from .._progress import progress_of
-from ._checks import at_least, listed
+from ._checks import listed
 from ._found import Found, compiled_step, find, find_all
 from ._inference import infer
 from ._loss import Huber
-from ._problem import Problem, shapes_of
+from ._problem import Problem, place_of, shapes_of
 from ._result import Fit
 from ._solve import MOST_STEPS, PATIENCE, Options
 from ._space import space_of
@@ -96,9 +104,17 @@ def fit(
     named), a start outside its bounds or without a finite prediction, and arguments that do not
     match. Source: Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030.
     """
-    _check(loss, optimizer, starts, spread, max_steps, rtol)
-    by_gradient = None if optimizer == LEVENBERG_MARQUARDT else optimizer
-    most = max_steps or (MOST_STEPS if by_gradient is None else _MOST_GRADIENT_STEPS)
+    require_function("predict", predict)
+    _check(loss, optimizer)
+    starts, seed = require_count("starts", starts, 1), require_count("seed", seed, 0)
+    spread = require_number("spread", spread, POSITIVE)
+    patience = require_count("patience", patience, 1)
+    rtol = require_number("rtol", rtol, POSITIVE)
+    reverse = require_flag("reverse", reverse)
+    by_gradient = None if isinstance(optimizer, str) else optimizer
+    most = MOST_STEPS if by_gradient is None else _MOST_GRADIENT_STEPS
+    if max_steps is not None:
+        most = require_count("max_steps", max_steps, 1)
     with (
         _listener_of(progress, most) as tell,
         jax.enable_x64(True),
@@ -110,7 +126,7 @@ def fit(
         problem = Problem(
             predict,
             space,
-            jax.tree.map(jnp.asarray, x),
+            place_of(x),
             jnp.asarray(target.y),
             jnp.asarray(target.factor),
             jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None,
@@ -130,23 +146,20 @@ def fit(
         return _result(problem, found, theta, target, ends, names, options)
 
 
-def _check(
-    loss: Any, optimizer: Any, starts: Any, spread: float, max_steps: Any, rtol: float
-) -> None:
-    if loss != "squares" and not isinstance(loss, Huber):
-        raise ValueError(f"Argument `loss` must be 'squares' or a `Huber`, but is {loss!r}.")
-    is_optax = hasattr(optimizer, "init") and hasattr(optimizer, "update")
-    if not is_optax and optimizer != LEVENBERG_MARQUARDT:
+def _check(loss: Any, optimizer: Any) -> None:
+    if not isinstance(loss, Huber) and not (isinstance(loss, str) and loss == "squares"):
+        raise ValueError(
+            f"Argument `loss` must be 'squares' or a `Huber`, but is {rendered(loss)}."
+        )
+    # A class has the functions of its objects, but is no optimiser.
+    parts = () if isinstance(optimizer, type) else ("init", "update")
+    is_optax = bool(parts) and all(callable(getattr(optimizer, part, None)) for part in parts)
+    is_ours = isinstance(optimizer, str) and optimizer == LEVENBERG_MARQUARDT
+    if not is_optax and not is_ours:
         raise ValueError(
             f"Argument `optimizer` must be {LEVENBERG_MARQUARDT!r} or an optax optimiser, but is "
-            f"{optimizer!r}."
+            f"{rendered(optimizer)}."
         )
-    at_least("starts", starts, 1)
-    if max_steps is not None:
-        at_least("max_steps", max_steps, 1)
-    for name, number in (("spread", spread), ("rtol", rtol)):
-        if not 0 < number < math.inf:
-            raise ValueError(f"Argument `{name}` must be in (0, inf), but is {number!r}.")
 
 
 def _search(problem: Problem, start: Any, options: Options) -> Found:
@@ -258,7 +271,7 @@ def _result(
 @contextlib.contextmanager
 def _listener_of(progress: Any, most: int) -> Iterator[Callable[[Any, Any], Any] | None]:
     """What to call with each step and its loss; None where nothing is shown."""
-    if progress is False:
+    if as_flag(progress) is False:
         yield None
     elif callable(progress):
         yield lambda step, loss: progress(int(step), float(loss))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from .._parameter import POSITIVE, require_number
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,10 +22,8 @@ class Huber:
     threshold: float = 1.345
 
     def __post_init__(self) -> None:
-        if not 0 < self.threshold < math.inf:
-            raise ValueError(
-                f"Argument `threshold` must be in (0, inf), but is {self.threshold!r}."
-            )
+        threshold = require_number("threshold", self.threshold, POSITIVE)
+        object.__setattr__(self, "threshold", threshold)
 
 
 def shortened(z: Float[Array, " n"], threshold: Float[Array, ""] | None) -> Float[Array, " n"]:

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._parameter import as_parameter, real_array, rendered
 from ._loss import shortened
 from ._space import Space
 
@@ -82,6 +83,32 @@ class Problem(eqx.Module):
     ) -> tuple[Float[Array, "n k"], Any]:
         """The derivative of the first of two results of a function of (k,), and the second."""
         return (jax.jacrev if self.reverse else jax.jacfwd)(function, has_aux=True)(at)
+
+
+def place_of(x: Any) -> Any:
+    """The tree of arrays at which a prediction is made; ValueError for what JAX cannot hold."""
+
+    def array(leaf: Any) -> Array:
+        # A prediction may look things up by flags, or compute with complex numbers.
+        flags = isinstance(leaf, bool | np.bool_) or (
+            type(leaf) is np.ndarray and leaf.dtype == bool
+        )
+        known = flags or isinstance(leaf, jax.Array) or np.iscomplexobj(leaf)
+        return jnp.asarray(leaf if known else real_array(leaf, "x"))
+
+    return jax.tree.map(array, x)
+
+
+def place_like(x: Any, known: Any) -> Any:
+    """Another `x` than that of the data, `known`; ValueError for one that is not like it."""
+    if isinstance(known, jax.Array) and jnp.issubdtype(known.dtype, jnp.floating):
+        return as_parameter(x, "x").astype(known.dtype)
+    place = place_of(x)
+    wanted, got = jax.tree.structure(known), jax.tree.structure(place)
+    if wanted != got:
+        what = "None, as in the fit" if known is None else f"a tree like that of the fit, {wanted}"
+        raise ValueError(f"Argument `x` must be {what}, but is {rendered(x)}.")
+    return place
 
 
 def evaluated(predict: Callable[..., Any], params: Any, x: Any) -> Any:

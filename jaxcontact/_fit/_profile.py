@@ -12,7 +12,15 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from scipy import stats
 from scipy.interpolate import PchipInterpolator
 
-from ._checks import is_level
+from .._parameter import (
+    FRACTION,
+    POSITIVE,
+    as_numbers,
+    rendered,
+    require_choice,
+    require_count,
+    require_number,
+)
 from ._data import FitData
 from ._found import found_from
 from ._problem import Problem
@@ -44,7 +52,7 @@ class Profile:
 
         An end beyond the profiled values is infinite.
         """
-        is_level(level)
+        level = require_number("level", level, FRACTION)
         tail = (1 + level) / 2
         wanted = stats.norm.ppf(tail) if self.absolute else stats.t.ppf(tail, self.dof)
         good = np.isfinite(self.deviation)
@@ -69,8 +77,9 @@ def profile(
     unknown name, one without a standard error if no values are given, and a fit that did not
     converge. Source: Venzon & Moolgavkar (1988), doi 10.2307/2347496.
     """
-    if name not in fit.names:
-        raise ValueError(f"Argument `name` must be one of {', '.join(fit.names)}, but is {name!r}.")
+    require_choice("name", name, fit.names)
+    points = require_count("points", points, 2)
+    span = require_number("span", span, POSITIVE)
     if not fit.converged:
         raise ValueError(f"A fit that did not converge has no profile: {fit.reason}.")
     place = fit.names.index(name)
@@ -85,10 +94,11 @@ def profile(
         at = best + np.linspace(-span, span, points) * error
         at = at[(at > low) & (at < high)]
     else:
-        at = np.sort(np.asarray(values, float).ravel())
-        if not (np.isfinite(at) & (at > low) & (at < high)).all():
+        at = np.sort(as_numbers(values, "values").ravel())
+        if not at.size or not (np.isfinite(at) & (at > low) & (at < high)).all():
             raise ValueError(
-                f"Argument `values` must be finite and in ({low:g}, {high:g}), but is {values!r}."
+                f"Argument `values` must be finite and in ({low:g}, {high:g}), at least one, but "
+                f"is {rendered(values)}."
             )
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)

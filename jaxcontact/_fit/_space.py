@@ -12,7 +12,7 @@ import numpy as np
 from jax.tree_util import DictKey, FlattenedIndexKey, GetAttrKey, SequenceKey
 from jaxtyping import Array, Float
 
-from .._parameter import Range, ranges
+from .._parameter import Range, as_numbers, ranges, rendered
 from ._transforms import AbstractTransform, Coordinate, Fixed, Free, of_range
 
 
@@ -75,21 +75,26 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
     Raises ValueError for a start outside its bounds, one that is not finite, transforms that do
     not match, and nothing to fit.
     """
-    paths, structure = jax.tree.flatten_with_path(start)
+    try:
+        paths, structure = jax.tree.flatten_with_path(start)
+    except (TypeError, ValueError) as error:  # keys of a dict that have no order
+        raise ValueError(
+            f"Argument `start` must be a tree of numbers, but is {rendered(start)}."
+        ) from error
     chosen = _chosen(start, transforms)
     names, coordinates, shapes, others, ends, theta = [], [], [], [], [], []
     for (path, leaf), given in zip(paths, chosen, strict=True):
         if not _is_end(given):
             raise ValueError(
                 "Argument `transforms` must hold `Free`, `Positive`, `Between` or `Fixed`, but "
-                f"holds {given!r}."
+                f"holds {rendered(given)}."
             )
         transform = given or _declared(start, path)
         if not _is_fitted(leaf) or isinstance(transform, Fixed):
             shapes.append(None)
             others.append(jnp.asarray(float(leaf)) if type(leaf) is float else leaf)
             continue
-        array = np.asarray(leaf, float)
+        array = as_numbers(leaf, "start")
         shapes.append(array.shape)
         for index in np.ndindex(array.shape):
             name = _name_of(path) + (f"[{', '.join(map(str, index))}]" if index else "")
@@ -105,7 +110,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             ends.append(bounds)
             theta.append(transform.coordinate.to_free(value, *bounds))
     if not names:
-        raise ValueError(f"Argument `start` must hold a number to fit, but is {start!r}.")
+        raise ValueError(f"Argument `start` must hold a number to fit, but is {rendered(start)}.")
     low, high = jnp.asarray(ends, float).T
     keys = tuple(coordinates), tuple(shapes), tuple(names)
     return Space(low, high, others, structure, *keys), np.array(theta)
@@ -127,9 +132,12 @@ def _name_of(path: tuple[Any, ...]) -> str:
 
 
 def _is_fitted(leaf: Any) -> bool:
-    if isinstance(leaf, bool | np.bool_):
+    if isinstance(leaf, bool | np.bool_ | np.timedelta64):
         return False
-    return isinstance(leaf, float | int | np.floating) or eqx.is_inexact_array_like(leaf)
+    if isinstance(leaf, np.ndarray | jax.Array):
+        return eqx.is_inexact_array(leaf)
+    # A lone number, or a column of a data frame.
+    return isinstance(leaf, int | float | complex | np.number) or hasattr(leaf, "__array__")
 
 
 def _chosen(start: Any, transforms: Any) -> list[Any]:
@@ -146,7 +154,7 @@ def _chosen(start: Any, transforms: Any) -> list[Any]:
     except (ValueError, TypeError, KeyError) as error:
         raise ValueError(
             "Argument `transforms` must be one transform, a dict of them by name, or a prefix of "
-            f"the tree of `start`, but is {transforms!r}."
+            f"the tree of `start`, but is {rendered(transforms)}."
         ) from error
     return chosen
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from .._parameter import as_numbers, concrete, rendered
 from ._checks import listed
 
 
@@ -31,7 +32,7 @@ def target_of(data: Any, sigma: Any, weights: Any) -> Target:
         raise ValueError("Argument `weights` must be None with `sigma`, but both are given.")
     y = _vector(data, "data")
     if y.size == 0:
-        raise ValueError("Argument `data` must hold a number, but holds none.")
+        raise ValueError(f"Argument `data` must hold a number, but is {rendered(data)}.")
     if sigma is not None:
         given = _spread(sigma, data, "sigma")
         _refuse(~(given > 0), given, "sigma", "positive (inf leaves a point out)")
@@ -42,7 +43,11 @@ def target_of(data: Any, sigma: Any, weights: Any) -> Target:
         factor = np.sqrt(given)
     used = factor > 0
     if not used.any():
-        raise ValueError("Argument `weights` must not be zero everywhere, but is.")
+        raise ValueError(
+            f"Argument `weights` must not be zero everywhere, but is {rendered(weights)}."
+            if sigma is None
+            else f"Argument `sigma` must not be infinite everywhere, but is {rendered(sigma)}."
+        )
     allowed = "finite; give a point the weight 0 to leave it out"
     _refuse(used & ~np.isfinite(y), y, "data", allowed)
     return Target(np.where(used, y, 0.0), factor, sigma is not None)
@@ -52,41 +57,56 @@ def groups_of(names: Any, count: int) -> np.ndarray | None:
     """The number of the group (n,) of each point; ValueError unless there is a name for each."""
     if names is None:
         return None
-    given = np.asarray(names).ravel()
-    if given.size != count:
+    try:
+        given = np.asarray(names).ravel()
+        size, number = given.size, np.unique(given, return_inverse=True)[1]
+        good = not isinstance(names, np.ma.MaskedArray) and given.dtype.kind not in "Vc"
+    except Exception as error:  # whatever a foreign object raises, or names without an order
+        raise _no_names(names, count) from error
+    names_only = given.dtype != object or all(isinstance(x, str | int | float) for x in given)
+    if not good or not names_only:
+        raise _no_names(names, count)
+    if size != count:
         raise ValueError(
-            f"Argument `groups` must have one name for each of the {count} points, but has "
-            f"{given.size}."
+            f"Argument `groups` must have one name for each of the {count} points, but has {size}: "
+            f"it is {rendered(names)}."
         )
-    return np.unique(given, return_inverse=True)[1]
+    return number
 
 
-def _flat(tree: Any) -> np.ndarray:
+def _no_names(names: Any, count: int) -> ValueError:
+    return ValueError(
+        f"Argument `groups` must have one name for each of the {count} points, all numbers or all "
+        f"texts, but is {rendered(names)}."
+    )
+
+
+def _flat(tree: Any, name: str) -> np.ndarray:
     """All numbers of a tree as one vector."""
-    leaves = [np.asarray(leaf, float).ravel() for leaf in jax.tree.leaves(tree)]
+    leaves = [as_numbers(leaf, name).ravel() for leaf in jax.tree.leaves(tree)]
     return np.concatenate(leaves) if leaves else np.zeros(0)
 
 
 def _vector(tree: Any, name: str) -> np.ndarray:
     try:
-        # numpy would drop an imaginary part.
-        if any(np.iscomplexobj(leaf) for leaf in jax.tree.leaves(tree)):
-            raise TypeError("complex numbers")
-        return _flat(tree)
+        return _flat(tree, name)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"Argument `{name}` must hold real numbers, but is {tree!r}.") from error
+        raise ValueError(
+            f"Argument `{name}` must hold real numbers, but is {rendered(tree)}."
+        ) from error
 
 
 def _spread(value: Any, data: Any, name: str) -> np.ndarray:
     """One number for each point, from a number for all or a tree like the data."""
-    count = _flat(data).size
-    if np.ndim(value) == 0 and isinstance(value, int | float | np.number | jax.Array | np.ndarray):
-        return np.full(count, float(value))
+    count = _flat(data, "data").size
+    number = concrete(value)
+    if number is not None:
+        return np.full(count, as_numbers(value, name))
     given = _vector(value, name)
     if given.size != count:
         raise ValueError(
             f"Argument `{name}` must have one number, or one for each of the {count} points of "
-            f"`data`, but has {given.size}."
+            f"`data`, but has {given.size}: it is {rendered(value)}."
         )
     return given
 

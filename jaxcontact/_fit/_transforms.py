@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 
-from .._parameter import Range
+from .._parameter import Range, require_number
 
 
 class Coordinate(NamedTuple):
@@ -91,15 +91,16 @@ class Between(AbstractTransform):
     coordinate = LOGIT
 
     def __post_init__(self) -> None:
-        if not -math.inf < self.low < self.high < math.inf:
+        for name in ("low", "high"):
+            object.__setattr__(self, name, require_number(name, getattr(self, name)))
+        if not self.low < self.high:
             raise ValueError(
-                f"Argument `high` must be above `low`, both finite, but they are {self.high!r} "
-                f"and {self.low!r}."
+                f"Argument `high` must be above `low`, but they are {self.high!r} and {self.low!r}."
             )
 
     @property
     def bounds(self) -> tuple[float, float]:
-        return float(self.low), float(self.high)
+        return self.low, self.high
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Int
 
 from .._forms import AbstractForm, Flag, ScaledImpact
 from .._implicit import bracketed_root, with_implicit_derivative
+from .._parameter import require_kind
 from ._balance import Balance, balance_of
 from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
@@ -46,9 +47,8 @@ def _of_diffrax(name: str, kind: type) -> Any:
     """A field for what diffrax has several of; None for the default."""
 
     def convert(value: Any) -> Any:
-        if value is None or isinstance(value, kind):
-            return value
-        raise ValueError(f"Argument `{name}` must be a diffrax {kind.__name__}, but is {value!r}.")
+        allowed = f"a diffrax {kind.__name__} or None"
+        return None if value is None else require_kind(name, value, kind, allowed)
 
     return eqx.field(default=None, converter=convert)
 

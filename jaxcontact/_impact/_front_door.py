@@ -10,10 +10,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from .._contact import EXPONENT, Contact
+from .._contact import EXPONENT, Contact, require_contact
 from .._forms import AbstractForm, Scale, scale_of
-from .._laws import VELOCITY_THRESHOLD, AbstractLaw
-from .._parameter import Range, Specialised, as_parameter, is_valid, sanitised
+from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
+from .._parameter import (
+    Range,
+    Specialised,
+    as_parameter,
+    is_plain,
+    is_valid,
+    require_broadcast,
+    sanitised,
+)
 from ._motion import Motion
 
 SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
@@ -40,13 +48,18 @@ def problem_of(
     velocity: ArrayLike,
     external_force: ArrayLike | None = None,
 ) -> Problem:
-    """Convert and check what can be checked without looking into arrays."""
-    check_law(law)
-    check_contact(contact)
-    if isinstance(external_force, int | float) and external_force == 0:
-        external_force = None
+    """Convert and check what can be checked without looking into arrays.
+
+    Raises ValueError for what is no law, contact or number, for a Python or NumPy scalar out of
+    range, an exponent that the law is not made for, and shapes that do not broadcast.
+    """
+    require_law(law)
+    require_contact(contact)
+    push = None
     if external_force is not None:
-        external_force = as_parameter(external_force, "external_force", FORCE)
+        push = as_parameter(external_force, "external_force", FORCE)
+        if is_plain(external_force) and external_force == 0:
+            push = None
     n = contact.exponent
     if law.exponents is not None and isinstance(n, float) and n not in law.exponents:
         allowed = " or ".join(f"{exponent:g}" for exponent in law.exponents)
@@ -54,20 +67,9 @@ def problem_of(
             f"Argument `contact` must have the exponent {allowed} for `{type(law).__name__}`, "
             f"but has {n:g}."
         )
-    velocity = as_parameter(velocity, "velocity", SPEED)
-    return uniform(Problem(law, contact, velocity, external_force))
-
-
-def check_law(law: Any) -> None:
-    """Raise ValueError for what is not a law."""
-    if not isinstance(law, AbstractLaw):
-        raise ValueError(f"Argument `law` must be a contact law (see `list_laws`), but is {law!r}.")
-
-
-def check_contact(contact: Any) -> None:
-    """Raise ValueError for what is no contact."""
-    if not isinstance(contact, Contact):
-        raise ValueError(f"Argument `contact` must be a `Contact`, but is {contact!r}.")
+    speed = as_parameter(velocity, "velocity", SPEED)
+    require_broadcast(law=law, contact=contact, velocity=speed, external_force=push)
+    return uniform(Problem(law, contact, speed, push))
 
 
 def uniform(tree: Any) -> Any:

@@ -12,16 +12,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._contact import Contact
+from .._contact import Contact, require_contact
 from .._forms import scale_of
-from .._laws import AbstractLaw
-from .._parameter import as_parameter, is_valid, sanitised
+from .._laws import AbstractLaw, require_law
+from .._parameter import as_parameter, is_valid, require_broadcast, sanitised
 from ._front_door import (
     SPEED,
     Lanes,
     Problem,
-    check_contact,
-    check_law,
     lanes_of,
     problem_of,
     uniform,
@@ -127,13 +125,14 @@ def restitution(
     Raises ValueError for a Python scalar out of range or a missing argument. Inverse, for the exact
     law: `exact_damping_factor`. Source: see `impact`.
     """
-    check_law(law)
+    require_law(law)
     if contact is not None:
-        check_contact(contact)
+        require_contact(contact)
     how = method_of(method)
     if contact is not None and velocity is not None:
         return _restitution(problem_of(law, contact, velocity), how)
     speed = None if velocity is None else as_parameter(velocity, "velocity", SPEED)
+    require_broadcast(law=law, contact=contact, velocity=speed)
     law, contact, speed = uniform((law, contact, speed))
     e = _restitution_alone(law, contact, speed, how)
     if e is None:

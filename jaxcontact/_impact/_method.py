@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import abc
+import functools
 from typing import Any
 
 import equinox as eqx
-import jax
-import numpy as np
-from jax.core import Tracer
 
 from .._forms import AbstractForm, Lane, ScaledImpact
+from .._parameter import FRACTION, require_count, require_number
 from ._front_door import Lanes
 
 
@@ -48,30 +47,12 @@ def tolerance_field(name: str) -> Any:
     """A field for a tolerance: a Python float, from any concrete real scalar; None stays None."""
 
     def convert(value: Any) -> float | None:
-        if value is None:
-            return None
-        number = _scalar(value)
-        if not isinstance(number, int | float) or not 0 < number < 1:
-            raise ValueError(f"Argument `{name}` must be a number in (0, 1), but is {value!r}.")
-        return float(number)
+        return None if value is None else require_number(name, value, FRACTION)
 
     return eqx.field(static=True, default=None, converter=convert)
 
 
 def count_field(name: str, default: int) -> Any:
     """A field for a number of steps: a Python int, from any concrete whole scalar."""
-
-    def convert(value: Any) -> int:
-        number = _scalar(value)
-        if not isinstance(number, int) or number < 2:
-            raise ValueError(f"Argument `{name}` must be a whole number above 1, but is {value!r}.")
-        return int(number)
-
+    convert = functools.partial(require_count, name, least=2)
     return eqx.field(static=True, default=default, converter=convert)
-
-
-def _scalar(value: Any) -> object:
-    """A NumPy or JAX scalar as a Python number; what is no number as it is, flags as None."""
-    array = isinstance(value, np.ndarray | np.generic | jax.Array) and not isinstance(value, Tracer)
-    number = value.item() if array and value.ndim == 0 else value
-    return None if isinstance(number, bool) else number

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar
 
 from .._forms import AbstractForm, Lane, ScaledImpact
+from .._parameter import rendered
 from ._event import Event
 from ._front_door import Lanes
 from ._method import AbstractMethod
@@ -69,7 +70,7 @@ def method_of(method: str | AbstractMethod) -> AbstractMethod:
     names = ", ".join(map(repr, NAMED))
     raise ValueError(
         f"Argument `method` must be one of {names} or a method object such as "
-        f"`jaxcontact.Event(rtol=1e-11)`, but is {method!r}."
+        f"`jaxcontact.Event(rtol=1e-11)`, but is {rendered(method)}."
     )
 
 
@@ -81,6 +82,6 @@ def stepping_method(method: str | AbstractMethod) -> Event:
     if not isinstance(how, Event):
         raise ValueError(
             "Argument `method` must be 'event', 'auto' or a `jaxcontact.Event` for a trajectory, "
-            f"but is {method!r}: only an event solve follows the motion in time."
+            f"but is {rendered(method)}: only an event solve follows the motion in time."
         )
     return how

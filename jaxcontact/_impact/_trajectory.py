@@ -78,7 +78,7 @@ def trajectory(
     Returns a `Trajectory`; bad lanes are flagged in `.status`, their numbers NaN. Raises ValueError
     as `impact` does, and for other methods. Source: see `impact`.
     """
-    require_count("samples", samples, 2)
+    samples = require_count("samples", samples, 2)
     problem = problem_of(law, contact, velocity, external_force)
     return _trajectory(problem, stepping_method(method), samples)
 

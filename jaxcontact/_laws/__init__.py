@@ -2,6 +2,8 @@
 
 from ._base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from ._base import AbstractLaw as AbstractLaw
+from ._base import as_tension as as_tension
+from ._base import require_law as require_law
 from ._energy_balance import EnergyLoss as EnergyLoss
 from ._energy_balance import ExactRestitution as ExactRestitution
 from ._hunt_crossley import AbstractHuntCrossley as AbstractHuntCrossley

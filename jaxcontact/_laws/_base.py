@@ -4,13 +4,21 @@ from __future__ import annotations
 
 import abc
 import dataclasses
-from typing import TYPE_CHECKING, ClassVar, TypeVar
+import functools
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import equinox as eqx
 from jaxtyping import Array, ArrayLike, Float
 
 from .._forms import AbstractForm, GeneralForm, Scale
-from .._parameter import shown
+from .._parameter import (
+    as_parameter,
+    rendered,
+    require_broadcast,
+    require_flag,
+    require_kind,
+    shown,
+)
 
 if TYPE_CHECKING:
     from .._contact import Contact
@@ -25,6 +33,10 @@ than this speed (a resting one, say) is given the c of this speed, in `force` an
 """
 
 
+as_tension = functools.partial(require_flag, "tension")
+"""The converter of a law's keyword `tension`."""
+
+
 class AbstractLaw(eqx.Module):
     """A contact law: parameters as leaves, and the force they make.
 
@@ -37,7 +49,7 @@ class AbstractLaw(eqx.Module):
     force, and the contact ends when its force vanishes; with True it ends when δ is back at zero.
     """
 
-    tension: bool = eqx.field(static=True, default=True, kw_only=True)
+    tension: bool = eqx.field(static=True, default=True, kw_only=True, converter=as_tension)
 
     exponents: ClassVar[tuple[float, ...] | None] = None
     """The contact exponents n the law is made for; None if any will do."""
@@ -86,6 +98,48 @@ class AbstractLaw(eqx.Module):
             if field.name != "tension" or self.tension is not field.default
         )
         return f"{type(self).__name__}({', '.join(numbers)})"
+
+
+def require_law(value: object) -> AbstractLaw:
+    """A law; ValueError for anything else."""
+    return require_kind("law", value, AbstractLaw, "a contact law (see `list_laws`)")
+
+
+def require_contact_like(value: Any) -> None:
+    """Raise ValueError for what has no mass, stiffness and exponent."""
+    # By what it holds: contacts are in a room above the laws.
+    if not all(hasattr(value, name) for name in ("mass", "stiffness", "exponent")):
+        raise ValueError(f"Argument `contact` must be a `Contact`, but is {rendered(value)}.")
+
+
+def contact_for(contact: Contact | None, law: AbstractLaw) -> Contact:
+    """The contact that a law depends on; ValueError if it is missing or none."""
+    given = needed(contact, "contact", law)
+    require_contact_like(given)
+    return given
+
+
+def speed_for(velocity: ArrayLike | None, law: AbstractLaw) -> Float[Array, "..."]:
+    """The closing speed that a law depends on; ValueError if it is missing or no number."""
+    return as_parameter(needed(velocity, "velocity", law), "velocity")
+
+
+def force_arguments(
+    indentation: ArrayLike, velocity: ArrayLike, contact: Contact, impact_velocity: ArrayLike
+) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
+    """The three numbers of `AbstractLaw.force` as arrays.
+
+    Raises ValueError for what is no number or contact, and for shapes that do not broadcast.
+    """
+    require_contact_like(contact)
+    numbers = {
+        "indentation": as_parameter(indentation, "indentation"),
+        "velocity": as_parameter(velocity, "velocity"),
+        "impact_velocity": as_parameter(impact_velocity, "impact_velocity"),
+    }
+    require_broadcast(**numbers, contact=contact)
+    depth, rate, speed = numbers.values()
+    return depth, rate, speed
 
 
 def needed(argument: _Given | None, name: str, law: AbstractLaw) -> _Given:

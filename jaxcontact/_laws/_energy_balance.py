@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from .._elementary import half_gamma_ratio
 from .._forms import exact_damping_factor
 from .._parameter import POSITIVE, RESTITUTION, parameter
+from ._base import contact_for
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
 
@@ -33,7 +34,7 @@ class EnergyLoss(AbstractHuntCrossley):
     beta: Float[Array, "..."] = parameter("beta", POSITIVE)
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
-        n_plus_1 = 2.5 if contact is None else contact.exponent + 1
+        n_plus_1 = 2.5 if contact is None else contact_for(contact, self).exponent + 1
         ratio = n_plus_1 / self.beta
         # Γ(3/2) = √π/2, so (n+1) I = ratio B(ratio, 3/2) = (√π/2) Γ(ratio+1)/Γ(ratio+3/2).
         return (1 - self.e) / self.e * half_gamma_ratio(ratio + 1) * (2 / math.sqrt(math.pi))

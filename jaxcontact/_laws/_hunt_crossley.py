@@ -11,8 +11,15 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._elementary import power
 from .._forms import HuntCrossleyForm
-from .._parameter import NOT_NEGATIVE, as_parameter, parameter
-from ._base import VELOCITY_THRESHOLD, AbstractLaw, needed
+from .._parameter import NOT_NEGATIVE, parameter
+from ._base import (
+    VELOCITY_THRESHOLD,
+    AbstractLaw,
+    as_tension,
+    contact_for,
+    force_arguments,
+    speed_for,
+)
 from ._registry import register_law
 
 if TYPE_CHECKING:
@@ -26,7 +33,7 @@ class AbstractHuntCrossley(AbstractLaw):
     then clamped at zero, unless the law was made with `tension=True`.
     """
 
-    tension: bool = eqx.field(static=True, default=False, kw_only=True)
+    tension: bool = eqx.field(static=True, default=False, kw_only=True, converter=as_tension)
 
     @abc.abstractmethod
     def damping_factor(
@@ -44,12 +51,11 @@ class AbstractHuntCrossley(AbstractLaw):
         Below `VELOCITY_THRESHOLD` the threshold replaces v0. With `tension=True` the force is not
         clamped.
         """
-        speed = jnp.maximum(as_parameter(impact_velocity, "impact_velocity"), VELOCITY_THRESHOLD)
-        elastic = contact.stiffness * power(
-            as_parameter(indentation, "indentation"), contact.exponent
-        )
+        depth, rate, speed = force_arguments(indentation, velocity, contact, impact_velocity)
+        speed = jnp.maximum(speed, VELOCITY_THRESHOLD)
+        elastic = contact.stiffness * power(depth, contact.exponent)
         damping = self.damping_factor(contact, speed) / speed
-        factor = 1 + damping * as_parameter(velocity, "velocity")
+        factor = 1 + damping * rate
         return elastic * (factor if self.tension else jnp.maximum(factor, 0))
 
     def form(self, contact, scale) -> HuntCrossleyForm:
@@ -104,8 +110,8 @@ class ConstantDamping(AbstractHuntCrossley):
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = c v0/K; ValueError if `contact` or `velocity` is missing."""
-        stiffness = needed(contact, "contact", self).stiffness
-        return self.c * as_parameter(needed(velocity, "velocity", self), "velocity") / stiffness
+        stiffness = contact_for(contact, self).stiffness
+        return self.c * speed_for(velocity, self) / stiffness
 
 
 @register_law(
@@ -126,4 +132,4 @@ class MarhefkaOrin(AbstractHuntCrossley):
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = (3/2) a v0; ValueError if `velocity` is missing."""
-        return 1.5 * self.a * as_parameter(needed(velocity, "velocity", self), "velocity")
+        return 1.5 * self.a * speed_for(velocity, self)

@@ -16,8 +16,8 @@ from jaxtyping import Array, Float
 from .._elementary import arc_over_sine, horner, power
 from .._forms import OscillatorForm
 from .._implicit import implicit_root
-from .._parameter import RESTITUTION, RESTITUTION_FROM_ZERO, as_parameter, parameter
-from ._base import AbstractLaw
+from .._parameter import RESTITUTION, RESTITUTION_FROM_ZERO, parameter
+from ._base import AbstractLaw, as_tension, force_arguments
 from ._registry import register_law
 
 if TYPE_CHECKING:
@@ -40,9 +40,8 @@ class AbstractOscillator(AbstractLaw):
         The closing speed does not matter. At δ = 0 the derivative in δ is infinite for 1 < n < 3
         and is defined to be that of the elastic part.
         """
+        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
         n = contact.exponent
-        indentation = as_parameter(indentation, "indentation")
-        rate = as_parameter(velocity, "velocity")
         if self.approach_only:
             rate = jnp.maximum(rate, 0)
         # Two roots, not the root of a product: K m overflows float32 where its root does not.
@@ -52,9 +51,7 @@ class AbstractOscillator(AbstractLaw):
             * jnp.sqrt(contact.stiffness)
             * jnp.sqrt(contact.mass)
         )
-        force = contact.stiffness * power(indentation, n) + damping * rate * power(
-            indentation, (n - 1) / 2
-        )
+        force = contact.stiffness * power(depth, n) + damping * rate * power(depth, (n - 1) / 2)
         return force if self.tension else jnp.maximum(force, 0)
 
     def form(self, contact, scale) -> OscillatorForm:
@@ -210,7 +207,7 @@ class Thornton(AbstractOscillator):
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
-    tension: bool = eqx.field(static=True, default=False, kw_only=True)
+    tension: bool = eqx.field(static=True, default=False, kw_only=True, converter=as_tension)
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
     def damping_ratio(self, contact=None) -> Float[Array, "..."]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._parameter import NOT_NEGATIVE, POSITIVE, REAL, as_parameter, parameter
-from ._base import needed
+from .._parameter import NOT_NEGATIVE, POSITIVE, REAL, parameter
+from ._base import contact_for, speed_for
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
 
@@ -32,6 +32,6 @@ class PowerDamping(AbstractHuntCrossley):
 
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         """α = c (v0/v_r)^p v0/K; ValueError if `contact` or `velocity` is missing."""
-        stiffness = needed(contact, "contact", self).stiffness
-        speed = as_parameter(needed(velocity, "velocity", self), "velocity")
+        stiffness = contact_for(contact, self).stiffness
+        speed = speed_for(velocity, self)
         return self.c * jnp.exp(self.power * jnp.log(speed / self.reference)) * speed / stiffness

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from .._parameter import Range, ranges
+from .._parameter import Range, ranges, rendered, require_kind
 from ._base import AbstractLaw
 
 _Law = TypeVar("_Law", bound=type[AbstractLaw])
@@ -32,11 +32,21 @@ def register_law(
     """Class decorator that registers a law under `name` for `get_law`, `list_laws` and commands.
 
     Arguments: `formula` (α(e) or the force), `source` (with doi) and `valid` (its range) are the
-    words shown in tables. Raises ValueError if another class holds the name already; registering
-    the same class again (a notebook cell run twice) replaces it.
+    words shown in tables. Raises ValueError if another class holds the name already, for what is
+    no text and for a class that is no law; registering the same class again (a notebook cell run
+    twice) replaces it.
     """
+    for word, text in {"formula": formula, "source": source, "valid": valid}.items():
+        require_kind(word, text, str, "a text")
+    if not isinstance(name, str) or not name:
+        raise ValueError(f"Argument `name` must be a name for the law, but is {rendered(name)}.")
 
     def register(cls: _Law) -> _Law:
+        if not (isinstance(cls, type) and issubclass(cls, AbstractLaw)):
+            raise ValueError(
+                "Argument `cls` must be a subclass of `AbstractLaw`, the class that is registered, "
+                f"but is {rendered(cls)}."
+            )
         known = _REGISTRY.get(name)
         if known is not None and known.cls.__qualname__ != cls.__qualname__:
             raise ValueError(
@@ -53,7 +63,7 @@ def describe(name: str) -> Description:
     """The description of a registered law; ValueError with the known names if there is none."""
     if not isinstance(name, str) or name not in _REGISTRY:
         known = ", ".join(_REGISTRY)
-        raise ValueError(f"Argument `name` must be one of {known}, but is {name!r}.")
+        raise ValueError(f"Argument `name` must be one of {known}, but is {rendered(name)}.")
     return _REGISTRY[name]
 
 

@@ -7,8 +7,8 @@ from jaxtyping import Array, Float
 
 from .._elementary import power
 from .._forms import AbstractForm, OscillatorForm, ViscoelasticForm
-from .._parameter import NOT_NEGATIVE, as_parameter, parameter
-from ._base import AbstractLaw, needed
+from .._parameter import NOT_NEGATIVE, parameter
+from ._base import AbstractLaw, force_arguments, needed
 from ._registry import register_law
 
 
@@ -35,12 +35,9 @@ class KuwabaraKono(AbstractLaw):
     A: Float[Array, "..."] = parameter("A", NOT_NEGATIVE)
 
     def force(self, indentation, velocity, contact, impact_velocity) -> Float[Array, "..."]:
+        depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
         n = contact.exponent
-        indentation = as_parameter(indentation, "indentation")
-        rate = as_parameter(velocity, "velocity")
-        force = contact.stiffness * (
-            power(indentation, n) + n * self.A * power(indentation, n - 1) * rate
-        )
+        force = contact.stiffness * (power(depth, n) + n * self.A * power(depth, n - 1) * rate)
         return force if self.tension else jnp.maximum(force, 0)
 
     def form(self, contact, scale) -> AbstractForm:

@@ -8,6 +8,7 @@ import os
 from collections.abc import Mapping
 from typing import Any, TextIO
 
+from .._parameter import rendered, require_choice
 from ._layout import LAYOUTS, Layout, Record
 from ._sheet import Sheet, sheet_of
 
@@ -75,13 +76,13 @@ def read_recording(
     lines, the header included; in columns of values they count from 1. Raises ValueError for other
     arguments, unknown columns among the keywords included.
     """
-    if layout is not None and layout not in LAYOUTS:
-        choices = ", ".join(map(repr, LAYOUTS))
-        raise ValueError(f"Argument `layout` must be one of {choices}, but is {layout!r}.")
+    if layout is not None:
+        require_choice("layout", layout, LAYOUTS)
     if ball is not None and not isinstance(ball, str):
-        if source is not None:
+        if source is not None or not columns:
             raise ValueError(
-                f"Argument `ball` must be the name of one ball in `source`, but is {ball!r}."
+                "Argument `ball` must be the name of one ball in `source`, or a column of names "
+                f"beside other columns given by keyword, but is {rendered(ball)}."
             )
         columns, ball = {"ball": ball, **columns}, None
     known = dict.fromkeys(c for one in LAYOUTS.values() for c in (*one.columns, *one.optional))

@@ -9,11 +9,12 @@ import io
 import itertools
 import math
 import os
-import pathlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
 import numpy as np
+
+from .._parameter import rendered, require_path
 
 _SHIPPED_FILE = "bounce_intervals.csv"
 
@@ -55,6 +56,8 @@ class Row:
         if default is not None and column not in self.values:
             return default
         value = self.values[column]
+        if not isinstance(value, str | int | float) and np.ndim(value) > 0:
+            self.refuse(column, f"{rendered(value)} is no single value")
         # 1.0 names the same trial as 1.
         whole = isinstance(value, float) and value.is_integer()
         text = str(int(value) if whole else value).strip()
@@ -82,11 +85,16 @@ class Row:
         return int(number)
 
     def _number(self, column: str, kind: str) -> tuple[str, float]:
-        text = self.text(column)
+        text, value = self.text(column), self.values[column]
         try:
-            return text, float(self.values[column])
-        except (TypeError, ValueError):
-            self.refuse(column, f"{text!r} is not {kind}")
+            # `float` takes bytes and flags, too, and cuts digits off.
+            if isinstance(value, bytes | bytearray | bool | np.bool_):
+                raise TypeError
+            if type(value) is np.longdouble:
+                raise TypeError
+            return text, float(value)
+        except (TypeError, ValueError, OverflowError):
+            self.refuse(column, f"{rendered(text)} is not {kind}")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,18 +130,20 @@ def sheet_of(source: Any, columns: Mapping[str, Any]) -> Sheet:
         name = f"{_SHIPPED_FILE} (shipped with the package)"
         return _from_text(lambda: shipped.read_text(encoding="utf-8"), name)
     if isinstance(source, str | os.PathLike):
-        path = pathlib.Path(source)
+        path = require_path("source", source)
         return _from_text(lambda: path.read_text(encoding="utf-8"), str(path))
     if isinstance(source, Mapping):
         return _from_columns("the dict", source)
-    if hasattr(source, "columns") and hasattr(source, "__getitem__"):
+    frame = hasattr(source, "columns") and hasattr(source, "__getitem__")
+    # The class of data frames has them, too.
+    if frame and not isinstance(source, type):
         return _from_columns("the data frame", source)
-    if hasattr(source, "read"):
+    if callable(getattr(source, "read", None)) and not isinstance(source, type):
         name = getattr(source, "name", None)
         return _from_text(source.read, name if isinstance(name, str) else "the text")
     raise ValueError(
         "Argument `source` must be a path, an open text file, a dict of columns, a data frame or "
-        f"None, but is {source!r}."
+        f"None, but is {rendered(source)}."
     )
 
 
@@ -145,14 +155,15 @@ def _from_columns(source: str, columns: Any, *, by_keyword: bool = False) -> She
     def rows(wanted: Sequence[str]) -> list[Row]:
         # As objects, numbers keep all their bits and missing values stay what they are.
         arrays = {
-            name: np.asarray(columns[key], dtype=object)
+            name: _values(columns[key], source, name)
             for name, key in zip(names, keys, strict=True)
             if name in wanted
         }
         first = next(iter(arrays))
         for name, array in arrays.items():
             if array.ndim != 1:
-                problem = f"must be one-dimensional, but has the shape {array.shape}"
+                given = rendered(columns[keys[names.index(name)]])
+                problem = f"must be one-dimensional, but has the shape {array.shape}: it is {given}"
                 raise RecordingError(problem, source, column=name)
             if len(array) != len(arrays[first]):
                 problem = f"has {len(array)} values where column {first} has {len(arrays[first])}"
@@ -161,6 +172,22 @@ def _from_columns(source: str, columns: Any, *, by_keyword: bool = False) -> She
         return [Row(source, k, dict(zip(arrays, v, strict=True))) for k, v in enumerate(lines, 1)]
 
     return Sheet(source, names, None, rows, by_keyword)
+
+
+def _values(given: Any, source: str, name: str) -> np.ndarray:
+    """A column as objects. Raises RecordingError for what hides or changes its values."""
+    try:
+        kind = np.asarray(given).dtype.kind if hasattr(given, "__array__") else "O"
+        array = np.asarray(None if isinstance(given, bytearray) else given, dtype=object)
+    except Exception as error:  # whatever the conversion of a foreign object raises
+        problem = f"must be a column of numbers or texts, but is {rendered(given)}"
+        raise RecordingError(problem, source, column=name) from error
+    # A mask would be dropped, and NumPy counts dates and durations in whole numbers.
+    if isinstance(given, np.ma.MaskedArray) or kind in "mM":
+        what = "dates or durations" if kind in "mM" else "masked"
+        problem = f"must hold numbers or texts and no mask, but is {what}: {rendered(given)}"
+        raise RecordingError(problem, source, column=name)
+    return array
 
 
 def _from_text(read: Callable[[], Any], source: str) -> Sheet:

@@ -13,6 +13,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from .._parameter import real_array, rendered, require_function
+
 SAMPLE = "sample"
 """The name of the dimension that aligned samples share."""
 
@@ -115,15 +117,18 @@ def _is_object(given: Any) -> bool:
 
 
 def _samples(samples: Mapping[str, Any]) -> dict[str, np.ndarray]:
-    if not isinstance(samples, Mapping) or not samples:
+    if not isinstance(samples, Mapping) or len(samples) == 0:
         raise ValueError(
-            "Argument `samples` must map names to arrays of one length, "
-            f"but is {type(samples).__name__ if samples else 'empty'}."
+            "Argument `samples` must be a dict of arrays of one length, with at least one, "
+            f"but is {rendered(samples)}."
         )
-    columns = {
-        str(name): _one_dimensional(_numbers(values, str(name)), str(name))
-        for name, values in samples.items()
-    }
+    columns = {str(name): _numbers(values, str(name)) for name, values in samples.items()}
+    if any(column.ndim == 0 for column in columns.values()):
+        raise ValueError(
+            "Argument `samples` must be a dict of one-dimensional arrays, "
+            f"but is {rendered(samples)}."
+        )
+    columns = {name: _one_dimensional(column, name) for name, column in columns.items()}
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         shown = ", ".join(f"{name}: {length}" for name, length in lengths.items())
@@ -141,16 +146,20 @@ def _one_dimensional(values: np.ndarray, name: str) -> np.ndarray:
 
 
 def _numbers(given: Any, name: str) -> np.ndarray:
-    try:
-        plain = np.asarray(given)
-    except (TypeError, ValueError):
-        plain = np.asarray(None)
-    if plain.dtype.kind not in "fiub":
-        raise ValueError(
-            f"Argument `{name}` must be a number or an array of real numbers, but is {given!r}."
-        )
+    plain = flags if (flags := _flags(given)) is not None else real_array(given, name)
     # In the precision JAX will use, so that the axes one reads are the ones that were swept.
     return plain.astype(jax.dtypes.canonicalize_dtype(plain.dtype))
+
+
+def _flags(given: Any) -> np.ndarray | None:
+    """An array of flags, which are no numbers, as it is; None for anything else."""
+    if isinstance(given, np.ma.MaskedArray):
+        return None
+    try:
+        plain = np.asarray(given)
+    except Exception:  # whatever the conversion of a foreign object raises
+        return None
+    return plain if plain.dtype == bool else None
 
 
 def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter]:
@@ -171,8 +180,7 @@ def _takes(function: Callable[..., Any]) -> list[str] | None:
 
 def check_call(function: Callable[..., Any], grid: Grid) -> None:
     """Raise ValueError if `function` cannot be called with the inputs as keywords."""
-    if not callable(function):
-        raise ValueError(f"Argument `fn` must be a function, but is {function!r}.")
+    require_function("fn", function)
     given = [i.name for i in grid.inputs] + [name for name, _ in grid.static]
     takes = _takes(function)
     for name in given:

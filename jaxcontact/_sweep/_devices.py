@@ -16,6 +16,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from .._parameter import rendered
+
 
 @dataclass(frozen=True)
 class Workers:
@@ -65,7 +67,8 @@ def workers_of(mesh: jax.sharding.Mesh | None) -> Workers:
     """The devices of `mesh` that this process has, and all processes that JAX knows of."""
     if not isinstance(mesh, jax.sharding.Mesh | None):
         raise ValueError(
-            f"Argument `mesh` must be a `jax.sharding.Mesh` (see `jax.make_mesh`), but is {mesh!r}."
+            f"Argument `mesh` must be a `jax.sharding.Mesh` (see `jax.make_mesh`), but is "
+            f"{rendered(mesh)}."
         )
     devices = () if mesh is None else tuple(mesh.local_devices)
     if mesh is not None and not devices:

@@ -2,24 +2,23 @@
 
 from __future__ import annotations
 
-import csv
+import functools
 import importlib.metadata
-import math
+import io
 import os
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, TextIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, cast
 
 import numpy as np
 
 from .._impact import Status
 from .._units import meaning
+from .._whole_files import write_all
+from ._long_table import rows_of
 from ._table import Table
 
 if TYPE_CHECKING:
     import xarray
-
-_ROWS = 1 << 14
-"""Rows that are turned into text at once."""
 
 
 def dataset(sweep: Table) -> xarray.Dataset:
@@ -74,36 +73,11 @@ def attributes_of(name: str) -> dict[str, Any]:
     return {"long_name": words, "units": unit or "1"} if unit or words != name else {}
 
 
-def write_csv(sweep: Table, file: str | os.PathLike | TextIO) -> None:
-    """Write a long table, one row for each lane."""
+def write_csv(sweep: Table, file: str | os.PathLike | TextIO | BinaryIO) -> None:
+    """Write a long table, one row for each lane; a file that is named appears whole or not."""
     if isinstance(file, str | os.PathLike):
-        with open(file, "w", newline="", encoding="utf-8") as opened:
-            return write_csv(sweep, opened)
-    columns = {name: column.array(sweep.shape) for name, column in sweep.columns().items()}
-    columns.setdefault("status", sweep.status)
-    header = [*sweep.axes]
-    for name, array in columns.items():
-        for place in np.ndindex(array.shape[len(sweep.shape) :]):
-            header.append(name + (f"[{','.join(map(str, place))}]" if place else ""))
-    along = [sweep.dims.index(dim) for dim in sweep.dims_of_axes().values()]
-    lanes = math.prod(sweep.shape)
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(header)
-    for start in range(0, lanes, _ROWS):
-        rows = np.arange(start, min(start + _ROWS, lanes))
-        where = np.unravel_index(rows, sweep.shape) if sweep.shape else ()
-        cells = [
-            _texts(values[where[dim]])
-            for dim, values in zip(along, sweep.axes.values(), strict=True)
-        ]
-        for name, array in columns.items():
-            part = array[where].reshape(len(rows), -1)
-            cells += [_texts(part[:, k], name) for k in range(part.shape[1])]
-        writer.writerows(zip(*cells, strict=True))
-
-
-def _texts(values: np.ndarray, name: str = "") -> Iterator[str]:
-    if name == "status" and set(np.unique(values)) <= set(Status):
-        return (Status(code).name for code in values.tolist())
-    # The shortest text that reads back to the same number, in its own precision.
-    return iter(values.astype(str))
+        write_all({Path(file): functools.partial(write_csv, sweep)})
+        return
+    binary = isinstance(file, io.BufferedIOBase | io.RawIOBase)
+    for rows in rows_of(sweep):
+        cast(Any, file).write(rows.encode() if binary else rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ._axes import Grid, call
+from ._key import NoKey, key_of
 from ._skip import Analysis, analysis_of, program_of
 from ._table import Field
 
@@ -30,38 +31,42 @@ class Plan(Analysis):
     fields: tuple[Field, ...]
 
 
+@dataclass(frozen=True)
+class _Request:
+    """A function over axes of some kinds; two of equal keys have the same plan."""
+
+    key: Hashable
+    kinds: tuple[tuple[str, int | None, np.dtype], ...]
+    rank: int
+    function: Callable[..., Any] = dataclasses.field(compare=False)
+    static: tuple[tuple[str, Any], ...] = dataclasses.field(compare=False)
+
+
 def plan_of(function: Callable[..., Any], grid: Grid) -> Plan:
     """The plan of a function over a grid; remembered, with all that has been compiled for it."""
-    # The precision decides the types inside the function, even if the axes do not change.
-    key = (function, grid.kinds, grid.static, len(grid.dims), jnp.zeros(()).dtype)
     try:
-        hash(key)
-    except TypeError:
-        # A function, or an argument passed on, without a hash: a module with arrays, for example.
-        return _plan.__wrapped__(*key)
-    return _plan(*key)
+        # JAX's own settings decide what is traced, too: the precision, the kind of random numbers.
+        key = key_of(function, grid.static), *map(repr, jax.config.values.items())
+    except NoKey:
+        key = None
+    request = _Request(key, grid.kinds, len(grid.dims), function, grid.static)
+    return _plan(request) if key else _plan.__wrapped__(request)
 
 
 @functools.lru_cache(_REMEMBERED)
-def _plan(
-    function: Callable[..., Any],
-    kinds: tuple[tuple[str, int | None, np.dtype], ...],
-    static: tuple[tuple[str, Any], ...],
-    rank: int,
-    precision: np.dtype,
-) -> Plan:
-    names, along, dtypes = zip(*kinds, strict=True) if kinds else ((), (), ())
+def _plan(request: _Request) -> Plan:
+    names, along, dtypes = zip(*request.kinds, strict=True) if request.kinds else ((), (), ())
     fields: list[Field] = []
     found: list[str] = []
 
     def flat(*values: jax.Array) -> list[jax.Array]:
-        given = dict(zip(names, values, strict=True)) | dict(static)
-        fields[:], arrays = fields_of(call(function, given))
+        given = dict(zip(names, values, strict=True)) | dict(request.static)
+        fields[:], arrays = fields_of(call(request.function, given))
         found[:] = arrays
         return [jnp.asarray(array) for array in arrays.values()]
 
     program = program_of(flat, [jax.ShapeDtypeStruct((), dtype) for dtype in dtypes])
-    analysis = analysis_of(program, found, along, rank)
+    analysis = analysis_of(program, found, along, request.rank)
     return Plan(**vars(analysis), fields=tuple(fields))
 
 

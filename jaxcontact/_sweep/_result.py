@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 import os
-from typing import TYPE_CHECKING, Any, Self, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO, Self, TextIO
 
 import numpy as np
 
 from .._impact import Status
+from .._parameter import require_choice, require_number, require_path
 from .._text_table import wrapped
 from .._units import quantity
 from ._export import dataset, write_csv
@@ -17,7 +18,7 @@ from ._table import Table
 if TYPE_CHECKING:
     import xarray
 
-METHODS = (None, "nearest")
+METHODS = ("nearest",)
 
 _ROUNDINGS = 4
 """A number of an axis made by linspace differs from the same one typed by a rounding or two."""
@@ -55,8 +56,8 @@ class Sweep(Table):
         Samples are selected by their number: `sample=3`. Raises ValueError for a number that is
         not on the axis or a name that is not a dimension.
         """
-        if method not in METHODS:
-            raise ValueError(f"Argument `method` must be one of {METHODS}, but is {method!r}.")
+        if method is not None:
+            require_choice("method", method, METHODS)
         found = self
         for name, number in where.items():
             if name not in self.dims:
@@ -64,6 +65,7 @@ class Sweep(Table):
                     f"Argument `{name}` must be a dimension of the sweep, but those are: "
                     f"{', '.join(self.dims) or 'none'}."
                 )
+            number = require_number(name, number)
             found = found.taken(name, _place(self.coordinates(name), name, number, method))
         return found
 
@@ -74,12 +76,13 @@ class Sweep(Table):
         """
         return dataset(self)
 
-    def to_csv(self, path: str | os.PathLike | TextIO) -> None:
+    def to_csv(self, path: str | os.PathLike | TextIO | BinaryIO) -> None:
         """Write a long table, one row for each lane: its axes, then its fields.
 
-        `path` names a file, or is an open one. The status is written by name.
+        `path` names a file, which then appears whole or not at all, or is an open one. The status
+        is written by name, and every number so that it reads back to the same one.
         """
-        write_csv(self, path)
+        write_csv(self, path if hasattr(path, "write") else require_path("path", path))
 
     def __repr__(self) -> str:
         lengths = " × ".join(f"{name} {n}" for name, n in zip(self.dims, self.shape, strict=True))
@@ -109,7 +112,9 @@ class Sweep(Table):
 
 def _place(values: np.ndarray, name: str, number: float, method: str | None) -> int:
     distance = np.abs(values - number)
-    place = int(np.argmin(np.where(np.isnan(distance), np.inf, distance)))
+    # Of two zeros, the one of the same sign.
+    other = np.signbit(values) != np.signbit(number)
+    place = int(np.lexsort((other, np.where(np.isnan(distance), np.inf, distance)))[0])
     digits = np.finfo(values.dtype).eps if values.dtype.kind == "f" else 0
     exact = distance[place] <= _ROUNDINGS * digits * abs(number)
     if method is None and not exact:

@@ -6,6 +6,7 @@ import itertools
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -16,6 +17,7 @@ from .._impact import Status
 from .._progress import Tell
 from ._axes import Grid
 from ._blocks import Arrays, Block, Part, shape_of
+from ._column import Column
 from ._devices import Workers
 from ._export import attributes_of
 from ._skip import Dependence, flag_key, is_flag
@@ -92,10 +94,20 @@ def work_off(
     return list(left.values()), done / total if left else 1.0
 
 
-def collect(
-    blocks: Sequence[Block], grid: Grid, workers: Workers, tell: Tell
-) -> tuple[Arrays, float]:
-    """Compute all blocks into arrays by key; with them the part of the lanes that is done."""
+@dataclass(frozen=True, eq=False)
+class Results:
+    """What was computed."""
+
+    arrays: Mapping[str, Any]
+    """By key; what an interrupt left out is NaN, zero, or NOT_CONVERGED."""
+    computed: tuple[Column, ...]
+    """Flags that are false where an array was left out; none after a whole run."""
+    done: float
+    """The part of all lanes that was computed."""
+
+
+def collect(blocks: Sequence[Block], grid: Grid, workers: Workers, tell: Tell) -> Results:
+    """Compute all blocks."""
     arrays = {
         array.key: np.empty(shape_of(array.dims, grid) + array.kind.shape, array.kind.dtype)
         for array in dict.fromkeys(part.array for block in blocks for part in block.parts)
@@ -106,16 +118,20 @@ def collect(
             arrays[part.array.key][part.place] = results[part.array.key]
 
     left, done = work_off(blocks, blocks, workers, tell, keep)
-    fill(arrays, left)
-    return arrays, done
+    return _filled(arrays, left, grid, done)
 
 
-def fill(arrays: Arrays, left: Iterable[Block]) -> None:
-    """Fill the places of blocks that were not computed: NaN, zero, or NOT_CONVERGED."""
+def _filled(arrays: Arrays, left: Iterable[Block], grid: Grid, done: float) -> Results:
+    """The results, with the places of the blocks that are `left` filled."""
+    flags: dict[str, Column] = {}
     for part in (part for block in left for part in block.parts):
-        key = part.array.key
+        dims, key = part.array.dims, part.array.key
         unknown = jnp.nan if jnp.issubdtype(part.array.kind.dtype, jnp.inexact) else 0
         arrays[key][part.place] = int(Status.NOT_CONVERGED) if key == "status" else unknown
+        if key not in flags:
+            flags[key] = Column(dims, np.ones(shape_of(dims, grid), bool))
+        flags[key].stored[part.place] = False
+    return Results(arrays, tuple(flags.values()), done)
 
 
 def collect_stored(
@@ -126,7 +142,7 @@ def collect_stored(
     grid: Grid,
     workers: Workers,
     tell: Tell,
-) -> tuple[Mapping[str, Any], float]:
+) -> Results:
     """Compute the blocks that the store at `path` lacks; the arrays are those of the store.
 
     `leaves` says which flags must be true for an array to hold. Only flags are read at once: the
@@ -155,15 +171,15 @@ def collect_stored(
     left, done = work_off(missing, blocks, workers, tell, keep, exchange=False)
     if left:
         arrays = {key: np.asarray(array[...]) for key, array in store.arrays.items()}
-        fill(arrays, left)
-        return arrays, done
+        return _filled(arrays, left, grid, done)
     workers.meet("store complete")
     if lacking := store.lacking():
         raise ValueError(
             "Argument `store` must be a path that all processes share, but process "
             f"{workers.process} does not find {len(lacking)} blocks in {os.fspath(path)}."
         )
-    return {k: np.asarray(a[...]) if is_flag(k) else a for k, a in store.arrays.items()}, done
+    arrays = {k: np.asarray(a[...]) if is_flag(k) else a for k, a in store.arrays.items()}
+    return Results(arrays, (), done)
 
 
 def _form(part: Part, grid: Grid, leaf: Dependence | None) -> Stored:
@@ -176,7 +192,8 @@ def _form(part: Part, grid: Grid, leaf: Dependence | None) -> Stored:
     return Stored(
         dims=tuple(grid.dims[d] for d in array.dims) + own,
         shape=shape_of(array.dims, grid) + array.kind.shape,
-        chunk=part.form.shape,
+        # A chunk has a length, also of an array without elements.
+        chunk=tuple(max(length, 1) for length in part.form.shape),
         dtype=np.dtype(array.kind.dtype),
         attributes=attributes,
     )

@@ -14,17 +14,21 @@ import numpy as np
 
 from ._axes import Grid
 from ._export import version
+from ._plan import Plan
 from ._skip import Constant, Place, Program
 
 # Left out of every text: an object has another address in every process.
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+|0x[0-9a-f]{6,}")
 
 
-def signature_of(program: Program, function: str, grid: Grid, most: int) -> dict[str, Any]:
+def signature_of(plan: Plan, function: str, grid: Grid, most: int) -> dict[str, Any]:
     """The function as it was traced, with the numbers inside it, the axes, and the versions."""
     return {
         "function": function,
-        "program": _digest(_texts(program)),
+        "program": _digest(_texts(plan.program)),
+        # Equal programs may name their outputs otherwise.
+        "outputs": list(plan.leaves),
+        "constants": {f.name: _text(f.constant) for f in plan.fields if not f.arrays},
         "axes": {
             i.name: {
                 "dimension": None if i.dim is None else grid.dims[i.dim],
@@ -36,12 +40,16 @@ def signature_of(program: Program, function: str, grid: Grid, most: int) -> dict
             }
             for i in grid.inputs
         },
-        "fixed": {name: _ADDRESS.sub("", repr(value)) for name, value in grid.static},
+        "fixed": {name: _text(value) for name, value in grid.static},
         "batch_size": most,
         "jaxcontact": version(),
         "jax": jax.__version__,
         "platform": jax.default_backend(),
     }
+
+
+def _text(value: Any) -> str:
+    return _ADDRESS.sub("", repr(value))
 
 
 def _digest(parts: Iterator[bytes]) -> str:
@@ -64,10 +72,17 @@ def _texts(program: Program) -> Iterator[bytes]:
 
 def _of_param(name: str, value: Any) -> Iterator[bytes]:
     yield f"{name}={_ADDRESS.sub('', str(value))}".encode()
+    yield from map(_bytes, _constants(value))
+
+
+def _constants(value: Any) -> Iterator[Any]:
+    """The numbers that programs inside a parameter hold, at any depth: their text has none."""
     for part in value if isinstance(value, tuple | list) else (value,):
         if isinstance(part, core.ClosedJaxpr):
-            for const in part.consts:
-                yield _bytes(const)
+            yield from part.consts
+        if isinstance(part, core.ClosedJaxpr | core.Jaxpr):
+            for eqn in part.eqns:
+                yield from _constants(list(eqn.params.values()))
 
 
 def _of_place(where: Place) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -14,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._parameter import require_path
+
 if TYPE_CHECKING:
     import zarr
 
@@ -23,8 +26,6 @@ _SIGNATURE = "jaxcontact_sweep"
 _CHECKSUMS = "blocks/checksum"
 # What was never written reads as NaN or -1 by its kind, or as 0 where every value may occur.
 _UNWRITTEN = {"f": np.nan, "c": np.nan, "i": -1}
-# What zarr and its codecs raise for a file that is short or altered.
-_UNREADABLE = (OSError, ValueError, RuntimeError)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,8 @@ class BlockStore:
                 name: np.asarray(self.arrays[name][place])
                 for name, place in self._blocks[number].items()
             }
-        except _UNREADABLE:
+        except Exception:
+            # For a file that is short or altered, zarr and its codecs raise whatever they meet.
             return None
         return found if _checksum(found) == checksum else None
 
@@ -102,9 +104,9 @@ def open_store(
     """The store at `path`, made if there is none; `blocks` says which part each block fills.
 
     `signature`: all that the numbers depend on, as JSON. ValueError if the store there has another
-    one; the message says what differs.
+    one, or arrays or coordinates that were altered; the message says what differs.
     """
-    path = Path(path)
+    path = _local(path)
     for part in blocks:
         assert all(_whole_chunks(arrays[name], place) for name, place in part.items())
     # As JSON gives it back: tuples are lists there.
@@ -117,12 +119,63 @@ def open_store(
             "Argument `store` must be a new path or the store of this same sweep, but "
             f"{path} differs in {found}. Choose another path, or delete it."
         )
-    try:
-        return BlockStore(group, blocks)
-    except KeyError as error:
+    wanted = {name: _described(form) for name, form in arrays.items()}
+    wanted |= {name: _described_coordinate(c) for name, c in coordinates.items()}
+    wanted[_CHECKSUMS] = _described(Stored(("",), (len(blocks),), (1,), np.dtype("uint64")))
+    there = {name: _found(group, name, name in coordinates) for name in wanted}
+    if lacks := [name for name, found in there.items() if found is None]:
         raise ValueError(
-            f"Argument `store` must be a whole store, but {path} lacks {error}. Delete it."
-        ) from error
+            f"Argument `store` must be a whole store, but {path} lacks {lacks[0]!r}, or it cannot "
+            "be read. Delete the store."
+        )
+    if found := ", ".join(_differences(there, json.loads(json.dumps(wanted)))):
+        raise ValueError(
+            f"Argument `store` must be a store as it was written, but {path} was altered: {found}. "
+            "Delete it."
+        )
+    return BlockStore(group, blocks)
+
+
+def _local(path: str | os.PathLike) -> Path:
+    if "://" in str(path):
+        raise ValueError(
+            f"Argument `store` must be the path of a folder of this machine, but is {str(path)!r}: "
+            "remote stores are not served. Sweep into a local folder and copy it, or mount the "
+            "remote one."
+        )
+    return require_path("store", path)
+
+
+def _described(form: Stored) -> dict[str, Any]:
+    """What decides how the bytes of an array are read, and what they mean."""
+    return {
+        "dims": [dim or None for dim in form.dims],
+        "shape": form.shape,
+        "chunk": form.chunk,
+        "dtype": str(form.dtype),
+        "attributes": form.attributes,
+    }
+
+
+def _described_coordinate(given: Coordinate) -> dict[str, Any]:
+    shape = given.values.shape
+    form = Stored((given.dim,), shape, shape, given.values.dtype, given.attributes)
+    return _described(form) | {"checksum": _checksum({"": given.values})}
+
+
+def _found(group: zarr.Group, name: str, coordinate: bool) -> dict[str, Any] | None:
+    """The same of an array that is there; None if it cannot be read."""
+    try:
+        array: Any = group[name]
+        names: Any = array.metadata.dimension_names or [None] * len(array.shape)
+        form = Stored(names, array.shape, array.chunks, array.dtype, dict(array.attrs))
+        found = _described(form)
+        if coordinate:
+            found["checksum"] = _checksum({"": np.asarray(array[...])})
+        return json.loads(json.dumps(found))
+    except Exception:
+        # An altered file makes zarr raise whatever it meets.
+        return None
 
 
 def _zarr() -> Any:
@@ -154,6 +207,7 @@ def _create(
     If several processes do so at the same time, the first store is used.
     """
     zarr = _zarr()
+    made = [folder for folder in path.parents if not folder.exists()]
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     try:
@@ -189,13 +243,20 @@ def _create(
             raise
     finally:
         shutil.rmtree(new, ignore_errors=True)
+        # Folders made for nothing are empty again.
+        for folder in made:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
 
 
 def _existing(path: Path) -> zarr.Group:
     zarr = _zarr()
     try:
         group = zarr.open_group(path, mode="r+", zarr_format=3)
-    except (OSError, ValueError):
+    except PermissionError:
+        raise
+    except Exception:
+        # For a folder of something else, zarr raises whatever it meets.
         group = None
     if group is None or _SIGNATURE not in group.attrs:
         raise ValueError(

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._parameter import require_count
+from .._parameter import rendered, require_count, require_function, require_path
 from .._progress import Listener, Tell, progress_of
 from ._axes import Grid, check_call, grid_of
 from ._blocks import Order, blocks_of, shape_of
@@ -20,7 +20,7 @@ from ._column import Column, within
 from ._devices import Workers, workers_of
 from ._plan import VALUE, Plan, plan_of
 from ._result import Sweep
-from ._run import collect, collect_stored, compute
+from ._run import Results, collect, collect_stored, compute
 from ._signature import signature_of
 from ._skip import Group, flag_key
 from ._table import Field
@@ -90,20 +90,27 @@ def sweep(
     sweep early with a warning: lanes that were not computed are NaN and NOT_CONVERGED, and
     `table.complete` is False.
 
-    The same `fn` swept again, over axes of other numbers, is not traced again; a new lambda is
-    another function and is.
+    The same `fn` swept again, over axes of other numbers, is not traced again. Functions are the
+    same if their code is, with all that it reads of the closure and the globals, also through other
+    functions, classes and modules of yours: a lambda typed again is the same, and one that reads a
+    number that has changed is not. What reads objects with a hidden state (a file, a lock) is
+    traced anew each time.
 
     Returns a `Sweep`. Bad lanes are flagged in `.status`, their neighbours untouched. Raises
     ValueError for an argument that `fn` does not take or lacks, and for axes that are no numbers.
     """
     if batch_size is not None:
-        require_count("batch_size", batch_size, 1)
-    if store is not None and (reduce is not None or cost is not None):
-        other = "reduce" if reduce is not None else "cost"
-        raise ValueError(
-            f"Argument `store` must be None with `{other}`, but is {os.fspath(store)!r}: a store "
-            "holds every lane in its place."
-        )
+        batch_size = require_count("batch_size", batch_size, 1)
+    if cost is not None:
+        require_function("cost", cost)
+    if store is not None:
+        require_path("store", store)
+        if reduce is not None or cost is not None:
+            other = "reduce" if reduce is not None else "cost"
+            raise ValueError(
+                f"Argument `store` must be None with `{other}`, but is {rendered(store)}: a store "
+                "holds every lane in its place."
+            )
     grid = grid_of(samples, axes)
     check_call(fn, grid)
     workers = workers_of(mesh)
@@ -116,13 +123,11 @@ def sweep(
             order = None if cost is None else _order_by(cost, grid, most, workers)
             blocks = list(blocks_of(plan.groups, grid, most, order))
             if store is None:
-                arrays, done = collect(blocks, grid, workers, tell)
+                results = collect(blocks, grid, workers, tell)
             else:
-                signature = signature_of(plan.program, _name_of(fn), grid, most)
-                arrays, done = collect_stored(
-                    store, signature, plan.leaves, blocks, grid, workers, tell
-                )
-            table = _table(plan, plan.groups, grid, arrays, done, _name_of(fn))
+                signature = signature_of(plan, _name_of(fn), grid, most)
+                results = collect_stored(store, signature, plan.leaves, blocks, grid, workers, tell)
+            table = _table(plan, plan.groups, grid, results, _name_of(fn))
     if not table.complete:
         warnings.warn(
             f"The sweep was interrupted with {100 * table.done:.0f} % of its work done: lanes that "
@@ -150,11 +155,11 @@ def _table(
     plan: Plan,
     groups: tuple[Group, ...],
     grid: Grid,
-    arrays: Mapping[str, Any],
-    done: float,
+    results: Results,
     function: str,
 ) -> Sweep:
-    """The table of arrays that groups of a plan have filled."""
+    """The table of what groups of a plan have computed."""
+    arrays = results.arrays
     dims = {array.key: array.dims for group in groups for array in group.arrays}
 
     def masks(slots: Iterable[int]) -> tuple[Column, ...]:
@@ -169,7 +174,10 @@ def _table(
         )
         for name, leaf in plan.leaves.items()
     }
-    return Sweep(grid, plan.fields, columns, masks(plan.checks), done=done, function=function)
+    checks = masks(plan.checks)
+    return Sweep(
+        grid, plan.fields, columns, checks, results.computed, done=results.done, function=function
+    )
 
 
 def _order_by(cost: Callable[..., Any], grid: Grid, most: int, workers: Workers) -> Order:
@@ -181,8 +189,7 @@ def _order_by(cost: Callable[..., Any], grid: Grid, most: int, workers: Workers)
         raise ValueError("Argument `cost` must return one number for each lane.")
     (group,) = (group for group in plan.groups if not group.flags)
     blocks = list(blocks_of((group,), taken, most))
-    arrays, _ = collect(blocks, taken, workers, lambda *_: None)
-    (predicted,) = arrays.values()
+    (predicted,) = collect(blocks, taken, workers, lambda *_: None).arrays.values()
 
     def order(wanted: Group) -> np.ndarray:
         # Any index serves along a dimension that the wanted arrays do not have.
@@ -210,13 +217,15 @@ def _reduced(
         fold = value = None
     if not callable(fold):
         raise ValueError(
-            f"Argument `reduce` must be a pair (start, fold) with a function, but is {reduce!r}."
+            "Argument `reduce` must be a pair (start, fold) with a function, "
+            f"but is {rendered(reduce)}."
         )
     whole, function = (plan.whole,), _name_of(fn)
     done = 0
     try:
         for block, arrays in compute(blocks_of(whole, grid, most), workers):
-            value = fold(value, _table(plan, whole, grid.part(block.place), arrays, 1.0, function))
+            part = Results(arrays, (), 1.0)
+            value = fold(value, _table(plan, whole, grid.part(block.place), part, function))
             done += block.lanes
             tell(done, grid.size)
     except KeyboardInterrupt:

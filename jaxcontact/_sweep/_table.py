@@ -40,6 +40,7 @@ class Table:
         fields: Sequence[Field],
         columns: Mapping[str, Column],
         checks: Sequence[Column] = (),
+        computed: Sequence[Column] = (),
         *,
         done: float = 1.0,
         function: str = "",
@@ -52,7 +53,7 @@ class Table:
         self._grid = grid
         self._fields = {field.name: field for field in fields}
         self._columns = {name: column.settled() for name, column in columns.items()}
-        self._checks = checks
+        self._checks, self._computed = checks, computed
         self._made: dict[str, Any] = {}
 
     @property
@@ -86,10 +87,11 @@ class Table:
         """The status, as small as it is stored."""
         given = self._columns.get("status")
         if given is not None:
-            return given
+            return self._interrupted(given) if self._computed else given
         floats = [c for c in self._columns.values() if np.issubdtype(c.stored.dtype, np.inexact)]
         checks = tuple(mask for mask in self._checks if not mask.values.all())
         masks = [mask for c in floats for mask in c.masks if not any(map(mask.same, checks))]
+        masks += self._computed
         dims = tuple(sorted({d for part in (*floats, *masks) for d in part.dims}))
         lost = np.zeros(tuple(self.shape[d] for d in dims), bool)
         for column in floats:
@@ -100,6 +102,15 @@ class Table:
             lost |= ~within(mask.values, mask.dims, dims)
         codes = np.where(lost, int(Status.NOT_CONVERGED), int(Status.SEPARATED)).astype(np.int32)
         return Column(dims, codes, checks, int(Status.INVALID_INPUT)).settled()
+
+    def _interrupted(self, given: Column) -> Column:
+        """The status a function returned, with the lanes that lack any other of its results."""
+        dims = tuple(range(len(self.shape)))
+        status = np.array(given.array(self.shape))
+        for flags in self._computed:
+            lost = ~np.broadcast_to(within(flags.values, flags.dims, dims), self.shape)
+            status[lost & (status != Status.INVALID_INPUT)] = Status.NOT_CONVERGED
+        return Column(dims, status)
 
     def status_counts(self) -> dict[int, int]:
         """How many lanes ended in which way, by the values of `Status`."""
@@ -121,6 +132,7 @@ class Table:
             tuple(self._fields.values()),
             {name: column.taken(dim, place) for name, column in self._columns.items()},
             [mask.taken(dim, place) for mask in self._checks],
+            [flags.taken(dim, place) for flags in self._computed],
             done=self.done,
             function=self.function,
         )

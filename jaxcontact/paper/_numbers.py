@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from .._contact import Contact, Material
 from .._laws import get_law
+from .._parameter import rendered
 from .._text_table import markdown_table
 from . import _ball, _cases
 from ._fig4 import fig4
@@ -46,7 +47,12 @@ def numbers() -> tuple[Number, ...]:
 
 
 def markdown(table: tuple[Number, ...]) -> str:
-    """Published numbers beside ours, as a table in Markdown."""
+    """Published numbers beside ours, as a table in Markdown; ValueError for anything else."""
+    rows = table if isinstance(table, list | tuple) else [None]
+    if not all(isinstance(row, Number) for row in rows):
+        raise ValueError(
+            f"Argument `table` must hold numbers as `numbers` gives them, but is {rendered(table)}."
+        )
     header = ("number", "where", "published", "ours", "difference", "")
     rows = [
         (

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._calibration import Calibration
+from .._parameter import require_kind
+from ._axes import axes_of
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from .._calibration import Calibration
 
 # Okabe & Ito: told apart by readers with any colour vision; the style tells them apart in grey.
 _CURVES = (("#D55E00", "-"), ("#009E73", "-."), ("#E69F00", ":"), ("#0072B2", "--"))
@@ -22,12 +24,10 @@ def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
     """Draw e against approach speed (m/s): kept and marked pairs, and each fit ± 2 standard errors.
 
     Marked pairs outside the frame are drawn at its edge as arrows, so that none is hidden. Returns
-    the axes, new ones if `ax` is None.
+    the axes, new ones if `ax` is None. Raises ValueError for what is no `Calibration` and no axes.
     """
-    if ax is None:
-        import matplotlib.pyplot as plt
-
-        ax = plt.figure(figsize=(7.0, 4.6), layout="constrained").add_subplot()
+    require_kind("result", result, Calibration, "a `Calibration` (see `calibrate`)")
+    ax = axes_of(ax, figsize=(7.0, 4.6))
     pairs, flagged = result.pairs, result.outliers.flagged
     v, e = pairs.velocity, pairs.restitution
     low, high = float(e[~flagged].min()), float(e[~flagged].max())

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._calibration import LawChoice
+from .._parameter import require_kind
+from ._axes import axes_of
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from .._calibration import LawChoice
 
 _STYLES = ("-", "--", "-.", ":")
 _FINE = 200
@@ -19,11 +21,10 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
     """Draw e over the closing speed (m/s): the data, and each kind of law, the best drawn thickest.
 
     Arguments: what `choose_law` returned; the axes to draw on, new ones if None. Returns the axes.
+    Raises ValueError for what is no `LawChoice` and no axes.
     """
-    if ax is None:
-        from matplotlib import pyplot
-
-        _, ax = pyplot.subplots(layout="constrained")
+    require_kind("result", result, LawChoice, "a `LawChoice` (see `choose_law`)")
+    ax = axes_of(ax)
     some = next(iter(result.fits.values()))
     used = np.isfinite(some.data)
     v = np.asarray(some.problem.x)[used]

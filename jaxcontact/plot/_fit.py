@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import ArrayLike
 
+from .._fit import Fit, FitData
+from .._parameter import as_numbers, rendered, require_kind
+from ._axes import axes_of
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from .._fit import Fit
 
 _FINE = 200
 
@@ -22,23 +24,26 @@ def fit(result: Fit, *, x: ArrayLike | None = None, ax: Axes | None = None, **li
     prediction is drawn, by default 200 between the ends of the data's, evenly spaced, or by a
     factor where the data's span decades; the axes to draw on, new ones if None; `line`, for the
     line of the prediction. The band is Laplace's, of what the data determine; it is left out where
-    there are no standard errors. Returns the axes. Raises ValueError for a fit without such an `x`.
+    there are no standard errors. Returns the axes. Raises ValueError for a fit without such an `x`,
+    and for what is no fit, no such numbers and no axes.
     """
+    require_kind("result", result, FitData, "a `Fit`")
     given = result.problem.x
     if given is None or np.ndim(given) != 1 or np.shape(given) != result.data.shape:
         raise ValueError(
             "Argument `result` must be a fit over a one-dimensional `x`, one number for each point "
             "of the data, but is none."
         )
-    if ax is None:
-        from matplotlib import pyplot
-
-        _, ax = pyplot.subplots(layout="constrained")
+    ax = axes_of(ax)
     place = np.asarray(given)
     wide = bool(np.all(place > 0)) and place.max() > 100 * place.min()
     if x is None:
         x = (np.geomspace if wide else np.linspace)(place.min(), place.max(), _FINE)
-    x = np.asarray(x, float)
+    x = as_numbers(x, "x")
+    if x.ndim != 1 or not x.size:
+        raise ValueError(
+            f"Argument `x` must have the shape (m,), but has {x.shape}: it is {rendered(x)}."
+        )
     curve, error = result.predict_with_error(x)
     ax.plot(place, result.data, ".", color="0.4", label="data", zorder=2)
     style = {"label": "fit" if result.converged else "not converged", "zorder": 3} | line

@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._parameter import rendered, require_kind
+from .._sweep import Sweep
 from .._sweep._axes import SAMPLE
 from .._units import label
+from ._axes import axes_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.colors import Normalize
-
-    from .._sweep import Sweep
 
 _LINES = 6
 """More lines than this are hard to tell apart."""
@@ -37,6 +38,7 @@ def sweep(
     Lanes without a number stay white. Returns the axes. Raises ValueError for an unknown field or
     axis, a field that is not one number for each lane, and more axes than two.
     """
+    require_kind("table", table, Sweep, "a `Sweep`")
     name, values = _field(table, field)
     sampled = SAMPLE in table.dims and SAMPLE not in table.axes
     if len(table.dims) not in ((1,) if sampled else (1, 2)):
@@ -44,12 +46,9 @@ def sweep(
             "Argument `table` must have one or two axes, or samples alone, but has the dimensions "
             f"{table.dims}; `select` some."
         )
-    if x is not None and x not in table.axes:
-        raise ValueError(f"Argument `x` must be one of {tuple(table.axes)}, but is {x!r}.")
-    if ax is None:
-        from matplotlib import pyplot
-
-        _, ax = pyplot.subplots(layout="constrained")
+    if x is not None and not (isinstance(x, str) and x in table.axes):
+        raise ValueError(f"Argument `x` must be one of {tuple(table.axes)}, but is {rendered(x)}.")
+    ax = axes_of(ax)
     if x is None and len(table.dims) == 2:
         _map(ax, table, name, values)
         return ax
@@ -62,7 +61,9 @@ def sweep(
     else:
         _lines(ax, table, across, np.moveaxis(values, table.dims.index(across), 0))
     if not sampled and _geometric(numbers):
-        ax.set_xscale("log")
+        # The margins of an axis up to 1e308 lie beyond what a double holds.
+        with np.errstate(over="ignore"):
+            ax.set_xscale("log")
     ax.set_xlabel(label(across))
     ax.set_ylabel(label(name))
     return ax
@@ -72,9 +73,9 @@ def _field(table: Sweep, field: str | None) -> tuple[str, np.ndarray]:
     names = [name for name, column in table.columns().items() if column.own_shape == ()]
     if field is None and names:
         field = "restitution" if "restitution" in names else names[0]
-    if field not in names:
+    if not isinstance(field, str) or field not in names:
         raise ValueError(
-            f"Argument `field` must be one of {', '.join(names)}, but is {field!r}."
+            f"Argument `field` must be one of {', '.join(names)}, but is {rendered(field)}."
             if names
             else "Argument `table` must have a field of one number for each lane, but has none."
         )

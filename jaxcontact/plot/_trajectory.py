@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _units as units
+from .._impact import Trajectory
+from .._parameter import require_choice, require_kind
+from ._axes import axes_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from .._impact import Trajectory
 
 _QUANTITIES = ("time", "indentation", "velocity", "force")
 
@@ -28,21 +29,18 @@ def trajectory(
 
     Arguments: one trajectory (no batch); `x` and `y`, each "time", "indentation", "velocity" or
     "force", in SI units; the axes to draw on, new ones if None; a label for the legend. Returns the
-    axes. Raises ValueError for an unknown quantity or a batch.
+    axes. Raises ValueError for an unknown quantity, a batch, and what is no trajectory or axes.
     """
-    for name, quantity in (("x", x), ("y", y)):
-        if quantity not in _QUANTITIES:
-            raise ValueError(
-                f"Argument `{name}` must be one of {_QUANTITIES}, but is {quantity!r}."
-            )
+    require_choice("x", x, _QUANTITIES)
+    require_choice("y", y, _QUANTITIES)
+    require_kind("path", path, Trajectory, "a `Trajectory`")
+    if label is not None:
+        require_kind("label", label, str, "a text or None")
     if path.time.ndim != 1:
         raise ValueError(
             f"Argument `path` must be a single trajectory, but has the shape {path.time.shape}."
         )
-    if ax is None:
-        from matplotlib import pyplot
-
-        _, ax = pyplot.subplots(layout="constrained")
+    ax = axes_of(ax)
     ax.plot(np.asarray(getattr(path, x)), np.asarray(getattr(path, y)), label=label)
     ax.set_xlabel(units.label(x, x))
     ax.set_ylabel(units.label(y, y))

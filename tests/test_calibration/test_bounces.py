@@ -316,7 +316,7 @@ TIMES = [0.5, 0.4]
         ({"second": [0.5]}, "`second` must have one number for each of the 2"),
         ({"first": [[0.5, 0.4]]}, "`first` must have the shape"),
         ({"kind": "speeds"}, "`kind` must be one of 'intervals', 'heights'"),
-        ({"gravity": 0.0}, "`gravity` must be positive"),
+        ({"gravity": 0.0}, "`gravity` must be a number in .* but is 0.0"),
         ({"drag": 0.47}, "`drag` must be a `Drag` or None, but is 0.47"),
         ({"fixed": ("c",)}, "`fixed` must name numbers of the law or the contact"),
     ],

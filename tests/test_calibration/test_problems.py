@@ -204,9 +204,12 @@ def test_tables_may_have_gaps():
         (lambda: jc.fit_damping([1.0], [np.nan], CONTACT), "`e` must be in"),
         (lambda: jc.fit_energy_loss([0.5, 0.9], degree=-1), "`degree` must be"),
         (lambda: jc.learn_law([0.5, 0.9], form="tree"), "`form` must be one of"),
-        (lambda: jc.learn_law([0.5, 0.9], form=3), "a name or a shape"),
-        (lambda: jc.Spline(intervals=1), "`intervals` must be at least 4"),
-        (lambda: jc.Spline(low=1.0), "`low` must be in"),
+        (lambda: jc.learn_law([0.5, 0.9], form=3), "or a shape, but is 3"),
+        (
+            lambda: jc.Spline(intervals=1),
+            "`intervals` must be a whole number of at least 4",
+        ),
+        (lambda: jc.Spline(low=1.0), "`low` must be a number in"),
         (lambda: jc.fit_impacts(jc.Hertz(), CONTACT, [1.0]), "`e` or `duration` must be given"),
         (
             lambda: jc.fit_impacts(jc.Hertz(), CONTACT, [1.0], e=[0.5], fixed=("c",)),

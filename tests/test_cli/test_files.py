@@ -4,6 +4,8 @@ import os
 
 import pytest
 
+from jaxcontact._cli._files import output_path
+from jaxcontact._cli._options import InputError
 from jaxcontact._whole_files import write_all
 
 
@@ -40,3 +42,34 @@ def test_a_failure_while_renaming_leaves_no_scraps(tmp_path, monkeypatch):
     with pytest.raises(PermissionError):
         write_all({tmp_path / "x": b"1", tmp_path / "y": b"2"})
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_content_may_be_a_function_that_writes_it(tmp_path):
+    write_all({tmp_path / "x": lambda file: file.write(b"12")})
+    assert (tmp_path / "x").read_bytes() == b"12"
+
+
+@pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_a_full_disk_or_an_interrupt_leaves_the_old(tmp_path, failure):
+    (tmp_path / "x").write_bytes(b"old")
+
+    def fail(file):
+        file.write(b"half")
+        raise failure
+
+    with pytest.raises(type(failure)):
+        write_all({tmp_path / "y": b"new", tmp_path / "x": fail})
+    assert [p.name for p in tmp_path.iterdir()] == ["x"]
+    assert (tmp_path / "x").read_bytes() == b"old"
+
+
+def test_a_folder_a_pipe_and_a_device_are_not_replaced(tmp_path):
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    (tmp_path / "device.csv").symlink_to("/dev/null")
+    for name, words in (("pipe", "pipe"), ("folder", "folder"), ("device", "a device")):
+        path = tmp_path / f"{name}.csv"
+        with pytest.raises(InputError, match=rf"--out .*{name}.csv: is a .*{words}"):
+            output_path("--out", str(path), (".nc", ".csv"))
+        with pytest.raises(FileExistsError, match="is a folder, a pipe or a device"):
+            write_all({path: b"1"})

@@ -119,3 +119,53 @@ def test_netcdf_without_xarray(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert main(["sweep", *LAW, "--quiet", f"--out={tmp_path}/a.nc"]) == 2
     assert "needs xarray (pip install 'jaxcontact[data]')" in capsys.readouterr().err
+
+
+FAR = ["1e-300", "1e300", "5e-324", "1.7e308"]
+
+
+@pytest.mark.parametrize("option", ["mass", "stiffness", "velocity"])
+def test_extreme_numbers_end_in_a_sentence(option, tmp_path, capsys):
+    """The last digit of a number may lie outside what doubles hold: that is said, not hidden."""
+    at = {"mass": "1", "stiffness": "1e8", "velocity": "1"}
+    for far in FAR:
+        given = [f"--{name}={far if name == option else x}" for name, x in at.items()]
+        code = main(["impact", "--law", "hu_guo", "--e", "0.5", *given])
+        shown = capsys.readouterr()
+        assert (code, "nan" in shown.out, "inf" in shown.out) == (code, False, False)
+        assert code == 0 or (code == 2 and shown.err.splitlines()[-1].startswith("error: "))
+    out, plot = tmp_path / "x.csv", tmp_path / "x.png"
+    line = f"sweep --law hu_guo --e 0.5 --{option} 5e-324:1.7e308:5:log --quiet"
+    code = main([*line.split(), "--out", str(out), "--plot", str(plot)])
+    shown = capsys.readouterr().out
+    with open(out, newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["status"] == "SEPARATED"]
+    beyond = sum(any(not np.isfinite(float(row[f])) for f in FIELDS) for row in rows)
+    assert (code, "too large for double precision" in shown) == (int(beyond > 0), beyond > 0)
+    assert plot.stat().st_size > 0
+
+
+FIELDS = ["duration", "compression_time", "max_indentation", "max_force", "energy_loss"]
+
+
+def test_a_number_that_stands_in_many_rows_is_the_same_in_all(tmp_path):
+    """Columns of fewer dimensions are turned into text once; masks and strings as well."""
+
+    def function(e, v):
+        hit = jc.impact(jc.HuGuo(e=e), jc.Contact(1.0, 1e8), v)
+        return {"hit": hit.duration, "e": hit.restitution, "pair": np.array([1.0, 2.0]) * v}
+
+    axes = {"e": [0.3, 1.5, 0.9], "v": np.append(np.linspace(-1, 1, 6000), 0.1)}
+    table = jc.sweep(function, **axes)
+    table.to_csv(tmp_path / "x.csv")
+    with open(tmp_path / "x.csv", newline="") as file:
+        head, *rows = csv.reader(file)
+    assert head == ["e", "v", "hit", "e", "pair[0]", "pair[1]", "status"]
+    assert len(rows) == 18003
+    e, v = (a.reshape(-1) for a in np.meshgrid(axes["e"], axes["v"], indexing="ij"))
+    pair = table["pair"].reshape(-1, 2)
+    columns = [e, v, table["hit"].reshape(-1), table["e"].reshape(-1), pair[:, 0], pair[:, 1]]
+    for k, values in enumerate(columns):
+        np.testing.assert_array_equal([float(row[k]) for row in rows], values)
+    names = [jc.Status(code).name for code in table.status.reshape(-1).tolist()]
+    assert [row[-1] for row in rows] == names

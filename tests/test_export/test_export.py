@@ -262,7 +262,7 @@ NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
     [
         (EXACT, {"engine": "bullet"}, "'drake', 'exudyn', 'lammps', 'mujoco', 'simbody'"),
         (EXACT, {"engine": "lammps"}, "`radius` is needed for engine 'lammps'"),
-        (EXACT, {"engine": "simbody", "radius": -1.0}, "`radius` must be in"),
+        (EXACT, {"engine": "simbody", "radius": -1.0}, "`radius` must be a number in"),
         (
             EXACT,
             {"engine": "drake", "radius": 0.1},

@@ -294,8 +294,8 @@ def test_going_backwards_is_the_same(free):
         ({"weights": 0.0}, "not be zero everywhere"),
         ({"loss": "huber"}, "`loss` must be"),
         ({"optimizer": "adam"}, "`optimizer` must be"),
-        ({"starts": 0}, "`starts` must be at least 1"),
-        ({"rtol": -1.0}, "`rtol` must be in"),
+        ({"starts": 0}, "`starts` must be a whole number of at least 1"),
+        ({"rtol": -1.0}, "`rtol` must be a number in"),
         ({"progress": "yes"}, "`progress` must be"),
         ({"data": DECAY[:-1]}, "`predict` must return the shape"),
         ({"data": np.zeros(0)}, "`data` must hold a number"),
@@ -315,7 +315,7 @@ def test_bad_arguments_are_named(changed, message):
 def test_bad_bounds_and_thresholds_are_named():
     with pytest.raises(ValueError, match="`high` must be above `low`"):
         jc.Between(1.0, 1.0)
-    with pytest.raises(ValueError, match="`threshold` must be in"):
+    with pytest.raises(ValueError, match="`threshold` must be a number in"):
         jc.Huber(0.0)
 
 

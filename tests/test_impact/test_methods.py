@@ -49,7 +49,7 @@ def test_any_known_scalar_is_a_number():
             for value in (1, 10.0, True, None, "10", np.array([10]))
         ),
         (lambda: jc.Phase(steps=7), ["steps", "even", "7"]),
-        (lambda: jc.Phase(steps=0), ["steps", "above 1", "0"]),
+        (lambda: jc.Phase(steps=0), ["steps", "at least 2", "0"]),
         (lambda: jc.Event(solver="Tsit5"), ["solver", "AbstractSolver", "Tsit5"]),
         (lambda: jc.Event(solver=diffrax.Tsit5), ["solver", "AbstractSolver", "Tsit5"]),
         (lambda: jc.Event(adjoint=1), ["adjoint", "AbstractAdjoint", "1"]),

@@ -45,6 +45,17 @@ def store(tmp_path):
     return tmp_path / "sweep.zarr"
 
 
+def swapped(e, v):
+    """The same program, whose outputs have each other's names."""
+    fields = arrays_by_name(outcome(e, v))
+    return dict(zip(list(fields)[::-1], fields.values(), strict=True))
+
+
+def arrays_by_name(hit):
+    fields = {field.name: getattr(hit, field.name) for field in dataclasses.fields(hit)}
+    return {name: value for name, value in fields.items() if isinstance(value, jnp.ndarray)}
+
+
 def checksums(path):
     """The files that say that a block is finished."""
     return [p for p in path.glob("blocks/checksum/c/*") if p.name.isdigit()]
@@ -114,6 +125,7 @@ def test_the_store_serves_any_number_of_devices(store, written, whole):
     [
         ({"fn": durations}, "`function` ('outcome' there, 'durations' here)"),
         ({"fn": lambda e, v: outcome(e, 2 * v)}, "`program`"),
+        ({"fn": swapped}, "`outputs` (["),
         ({"v": jnp.linspace(0.0, 5, 8)}, "`axes.v.numbers`"),
         ({"v": np.linspace(0.0, 4, 9, dtype=np.float32)}, "`axes.v.dtype`"),
         ({"batch_size": 21}, "`batch_size` (20 there, 21 here)"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._sweep import _plan
 
 CONTACT = jc.Contact(1.0, 1e8)
 
@@ -74,31 +75,64 @@ def test_an_interrupt_before_anything_is_done_is_passed_on():
         jc.sweep(summary, **AXES, reduce=(0, fold))
 
 
-@pytest.fixture
-def traces():
-    """A function that counts how often it is traced."""
-    count = []
-
-    def function(e, v):
-        count.append(1)
-        return {"e": jc.restitution(jc.HuGuo(e=e)), "v": jnp.sqrt(v) * e}
-
-    return function, count
+def whole_numbers(e, v):
+    return {"count": jnp.int32(10 * e + v)}
 
 
-def test_the_same_function_is_traced_once(traces):
-    function, count = traces
+def with_status(e, v):
+    return {"status": jnp.int32(e), "duration": e * v, "count": jnp.int32(v + 10 * e)}
+
+
+@pytest.mark.parametrize("function", [whole_numbers, with_status])
+def test_an_interrupt_flags_whole_numbers_too(function):
+    """They have no NaN that would show it."""
+    axes = {"e": np.arange(10.0), "v": np.arange(5.0)}
+    with pytest.warns(UserWarning, match="interrupted"):
+        table = interrupted(21, function, **axes)
+    assert not table.complete
+    right = table["count"] == np.int32(10 * axes["e"][:, None] + axes["v"])
+    assert 0 < np.count_nonzero(right) < right.size
+    np.testing.assert_array_equal(table.status == jc.Status.NOT_CONVERGED, ~right | lost(table))
+    chosen = table.select(e=9.0)
+    np.testing.assert_array_equal(chosen.status, table.status[9])
+
+
+def lost(table):
+    """Where the function itself says so."""
+    asked = np.arange(10)[:, None] == int(jc.Status.NOT_CONVERGED)
+    return np.broadcast_to(asked & ("duration" in table.fields), table.shape)
+
+
+def made_of(e, v):
+    return {"e": jc.restitution(jc.HuGuo(e=e)), "v": jnp.sqrt(v) * e}
+
+
+def test_the_same_function_is_traced_once(monkeypatch):
+    traced = []
+    trace = _plan.program_of
+    monkeypatch.setattr(_plan, "program_of", lambda *given: traced.append(1) or trace(*given))
+    # Not one of another test.
+    factor = 17.0
+
+    def again():
+        return lambda e, v: factor * made_of(e, v)["v"]
+
     for size in (3, 3, 4):
-        jc.sweep(function, e=np.linspace(0.1, 1, size), v=[1.0, 2.0])
-    assert len(count) == 1
-    # Other numbers held fixed are numbers too.
+        jc.sweep(again(), e=np.linspace(0.1, 1, size), v=[1.0, 2.0])
+    assert len(traced) == 1
+    # Other numbers held fixed are numbers, too.
     for v in (1.0, 2.0, 3.0):
-        jc.sweep(function, e=[0.5], v=v)
-    assert len(count) == 2
+        jc.sweep(again(), e=[0.5], v=v)
+    assert len(traced) == 2
+    factor = 18.0
+    jc.sweep(again(), e=[0.5], v=1.0)
+    assert len(traced) == 3
 
 
-def test_another_sweep_of_a_function_compiles_nothing(traces):
-    function, _ = traces
+def test_another_sweep_of_a_function_compiles_nothing():
+    def function(e, v):
+        return made_of(e, 19.0 * v)
+
     compiled = []
 
     def listen(event, duration, **_):
@@ -115,7 +149,7 @@ def test_another_sweep_of_a_function_compiles_nothing(traces):
         # Blocks of one shape: of another number of lanes, too.
         jc.sweep(function, samples={k: x[:95] for k, x in samples.items()}, batch_size=10)
         assert len(compiled) == first
-        jc.sweep(lambda e, v: function(e, v), samples=samples, batch_size=10)
+        jc.sweep(lambda e, v: function(v, e), samples=samples, batch_size=10)
         assert len(compiled) > first
     finally:
         jax.monitoring.unregister_event_duration_listener(listen)
@@ -123,9 +157,8 @@ def test_another_sweep_of_a_function_compiles_nothing(traces):
 
 def test_a_solve_that_fields_share_is_compiled_once():
     from jaxcontact._sweep._axes import grid_of
-    from jaxcontact._sweep._plan import plan_of
 
-    plan = plan_of(summary, grid_of(None, {"e": [0.1, 0.2], "v": [1.0, 2.0]}))
+    plan = _plan.plan_of(summary, grid_of(None, {"e": [0.1, 0.2], "v": [1.0, 2.0]}))
     assert [group.flags for group in plan.groups] == [True, False]
 
 

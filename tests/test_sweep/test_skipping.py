@@ -254,3 +254,103 @@ def test_against_a_loop_in_python(a, b, c, most):
             lane = [np.float64(x[i]) for x, i in zip((a, b, c), place, strict=True)]
             for name, expected in mixture(*lane, xp=np).items():
                 np.testing.assert_array_equal(table[name][place], expected, err_msg=name)
+
+
+def test_zeros_of_both_signs():
+    """They are different numbers of an axis where the function tells them apart."""
+    axes = {"x": [0.0, -0.0, 1.0], "y": [-1.0, 0.0, 2.0]}
+
+    def function(x, y):
+        return {
+            "inverse": 1 / x,
+            "chosen": jnp.where(y > 0, 0.0, -0.0),
+            "inverse of chosen": 1 / jnp.where(y > 0, 0.0, -0.0),
+            "array": 1 / jnp.where(y > 0, jnp.array([0.0, -0.0]), 0.0),
+        }
+
+    table = jc.sweep(function, **axes)
+    identical(table, function, axes)
+    inf = np.inf
+    np.testing.assert_array_equal(table["inverse"][:, 0], [inf, -inf, 1.0])
+    np.testing.assert_array_equal(table["inverse of chosen"][0], [-inf, -inf, inf])
+    assert table.select(x=0.0)["inverse"][0] == inf
+    assert table.select(x=-0.0)["inverse"][0] == -inf
+
+
+def test_arrays_without_elements():
+    """A sum of nothing is no NaN, whatever the lane is."""
+
+    def function(x, y):
+        empty = jnp.where(x > 0, y, jnp.nan) * jnp.zeros((0,))
+        return {"sum": jnp.sum(empty), "max": jnp.max(empty, initial=x), "empty": empty}
+
+    axes = {"x": [1.0, -1.0], "y": [1.0, 2.0, 3.0]}
+    table = jc.sweep(function, **axes)
+    identical(table, function, axes)
+    assert table["empty"].shape == (2, 3, 0)
+    np.testing.assert_array_equal(table["sum"], 0)
+
+
+def identical(table, function, axes):
+    """Bit for bit, but for the bits of NaN."""
+    for name, expected in fields(plainly(function, axes)).items():
+        found = np.asarray(table[name])
+        assert found.dtype == expected.dtype and found.shape == expected.shape, name
+        np.testing.assert_array_equal(found, expected, err_msg=name)
+        if found.dtype.kind == "f":
+            same = np.signbit(found) == np.signbit(expected)
+            assert np.all(same | np.isnan(found)), name
+
+
+UNARY = {
+    **{"neg": jnp.negative, "abs": jnp.abs, "sqrt": jnp.sqrt, "floor": jnp.floor},
+    **{"sign": jnp.sign, "isnan": lambda x: jnp.isnan(x).astype(float), "half": lambda x: x / 2},
+    **{"square": jnp.square, "whole": lambda x: jnp.nan_to_num(x).astype(int).astype(float)},
+    **{"power": lambda x: x**0, "sum": lambda x: jnp.sum(x * jnp.ones(3))},
+    **{"none": lambda x: jnp.sum(x * jnp.ones(0)), "barrier": jax.lax.optimization_barrier},
+}
+BINARY = {
+    **{"add": jnp.add, "mul": jnp.multiply, "div": jnp.divide, "max": jnp.maximum},
+    **{"min": jnp.minimum, "less": lambda x, y: (x < y).astype(float), "copysign": jnp.copysign},
+    **{"rem": jnp.fmod, "cond": lambda x, y: jax.lax.cond(x > y, lambda: x, lambda: y * 2)},
+    "loop": lambda x, y: jax.lax.fori_loop(0, 2, lambda _, z: jnp.maximum(z, x) + 1, y),
+}
+CHOICES = {
+    "where": lambda x, y, z: jnp.where(x > 0, y, z),
+    "check": lambda x, y, z: jnp.where((x > 0) & jnp.isfinite(y), z, jnp.nan),
+    "either": lambda x, y, z: jnp.where((x >= 1) | ~(y < 2), z, -3.0),
+    "select": lambda x, y, z: jnp.select([x > 1, y > 1], [z, x], 0.0),
+}
+OPERATIONS = [*UNARY.items(), *BINARY.items(), *CHOICES.items()]
+CONSTANTS = [0.0, -0.0, 1.0, np.nan, np.inf, 2.0]
+
+
+@st.composite
+def programs(draw):
+    """A function of three numbers: each step takes what came before it, or a constant."""
+    steps = []
+    for number in range(draw(st.integers(1, 12))):
+        name, operation = draw(st.sampled_from(OPERATIONS))
+        count = 1 if name in UNARY else 2 if name in BINARY else 3
+        place = st.integers(0, 2 + len(CONSTANTS) + number)
+        steps.append((operation, [draw(place) for _ in range(count)]))
+    kept = draw(st.lists(st.integers(0, len(steps) - 1), min_size=1, max_size=3, unique=True))
+
+    def function(a, b, c):
+        values = [a, b, c, *map(jnp.asarray, CONSTANTS)]
+        for operation, places in steps:
+            values.append(operation(*(values[k] for k in places)))
+        return {str(k): values[3 + len(CONSTANTS) + k] for k in kept}
+
+    return function
+
+
+signed = st.one_of(numbers, st.sampled_from([-0.0, -np.inf, 5e-324]))
+axes_of_two = st.lists(signed, min_size=1, max_size=3)
+
+
+@settings(max_examples=60)
+@given(function=programs(), a=axes_of_two, b=axes_of_two, c=axes_of_two)
+def test_any_program(function, a, b, c):
+    axes = {"a": a, "b": b, "c": c}
+    identical(jc.sweep(function, **axes), function, axes)

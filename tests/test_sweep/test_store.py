@@ -1,7 +1,9 @@
 """Blocks on disk: what counts as finished, what is refused, and what others can read."""
 
+import json
 import os
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -188,6 +190,54 @@ def test_a_store_without_one_of_its_arrays_is_refused(tmp_path):
     shutil.rmtree(tmp_path / "a.zarr" / "status")
     with pytest.raises(ValueError, match="lacks 'status'"):
         opened(tmp_path / "a.zarr")
+
+
+@pytest.mark.parametrize(
+    ("name", "entry", "value", "words"),
+    [
+        ("duration", "attributes", {"units": "ms"}, "`duration.attributes.units` ('ms' there"),
+        ("duration", "shape", [10, 8], r"`duration.shape` ([10, 8] there, [10, 7] here)"),
+        ("duration", "dimension_names", ["v", "e"], "`duration.dims` (['v', 'e'] there"),
+        ("status", "data_type", "int64", "`status.dtype` ('int64' there, 'int32' here)"),
+        ("status", "data_type", "colour", "lacks 'status', or it cannot be read"),
+        ("e", "attributes", {"units": "K"}, "`e.attributes.units` ('K' there, none here)"),
+        ("blocks/checksum", "shape", [3], "`blocks/checksum.shape` ([3] there, [7] here)"),
+        ("", "zarr_format", 7, "must be a new path or the store of a sweep"),
+    ],
+)
+def test_altered_metadata_is_refused(tmp_path, name, entry, value, words):
+    filled(tmp_path / "a.zarr")
+    file = tmp_path / "a.zarr" / name / "zarr.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {entry: value}))
+    with pytest.raises(ValueError, match="Argument `store` must be") as error:
+        opened(tmp_path / "a.zarr")
+    assert words in str(error.value)
+
+
+def test_an_altered_coordinate_is_refused(tmp_path):
+    import zarr
+
+    filled(tmp_path / "a.zarr")
+    coordinate: Any = zarr.open_group(tmp_path / "a.zarr", mode="r+")["v"]
+    coordinate[3] = -3.0
+    with pytest.raises(ValueError, match=r"was altered: `v.checksum`"):
+        opened(tmp_path / "a.zarr")
+
+
+@pytest.mark.parametrize("path", ["s3://bucket/x", "gs://bucket/x", "file:///tmp/x", 3, b"x"])
+def test_what_is_no_path_of_this_machine_is_refused(path):
+    with pytest.raises((TypeError, ValueError), match="Argument `store` must be the path"):
+        opened(path)
+
+
+def test_a_store_that_cannot_be_made_leaves_nothing(tmp_path, monkeypatch):
+    def full(*args):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "rename", full)
+    with pytest.raises(OSError, match="No space left"):
+        opened(tmp_path / "runs" / "today" / "a.zarr")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_new_store_may_be_deep_or_an_empty_folder(tmp_path):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._sweep import _plan
 
 CONTACT = jc.Contact(1.0, 1e8)
 E = np.linspace(0.1, 1.0, 10)
@@ -119,16 +120,17 @@ def test_objects_are_passed_on_as_they_are(how, other, expected):
         assert "fixed   how = " in repr(table)
 
 
-def test_an_equal_object_is_not_traced_again():
-    traces = []
+def test_an_equal_object_is_not_traced_again(monkeypatch):
+    traced = []
+    trace = _plan.program_of
+    monkeypatch.setattr(_plan, "program_of", lambda *given: traced.append(1) or trace(*given))
 
     def function(e, how):
-        traces.append(how)
         return e * how.exponent
 
-    for power in (2, 2, 3):
+    for power, times in ((2, 1), (2, 1), (3, 2)):
         jc.sweep(function, e=[0.5], how=Power(power))
-    assert traces == [Power(2), Power(3)]
+        assert len(traced) == times
 
 
 def test_select(table):

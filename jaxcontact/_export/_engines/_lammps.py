@@ -13,7 +13,13 @@ from scipy.optimize import root_scalar
 from ..._contact import Contact
 from ..._impact import restitution
 from ..._laws import AbstractLaw, AbstractOscillator, AntypovElliott, KuwabaraKono, Tsuji
-from ..._parameter import POSITIVE, RESTITUTION_FROM_ZERO, as_parameter, parameter
+from ..._parameter import (
+    POSITIVE,
+    RESTITUTION_FROM_ZERO,
+    parameter,
+    require_choice,
+    require_number,
+)
 from .._engine import Engine, register_engine
 from .._wanted import Draft, Wanted, matched_stiffness
 
@@ -149,11 +155,8 @@ class Lammps(Engine):
     name = "lammps"
 
     def draft(self, wanted: Wanted, *, radius: float, damping: str = "coeff_restitution") -> Draft:
-        if damping not in DAMPINGS:
-            known = ", ".join(map(repr, DAMPINGS))
-            raise ValueError(f"Argument `damping` must be one of {known}, but is {damping!r}.")
-        radius = float(as_parameter(radius, "radius", POSITIVE))
-        kind = DAMPINGS[damping]
+        kind = DAMPINGS[require_choice("damping", damping, DAMPINGS)]
+        radius = require_number("radius", radius, POSITIVE)
         law, stiffness, coefficient = kind.solve(wanted, radius)
         normal = stiffness / math.sqrt(radius)
         return Draft(

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._contact import Contact
-from ..._laws import AbstractOscillator, KelvinVoigt
+from ..._laws import AbstractOscillator, KelvinVoigt, as_tension
 from ..._parameter import NOT_NEGATIVE, parameter
 from .._engine import Engine, register_engine
 from .._wanted import Draft, Wanted, matched_stiffness
@@ -28,7 +28,7 @@ class SoftConstraint(AbstractOscillator):
     """
 
     damping: Float[Array, "..."] = parameter("damping", NOT_NEGATIVE)
-    tension: bool = eqx.field(static=True, default=False, kw_only=True)
+    tension: bool = eqx.field(static=True, default=False, kw_only=True, converter=as_tension)
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
 
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:

@@ -17,7 +17,7 @@ from ..._laws import (
     HuntCrossley,
     MarhefkaOrin,
 )
-from ..._parameter import POSITIVE, RESTITUTION, as_parameter, parameter
+from ..._parameter import POSITIVE, RESTITUTION, concrete, parameter, rendered, require_number
 from .._engine import Engine, register_engine
 from .._wanted import Draft, Wanted, matched_stiffness
 
@@ -73,7 +73,7 @@ class Simbody(Engine):
     name = "simbody"
 
     def draft(self, wanted: Wanted, *, radius: float) -> Draft:
-        radius = float(as_parameter(radius, "radius", POSITIVE))
+        radius = require_number("radius", radius, POSITIVE)
         alpha = exact_damping_factor(wanted.restitution)
         dissipation = float(alpha) / (1.5 * wanted.velocity)
         stiffness = matched_stiffness(wanted, 1.5, Damped(alpha=alpha))
@@ -140,8 +140,11 @@ class Exudyn(Engine):
     name = "exudyn"
 
     def draft(self, wanted: Wanted, *, impact_model: int = 2) -> Draft:
-        if impact_model not in _MODELS:
-            raise ValueError(f"Argument `impact_model` must be 1 or 2, but is {impact_model!r}.")
+        if concrete(impact_model) not in _MODELS:
+            raise ValueError(
+                f"Argument `impact_model` must be 1 or 2, but is {rendered(impact_model)}."
+            )
+        impact_model = int(impact_model)
         alpha = float(exact_damping_factor(wanted.restitution))
         kind, inverse, source = _MODELS[impact_model]
         asked = inverse(alpha)

@@ -49,7 +49,7 @@ class Reading:
                     self._users.setdefault(where, []).append(number)
         self.facts: dict[int, Fact] = dict(enumerate(inputs))
         for step in program.steps:
-            self.facts.update(zip(step.writes, after(step, self._reads(step, {})), strict=True))
+            self.facts.update(self._after(step, {}))
 
     def dims(self, slot: int) -> Dims:
         """The dimensions that a slot may depend on."""
@@ -57,6 +57,14 @@ class Reading:
 
     def _reads(self, step: Step, changed: Mapping[int, Fact]) -> list[Fact]:
         return [self._fact(where, changed) for where in step.reads]
+
+    def _after(self, step: Step, changed: Mapping[int, Fact]) -> dict[int, Fact]:
+        """What is known of what a step writes; an array without elements has no value."""
+        reads = self._reads(step, changed)
+        return {
+            slot: dims_of(*reads) if 0 in self.program.shapes[slot].shape else fact
+            for slot, fact in zip(step.writes, after(step, reads), strict=True)
+        }
 
     def _fact(self, where: Place, changed: Mapping[int, Fact]) -> Fact:
         if isinstance(where, Constant):
@@ -77,8 +85,7 @@ class Reading:
             if number == last:
                 continue
             last, step = number, self.program.steps[number]
-            facts = after(step, self._reads(step, changed))
-            for slot, fact in zip(step.writes, facts, strict=True):
+            for slot, fact in self._after(step, changed).items():
                 if slot not in assumed and fact != self.facts[slot]:
                     changed[slot] = fact
                     for user in self._users.get(slot, ()):
@@ -182,7 +189,7 @@ def range_checks(reading: Reading) -> list[int]:
 
     def decides(slot: int) -> bool:
         outputs = reading.outputs([slot], False)
-        return bool(floats) and all(nan.same(outputs[i]) for i in floats)
+        return bool(floats) and all(nan == outputs[i] for i in floats)
 
     return [slot for slot in checks if program.shapes[slot].shape == () and decides(slot)]
 

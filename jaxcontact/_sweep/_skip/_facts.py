@@ -14,17 +14,17 @@ from ._program import Step
 Dims = frozenset[int]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Known:
-    """A number, or an array of nothing but this number."""
+    """A number, or an array of nothing but this number, with at least one element."""
 
     value: Any
 
-    def same(self, other: Any) -> bool:
-        """Whether `other` is the same number; NaN is."""
-        return isinstance(other, Known) and bool(
-            self.value == other.value or (self.value != self.value and other.value != other.value)
-        )
+    def __eq__(self, other: object) -> bool:
+        """Whether `other` is the same number: NaN is, a zero of the other sign is not."""
+        return isinstance(other, Known) and bool(_same(self.value, other.value))
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]
 
 
 Fact = Known | Dims
@@ -34,6 +34,12 @@ Fact = Known | Dims
 def dims_of(*facts: Fact) -> Dims:
     """The dimensions something may depend on, or several things together."""
     return frozenset(d for fact in facts if not isinstance(fact, Known) for d in fact)
+
+
+def _same(some: Any, others: Any) -> Any:
+    signs = some.dtype.kind != "f" or others.dtype.kind != "f"
+    same = signs or np.signbit(some) == np.signbit(others)
+    return ((some == others) & same) | ((some != some) & (others != others))
 
 
 _RESHAPES = {"reshape", "squeeze", "broadcast_in_dim", "transpose", "copy", "slice", "rev"}
@@ -61,8 +67,7 @@ def of_constant(value: Any) -> Fact:
     if plain.dtype.kind not in "biuf" or plain.size == 0:
         return frozenset()
     first = plain.reshape(-1)[0]
-    same = (plain == first) | ((plain != plain) & (first != first))
-    return Known(first) if bool(np.all(same)) else frozenset()
+    return Known(first) if bool(np.all(_same(plain, first))) else frozenset()
 
 
 def after(step: Step, reads: list[Fact]) -> list[Fact]:
@@ -87,14 +92,28 @@ def after(step: Step, reads: list[Fact]) -> list[Fact]:
             with np.errstate(over="ignore"):
                 return [Known(value.astype(dtype))]
     if len(known) == len(reads) and name in _FOLDED:
+        operands = [fact.value for fact in known]
         with np.errstate(all="ignore"):
-            return [Known(_FOLDED[name](*(fact.value for fact in known)))]
+            value = _FOLDED[name](*operands)
+        if _machines_agree(name, [*operands, value]):
+            return [Known(value)]
     return [dims_of(*reads)] * len(step.writes)
+
+
+def _machines_agree(name: str, numbers: list[Any]) -> bool:
+    """Whether every machine computes this: some flush numbers below the normal ones to zero."""
+    floats = [x for x in numbers if x.dtype.kind == "f"]
+    if any(x != 0 and abs(x) < np.finfo(x.dtype).tiny for x in floats):
+        return False
+    if any(x == 0 for x in floats[-1:]) and name in ("mul", "max", "min"):
+        # A product may have been too small; which of two zeros is larger is open.
+        return all(x == floats[0] == 0 and np.signbit(x) == np.signbit(floats[0]) for x in floats)
+    return True
 
 
 def _chosen(which: Fact, *cases: Fact) -> Fact | None:
     """The case that is chosen, if that is known or makes no difference."""
     if isinstance(which, Known):
         return cases[int(which.value)]
-    alike = isinstance(cases[0], Known) and all(cases[0].same(case) for case in cases)
+    alike = isinstance(cases[0], Known) and all(cases[0] == case for case in cases)
     return cases[0] if alike else None

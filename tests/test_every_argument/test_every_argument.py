@@ -1,0 +1,247 @@
+"""Every public argument refuses what is no good value for it, by an error that says so.
+
+Sixty kinds of values for each argument: a legal one must be accepted, any other must raise an error
+that names the argument, what is allowed and what was given. No error of JAX, NumPy or another
+library may come through.
+"""
+
+import importlib
+import inspect
+import re
+import warnings
+
+import jax
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from tests.test_every_argument.kinds import KINDS
+from tests.test_every_argument.table import EXEMPT, Reached, a_bounce, cases, reached
+
+LABELS = sorted(cases())
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_compiled(monkeypatch, tmp_path):
+    """Searches, bootstraps and profiles count as reached; files go to an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    for module, name in [
+        ("_fit._fit", "find"),
+        ("_fit._fit", "find_all"),
+        ("_fit._compare", "find"),
+        ("_fit._bootstrap", "_refits"),
+        ("_fit._profile", "_profile"),
+    ]:
+        monkeypatch.setattr(importlib.import_module(f"jaxcontact.{module}"), name, reached)
+    with (
+        warnings.catch_warnings(),
+        jax.numpy_dtype_promotion("standard"),
+        jax.numpy_rank_promotion("allow"),
+    ):
+        # Some conversions of NumPy warn before they fail.
+        warnings.simplefilter("ignore")
+        yield
+
+
+def one_line(text):
+    return " ".join(text.split())
+
+
+def shows(message, value):
+    """Whether a message shows a value, its type or shape, or what is wrong inside it."""
+    try:
+        text = one_line(repr(value))
+    except Exception:
+        return type(value).__name__ in message
+    inside = []
+    if isinstance(value, list | tuple | dict | set | range):
+        inside = list(value)
+    elif isinstance(getattr(value, "shape", None), tuple) and hasattr(value, "tolist"):
+        inside = np.ravel(np.asarray(value, object)).tolist()
+    words = {text[:15], one_line(str(value)), type(value).__name__, *map(repr, inside)}
+    words |= {f"{x:g}" for x in inside if isinstance(x, int | float)}
+    words |= {f"holds {len(inside)}", f"has {len(inside)}", f"{len(inside)} points"}
+    words |= {str(getattr(value, "shape", (len(inside),)))}
+    return any(word and word in message for word in words)
+
+
+def fault_of(label, name, kind):
+    """What is wrong with the answer of a callable to one kind of value; None if nothing is."""
+    case, value = cases()[label], KINDS[kind]
+    legal = kind in case.legal[name]
+    try:
+        case.call(name, value)
+    except Reached:
+        message = None
+    except OSError:
+        # A path that is one, of a file that is not there: documented.
+        message = None
+    except (ValueError, TypeError) as error:
+        message = one_line(str(error))
+        ours = f"`{name}`" in message and re.search("must|is needed|is no known", message)
+        if not ours and not isinstance(error, jc.RecordingError):
+            return f"{type(error).__name__} that does not name it: {message[:200]}"
+        if not shows(message, value) and not isinstance(error, jc.RecordingError):
+            return f"the message does not show the value: {message[:200]}"
+    except Exception as error:
+        return f"raw {type(error).__name__}: {one_line(str(error))[:200]}"
+    else:
+        message = None
+    if legal and message is not None:
+        return f"refused: {message[:200]}"
+    if not legal and message is None:
+        return "accepted"
+    return None
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_every_kind_of_value(label):
+    faults = {
+        (name, kind): fault
+        for name in cases()[label].legal
+        for kind in KINDS.keys() - cases()[label].untested
+        if (fault := fault_of(label, name, kind)) is not None
+    }
+    assert not faults, "\n".join(f"{n} <- {k}: {fault}" for (n, k), fault in faults.items())
+
+
+def public():
+    """Every public callable with its name: functions, constructors and methods."""
+    for where in (jc, jc.plot, jc.paper):
+        prefix = "" if where is jc else where.__name__.removeprefix("jaxcontact.") + "."
+        for name, value in vars(where).items():
+            if name.startswith("_") or not (inspect.isclass(value) or inspect.isfunction(value)):
+                continue
+            yield prefix + name, value
+            if inspect.isclass(value):
+                for method, function in inspect.getmembers(value, callable):
+                    # What object, tuple and Exception have is not ours.
+                    ours = getattr(function, "__module__", None) or ""
+                    if not method.startswith("_") and ours.startswith("jaxcontact"):
+                        yield f"{prefix}{name}.{method}", function
+
+
+def arguments(name, function):
+    parameters = list(inspect.signature(function).parameters.values())
+    if inspect.isfunction(function) and "." in name.removeprefix("plot.").removeprefix("paper."):
+        parameters = parameters[1:]
+    kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    return {p.name for p in parameters if p.kind not in kinds}
+
+
+def origin(function):
+    """Where a function was defined: an inherited method is tested once."""
+    return getattr(function, "__module__", ""), function.__qualname__
+
+
+def test_every_argument_is_in_the_table():
+    """A new public argument must be added to the table, or exempted there with a reason."""
+    functions = dict(public())
+    tested = {}
+    for label, case in cases().items():
+        name = label.split(",")[0]
+        where = origin(functions.get(name, case.function))
+        tested.setdefault(where, set()).update(case.legal)
+    missing = [
+        f"{name}({one})"
+        for name, function in functions.items()
+        for one in sorted(arguments(name, function) - tested.get(origin(function), set()))
+    ]
+    missing = [one for one in missing if not any(re.fullmatch(p, one) for p in EXEMPT)]
+    assert not missing, "\n".join(missing)
+
+
+def test_exemptions_are_needed():
+    names = [f"{name}({one})" for name, f in public() for one in arguments(name, f)]
+    for pattern in EXEMPT:
+        assert any(re.fullmatch(pattern, name) for name in names), pattern
+
+
+def test_the_checks_leave_traced_values_alone():
+    """What is refused by its value as a Python number is flagged as a traced one."""
+    contact = jc.Contact(1.0, 1e6)
+
+    @jax.jit
+    def e_of(e, radius):
+        sphere = jc.Material(1e9, 0.3, 1000.0)
+        made = jc.Contact.sphere_socket(0.1, 0.2, sphere)
+        other = jc.Contact.sphere_plane(radius, sphere)
+        law = jc.HuGuo(e=e)
+        force = law.force(1e-3, 0.0, contact, 1.0)
+        return jc.impact(law, other, 1.0).restitution, made.stiffness, force
+
+    e, stiffness, force = e_of(0.5, 0.1)
+    assert 0 < e < 1 and stiffness > 0 and force > 0
+    assert jax.numpy.isnan(e_of(2.0, 0.1)[0])
+
+
+STEEL = jc.Material(2.1e11, [0.3, 0.3], 7800.0)
+CONTACTS = jc.Contact([1.0, 2.0], 1e6)
+THREE = [0.1, 0.2, 0.3]
+MISFITS = {
+    "impact": (lambda: jc.impact(jc.HuGuo(e=0.5), CONTACTS, THREE), "contact velocity"),
+    "force": (
+        lambda: jc.impact(jc.HuGuo(e=THREE), jc.Contact(1.0, 1.0), 1.0, external_force=[1.0, 2.0]),
+        "law external_force",
+    ),
+    "contact": (lambda: jc.impact(jc.HuGuo(e=0.5), jc.Contact([1.0, 2.0], THREE), 1.0), "contact"),
+    "restitution": (lambda: jc.restitution(jc.HuGuo(e=[0.5, 0.6]), None, THREE), "law velocity"),
+    "trajectory": (lambda: jc.trajectory(jc.HuGuo(e=0.5), CONTACTS, THREE), "contact velocity"),
+    "bounce": (
+        lambda: jc.bounce(jc.HuGuo(e=0.5), CONTACTS, 1.0, gravity=THREE),
+        "contact gravity",
+    ),
+    "law.force": (
+        lambda: jc.Tsuji(e=0.5).force(THREE, [0.1, 0.2], jc.Contact(1.0, 1.0), 1.0),
+        "indentation velocity",
+    ),
+    "sphere_plane": (lambda: jc.Contact.sphere_plane(THREE, STEEL), "radius sphere"),
+    "sphere_sphere": (
+        lambda: jc.Contact.sphere_sphere([0.1, 0.2], THREE, STEEL, STEEL),
+        "radius other_radius",
+    ),
+    "sphere_socket": (lambda: jc.Contact.sphere_socket(0.1, THREE, STEEL), "socket_radius sphere"),
+    "sphere_mass": (
+        lambda: jc.Material(1.0, 0.3, [1.0, 2.0]).sphere_mass(THREE),
+        "radius density",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MISFITS)
+def test_shapes_that_do_not_broadcast(name):
+    call, named = MISFITS[name]
+    with pytest.raises(
+        ValueError, match=r"must have shapes that broadcast, but have .*\(3,\)"
+    ) as e:
+        call()
+    assert all(f"`{one}`" in str(e.value) for one in named.split())
+
+
+def test_large_whole_numbers_are_not_wrapped_around():
+    """Without double precision JAX holds whole numbers of 32 bits."""
+    with jax.enable_x64(False):
+        stiffness = jc.Contact(1.0, np.array([140_000_000_000])).stiffness
+        assert stiffness.dtype == np.float32
+        np.testing.assert_allclose(stiffness, 1.4e11, rtol=1e-6)
+        assert jc.Contact(1.0, np.int64(140_000_000_000)).stiffness > 1.3e11
+
+
+def test_whole_numbers_of_numpy_and_jax_count():
+    for whole in (np.int64(4), np.int32(4), jax.numpy.asarray(4), np.array(4)):
+        assert jc.Event(max_steps=whole) == jc.Event(max_steps=4)
+        assert jc.Rational(degree=whole).below.shape == (4,)
+    for tenth in (np.float32(0.125), jax.numpy.asarray(0.125), np.array(0.125)):
+        assert jc.Event(rtol=tenth) == jc.Event(rtol=0.125)
+        assert jc.Huber(tenth) == jc.Huber(0.125)
+
+
+def test_heights_of_one_run_at_many_times():
+    run = a_bounce()
+    height_at = jax.jit(lambda times: run.height_at(times))
+    times = np.array([[0.0, 0.1, 0.2], [0.3, 0.4, 0.5]])
+    heights = height_at(times)
+    assert heights.shape == (2, 3)
+    np.testing.assert_array_equal(heights[1], height_at(times[1]))
+    # It falls all the time.
+    assert np.all(np.diff(heights.ravel()) < 0)
