@@ -163,7 +163,10 @@ def power(x: ArrayLike, exponent: ArrayLike) -> Float[Array, "..."]:
             return _quarter_power(x, int(quarters))
     positive = x > 0
     # The inner `where` keeps log(0) out of the branch that is not taken, and so out of its tangent.
-    return jnp.where(positive, jnp.power(jnp.where(positive, x, 1), exponent), 0)
+    # As for a concrete exponent: x^0 is 1 and x^1 is x, with its slope, also at zero.
+    edge = jnp.where(exponent == 1, x, jnp.where(exponent == 0, 1, 0))
+    inside = jnp.power(jnp.where(positive, x, 1), exponent)
+    return jnp.where(positive, inside, jnp.where(x == 0, edge, 0))
 
 
 def _quarter_power(x: Float[Array, "..."], quarters: int) -> Float[Array, "..."]:

@@ -17,6 +17,7 @@ from jaxcontact._elementary import (
     log1p_over,
     log_remainder,
     log_remainder_over,
+    power,
     psi,
     sinc_root,
     speed_of,
@@ -330,3 +331,13 @@ def test_a_bracketed_root_takes_few_steps(power, most):
         return bracketed_root(lambda x: c - x**power, c, c - 1, most)
 
     assert np.allclose(jax.vmap(root)(c), c ** (1 / power), rtol=0, atol=BRACKETED)
+
+
+@pytest.mark.parametrize("p", [0.0, 1.0, 1.5, 2.0])
+def test_a_traced_exponent_is_the_concrete_one(p):
+    """At the edge, too: x^0 is 1 at zero, and x^1 has the slope 1."""
+    x = jnp.array([-1.0, 0.0, 0.5, 2.0])
+    concrete = jax.vmap(jax.value_and_grad(lambda x: power(x, p)))(x)
+    traced = jax.jit(jax.vmap(jax.value_and_grad(power), (0, None)))(x, jnp.array(p))
+    for one, other in zip(concrete, traced, strict=True):
+        np.testing.assert_allclose(other, one, rtol=1e-15)

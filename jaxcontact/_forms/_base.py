@@ -103,6 +103,14 @@ class AbstractForm(eqx.Module):
         """The coordinate that replaces v in a free impact; None for v itself."""
         return None
 
+    def pushed(self) -> AbstractForm:
+        """The form for a motion under an external force: with v + `offset` in place of v."""
+        return self
+
+    def offset(self) -> Lane | float:
+        """What the methods of this form expect to be added to v; 0 but for those of `pushed`."""
+        return 0.0
+
     def phase_unit(self) -> Lane | float:
         """The unit of w in the plane of the phase angle; any positive number is right."""
         return 1.0

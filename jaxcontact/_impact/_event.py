@@ -38,6 +38,10 @@ _ITERATIONS = 60
 # measured up to 12.
 _IMBALANCE = 100
 
+# Bodies that creep to rest turn by rounding within this of it, in units of rtol. What swings past
+# goes much farther: the two are told apart by the damping, too.
+_AT_REST = 10
+
 
 def _of_diffrax(name: str, kind: type) -> Any:
     """A field for what diffrax has several of; None for the default."""
@@ -229,7 +233,7 @@ def solve_legs(motion: Motion, how: Event) -> tuple[Leg, Bool[Array, "2"]]:
     def run(state: State, compressing: Flag) -> tuple[State, Leg]:
         leg = solve_leg(motion, state, compressing, how)
         # The event puts the velocity at the turn within its tolerance of zero: now it is zero.
-        return leg.end._replace(u=jnp.zeros_like(leg.end.u)), leg
+        return motion.still(leg.end), leg
 
     flags = jnp.asarray([True, False])
     return jax.lax.scan(run, motion.start(), flags)[1], flags
@@ -261,22 +265,34 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     balance = balance_of(motion, end, max_indentation)
     converged = was_followed(motion, legs, balance, how)
     settled = motion.settled(end)
+    restitution, duration = balance.restitution, end.t
     static = motion.static_indentation()
+    if motion.push is not None:
+        # What has too little energy to part stays, wherever the solve of its way out came to.
+        held = legs.arrived[0] & (motion.held(turn) | motion.held(end))
+        converged, settled = converged | held, settled | held
     if motion.push is not None and static is not None:
         # With strong damping the bodies creep to rest and never turn: no event ends the leg, but
-        # the state at rest is known.
-        creeps = ~legs.arrived[0] & motion.held(turn)
+        # the state at rest is known. A turn there is one of rounding.
+        rtol, _ = how.tolerances(turn.w.dtype)
+        at_rest = jnp.abs(max_indentation - static) <= _AT_REST * rtol * static
+        creeps = motion.held(turn) & (~legs.arrived[0] | (at_rest & ~motion.swings(static)))
         max_indentation = jnp.where(creeps, static, max_indentation)
-        max_force = jnp.where(creeps, jnp.maximum(max_force, motion.push), max_force)
+        # The way out of what never turned is none.
+        max_force = jnp.where(creeps, jnp.maximum(forces[0], motion.push), max_force)
         compression_time = jnp.where(creeps, jnp.inf, compression_time)
         converged, settled = converged | creeps, settled | creeps
+    if motion.push is not None:
+        # Of what stays only the way in counts.
+        restitution = jnp.where(settled, 0, restitution)
+        duration = jnp.where(settled, turn.t, duration)
     if motion.always_parts:
         # Nothing but a creep for ever keeps these bodies together.
         settled = motion.creeps_back()
         converged = converged | (settled & legs.arrived[0])
     return ScaledImpact(
-        restitution=balance.restitution,
-        duration=end.t,
+        restitution=restitution,
+        duration=duration,
         compression_time=compression_time,
         max_indentation=max_indentation,
         max_force=max_force,

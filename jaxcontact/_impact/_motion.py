@@ -20,6 +20,10 @@ from ._runge_kutta import step
 
 Number = Float[Array, ""]
 
+# In units of the energy of the impact: a contact that damping takes more from stays for certain,
+# with room for the estimate.
+_STAYS = 100.0
+
 
 class State(NamedTuple):
     """Where the motion is: x = w^k, the momentum u, the time t; or their rates. Scalars in a lane.
@@ -69,19 +73,30 @@ class Motion(eqx.Module):
         def of_lane(value: Number | float) -> Number:
             return jnp.where(jnp.isnan(number), number, value)
 
-        touch = of_lane(1.0 if self.momentum is None else self.momentum.at_touch())
+        touch = of_lane(
+            1.0 + self.form.offset() if self.momentum is None else self.momentum.at_touch()
+        )
         zero = of_lane(0.0)
         return State(zero, touch, zero, zero if self.momentum is None else None)
 
     def velocity(self, state: State) -> Number:
         """x' at a state."""
         momentum = self.momentum
-        return state.u if momentum is None else momentum.velocity(state.u)
+        return state.u - self.form.offset() if momentum is None else momentum.velocity(state.u)
+
+    def still(self, state: State) -> State:
+        """The state with the velocity 0."""
+        rest = jnp.zeros_like(state.u)
+        return state._replace(u=rest + self.form.offset() if self.momentum is None else rest)
+
+    def _for_form(self, state: State) -> Number:
+        """What the form calls v."""
+        return state.u if self.momentum is None else self.velocity(state)
 
     def force(self, state: State, compressing: Flag) -> Number:
         """f at a state, for w ≥ 0."""
         x = signed_power(state.w, float(self.order))
-        return self.form.force(x, self.velocity(state), self.n, compressing)
+        return self.form.force(x, self._for_form(state), self.n, compressing)
 
     def rate(self, state: State, compressing: Flag) -> State:
         """d(w, u, t)/dτ."""
@@ -91,12 +106,12 @@ class Motion(eqx.Module):
         if momentum is not None:
             pull = momentum.pull(w)
         else:
-            pull = self.form.pull(w, velocity, n, compressing)
+            pull = self.form.pull(w, state.u, n, compressing)
             if self.push is not None:
                 pull = pull - self.push * clock
         loss = None
         if state.loss is not None:
-            loss = self.form.dissipation(w, velocity, n, compressing)
+            loss = self.form.dissipation(w, self._for_form(state), n, compressing)
         return State(velocity / k, -pull, clock, loss)
 
     def later(self, state: State, time: Number, compressing: Flag) -> State:
@@ -122,7 +137,10 @@ class Motion(eqx.Module):
         if self.push is None:
             return jnp.asarray(False)
         kinetic = jnp.square(self.velocity(state)) / 2
-        return kinetic + self.stored(state) < self.push * state.w**self.order
+        # Energies that agree to this may differ by the errors of the solve alone.
+        doubt = math.sqrt(jnp.finfo(state.w.dtype).eps)
+        work = self.push * state.w**self.order
+        return kinetic + self.stored(state) < work * (1 - doubt)
 
     def smallness(self) -> tuple[Number | float, Number | float]:
         """How small what ends the motion is beside the forces, and beside the speed of the impact.
@@ -137,7 +155,23 @@ class Motion(eqx.Module):
         if self.order == 1 and self.always_parts and form.tension:
             # Where no power of w stretches it, a slow way out ends as small as its e.
             speed = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
-        return ending, speed
+        if self.push is not None and self.form.never_pulls and not form.tension:
+            # Under a weak pull the force falls to that of the pull before it vanishes.
+            speed = speed * jnp.where(self.push < 0, jnp.clip(-self.push, 1e-12, 1), 1)
+        return self._fastest() * ending, speed
+
+    def _fastest(self) -> Number | float:
+        """The speed of the impact in units of the largest one, which a strong push brings about.
+
+        The errors of fast motion would be large beside the slow end of a contact that parts again.
+        """
+        static, damping = self.static_indentation(), self.form.damping(self.n, jnp.asarray(True))
+        if self.push is None or static is None or damping is None:
+            return 1.0
+        fastest = jnp.sqrt(1 + jnp.maximum(self.push, 0) * static)
+        c, p = damping
+        parts = c * static ** (self.n - p + 1) * fastest < _STAYS
+        return jnp.where(parts, 1 / fastest, 1)
 
     @property
     def always_parts(self) -> bool:
@@ -170,11 +204,28 @@ class Motion(eqx.Module):
         if self.form.tension:
             return state.w
         leaving = jnp.asarray(False)
-        pulling = self.form.pulling(state.w, self.velocity(state), self.n, leaving)
-        return jnp.minimum(state.w, pulling)
+        pulling = self.form.pulling(state.w, self._for_form(state), self.n, leaving)
+        apart = jnp.minimum(state.w, pulling)
+        if self.push is not None and self.form.never_pulls:
+            # Where its force vanished a push would press: there only rounding can get.
+            apart = jnp.where(self.push > 0, state.w, apart)
+        return apart
 
     def settled(self, state: State) -> Bool[Array, ""]:
         """Whether a way out ended because the contact turned inwards again."""
         if self.one_way:
             return jnp.asarray(False)
-        return -self.velocity(state) < self._gap_apart(state)
+        inwards = -self.velocity(state) < self._gap_apart(state)
+        # A pull turns nothing inwards: there both are zero but for rounding.
+        return inwards if self.push is None else inwards & (self.push > 0)
+
+    def swings(self, static: Number) -> Bool[Array, ""]:
+        """Whether bodies near rest under the push swing about it; otherwise they creep to it.
+
+        There y'' + c x^(n-p) y' + n x^(n-1) y = 0.
+        """
+        n, damping = self.n, self.form.damping(self.n, jnp.asarray(True))
+        if damping is None:
+            return jnp.asarray(True)
+        c, p = damping
+        return jnp.square(c) * static ** (n + 1 - 2 * p) < 4 * n

@@ -49,6 +49,12 @@ def test_a_rebound_that_no_step_can_see_is_flagged(n):
     assert linear(1.999, 1.0).duration == pytest.approx(duration, rel=EXACT)
 
 
+@pytest.mark.parametrize("n", [1.0, jnp.array(1.0)], ids=["static", "traced"])
+def test_the_force_jumps_at_touch(n):
+    """x^(n-1) is 1 there, traced or not; no force is larger later."""
+    assert linear(300.0, n, method="event").max_force == pytest.approx(300.0, rel=EXACT)
+
+
 def test_no_trajectory_of_what_has_no_end():
     law = jc.KuwabaraKono(A=jnp.array([1.9, 2.0, 2.05, 1e4]))
     for n in (1.0, jnp.array(1.0)):

@@ -8,12 +8,14 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from tests.oracle import with_gravity
 from tests.test_impact.support import (
     UNIT,
     assert_within,
     both_jacobians,
     column,
     errors,
+    given_ratio,
     grid,
     outcome,
     values,
@@ -168,3 +170,53 @@ def test_another_solver_settles_too():
         external_force=WEIGHT,
     )
     assert (hit.status == jnp.array([jc.Status.SETTLED, jc.Status.SEPARATED])).all()
+
+
+def test_a_tiny_push_does_not_end_a_creeping_contact():
+    """1 + αv is rounding there, of either sign: taken for a pull it ended the contact at 3.9."""
+    truth = with_gravity(300.0, 1.5, 1e-12)
+    hit = jc.impact(jc.Damped(alpha=jnp.array(300.0)), UNIT[1.5], 1.0, external_force=1e-12)
+    assert hit.status == jc.Status.SEPARATED
+    assert hit.duration == pytest.approx(float(truth.duration), rel=PROMISE)
+    assert hit.restitution == pytest.approx(float(truth.e), rel=PROMISE)
+
+
+def test_a_pull_never_settles():
+    """Where the contact ends at a creeping speed, rounding decided."""
+    alpha = jnp.array([886909.0])
+    hit = jc.impact(jc.Damped(alpha=alpha), UNIT[1.5], 1.0, external_force=-0.000227492)
+    assert (hit.status == jc.Status.SEPARATED).all()
+
+
+def test_bodies_that_creep_to_rest_have_no_turn():
+    """Overdamped about their rest: what turned was rounding."""
+    law = jc.Damped(alpha=jnp.array([5.0, 8.852]))
+    hit = jc.impact(law, UNIT[1.5], 1.0, external_force=jnp.array([1.0, 0.629434]))
+    assert (hit.status == jc.Status.SETTLED).all() and np.isinf(hit.compression_time).all()
+
+
+def test_a_strong_push_leaves_the_slow_end_its_digits():
+    """The bodies are three thousand times as fast in between."""
+    truth = with_gravity(0.0, 1.5, 1e4)
+    hit = jc.impact(jc.Damped(alpha=jnp.array(0.0)), UNIT[1.5], 1.0, external_force=1e4)
+    assert hit.duration == pytest.approx(float(truth.duration), rel=PROMISE)
+
+
+def test_what_creeps_to_rest_has_no_way_out():
+    """Damped on approach only, and pushed: an elastic way out counted twice the force."""
+    law = given_ratio(jnp.array([300.0, 1e4]), "approach")
+    hit = jc.impact(law, UNIT[1.5], 1.0, external_force=1e4)
+    assert (hit.status == jc.Status.SETTLED).all()
+    # By the oracle of benchmarks/stability_map: the speed is largest before damping has grown.
+    np.testing.assert_allclose(hit.max_force, [10734.70771105, 10788.53758967], rtol=PROMISE)
+
+
+def test_a_weak_pull_ends_a_creeping_contact_where_its_force_vanishes():
+    """Where 1 + αv = 0: in v it has no digits."""
+    alpha, pull = jnp.array([300.0, 1e4, 1e6]), jnp.array([-1e-12, -1e-12, -1e4])
+    hit = jc.impact(jc.Damped(alpha=alpha), UNIT[1.5], 1.0, external_force=pull)
+    np.testing.assert_allclose(hit.restitution, 1 / alpha, rtol=PROMISE)
+    # By the oracle of benchmarks/stability_map.
+    np.testing.assert_allclose(
+        hit.duration, [1.962981954914, 0.49105459638, 9.999939290341e-05], rtol=PROMISE
+    )

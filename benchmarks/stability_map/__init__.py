@@ -1,0 +1,1 @@
+"""The workers of `python benchmarks/stability.py`; its oracles share no code with jaxcontact."""

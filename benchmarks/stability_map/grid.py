@@ -1,0 +1,123 @@
+"""Which impacts are asked: all corners, and random lanes with a fixed seed for every job."""
+
+from __future__ import annotations
+
+import itertools
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from .collocation import EXTENDED, Array
+from .kinds import KINDS
+
+CONCRETE = (1.0, 1.5, 2.0, 3.0)
+STRONGEST_PUSH = 1e4
+# README's ranges: kg, N/m^n and m/s.
+MASS, STIFFNESS, SPEED = (1e-12, 1e6), (1e-3, 1e15), (1e-6, 1e3)
+WEAKEST = 1e-9
+"""The damping and push below which random lanes do not go; 0 and 1e-12 are corners."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A program of the package: one kind, one exponent (None: traced), one method and precision."""
+
+    kind: str
+    exponent: float | None
+    pushed: bool
+    method: str
+    precision: str
+    lanes: int
+
+    @property
+    def name(self) -> str:
+        n = "traced" if self.exponent is None else f"{self.exponent:g}"
+        return "/".join(
+            (self.kind, f"n={n}", "pushed" if self.pushed else "free", self.method, self.precision)
+        )
+
+
+@dataclass
+class Lanes:
+    """Numbers as the package gets them, in its precision: SI, and the damping of the law's kind."""
+
+    damping: Array
+    n: Array
+    push: Array
+    mass: Array
+    stiffness: Array
+    speed: Array
+
+
+def lanes_of(job: Job) -> Lanes:
+    """The lanes of a job: the corners first."""
+    random = np.random.default_rng(zlib.crc32(job.name.encode()))
+    kind = KINDS[job.kind]
+
+    def logarithmic(low: float, high: float, count: int) -> Array:
+        return np.exp(random.uniform(np.log(low), np.log(high), count))
+
+    top = kind.strongest
+    dampings = sorted(
+        {0.0, 1e-12, 1e-5, 0.1 * min(top, 1), 0.7 * min(top, 1), top}
+        | ({5.0, 300.0, 1e4} if top > 1e4 else set())
+    )
+    pushes = [s * g for s in (-1, 1) for g in (1e-12, 1e-4, 1.0, 1e4)] if job.pushed else [0.0]
+    ns = (1.0, 1.2, 1.5, 3.0) if job.exponent is None else (job.exponent,)
+    units = list(itertools.product(MASS, STIFFNESS, SPEED))
+    corners = []
+    for k, (damping, push, n) in enumerate(itertools.product(dampings, pushes, ns)):
+        # Units scale out: every corner meets two of the eight, and all eight meet all numbers.
+        corners += [(damping, n, push, *units[k % 8]), (damping, n, push, *units[(3 * k + 5) % 8])]
+    corners = np.array(corners)[: job.lanes]
+    count = job.lanes - len(corners)
+    low = min(WEAKEST, top)
+    damping = logarithmic(low, top, count)
+    # Half of them where most of the physics is.
+    usual = random.random(count) < 0.4
+    damping = np.where(usual, random.uniform(0, min(top, 10), count), damping)
+    n = random.uniform(1, 3, count) if job.exponent is None else np.full(count, job.exponent)
+    push = np.zeros(count)
+    if job.pushed:
+        push = logarithmic(1e-12, STRONGEST_PUSH, count) * random.choice([-1, 1], count)
+    columns = [damping, n, push, *(logarithmic(*r, count) for r in (MASS, STIFFNESS, SPEED))]
+    whole = np.concatenate([corners, np.stack(columns, 1)])
+    dtype = np.dtype(job.precision)
+    damping, n, push, mass, stiffness, speed = whole.T
+    lanes = Lanes(damping, n, push, *(x.astype(dtype) for x in (mass, stiffness, speed)))
+    lanes.n = lanes.n.astype(dtype)
+    scale = units_of(lanes)
+    # What the package is given: a material time for Kuwabara and Kono, a force in N.
+    if kind.family == "kuwabara_kono":
+        lanes.damping = (lanes.damping * scale.time).astype(dtype)
+    else:
+        lanes.damping = np.minimum(lanes.damping, top).astype(dtype)
+    lanes.push = (lanes.push * scale.force).astype(dtype)
+    return lanes
+
+
+@dataclass
+class Units:
+    """X, X/v0 and m v0²/X in extended precision."""
+
+    length: Array
+    time: Array
+    force: Array
+
+
+def units_of(lanes: Lanes) -> Units:
+    mass, stiffness, speed, n = (
+        x.astype(EXTENDED) for x in (lanes.mass, lanes.stiffness, lanes.speed, lanes.n)
+    )
+    length = np.exp(np.log(mass * speed * speed / stiffness) / (n + 1))
+    return Units(length, length / speed, mass * speed * speed / length)
+
+
+def scaled(job: Job, lanes: Lanes) -> tuple[Array, Array, Array]:
+    """Damping, n and Γ of the scaled problem, from the rounded numbers of the package."""
+    scale = units_of(lanes)
+    damping = lanes.damping.astype(EXTENDED)
+    if KINDS[job.kind].family == "kuwabara_kono":
+        damping = damping / scale.time
+    return damping, lanes.n.astype(EXTENDED), lanes.push.astype(EXTENDED) / scale.force

@@ -1,0 +1,51 @@
+"""All jobs of the map, and how many lanes each gets."""
+
+from __future__ import annotations
+
+from .grid import CONCRETE, Job
+from .kinds import KINDS
+
+PRECISIONS = ("float64", "float32")
+EXPONENTS = (*CONCRETE, None)
+# Lanes of a job: a million where the truth comes from a table, 2e4 a law where it is integrated.
+BY_TABLE = {"exact": 40_000, "phase": 20_000, "event": 20_000}
+BY_MOTION = {"hunt_crossley": 2000, "kuwabara_kono": 500, "oscillator": 1000}
+
+
+def _exponents(kind: str) -> tuple[float | None, ...]:
+    # Jankowski's law is made for 3/2.
+    return (1.5,) if KINDS[kind].approach else EXPONENTS
+
+
+def all_jobs() -> list[Job]:
+    """In the order in which they are run."""
+    jobs = []
+    for precision in PRECISIONS:
+        for kind, described in KINDS.items():
+            integrated = described.family == "kuwabara_kono"
+            for n in _exponents(kind):
+                jobs += [
+                    Job(
+                        kind,
+                        n,
+                        False,
+                        method,
+                        precision,
+                        BY_MOTION["kuwabara_kono"] if integrated else BY_TABLE[method],
+                    )
+                    for method in _free_methods(kind)
+                ]
+                lanes = BY_MOTION[described.family] * (2 if described.approach else 1)
+                jobs.append(Job(kind, n, True, "event", precision, lanes))
+    # What most people use first: a run that is stopped has told the most.
+    first = {1.5: 0, None: 1, 1.0: 2, 3.0: 3, 2.0: 4}
+    return sorted(jobs, key=lambda job: (job.precision != "float64", first[job.exponent]))
+
+
+def _free_methods(kind: str) -> tuple[str, ...]:
+    described = KINDS[kind]
+    if kind == "hunt_crossley_tension":  # never pulls in a free impact: the same as without
+        return ()
+    phase = ("phase",) if described.tension or described.family == "hunt_crossley" else ()
+    exact = () if described.family == "kuwabara_kono" else ("exact",)
+    return (*exact, "event", *phase)

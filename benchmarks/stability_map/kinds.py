@@ -1,0 +1,64 @@
+"""The kinds of contact force: what the oracles need to know of each, and how to build its law."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .collocation import EXTENDED, Array
+from .motion_oracle import Problem
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A force `x^(n-p) (x^p + c v)`.
+
+    `family`: "hunt_crossley" (p = 0, c = α), "kuwabara_kono" (p = 1, c = n a) or "oscillator"
+    (p = (n+1)/2, c = 2ζ √((n+1)/2)). `strongest`: the largest damping number, e = 1e-6.
+    """
+
+    name: str
+    family: str
+    tension: bool
+    strongest: float
+    approach: bool = False
+
+    def problem(self, damping: Array, n: Array, push: Array | float) -> Problem:
+        damping, n = np.asarray(damping, EXTENDED), np.asarray(n, EXTENDED)
+        if self.family == "hunt_crossley":
+            c, p = damping, 0 * n
+        elif self.family == "kuwabara_kono":
+            c, p = n * damping, 1 + 0 * n
+        else:
+            c, p = damping * np.sqrt(2 * (n + 1)), (n + 1) / 2
+        return Problem(c, p, n, push, self.tension, self.approach)
+
+    @property
+    def ends_at_critical(self) -> bool:
+        """Whether a free contact ends only below critical damping."""
+        return self.family == "oscillator" and self.tension and not self.approach
+
+    def to_free(self, damping: Array) -> tuple[Array, Array]:
+        """A number y ≥ 0 in whose logarithm outcomes are smooth, and d ln y/d ln damping."""
+        if not self.ends_at_critical:
+            return damping, np.ones_like(damping)
+        below = (1 - damping) * (1 + damping)
+        return damping / np.sqrt(below), 1 / below
+
+    def from_free(self, y: Array) -> Array:
+        return y / np.sqrt(1 + y * y) if self.ends_at_critical else y
+
+
+KINDS = {
+    kind.name: kind
+    for kind in (
+        Kind("hunt_crossley", "hunt_crossley", False, 1e6),
+        Kind("hunt_crossley_tension", "hunt_crossley", True, 1e6),
+        Kind("kuwabara_kono", "kuwabara_kono", True, 1e6),
+        Kind("kuwabara_kono_clamped", "kuwabara_kono", False, 1e6),
+        Kind("oscillator", "oscillator", True, 0.9751),
+        Kind("oscillator_clamped", "oscillator", False, 500.0),
+        Kind("oscillator_approach", "oscillator", True, 5.6e5, approach=True),
+    )
+}

@@ -1,0 +1,168 @@
+"""What users would otherwise write, on a coarse grid: solve_ivp with an event, and plain diffrax.
+
+All of them solve the scaled problem, which is kind to them: units are no trouble there.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from scipy.integrate import solve_ivp
+
+from .collocation import Array
+from .kinds import KINDS
+from .motion_oracle import SETTLED, Truth, solve
+
+EXPONENT = 1.5
+DAMPINGS = np.array([0.0, *10.0 ** np.arange(-4.0, 6.5)])
+PUSHES = np.array([-1e4, -1e2, -1.0, -1e-2, -1e-4, 0.0, 1e-4, 1e-2, 1.0, 1e2, 1e4])
+LONGEST = 1e9
+"""Scaled time after which a contact that has not ended counts as one that stays."""
+MOST_CALLS = 8_000
+"""Evaluations of the force after which a solve counts as failed: a hundred times the usual."""
+# Its default tolerances, and the finest that it bears.
+SCIPY = {
+    "scipy LSODA, default": ("LSODA", 1e-3, 1e-6),
+    "scipy LSODA, finest": ("LSODA", 1e-12, 1e-14),
+    "scipy DOP853, default": ("DOP853", 1e-3, 1e-6),
+    "scipy DOP853, finest": ("DOP853", 1e-13, 1e-15),
+}
+DIFFRAX = {"diffrax Tsit5, 1e-6": 1e-6, "diffrax Tsit5, 1e-10": 1e-10}
+KINDS_ASKED = ("hunt_crossley", "kuwabara_kono")
+
+
+class TooManyCallsError(RuntimeError):
+    """The solve goes nowhere."""
+
+
+def _force(kind: str) -> Callable[..., Any]:
+    n = EXPONENT
+    if kind == "hunt_crossley":
+        return lambda x, v, c, m: x**n * m.maximum(0.0, 1 + c * v)
+    return lambda x, v, c, m: x ** (n - 1) * (x + n * c * v)
+
+
+def _gap(kind: str, x: Any, v: Any, c: Any, m: Any) -> Any:
+    """What vanishes where the contact is over: x, or a force that may not pull."""
+    if kind != "hunt_crossley":
+        return x
+    return m.minimum(x, m.where(v < 0, 1 + c * v, 1.0))
+
+
+def _grid() -> tuple[Array, Array]:
+    damping, push = np.meshgrid(DAMPINGS, PUSHES, indexing="ij")
+    return damping.ravel(), push.ravel()
+
+
+def by_scipy(kind: str, way: str) -> tuple[Array, Array]:
+    """e and duration over the grid; NaN where the solve failed.
+
+    The time is infinite where the contact did not end.
+    """
+    method, rtol, atol = SCIPY[way]
+    force = _force(kind)
+    found = []
+    for damping, push in zip(*_grid(), strict=True):
+        calls = itertools.count()
+
+        def rate(t, y, damping=damping, push=push, calls=calls):
+            if next(calls) > MOST_CALLS:
+                raise TooManyCallsError
+            return y[1], push - force(max(y[0], 0.0), y[1], damping, np)
+
+        def apart(t, y, damping=damping):
+            return _gap(kind, y[0], y[1], damping, np)
+
+        apart.terminal, apart.direction = True, -1
+        try:
+            with np.errstate(all="ignore"):
+                end = solve_ivp(
+                    rate, (0, LONGEST), (0, 1), method, events=apart, rtol=rtol, atol=atol
+                )
+        except (TooManyCallsError, ValueError):
+            found.append((np.nan, np.nan))
+            continue
+        if end.status == 1:
+            found.append((-end.y_events[0][0, 1], end.t_events[0][0]))
+        else:
+            found.append((0.0, np.inf) if end.status == 0 else (np.nan, np.nan))
+    return tuple(np.array(found).T)
+
+
+def by_diffrax(kind: str, way: str) -> tuple[Array, Array]:
+    """The same by a vmapped solve in indentation and velocity."""
+    force, tolerance = _force(kind), DIFFRAX[way]
+
+    def one(damping, push):
+        def rate(t, y, args):
+            # A power has no slope at 0: the usual guard.
+            x = jnp.where(y[0] > 0, y[0], 1.0)
+            pull = jnp.where(y[0] > 0, force(x, y[1], damping, jnp), 0.0)
+            return jnp.stack([y[1], push - pull])
+
+        return diffrax.diffeqsolve(
+            diffrax.ODETerm(rate),
+            diffrax.Tsit5(),
+            0.0,
+            LONGEST,
+            1e-3,
+            jnp.array([0.0, 1.0]),
+            stepsize_controller=diffrax.PIDController(rtol=tolerance, atol=tolerance),
+            event=diffrax.Event(
+                lambda t, y, args, **_: _gap(kind, y[0], y[1], damping, jnp),
+                optx.Newton(1e-10, 1e-10),
+                direction=False,
+            ),
+            max_steps=16_384,
+            throw=False,
+        )
+
+    solution = jax.jit(jax.vmap(one))(*map(jnp.asarray, _grid()))
+    met = np.asarray(solution.result == diffrax.RESULTS.event_occurred)
+    done = np.asarray(solution.result == diffrax.RESULTS.successful)
+    e = np.where(met, -np.asarray(solution.ys[:, -1, 1]), np.where(done, 0.0, np.nan))
+    duration = np.where(met, np.asarray(solution.ts[:, -1]), np.where(done, np.inf, np.nan))
+    return e, duration
+
+
+def run_all() -> dict[str, Any]:
+    """Error decades (rows: damping, columns: push) and counts, for every kind and way."""
+    known = {}
+    for kind in KINDS_ASKED:
+        damping, push = _grid()
+        truth = solve(KINDS[kind].problem(damping, np.full(damping.size, EXPONENT), push))
+        ways = dict.fromkeys(SCIPY, by_scipy) | dict.fromkeys(DIFFRAX, by_diffrax)
+        for way, solver in ways.items():
+            known[f"{kind}/{way}"] = _compared(*solver(kind, way), truth)
+            print(kind, way, known[f"{kind}/{way}"]["counts"], flush=True)
+    return known
+
+
+def _compared(e: Array, duration: Array, truth: Truth) -> dict[str, Any]:
+    failed = np.isnan(e)
+    settles = truth.status == SETTLED
+    with np.errstate(all="ignore"):
+        error = np.maximum(
+            np.abs(e - truth.e) / np.maximum(truth.e, 1e-6), np.abs(duration / truth.duration - 1)
+        ).astype(float)
+    error = np.where(settles, np.where(np.isinf(duration), 0, 1), error)
+    error = np.where(np.isfinite(error), error, 1)
+    decade = np.where(failed, -99, np.ceil(np.log10(np.clip(error, 1e-16, 1)))).astype(int)
+    shape = (DAMPINGS.size, PUSHES.size)
+    counts = {"failed": int(failed.sum())}
+    for bound in (1e-8, 1e-3):
+        counts[f"within {bound:g}"] = int((~failed & (error <= bound)).sum())
+    counts["wrong by more than 1e-3"] = int((~failed & (error > 1e-3)).sum())
+    return {
+        "counts": counts,
+        "decade": decade.reshape(shape).tolist(),
+        "flags": failed.astype(int).reshape(shape).tolist(),
+        "total": np.ones(shape, int).tolist(),
+    }
