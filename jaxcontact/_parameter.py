@@ -102,6 +102,23 @@ def real_array(value: Any, name: str) -> np.ndarray:
     return plain
 
 
+def flag_array(value: Any) -> np.ndarray | None:
+    """An array of flags, which are no numbers, as a NumPy array; None for anything else."""
+    if isinstance(value, np.ma.MaskedArray):
+        return None
+    try:
+        plain = np.asarray(value)
+    except Exception:  # whatever the conversion of a foreign object raises
+        return None
+    return plain if plain.dtype == bool and plain.ndim > 0 else None
+
+
+def as_weights(value: Any) -> Any:
+    """Flags, which keep a point or leave it out, as ones and zeros; other weights as they are."""
+    flags = flag_array(value)
+    return value if flags is None else flags.astype(float)
+
+
 def _is_real(dtype: Any) -> bool:
     """Whether numbers of this type are real, and JAX can hold all their digits."""
     real = jnp.issubdtype(dtype, jnp.floating) or jnp.issubdtype(dtype, jnp.integer)

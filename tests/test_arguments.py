@@ -82,3 +82,19 @@ def test_no_name_of_a_law(name):
 def test_scalars_of_numpy_are_concrete_exponents(kind):
     assert jc.Contact(1.0, 1.0, kind(2)).exponent == 2.0
     assert isinstance(jc.Contact(1.0, 1.0, kind(2)).exponent, float)
+
+
+def test_flags_are_weights():
+    """They keep a point or leave it out, as ones and zeros do."""
+    x = np.linspace(0, 1, 5)
+    keep = np.array([True, True, True, True, False])
+
+    def line(a, x):
+        return a * x
+
+    fits = [
+        jc.fit(line, np.where(keep, 2 * x, 100.0), 1.0, x=x, weights=weights, progress=False)
+        for weights in (keep, keep.tolist(), keep.astype(float))
+    ]
+    assert all(fit.params == fits[0].params for fit in fits)
+    assert fits[0].params == pytest.approx(2.0, rel=1e-9)

@@ -18,7 +18,7 @@ from .._laws import AbstractLaw
 from .._measurements import Pairs, make_pairs, read_recording
 from .._measurements._noise import Noise, estimate_noise
 from .._measurements._outliers import Outliers, find_outliers
-from .._parameter import POSITIVE, RESTITUTION, require_choice, require_flag
+from .._parameter import POSITIVE, RESTITUTION, as_weights, require_choice, require_flag
 from ._asked import Asked, asked_of
 from ._checks import column, for_each
 from ._estimate import Estimate
@@ -215,7 +215,7 @@ def choose_law(
     if sigma is not None:
         how["sigma"] = for_each(sigma, "sigma", len(v)) / measured
     elif weights is not None:
-        relative = for_each(weights, "weights", len(v), zero=True) * measured**2
+        relative = for_each(as_weights(weights), "weights", len(v), zero=True) * measured**2
     return choose(pairs, ~marked, relative, kinds, contact, group=word, **how)
 
 

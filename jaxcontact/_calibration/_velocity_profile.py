@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._fit import Positive, fit
-from .._parameter import NOT_NEGATIVE, POSITIVE, require_flag, require_number
+from .._parameter import NOT_NEGATIVE, POSITIVE, as_weights, require_flag, require_number
 from ._checks import column
 
 Params = Mapping[str, Float[Array, ""]]
@@ -65,7 +65,7 @@ def fit_velocity_profile(
     speed = column(velocity, "velocity", NOT_NEGATIVE, ("indentation", depth))
     share = np.ones(len(depth))
     if weights is not None:
-        share = column(weights, "weights", NOT_NEGATIVE, ("indentation", depth))
+        share = column(as_weights(weights), "weights", NOT_NEGATIVE, ("indentation", depth))
     _check_compression(depth, speed)
     u, v = depth / depth[-1], speed / speed[0]
     found = fit(

@@ -13,7 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .._parameter import real_array, rendered, require_function
+from .._parameter import flag_array, real_array, rendered, require_function
 
 SAMPLE = "sample"
 """The name of the dimension that aligned samples share."""
@@ -146,20 +146,9 @@ def _one_dimensional(values: np.ndarray, name: str) -> np.ndarray:
 
 
 def _numbers(given: Any, name: str) -> np.ndarray:
-    plain = flags if (flags := _flags(given)) is not None else real_array(given, name)
+    plain = flags if (flags := flag_array(given)) is not None else real_array(given, name)
     # In the precision JAX will use, so that the axes one reads are the ones that were swept.
     return plain.astype(jax.dtypes.canonicalize_dtype(plain.dtype))
-
-
-def _flags(given: Any) -> np.ndarray | None:
-    """An array of flags, which are no numbers, as it is; None for anything else."""
-    if isinstance(given, np.ma.MaskedArray):
-        return None
-    try:
-        plain = np.asarray(given)
-    except Exception:  # whatever the conversion of a foreign object raises
-        return None
-    return plain if plain.dtype == bool else None
 
 
 def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter]:
