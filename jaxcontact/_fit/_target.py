@@ -38,9 +38,9 @@ def target_of(data: Any, sigma: Any, weights: Any) -> Target:
         _refuse(~(given > 0), given, "sigma", "positive (inf leaves a point out)")
         factor = 1 / given
     else:
-        given = (
-            np.ones_like(y) if weights is None else _spread(as_weights(weights), data, "weights")
-        )
+        given = np.ones_like(y)
+        if weights is not None:
+            given = _spread(as_weights(weights), data, "weights")
         _refuse(~((given >= 0) & np.isfinite(given)), given, "weights", "finite and not negative")
         factor = np.sqrt(given)
     used = factor > 0
