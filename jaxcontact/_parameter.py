@@ -92,25 +92,25 @@ def real_array(value: Any, name: str) -> np.ndarray:
             f"Argument `{name}` must be an array without a mask (`filled(nan)` makes one, whose "
             f"masked lanes are flagged), but is {rendered(value)}."
         )
-    try:
-        # NumPy would read the characters of a `bytearray` as numbers.
-        plain = np.asarray(None if isinstance(value, bytearray) else value)
-    except Exception as error:  # whatever the conversion of a foreign object raises
-        raise _not_a_number(value, name) from error
-    if not _is_real(plain.dtype):
+    # NumPy would read the characters of a `bytearray` as numbers.
+    plain = None if isinstance(value, bytearray) else as_array(value)
+    if plain is None or not _is_real(plain.dtype):
         raise _not_a_number(value, name)
     return plain
 
 
+def as_array(value: Any, dtype: Any = None) -> np.ndarray | None:
+    """What NumPy makes of a value; None for what it cannot convert."""
+    try:
+        return np.asarray(value, dtype)
+    except Exception:  # a foreign object converts itself here, by code that may raise anything
+        return None
+
+
 def flag_array(value: Any) -> np.ndarray | None:
     """An array of flags, which are no numbers, as a NumPy array; None for anything else."""
-    if isinstance(value, np.ma.MaskedArray):
-        return None
-    try:
-        plain = np.asarray(value)
-    except Exception:  # whatever the conversion of a foreign object raises
-        return None
-    return plain if plain.dtype == bool and plain.ndim > 0 else None
+    plain = None if isinstance(value, np.ma.MaskedArray) else as_array(value)
+    return plain if plain is not None and plain.dtype == bool and plain.ndim > 0 else None
 
 
 def as_weights(value: Any) -> Any:
@@ -240,7 +240,7 @@ def rendered(value: Any) -> str:
     kind = type(value).__name__
     try:
         text = repr(value)
-    except Exception:  # whatever it raises, as whole numbers do from 4300 digits on
+    except Exception:  # a foreign repr may raise anything, that of 10**4300 does
         return f"an object of type `{kind}`"
     if len(text) <= _LONG:
         return text

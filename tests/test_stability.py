@@ -6,7 +6,8 @@ import pytest
 from benchmarks.stability_map.free_table import free
 from benchmarks.stability_map.grid import Job, lanes_of, scaled
 from benchmarks.stability_map.kinds import KINDS
-from benchmarks.stability_map.motion_oracle import QUANTITIES, SETTLED, solve
+from benchmarks.stability_map.motion import QUANTITIES, SETTLED
+from benchmarks.stability_map.motion_oracle import solve
 from benchmarks.stability_map.package_lanes import answers
 from benchmarks.stability_map.verdict import CLASSES, FLAGGED_WITHOUT_NEED, WRONG, judge
 from tests.oracle import cases

@@ -13,7 +13,8 @@ import numpy as np
 
 from .collocation import EXTENDED, Array
 from .kinds import KINDS
-from .motion_oracle import QUANTITIES, solve
+from .motion import QUANTITIES
+from .motion_oracle import solve
 
 NODES = 18
 """Chebyshev nodes in a panel of the damping."""

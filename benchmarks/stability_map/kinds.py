@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .collocation import EXTENDED, Array
-from .motion_oracle import Problem
+from .motion import Problem
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,8 @@ from scipy.integrate import solve_ivp
 
 from .collocation import Array
 from .kinds import KINDS
-from .motion_oracle import SETTLED, Truth, solve
+from .motion import SETTLED, Truth
+from .motion_oracle import solve
 
 EXPONENT = 1.5
 DAMPINGS = np.array([0.0, *10.0 ** np.arange(-4.0, 6.5)])

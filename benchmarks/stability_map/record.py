@@ -8,7 +8,7 @@ import numpy as np
 
 from .collocation import Array
 from .grid import Job
-from .motion_oracle import QUANTITIES
+from .motion import QUANTITIES
 from .verdict import CLASSES, FLAGGED_RIGHTLY, FLAGGED_WITHOUT_NEED, WRONG, Judged
 
 DAMPING_EDGES = np.arange(-9.0, 6.5, 1.0)

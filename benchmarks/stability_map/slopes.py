@@ -18,7 +18,8 @@ from .collocation import EXTENDED, Array
 from .free_table import free
 from .grid import Job, Lanes, lanes_of, scaled, units_of
 from .kinds import KINDS
-from .motion_oracle import SEPARATED, solve
+from .motion import SEPARATED
+from .motion_oracle import solve
 from .package_lanes import law_of
 
 ASKED = ("e", "duration")

@@ -10,7 +10,8 @@ from .collocation import EXTENDED, Array
 from .free_table import free
 from .grid import Job
 from .kinds import KINDS
-from .motion_oracle import QUANTITIES, SEPARATED, UNANSWERED, Truth, solve
+from .motion import QUANTITIES, SEPARATED, UNANSWERED, Truth
+from .motion_oracle import solve
 
 RIGHT, FLAGGED_RIGHTLY, FLAGGED_WITHOUT_NEED, WRONG, NO_TRUTH = range(5)
 CLASSES = ("right", "flagged, rightly", "flagged without need", "wrong without a flag", "no truth")

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .._parameter import as_numbers, as_weights, concrete, rendered
+from .._parameter import as_array, as_numbers, as_weights, concrete, rendered
 from ._checks import listed
 
 
@@ -59,21 +59,22 @@ def groups_of(names: Any, count: int) -> np.ndarray | None:
     """The number of the group (n,) of each point; ValueError unless there is a name for each."""
     if names is None:
         return None
-    try:
-        given = np.asarray(names).ravel()
-        size, number = given.size, np.unique(given, return_inverse=True)[1]
-        good = not isinstance(names, np.ma.MaskedArray) and given.dtype.kind not in "Vc"
-    except Exception as error:  # whatever a foreign object raises, or names without an order
-        raise _no_names(names, count) from error
-    names_only = given.dtype != object or all(isinstance(x, str | int | float) for x in given)
-    if not good or not names_only:
+    given = None if isinstance(names, np.ma.MaskedArray) else as_array(names)
+    if given is None or given.dtype.kind in "Vc":
         raise _no_names(names, count)
-    if size != count:
+    given = given.ravel()
+    if given.dtype == object and not all(isinstance(x, str | int | float) for x in given):
+        raise _no_names(names, count)
+    if given.size != count:
         raise ValueError(
-            f"Argument `groups` must have one name for each of the {count} points, but has {size}: "
-            f"it is {rendered(names)}."
+            f"Argument `groups` must have one name for each of the {count} points, but has "
+            f"{given.size}: it is {rendered(names)}."
         )
-    return number
+    try:
+        return np.unique(given, return_inverse=True)[1]
+    except TypeError as error:
+        # Texts and numbers together have no order.
+        raise _no_names(names, count) from error
 
 
 def _no_names(names: Any, count: int) -> ValueError:

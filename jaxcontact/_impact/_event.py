@@ -265,7 +265,6 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     balance = balance_of(motion, end, max_indentation)
     converged = was_followed(motion, legs, balance, how)
     settled = motion.settled(end)
-    restitution, duration = balance.restitution, end.t
     static = motion.static_indentation()
     if motion.push is not None:
         # What has too little energy to part stays, wherever the solve of its way out came to.
@@ -282,17 +281,13 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
         max_force = jnp.where(creeps, jnp.maximum(forces[0], motion.push), max_force)
         compression_time = jnp.where(creeps, jnp.inf, compression_time)
         converged, settled = converged | creeps, settled | creeps
-    if motion.push is not None:
-        # Of what stays only the way in counts.
-        restitution = jnp.where(settled, 0, restitution)
-        duration = jnp.where(settled, turn.t, duration)
     if motion.always_parts:
         # Nothing but a creep for ever keeps these bodies together.
         settled = motion.creeps_back()
         converged = converged | (settled & legs.arrived[0])
     return ScaledImpact(
-        restitution=restitution,
-        duration=duration,
+        restitution=balance.restitution,
+        duration=end.t,
         compression_time=compression_time,
         max_indentation=max_indentation,
         max_force=max_force,

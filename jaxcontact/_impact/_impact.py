@@ -76,8 +76,9 @@ def _solved(lanes: Lanes, method: AbstractMethod, shape: tuple[int, ...]) -> Imp
     scaled = method.solve(lanes)
     scale, fill = lanes.scale, functools.partial(jnp.broadcast_to, shape=shape)
     # Of these two alone: what is not used must stay dead code. A force that is not finite shows.
+    # What stays has neither, wherever the solve of its way out came to.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)
-    solved = scaled.converged & finite
+    solved = scaled.converged & (finite | scaled.settled)
     status = jnp.where(scaled.settled, int(Status.SETTLED), int(Status.SEPARATED))
     status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
     status = fill(jnp.where(lanes.valid, status, int(Status.INVALID_INPUT)))

@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from .._parameter import rendered, require_path
+from .._parameter import as_array, rendered, require_path
 
 _SHIPPED_FILE = "bounce_intervals.csv"
 
@@ -176,12 +176,12 @@ def _from_columns(source: str, columns: Any, *, by_keyword: bool = False) -> She
 
 def _values(given: Any, source: str, name: str) -> np.ndarray:
     """A column as objects. Raises RecordingError for what hides or changes its values."""
-    try:
-        kind = np.asarray(given).dtype.kind if hasattr(given, "__array__") else "O"
-        array = np.asarray(None if isinstance(given, bytearray) else given, dtype=object)
-    except Exception as error:  # whatever the conversion of a foreign object raises
+    plain = as_array(given) if hasattr(given, "__array__") else None
+    kind = "O" if plain is None else plain.dtype.kind
+    array = as_array(None if isinstance(given, bytearray) else given, object)
+    if array is None:
         problem = f"must be a column of numbers or texts, but is {rendered(given)}"
-        raise RecordingError(problem, source, column=name) from error
+        raise RecordingError(problem, source, column=name)
     # A mask would be dropped, and NumPy counts dates and durations in whole numbers.
     if isinstance(given, np.ma.MaskedArray) or kind in "mM":
         what = "dates or durations" if kind in "mM" else "masked"

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import itertools
-import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -135,7 +135,7 @@ def _filled(arrays: Arrays, left: Iterable[Block], grid: Grid, done: float) -> R
 
 
 def collect_stored(
-    path: str | os.PathLike,
+    path: Path,
     signature: Mapping[str, Any],
     leaves: Mapping[str, Dependence],
     blocks: Sequence[Block],
@@ -176,7 +176,7 @@ def collect_stored(
     if lacking := store.lacking():
         raise ValueError(
             "Argument `store` must be a path that all processes share, but process "
-            f"{workers.process} does not find {len(lacking)} blocks in {os.fspath(path)}."
+            f"{workers.process} does not find {len(lacking)} blocks in {path}."
         )
     arrays = {k: np.asarray(a[...]) if is_flag(k) else a for k, a in store.arrays.items()}
     return Results(arrays, (), done)

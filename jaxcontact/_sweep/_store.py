@@ -8,10 +8,10 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import zarr
 
 Place = tuple[slice, ...]
+Read = TypeVar("Read")
 
 _SIGNATURE = "jaxcontact_sweep"
 _CHECKSUMS = "blocks/checksum"
@@ -66,18 +67,16 @@ class BlockStore:
 
     def read(self, number: int) -> dict[str, np.ndarray] | None:
         """The arrays of a block, or None if it is not finished."""
-        try:
-            checksum = int(self._checksums[number])
-            if not checksum:
-                return None
-            found = {
+        checksum = _readable(lambda: int(self._checksums[number]))
+        if not checksum:
+            return None
+        found = _readable(
+            lambda: {
                 name: np.asarray(self.arrays[name][place])
                 for name, place in self._blocks[number].items()
             }
-        except Exception:
-            # For a file that is short or altered, zarr and its codecs raise whatever they meet.
-            return None
-        return found if _checksum(found) == checksum else None
+        )
+        return found if found is not None and _checksum(found) == checksum else None
 
     def finished(self, number: int) -> bool:
         """Whether a block is there and whole; this reads it."""
@@ -95,7 +94,7 @@ class BlockStore:
 
 
 def open_store(
-    path: str | os.PathLike,
+    path: Path,
     signature: Mapping[str, Any],
     arrays: Mapping[str, Stored],
     blocks: Sequence[Mapping[str, Place]],
@@ -106,7 +105,6 @@ def open_store(
     `signature`: all that the numbers depend on, as JSON. ValueError if the store there has another
     one, or arrays or coordinates that were altered; the message says what differs.
     """
-    path = _local(path)
     for part in blocks:
         assert all(_whole_chunks(arrays[name], place) for name, place in part.items())
     # As JSON gives it back: tuples are lists there.
@@ -122,7 +120,7 @@ def open_store(
     wanted = {name: _described(form) for name, form in arrays.items()}
     wanted |= {name: _described_coordinate(c) for name, c in coordinates.items()}
     wanted[_CHECKSUMS] = _described(Stored(("",), (len(blocks),), (1,), np.dtype("uint64")))
-    there = {name: _found(group, name, name in coordinates) for name in wanted}
+    there = {name: _readable(lambda n=name: _found(group, n, n in coordinates)) for name in wanted}
     if lacks := [name for name, found in there.items() if found is None]:
         raise ValueError(
             f"Argument `store` must be a whole store, but {path} lacks {lacks[0]!r}, or it cannot "
@@ -136,14 +134,16 @@ def open_store(
     return BlockStore(group, blocks)
 
 
-def _local(path: str | os.PathLike) -> Path:
-    if "://" in str(path):
+def local_folder(path: Any) -> Path:
+    """The path of a store; ValueError for what is no path, and for the address of a remote one."""
+    folder = require_path("store", path)
+    if "://" in os.fspath(path):
         raise ValueError(
             f"Argument `store` must be the path of a folder of this machine, but is {str(path)!r}: "
             "remote stores are not served. Sweep into a local folder and copy it, or mount the "
             "remote one."
         )
-    return require_path("store", path)
+    return folder
 
 
 def _described(form: Stored) -> dict[str, Any]:
@@ -163,19 +163,25 @@ def _described_coordinate(given: Coordinate) -> dict[str, Any]:
     return _described(form) | {"checksum": _checksum({"": given.values})}
 
 
-def _found(group: zarr.Group, name: str, coordinate: bool) -> dict[str, Any] | None:
-    """The same of an array that is there; None if it cannot be read."""
+def _readable(read: Callable[[], Read]) -> Read | None:
+    """What `read` returns; None for a file that is not there, short or altered."""
     try:
-        array: Any = group[name]
-        names: Any = array.metadata.dimension_names or [None] * len(array.shape)
-        form = Stored(names, array.shape, array.chunks, array.dtype, dict(array.attrs))
-        found = _described(form)
-        if coordinate:
-            found["checksum"] = _checksum({"": np.asarray(array[...])})
-        return json.loads(json.dumps(found))
-    except Exception:
-        # An altered file makes zarr raise whatever it meets.
+        return read()
+    except PermissionError:
+        raise
+    except Exception:  # zarr, its codecs and JSON raise whatever they meet in such a file
         return None
+
+
+def _found(group: zarr.Group, name: str, coordinate: bool) -> dict[str, Any]:
+    """The same of an array that is there."""
+    array: Any = group[name]
+    names: Any = array.metadata.dimension_names or [None] * len(array.shape)
+    form = Stored(names, array.shape, array.chunks, array.dtype, dict(array.attrs))
+    found = _described(form)
+    if coordinate:
+        found["checksum"] = _checksum({"": np.asarray(array[...])})
+    return json.loads(json.dumps(found))
 
 
 def _zarr() -> Any:
@@ -251,13 +257,7 @@ def _create(
 
 def _existing(path: Path) -> zarr.Group:
     zarr = _zarr()
-    try:
-        group = zarr.open_group(path, mode="r+", zarr_format=3)
-    except PermissionError:
-        raise
-    except Exception:
-        # For a folder of something else, zarr raises whatever it meets.
-        group = None
+    group = _readable(lambda: zarr.open_group(path, mode="r+", zarr_format=3))
     if group is None or _SIGNATURE not in group.attrs:
         raise ValueError(
             f"Argument `store` must be a new path or the store of a sweep, but {path} is neither."

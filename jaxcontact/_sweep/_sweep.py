@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._parameter import rendered, require_count, require_function, require_path
+from .._parameter import rendered, require_count, require_function
 from .._progress import Listener, Tell, progress_of
 from ._axes import Grid, check_call, grid_of
 from ._blocks import Order, blocks_of, shape_of
@@ -23,6 +23,7 @@ from ._result import Sweep
 from ._run import Results, collect, collect_stored, compute
 from ._signature import signature_of
 from ._skip import Group, flag_key
+from ._store import local_folder
 from ._table import Field
 
 _LANES = 1 << 14
@@ -103,14 +104,13 @@ def sweep(
         batch_size = require_count("batch_size", batch_size, 1)
     if cost is not None:
         require_function("cost", cost)
-    if store is not None:
-        require_path("store", store)
-        if reduce is not None or cost is not None:
-            other = "reduce" if reduce is not None else "cost"
-            raise ValueError(
-                f"Argument `store` must be None with `{other}`, but is {rendered(store)}: a store "
-                "holds every lane in its place."
-            )
+    folder = None if store is None else local_folder(store)
+    if folder is not None and (reduce is not None or cost is not None):
+        other = "reduce" if reduce is not None else "cost"
+        raise ValueError(
+            f"Argument `store` must be None with `{other}`, but is {rendered(store)}: a store "
+            "holds every lane in its place."
+        )
     grid = grid_of(samples, axes)
     check_call(fn, grid)
     workers = workers_of(mesh)
@@ -122,11 +122,13 @@ def sweep(
         else:
             order = None if cost is None else _order_by(cost, grid, most, workers)
             blocks = list(blocks_of(plan.groups, grid, most, order))
-            if store is None:
+            if folder is None:
                 results = collect(blocks, grid, workers, tell)
             else:
                 signature = signature_of(plan, _name_of(fn), grid, most)
-                results = collect_stored(store, signature, plan.leaves, blocks, grid, workers, tell)
+                results = collect_stored(
+                    folder, signature, plan.leaves, blocks, grid, workers, tell
+                )
             table = _table(plan, plan.groups, grid, results, _name_of(fn))
     if not table.complete:
         warnings.warn(

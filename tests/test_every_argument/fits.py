@@ -1,0 +1,110 @@
+"""The general fitter."""
+
+import functools
+
+import numpy as np
+
+import jaxcontact as jc
+from jaxcontact._fit import Bootstrap
+from jaxcontact._fit._profile import Profile
+from tests.test_every_argument.case import COUNT, NOTHING, PROGRESS, SEED, SWITCH, Case, V
+from tests.test_every_argument.kinds import (
+    ARRAYS,
+    CALLABLE,
+    FLAG,
+    INSIDE,
+    NONE,
+    POSITIVE,
+    REAL,
+    REALS,
+)
+
+
+def _line(params, x):
+    return params["a"] + params["b"] * x
+
+
+@functools.cache
+def a_fit():
+    x = np.linspace(0, 1, 8)
+    return jc.fit(_line, 1 + 2 * x + 0.1 * np.cos(40 * x), {"a": 0.5, "b": 1.0}, x=x)
+
+
+FIT = {"data": V, "start": {"a": 1.0, "b": 0.5}, "x": V, "predict": _line}
+
+
+@functools.cache
+def cases() -> dict[str, Case]:
+    fitted = a_fit()
+    return {
+        "fit": Case(
+            jc.fit,
+            FIT,
+            {
+                "predict": CALLABLE,
+                # Any tree of numbers, which the prediction must match.
+                "data": REALS - {"empty list", "shape (0,)", "with nan"}
+                | {"dict of numbers", "ragged", "law", "contact", "material"},
+                # Whole arrays of JAX stay as they are, and there is nothing to fit.
+                "start": REAL - {"jax whole"}
+                | ARRAYS - {"empty list", "range", "shape (0,)", "with nan"}
+                | {"dict of numbers", "ragged", "law", "contact", "material"},
+                # Any tree of arrays, which the prediction must know what to do with.
+                "x": REALS
+                | NONE
+                | FLAG
+                | {"dict", "dict of numbers", "ragged", "list of None"}
+                | {"complex", "numpy complex", "array of complex", "jax complex", "jax flags"}
+                | {"nan", "inf", "-inf", "array of flags", "jax key", "law", "contact", "material"},
+                "sigma": POSITIVE | NONE,
+                "weights": POSITIVE | NONE,
+                "groups": NONE,
+                "transforms": NONE | {"dict"},
+                "loss": NOTHING,
+                "optimizer": NOTHING,
+                "starts": COUNT,
+                "spread": POSITIVE,
+                "seed": SEED,
+                "max_steps": COUNT | NONE,
+                "patience": COUNT,
+                "rtol": POSITIVE,
+                "reverse": SWITCH,
+                "progress": PROGRESS | NONE,
+            },
+        ),
+        "Huber": Case(jc.Huber, {}, {"threshold": POSITIVE}),
+        "Between": Case(
+            jc.Between,
+            {"low": -5.0, "high": 10.0},
+            {"low": REAL, "high": REAL},
+        ),
+        "Fit.predict": Case(fitted.predict, {}, {"x": REALS | NONE}),
+        "Fit.predict_with_error": Case(fitted.predict_with_error, {}, {"x": REALS | NONE}),
+        "Fit.bootstrap": Case(fitted.bootstrap, {}, {"draws": COUNT, "seed": SEED}),
+        "Fit.profile": Case(
+            fitted.profile,
+            {"name": "a"},
+            {
+                "name": NOTHING,
+                "values": REALS - {"with nan", "empty list", "shape (0,)"} | NONE,
+                "points": COUNT,
+                "span": POSITIVE,
+            },
+        ),
+        "Bootstrap.interval": Case(
+            Bootstrap(("a",), np.ones((3, 1)), np.ones(3, bool)).interval, {}, {"level": INSIDE}
+        ),
+        "Profile.interval": Case(
+            Profile("a", 1.0, V, V, V - 1.75, 4, False).interval, {}, {"level": INSIDE}
+        ),
+        "compare_fits": Case(
+            jc.compare_fits,
+            {"fits": {"one": fitted, "two": fitted}},
+            {
+                "fits": NOTHING,
+                "folds": COUNT,
+                "groups": NONE,
+                "seed": SEED,
+            },
+        ),
+    }

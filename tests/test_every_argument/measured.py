@@ -1,0 +1,240 @@
+"""Laws from measurements, and the recordings they come from."""
+
+import dataclasses
+import functools
+import types
+
+import jaxcontact as jc
+from tests.test_every_argument.case import (
+    COLUMN,
+    CONTACTS,
+    COUNT,
+    EMPTY,
+    LAWS,
+    METHODS,
+    NOTHING,
+    NUMBERS_3,
+    OUT,
+    SEED,
+    SWITCH,
+    Case,
+    V,
+    blank,
+    reached,
+)
+from tests.test_every_argument.fits import a_fit
+from tests.test_every_argument.kinds import (
+    CONTACT,
+    FLAG,
+    INSIDE,
+    LAW,
+    NONE,
+    POSITIVE,
+    REAL,
+    TEXT,
+    E,
+)
+
+MEASURED = jc.read_recording(velocity=V, restitution=OUT)
+LIST_OF_NUMBERS = frozenset({"tuple", "list of text", "shape (1,)", "jax shape (1,)", "Series"})
+"""Text may be a number there, as it is in a file."""
+HOW = {"velocity": V, "e": OUT, "contact": CONTACT}
+RECORDED = {"velocity": V, "restitution": OUT}
+
+
+def _choice():
+    empty = {f.name: None for f in dataclasses.fields(jc.LawChoice)}
+    there = {
+        "fits": {"constant e": a_fit()},
+        "laws": (),
+        "kinds": (types.SimpleNamespace(name="constant e", law_of=reached),),
+        "best": "constant e",
+        "reference": 1.0,
+    }
+    return jc.LawChoice(**empty | there)
+
+
+@functools.cache
+def cases() -> dict[str, Case]:
+    return {
+        "fit_damping": Case(
+            jc.fit_damping,
+            HOW,
+            {
+                "velocity": COLUMN,
+                "e": COLUMN,
+                "contact": CONTACTS,
+                "form": NOTHING,
+                "method": METHODS,
+                "sigma": POSITIVE | NONE,
+            },
+        ),
+        "fit_energy_loss": Case(
+            jc.fit_energy_loss,
+            {"e_in": OUT},
+            {
+                "e_in": NUMBERS_3 & {"Series"} | {"shape (1,)", "jax shape (1,)"},
+                "e_out": NONE,
+                "degree": SEED | NONE,
+                "contact": CONTACTS | NONE,
+                "method": METHODS,
+            },
+        ),
+        "learn_law": Case(
+            jc.learn_law,
+            {"e_in": OUT},
+            {
+                "e_in": NUMBERS_3 & {"Series"} | {"shape (1,)", "jax shape (1,)"},
+                "e_out": NONE,
+                "form": NOTHING,
+                "contact": CONTACTS | NONE,
+                "method": METHODS,
+            },
+        ),
+        "fit_impacts": Case(
+            jc.fit_impacts,
+            {"law": LAW, "contact": CONTACT, "velocity": V, "e": OUT, "duration": OUT},
+            {
+                "law": LAWS,
+                "contact": CONTACTS,
+                "velocity": COLUMN,
+                "e": NONE,
+                "duration": NONE,
+                "fixed": EMPTY,
+                "method": METHODS,
+            },
+        ),
+        "fit_impacts, one column": Case(
+            jc.fit_impacts,
+            {"law": LAW, "contact": CONTACT, "velocity": V, "e": OUT},
+            {"sigma_e": POSITIVE | NONE},
+        ),
+        "fit_impacts, the other column": Case(
+            jc.fit_impacts,
+            {"law": LAW, "contact": CONTACT, "velocity": V, "duration": OUT},
+            {"sigma_duration": POSITIVE | NONE},
+        ),
+        "fit_bounces": Case(
+            jc.fit_bounces,
+            {"law": LAW, "contact": CONTACT, "first": V, "second": OUT},
+            {
+                "law": LAWS,
+                "contact": CONTACTS,
+                "first": COLUMN,
+                "second": COLUMN,
+                "kind": NOTHING,
+                "gravity": POSITIVE,
+                "drag": NONE,
+                "fixed": EMPTY,
+                "method": METHODS,
+            },
+        ),
+        "fit_record": Case(
+            jc.fit_record,
+            {"time": V, "law": LAW, "contact": CONTACT, "velocity": 1.0, "force": OUT},
+            {
+                "time": COLUMN,
+                "law": LAWS,
+                "contact": CONTACTS,
+                "velocity": POSITIVE,
+                "force": NOTHING,
+                "indentation": NONE,
+                "sigma_force": POSITIVE | NONE,
+                "start_time": REAL | NONE,
+                "fixed": EMPTY,
+            },
+        ),
+        "fit_record, indentation": Case(
+            jc.fit_record,
+            {"time": V, "law": LAW, "contact": CONTACT, "velocity": 1.0, "indentation": OUT},
+            {"sigma_indentation": POSITIVE | NONE},
+        ),
+        "fit_velocity_profile": Case(
+            jc.fit_velocity_profile,
+            {"indentation": V - V[0], "velocity": V[::-1] - V[0]},
+            {
+                "indentation": COLUMN,
+                "velocity": COLUMN,
+                "weights": NONE,
+                "squared": SWITCH,
+                "start": POSITIVE,
+            },
+        ),
+        "choose_law": Case(
+            jc.choose_law,
+            HOW,
+            {
+                "velocity": COLUMN,
+                "e": COLUMN,
+                "contact": CONTACTS,
+                "law": NOTHING,
+                "sigma": POSITIVE | NONE,
+                "weights": POSITIVE | NONE,
+                "groups": NONE,
+                "mark_outliers": SWITCH,
+            },
+        ),
+        "LawChoice.law": Case(_choice().law, {}, {"kind": NONE}),
+        "LawChoice.law_fit": Case(_choice().law_fit, {}, {"kind": NOTHING}),
+        "LawChoice.curve": Case(
+            _choice().curve,
+            {"kind": "constant e", "speeds": V},
+            {"kind": NOTHING, "speeds": NUMBERS_3 - {"range"} | {"shape (1,)", "jax shape (1,)"}},
+        ),
+        "calibrate": Case(
+            jc.calibrate,
+            {"recording": MEASURED},
+            {
+                "recording": NOTHING,
+                "law": NOTHING,
+                "drag": NONE,
+                "mass": POSITIVE | NONE,
+                "stiffness": POSITIVE | NONE,
+                "gravity": POSITIVE,
+                "progress": FLAG | {"function"},
+            },
+            # Classes are functions, which are called with a text here.
+            untested=frozenset({"class", "law class"}),
+        ),
+        "Calibration.save": Case(
+            jc.Calibration(*[None] * 5, summary=blank(jc.CalibrationSummary)).save,
+            {},
+            {"path": TEXT - {"empty text"}},
+        ),
+        "load_calibration": Case(jc.load_calibration, {}, {"path": TEXT - {"empty text"}}),
+        "Drag": Case(
+            jc.Drag,
+            {"mass": 1.0, "radius": 1.0, "coefficient": 0.5},
+            dict.fromkeys(("mass", "radius", "coefficient", "air_density"), POSITIVE),
+        ),
+        "Drag.terminal_speed": Case(
+            jc.Drag(1.0, 1.0, 1.0).terminal_speed, {}, {"gravity": POSITIVE}
+        ),
+        "Rational": Case(jc.Rational, {}, {"degree": COUNT}),
+        "Rational.law": Case(jc.Rational().law, {}, {"e": E}, staged=True),
+        "Spline": Case(jc.Spline, {}, {"intervals": COUNT, "low": INSIDE | {"zero"}}),
+        "Spline.law": Case(jc.Spline().law, {}, {"e": E}, staged=True),
+        "Network": Case(jc.Network, {}, {"width": COUNT, "seed": SEED}),
+        "read_recording": Case(
+            jc.read_recording,
+            {},
+            {
+                "source": NONE,
+                "layout": NONE,
+                "ball": NONE,
+            },
+        ),
+        "read_recording, columns": Case(
+            jc.read_recording,
+            RECORDED,
+            {
+                "velocity": NOTHING,
+                "restitution": NOTHING,
+            },
+        ),
+        "read_recording, column of intervals": Case(
+            jc.read_recording,
+            {"interval_s": V},
+            {"interval_s": LIST_OF_NUMBERS, "ball": NONE | {"empty text"}},
+        ),
+    }

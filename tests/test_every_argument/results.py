@@ -1,0 +1,136 @@
+"""Sweeps, exports and pictures."""
+
+import functools
+
+import jax.numpy as jnp
+import matplotlib.pyplot as plt
+import numpy as np
+
+import jaxcontact as jc
+from tests.test_every_argument.case import (
+    EMPTY,
+    NOTHING,
+    NUMBERS_3,
+    PROGRESS,
+    UNSOLVED,
+    Case,
+    blank,
+)
+from tests.test_every_argument.fits import a_fit
+from tests.test_every_argument.kinds import (
+    ARRAYS,
+    CALLABLE,
+    CONTACT,
+    INSIDE,
+    KINDS,
+    LAW,
+    NONE,
+    POSITIVE,
+    TEXT,
+    WHOLE,
+)
+from tests.test_every_argument.physics import IMPACT_LEGAL
+
+
+def _doubled(e):
+    return 2 * e
+
+
+_SWEPT = ARRAYS - {"empty list", "shape (0,)", "shape (2, 3)", "DataFrame"} | INSIDE
+_NOT_SWEPT = frozenset(
+    {"empty list", "ragged", "list of text", "list of None", "shape (0,)", "shape (2, 3)"}
+    | {"masked", "masked 0-d", "array of text", "array of objects", "structured", "Decimal"}
+    | {"Fraction", "complex", "numpy complex", "long double", "array of complex", "jax key"}
+    | {"array of long doubles", "array of dates", "jax complex", "datetime64", "timedelta64"}
+)
+"""Kinds that are no numbers for an axis; all else is passed on to the function as it is."""
+
+
+def _path():
+    zeros = jnp.zeros(3)
+    energy = None
+    return jc.Trajectory(zeros, zeros, zeros, zeros, energy, jnp.asarray(0))
+
+
+def _table():
+    return jc.sweep(lambda e: 2 * e, e=np.linspace(0, 1, 3))
+
+
+@functools.cache
+def cases() -> dict[str, Case]:
+    fitted = a_fit()
+    return {
+        # To other simulators
+        "export": Case(
+            jc.export,
+            {"law": UNSOLVED, "contact": CONTACT, "velocity": 1.0, "engine": "drake"},
+            IMPACT_LEGAL | {"velocity": POSITIVE, "engine": NOTHING},
+        ),
+        "export, lammps": Case(
+            jc.export,
+            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "lammps", "radius": 1.0},
+            {"radius": POSITIVE, "damping": NONE},
+        ),
+        "export, simbody": Case(
+            jc.export,
+            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "simbody"},
+            {"radius": POSITIVE},
+        ),
+        "export, exudyn": Case(
+            jc.export,
+            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "exudyn"},
+            {"impact_model": NONE},
+        ),
+        # Pictures
+        "plot.trajectory": Case(
+            jc.plot.trajectory,
+            {"path": _path(), "ax": plt.figure().add_subplot()},
+            {"path": NOTHING, "x": NOTHING, "y": NOTHING, "ax": NONE, "label": TEXT | NONE},
+        ),
+        "plot.fit": Case(
+            jc.plot.fit,
+            {"result": fitted, "ax": plt.figure().add_subplot()},
+            {
+                "result": NOTHING,
+                "x": NUMBERS_3 | NONE | {"shape (1,)", "jax shape (1,)", "with nan"},
+                "ax": NONE,
+            },
+        ),
+        "sweep": Case(
+            jc.sweep,
+            {"fn": _doubled, "e": np.linspace(0, 1, 3), "progress": False},
+            {
+                "fn": frozenset({"function"}),
+                "samples": NONE,
+                "batch_size": WHOLE | NONE,
+                "store": TEXT - {"empty text"} | NONE,
+                "mesh": NONE,
+                "reduce": NONE,
+                "cost": NONE,
+                "progress": PROGRESS | NONE,
+            },
+            untested=CALLABLE,
+        ),
+        "sweep, axis": Case(
+            jc.sweep,
+            {"fn": _doubled, "e": 0.5, "progress": False},
+            {"e": _SWEPT},
+            untested=frozenset(KINDS) - _SWEPT - _NOT_SWEPT,
+        ),
+        "Sweep.select": Case(_table().select, {"e": 0.5}, {"e": INSIDE | {"zero"}, "method": NONE}),
+        "Sweep.to_csv": Case(_table().to_csv, {}, {"path": TEXT - {"empty text"}}),
+        "plot.sweep": Case(
+            jc.plot.sweep,
+            {"table": _table(), "ax": plt.figure().add_subplot()},
+            {"table": NOTHING, "field": NONE, "x": NONE, "ax": NONE},
+        ),
+        "plot.calibration": Case(
+            jc.plot.calibration,
+            {"result": blank(jc.Calibration)},
+            {"result": NOTHING, "ax": NONE},
+        ),
+        "plot.choice": Case(
+            jc.plot.choice, {"result": blank(jc.LawChoice)}, {"result": NOTHING, "ax": NONE}
+        ),
+        "paper.markdown": Case(jc.paper.markdown, {}, {"table": EMPTY}),
+    }
