@@ -11,6 +11,9 @@ from ._motion import Motion, Number, State
 
 # Where the energies have a weight of 1e-12, they are left out.
 _HOPELESS = 1e3
+# How much more the energies are doubted than the speed: under a pull their errors are those of a
+# place, measured ten times larger.
+_CAUTION = 4
 
 
 class Balance(NamedTuple):
@@ -46,7 +49,7 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
     # They are weighed, not switched: a fit would stop at the seam.
     scale = 2 * speed * jnp.sqrt(largest)
     known: Flag = (left > 0) & (changed < _HOPELESS * scale)
-    doubt = changed / jnp.where(known, scale, 1)
+    doubt = _CAUTION * changed / jnp.where(known, scale, 1)
     by_energy = jnp.sqrt(jnp.where(known, left, 1))
     weighed = speed + (by_energy - speed) / (1 + jnp.square(jnp.square(doubt)))
     error = jnp.abs(left - jnp.square(speed)) / largest

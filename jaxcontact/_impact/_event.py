@@ -23,6 +23,8 @@ from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion, Number, State
 from ._peak import Path, largest_force
+from ._stiff import Followed, follow_on
+from ._under_push import end_is_sharp, is_spent
 
 Out = TypeVar("Out")
 
@@ -37,10 +39,6 @@ _ITERATIONS = 60
 # Energies that differ by more than this, in units of rtol, come from a solve that missed something:
 # measured up to 12.
 _IMBALANCE = 100
-
-# Bodies that creep to rest turn by rounding within this of it, in units of rtol. What swings past
-# goes much farther: the two are told apart by the damping, too.
-_AT_REST = 10
 
 
 def _of_diffrax(name: str, kind: type) -> Any:
@@ -113,10 +111,11 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Le
         dtype = jnp.zeros(()).dtype
         return lambda t, y, args, **kwargs: args.gaps(y, compressing)[which].astype(dtype)
 
+    count = len(motion.gaps(start, compressing))
     # Neither a step nor a root can be more accurate than rounding.
     dtype = start.w.dtype
     finest = 10 * float(jnp.finfo(dtype).eps)
-    rtol, atol = (max(_SAFETY * tolerance, finest) for tolerance in how.tolerances(dtype))
+    rtol, atol = (_finest(tolerance, dtype) for tolerance in how.tolerances(dtype))
     ending, speed = jax.lax.stop_gradient(motion.smallness())
     rtol, atol = jnp.maximum(rtol * ending, finest), atol * ending * speed
     term = diffrax.ODETerm(rate)
@@ -135,7 +134,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Le
         args=motion,
         saveat=diffrax.SaveAt(t0=True, steps=True),
         stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
-        event=diffrax.Event((gap(0), gap(1)), direction=(False, False)),
+        event=diffrax.Event(tuple(map(gap, range(count))), direction=(False,) * count),
         adjoint=diffrax.ForwardMode() if how.adjoint is None else how.adjoint,
         max_steps=how.max_steps,
         throw=False,
@@ -200,8 +199,14 @@ def _event_in_step(
     interpolant = solver.interpolation_cls(t0=t, t1=after, **dense)
     moving, still = eqx.partition(interpolant, eqx.is_array)
 
-    # A way out starts at a turn, which is not the next one.
-    counts = tuple(gap > 0 for gap in motion.gaps(state, compressing))
+    # Those that change sign in the step: a way out starts at a turn, which is not the next one, and
+    # the corner between two gaps would slow the search for the one that closes.
+    closing = zip(
+        motion.gaps(state, compressing),
+        motion.gaps(interpolant.evaluate(after), compressing),
+        strict=True,
+    )
+    counts = tuple((before > 0) & (after <= 0) for before, after in closing)
     flags = (compressing, arrived, counts)
 
     def gap(fraction: Number, moving: Any, motion: Motion, flags: tuple) -> Number:
@@ -239,52 +244,73 @@ def solve_legs(motion: Motion, how: Event) -> tuple[Leg, Bool[Array, "2"]]:
     return jax.lax.scan(run, motion.start(), flags)[1], flags
 
 
-def was_followed(motion: Motion, legs: Leg, balance: Balance, how: Event) -> Bool[Array, ""]:
+def was_followed(
+    motion: Motion, arrived: Bool[Array, "2"], end: State, balance: Balance, how: Event
+) -> Bool[Array, ""]:
     """Whether both legs reached their ends, and their energies add up.
 
     What always parts but was turned round, by rounding at the end of a slow way out, was not
     followed to its end; what creeps back for ever has none.
     """
-    end = jax.tree.map(operator.itemgetter(1), legs.end)
     allowed = _IMBALANCE * how.tolerances(end.t.dtype)[0]
-    good = jnp.all(legs.arrived) & (balance.error <= allowed)
+    good = jnp.all(arrived) & (balance.error <= allowed)
     if motion.always_parts:
         good = good & ~motion.settled(end) & ~motion.creeps_back()
     return good
 
 
+def follow(motion: Motion, legs: Leg, how: Event) -> Followed:
+    """Both legs to their ends, those that are too stiff for explicit steps by implicit ones."""
+    creeps = jnp.asarray(False)
+    if motion.push is not None:
+        into = jax.tree.map(operator.itemgetter(0), legs.path)
+        creeps = jnp.any(jax.vmap(motion.creeps_to_rest)(into.states) & into.taken)
+    turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
+    followed = Followed(turn, end, legs.arrived, creeps, jnp.sum(legs.steps))
+    # A solver or an adjoint of the user's is not replaced.
+    if not motion.may_creep or how.solver is not None or how.adjoint is not None:
+        return followed
+    dtype = turn.w.dtype
+    return follow_on(motion, followed, _finest(how.tolerances(dtype)[0], dtype))
+
+
 def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     """The outcome of one lane."""
     legs, flags = solve_legs(motion, how)
-    turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
+    followed = follow(motion, legs, how)
+    turn, creeps = followed.turn, followed.creeps
+    end = motion.at_end(followed.end)
     # Apart from the solve, so that it is removed where the largest force is not used.
     forces = jax.vmap(lambda leg, flag: largest_force(motion, leg, flag))(legs.path, flags)
-    max_force = jnp.max(forces)
+    # With so much damping that implicit steps are taken the force is largest in the beginning.
+    max_force = jnp.maximum(jnp.max(forces), motion.force(turn, flags[1]))
     max_indentation = turn.w**motion.order
     compression_time = turn.t
     balance = balance_of(motion, end, max_indentation)
-    converged = was_followed(motion, legs, balance, how)
+    converged = was_followed(motion, followed.arrived, end, balance, how)
     settled = motion.settled(end)
-    static = motion.static_indentation()
     if motion.push is not None:
         # What has too little energy to part stays, wherever the solve of its way out came to.
-        held = legs.arrived[0] & (motion.held(turn) | motion.held(end))
-        converged, settled = converged | held, settled | held
-    if motion.push is not None and static is not None:
-        # With strong damping the bodies creep to rest and never turn: no event ends the leg, but
-        # the state at rest is known. A turn there is one of rounding.
+        held = followed.arrived[0] & (motion.held(turn) | motion.held(end))
         rtol, _ = how.tolerances(turn.w.dtype)
-        at_rest = jnp.abs(max_indentation - static) <= _AT_REST * rtol * static
-        creeps = motion.held(turn) & (~legs.arrived[0] | (at_rest & ~motion.swings(static)))
-        max_indentation = jnp.where(creeps, static, max_indentation)
-        # The way out of what never turned is none.
+        known = jnp.where(
+            settled | held,
+            is_spent(motion, end, rtol),
+            end_is_sharp(motion, turn, end, rtol),
+        )
+        converged = ((converged | held) & known) | creeps
+        settled = settled | held | creeps
+        # What creeps to rest never turns: where a turn was found it is one of rounding, and the
+        # way out of it is none.
+        static = motion.static_indentation()
+        if static is not None:
+            max_indentation = jnp.where(creeps, static, max_indentation)
         max_force = jnp.where(creeps, jnp.maximum(forces[0], motion.push), max_force)
         compression_time = jnp.where(creeps, jnp.inf, compression_time)
-        converged, settled = converged | creeps, settled | creeps
     if motion.always_parts:
         # Nothing but a creep for ever keeps these bodies together.
         settled = motion.creeps_back()
-        converged = converged | (settled & legs.arrived[0])
+        converged = converged | (settled & followed.arrived[0])
     return ScaledImpact(
         restitution=balance.restitution,
         duration=end.t,
@@ -294,5 +320,10 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
         converged=converged,
         settled=settled,
         energy_loss=balance.energy_loss,
-        steps=jnp.sum(legs.steps),
+        steps=followed.steps,
     )
+
+
+def _finest(tolerance: float, dtype: Any) -> float:
+    """The tolerance of a step for one of the outcome; no step is more accurate than rounding."""
+    return max(_SAFETY * tolerance, 10 * float(jnp.finfo(dtype).eps))

@@ -156,7 +156,7 @@ def _path(motion: Motion, how: Event, samples: int) -> _Path:
         force=forces if motion.form.tension else jnp.maximum(forces, 0),
         elastic=elastic,
         loss=jax.vmap(motion.lost)(states),
-        converged=was_followed(motion, legs, balance, how),
+        converged=was_followed(motion, legs.arrived, end, balance, how),
         settled=motion.settled(end),
     )
 
