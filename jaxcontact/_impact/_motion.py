@@ -241,9 +241,13 @@ class Motion(eqx.Module):
         clamped = not (form.tension or form.never_pulls)
         ending = form.creeping_excess(self.n) if clamped else 1.0
         speed = form.creeping_speed(self.n) if self.momentum is None else 1.0
-        if self.order == 1 and self.always_parts and form.tension:
+        if self.order == 1 and form.tension and self.momentum is None:
             # Where no power of w stretches it, a slow way out ends as small as its e.
-            speed = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
+            tiny = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
+            if self.always_parts:
+                speed = tiny
+            elif self.push is not None:
+                speed = jnp.where(self.push < 0, tiny, speed)
         if self.push is not None and self.form.never_pulls and not form.tension:
             # Under a weak pull the force falls to that of the pull before it vanishes.
             speed = speed * jnp.where(self.push < 0, jnp.clip(-self.push, 1e-12, 1), 1)
@@ -306,9 +310,9 @@ class Motion(eqx.Module):
             return jnp.where(state.w < 0, jnp.minimum(pulling, velocity), pulling)
         softness, p = self._softness
         c, _ = self._damping_back()
-        strong = jnp.where(state.w < 0, jnp.minimum(state.u, velocity), state.u)
         if isinstance(p, float) and p == 0:
-            return jnp.where(softness > 0, strong, 1 + c * velocity)
+            return jnp.where(softness > 0, state.u, 1 + c * velocity)
+        strong = jnp.where(state.w < 0, jnp.minimum(state.u, velocity), state.u)
         # Where weak damping ends a contact, x^p is flat.
         weak = state.w - power(-c * velocity, 1 / (self.order * p))
         return jnp.where(softness > 0, strong, weak)
@@ -324,7 +328,8 @@ class Motion(eqx.Module):
         softness, _ = self._softness
         rate = self.rate(end, jnp.asarray(False))
         sooner = jnp.abs(end.u * rate.w) < jnp.abs(end.w * rate.u)
-        return end._replace(u=jnp.where((softness > 0) & sooner, 0, end.u))
+        vanished = (softness > 0) & sooner & ~self.settled(end)
+        return end._replace(u=jnp.where(vanished, 0, end.u))
 
     def settled(self, state: State) -> Bool[Array, ""]:
         """Whether a way out ended because the contact turned inwards again."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -221,7 +221,8 @@ def _collocated(
     def improve(carry: tuple[Array, Number, Int[Array, ""]]) -> tuple:
         z, _, count = carry
         change = solved(z, residual(*frozen, z))
-        moved = jnp.max(jnp.abs(change) / jnp.maximum(1, jnp.max(jnp.abs(z), 0)))
+        largest = jnp.maximum(1, jnp.max(jnp.abs(z), 0, keepdims=True))
+        moved = jnp.max(jnp.abs(change) / largest)
         return z - change, moved, count + 1
 
     def unsolved(carry: tuple[Array, Number, Int[Array, ""]]) -> Bool[Array, ""]:
@@ -270,19 +271,20 @@ def _landing(motion: Motion, step: _Step, compressing: Flag, met: Bool[Array, ""
     low, high = nodes[first], nodes[first + 1]
     which = closing[first] & met
 
-    def gap(fraction: Number, step: _Step, motion: Motion, which: Array, *rest: Array) -> Number:
-        compressing, middle = rest
+    def gap(fraction: Number, *inputs: Any) -> Number:
+        step, motion, compressing, which, low, high = inputs
         gaps = jnp.stack(motion.gaps(_within(step, fraction), compressing))
-        return jnp.min(
-            jnp.where(which, gaps, jnp.where(jnp.any(which), jnp.inf, middle - fraction))
-        )
+        nearest = jnp.min(jnp.where(which, gaps, jnp.inf))
+        return jnp.where(jnp.any(which), nearest, (low + high) / 2 - fraction)
 
-    def find(*parameters: object) -> Number:
+    def find(*inputs: Any) -> Number:
+        *_, low, high = inputs
+
         def at(share: Number) -> Number:
-            return gap(low + share * (high - low), *parameters)  # type: ignore[arg-type]
+            return gap(low + share * (high - low), *inputs)
 
-        ends = jax.vmap(at)(jnp.arange(2, dtype=step.size.dtype))
+        ends = jax.vmap(at)(jnp.arange(2, dtype=low.dtype))
         return low + (high - low) * bracketed_root(at, ends[0], ends[1], _ITERATIONS)
 
-    found = with_implicit_derivative(find, gap)(step, motion, which, compressing, (low + high) / 2)
-    return jnp.where(met, found, 1)
+    root = with_implicit_derivative(find, gap)
+    return jnp.where(met, root(step, motion, compressing, which, low, high), 1)
