@@ -30,9 +30,8 @@ Out = TypeVar("Out")
 
 # Far beyond any contact: a nominal end close to the event makes the step controller stall.
 _FAR = 1e12
-# The controller bounds the error of a step. Measured, that of the outcome is a tenth of what is
-# asked, mostly.
-_SAFETY = 0.2
+# The controller bounds the error of a step. Measured, the outcome is up to six times worse.
+_SAFETY = 0.05
 # Of a regula falsi over the last step. Rounding is mostly reached after about ten, and later at a
 # corner of the gap, where a contact ends at a creeping speed.
 _ITERATIONS = 60
