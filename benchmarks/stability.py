@@ -56,6 +56,12 @@ def run_slopes_of(job: Job) -> dict[str, Any]:
     return run_slopes(job)
 
 
+def run_balance_of(job: Job) -> dict[str, Any]:
+    from stability_map.balance import run_balance
+
+    return run_balance(job)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--fresh", action="store_true", help="forget what was computed before")
@@ -85,9 +91,10 @@ def main() -> None:
 
         PEERS.write_text(_compact(run_all(_read(PEERS), arguments.only)))
     elif arguments.balance:
-        from stability_map.balance import run_balance
+        from stability_map.balance import balance_jobs
 
-        BALANCE.write_text(_compact(run_balance(arguments.lanes, arguments.only)))
+        jobs = balance_jobs(arguments.lanes)
+        _run_all(run_balance_of, jobs, arguments.out or BALANCE, arguments)
     elif arguments.slopes:
         from stability_map.slopes import slope_jobs
 

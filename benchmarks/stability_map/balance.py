@@ -9,7 +9,6 @@ not be right: what is counted as a miss may be either's.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -44,7 +43,8 @@ ENERGY = (
 METHOD = ("e", "duration", "status")
 
 
-def run_balance(factor: float, only: str) -> dict[str, Any]:
+def balance_jobs(factor: float) -> list[Job]:
+    """Every kind, free and pushed, of which all together have a million lanes times `factor`."""
     jobs = [
         Job(kind, n, pushed, "event", "float64", 0, SEED)
         for kind, described in KINDS.items()
@@ -53,17 +53,10 @@ def run_balance(factor: float, only: str) -> dict[str, Any]:
         for pushed in (False, True)
     ]
     count = max(math.ceil(LANES * factor / len(jobs)), LEAST)
-    jobs = [replace(job, lanes=count) for job in jobs if only in job.name]
-    found, start = {}, time.perf_counter()
-    for number, job in enumerate(jobs, start=1):
-        found[job.name] = _balance(job)
-        words = ", ".join(f"{v} {k}" for k, v in found[job.name].items() if isinstance(v, int))
-        spent = time.perf_counter() - start
-        print(f"[{number}/{len(jobs)}, {spent:.0f} s] {job.name}: {words}", flush=True)
-    return found
+    return [replace(job, lanes=count) for job in jobs]
 
 
-def _balance(job: Job) -> dict[str, Any]:
+def run_balance(job: Job) -> dict[str, Any]:
     lanes = lanes_of(job)
     closed = not job.pushed and KINDS[job.kind].family != "kuwabara_kono"
     other = "exact" if closed else jc.Event(rtol=FINER)

@@ -30,8 +30,8 @@ Out = TypeVar("Out")
 
 # Far beyond any contact: a nominal end close to the event makes the step controller stall.
 _FAR = 1e12
-# The controller bounds the error of a step. Measured, the outcome is up to six times worse.
-_SAFETY = 0.05
+# The controller bounds the error of a step. Measured, the outcome is up to twenty times worse (n = 1).
+_SAFETY = 0.02
 # Of a regula falsi over the last step. Rounding is mostly reached after about ten, and later at a
 # corner of the gap, where a contact ends at a creeping speed.
 _ITERATIONS = 60
