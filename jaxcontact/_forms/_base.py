@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._elementary import power
+from .._elementary import contraction, power
 from ._scale import ScaledImpact
 
 Lane = Float[Array, "..."]
@@ -197,7 +197,7 @@ class AbstractForm(eqx.Module):
         still, held = jnp.zeros_like(w), jnp.asarray(True)
         at = jnp.asarray((1 + nodes) / 2, w.dtype)
         pulls = jax.vmap(lambda node: self.pull(w * node, still, n, held))(at)
-        return self.order(n) * w * jnp.tensordot(jnp.asarray(weights / 2, w.dtype), pulls, 1)
+        return self.order(n) * w * contraction(jnp.asarray(weights / 2, w.dtype), pulls)
 
     def pulling(self, w: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
         """A smooth function that is negative where the contact pulls."""

@@ -41,6 +41,7 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
     taken = motion.lost(end)
     lost = 2 * (taken if motion.one_way else taken + motion.stored(at))
     left, changed, largest = 1 - lost, lost, jnp.ones_like(lost)
+    gained = jnp.zeros_like(lost)
     if push is not None:
         gained = 2 * push * at.w**motion.order
         left, changed = left + gained, changed + jnp.abs(gained)
@@ -51,6 +52,10 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
     known: Flag = (left > 0) & (changed < _HOPELESS * scale)
     doubt = _CAUTION * changed / jnp.where(known, scale, 1)
     by_energy = jnp.sqrt(jnp.where(known, left, 1))
-    weighed = speed + (by_energy - speed) / (1 + jnp.square(jnp.square(doubt)))
+    trust = jnp.where(known, 1 / (1 + jnp.square(jnp.square(doubt))), 0)
+    weighed = speed + trust * (by_energy - speed)
+    # Where nearly all is lost, what is left tells better how much.
+    rest = 1 + gained - jnp.square(speed)
+    loss = rest + trust * (lost - rest)
     error = jnp.abs(left - jnp.square(speed)) / largest
-    return Balance(jnp.where(known, weighed, speed), lost, error)
+    return Balance(weighed, loss, error)

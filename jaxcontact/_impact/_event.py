@@ -30,7 +30,7 @@ Out = TypeVar("Out")
 
 # Far beyond any contact: a nominal end close to the event makes the step controller stall.
 _FAR = 1e12
-# The controller bounds the error of a step. Measured, the outcome is up to twenty times worse (n = 1).
+# The controller bounds the error of a step. Measured, the outcome is up to twenty times worse.
 _SAFETY = 0.02
 # Of a regula falsi over the last step. Rounding is mostly reached after about ten, and later at a
 # corner of the gap, where a contact ends at a creeping speed.
@@ -234,8 +234,8 @@ def _event_in_step(
             return count + 1, jnp.abs(better - fraction), better, low, high
 
         def unsettled(carry: tuple[Number, ...]) -> Flag:
-            count, moved, *_ = carry
-            return (count < _ITERATIONS) & (moved > close)
+            count, moved, fraction, *_ = carry
+            return (count < _ITERATIONS) & (moved > close * fraction)
 
         # Newton's steps, of which the next one would move only rounding.
         close = jnp.sqrt(jnp.finfo(t.dtype).eps)

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial import legendre
 
+from .._elementary import contraction
 from .._forms import Flag
 from .._implicit import bracketed_root, with_implicit_derivative
 from ._motion import Motion, Number, State
@@ -177,7 +178,8 @@ def _within(step: _Step, fraction: Number) -> State:
     basis = jnp.stack(values)
 
     def moved(start: Array, change: Array) -> Array:
-        return start + basis @ (jnp.asarray(_COEFFICIENTS, at.dtype) @ change)
+        weights = contraction(basis, jnp.asarray(_COEFFICIENTS, at.dtype))
+        return start + contraction(weights, change)
 
     return jax.tree.map(moved, step.start, step.increments)
 
@@ -205,14 +207,16 @@ def _collocated(
         return jnp.stack([change.w, change.u]) / scales
 
     def residual(motion: Motion, start: State, z: Array) -> Array:
-        return inverse @ z - size * jax.vmap(lambda node: slopes(motion, start, node))(z)
+        there = jax.vmap(lambda node: slopes(motion, start, node))(z)
+        return contraction(inverse, z) - size * there
 
     frozen = jax.lax.stop_gradient((motion, start))
 
     def solved(z: Array, right: Array) -> Array:
         jacobian = jax.vmap(jax.jacfwd(lambda node: slopes(*frozen, node)))(z)
-        blocks = jnp.einsum("ij,ac->iajc", inverse, eye)
-        blocks = blocks - size * jnp.einsum("ij,iac->iajc", jnp.eye(_STAGES, dtype=dtype), jacobian)
+        # Broadcast, since these are no sums.
+        alone = jnp.eye(_STAGES, dtype=dtype)[:, None, :, None] * jacobian[:, :, None, :]
+        blocks = inverse[:, None, :, None] * eye[None, :, None, :] - size * alone
         flat = blocks.reshape(2 * _STAGES, 2 * _STAGES)
         return jnp.linalg.solve(flat, right.reshape(-1)).reshape(_STAGES, 2)
 
@@ -238,8 +242,10 @@ def _collocated(
     z = z - solved(z, residual(motion, start, z))
     change = jax.vmap(lambda node: rate(motion, start, node))(z)
     matrix = size * jnp.asarray(_MATRIX, dtype)
-    loss = None if change.loss is None else matrix @ change.loss
-    increments = State(scales[0] * z[:, 0], scales[1] * z[:, 1], matrix @ change.t, loss)
+    loss = None if change.loss is None else contraction(matrix, change.loss)
+    increments = State(
+        scales[0] * z[:, 0], scales[1] * z[:, 1], contraction(matrix, change.t), loss
+    )
     good = (moved <= close) & jnp.all(jnp.isfinite(z))
     return _Step(start, size, increments), good
 
@@ -248,7 +254,7 @@ def _error(motion: Motion, step: _Step) -> Number:
     """The Legendre coefficient of the highest degree beside the largest number in the step."""
 
     def of(increments: Array, least: Number) -> Number:
-        highest = jnp.asarray(_COEFFICIENTS[-1], increments.dtype) @ increments
+        highest = contraction(jnp.asarray(_COEFFICIENTS[-1], increments.dtype), increments)
         return jnp.abs(highest) / jnp.maximum(jnp.max(jnp.abs(increments)), least)
 
     least = _scales(motion, step.start)
