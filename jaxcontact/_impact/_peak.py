@@ -52,7 +52,7 @@ def largest_force(motion: Motion, path: Path, compressing: Bool[Array, ""]) -> N
 
     # Without a change of sign the maximum is at an end, at touch for a law that jumps there.
     inside = (before > 0) & (after < 0)
-    theta = jnp.where(inside, bracketed_root(later, before, after, iterations=40), 0)
+    theta = jnp.where(inside, bracketed_root(later, before, after, iterations=100), 0)
     between = motion.force(motion.later(_at(states, left), theta * size, compressing), compressing)
     return jnp.maximum(between, forces[best])
 
