@@ -22,7 +22,7 @@ from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion, Number, State
-from ._peak import Path, largest_force
+from ._peak import Path, largest_force, steepness
 from ._stiff import Followed, follow_on
 from ._under_push import end_is_sharp, is_spent
 
@@ -325,11 +325,14 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     # Apart from the solve, so that it is removed where the largest force is not used.
     forces = jax.vmap(lambda leg, flag: largest_force(motion, leg, flag))(legs.path, flags)
     # With so much damping that implicit steps are taken the force is largest in the beginning.
-    max_force = jnp.maximum(jnp.max(forces), motion.force(turn, flags[1]))
+    max_force = jnp.maximum(jnp.max(forces), motion.force(turn, flags[0]))
     max_indentation = turn.w**motion.order
     compression_time = turn.t
     balance = balance_of(motion, end, max_indentation)
     converged = was_followed(motion, followed.arrived, end, balance, how)
+    # Where explicit steps were left before the force was largest nobody has seen how large it was.
+    left = jax.tree.map(operator.itemgetter(0), legs.end)
+    converged = converged & (legs.arrived[0] | (steepness(motion, left, flags[0]) <= 0))
     settled = motion.settled(end)
     if motion.push is not None:
         # What has too little energy to part stays, wherever the solve of its way out came to.

@@ -38,7 +38,7 @@ def largest_force(motion: Motion, path: Path, compressing: Bool[Array, ""]) -> N
     )
 
     def slope(state: State) -> Number:
-        return _steepness(frozen, state, compressing)
+        return steepness(frozen, state, compressing)
 
     # From the best state to the next one, or to it from the one before.
     near = jnp.clip(best + jnp.arange(-1, 2), 0, jnp.sum(taken) - 1)
@@ -61,7 +61,7 @@ def _at(states: State, index: Int[Array, ""]) -> State:
     return jax.tree.map(lambda leaf: leaf[index], states)
 
 
-def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Number:
+def steepness(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Number:
     """w dF/dτ / F along the motion: of the sign of dF/dτ, and positive at touch.
 
     There a force that is a power of x has no slope of its own.
