@@ -22,7 +22,7 @@ from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion, Number, State
-from ._peak import Path, largest_force, steepness
+from ._peak import Path, is_rising, largest_force
 from ._stiff import Followed, follow_on
 from ._under_push import end_is_sharp, is_spent
 
@@ -330,9 +330,6 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     compression_time = turn.t
     balance = balance_of(motion, end, max_indentation)
     converged = was_followed(motion, followed.arrived, end, balance, how)
-    # Where explicit steps were left before the force was largest nobody has seen how large it was.
-    left = jax.tree.map(operator.itemgetter(0), legs.end)
-    converged = converged & (legs.arrived[0] | (steepness(motion, left, flags[0]) <= 0))
     settled = motion.settled(end)
     if motion.push is not None:
         # What has too little energy to part stays, wherever the solve of its way out came to.
@@ -356,6 +353,9 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
         # Nothing but a creep for ever keeps these bodies together.
         settled = motion.creeps_back()
         converged = converged | (settled & followed.arrived[0])
+    # Where explicit steps were left before the force was largest nobody has seen how large it was.
+    left = jax.tree.map(operator.itemgetter(0), legs.end)
+    converged = converged & (legs.arrived[0] | ~is_rising(motion, left, flags[0]))
     return ScaledImpact(
         restitution=balance.restitution,
         duration=end.t,
