@@ -69,7 +69,7 @@ def test_the_table_of_free_impacts():
 
 # A push of 1e4 without damping leaves float32 no digit of the speed at the end: four corners, and
 # lanes like them.
-UNRESOLVED = 8
+UNRESOLVED = 12
 # Lanes, and how many of them may be flagged without need. None may be wrong.
 JOBS = [
     (Job("hunt_crossley", 1.5, False, "exact", "float64", 512), 0),

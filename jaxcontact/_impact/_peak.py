@@ -74,5 +74,5 @@ def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Nu
 
 
 def is_rising(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Bool[Array, ""]:
-    """Whether the force rises with x at a state, by more than creeping bodies' nearly constant one."""
+    """Whether the force rises with x, by more than the nearly constant one of creeping bodies."""
     return _steepness(motion, state, compressing) > 0.01 * motion.rate(state, compressing).w
