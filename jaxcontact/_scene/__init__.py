@@ -1,0 +1,1 @@
+"""Many bodies, from event to event."""
