@@ -29,6 +29,7 @@ from .._forms import AbstractForm, ScaledImpact
 from .._impact import Status
 from .._impact._front_door import lanes_of, problem_of
 from .._impact._lanes import with_sensitivity
+from .._impact._motion import Motion
 from .._laws import AbstractLaw
 from .._parameter import Specialised
 from ._step import State, factor, step
@@ -43,8 +44,12 @@ CLOSED_FORM, RADIAL = 0, 1
 _RISES, _CLOSES, _OPENS, _COASTS = range(4)
 _W, _U, _T, _THETA, _LOSS = range(5)
 _MOST_STEPS = 400
-# Of a Newton correction beside the step it corrects.
-_ON_EVENT = 1e-10
+# A Newton correction this small beside the step that passed the event is the last one, as a power
+# of rounding: its square is then below rounding.
+_ON_EVENT = 0.65
+# A contact that the push holds and that moves no faster than this, in units of its speed at touch,
+# creeps to rest and never turns.
+_CREEPS = 1e-7
 
 
 class Rebound(NamedTuple):
@@ -72,7 +77,10 @@ class Rebound(NamedTuple):
 
 
 class _Radial(eqx.Module):
-    """The scaled radial problem of one lane; `skip` is 1 where nobody needs its solution."""
+    """The scaled radial problem of one lane, and the tolerance of a step.
+
+    `skip` is 1 where nobody needs the solution.
+    """
 
     form: AbstractForm
     exponent: Specialised
@@ -80,6 +88,7 @@ class _Radial(eqx.Module):
     swirl: Number
     ratio: Number
     skip: Number
+    tolerance: Number
 
     @property
     def _n(self) -> Any:
@@ -110,7 +119,7 @@ class _Radial(eqx.Module):
         apart = 1 - self.ratio * w**k
         pull = self.form.pull(w, u, n, compressing)
         still = jnp.zeros_like(u) + self.form.offset()
-        # What a clamped contact still stores when its force ends is given up on the rest of the way.
+        # What a clamped contact still stores when its force ends is given up on the way out.
         given_up = -self.form.pull(w, still, n, jnp.asarray(True)) * self.velocity(y)
         coasts = phase == _COASTS
         loss = jnp.where(coasts, given_up, self.form.dissipation(w, u, n, compressing))
@@ -157,6 +166,14 @@ class _Radial(eqx.Module):
         left = self.energy(y) - y[_LOSS]
         return (self.push > 0) & (left < -1e-12)
 
+    def rest(self) -> tuple[Number, Bool[Array, ""]]:
+        """The indentation at rest under the push, and whether bodies creep to it; 0 if unknown."""
+        motion = Motion(self.form, self.exponent, self.push)
+        static = motion.static_indentation()
+        if static is None:
+            return jnp.zeros_like(self.push), jnp.asarray(False)
+        return static, ~motion.swings(static)
+
 
 class _Outcome(NamedTuple):
     restitution: Number
@@ -188,15 +205,16 @@ class _Carry(NamedTuple):
     settled: Bool[Array, ""]
 
 
-def _solve(problem: _Radial, tolerance: float) -> _Outcome:
+def _solve(problem: _Radial) -> _Outcome:
     """One lane, from touch until x = 0 again, by adaptive steps that end on the events.
 
     A step that passes an event is tried again with a length corrected by Newton's method, until it
     ends there. The last correction is part of the derivative: it makes the moment of the event
     depend on the parameters as it should.
     """
-    dtype = problem.push.dtype
+    dtype, tolerance = problem.push.dtype, problem.tolerance
     stop = jax.lax.stop_gradient
+    on_event = float(jnp.finfo(dtype).eps) ** _ON_EVENT
 
     def unfinished(c: _Carry) -> Bool[Array, ""]:
         return ~c.done & (c.steps < _MOST_STEPS)
@@ -217,7 +235,7 @@ def _solve(problem: _Radial, tolerance: float) -> _Outcome:
         seeking = c.whole > 0
         crossed = gap < 0
         whole = jnp.where(seeking, c.whole, c.size)
-        small = jnp.abs(left) <= _ON_EVENT * whole
+        small = jnp.abs(left) <= on_event * whole
         # On the event, from either side. A step of no length can get no nearer.
         event = fine & (((crossed | seeking) & small & ~flat) | (crossed & (c.size < 1e-13)))
         taken = fine & (event | ~crossed)
@@ -240,7 +258,9 @@ def _solve(problem: _Radial, tolerance: float) -> _Outcome:
         done = (leaves & apart) | (event & (phase == _COASTS))
         peak, deepest = event & (phase == _RISES), turned
         inwards = (phase >= _OPENS) & taken & ~event & (problem.velocity(y) > 0)
-        settled = (problem.push > 0) & taken & ((phase >= _OPENS) & problem.held(y) | inwards)
+        slow = (phase >= _OPENS) | (jnp.abs(problem.velocity(y)) < _CREEPS)
+        slow = slow | (creeping & (phase == _CLOSES))
+        settled = (problem.push > 0) & taken & ((slow & problem.held(y)) | inwards)
         return _Carry(
             y=jnp.where(taken, y, c.y),
             phase=jnp.where(event & ~done, phase + 1, phase),
@@ -256,16 +276,20 @@ def _solve(problem: _Radial, tolerance: float) -> _Outcome:
             settled=settled,
         )
 
+    static, creeping = problem.rest()
     start = problem.start()
     zero = jnp.zeros_like(start[_T])
     skipped = problem.skip > 0
+    # A strong outward pull ends a contact early: at x of the order of its inverse.
+    early = jnp.sqrt(1 + jnp.abs(problem.push) + problem.swirl)
+    begin = stop(jnp.asarray(0.1, dtype) / early)
     # The force of an overdamped linear contact is largest at touch.
     falls = problem.gap(start, jnp.asarray(_RISES)) < 0
     first = _Carry(
         y=start,
         phase=jnp.where(falls, _CLOSES, _RISES).astype(jnp.int32),
-        size=zero + jnp.asarray(0.1, dtype),
-        free=zero + jnp.asarray(0.1, dtype),
+        size=begin,
+        free=begin,
         whole=zero,
         max_force=problem.force(start, jnp.asarray(_RISES)),
         max_indentation=zero,
@@ -276,28 +300,35 @@ def _solve(problem: _Radial, tolerance: float) -> _Outcome:
         settled=jnp.zeros((), bool),
     )
     end = jax.lax.while_loop(unfinished, advance, first)
-    imbalance = jnp.abs(stop(problem.energy(end.y) - problem.energy(start)))
+    # A push may bring in more energy than the bodies came with.
+    largest = 1 + jnp.abs(problem.push) * problem.indentation(end.y)
+    imbalance = jnp.abs(stop((problem.energy(end.y) - problem.energy(start)) / largest))
     e = -problem.velocity(end.y)
     # The error of ½e² as an error of e.
     doubt = jnp.minimum(imbalance / jnp.maximum(stop(e), 1e-6), jnp.sqrt(2 * imbalance))
-    settled = end.settled | (~end.done & problem.held(end.y))
+    settled = end.settled
+    # What creeps to rest has no turn: its largest indentation is the static one.
+    creeps = settled & (end.phase < _OPENS)
+    deepest = jnp.where(creeping, static, problem.indentation(end.y))
+    deepest = jnp.where(creeps, deepest, end.max_indentation)
+    strongest = jnp.maximum(end.max_force, problem.push)
     return _Outcome(
         restitution=e,
         elapsed=end.y[_T],
         theta=end.y[_THETA],
         duration=end.duration,
-        max_force=end.max_force,
-        max_indentation=end.max_indentation,
-        energy_loss=2 * end.y[_LOSS],
+        max_force=jnp.where(creeps, strongest, end.max_force),
+        max_indentation=deepest,
+        energy_loss=jnp.where(settled, 1, 2 * end.y[_LOSS]),
         error=jnp.maximum(doubt, end.error),
-        done=end.done | settled,
+        done=end.done,
         settled=settled,
     )
 
 
-def _tolerance(rtol: float, dtype: Any) -> float:
+def _tolerance(rtol: Number) -> Number:
     """Of a step: the outcome is some ten times worse, and a tenth of `rtol` is wanted."""
-    return max(rtol / 100, 20 * float(jnp.finfo(dtype).eps))
+    return jnp.maximum(rtol / 100, 20 * float(jnp.finfo(rtol.dtype).eps))
 
 
 def oblique(
@@ -308,7 +339,7 @@ def oblique(
     distance: Number,
     pull: Number,
     *,
-    rtol: float,
+    rtol: float | Number,
 ) -> Rebound:
     """One isolated impact of two bodies: how fast they part, when, and how far they have turned.
 
@@ -327,6 +358,7 @@ def oblique(
     scale, dtype = lanes.scale, problem.velocity.dtype
     given = (jnp.asarray(value, dtype) for value in (tangential_speed, distance, pull))
     across, distance, pull = given
+    rtol = jax.lax.stop_gradient(jnp.asarray(rtol, dtype))
     good = lanes.valid & jnp.isfinite(across) & (distance > 0) & jnp.isfinite(pull)
     across, pull = jnp.where(good, across, 0), jnp.where(good, pull, 0)
     distance = jnp.where(good, distance, 1)
@@ -337,18 +369,19 @@ def oblique(
     push = pull / scale.force
     pushed, exponent = lanes.form.pushed(), lanes.exponent
     closed = lanes.form.solve(lanes.n) if lanes.form.closed_form else None
-    skip = jnp.zeros_like(swirl)
+    skip, free = jnp.zeros_like(swirl), jnp.zeros_like(swirl)
     if closed is not None:
         free = (jnp.abs(push) + swirl) * (1 + closed.duration)
         skip = jnp.where(2 * free < rtol / 10, 1, skip)
+    tolerance = _tolerance(rtol)
     radial = _Radial(
         *jax.lax.optimization_barrier((pushed, exponent, push, swirl, ratio)),
         skip=jax.lax.stop_gradient(skip),
+        tolerance=tolerance,
     )
-    tolerance = _tolerance(rtol, dtype)
-    # A partial of equal parts is traced once for all that use it.
-    out = with_sensitivity(eqx.Partial(_solve, tolerance=tolerance))(radial)
-    converged = out.done & (out.error <= max(100 * rtol, 1e3 * tolerance))
+    out = with_sensitivity(_solve)(radial)
+    credible = out.error <= jnp.maximum(100 * rtol, 1e3 * tolerance)
+    converged = out.done & (out.settled | credible)
     way = jnp.where(skip > 0, CLOSED_FORM, RADIAL)
     if closed is not None:
         out, converged = _closed_where(skip > 0, closed, 2 * free, out, converged)

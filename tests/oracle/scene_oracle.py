@@ -143,7 +143,8 @@ class _Scene:
     def _gap(self, pair) -> float:
         i, j = pair
         if j < self.n:
-            return self.balls[i].radius + self.balls[j].radius - np.linalg.norm(self.x[i] - self.x[j])
+            touching = self.balls[i].radius + self.balls[j].radius
+            return touching - np.linalg.norm(self.x[i] - self.x[j])
         point, normal, speed = self._wall(j)
         return self.balls[i].radius - normal @ (self.x[i] - point - speed * self.t)
 
@@ -228,7 +229,7 @@ class _Scene:
     def _units(self) -> tuple[float, float, float]:
         relative = [self.v - w for w in self.v]
         speed = max(np.abs(relative).max(), np.linalg.norm(self.g[0]) * 1e-3, 1e-9)
-        for i, wall in enumerate(self.walls):
+        for i in range(len(self.walls)):
             speed = max(speed, np.abs(self.v - self._wall(self.n + i)[2]).max())
         masses = [b.mass for b in self.balls if np.isfinite(b.mass)]
         spring = max(self.springs, key=lambda s: s.stiffness)
@@ -236,84 +237,90 @@ class _Scene:
         return speed, length, length / speed
 
     def run(self, duration, until_apart) -> Run:
-        speed, length, tick = self._units()
-        m = self.n * self.dim
-        energy = speed**2 * min(b.mass for b in self.balls)
-        atol = np.concatenate(
-            [np.full(m, RTOL * length), np.full(m, RTOL * speed), np.full(len(self.pairs), RTOL * energy)]
-        )
-
-        def fun(dt, y):
-            return self._all(dt, y)[0]
-
-        def stepper(y, dt, to, first):
-            first = min(first, to - dt)
-            return DOP853(fun, dt, y, to, first_step=first, rtol=RTOL, atol=atol)
-
-        def after(y, dt, to):
-            if to <= dt:
-                return y
-            solver = stepper(y, dt, to, (to - dt) / 4)
-            while solver.status == "running":
-                solver.step()
-            return solver.y
-
-        while True:
-            if self.t >= duration or (until_apart and not self.closed.any()):
+        while self.t < duration and (self.closed.any() or not until_apart):
+            if not self._to_next_event(duration - self.t):
                 break
-            y = np.concatenate([np.zeros(m), self.v.ravel(), np.zeros(len(self.pairs))])
-            left = duration - self.t
-            solver = stepper(y, 0.0, left, 1e-5 * tick)
-            # While all fly, a contact must not be stepped over.
-            solver.max_step = 0.3 * tick if self.closed.any() else np.inf
-            passed = []
-            while solver.status == "running" and not passed:
-                before, y_before = solver.t, solver.y
-                solver.max_step = self._most(y_before, before, tick)
-                solver.step()
-                self._record_force(solver)
-                passed = self._events(solver.t, solver.y)
-            dt, y = solver.t, solver.y
-            if passed:
-                def moment(k, kind):
-                    def gap(to):
-                        return self._gap_of(k, kind, to, after(y_before, before, to))
-                    low = gap(before)
-                    if low <= 0:
-                        return before
-                    return brentq(gap, before, solver.t, xtol=1e-15 * tick, rtol=1e-15)
-                moments = [(moment(k, kind), k, kind) for k, kind, _ in passed]
-                dt = min(moments)[0]
-                y = after(y_before, before, dt)
-            _, depth, rate, second, _ = self._all(dt, y)
-            self.t += dt
-            self.x = self.x + y[:m].reshape(self.n, self.dim)
-            self.v = y[m : 2 * m].reshape(self.n, self.dim).copy()
-            self.depth = depth.copy()
-            for k, touch in enumerate(self.current):
-                if touch is not None:
-                    touch.lost += y[2 * m + k]
-            if not passed:
-                break
-            for at, k, kind in moments:
-                if at > dt + 1e-14 * tick:
-                    continue
-                if kind in ("touch", "part"):
-                    self.depth[k] = 0.0
-                if kind == "touch":
-                    self._touch(k, rate[k])
-                elif kind == "part":
-                    self.closed[k] = self.rising[k] = False
-                    self.current[k].end, self.current[k].latched = self.t, self.latched[k]
-                    self.current[k] = None
-                elif kind == "latch":
-                    self.rising[k], self.latched[k] = False, rate[k]
-                else:
-                    self.rising[k] = True
         for k, touch in enumerate(self.current):
             if touch is not None:
                 touch.latched = self.latched[k]
         return Run(self.t, self.x, self.v, self.touches)
+
+    def _to_next_event(self, left) -> bool:
+        """Integrate for the time left or up to the next event; whether there was one."""
+        speed, length, tick = self._units()
+        m, pairs = self.n * self.dim, len(self.pairs)
+        energy = speed**2 * min(b.mass for b in self.balls)
+        sizes = np.repeat([length, speed, energy], [m, m, pairs])
+        options = {"rtol": RTOL, "atol": RTOL * sizes}
+
+        def fun(dt, y):
+            return self._all(dt, y)[0]
+
+        def after(start, y, end):
+            """The state at ``end``, from the state at ``start`` by a solve of its own."""
+            if end <= start:
+                return y
+            inner = DOP853(fun, start, y, end, first_step=(end - start) / 4, **options)
+            while inner.status == "running":
+                inner.step()
+            return inner.y
+
+        y = np.concatenate([np.zeros(m), self.v.ravel(), np.zeros(pairs)])
+        solver = DOP853(fun, 0.0, y, left, first_step=min(1e-5 * tick, left), **options)
+        passed: list[tuple[int, str, float]] = []
+        start, before = 0.0, y
+        while solver.status == "running" and not passed:
+            start, before = solver.t, solver.y
+            solver.max_step = self._most(before, start, tick)
+            solver.step()
+            self._record_force(solver)
+            passed = self._events(solver.t, solver.y)
+        dt, y = solver.t, solver.y
+        moments = []
+        for k, kind, _ in passed:
+
+            def gap(at, k=k, kind=kind):
+                return self._gap_of(k, kind, at, after(start, before, at))
+
+            at = start
+            if gap(start) > 0:
+                at = brentq(gap, start, solver.t, xtol=1e-15 * tick, rtol=1e-15)
+            moments.append((at, k, kind))
+        if passed:
+            dt = min(moments)[0]
+            y = after(start, before, dt)
+        self._move(dt, y)
+        rate = self._all(0.0, np.concatenate([np.zeros(m), self.v.ravel(), np.zeros(pairs)]))[2]
+        for at, k, kind in moments:
+            if at <= dt + 1e-14 * tick:
+                self._happens(k, kind, rate[k])
+        return bool(passed)
+
+    def _move(self, dt, y):
+        """Restart from a state."""
+        m = self.n * self.dim
+        depth = self._all(dt, y)[1]
+        self.t += dt
+        self.x = self.x + y[:m].reshape(self.n, self.dim)
+        self.v = y[m : 2 * m].reshape(self.n, self.dim).copy()
+        self.depth = depth.copy()
+        for k, touch in enumerate(self.current):
+            if touch is not None:
+                touch.lost += y[2 * m + k]
+
+    def _happens(self, k, kind, rate):
+        if kind in ("touch", "part"):
+            self.depth[k] = 0.0
+        if kind == "touch":
+            self._touch(k, rate)
+        elif kind == "part":
+            self.closed[k] = self.rising[k] = False
+            self.current[k].end, self.current[k].latched = self.t, self.latched[k]
+            self.current[k] = None
+        elif kind == "latch":
+            self.rising[k], self.latched[k] = False, rate
+        else:
+            self.rising[k] = True
 
     def _most(self, y, dt, tick) -> float:
         """A step that no contact fits into."""
