@@ -241,7 +241,8 @@ def vector(value: Any, name: str, *, finite: bool = True) -> Array:
             )
         numbers = jnp.stack([jnp.asarray(part) for part in jnp.broadcast_arrays(*parts)])
     else:
-        numbers = as_parameter(value, name)
+        given: Any = value
+        numbers = as_parameter(given, name)
     if numbers.ndim != 1 or not 1 <= numbers.shape[0] <= 3:
         raise ValueError(
             f"Argument `{name}` must be one to three numbers, but is {rendered(value)}."

@@ -1,7 +1,8 @@
 """One instantaneous impact: from the states of two bodies before it to those after it.
 
-It is written for the derivative: the time of the touch is known, and corrected by a root that is
-zero in value and has the implicit derivative, so that states, normal and time all vary together.
+It is written for the derivative: the time of the touch is known, and corrected by Newton's
+steps that are zero in value and have the root's derivatives, so that states, normal and time all
+vary together.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._implicit import with_implicit_derivative
 from ._system import Layout, Numbers, restitution_of
 
 Lane = Float[Array, "..."]
@@ -76,25 +76,21 @@ def moved(flying: Flying, acceleration: Lane, time: Lane) -> Flying:
     return Flying(position, velocity, jnp.broadcast_to(time, flying.time.shape))
 
 
-def _gap(delay: Lane, meeting: tuple[Lane, ...]) -> Lane:
-    apart, rate, half, distance = meeting
-    return jnp.sqrt(jnp.sum(jnp.square(apart + (rate + half * delay) * delay))) - distance
+def _delay(apart: Lane, rate: Lane, half: Lane, distance: Lane) -> Lane:
+    """The correction of a time of touch that is a root already: zero, with the root's derivatives.
 
-
-def _slope(delay: Lane, meeting: tuple[Lane, ...]) -> Lane:
-    """The rate of the gap, never zero: a touch that does not close has no derivative in time."""
-    apart, rate, half, _ = meeting
-    away = apart + (rate + half * delay) * delay
-    slope = jnp.sum(away * (rate + 2 * half * delay)) / jnp.sqrt(jnp.sum(jnp.square(away)))
-    return jnp.where(slope < 0, slope, -jnp.inf)
-
-
-def _none(meeting: tuple[Lane, ...]) -> Lane:
-    return jnp.zeros_like(meeting[-1])
-
-
-_delay = with_implicit_derivative(_none, _gap, _slope)
-"""The correction of a time of touch that is a root already: zero, with the root's derivative."""
+    Newton's steps from a root move by its rounding; two of them, differentiated, have the first
+    three derivatives of the root. A rule of its own would be lost where JAX splits a scan for
+    second derivatives. A touch that does not close has no derivative in time.
+    """
+    delay = jnp.zeros_like(distance)
+    for _ in range(2):
+        away = apart + (rate + half * delay) * delay
+        length = jnp.sqrt(jnp.sum(jnp.square(away)))
+        slope = jnp.sum(away * (rate + 2 * half * delay)) / length
+        slope = jnp.where(slope < 0, slope, -jnp.inf)
+        delay = delay - (length - distance) / slope
+    return delay
 
 
 class Meeting(NamedTuple):
@@ -130,7 +126,7 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
         half = jnp.where(is_wall, face * jnp.sum(face * pull[0]) / 2, half)
         apart = across
         distance = jnp.where(is_wall, numbers.radius[choice.first], distance)
-    delay = _delay((apart, rate, half, distance))
+    delay = _delay(apart, rate, half, distance)
     away = apart + (rate + half * delay) * delay
     normal = away / jnp.sqrt(jnp.sum(jnp.square(away)))
     closing = -jnp.sum(normal * (rate + 2 * half * delay))

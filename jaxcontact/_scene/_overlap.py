@@ -58,6 +58,6 @@ def _minimum_image(
 
 def _overlap(bodies: Sequence[AbstractBody], a: int, b: int, depth: float) -> ValueError:
     return ValueError(
-        f"Argument `bodies` must not overlap at the start, but {words(bodies, a)} and {words(bodies, b)} do, by "
-        f"{depth:.6g} m."
+        f"Argument `bodies` must not overlap at the start, but {words(bodies, a)} and "
+        f"{words(bodies, b)} do, by {depth:.6g} m."
     )

@@ -102,8 +102,7 @@ class Impacts(eqx.Module):
             rows.append(
                 [
                     f"{columns['time'][k]:.9g}",
-                    f"{self.names[columns['first'][k]]} - "
-                    f"{self.names[columns['second'][k]]}{face}",
+                    f"{self.names[columns['first'][k]]} - {self.names[columns['second'][k]]}{face}",
                     f"{columns['closing_speed'][k]:.6g}",
                     f"{columns['restitution'][k]:.6g}",
                     f"{columns['duration'][k]:.6g}",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
@@ -49,8 +48,7 @@ class Run(eqx.Module):
         asked = as_parameter(time, "time")
         if asked.ndim > 1:
             raise ValueError(
-                "Argument `time` must be a number or a list of numbers, but is "
-                f"{rendered(time)}."
+                f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
             )
         return moment(
             self._layout, self._numbers, self._log, self._written, self.reached, asked.reshape(-1)

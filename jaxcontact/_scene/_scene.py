@@ -146,7 +146,9 @@ def _meeting(bodies: Sequence[AbstractBody], kinds: Sequence[int]) -> list[tuple
 
 
 def _law(argument: str, value: Any) -> AbstractLaw:
-    law = require_kind(argument, value, AbstractLaw, "a contact law (see `list_laws`), or a mapping")
+    law = require_kind(
+        argument, value, AbstractLaw, "a contact law (see `list_laws`), or a mapping"
+    )
     for leaf in jax.tree.leaves(law):
         if eqx.is_array(leaf) and leaf.shape != ():
             raise ValueError(

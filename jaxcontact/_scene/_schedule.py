@@ -29,6 +29,10 @@ TIED = 64
 PATIENCE = 64
 """Impacts per body without progress in time after which a run stops."""
 
+SLOW = 2.0**14
+"""Roundings of the largest speed below which closing speeds of simultaneous impacts have died out:
+the impacts have accumulated."""
+
 RUNNING, ACCUMULATED, TWO_SUPPORTS = 0, 1, 2
 
 
@@ -147,7 +151,10 @@ def _event(
 
     idle = jnp.where(now > state.now + simultaneous, 0, state.idle + 1)
     patience = PATIENCE * (layout.spheres + layout.walls)
-    stuck = jnp.where(idle > patience, ACCUMULATED, RUNNING)
+    fastest = jnp.max(jnp.sqrt(jnp.sum(jnp.square(state.velocity), axis=-1)))
+    slow = outcome.closing <= SLOW * jnp.finfo(numbers.dtype).eps * fastest
+    died = slow & (rival <= simultaneous) & ~choice.tail
+    stuck = jnp.where(died | (idle > patience), ACCUMULATED, RUNNING)
     status = jnp.where(fresh & crowded, TWO_SUPPORTS, stuck)
     state = state._replace(
         position=put(state.position, outcome.after.position),
@@ -259,9 +266,7 @@ def _searched(
         def curved() -> Array:
             return curved_time(apart, rate, bend, distance, noise, horizon)
 
-        times = jnp.where(
-            bent, jax.lax.cond(jnp.any(bent), curved, lambda: straight), straight
-        )
+        times = jnp.where(bent, jax.lax.cond(jnp.any(bent), curved, lambda: straight), straight)
     else:
         times = straight
     other = (jnp.arange(count)[None] != who[:, None]) & (moves[None] | moves[who][:, None])

@@ -82,11 +82,12 @@ def simulate(
     numbers, valid = numbers_of(scene, layout, contacts=not all(layout.constant))
     length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
     given = (numbers, length, asked)
+    within = jnp.asarray(tolerance, numbers.dtype)
     if traced(given):
         room = ROOM if most is None else most
-        outcome = _all_at_once(layout, numbers, valid, length, tolerance, room)
+        outcome = _all_at_once(layout, numbers, valid, length, within, room)
     else:
-        outcome = _piece_by_piece(layout, numbers, valid, length, tolerance, most)
+        outcome = _piece_by_piece(layout, numbers, valid, length, within, most)
     numbers, log, written, status, reached = outcome
     now = moment(layout, numbers, log, written, reached, asked)
     rows = log.facts.tied.shape[0] if traced(given) else int(written)
@@ -164,7 +165,7 @@ _advance = eqx.filter_jit(advance)
 
 
 def _piece_by_piece(
-    layout: Layout, numbers: Numbers, valid: Array, end: Array, tolerance: float, most: int | None
+    layout: Layout, numbers: Numbers, valid: Array, end: Array, tolerance: Array, most: int | None
 ) -> tuple[Numbers, Log, Array, Array, Array]:
     """The run from Python: one program goes on until all impacts are there."""
     numbers = replaced(numbers, valid)
@@ -174,9 +175,7 @@ def _piece_by_piece(
     total, more = 0, True
     while more and int(state.status) == 0 and (most is None or total < most):
         blank = blank_log(_PIECE, layout.dimensions, numbers.dtype)
-        state, log, written = _advance(
-            layout, numbers, state, blank, last, jnp.asarray(tolerance, numbers.dtype)
-        )
+        state, log, written = _advance(layout, numbers, state, blank, last, tolerance)
         count = int(written) if most is None else min(int(written), most - total)
         more = bool(jnp.min(state.events.time) <= last) or count < int(written)
         pieces.append(jax.tree.map(lambda x, n=count: np.asarray(x)[:n], log))

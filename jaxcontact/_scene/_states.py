@@ -36,9 +36,7 @@ def states_at(
     velocity = jnp.concatenate([numbers.velocity, after.velocity[:, 0], after.velocity[:, 1]])
     start = jnp.zeros(count, numbers.dtype)
     began = jnp.concatenate([start, after.time[:, 0], after.time[:, 1]])
-    support = jnp.concatenate(
-        [jnp.full(count, -1), facts.support[:, 0], facts.support[:, 1]]
-    )
+    support = jnp.concatenate([jnp.full(count, -1), facts.support[:, 0], facts.support[:, 1]])
 
     happened = jnp.where(blank, jnp.inf, figures.outcome.time)
     passed = jnp.searchsorted(happened, times, side="right").astype(int)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._contact import Contact, Material
 from .._impact import restitution, restitution_is_constant
-from .._laws import VELOCITY_THRESHOLD
+from .._laws import VELOCITY_THRESHOLD, AbstractLaw
 from .._parameter import POSITIVE, Specialised, is_valid, sanitised
 from ._bodies import Sphere
 from ._overlap import ROUNDINGS
@@ -137,9 +137,7 @@ def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers
         period=_stack([np.ones(()) if p is None else p for p in scene.periodic], dtype),
         restitution=jnp.stack(constant),
         laws=laws,
-        stiffness=None
-        if scene.stiffness is None
-        else _stack(scene.stiffness.values, dtype),
+        stiffness=None if scene.stiffness is None else _stack(scene.stiffness.values, dtype),
         compliance=_compliance(scene, layout, dtype, contacts),
         exponent=jax.tree.map(lambda x: jnp.asarray(x, dtype), scene._exponent),
     )

@@ -7,6 +7,7 @@ gap that rounding made negative is a touch: it is neither found a second time no
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 
 import jax
@@ -91,10 +92,10 @@ def curved_time(
     lower = jnp.clip(jnp.minimum(one, other), zero, end)
     upper = jnp.clip(jnp.maximum(one, other), zero, end)
     bends = [zero, lower, upper, end]
-    turns = [_crossing(slope, low, high) for low, high in zip(bends, bends[1:], strict=False)]
+    turns = [_crossing(slope, low, high) for low, high in itertools.pairwise(bends)]
     ends = [zero, *turns, end]
     time = jnp.full_like(c0, jnp.inf)
-    for low, high in reversed(list(zip(ends, ends[1:], strict=False))):
+    for low, high in reversed(list(itertools.pairwise(ends))):
         falls = (value(low) > 0) & (value(high) <= 0)
         time = jnp.where(falls, _crossing(value, low, high), time)
     starts = touching & ((c1 < 0) | ((c1 == 0) & (c2 < 0)))
