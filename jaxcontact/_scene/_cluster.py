@@ -11,6 +11,7 @@ latched, or rises above the latched one; the time is up.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -240,6 +241,8 @@ def _units(problem: _Problem) -> Units:
     return jax.tree.map(jax.lax.stop_gradient, Units(length, speed, mass))
 
 
+# JAX traces it once for all derivatives and batches of the same shape.
+@functools.partial(jax.jit, static_argnums=1)
 def _solve(problem: _Problem, rules: _Rules) -> ClusterEnd:
     state, units, stop = problem.state, _units(problem), jax.lax.stop_gradient
     pairs, (bodies, dim) = problem.pairs, state.position.shape
@@ -267,9 +270,8 @@ def _solve(problem: _Problem, rules: _Rules) -> ClusterEnd:
 
     def rate(y: Array, modes: Modes) -> Array:
         """d/dσ."""
-        at, velocity = geometry(y), layout.velocity(y)
-        acceleration, force, pushed = system.accelerations(at, modes)
-        lost, work = system.powers(at, modes, force, pushed, velocity)
+        velocity = layout.velocity(y)
+        acceleration, lost, work = system.motion(layout.moved(y), velocity, modes)
         one = jnp.ones((), dtype)
         per_time = layout.packed(velocity, acceleration, lost, [work, one, one])
         clock = 2 * y[_SIGMA]
@@ -277,7 +279,8 @@ def _solve(problem: _Problem, rules: _Rules) -> ClusterEnd:
 
     def look(y: Array, modes: Modes) -> _Look:
         at = geometry(y)
-        acceleration, force, _ = system.accelerations(at, modes)
+        force = system.force(at.depth, at.rate, modes)
+        acceleration, _ = system.accelerations(at, force)
         meets = jnp.where(modes.closed, at.depth, -at.depth)
         second = system.second(at, acceleration)
         latch = jnp.where(modes.rising, second, modes.latched - at.rate)

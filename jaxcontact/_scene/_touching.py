@@ -163,37 +163,37 @@ class Touching(eqx.Module):
         at = jax.vmap(lambda u: u * self.force(u * u * depth, jnp.zeros_like(depth), modes))(u)
         return depth * (jnp.asarray(weights, depth.dtype) @ at)
 
-    def accelerations(self, geometry: Geometry, modes: Modes) -> tuple[PerBody, PerPair, PerBody]:
-        """Of the bodies; the forces of the pairs; the sums of forces on the bodies."""
-        force = self.force(geometry.depth, geometry.rate, modes)
+    def accelerations(self, geometry: Geometry, force: PerPair) -> tuple[PerBody, PerBody]:
+        """Of the bodies under the forces of the pairs, and the sums of those forces."""
         pushed = self._incidence.T @ (force[:, None] * geometry.normal)
-        return self.acceleration + self.inverse_mass[:, None] * pushed, force, pushed
+        return self.acceleration + self.inverse_mass[:, None] * pushed, pushed
 
     def second(self, geometry: Geometry, acceleration: PerBody) -> PerPair:
         """δ'' of the pairs."""
         relative = self._incidence @ acceleration
         return -jnp.sum(geometry.normal * relative, axis=1) - geometry.swirl
 
-    def powers(
-        self, geometry: Geometry, modes: Modes, force: PerPair, pushed: PerBody, velocity: PerBody
-    ) -> tuple[PerPair, Float[Array, ""]]:
-        """Taken from each pair by its damping, and brought in by weight and prescribed bodies."""
-        still = self.force(geometry.depth, jnp.zeros_like(geometry.rate), self._known(modes))
-        taken = (force - still) * geometry.rate
+    def motion(
+        self, moved: PerBody, velocity: PerBody, modes: Modes
+    ) -> tuple[PerBody, PerPair, Float[Array, ""]]:
+        """The accelerations, the power that the damping of each pair takes, and the power that
+        weight and prescribed bodies bring in.
+        """
+        at = self.geometry(moved, velocity)
+        # One evaluation of the law for both, which is compiled once.
+        rates = jnp.stack([at.rate, jnp.zeros_like(at.rate)])
+        force, still = jax.vmap(lambda rate: self.force(at.depth, rate, modes))(rates)
+        acceleration, pushed = self.accelerations(at, force)
         free = (self.inverse_mass > 0)[:, None]
         weight = self.acceleration / jnp.where(free, self.inverse_mass[:, None], 1)
-        return taken, jnp.sum(jnp.where(free, weight, -pushed) * velocity)
+        work = jnp.sum(jnp.where(free, weight, -pushed) * velocity)
+        return acceleration, (force - still) * at.rate, work
 
     def kinetic(self, velocity: PerBody) -> Float[Array, ""]:
         """½ Σ m v² of the bodies that are free."""
         free = self.inverse_mass > 0
         mass = jnp.where(free, 1 / jnp.where(free, self.inverse_mass, 1), 0)
         return jnp.sum(mass[:, None] * jnp.square(velocity)) / 2
-
-    @staticmethod
-    def _known(modes: Modes) -> Modes:
-        """The modes for a rate of zero, from which no v0 follows."""
-        return modes._replace(rising=jnp.zeros_like(modes.rising))
 
 
 def _norm(vectors: Float[Array, "pairs dim"]) -> PerPair:
