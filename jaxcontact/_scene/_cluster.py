@@ -315,11 +315,14 @@ def _solve(problem: _Problem, rules: _Rules) -> ClusterEnd:
         next_one = jnp.min(left)
         whole = jnp.where(seeking, c.whole, c.size)
         small = jnp.abs(next_one) <= on_event * whole
-        stuck = anything & (c.size < finest)
+        # Where a gap falls slowly its rounding hides the moment: that is all that can be known.
+        known = sought & (left <= next_one) & (jnp.abs(now.gaps) <= 16 * finest)
+        stuck = jnp.any(known) | (anything & (c.size < finest))
         event = fine & (small | stuck)
         taken = fine & (event | ~anything)
-        happens = event & jnp.where(small, sought & (left <= next_one + on_event * whole), crossed)
-        moved = jnp.where(event & small, jnp.where(small, next_one, 0), 0)
+        at_once = jnp.where(jnp.any(known), known, crossed)
+        happens = event & jnp.where(small, sought & (left <= next_one + on_event * whole), at_once)
+        moved = jnp.where(small, next_one, 0)
         y = y + jnp.where(event, moved, 0) * toward
 
         # What changes: all pairs that are on their event at once.
