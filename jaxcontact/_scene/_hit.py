@@ -12,6 +12,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ._result import Way
 from ._system import Layout, Numbers, restitution_of
 
 Lane = Float[Array, "..."]
@@ -45,7 +46,10 @@ class Choice(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What an impact does: the two bodies after it, and its numbers."""
+    """What an impact does: the two bodies after it, each at its own time, and its numbers.
+
+    `way` and `status` (a `Status`) are whole numbers.
+    """
 
     after: Flying
     time: Lane
@@ -53,6 +57,11 @@ class Outcome(NamedTuple):
     restitution: Lane
     duration: Lane
     energy_loss: Lane
+    max_force: Lane
+    turn: Lane
+    error: Lane
+    way: Lane
+    status: Lane
 
 
 def accelerations(
@@ -150,6 +159,7 @@ def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Out
     push = (1 + lowered) * mass * closing * meeting.normal
     sign = jnp.asarray([1.0, -1.0], numbers.dtype)
     velocity = meeting.flying.velocity + (sign * inverse)[:, None] * push[None]
+    way = jnp.where(choice.tail, int(Way.SERIES), int(Way.INSTANTANEOUS))
     return Outcome(
         after=Flying(meeting.flying.position, velocity, meeting.flying.time),
         time=meeting.time,
@@ -157,6 +167,11 @@ def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Out
         restitution=lowered,
         duration=_tail(layout, numbers, choice, e, closing),
         energy_loss=mass * jnp.square(closing) / 2 * (1 - lowered) * (1 + lowered),
+        max_force=jnp.full_like(closing, jnp.inf),
+        turn=jnp.zeros_like(closing),
+        error=jnp.zeros_like(closing),
+        way=way.astype(closing.dtype),
+        status=jnp.zeros_like(closing),
     )
 
 

@@ -29,6 +29,8 @@ class Ending(enum.IntEnum):
     """A number of the scene is out of its range, or bodies overlap at the start: all is NaN."""
     NOT_CONVERGED = 4
     """An impact could not be solved to its tolerance: what comes after is NaN."""
+    CROWDED = 5
+    """Bodies came together in a way that is left out (docs/scenes.md): what comes after is NaN."""
 
 
 class Way(enum.IntEnum):
@@ -54,7 +56,9 @@ class Impacts(eqx.Module):
     `duration` in s (of a series of bounces, until it ends); `max_force` in N, infinite for an
     impact out of time; `energy_loss` in J; `turn` of the line of centres in rad; `way`, see `Way`;
     `error_estimate`, relative to the closing speed; `tied`: another impact of one of the bodies
-    happened at the same time, and their order was chosen. Rows with `valid` False are blank.
+    happened at the same time, and their order was chosen. A contact that comes to rest has e = 0 and
+    an infinite duration; one that goes on at the end of the run has neither (NaN). In a coupled
+    solve `closing_speed` is the v0 of the law. Rows with `valid` False are blank.
     """
 
     time: Float[Array, " K"]

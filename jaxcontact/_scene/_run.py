@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import equinox as eqx
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
 from ._log import Log
-from ._result import Impacts, Margin, Moment, ending_words, flagged
+from ._result import Impacts, Margin, Moment, ending_words, flagged, traced
 from ._scene import Scene
-from ._states import energy_of, states_at
+from ._schedule import Rules
+from ._states import any_inside, energy_of, states_at
 from ._system import Layout, Numbers
 
 
@@ -37,6 +38,8 @@ class Run(eqx.Module):
     _numbers: Numbers
     _log: Log
     _written: Int[Array, ""]
+    _rules: Rules
+    _tolerance: Float[Array, ""]
 
     def at(self, time: ArrayLike) -> Moment:
         """The state at any times between 0 and the duration.
@@ -50,19 +53,43 @@ class Run(eqx.Module):
             raise ValueError(
                 f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
             )
-        return moment(
-            self._layout, self._numbers, self._log, self._written, self.reached, asked.reshape(-1)
+        return moment_at(
+            self._layout,
+            self._numbers,
+            self._rules,
+            self._log,
+            self._written,
+            self.reached,
+            asked.reshape(-1),
+            self._tolerance,
         )
 
     @property
     def final(self) -> Scene:
         """The scene at the end of the run: its spheres where they are then, with their speeds."""
+        if not traced(self.status) and bool(self._touching()):
+            raise ValueError(
+                "Argument `duration` of the run must be a time at which no bodies touch for `final` "
+                f"to go on from, but is {shown(self.duration)} s."
+            )
         end = self.at(self.duration)
         bodies = list(self.scene.bodies)
         for k, sphere in enumerate(self.scene.spheres):
             place = self._layout.body[k]
             bodies[place] = sphere.moved_to(end.position[0, k], end.velocity[0, k])
         return eqx.tree_at(lambda scene: scene.bodies, self.scene, tuple(bodies))
+
+    def _touching(self) -> Bool[Array, ""]:
+        """Whether bodies are in contact at the end."""
+        figures, facts = self._log
+        counts = jnp.arange(facts.tied.shape[0]) < self._written
+        late = jnp.where(counts, jnp.max(figures.outcome.after.time, axis=1), 0)
+        touches = jnp.any(late > self.duration)
+        if facts.call is not None:
+            last = jnp.maximum(self._written - 1, 0)
+            called = facts.call.is_call[last] & (self._written > 0)
+            touches = touches | (called & (~facts.call.ends[last] | facts.call.rest[last]))
+        return touches
 
     def __repr__(self) -> str:
         steps = self.position.shape
@@ -77,17 +104,41 @@ class Run(eqx.Module):
         return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
 
 
-@eqx.filter_jit
-def moment(
+def moment_at(
     layout: Layout,
     numbers: Numbers,
+    rules: Rules,
     log: Log,
     written: Array,
     reached: Array,
     times: Array,
+    tolerance: Array,
 ) -> Moment:
+    """The states at some times. Motion inside of contacts is compiled only where it is needed."""
     times = times.astype(numbers.dtype)
-    position, velocity = states_at(layout, numbers, log, written, times)
-    energy = energy_of(layout, numbers, position, velocity)
+    inside = rules.soft
+    if inside and not traced((numbers, log, written, times)):
+        inside = bool(_any_inside(layout, numbers, log, written, times))
+    return _moment(layout, numbers, rules, log, written, reached, times, tolerance, inside)
+
+
+_any_inside = eqx.filter_jit(any_inside)
+
+
+@eqx.filter_jit
+def _moment(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    written: Array,
+    reached: Array,
+    times: Array,
+    tolerance: Array,
+    inside: bool,
+) -> Moment:
+    states = states_at(layout, numbers, rules, log, written, times, tolerance, inside)
+    position, velocity, stored = states
+    energy = energy_of(layout, numbers, position, velocity) + stored
     good = (times >= 0) & (times <= reached)
     return Moment(times, flagged(position, good), flagged(velocity, good), flagged(energy, good))

@@ -11,14 +11,20 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ._cluster import APART, AT_REST, TIME_IS_UP
+from ._cluster import NOT_CONVERGED as FAILED
+from ._coupled import Call, as_numbers, at_once, blank_state, call, places, touching
 from ._hit import Choice, Flying, Outcome, accelerations, hit
-from ._log import Facts, Figures, Log
+from ._log import Called, Facts, Figures, Log, Together, blank_calls
+from ._soft import soft
 from ._system import Layout, Numbers, nearest_image
 from ._touch import curved_time, image_horizon, sphere_time, wall_time
+from ._touching import ClusterState
 
 NOISE = 16
 """Roundings of a speed below which bodies that touch neither close nor part."""
@@ -33,7 +39,33 @@ SLOW = 2.0**14
 """Roundings of the largest speed below which closing speeds of simultaneous impacts have died out:
 the impacts have accumulated."""
 
-RUNNING, ACCUMULATED, TWO_SUPPORTS = 0, 1, 2
+REACH = 4.0
+"""How many times farther than it could a third body must be for an impact to be isolated."""
+
+RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER = range(6)
+"""Why a search goes on or stops; OVER: bodies are in contact at the end."""
+
+
+class Rules(eqx.Module):
+    """What is static of a run: whether impacts take time, what v0 is, and whether there is room for
+    a coupled solve.
+    """
+
+    soft: bool = eqx.field(static=True)
+    v0: str | float = eqx.field(static=True)
+    coupled: bool = eqx.field(static=True)
+
+
+class Coupling(NamedTuple):
+    """The coupled solve in progress: whether it is `active`, whether it `starts` with the touch of
+    `choice`, who is in it, and its state.
+    """
+
+    active: Bool[Array, ""]
+    starts: Bool[Array, ""]
+    choice: Choice
+    members: Bool[Array, " N"]
+    state: ClusterState
 
 
 class Events(NamedTuple):
@@ -60,9 +92,12 @@ class State(NamedTuple):
     now: Float[Array, ""]
     idle: Int[Array, ""]
     status: Int[Array, ""]
+    held: Float[Array, " N"]
+    owed: Float[Array, " N"]
+    coupling: Coupling | None
 
 
-def begun(layout: Layout, numbers: Numbers, end: Float[Array, ""]) -> State:
+def begun(layout: Layout, numbers: Numbers, rules: Rules, end: Float[Array, ""]) -> State:
     """The start: all spheres at time zero, their first events found one row after the other."""
     count = layout.spheres
     zero = jnp.zeros(count, numbers.dtype)
@@ -72,7 +107,19 @@ def begun(layout: Layout, numbers: Numbers, end: Float[Array, ""]) -> State:
     state = State(
         numbers.position, numbers.velocity, zero, none, whole,
         Events(zero, none, whole, zero, zero), start, jnp.zeros((), int), jnp.zeros((), int),
+        zero, zero, None,
     )  # fmt: skip
+    if rules.coupled:
+        _, called = blank_calls(layout, numbers.dtype)
+        no = jnp.asarray(False)
+        coupling = Coupling(
+            no,
+            no,
+            called.decided.choice,
+            no[None] & (whole > 0),
+            blank_state(layout, numbers.dtype),
+        )
+        state = state._replace(coupling=coupling)
 
     def row(i: Int[Array, ""]) -> Events:
         return jax.tree.map(lambda x: x[0], _searched(layout, numbers, state, i[None], start, end))
@@ -83,6 +130,7 @@ def begun(layout: Layout, numbers: Numbers, end: Float[Array, ""]) -> State:
 def advance(
     layout: Layout,
     numbers: Numbers,
+    rules: Rules,
     state: State,
     log: Log,
     end: Float[Array, ""],
@@ -97,11 +145,19 @@ def advance(
     def unfinished(carry: tuple[State, Log, Array]) -> Array:
         state, _, written = carry
         within = jnp.min(state.events.time) <= end
+        if state.coupling is not None:
+            within = within | state.coupling.active
         return within & (written < rows) & (state.status == RUNNING)
 
     def step(carry: tuple[State, Log, Array]) -> tuple[State, Log, Array]:
         state, log, written = carry
-        state, figures, facts, fresh = _event(layout, numbers, state, end, tolerance)
+        given = (layout, numbers, rules, state, end, tolerance)
+        if state.coupling is None:
+            state, figures, facts, fresh = _event(*given)
+        else:
+            state, figures, facts, fresh = jax.lax.cond(
+                state.coupling.active, lambda: _called(*given), lambda: _event(*given)
+            )
         log = jax.tree.map(lambda all, one: all.at[written].set(one), log, Log(figures, facts))
         return state, log, written + fresh.astype(written.dtype)
 
@@ -111,6 +167,7 @@ def advance(
 def _event(
     layout: Layout,
     numbers: Numbers,
+    rules: Rules,
     state: State,
     end: Float[Array, ""],
     tolerance: Float[Array, ""],
@@ -131,10 +188,21 @@ def _event(
 
     before = Flying(state.position[who], state.velocity[who], state.time[who])
     choice = _choice(layout, numbers, state, who, jnp.maximum(partner, 0), before, now, tolerance)
-    still = jax.eval_shape(lambda: hit(layout, numbers, before, choice))
-    still = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), still)
-    outcome = jax.lax.cond(fresh, lambda: hit(layout, numbers, before, choice), lambda: still)
+
+    def struck() -> Outcome:
+        if rules.soft:
+            return soft(layout, numbers, before, choice, tolerance)
+        return hit(layout, numbers, before, choice)
+
+    still = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(struck))
+    outcome = jax.lax.cond(fresh, struck, lambda: still)
     support, crowded = _supports(layout, numbers, choice, outcome)
+    starts = jnp.asarray(False)
+    if rules.soft:
+        alone = _isolated(layout, numbers, rules, state, choice, outcome, now)
+        starts = fresh & ~alone
+        fresh = fresh & alone
+        crowded = jnp.asarray(False)
 
     competing = jnp.where(events.partner[j] == i, events.second[j], events.time[j])
     rival = jnp.minimum(events.second[i], jnp.where(is_sphere, competing, jnp.inf)) - now
@@ -165,12 +233,160 @@ def _event(
         now=jnp.where(fresh, now, state.now),
         idle=jnp.where(fresh, idle, state.idle),
         status=jnp.where(fresh, status, state.status),
+        owed=put(state.owed, jnp.broadcast_to(outcome.energy_loss, (2,))),
     )
+    if rules.soft and state.coupling is None:
+        state = state._replace(status=jnp.where(starts, CROWDED, state.status))
+    elif state.coupling is not None:
+        members = state.time <= now
+        coupling = Coupling(starts, starts, choice, members, state.coupling.state)
+        state = state._replace(coupling=coupling)
     found = _searched(layout, numbers, state, who, now, end)
     state = state._replace(
         events=jax.tree.map(lambda all, new: all.at[who].set(new), events, found)
     )
-    return state, Figures(before, outcome), Facts(choice, support, tied, rival), fresh
+    together = called = None
+    if state.coupling is not None:
+        together, called = blank_calls(layout, numbers.dtype)
+    figures = Figures(before, outcome, together)
+    return state, figures, Facts(choice, support, tied, rival, called), fresh
+
+
+def _isolated(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    choice: Choice,
+    outcome: Outcome,
+    now: Float[Array, ""],
+) -> Bool[Array, ""]:
+    """Whether two bodies meet without a third one, by forces that the pair's own solution knows.
+
+    No body is faster than all the energy there is would make it; during the impact, none can come
+    as far as a quarter of its distance.
+    """
+    count = layout.spheres
+    inverse = numbers.inverse_mass[:count]
+    moves = inverse > 0
+    everyone = jnp.arange(count)
+    pull = accelerations(layout, numbers, everyone, state.support)
+    passed = (now - state.time)[:, None]
+    velocity = state.velocity + pull * passed
+    position = state.position + (state.velocity + velocity) / 2 * passed
+    mass = jnp.where(moves, 1 / jnp.where(moves, inverse, 1), 0)
+    energy = jnp.sum(mass * jnp.sum(jnp.square(velocity), axis=-1)) / 2
+    energy = energy + jnp.sum(jnp.where(state.time > now, state.owed, 0))
+    last = jnp.max(outcome.after.time) - now
+    gain = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity))) * last
+    fastest = jnp.sqrt(2 * energy * inverse) + jnp.where(moves, gain, 0)
+    second = jnp.minimum(choice.second, count - 1)
+    is_wall = choice.second >= count
+    alone = outcome.status == 0
+    for one, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall)):
+        apart = nearest_image(layout, numbers, position[one][None] - position)[0]
+        gap = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
+        gap = gap - (numbers.radius[one] + numbers.radius)
+        partner = (everyone == choice.first) | ((everyone == second) & ~is_wall)
+        far = gap > REACH * (fastest[one] + fastest) * last
+        far = far | partner | ~(moves[one] | moves)
+        alone = alone & (jnp.all(far) | ~counts)
+        if layout.walls:
+            height = jnp.sum(position[one][None] * numbers.normal, axis=-1) - numbers.offset
+            room = height - numbers.radius[one] > REACH * fastest[one] * last
+            partner = jnp.arange(layout.walls) == choice.second - count
+            alone = alone & (jnp.all(room | partner) | ~counts | ~moves[one])
+    if layout.gravity:
+        who = jnp.stack([choice.first, second])
+        bend = pull[who[0]] - pull[who[1]]
+        if layout.walls:
+            face = numbers.normal[jnp.clip(choice.second - count, 0)]
+            # Along a wall gravity does not matter. Across it the pair's solution takes v0 at touch.
+            weight = jnp.sum(face * pull[who[0]])
+            bend = jnp.where(is_wall, face * (0 if rules.v0 == "touch" else weight), bend)
+        alone = alone & jnp.all(bend == 0)
+    return alone & jnp.all(choice.support < 0)
+
+
+def _called(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    end: Float[Array, ""],
+    tolerance: Float[Array, ""],
+) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
+    """One call of the coupled solve, until a pair touches or opens or another sphere comes back."""
+    count, coupling = layout.spheres, state.coupling
+    assert coupling is not None
+    now = jnp.where(coupling.starts, coupling.choice.time, coupling.state.time)
+    spheres, before = Flying(state.position, state.velocity, state.time), state
+    joins = ~coupling.members & (state.time <= now + _simultaneous(numbers, now))
+    members = coupling.members | joins
+    waiting = jnp.where(members, jnp.inf, state.time)
+    other = jnp.argmin(waiting)
+    sooner = waiting[other] < end
+    there = at_once(layout, numbers, spheres, state.support, coupling.choice.time)
+    closed = touching(layout, numbers, there, coupling.choice, state.support, state.held)
+    decided = Call(
+        coupling.starts, coupling.choice, members, joins, closed, jnp.where(sooner, other, -1), end
+    )
+    began, done = call(
+        layout, numbers, spheres, state.support, state.held, coupling.state, decided,
+        tolerance, rules.v0,
+    )  # fmt: skip
+    after, status = done.state, done.status
+    apart, rest = status == APART, status == AT_REST
+    first, second = places(layout)
+    flat = second >= count
+    # At rest a sphere is held by one wall, or the solve is not one that can be left.
+    on_wall = after.closed & flat
+    walls = jnp.where(on_wall, second - count, -1)
+    support = jnp.full(count, -1).at[first].max(walls)
+    times = jnp.zeros(count, int).at[first].add(on_wall.astype(int))
+    crowded = rest & (jnp.any(after.closed & ~flat) | jnp.any(times > 1))
+    ends = (apart | rest) & ~crowded
+    over = (status == TIME_IS_UP) & ~sooner
+    failed = (status == FAILED) | ~jnp.isfinite(after.time)
+    held = jnp.zeros(count, numbers.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
+
+    def settled(old: Array, new: Array) -> Array:
+        chosen = (ends & members).reshape((count,) + (1,) * (old.ndim - 1))
+        return jnp.where(chosen, new, old)
+
+    idle = jnp.where(after.time > state.now, 0, state.idle + 1)
+    stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
+    stop = jnp.where(crowded, CROWDED, stop)
+    stop = jnp.where(failed, NOT_CONVERGED, stop)
+    position, velocity = after.position[:count], after.velocity[:count]
+    resting = jnp.where(rest, support, -1)
+    state = state._replace(
+        position=settled(state.position, position),
+        velocity=settled(state.velocity, velocity),
+        time=settled(state.time, jnp.broadcast_to(after.time, (count,))),
+        support=settled(state.support, resting),
+        held=settled(state.held, jnp.where(rest, held, 0)),
+        count=settled(state.count, state.count + 1),
+        owed=settled(state.owed, jnp.zeros(count, numbers.dtype)),
+        now=jnp.maximum(state.now, began.time),
+        idle=idle,
+        status=stop,
+        coupling=Coupling(~ends, jnp.asarray(False), coupling.choice, members, after),
+    )
+    found = _searched(layout, numbers, state, jnp.arange(count), after.time, end)
+    # While the solve goes on nothing else happens.
+    found = found._replace(time=jnp.where(ends, found.time, jnp.inf))
+    state = state._replace(events=found)
+    zero = jnp.zeros((), numbers.dtype)
+    two = jnp.zeros((2, layout.dimensions), numbers.dtype)
+    nobody = Flying(two, two, jnp.zeros(2, numbers.dtype))
+    outcome = Outcome(nobody, began.time, *[zero] * (len(Outcome._fields) - 2))
+    together = Together(spheres, before.held, as_numbers(began), as_numbers(after))
+    blank = jnp.full(2, -1)
+    called = Called(jnp.asarray(True), before.support, decided, ends, rest)
+    figures = Figures(nobody, outcome, together)
+    facts = Facts(coupling.choice, blank, jnp.asarray(False), jnp.full_like(zero, jnp.inf), called)
+    return state, figures, facts, jnp.asarray(True)
 
 
 def _simultaneous(numbers: Numbers, time: Float[Array, ""]) -> Float[Array, ""]:

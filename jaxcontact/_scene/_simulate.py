@@ -15,23 +15,30 @@ from .._parameter import (
     FRACTION,
     POSITIVE,
     as_parameter,
+    is_plain,
     rendered,
+    require_choice,
     require_count,
     require_flag,
     require_kind,
     require_number,
 )
 from ._bodies import one_number
+from ._coupled import MOST
 from ._log import Log, blank_log
 from ._replay import differentiable
-from ._result import Ending, Impacts, Margin, Way, flagged, traced
-from ._run import Run, moment
+from ._result import Ending, traced
+from ._run import Run, moment_at
 from ._scene import Scene
-from ._schedule import State, advance, begun
+from ._schedule import CROWDED, NOT_CONVERGED, OVER, RUNNING, Rules, State, advance, begun
 from ._system import Layout, Numbers, first_overlap, layout_of, numbers_of, replaced
+from ._table import table_of
 
 ROOM = 256
 """Impacts that a traced run has room for."""
+
+_CALLS = 4
+"""Rows of the log for each impact that a coupled solve may need."""
 
 _PIECE = 256
 """Impacts between two looks of Python at a run."""
@@ -44,6 +51,7 @@ def simulate(
     times: ArrayLike | None = None,
     rtol: float = 1e-9,
     instantaneous: bool = False,
+    v0: str | float = "peak",
     max_impacts: int | None = None,
 ) -> Run:
     """Follow a scene from impact to impact: flights by formula, times of impact in closed form.
@@ -71,34 +79,43 @@ def simulate(
     scene = require_kind("scene", scene, Scene, "a `Scene`")
     length = one_number(duration, "duration", POSITIVE)
     tolerance = require_number("rtol", rtol, FRACTION)
-    if not require_flag("instantaneous", instantaneous):
-        raise ValueError(
-            "Argument `instantaneous` must be True: impacts that take time are not there yet, but "
-            f"is {rendered(instantaneous)}."
-        )
+    soft = not require_flag("instantaneous", instantaneous)
+    followed = _v0(v0)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     asked = _times(times, length)
     layout = layout_of(scene)
-    numbers, valid = numbers_of(scene, layout, contacts=not all(layout.constant))
+    coupled = soft and layout.spheres <= MOST
+    rules = Rules(soft, followed, coupled)
+    if soft:
+        _require_one_kind(scene)
+    numbers, valid = numbers_of(scene, layout, contacts=soft or not all(layout.constant))
     length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
     given = (numbers, length, asked)
     within = jnp.asarray(tolerance, numbers.dtype)
+    names = tuple(
+        body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
+        for k, body in enumerate(scene.bodies)
+    )
     if traced(given):
         room = ROOM if most is None else most
-        outcome = _all_at_once(layout, numbers, valid, length, within, room)
+        # A call of the coupled solve ends where any pair touches or opens.
+        rows = room * (_CALLS if coupled else 1)
+        outcome = _all_at_once(layout, numbers, rules, valid, length, within, rows)
     else:
-        outcome = _piece_by_piece(layout, numbers, valid, length, within, most)
+        room = None
+        outcome = _piece_by_piece(layout, numbers, rules, valid, length, within, most)
     numbers, log, written, status, reached = outcome
-    now = moment(layout, numbers, log, written, reached, asked)
-    rows = log.facts.tied.shape[0] if traced(given) else int(written)
-    impacts = _impacts(scene, layout, numbers, log, written, status, rows)
+    impacts, margin, total = table_of(layout, numbers.normal, names, log, written, status, room)
+    if room is None:
+        impacts = jax.tree.map(lambda x: x[: int(total)], impacts)
+    now = moment_at(layout, numbers, rules, log, written, reached, asked, within)
     return Run(
         time=now.time,
         position=now.position,
         velocity=now.velocity,
         energy=now.energy,
         impacts=impacts,
-        margin=_margin(impacts, log),
+        margin=margin,
         status=status,
         reached=reached,
         duration=length,
@@ -107,7 +124,33 @@ def simulate(
         _numbers=numbers,
         _log=log,
         _written=written,
+        _rules=rules,
+        _tolerance=within,
     )
+
+
+def _v0(given: Any) -> str | float:
+    """The rule of v0: "peak", "touch" or a floor in m/s; ValueError for anything else."""
+    if isinstance(given, str):
+        return require_choice("v0", given, ("peak", "touch"))
+    if not is_plain(given) or not POSITIVE.holds(given):
+        raise ValueError(
+            "Argument `v0` must be 'peak', 'touch' or a speed in (0, inf), but is "
+            f"{rendered(given)}."
+        )
+    return float(given)
+
+
+def _require_one_kind(scene: Scene) -> None:
+    """Raise ValueError where impacts that take time have laws of different kinds."""
+    kinds = [jax.tree.structure(law) for law in scene.law.values]
+    for law, kind in zip(scene.law.values, kinds, strict=True):
+        if kind != kinds[0]:
+            raise ValueError(
+                "Argument `law` of the scene must hold laws of one kind, which may differ in their "
+                f"numbers, but has `{type(scene.law.values[0]).__name__}` and "
+                f"`{type(law).__name__}`; only with `instantaneous=True` the kinds may differ."
+            )
 
 
 def _times(given: Any, duration: Array) -> Array:
@@ -132,7 +175,13 @@ def _times(given: Any, duration: Array) -> Array:
 
 @eqx.filter_jit
 def _all_at_once(
-    layout: Layout, numbers: Numbers, valid: Array, end: Array, tolerance: Array, room: int
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    valid: Array,
+    end: Array,
+    tolerance: Array,
+    room: int,
 ) -> tuple[Numbers, Log, Array, Array, Array]:
     """The whole run as one program with room for so many impacts, differentiable."""
     valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
@@ -142,18 +191,28 @@ def _all_at_once(
         lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, numbers
     )
     last = jnp.where(valid, jax.lax.stop_gradient(end), -1)
-    state = begun(layout, fixed, last)
-    log = blank_log(room, layout.dimensions, numbers.dtype)
-    state, log, written = advance(layout, fixed, state, log, last, tolerance)
-    more = jnp.min(state.events.time) <= last
+    state = begun(layout, fixed, rules, last)
+    log = blank_log(room, layout, numbers.dtype, rules.coupled)
+    state, log, written = advance(layout, fixed, rules, state, log, last, tolerance)
+    more = _goes_on(state, last)
     status, reached = _ending(state, more, valid, end)
-    return numbers, differentiable(layout, numbers, log, written), written, status, reached
+    log = differentiable(layout, numbers, rules, log, written, tolerance)
+    return numbers, log, written, status, reached
+
+
+def _goes_on(state: State, end: Array) -> Array:
+    more = jnp.min(state.events.time) <= end
+    return more if state.coupling is None else more | state.coupling.active
 
 
 def _ending(state: State, more: Array, valid: Array, end: Array) -> tuple[Array, Array]:
     """How a run ended, and up to which time its values hold."""
-    stuck = state.status != 0
+    # A run may end while bodies are in contact.
+    stuck = (state.status != RUNNING) & (state.status != OVER)
+    more = more & (state.status != OVER)
     status = jnp.where(stuck, int(Ending.ACCUMULATED), int(Ending.COMPLETED))
+    status = jnp.where(state.status == CROWDED, int(Ending.CROWDED), status)
+    status = jnp.where(state.status == NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
     status = jnp.where(~stuck & more, int(Ending.TOO_MANY_IMPACTS), status)
     status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
     reached = jnp.where(stuck, state.now, jnp.where(more | ~valid, -1, end))
@@ -165,78 +224,30 @@ _advance = eqx.filter_jit(advance)
 
 
 def _piece_by_piece(
-    layout: Layout, numbers: Numbers, valid: Array, end: Array, tolerance: Array, most: int | None
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    valid: Array,
+    end: Array,
+    tolerance: Array,
+    most: int | None,
 ) -> tuple[Numbers, Log, Array, Array, Array]:
     """The run from Python: one program goes on until all impacts are there."""
     numbers = replaced(numbers, valid)
     last = jnp.where(valid, end, -1)
-    state = _begun(layout, numbers, last)
+    state = _begun(layout, numbers, rules, last)
     pieces: list[Log] = []
     total, more = 0, True
     while more and int(state.status) == 0 and (most is None or total < most):
-        blank = blank_log(_PIECE, layout.dimensions, numbers.dtype)
-        state, log, written = _advance(layout, numbers, state, blank, last, tolerance)
+        blank = blank_log(_PIECE, layout, numbers.dtype, rules.coupled)
+        state, log, written = _advance(layout, numbers, rules, state, blank, last, tolerance)
         count = int(written) if most is None else min(int(written), most - total)
-        more = bool(jnp.min(state.events.time) <= last) or count < int(written)
+        more = bool(_goes_on(state, last)) or count < int(written)
         pieces.append(jax.tree.map(lambda x, n=count: np.asarray(x)[:n], log))
         total += count
     # Rows of lengths that are powers of two share the programs that read them.
     room = max(64, 1 << max(total - 1, 0).bit_length())
-    blank = jax.tree.map(np.asarray, blank_log(room - total, layout.dimensions, numbers.dtype))
+    blank = jax.tree.map(np.asarray, blank_log(room - total, layout, numbers.dtype, rules.coupled))
     log = jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)), *pieces, blank)
     status, reached = _ending(state, jnp.asarray(more), valid, end)
     return numbers, log, jnp.asarray(total), status, reached
-
-
-def _impacts(
-    scene: Scene,
-    layout: Layout,
-    numbers: Numbers,
-    log: Log,
-    written: Array,
-    status: Array,
-    rows: int,
-) -> Impacts:
-    figures, facts = jax.tree.map(lambda x: x[:rows], log)
-    outcome, choice = figures.outcome, facts.choice
-    valid = (jnp.arange(rows) < written) & (status != int(Ending.INVALID_INPUT))
-    good = valid & (status != int(Ending.TOO_MANY_IMPACTS))
-    body, face = jnp.asarray(layout.body), jnp.asarray(layout.face)
-
-    def number(value: Array) -> Array:
-        return flagged(value, good)
-
-    def whole(value: Array) -> Array:
-        return jnp.where(valid, value, -1)
-
-    nothing = jnp.zeros_like(outcome.time)
-    way = jnp.where(choice.tail, int(Way.SERIES), int(Way.INSTANTANEOUS))
-    return Impacts(
-        time=number(outcome.time),
-        first=whole(body[choice.first]),
-        second=whole(body[choice.second]),
-        face=whole(face[choice.second]),
-        closing_speed=number(outcome.closing),
-        restitution=number(outcome.restitution),
-        duration=number(outcome.duration),
-        max_force=number(jnp.full_like(nothing, jnp.inf)),
-        energy_loss=number(outcome.energy_loss),
-        turn=number(nothing),
-        way=whole(way),
-        error_estimate=number(nothing),
-        tied=facts.tied & valid,
-        valid=valid,
-        names=tuple(
-            body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
-            for k, body in enumerate(scene.bodies)
-        ),
-    )
-
-
-def _margin(impacts: Impacts, log: Log) -> Margin:
-    rows = impacts.valid.shape[0]
-    rival = jnp.where(impacts.valid, log.facts.rival[:rows], jnp.inf)
-    closing = jnp.where(impacts.valid, impacts.closing_speed, jnp.inf)
-    return Margin(
-        time=jnp.min(rival, initial=jnp.inf), closing_speed=jnp.min(closing, initial=jnp.inf)
-    )

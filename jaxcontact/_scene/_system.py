@@ -204,7 +204,9 @@ def _compliance(scene: Scene, layout: Layout, dtype: Any, needed: bool) -> Array
 
 def contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact | None:
     """The contact of bodies i and j; None where no stiffness is known."""
-    mass = 1 / (numbers.inverse_mass[i] + numbers.inverse_mass[j])
+    inverse = numbers.inverse_mass[i] + numbers.inverse_mass[j]
+    # Two fixed bodies never meet; any mass will do.
+    mass = 1 / jnp.where(inverse > 0, inverse, 1)
     if numbers.stiffness is not None:
         which = layout.chosen(layout.stiffnesses, i, j) if layout.stiffnesses else 0
         return Contact(mass, numbers.stiffness[which], numbers.exponent.value)
@@ -216,6 +218,14 @@ def contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact 
     modulus = one / (numbers.compliance[i] + numbers.compliance[j])
     pair = Material(modulus, 0 * one)
     return Contact.sphere_plane(one / (curvature[i] + curvature[j]), pair, mass=mass)
+
+
+def law_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> AbstractLaw:
+    """The law of bodies i and j, where all laws are of one kind and differ in numbers."""
+    if len(numbers.laws) == 1:
+        return numbers.laws[0]
+    which = layout.chosen(layout.laws, i, j)
+    return jax.tree.map(lambda *leaves: jnp.stack(leaves)[which], *numbers.laws)
 
 
 def restitution_of(
