@@ -16,7 +16,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ._cluster import ClusterEnd, cluster, touched
 from ._hit import Choice, Flying, accelerations, meeting_of
 from ._overlap import ROUNDINGS
-from ._system import Layout, Numbers, contact_of, law_of
+from ._stored import stored_in
+from ._system import Layout, Numbers, known_contact_of, law_of
 from ._touching import ClusterState, Pairs
 
 MOST = 8
@@ -151,9 +152,7 @@ def call(
     outside = jnp.where(start.closed, 0, jnp.minimum(start.indentation, 0))
     start = start._replace(
         time=time,
-        indentation=jnp.where(
-            rests, sunk, jnp.where(start.closed, 0, jnp.minimum(start.indentation, 0))
-        ),
+        indentation=jnp.where(rests, sunk, outside),
         latched=jnp.where(rests, held[first], start.latched),
         rising=start.rising & ~rests,
         since=jnp.zeros_like(start.since) + time,
@@ -184,7 +183,7 @@ def call(
     pull = accelerations(layout, numbers, jnp.arange(count), nothing)
     pull = jnp.where(decided.members[:, None], pull, 0)
     pull = jnp.concatenate([pull, jnp.zeros((layout.walls, layout.dimensions), numbers.dtype)])
-    contact = jax.vmap(lambda i, j: contact_of(layout, numbers, i, j))(
+    contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(
         jnp.asarray(first), jnp.asarray(second)
     )
     law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(
@@ -218,19 +217,13 @@ def blank_state(layout: Layout, dtype: Any) -> ClusterState:
 
 
 def stored_energy(layout: Layout, numbers: Numbers, state: ClusterState) -> Float[Array, ""]:
-    """The elastic energy of all contacts, Σ ∫ F(δ, 0) dδ, by a Gauss rule."""
-    nodes, weights = np.polynomial.legendre.leggauss(16)
+    """The elastic energy of all contacts, Σ ∫ F(δ, 0) dδ."""
     first, second = places(layout)
 
     def one(i: Array, j: Array, depth: Array, closed: Array, speed: Array) -> Array:
-        contact = contact_of(layout, numbers, i, j)
+        contact = known_contact_of(layout, numbers, i, j)
         law = law_of(layout, numbers, i, j)
-        depth = jnp.where(closed, jnp.maximum(depth, 0), 0)
-        total = jnp.zeros_like(depth)
-        for node, weight in zip((1 + nodes) / 2, weights / 2, strict=True):
-            force = law.force(depth * node, jnp.zeros_like(depth), contact, speed)
-            total = total + weight * force * depth
-        return total
+        return stored_in(law, contact, jnp.where(closed, depth, 0), speed)
 
     return jnp.sum(
         jax.vmap(one)(

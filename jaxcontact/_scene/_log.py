@@ -15,8 +15,8 @@ from ._touching import ClusterState
 
 
 class Together(NamedTuple):
-    """A call of the coupled solve: all spheres before it, with the v0 `held` by those that rest; the
-    state that it `began` from, and that at its `end`, with flags as numbers.
+    """A call of the coupled solve: all spheres before it, with the v0 `held` by those that rest;
+    the state that it `began` from, and that at its `end`, with flags as numbers.
     """
 
     spheres: Flying

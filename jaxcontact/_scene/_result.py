@@ -56,9 +56,9 @@ class Impacts(eqx.Module):
     `duration` in s (of a series of bounces, until it ends); `max_force` in N, infinite for an
     impact out of time; `energy_loss` in J; `turn` of the line of centres in rad; `way`, see `Way`;
     `error_estimate`, relative to the closing speed; `tied`: another impact of one of the bodies
-    happened at the same time, and their order was chosen. A contact that comes to rest has e = 0 and
-    an infinite duration; one that goes on at the end of the run has neither (NaN). In a coupled
-    solve `closing_speed` is the v0 of the law. Rows with `valid` False are blank.
+    happened at the same time, and their order was chosen. A contact that comes to rest has e = 0
+    and an infinite duration; a coupled one that goes on at the end of the run has neither (NaN). In
+    a coupled solve `closing_speed` is the v0 of the law. Rows with `valid` False are blank.
     """
 
     time: Float[Array, " K"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
@@ -69,8 +70,8 @@ class Run(eqx.Module):
         """The scene at the end of the run: its spheres where they are then, with their speeds."""
         if not traced(self.status) and bool(self._touching()):
             raise ValueError(
-                "Argument `duration` of the run must be a time at which no bodies touch for `final` "
-                f"to go on from, but is {shown(self.duration)} s."
+                "Argument `duration` of the run must be a time at which no bodies touch, for "
+                f"`final` to go on from, but is {shown(self.duration)} s."
             )
         end = self.at(self.duration)
         bodies = list(self.scene.bodies)
@@ -85,11 +86,13 @@ class Run(eqx.Module):
         counts = jnp.arange(facts.tied.shape[0]) < self._written
         late = jnp.where(counts, jnp.max(figures.outcome.after.time, axis=1), 0)
         touches = jnp.any(late > self.duration)
-        if facts.call is not None:
-            last = jnp.maximum(self._written - 1, 0)
-            called = facts.call.is_call[last] & (self._written > 0)
-            touches = touches | (called & (~facts.call.ends[last] | facts.call.rest[last]))
-        return touches
+        if facts.call is None or not self._rules.soft:
+            return touches
+        # A body at rest is pressed into its wall.
+        called = facts.call.is_call & counts
+        last = jnp.max(jnp.where(called, jnp.arange(counts.shape[0]), -1))
+        at = jnp.maximum(last, 0)
+        return touches | ((last >= 0) & (~facts.call.ends[at] | facts.call.rest[at]))
 
     def __repr__(self) -> str:
         steps = self.position.shape

@@ -11,7 +11,7 @@ from .._laws import VELOCITY_THRESHOLD
 from ._hit import Choice, Flying, Outcome, accelerations, meeting_of
 from ._oblique import oblique
 from ._result import Way
-from ._system import Layout, Numbers, contact_of, law_of
+from ._system import Layout, Numbers, known_contact_of, law_of
 
 _HEAD_ON = 1e-8
 """Sliding over closing speed below which an impact is head-on."""
@@ -46,8 +46,7 @@ def soft(
     sideways = jnp.sqrt(jnp.where(straight, 1, square))
     sideways = jnp.where(straight, jax.lax.stop_gradient(_HEAD_ON * closing), sideways)
     distance = numbers.radius[choice.first] + numbers.radius[second]
-    contact = contact_of(layout, numbers, choice.first, choice.second)
-    assert contact is not None
+    contact = known_contact_of(layout, numbers, choice.first, choice.second)
     # What presses a body to a wall acts in the contact; along the wall it does not.
     pressing = jnp.where(is_wall, -jnp.sum(normal * pull[0]), 0)
     rebound = oblique(

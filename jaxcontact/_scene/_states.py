@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ._cluster import cluster, touched
@@ -14,7 +13,8 @@ from ._coupled import as_flags, call, places, stored_energy
 from ._hit import accelerations, meeting_of
 from ._log import Log
 from ._schedule import Rules
-from ._system import Layout, Numbers, contact_of, law_of
+from ._stored import stored_in
+from ._system import Layout, Numbers, known_contact_of, law_of
 from ._touching import Pairs
 
 
@@ -210,8 +210,7 @@ def _in_pairs(
             mass = numbers.inverse_mass
             inverse = jnp.stack([mass[choice.first], mass[choice.second]])
             bend = jnp.stack([pull[0], jnp.where(is_wall, 0, pull[1])])
-            contact = contact_of(layout, numbers, choice.first, choice.second)
-            assert contact is not None
+            contact = known_contact_of(layout, numbers, choice.first, choice.second)
             law = law_of(layout, numbers, choice.first, choice.second)
             state = cluster(
                 law, contact, pairs, inverse, bend, start, time - meeting.time,
@@ -221,12 +220,8 @@ def _in_pairs(
             first = who == choice.first
             k = jnp.where(first, 0, 1)
             at = state.position[k] + state.velocity[k] * late - jnp.where(first, 0, image)
-            depth = jnp.where(state.closed[0], jnp.maximum(state.indentation[0], 0), 0)
-            nodes, weights = np.polynomial.legendre.leggauss(16)
-            stored = jnp.zeros_like(depth)
-            for node, weight in zip((1 + nodes) / 2, weights / 2, strict=True):
-                force = law.force(depth * node, jnp.zeros_like(depth), contact, state.latched[0])
-                stored = stored + weight * depth * force
+            depth = jnp.where(state.closed[0], state.indentation[0], 0)
+            stored = stored_in(law, contact, depth, state.latched[0])
             # Each body of a pair counts its half; a wall counts none.
             return at, state.velocity[k], stored * jnp.where(is_wall, 1, 0.5)
 

@@ -220,6 +220,13 @@ def contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact 
     return Contact.sphere_plane(one / (curvature[i] + curvature[j]), pair, mass=mass)
 
 
+def known_contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact:
+    """The contact of bodies i and j in a scene of which every stiffness is known."""
+    contact = contact_of(layout, numbers, i, j)
+    assert contact is not None
+    return contact
+
+
 def law_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> AbstractLaw:
     """The law of bodies i and j, where all laws are of one kind and differ in numbers."""
     if len(numbers.laws) == 1:

@@ -85,7 +85,8 @@ def test_runs_end_where_newtons_equations_do(name, rtol):
 
 @pytest.mark.parametrize("name", ["line", "oblique", "corner"])
 def test_what_is_lost_is_what_is_missing(name):
-    found = jc.simulate(scene_of(name), RUNS[name][-1])
+    # A little later no contact goes on.
+    found = jc.simulate(scene_of(name), RUNS[name][-1] + 0.05)
     missing = found.energy[0] - found.energy[-1]
     lost = found.impacts.to_dict()["energy_loss"].sum()
     np.testing.assert_allclose(missing, lost, atol=1e-7 * float(found.energy[0]))
