@@ -50,13 +50,14 @@ def pair_table(
     if not isinstance(given, Mapping):
         value = check(argument, given)
         return PairTable((value,), tuple((0,) * count for _ in range(count)))
+    if not given:
+        raise ValueError(f"Argument `{argument}` must have an entry, but is {rendered(given)}.")
     values, default = [], -1
     found = [[-1] * count for _ in range(count)]
     for key, entry in given.items():
-        value = check(argument, entry)
-        values.append(value)
         if isinstance(key, str) and key == DEFAULT:
-            default = len(values) - 1
+            default = len(values)
+            values.append(check(argument, entry))
             continue
         if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(k, str) for k in key)):
             raise ValueError(
@@ -75,7 +76,8 @@ def pair_table(
             raise ValueError(
                 f"Argument `{argument}` must name a pair once, but names {key} in both orders."
             )
-        found[a][b] = found[b][a] = len(values) - 1
+        found[a][b] = found[b][a] = len(values)
+        values.append(check(argument, entry))
     table = tuple(tuple(default if k < 0 else k for k in row) for row in found)
     for a, b in meeting:
         if table[a][b] < 0:

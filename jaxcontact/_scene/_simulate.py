@@ -15,7 +15,6 @@ from .._parameter import (
     FRACTION,
     POSITIVE,
     as_parameter,
-    is_plain,
     rendered,
     require_choice,
     require_count,
@@ -58,16 +57,25 @@ def simulate(
 
     Arguments: the scene; its `duration` in s; `times` (T,) in s at which states are wanted,
     ascending, within the duration (the start and the end if not given); `rtol`, the tolerance of
-    each impact. With `instantaneous` impacts are out of time: each has the law's e at its own
-    closing speed. `max_impacts` is the room for impacts: from Python it grows by itself; with
-    traced values it is fixed (256 if not given), `impacts` are padded to it, and a run that needs
-    more is flagged and NaN.
+    each impact: velocities relative to the closing speed.
 
+    An isolated impact lasts as long as its law says, and the line of centres turns meanwhile: by
+    closed form where it is head-on, else by the radial equation with its angular momentum. Whatever
+    is not isolated is one coupled solve of all spheres, of which there may be eight: a third body
+    near, gravity across a wall, a contact that comes to rest. `v0` is the speed that the damping
+    of a law refers to: "peak", the largest closing speed of the contact; "touch", that at touch; a
+    number, the least one in m/s.
+
+    With `instantaneous` impacts are out of time: each has the law's e at its own closing speed.
     Impacts at the same time are taken pair by pair, the largest closing speed first, and marked.
     Where a ball bounces on a wall with a constant e < 1 under gravity, and the next bounce would be
     lower than `rtol` radii, the time of the infinitely many bounces is summed and the ball rests
     on the wall, along which it slides. Where impacts accumulate in any other way the run stops, and
     is flagged.
+
+    `max_impacts` is the room for impacts: from Python it grows by itself; with traced values it is
+    fixed (256 if not given), `impacts` are padded to it, and a run that needs more is flagged and
+    NaN.
 
     Returns a `Run`, differentiable by all numbers of the scene in both modes; the derivative is
     that of the order of impacts that happened (`Run.margin`). Bad lanes are flagged in `status`,
@@ -133,12 +141,7 @@ def _v0(given: Any) -> str | float:
     """The rule of v0: "peak", "touch" or a floor in m/s; ValueError for anything else."""
     if isinstance(given, str):
         return require_choice("v0", given, ("peak", "touch"))
-    if not is_plain(given) or not POSITIVE.holds(given):
-        raise ValueError(
-            "Argument `v0` must be 'peak', 'touch' or a speed in (0, inf), but is "
-            f"{rendered(given)}."
-        )
-    return float(given)
+    return require_number("v0", given, POSITIVE)
 
 
 def _require_one_kind(scene: Scene) -> None:
