@@ -188,6 +188,9 @@ def _event(
 
     before = Flying(state.position[who], state.velocity[who], state.time[who])
     choice = _choice(layout, numbers, state, who, jnp.maximum(partner, 0), before, now, tolerance)
+    if rules.soft:
+        # A contact that takes time comes to rest by itself.
+        choice = choice._replace(tail=jnp.asarray(False))
 
     def struck() -> Outcome:
         if rules.soft:
@@ -203,6 +206,7 @@ def _event(
         starts = fresh & ~alone
         fresh = fresh & alone
         crowded = jnp.asarray(False)
+        support = choice.support
 
     competing = jnp.where(events.partner[j] == i, events.second[j], events.time[j])
     rival = jnp.minimum(events.second[i], jnp.where(is_sphere, competing, jnp.inf)) - now
@@ -222,6 +226,8 @@ def _event(
     fastest = jnp.max(jnp.sqrt(jnp.sum(jnp.square(state.velocity), axis=-1)))
     slow = outcome.closing <= SLOW * jnp.finfo(numbers.dtype).eps * fastest
     died = slow & (rival <= simultaneous) & ~choice.tail
+    if rules.soft:
+        died = jnp.asarray(False)
     stuck = jnp.where(died | (idle > patience), ACCUMULATED, RUNNING)
     status = jnp.where(fresh & crowded, TWO_SUPPORTS, stuck)
     state = state._replace(
@@ -230,7 +236,7 @@ def _event(
         time=put(state.time, outcome.after.time),
         support=put(state.support, support),
         count=put(state.count, state.count[who] + 1),
-        now=jnp.where(fresh, now, state.now),
+        now=jnp.where(fresh | starts, now, state.now),
         idle=jnp.where(fresh, idle, state.idle),
         status=jnp.where(fresh, status, state.status),
         owed=put(state.owed, jnp.broadcast_to(outcome.energy_loss, (2,))),

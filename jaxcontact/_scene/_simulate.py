@@ -92,7 +92,8 @@ def simulate(
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     asked = _times(times, length)
     layout = layout_of(scene)
-    coupled = soft and layout.spheres <= MOST
+    # Coupled solves do not know the images of a periodic space.
+    coupled = soft and layout.spheres <= MOST and not any(layout.periodic)
     rules = Rules(soft, followed, coupled)
     if soft:
         _require_one_kind(scene)
