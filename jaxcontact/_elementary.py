@@ -12,6 +12,7 @@ import math
 import operator
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -141,6 +142,14 @@ def sinc_root(x: Float[Array, "..."]) -> Float[Array, "..."]:
     root = jnp.sqrt(jnp.where(near, 1, jnp.abs(x)))
     far = jnp.where(x > 0, jnp.sin(root), jnp.sinh(jnp.where(x > 0, 0, root))) / root
     return jnp.where(near, horner(_SINC_SERIES, jnp.where(near, x, 0)), far)
+
+
+def contraction(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
+    """Σ a b over the last axis of a and the first of b, with all digits of the precision.
+
+    Graphics processors would otherwise take ten bits of each float32 number.
+    """
+    return jnp.tensordot(a, b, 1, precision=jax.lax.Precision.HIGHEST)
 
 
 def power(x: ArrayLike, exponent: ArrayLike) -> Float[Array, "..."]:

@@ -1,5 +1,7 @@
 """The stability map in a reduced form, and its oracles beside the one of forty digits."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -65,22 +67,31 @@ def test_the_table_of_free_impacts():
             np.testing.assert_allclose(found.value[q].astype(float), want, rtol=tolerance)
 
 
-# A strong pull at 1.1 times the bound; stiff creeping that runs out of steps.
-WRONG_PUSHED, FLAGGED_PUSHED = 1, 11
-# Lanes, and how many of them may be wrong or flagged without need: what docs/stability.md states.
+# A push of 1e4 without damping leaves float32 no digit of the speed at the end: four corners, and
+# lanes like them.
+UNRESOLVED = 8
+# Lanes, and how many of them may be flagged without need. None may be wrong.
 JOBS = [
-    (Job("hunt_crossley", 1.5, False, "exact", "float64", 512), 0, 0),
-    (Job("oscillator_clamped", 1.5, False, "exact", "float64", 512), 0, 0),
-    (Job("hunt_crossley", 1.5, False, "phase", "float64", 256), 0, 0),
-    (Job("hunt_crossley", 1.5, True, "event", "float64", 256), WRONG_PUSHED, FLAGGED_PUSHED),
+    (Job("hunt_crossley", 1.5, False, "exact", "float64", 512), 0),
+    (Job("oscillator_clamped", 1.5, False, "exact", "float64", 512), 0),
+    (Job("hunt_crossley", 1.5, False, "phase", "float64", 256), 0),
+    (Job("hunt_crossley", 1.5, True, "event", "float64", 256), 0),
+    (Job("kuwabara_kono", 1.5, True, "event", "float64", 256), 0),
+    (Job("kuwabara_kono_clamped", 1.5, True, "event", "float32", 256), UNRESOLVED),
 ]
 
 
-@pytest.mark.parametrize(("job", "wrong", "flagged"), JOBS, ids=[job.name for job, *_ in JOBS])
-def test_lanes(job, wrong, flagged):
+@pytest.mark.parametrize(("job", "flagged"), JOBS, ids=[job.name for job, _ in JOBS])
+def test_lanes(job, flagged):
     lanes = lanes_of(job)
     numbers = scaled(job, lanes)
     judged = judge(job, numbers, *answers(job, lanes))
     counts = np.bincount(judged.klass, minlength=len(CLASSES))
-    assert counts[WRONG] <= wrong
+    assert counts[WRONG] == 0
     assert counts[FLAGGED_WITHOUT_NEED] <= flagged
+
+
+def test_another_seed_draws_other_lanes():
+    job = Job("hunt_crossley", 1.5, True, "event", "float64", 256)
+    one, other = lanes_of(job), lanes_of(dataclasses.replace(job, seed=1))
+    assert (one.push[:150] == other.push[:150]).any() and (one.push != other.push).any()

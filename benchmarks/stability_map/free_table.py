@@ -21,9 +21,15 @@ NODES = 18
 TABLE_TOLERANCE = 1e-15
 """Of the oracle at the nodes: its largest force has a hundred times that."""
 NODES_IN_N = 22
-EDGES = np.concatenate([np.arange(-34.0, -2.0), np.arange(-12, 12) / 6, np.arange(2.0, 7.5, 0.5)])
+_KINKS = np.log10([0.5, np.sqrt(1 / 3)])
+EDGES = np.unique(
+    np.concatenate(
+        [np.arange(-34.0, -2.0), np.arange(-12, 12) / 6, _KINKS, np.arange(2.0, 7.5, 0.5)]
+    )
+)
 """Panels in log10 of the damping. What is weaker changes no outcome by 1e-16; the narrow ones keep
-their distance from the complex dampings at which two extrema of the force meet."""
+their distance from the complex dampings at which two extrema of the force meet. For n = 1 the force
+of oscillators is largest at touch from ζ = 1/2 on, ζ/√(1-ζ²) = √(1/3): a kink."""
 FROM, TO = EXTENDED(1), EXTENDED(3)
 
 

@@ -29,6 +29,7 @@ class Job:
     method: str
     precision: str
     lanes: int
+    seed: int = 0
 
     @property
     def name(self) -> str:
@@ -52,7 +53,7 @@ class Lanes:
 
 def lanes_of(job: Job) -> Lanes:
     """The lanes of a job: the corners first."""
-    random = np.random.default_rng(zlib.crc32(job.name.encode()))
+    random = np.random.default_rng(zlib.crc32(job.name.encode()) + job.seed)
     kind = KINDS[job.kind]
 
     def logarithmic(low: float, high: float, count: int) -> Array:

@@ -2,97 +2,197 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
+from .engines import WAYS
 from .pictures import NAMES, draw_free, draw_peers, draw_pushed
-from .verdict import CLASSES
+from .verdict import CLASSES, FLAGGED_WITHOUT_NEED, WRONG
 
 DOCS = Path(__file__).parents[2] / "docs"
 _MARK = "<!-- results: made by benchmarks/stability.py --page -->"
+DEFECTS = (CLASSES[WRONG], CLASSES[FLAGGED_WITHOUT_NEED])
+_ENGINES = """\
+Exudyn's sphere contact is that of Hunt and Crossley with tension, by 50 steps in a contact and its
+other settings as they are, and by 5,000. MuJoCo's soft contact is the linear law without tension,
+by its default of ten steps in a time constant and by a thousand. It keeps the impedance's share of
+an external force from the contact, nine tenths by default; `finest` has the smallest impedance,
+10⁻⁴, the integrator RK4 and no tolerance in its solver. Contacts of more than 100,000 steps count
+as failed.
+"""
 
 
-def write(known: dict[str, Any], peers: dict[str, Any], slopes: dict[str, Any]) -> None:
-    """The pictures, and the part of the page below the mark; the words above it are kept."""
-    for precision in ("float64", "float32"):
-        draw_pushed(known, DOCS / f"stability_pushed_{precision}.png", precision)
-        draw_free(known, DOCS / f"stability_free_{precision}.png", precision)
-    draw_peers(peers, DOCS / "stability_peers.png")
+def write(
+    known: dict[str, Any],
+    seeded: dict[str, Any],
+    peers: dict[str, Any],
+    slopes: dict[str, Any],
+    balance: dict[str, Any],
+) -> None:
+    """The pictures, and the part of the page below the mark; the words above it are kept.
+
+    What is empty has no section.
+    """
+    if known:
+        for precision in ("float64", "float32"):
+            draw_pushed(known, DOCS / f"stability_pushed_{precision}.png", precision)
+            draw_free(known, DOCS / f"stability_free_{precision}.png", precision)
+    if peers:
+        draw_peers(peers, DOCS / "stability_peers.png")
     page = DOCS / "stability.md"
     above = page.read_text().split(_MARK)[0] if page.exists() else "# The stability map\n\n"
-    page.write_text(
-        above + _MARK + "\n\n" + "\n".join((tables(known), slope_table(slopes), peer_table(peers)))
+    sections = (
+        (count_table, known),
+        (worst_table, known),
+        (seeded_table, seeded),
+        (balance_table, balance),
+        (slope_table, slopes),
+        (peer_table, peers),
     )
+    below = [text for table, results in sections if results and (text := table(results))]
+    page.write_text(above + _MARK + "\n\n" + "\n".join(below))
 
 
-def tables(known: dict[str, Any]) -> str:
+def count_table(known: dict[str, Any]) -> str:
+    return "\n".join(["## Counts", "", *_counts(known, all_groups=True)]) + "\n"
+
+
+def seeded_table(seeded: dict[str, Any]) -> str:
+    """The sum of another seed, and what it does not find in order."""
+    seeds = sorted({job["asked"][1] for job in seeded.values() if "asked" in job})
+    named = f" (`--seed {seeds[0]}`)" if len(seeds) == 1 else ""
     lines = [
-        "## Counts",
+        "## On a second seed",
         "",
-        "| kind | motion | method | precision | lanes | " + " | ".join(CLASSES) + " |",
+        f"{len(seeded):,} jobs with other random lanes{named}; what has no row of its own has "
+        "nothing wrong and",
+        "nothing flagged without need.",
+        "",
+        *_counts(seeded, all_groups=False),
     ]
-    lines.append("|" + "---|" * (5 + len(CLASSES)))
-    groups: dict[tuple[str, ...], list[dict[str, Any]]] = {}
-    for name, job in known.items():
-        kind, _, motion, method, precision = name.split("/")
-        groups.setdefault((kind, motion, method, precision), []).append(job)
+    return "\n".join(lines) + "\n"
+
+
+def _counts(known: dict[str, Any], *, all_groups: bool) -> list[str]:
+    """Lines of a table: a row for every group of jobs, or for those with a defect, and the sum."""
+    lines = _head("kind", "motion", "method", "precision", "lanes", *CLASSES)
     sums = dict.fromkeys(CLASSES, 0)
-    for (kind, *rest), jobs in groups.items():
-        counts = {c: sum(job["counts"][c] for job in jobs) for c in CLASSES}
+    for (kind, *rest), jobs in _groups(known).items():
+        counts = {c: sum(job["counts"][c] for job in jobs.values()) for c in CLASSES}
         sums = {c: sums[c] + counts[c] for c in CLASSES}
-        cells = [NAMES[kind], *rest, f"{sum(job['lanes'] for job in jobs):,}"]
-        lines.append("| " + " | ".join([*cells, *(f"{counts[c]:,}" for c in CLASSES)]) + " |")
-    total = sum(sums.values())
-    cells = ["all", "", "", "", f"{total:,}", *(f"{sums[c]:,}" for c in CLASSES)]
-    lines += ["| " + " | ".join(cells) + " |", ""]
-    lines += [
+        if all_groups or any(counts[c] for c in DEFECTS):
+            lanes = sum(job["lanes"] for job in jobs.values())
+            lines.append(_row(NAMES[kind], *rest, lanes, *counts.values()))
+    lines.append(_row("all", "", "", "", sum(sums.values()), *sums.values()))
+    return lines
+
+
+def worst_table(known: dict[str, Any]) -> str:
+    """The worst defect of every group of jobs; nothing where there is none."""
+    rows = []
+    for jobs in _groups(known).values():
+        for klass in DEFECTS:
+            lanes = [(name, lane) for name, job in jobs.items() for lane in job["worst"][klass][:1]]
+            if lanes:
+                name, lane = max(lanes, key=lambda pair: _size(pair[1]["times allowed"]))
+                numbers = _numbers(lane, "damping", "n", "push", "true e")
+                times = "" if klass != CLASSES[WRONG] else _times(lane)
+                rows.append(_row(name, klass, *numbers, lane["worst"] if times else "", times))
+    if not rows:
+        return ""
+    lines = [
         "## Worst lanes",
         "",
-        "The largest misses of every job, in units of what is allowed.",
+        "The largest miss of every row of the counts, in units of what is allowed.",
         "",
+        *_head("job", "class", "damping", "n", "push", "true e", "quantity", "times allowed"),
+        *rows,
     ]
-    lines.append("| job | class | damping | n | push | true e | quantity | times allowed |")
-    lines.append("|" + "---|" * 8)
-    for name, job in known.items():
-        for klass, worst in job["worst"].items():
-            for lane in worst[:1]:
-                values = [lane["damping"], lane["n"], lane["push"], lane["true e"]]
-                numbers = " | ".join(f"{v:.3g}" for v in values)
-                lines.append(
-                    f"| {name} | {klass} | {numbers} | {lane['worst']} | {lane['times allowed']} |"
-                )
     return "\n".join(lines) + "\n"
+
+
+def balance_table(balance: dict[str, Any]) -> str:
+    """The lanes without an oracle, and the worst of those that do not agree."""
+    names = ("lanes", "separated", "settled", "flagged", "energy misses", "method misses")
+    lines = [
+        "## Without an oracle",
+        "",
+        "Energies that must add up, and two methods that must agree to the documented accuracy, or "
+        "as far",
+        "as a relative change of 10⁻⁸ of damping or push moves the outcome. Flagged: by either.",
+        "",
+        *_head("kind", "motion", *names),
+    ]
+    sums = dict.fromkeys(names, 0)
+    for (kind, motion, *_), jobs in _groups(balance).items():
+        counts = {c: sum(job[c] for job in jobs.values()) for c in names}
+        sums = {c: sums[c] + counts[c] for c in names}
+        lines.append(_row(NAMES[kind], motion, *counts.values()))
+    lines.append(_row("all", "", *sums.values()))
+    worst = [(name, lane) for name, job in balance.items() for lane in job["worst"][:1]]
+    if worst:
+        lines += ["", "The worst miss of every job that has one:", ""]
+        lines += _head("job", "damping", "n", "push", "e", "and", "miss", "times allowed")
+        for name, lane in worst:
+            both = [_short(e) for e in lane["e"]]
+            numbers = _numbers(lane, "damping", "n", "push")
+            lines.append(_row(name, *numbers, *both, lane["miss"], _times(lane)))
+    return "\n".join(lines) + "\n"
+
+
+def _groups(known: dict[str, Any]) -> dict[tuple[str, ...], dict[str, dict[str, Any]]]:
+    """Jobs by kind, motion, method and precision: all exponents together."""
+    groups: dict[tuple[str, ...], dict[str, dict[str, Any]]] = {}
+    for name, job in known.items():
+        kind, _, motion, method, precision = name.split("/")
+        groups.setdefault((kind, motion, method, precision), {})[name] = job
+    return groups
+
+
+def _head(*names: str) -> list[str]:
+    return [_row(*names), "|" + "---|" * len(names)]
+
+
+def _row(*cells: Any) -> str:
+    return "| " + " | ".join(f"{c:,}" if isinstance(c, int) else str(c) for c in cells) + " |"
+
+
+def _numbers(lane: dict[str, Any], *names: str) -> list[str]:
+    return [_short(lane[name]) for name in names]
+
+
+def _short(x: float | None) -> str:
+    return "" if x is None else f"{x:.3g}"
+
+
+def _size(times: float | None) -> float:
+    return math.inf if times is None else times
+
+
+def _times(lane: dict[str, Any]) -> str:
+    """None stands for another status, or a number that is not finite."""
+    return "∞" if lane["times allowed"] is None else _short(lane["times allowed"])
 
 
 def slope_table(slopes: dict[str, Any]) -> str:
     """First derivatives of restitution and duration."""
-    lines = [
-        "## First derivatives",
-        "",
-        "| job | lanes | right | flagged | wrong | median error | worst |",
-    ]
-    lines.append("|" + "---|" * 7)
+    names = ("lanes", "right", "flagged", "wrong", "median error")
+    lines = ["## First derivatives", "", *_head("job", *names, "worst")]
     for name, job in slopes.items():
-        worst = job["worst"][0]["times allowed"] if job["worst"] else ""
-        counts = [job[k] for k in ("lanes", "right", "flagged", "wrong")]
-        lines.append(
-            f"| {name} | " + " | ".join(map(str, [*counts, job["median error"], worst])) + " |"
-        )
+        worst = _times(job["worst"][0]) if job["worst"] else ""
+        lines.append(_row(name, *(job[k] for k in names), worst))
     return "\n".join(lines) + "\n"
 
 
 def peer_table(peers: dict[str, Any]) -> str:
     """What users would write instead."""
-    if not peers:
-        return ""
     names = list(next(iter(peers.values()))["counts"])
-    lines = [
-        "## What users would write instead",
-        "",
-        "| force and way | " + " | ".join(names) + " |",
-    ]
-    lines.append("|" + "---|" * (1 + len(names)))
+    lines = ["## What users would write instead", ""]
+    if any(name in WAYS for name in peers):
+        lines.append(_ENGINES)
+    lines += _head("force and way", *names)
     for name, way in peers.items():
-        lines.append(f"| {name} | " + " | ".join(str(way["counts"][n]) for n in names) + " |")
-    lines += ["", "![Errors of scipy and of plain diffrax](stability_peers.png)"]
+        lines.append(_row(name, *(way["counts"][n] for n in names)))
+    lines += ["", "![Errors of what users would write instead](stability_peers.png)"]
     return "\n".join(lines) + "\n"

@@ -1,11 +1,14 @@
 """What users would otherwise write, on a coarse grid: solve_ivp with an event, and plain diffrax.
 
-All of them solve the scaled problem, which is kind to them: units are no trouble there.
+And, where they are installed, the engines of `engines`. All of them solve the scaled problem, which
+is kind to them: units are no trouble there.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +20,7 @@ import optimistix as optx
 from scipy.integrate import solve_ivp
 
 from .collocation import Array
+from .engines import INSTALL, WAYS, by_engine, missing
 from .kinds import KINDS
 from .motion import SETTLED, Truth
 from .motion_oracle import solve
@@ -133,17 +137,47 @@ def by_diffrax(kind: str, way: str) -> tuple[Array, Array]:
     return e, duration
 
 
-def run_all() -> dict[str, Any]:
-    """Error decades (rows: damping, columns: push) and counts, for every kind and way."""
-    known = {}
-    for kind in KINDS_ASKED:
-        damping, push = _grid()
-        truth = solve(KINDS[kind].problem(damping, np.full(damping.size, EXPONENT), push))
-        ways = dict.fromkeys(SCIPY, by_scipy) | dict.fromkeys(DIFFRAX, by_diffrax)
-        for way, solver in ways.items():
-            known[f"{kind}/{way}"] = _compared(*solver(kind, way), truth)
-            print(kind, way, known[f"{kind}/{way}"]["counts"], flush=True)
-    return known
+def run_all(known: dict[str, Any], only: str = "") -> dict[str, Any]:
+    """`known` with the ways whose name contains `only` run again.
+
+    Of every kind and way: error decades (rows: damping, columns: push) and counts.
+    """
+    damping, push = _grid()
+    truths: dict[tuple[str, float], Truth] = {}
+
+    def truth_of(kind: str, n: float) -> Truth:
+        if (kind, n) not in truths:
+            problem = KINDS[kind].problem(damping, np.full(damping.size, n), push)
+            truths[kind, n] = solve(problem)
+        return truths[kind, n]
+
+    found = dict(known)
+
+    def add(name: str, truth: Truth, solver: Callable[[], tuple[Array, Array]]) -> None:
+        start = time.perf_counter()
+        found[name] = _compared(*solver(), truth)
+        print(name, found[name]["counts"], f"{time.perf_counter() - start:.0f} s", flush=True)
+
+    ways = dict.fromkeys(SCIPY, by_scipy) | dict.fromkeys(DIFFRAX, by_diffrax)
+    for kind, (way, solver) in itertools.product(KINDS_ASKED, ways.items()):
+        if _asked(f"{kind}/{way}", only):
+            of_way = functools.partial(solver, kind, way)
+            add(f"{kind}/{way}", truth_of(kind, EXPONENT), of_way)
+    asked = {name: way for name, way in WAYS.items() if _asked(name, only)}
+    lacking = sorted({way.engine for way in asked.values() if missing(way.engine)})
+    if lacking:
+        print(f"left out: {', '.join(lacking)} cannot be imported; {INSTALL}", flush=True)
+    for name, way in asked.items():
+        if way.engine not in lacking:
+            truth = truth_of(way.kind, way.exponent)
+            add(name, truth, functools.partial(by_engine, way, damping, push, truth))
+    # In the order of the ways, whichever were run first.
+    order = [f"{kind}/{way}" for kind in KINDS_ASKED for way in ways] + list(WAYS)
+    return {name: found[name] for name in order if name in found}
+
+
+def _asked(name: str, only: str) -> bool:
+    return only.lower() in name.lower()
 
 
 def _compared(e: Array, duration: Array, truth: Truth) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.colors import BoundaryNorm
 
 from .collocation import Array
+from .engines import WAYS
 from .record import DAMPING_EDGES
 
 DECADES = np.arange(-16, 2)
@@ -117,26 +118,49 @@ def draw_free(known: dict[str, Any], path: Path, precision: str) -> None:
 
 
 def draw_peers(known: dict[str, Any], path: Path) -> None:
-    """One panel a way: damping against push, n = 3/2; the package's own way is in the other one."""
-    fig, axes = plt.subplots(2, 6, figsize=(14, 6), layout="constrained")
+    """One panel a way, a row for every force: damping against push."""
+    rows: dict[str, dict[str, dict[str, Any]]] = {}
+    for name, result in known.items():
+        kind, way = name.split("/", 1)
+        # The two engines share a row.
+        row = "engines" if name in WAYS else kind
+        rows.setdefault(row, {})[f"{way}\n{NAMES[kind]}"] = result
+    across = max(len(ways) for ways in rows.values())
+    fig, axes = plt.subplots(
+        len(rows),
+        across,
+        figsize=(2.3 * across + 1, 2.9 * len(rows) + 0.5),
+        layout="constrained",
+        squeeze=False,
+    )
     image = None
-    for ax, (name, way) in zip(axes.flat, known.items(), strict=False):
-        decade, flags, total = (np.array(way[k]) for k in ("decade", "flags", "total"))
-        words = _push_words(decade.shape[1])
-        image = panel(ax, decade, flags, total, name.replace("/", "\n"), words)
-        rows = range(0, decade.shape[0], 3)
-        ax.set_yticks(rows, ["0" if r == 0 else f"$10^{{{r - 5}}}$" for r in rows], fontsize=7)
-    _finish(fig, axes, image, path, "n = 3/2, damping against push, float64")
+    for line, ways in zip(axes, rows.values(), strict=True):
+        for ax, (title, way) in zip(line, ways.items(), strict=False):
+            decade, flags, total = (np.array(way[k]) for k in ("decade", "flags", "total"))
+            image = panel(ax, decade, flags, total, title, _push_words(decade.shape[1]))
+            levels = range(0, decade.shape[0], 3)
+            ax.set_yticks(levels, ["0" if r == 0 else f"$10^{{{r - 5}}}$" for r in levels])
+            # The ticks of the other pictures reach further.
+            ax.set_ylim(-0.5, decade.shape[0] - 0.5)
+            ax.tick_params(labelsize=7)
+        line[0].set_ylabel("damping", fontsize=8)
+    for ax in axes[-1]:
+        ax.set_xlabel("push Γ", fontsize=8)
+    title = "What users would write instead, n = 3/2 (MuJoCo: n = 1), damping against push"
+    _finish(fig, axes, image, path, title, flagged="failed")
 
 
-def _finish(fig: Any, axes: Any, image: Any, path: Path, title: str) -> None:
+def _finish(
+    fig: Any, axes: Any, image: Any, path: Path, title: str, flagged: str = "flagged"
+) -> None:
     for ax in axes.flat:
         if not ax.images:
             ax.set_axis_off()
     if image is not None:
         bar = fig.colorbar(image, ax=axes, shrink=0.7, ticks=DECADES[::3])
         bar.set_label("largest relative error, $\\log_{10}$", fontsize=8)
-    fig.suptitle(title + "; hatched: flagged (dense: most lanes)", fontsize=10)
+    dense = " (dense: most lanes)" if flagged == "flagged" else ""
+    fig.suptitle(f"{title}; hatched: {flagged}{dense}", fontsize=10)
     fig.savefig(path, dpi=80)
     plt.close(fig)
 

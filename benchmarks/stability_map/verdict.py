@@ -114,9 +114,8 @@ def judge(
         for q in QUANTITIES:
             condition[q][k] = found[q]
         near[k] = close
-        errors["compression_time"][k] = np.where(
-            turns & np.isinf(errors["compression_time"][k]), 0, errors["compression_time"][k]
-        )
+        # Beside a creep to rest, which has none, the time of a turn is anything.
+        errors["compression_time"][k] = np.where(turns, 0, errors["compression_time"][k])
     allowed = {q: np.maximum(bounds[q], 10 * rtol * condition[q]) for q in QUANTITIES}
     excess = np.stack([errors[q] / allowed[q] for q in QUANTITIES])
     # On the other side of a threshold that is that near, the numbers are those of the other side.
@@ -131,8 +130,8 @@ def judge(
     return Judged(klass, error, excess.max(0).astype(float), excess.argmax(0), truth, status)
 
 
-def _error(q: str, got: Array, truth: Truth) -> Array:
-    want = getattr(truth, q)
+def _error(q: str, got: Array, truth: Truth, k: Array | slice = slice(None)) -> Array:
+    want = getattr(truth, q)[k]
     scale = np.maximum(np.abs(want), SMALLEST_E if q == "e" else 0)
     both_infinite = np.isinf(got) & np.isinf(want)
     with np.errstate(invalid="ignore"):
@@ -159,6 +158,7 @@ def _condition(job: Job, damping, n, push, truth: Truth, k: Array, rtol: float):
 
     names = ["damping"] + (["push"] if job.pushed else []) + (["n"] if job.exponent is None else [])
     status = truth.status[k]
+    nearby = {q: np.zeros(k.size) for q in QUANTITIES}
     for name in names:
         up, down = moved(name, STEP), moved(name, -STEP)
         for q in QUANTITIES:
@@ -174,5 +174,11 @@ def _condition(job: Job, damping, n, push, truth: Truth, k: Array, rtol: float):
         for by in (10 * rtol, -10 * rtol):
             there = moved(name, by)
             near |= there.status != status
+            for q in QUANTITIES:
+                change = np.abs(_error(q, getattr(there, q), truth, k))
+                nearby[q] = np.maximum(nearby[q], np.where(np.isfinite(change), change, 0))
             creeps |= np.isinf(there.compression_time) != np.isinf(truth.compression_time[k])
+    # Near a corner slopes say too little: what ten tolerances do counts as well.
+    for q in QUANTITIES:
+        total[q] = np.maximum(total[q], nearby[q] / (10 * rtol))
     return total, near, creeps

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._elementary import power
+from .._elementary import contraction, power
 from ._scale import ScaledImpact
 
 Lane = Float[Array, "..."]
@@ -65,6 +65,9 @@ class AbstractForm(eqx.Module):
     never_pulls: ClassVar[bool] = False
     """Whether f stays positive in every free impact, up to x = 0."""
 
+    creeps_free: ClassVar[bool] = False
+    """Whether a free contact may creep back for so long that explicit steps do not follow it."""
+
     @abc.abstractmethod
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
         """f(x, v), not clamped, right in value and derivative for x ≥ 0.
@@ -102,14 +105,6 @@ class AbstractForm(eqx.Module):
     def momentum(self, n: Exponent) -> Momentum | None:
         """The coordinate that replaces v in a free impact; None for v itself."""
         return None
-
-    def pushed(self) -> AbstractForm:
-        """The form for a motion under an external force: with v + `offset` in place of v."""
-        return self
-
-    def offset(self) -> Lane | float:
-        """What the methods of this form expect to be added to v; 0 but for those of `pushed`."""
-        return 0.0
 
     def phase_unit(self) -> Lane | float:
         """The unit of w in the plane of the phase angle; any positive number is right."""
@@ -202,7 +197,7 @@ class AbstractForm(eqx.Module):
         still, held = jnp.zeros_like(w), jnp.asarray(True)
         at = jnp.asarray((1 + nodes) / 2, w.dtype)
         pulls = jax.vmap(lambda node: self.pull(w * node, still, n, held))(at)
-        return self.order(n) * w * jnp.tensordot(jnp.asarray(weights / 2, w.dtype), pulls, 1)
+        return self.order(n) * w * contraction(jnp.asarray(weights / 2, w.dtype), pulls)
 
     def pulling(self, w: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
         """A smooth function that is negative where the contact pulls."""

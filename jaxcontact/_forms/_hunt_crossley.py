@@ -66,9 +66,6 @@ class HuntCrossleyForm(AbstractForm):
             lost=lambda y: self._loss_at(log1p_over(self.alpha)) - self._loss_at(y),
         )
 
-    def pushed(self) -> ShiftedHuntCrossleyForm:
-        return ShiftedHuntCrossleyForm(alpha=self.alpha, tension=self.tension)
-
     def _loss_at(self, y: Lane) -> Lane:
         """∫ αs²/(1+αs) ds from 0 to v(y): what damping takes of ½v², as xⁿ dx = -v dv/(1+αv)."""
         v = speed_of(y, self.alpha)
@@ -101,35 +98,6 @@ class HuntCrossleyForm(AbstractForm):
             max_force=_max_force(alpha, n),
             energy_loss=_energy_lost(alpha, e),
         )
-
-
-class ShiftedHuntCrossleyForm(AbstractForm):
-    """The same force in u = v + 1/α where damping is strong, u = v where it is weak.
-
-    A contact that creeps apart under a pull ends where 1 + αv = αu vanishes. In u it keeps its
-    digits, of which v = -1/α would leave it none. Every method has u in place of v.
-    """
-
-    alpha: Lane
-    tension: bool = eqx.field(static=True)
-    never_pulls: ClassVar[bool] = True
-
-    def offset(self) -> Lane:
-        strong = self.alpha > 1
-        return jnp.where(strong, 1 / jnp.where(strong, self.alpha, 1), 0)
-
-    def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent]:
-        return self.alpha, 0.0
-
-    def pulling(self, w: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        return jnp.where(self.alpha > 1, 0, 1) + self.alpha * v
-
-    def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        return power(x, n) * self.pulling(x, v, n, compressing)
-
-    def dissipation(self, w: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        outer = signed_power(w, self.order(n) * (n + 1) - 1)
-        return outer * self.alpha * jnp.square(v - self.offset())
 
 
 def _rebound_expansion(rho: Lane, alpha: Lane) -> tuple[Lane, Lane, Lane, Lane]:

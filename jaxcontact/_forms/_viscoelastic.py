@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import equinox as eqx
 
 from .._elementary import power
@@ -13,6 +15,7 @@ class ViscoelasticForm(AbstractForm):
 
     a: Lane
     tension: bool = eqx.field(static=True)
+    creeps_free: ClassVar[bool] = True
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent]:
         return n * self.a, 1.0

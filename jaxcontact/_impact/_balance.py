@@ -11,6 +11,9 @@ from ._motion import Motion, Number, State
 
 # Where the energies have a weight of 1e-12, they are left out.
 _HOPELESS = 1e3
+# How much more the energies are doubted than the speed: under a pull their errors are those of a
+# place, measured ten times larger.
+_CAUTION = 4
 
 
 class Balance(NamedTuple):
@@ -38,6 +41,7 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
     taken = motion.lost(end)
     lost = 2 * (taken if motion.one_way else taken + motion.stored(at))
     left, changed, largest = 1 - lost, lost, jnp.ones_like(lost)
+    gained = jnp.zeros_like(lost)
     if push is not None:
         gained = 2 * push * at.w**motion.order
         left, changed = left + gained, changed + jnp.abs(gained)
@@ -46,8 +50,12 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
     # They are weighed, not switched: a fit would stop at the seam.
     scale = 2 * speed * jnp.sqrt(largest)
     known: Flag = (left > 0) & (changed < _HOPELESS * scale)
-    doubt = changed / jnp.where(known, scale, 1)
+    doubt = _CAUTION * changed / jnp.where(known, scale, 1)
     by_energy = jnp.sqrt(jnp.where(known, left, 1))
-    weighed = speed + (by_energy - speed) / (1 + jnp.square(jnp.square(doubt)))
+    trust = jnp.where(known, 1 / (1 + jnp.square(jnp.square(doubt))), 0)
+    weighed = speed + trust * (by_energy - speed)
+    # Where nearly all is lost, what is left tells better how much.
+    rest = 1 + gained - jnp.square(speed)
+    loss = rest + trust * (lost - rest)
     error = jnp.abs(left - jnp.square(speed)) / largest
-    return Balance(jnp.where(known, weighed, speed), lost, error)
+    return Balance(weighed, loss, error)

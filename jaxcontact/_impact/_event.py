@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Callable
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import diffrax
 import equinox as eqx
@@ -15,14 +15,16 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Int
 
 from .._forms import AbstractForm, Flag, ScaledImpact
-from .._implicit import bracketed_root, with_implicit_derivative
+from .._implicit import bracketed_root, ratio, with_implicit_derivative
 from .._parameter import require_kind
 from ._balance import Balance, balance_of
 from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion, Number, State
-from ._peak import Path, largest_force
+from ._peak import Path, is_rising, largest_force
+from ._stiff import Followed, follow_on
+from ._under_push import end_is_sharp, is_spent
 
 Out = TypeVar("Out")
 
@@ -37,10 +39,6 @@ _ITERATIONS = 60
 # Energies that differ by more than this, in units of rtol, come from a solve that missed something:
 # measured up to 12.
 _IMBALANCE = 100
-
-# Bodies that creep to rest turn by rounding within this of it, in units of rtol. What swings past
-# goes much farther: the two are told apart by the damping, too.
-_AT_REST = 10
 
 
 def _of_diffrax(name: str, kind: type) -> Any:
@@ -105,18 +103,20 @@ class Leg(eqx.Module):
 def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Leg:
     """From touch to the turn if `compressing`, from the turn to the end otherwise."""
 
-    def rate(t: object, state: State, motion: Motion) -> State:
+    def rate(t: object, state: State, args: tuple[Motion, Flag]) -> State:
+        motion, compressing = args
         return motion.rate(state, compressing)
 
     def gap(which: int) -> Callable[..., Array]:
         # diffrax compares it with a Python 0.0, which has the default precision.
         dtype = jnp.zeros(()).dtype
-        return lambda t, y, args, **kwargs: args.gaps(y, compressing)[which].astype(dtype)
+        return lambda t, y, args, **kwargs: args[0].gaps(y, args[1])[which].astype(dtype)
 
+    count = len(motion.gaps(start, compressing))
     # Neither a step nor a root can be more accurate than rounding.
     dtype = start.w.dtype
     finest = 10 * float(jnp.finfo(dtype).eps)
-    rtol, atol = (max(_SAFETY * tolerance, finest) for tolerance in how.tolerances(dtype))
+    rtol, atol = (_finest(tolerance, dtype) for tolerance in how.tolerances(dtype))
     ending, speed = jax.lax.stop_gradient(motion.smallness())
     rtol, atol = jnp.maximum(rtol * ending, finest), atol * ending * speed
     term = diffrax.ODETerm(rate)
@@ -132,10 +132,10 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Le
         t1=jnp.asarray(_FAR, dtype),
         dt0=None,
         y0=start,
-        args=motion,
+        args=(motion, compressing),
         saveat=diffrax.SaveAt(t0=True, steps=True),
         stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
-        event=diffrax.Event((gap(0), gap(1)), direction=(False, False)),
+        event=diffrax.Event(tuple(map(gap, range(count))), direction=(False,) * count),
         adjoint=diffrax.ForwardMode() if how.adjoint is None else how.adjoint,
         max_steps=how.max_steps,
         throw=False,
@@ -192,36 +192,83 @@ def _event_in_step(
 ) -> tuple[Number, State]:
     """The moment of the event in the last step, and its state; the end of the step without one.
 
-    The step is taken again for its interpolant, by the same solver.
+    The step is taken again for its interpolant, by the same solver. Between the ends of a long step
+    the interpolant is the poorer method: its root is corrected by steps that end there.
     """
+    moving, still = eqx.partition(solver, eqx.is_array)
+
+    def stepped(fraction: Number, inputs: _LastStep) -> tuple[State, Any]:
+        t, state, after, motion, compressing, moving = inputs
+        solver, end = eqx.combine(moving, still), t + fraction * (after - t)
+        args = (motion, compressing)
+        memory = solver.init(term, t, end, state, args)
+        found, _, dense, _, _ = solver.step(term, t, end, state, args, memory, made_jump=False)
+        return found, solver.interpolation_cls(t0=t, t1=end, **dense)
+
+    def gap(fraction: Number, inputs: _LastStep, closing: tuple, arrived: Flag) -> Number:
+        found, _ = stepped(fraction, inputs)
+        gaps = inputs.motion.gaps(found, inputs.compressing)
+        return jnp.where(arrived, _nearest(closing, gaps), 1 - fraction)
+
+    def find(inputs: _LastStep, closing: tuple, arrived: Flag) -> Number:
+        t, _, after, motion, compressing, _ = inputs
+        _, interpolant = stepped(jnp.ones_like(inputs.t), inputs)
+
+        def between(fraction: Number) -> Number:
+            gaps = motion.gaps(interpolant.evaluate(t + fraction * (after - t)), compressing)
+            return jnp.where(arrived, _nearest(closing, gaps), 1 - fraction)
+
+        first, last = jax.vmap(between)(jnp.arange(2, dtype=t.dtype))
+
+        def corrected(carry: tuple[Number, ...]) -> tuple[Number, ...]:
+            count, _, fraction, low, high = carry
+            found, _ = stepped(fraction, inputs)
+            rate = motion.rate(found, compressing)
+            value, slope = jax.jvp(
+                lambda state: _nearest(closing, motion.gaps(state, compressing)), (found,), (rate,)
+            )
+            low, high = jnp.where(value > 0, fraction, low), jnp.where(value > 0, high, fraction)
+            better = fraction - ratio(value, slope * (after - t))
+            better = jnp.where((better > low) & (better < high), better, (low + high) / 2)
+            better = jnp.where(arrived & (value != 0), better, fraction)
+            return count + 1, jnp.abs(better - fraction), better, low, high
+
+        def unsettled(carry: tuple[Number, ...]) -> Flag:
+            count, moved, fraction, *_ = carry
+            return (count < _ITERATIONS) & (moved > close * fraction)
+
+        # Newton's steps, of which the next one would move only rounding.
+        close = jnp.sqrt(jnp.finfo(t.dtype).eps)
+        root = bracketed_root(between, first, last, _ITERATIONS)
+        bracket = (0 * root, 1 + 0 * root)
+        return jax.lax.while_loop(unsettled, corrected, (bracket[0], bracket[1], root, *bracket))[2]
+
     t, state = before
-    memory = solver.init(term, t, after, state, motion)
-    _, _, dense, _, _ = solver.step(term, t, after, state, motion, memory, made_jump=False)
-    interpolant = solver.interpolation_cls(t0=t, t1=after, **dense)
-    moving, still = eqx.partition(interpolant, eqx.is_array)
+    inputs = _LastStep(t, state, after, motion, compressing, moving)
+    end, _ = stepped(jnp.ones_like(t), inputs)
+    # Those that change sign in the step: a way out starts at a turn, which is not the next one, and
+    # the corner between two gaps would slow the search for the one that closes.
+    gaps = zip(motion.gaps(state, compressing), motion.gaps(end, compressing), strict=True)
+    closing = tuple((opened > 0) & (closed <= 0) for opened, closed in gaps)
+    fraction = with_implicit_derivative(find, gap)(inputs, closing, arrived)
+    return t + fraction * (after - t), stepped(fraction, inputs)[0]
 
-    # A way out starts at a turn, which is not the next one.
-    counts = tuple(gap > 0 for gap in motion.gaps(state, compressing))
-    flags = (compressing, arrived, counts)
 
-    def gap(fraction: Number, moving: Any, motion: Motion, flags: tuple) -> Number:
-        compressing, arrived, counts = flags
-        steps = eqx.combine(moving, still)
-        y = steps.evaluate(steps.t0 + fraction * (steps.t1 - steps.t0))
-        gaps = zip(counts, motion.gaps(y, compressing), strict=True)
-        nearest = functools.reduce(jnp.minimum, (jnp.where(open_, x, 1) for open_, x in gaps))
-        return jnp.where(arrived, nearest, 1 - fraction)
+class _LastStep(NamedTuple):
+    """The step in which an event lies; `moving`: the arrays of its solver."""
 
-    def find(*parameters: Any) -> Number:
-        def at(fraction: Number) -> Number:
-            return gap(fraction, *parameters)
+    t: Number
+    state: State
+    after: Number
+    motion: Motion
+    compressing: Flag
+    moving: Any
 
-        first, last = jax.vmap(at)(jnp.arange(2, dtype=t.dtype))
-        return bracketed_root(at, first, last, _ITERATIONS)
 
-    fraction = with_implicit_derivative(find, gap)(moving, motion, flags)
-    moment = t + fraction * (after - t)
-    return moment, interpolant.evaluate(moment)
+def _nearest(closing: tuple[Flag, ...], gaps: tuple[Number, ...]) -> Number:
+    """The smallest gap of those that close."""
+    chosen = (jnp.where(closes, gap, 1) for closes, gap in zip(closing, gaps, strict=True))
+    return functools.reduce(jnp.minimum, chosen)
 
 
 def solve_legs(motion: Motion, how: Event) -> tuple[Leg, Bool[Array, "2"]]:
@@ -239,52 +286,76 @@ def solve_legs(motion: Motion, how: Event) -> tuple[Leg, Bool[Array, "2"]]:
     return jax.lax.scan(run, motion.start(), flags)[1], flags
 
 
-def was_followed(motion: Motion, legs: Leg, balance: Balance, how: Event) -> Bool[Array, ""]:
+def was_followed(
+    motion: Motion, arrived: Bool[Array, "2"], end: State, balance: Balance, how: Event
+) -> Bool[Array, ""]:
     """Whether both legs reached their ends, and their energies add up.
 
     What always parts but was turned round, by rounding at the end of a slow way out, was not
     followed to its end; what creeps back for ever has none.
     """
-    end = jax.tree.map(operator.itemgetter(1), legs.end)
     allowed = _IMBALANCE * how.tolerances(end.t.dtype)[0]
-    good = jnp.all(legs.arrived) & (balance.error <= allowed)
+    good = jnp.all(arrived) & (balance.error <= allowed)
     if motion.always_parts:
         good = good & ~motion.settled(end) & ~motion.creeps_back()
     return good
 
 
+def follow(motion: Motion, legs: Leg, how: Event) -> Followed:
+    """Both legs to their ends, those that are too stiff for explicit steps by implicit ones."""
+    creeps = jnp.asarray(False)
+    if motion.push is not None:
+        into = jax.tree.map(operator.itemgetter(0), legs.path)
+        creeps = jnp.any(jax.vmap(motion.creeps_to_rest)(into.states) & into.taken)
+    turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
+    followed = Followed(turn, end, legs.arrived, creeps, jnp.sum(legs.steps))
+    # A solver or an adjoint of the user's is not replaced.
+    if not motion.may_creep or how.solver is not None or how.adjoint is not None:
+        return followed
+    dtype = turn.w.dtype
+    return follow_on(motion, followed, _finest(how.tolerances(dtype)[0], dtype))
+
+
 def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     """The outcome of one lane."""
     legs, flags = solve_legs(motion, how)
-    turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
+    followed = follow(motion, legs, how)
+    turn, creeps = followed.turn, followed.creeps
+    end = motion.at_end(followed.end)
     # Apart from the solve, so that it is removed where the largest force is not used.
     forces = jax.vmap(lambda leg, flag: largest_force(motion, leg, flag))(legs.path, flags)
-    max_force = jnp.max(forces)
+    # With so much damping that implicit steps are taken the force is largest in the beginning.
+    max_force = jnp.maximum(jnp.max(forces), motion.force(turn, flags[0]))
     max_indentation = turn.w**motion.order
     compression_time = turn.t
     balance = balance_of(motion, end, max_indentation)
-    converged = was_followed(motion, legs, balance, how)
+    converged = was_followed(motion, followed.arrived, end, balance, how)
     settled = motion.settled(end)
-    static = motion.static_indentation()
     if motion.push is not None:
         # What has too little energy to part stays, wherever the solve of its way out came to.
-        held = legs.arrived[0] & (motion.held(turn) | motion.held(end))
-        converged, settled = converged | held, settled | held
-    if motion.push is not None and static is not None:
-        # With strong damping the bodies creep to rest and never turn: no event ends the leg, but
-        # the state at rest is known. A turn there is one of rounding.
+        held = followed.arrived[0] & (motion.held(turn) | motion.held(end))
         rtol, _ = how.tolerances(turn.w.dtype)
-        at_rest = jnp.abs(max_indentation - static) <= _AT_REST * rtol * static
-        creeps = motion.held(turn) & (~legs.arrived[0] | (at_rest & ~motion.swings(static)))
-        max_indentation = jnp.where(creeps, static, max_indentation)
-        # The way out of what never turned is none.
+        known = jnp.where(
+            settled | held,
+            is_spent(motion, end, rtol),
+            end_is_sharp(motion, turn, end, rtol),
+        )
+        converged = ((converged | held) & known) | creeps
+        settled = settled | held | creeps
+        # What creeps to rest never turns: where a turn was found it is one of rounding, and the
+        # way out of it is none.
+        static = motion.static_indentation()
+        if static is not None:
+            max_indentation = jnp.where(creeps, static, max_indentation)
         max_force = jnp.where(creeps, jnp.maximum(forces[0], motion.push), max_force)
         compression_time = jnp.where(creeps, jnp.inf, compression_time)
-        converged, settled = converged | creeps, settled | creeps
     if motion.always_parts:
         # Nothing but a creep for ever keeps these bodies together.
         settled = motion.creeps_back()
-        converged = converged | (settled & legs.arrived[0])
+        converged = converged | (settled & followed.arrived[0])
+    # Where explicit steps were left before the force was largest nobody has seen how large it was.
+    left = jax.tree.map(operator.itemgetter(0), legs.end)
+    converged = converged & (legs.arrived[0] | ~is_rising(motion, left, flags[0]))
     return ScaledImpact(
         restitution=balance.restitution,
         duration=end.t,
@@ -294,5 +365,10 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
         converged=converged,
         settled=settled,
         energy_loss=balance.energy_loss,
-        steps=jnp.sum(legs.steps),
+        steps=followed.steps,
     )
+
+
+def _finest(tolerance: float, dtype: Any) -> float:
+    """The tolerance of a step for one of the outcome; no step is more accurate than rounding."""
+    return max(_SAFETY * tolerance, 10 * float(jnp.finfo(dtype).eps))

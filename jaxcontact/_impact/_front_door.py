@@ -114,8 +114,7 @@ class Lanes(eqx.Module):
     def motion(self) -> Motion:
         """The equation of motion of the lanes, for methods that solve one lane."""
         # XLA would fold a solve of constants (Hertz's law has no other numbers), for forty seconds.
-        form = self.form if self.push is None else self.form.pushed()
-        numbers = (form, self.exponent, self.push)
+        numbers = (self.form, self.exponent, self.push)
         form, exponent, push = jax.lax.optimization_barrier(numbers)
         return Motion(form, exponent, push)
 

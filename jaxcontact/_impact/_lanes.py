@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._elementary import contraction
 from .._forms import slopes_along
 
 In = TypeVar("In")
@@ -66,7 +67,7 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
         def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Out, Out]:
             outcome, slopes, along = slopes_along(on_leaves, primals, tangents)
             weights = jnp.stack(along)
-            return outcome, jax.tree.map(lambda s: jnp.tensordot(weights, s, axes=1), slopes)
+            return outcome, jax.tree.map(lambda s: contraction(weights, s), slopes)
 
         solved.defjvp(rule, symbolic_zeros=True)
         outcome = solved(*leaves)

@@ -1,11 +1,14 @@
 """The scaled equation of motion in regularised coordinates.
 
-The state is (w, u, t): `x = w^k`, the time t, and a momentum u, which is the velocity v itself or,
-in a free impact, the coordinate that the form puts in its place.
+The state is (w, u, t): `x = w^k`, the time t, and a momentum u, which is the velocity v itself; in
+a free impact the coordinate that the form puts in its place; or, where strong damping c makes the
+bodies creep, `u = v + x^p/c`. That is the force over c x^(n-p), which keeps its digits while v and
+x^p/c cancel.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from typing import NamedTuple
 
@@ -14,6 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from .._elementary import power
 from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
 from .._parameter import Specialised
 from ._runge_kutta import step
@@ -23,6 +27,9 @@ Number = Float[Array, ""]
 # In units of the energy of the impact: a contact that damping takes more from stays for certain,
 # with room for the estimate.
 _STAYS = 100.0
+
+# From this damping c on a way out is taken to be stiff.
+_CREEPS = 100.0
 
 
 class State(NamedTuple):
@@ -73,30 +80,61 @@ class Motion(eqx.Module):
         def of_lane(value: Number | float) -> Number:
             return jnp.where(jnp.isnan(number), number, value)
 
-        touch = of_lane(
-            1.0 + self.form.offset() if self.momentum is None else self.momentum.at_touch()
-        )
         zero = of_lane(0.0)
-        return State(zero, touch, zero, zero if self.momentum is None else None)
+        if self.momentum is not None:
+            return State(zero, of_lane(self.momentum.at_touch()), zero)
+        return State(zero, of_lane(1.0 + self._creep(zero)), zero, zero)
+
+    @property
+    def _softness(self) -> tuple[Number, Exponent] | None:
+        """The b and p of u = v + b x^p: 1/c with strong damping and 0 with weak; None for u = v.
+
+        The damping is that of the way out: what is damped on approach only does not creep back.
+        """
+        damping = self.form.damping(self.n, jnp.asarray(False))
+        if damping is None or (self.push is None and self.form.follows_phase_angle):
+            return None
+        c, p = damping
+        strong = c > 1
+        return jnp.where(strong, 1 / jnp.where(strong, c, 1), 0), p
+
+    def _creep(self, w: Number) -> Number | float:
+        """b x^p, the speed at which bodies creep apart while their force is next to none."""
+        if self._softness is None:
+            return 0.0
+        softness, p = self._softness
+        return softness * signed_power(w, self.order * p)
 
     def velocity(self, state: State) -> Number:
         """x' at a state."""
         momentum = self.momentum
-        return state.u - self.form.offset() if momentum is None else momentum.velocity(state.u)
+        return state.u - self._creep(state.w) if momentum is None else momentum.velocity(state.u)
 
     def still(self, state: State) -> State:
         """The state with the velocity 0."""
         rest = jnp.zeros_like(state.u)
-        return state._replace(u=rest + self.form.offset() if self.momentum is None else rest)
+        return state._replace(u=rest + self._creep(state.w) if self.momentum is None else rest)
 
-    def _for_form(self, state: State) -> Number:
-        """What the form calls v."""
-        return state.u if self.momentum is None else self.velocity(state)
+    def _pulling(self, state: State, compressing: Flag) -> Number:
+        """A smooth function that is negative where the contact pulls: f/x^(n-p) if that is known.
+
+        It has all its digits where u has them.
+        """
+        if self._softness is None:
+            return self.form.pulling(state.w, self.velocity(state), self.n, compressing)
+        softness, _ = self._softness
+        damping = self.form.damping(self.n, compressing)
+        assert damping is not None
+        c, p = damping
+        return c * state.u + jnp.where(softness > 0, 0, signed_power(state.w, self.order * p))
 
     def force(self, state: State, compressing: Flag) -> Number:
         """f at a state, for w ≥ 0."""
+        if self._softness is not None:
+            outer = signed_power(state.w, self.order * (self.n - self._softness[1]))
+            return outer * self._pulling(state, compressing)
         x = signed_power(state.w, float(self.order))
-        return self.form.force(x, self._for_form(state), self.n, compressing)
+        return self.form.force(x, self.velocity(state), self.n, compressing)
 
     def rate(self, state: State, compressing: Flag) -> State:
         """d(w, u, t)/dτ."""
@@ -104,15 +142,21 @@ class Motion(eqx.Module):
         velocity = self.velocity(state)
         clock = signed_power(w, float(k - 1))
         if momentum is not None:
-            pull = momentum.pull(w)
+            return State(velocity / k, -momentum.pull(w), clock)
+        if self._softness is None:
+            change = -self.form.pull(w, velocity, n, compressing)
         else:
-            pull = self.form.pull(w, state.u, n, compressing)
-            if self.push is not None:
-                pull = pull - self.push * clock
+            softness, p = self._softness
+            outer = signed_power(w, k * (n - p + 1) - 1)
+            change = -outer * self._pulling(state, compressing)
+            if not (isinstance(p, float) and p == 0):
+                change = change + softness * p * signed_power(w, k * p - 1) * velocity
+        if self.push is not None:
+            change = change + self.push * clock
         loss = None
         if state.loss is not None:
-            loss = self.form.dissipation(w, self._for_form(state), n, compressing)
-        return State(velocity / k, -pull, clock, loss)
+            loss = self.form.dissipation(w, velocity, n, compressing)
+        return State(velocity / k, change, clock, loss)
 
     def later(self, state: State, time: Number, compressing: Flag) -> State:
         """The state a regularised `time` later, by one Runge-Kutta step."""
@@ -142,6 +186,51 @@ class Motion(eqx.Module):
         work = self.push * state.w**self.order
         return kinetic + self.stored(state) < work * (1 - doubt)
 
+    def creeping_speed(self, state: State) -> Number:
+        """x^p/c, at which bodies creep apart: of forms whose damping is known."""
+        c, p = self._damping_back()
+        return signed_power(state.w, self.order * p) / jnp.maximum(c, 1)
+
+    def stiffness(self, state: State) -> Number:
+        """The rate at which a way out relaxes to creeping, or swings, in regularised time."""
+        c, p = self._damping_back()
+        n, k = self.n, self.order
+        return c * signed_power(state.w, k * (n - p + 1) - 1) + signed_power(
+            state.w, k * (n + 1) / 2 - 1
+        )
+
+    def _damping_back(self) -> tuple[Number, Exponent]:
+        damping = self.form.damping(self.n, jnp.asarray(False))
+        assert damping is not None
+        return damping
+
+    @property
+    def may_creep(self) -> bool:
+        """Whether the way out may be too stiff for explicit steps."""
+        known = self.form.damping(self.n, jnp.asarray(False)) is not None
+        return known and (self.push is not None or self.form.creeps_free)
+
+    def creeps(self) -> Bool[Array, ""]:
+        """Whether the way out, if any, is one of creeping for certain."""
+        return self._damping_back()[0] > _CREEPS
+
+    def creeps_to_rest(self, state: State) -> Bool[Array, ""]:
+        """Whether bodies that close up creep to rest under a push and never turn.
+
+        With y = x_s - x, x_s^n = Γ, no motion crosses v = λy upwards before y = 0 if
+        λ² - c x^(n-p) λ + n x_s^(n-1) ≤ 0 from here on: they creep if v ≤ λy for the largest λ.
+        """
+        static, damping = self.static_indentation(), self.form.damping(self.n, jnp.asarray(True))
+        if self.push is None or static is None or damping is None:
+            return jnp.asarray(False)
+        (c, p), n, k = damping, self.n, self.order
+        rate = c * signed_power(jnp.maximum(state.w, 0), k * (n - p))
+        excess = jnp.square(rate) - 4 * n * power(static, n - 1)
+        fastest = (rate + jnp.sqrt(jnp.maximum(excess, 0))) / 2
+        left = static - state.w**k
+        slow = self.velocity(state) <= fastest * left
+        return (self.push > 0) & (excess > 0) & (left > 0) & slow
+
     def smallness(self) -> tuple[Number | float, Number | float]:
         """How small what ends the motion is beside the forces, and beside the speed of the impact.
 
@@ -152,9 +241,13 @@ class Motion(eqx.Module):
         clamped = not (form.tension or form.never_pulls)
         ending = form.creeping_excess(self.n) if clamped else 1.0
         speed = form.creeping_speed(self.n) if self.momentum is None else 1.0
-        if self.order == 1 and self.always_parts and form.tension:
+        if self.order == 1 and form.tension and self.momentum is None:
             # Where no power of w stretches it, a slow way out ends as small as its e.
-            speed = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
+            tiny = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
+            if self.always_parts:
+                speed = tiny
+            elif self.push is not None:
+                speed = jnp.where(self.push < 0, tiny, speed)
         if self.push is not None and self.form.never_pulls and not form.tension:
             # Under a weak pull the force falls to that of the pull before it vanishes.
             speed = speed * jnp.where(self.push < 0, jnp.clip(-self.push, 1e-12, 1), 1)
@@ -189,43 +282,60 @@ class Motion(eqx.Module):
         # A pull has none: any positive number keeps its lane finite.
         return self.form.static_indentation(jnp.where(self.push > 0, self.push, 1), self.n)
 
-    def gaps(self, state: State, compressing: Flag) -> tuple[Number, Number]:
+    def gaps(self, state: State, compressing: Flag) -> tuple[Number, ...]:
         """What falls through zero where a leg ends: at a turn, and where the bodies part.
 
         The first one starts a way out at zero.
         """
         velocity = self.velocity(state)
         back = jnp.ones_like(velocity) if self.one_way else -velocity
-        apart = state.w if self.one_way else self._gap_apart(state)
-        return jnp.where(compressing, velocity, back), jnp.where(compressing, 1, apart)
+        apart = (jnp.where(compressing, 1, gap) for gap in self._gaps_apart(state))
+        return jnp.where(compressing, velocity, back), *apart
 
-    def _gap_apart(self, state: State) -> Number:
+    def _gaps_apart(self, state: State) -> tuple[Number, ...]:
         """Positive until the contact is over: at x = 0, or where a force that may not pull is 0."""
-        if self.form.tension:
-            return state.w
-        leaving = jnp.asarray(False)
-        pulling = self.form.pulling(state.w, self._for_form(state), self.n, leaving)
-        apart = jnp.minimum(state.w, pulling)
+        if self.form.tension or self.one_way:
+            return (state.w,)
+        pulling = self._gap_of_force(state)
         if self.push is not None and self.form.never_pulls:
             # Where its force vanished a push would press: there only rounding can get.
-            apart = jnp.where(self.push > 0, state.w, apart)
-        return apart
+            pulling = jnp.where(self.push > 0, 1, pulling)
+        return state.w, pulling
+
+    def _gap_of_force(self, state: State) -> Number:
+        """What vanishes with the force, with a slope, and stays negative beyond x = 0."""
+        velocity = self.velocity(state)
+        if self._softness is None:
+            pulling = self.form.pulling(state.w, velocity, self.n, jnp.asarray(False))
+            return jnp.where(state.w < 0, jnp.minimum(pulling, velocity), pulling)
+        softness, p = self._softness
+        c, _ = self._damping_back()
+        if isinstance(p, float) and p == 0:
+            return jnp.where(softness > 0, state.u, 1 + c * velocity)
+        strong = jnp.where(state.w < 0, jnp.minimum(state.u, velocity), state.u)
+        # Where weak damping ends a contact, x^p is flat.
+        weak = state.w - power(-c * velocity, 1 / (self.order * p))
+        return jnp.where(softness > 0, strong, weak)
+
+    def at_end(self, end: State) -> State:
+        """The end of a way out, without a force where that is what ended it.
+
+        The search puts a moment within the rounding of a whole step, in which the speed may change
+        much more than it is at the end.
+        """
+        if self._softness is None or self.form.tension:
+            return end
+        softness, _ = self._softness
+        rate = self.rate(end, jnp.asarray(False))
+        sooner = jnp.abs(end.u * rate.w) < jnp.abs(end.w * rate.u)
+        vanished = (softness > 0) & sooner & ~self.settled(end)
+        return end._replace(u=jnp.where(vanished, 0, end.u))
 
     def settled(self, state: State) -> Bool[Array, ""]:
         """Whether a way out ended because the contact turned inwards again."""
         if self.one_way:
             return jnp.asarray(False)
-        inwards = -self.velocity(state) < self._gap_apart(state)
+        apart = functools.reduce(jnp.minimum, self._gaps_apart(state))
+        inwards = -self.velocity(state) < apart
         # A pull turns nothing inwards: there both are zero but for rounding.
         return inwards if self.push is None else inwards & (self.push > 0)
-
-    def swings(self, static: Number) -> Bool[Array, ""]:
-        """Whether bodies near rest under the push swing about it; otherwise they creep to it.
-
-        There y'' + c x^(n-p) y' + n x^(n-1) y = 0.
-        """
-        n, damping = self.n, self.form.damping(self.n, jnp.asarray(True))
-        if damping is None:
-            return jnp.asarray(True)
-        c, p = damping
-        return jnp.square(c) * static ** (n + 1 - 2 * p) < 4 * n

@@ -38,7 +38,7 @@ def largest_force(motion: Motion, path: Path, compressing: Bool[Array, ""]) -> N
     )
 
     def slope(state: State) -> Number:
-        return _force_rate(frozen, state, compressing)
+        return _steepness(frozen, state, compressing)
 
     # From the best state to the next one, or to it from the one before.
     near = jnp.clip(best + jnp.arange(-1, 2), 0, jnp.sum(taken) - 1)
@@ -52,7 +52,7 @@ def largest_force(motion: Motion, path: Path, compressing: Bool[Array, ""]) -> N
 
     # Without a change of sign the maximum is at an end, at touch for a law that jumps there.
     inside = (before > 0) & (after < 0)
-    theta = jnp.where(inside, bracketed_root(later, before, after, iterations=10), 0)
+    theta = jnp.where(inside, bracketed_root(later, before, after, iterations=100), 0)
     between = motion.force(motion.later(_at(states, left), theta * size, compressing), compressing)
     return jnp.maximum(between, forces[best])
 
@@ -61,8 +61,18 @@ def _at(states: State, index: Int[Array, ""]) -> State:
     return jax.tree.map(lambda leaf: leaf[index], states)
 
 
-def _force_rate(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Number:
-    """dF/dτ along the motion."""
-    return jax.jvp(
-        lambda s: motion.force(s, compressing), (state,), (motion.rate(state, compressing),)
-    )[1]
+def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Number:
+    """w dF/dτ / F along the motion: of the sign of dF/dτ, and positive at touch.
+
+    There a force that is a power of x has no slope of its own.
+    """
+    rate = motion.rate(state, compressing)
+    force, change = jax.jvp(lambda s: motion.force(s, compressing), (state,), (rate,))
+    pushing = (state.w > 0) & (force > 0)
+    alone = jnp.where(force == 0, rate.w, change)
+    return jnp.where(pushing, state.w * change / jnp.where(pushing, force, 1), alone)
+
+
+def is_rising(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Bool[Array, ""]:
+    """Whether the force rises with x at a state, by more than creeping bodies' nearly constant one."""
+    return _steepness(motion, state, compressing) > 0.01 * motion.rate(state, compressing).w

@@ -13,6 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .._elementary import contraction
+
 State = TypeVar("State")
 Computed = TypeVar("Computed")
 
@@ -36,7 +38,7 @@ def step(rate: Callable[[State], State], state: State, size: Array) -> State:
 
     def combined(weights: Array, slopes: State) -> State:
         return jax.tree.map(
-            lambda leaf, slope: leaf + size * jnp.tensordot(weights.astype(leaf.dtype), slope, 1),
+            lambda leaf, slope: leaf + size * contraction(weights.astype(leaf.dtype), slope),
             state,
             slopes,
         )

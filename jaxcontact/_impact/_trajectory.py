@@ -143,11 +143,12 @@ def _path(motion: Motion, how: Event, samples: int) -> _Path:
         on_way_in = moment <= turn.t
         leg = jax.tree.map(lambda leaf: jnp.where(on_way_in, leaf[0], leaf[1]), legs)
         state = _state_at(motion, leg, jax.lax.stop_gradient(moment), moment, on_way_in)
-        return state, motion.force(state, on_way_in), motion.stored(state)
+        # Touch and separation are known: no sample may lie outside the contact by its rounding.
+        inside = state._replace(w=jnp.maximum(state.w, 0))
+        return state, motion.force(state, on_way_in), motion.stored(inside)
 
     balance = balance_of(motion, end, turn.w**motion.order)
     states, forces, elastic = jax.vmap(sample)(fractions)
-    # Touch and separation are known: no sample may lie outside the contact by its rounding.
     w = jnp.maximum(states.w, 0).at[0].set(0)
     return _Path(
         t=fractions * end.t,
@@ -156,7 +157,7 @@ def _path(motion: Motion, how: Event, samples: int) -> _Path:
         force=forces if motion.form.tension else jnp.maximum(forces, 0),
         elastic=elastic,
         loss=jax.vmap(motion.lost)(states),
-        converged=was_followed(motion, legs, balance, how),
+        converged=was_followed(motion, legs.arrived, end, balance, how),
         settled=motion.settled(end),
     )
 
