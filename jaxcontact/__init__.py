@@ -81,6 +81,17 @@ from ._laws import register_law as register_law
 from ._measurements import Recording as Recording
 from ._measurements import RecordingError as RecordingError
 from ._measurements import read_recording as read_recording
+from ._scene import Box as Box
+from ._scene import Ending as Ending
+from ._scene import Impacts as Impacts
+from ._scene import Margin as Margin
+from ._scene import Moment as Moment
+from ._scene import Plane as Plane
+from ._scene import Run as Run
+from ._scene import Scene as Scene
+from ._scene import Sphere as Sphere
+from ._scene import Way as Way
+from ._scene import simulate as simulate
 from ._sweep import Sweep as Sweep
 from ._sweep import sweep as sweep
 

@@ -1,23 +1,25 @@
 """Every public callable with its cases, and what is exempt."""
 
-from tests.test_every_argument import fits, measured, physics, results
+from tests.test_every_argument import fits, measured, physics, results, scenes
 from tests.test_every_argument.case import Case
 
 
 def cases() -> dict[str, Case]:
-    return physics.cases() | fits.cases() | measured.cases() | results.cases()
+    return physics.cases() | fits.cases() | measured.cases() | results.cases() | scenes.cases()
 
 
 EXEMPT = {
     # Results, which the library makes
-    r"(Bounce|Calibration|CalibrationSummary|Export|Fit|Impact|LawChoice|Recording|ScaledImpact|"
-    r"Sweep|Trajectory|VelocityProfile)\(.*\)": "a result, made by the library",
+    r"(Bounce|Calibration|CalibrationSummary|Export|Fit|Impact|Impacts|LawChoice|Margin|Moment|"
+    r"Recording|Run|ScaledImpact|Sweep|Trajectory|VelocityProfile)\(.*\)": "a result, made by the "
+    "library",
     r"RecordingError\(.*\)": "an error, raised by the library",
     r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",
-    r"Status\(.*\)": "an enumeration of Python",
+    r"(Status|Ending|Way)\(.*\)": "an enumeration of Python",
     # Called by the library, with arguments that are checked before
     r"Abstract(Law|HuntCrossley|Form|Method|Shape)(\..*)?\(.*\)": "an interface to fill in",
     r"Sweep\.(coordinates|taken)\(.*\)": "called by the library",
+    r"Sphere\.moved_to\(.*\)": "called by the library",
     r".*\.(form|chosen|solve|over|tolerances|damping_ratio)\(.*\)": "called by the library",
     r"(Exact|Event|Phase)\.restitution\(.*\)": "called by the library",
     r".*\.damping_factor\(.*\)": "not used where α does not depend on it",

@@ -1,0 +1,13 @@
+"""Scenes of many bodies: from impact to impact."""
+
+from ._bodies import Box as Box
+from ._bodies import Plane as Plane
+from ._bodies import Sphere as Sphere
+from ._result import Ending as Ending
+from ._result import Impacts as Impacts
+from ._result import Margin as Margin
+from ._result import Moment as Moment
+from ._result import Way as Way
+from ._run import Run as Run
+from ._scene import Scene as Scene
+from ._simulate import simulate as simulate

@@ -1,0 +1,186 @@
+"""One instantaneous impact: from the states of two bodies before it to those after it.
+
+It is written for the derivative: the time of the touch is known, and corrected by Newton's
+steps that are zero in value and have the root's derivatives, so that states, normal and time all
+vary together.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ._result import Way
+from ._system import Layout, Numbers, restitution_of
+
+Lane = Float[Array, "..."]
+
+
+class Flying(NamedTuple):
+    """The two bodies of an impact in flight, each at its own `time` (2,); a wall repeats the first.
+
+    `position` and `velocity` (2, D).
+    """
+
+    position: Lane
+    velocity: Lane
+    time: Lane
+
+
+class Choice(NamedTuple):
+    """What is decided about an impact before it is computed, and has no derivative.
+
+    Bodies `first` and `second` (a wall from N on); the `support` (2,) of both, the wall each one
+    rests on or -1; `image`, how many periods the first is away from the second along each axis;
+    `time` of the touch in s; `tail`: whether the impacts that follow are summed.
+    """
+
+    first: Int[Array, ""]
+    second: Int[Array, ""]
+    support: Int[Array, "2"]
+    image: Float[Array, " D"]
+    time: Float[Array, ""]
+    tail: Bool[Array, ""]
+
+
+class Outcome(NamedTuple):
+    """What an impact does: the two bodies after it, each at its own time, and its numbers.
+
+    `way` and `status` (a `Status`) are whole numbers.
+    """
+
+    after: Flying
+    time: Lane
+    closing: Lane
+    restitution: Lane
+    duration: Lane
+    energy_loss: Lane
+    max_force: Lane
+    turn: Lane
+    error: Lane
+    way: Lane
+    status: Lane
+
+
+def accelerations(
+    layout: Layout, numbers: Numbers, who: Int[Array, " M"], support: Int[Array, " M"]
+) -> Float[Array, "M D"]:
+    """Gravity of free spheres, less what the walls that they rest on hold."""
+    free = (numbers.inverse_mass[who] > 0)[:, None]
+    pull = jnp.broadcast_to(numbers.gravity, (who.shape[0], layout.dimensions))
+    if layout.walls:
+        normal = numbers.normal[jnp.maximum(support, 0)]
+        held = jnp.sum(pull * normal, axis=-1, keepdims=True) * normal
+        pull = pull - jnp.where((support >= 0)[:, None], held, 0)
+    return jnp.where(free, pull, 0)
+
+
+def moved(flying: Flying, acceleration: Lane, time: Lane) -> Flying:
+    """Both bodies at a later `time`."""
+    passed = (time - flying.time)[:, None]
+    velocity = flying.velocity + acceleration * passed
+    position = flying.position + (flying.velocity + velocity) / 2 * passed
+    return Flying(position, velocity, jnp.broadcast_to(time, flying.time.shape))
+
+
+def _delay(apart: Lane, rate: Lane, half: Lane, distance: Lane) -> Lane:
+    """The correction of a time of touch that is a root already: zero, with the root's derivatives.
+
+    Newton's steps from a root move by its rounding; two of them, differentiated, have the first
+    three derivatives of the root. A rule of its own would be lost where JAX splits a scan for
+    second derivatives. A touch that does not close has no derivative in time.
+    """
+    delay = jnp.zeros_like(distance)
+    for _ in range(2):
+        away = apart + (rate + half * delay) * delay
+        length = jnp.sqrt(jnp.sum(jnp.square(away)))
+        slope = jnp.sum(away * (rate + 2 * half * delay)) / length
+        slope = jnp.where(slope < 0, slope, -jnp.inf)
+        delay = delay - (length - distance) / slope
+    return delay
+
+
+class Meeting(NamedTuple):
+    """Two bodies at their touch: their states then, the unit `normal` from the second to the first,
+    the rate at which they close, and the time.
+    """
+
+    flying: Flying
+    normal: Lane
+    closing: Lane
+    time: Lane
+
+
+def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Meeting:
+    """The touch of two bodies, with the derivative of its time and of its normal."""
+    count = layout.spheres
+    second = jnp.minimum(choice.second, count - 1)
+    who = jnp.stack([choice.first, second])
+    pull = accelerations(layout, numbers, who, choice.support)
+    there = moved(before, pull, choice.time)
+    apart = there.position[0] - there.position[1] - choice.image * numbers.period
+    rate = there.velocity[0] - there.velocity[1]
+    half = (pull[0] - pull[1]) / 2
+    distance = numbers.radius[choice.first] + numbers.radius[second]
+    is_wall = choice.second >= count
+    if layout.walls:
+        wall = jnp.clip(choice.second - count, 0)
+        face = numbers.normal[wall]
+        # A wall is met as a point of it would be, below the body along the normal.
+        height = jnp.sum(face * there.position[0]) - numbers.offset[wall]
+        across = jnp.where(is_wall, face * height, apart)
+        rate = jnp.where(is_wall, face * jnp.sum(face * there.velocity[0]), rate)
+        half = jnp.where(is_wall, face * jnp.sum(face * pull[0]) / 2, half)
+        apart = across
+        distance = jnp.where(is_wall, numbers.radius[choice.first], distance)
+    delay = _delay(apart, rate, half, distance)
+    away = apart + (rate + half * delay) * delay
+    normal = away / jnp.sqrt(jnp.sum(jnp.square(away)))
+    closing = -jnp.sum(normal * (rate + 2 * half * delay))
+    time = choice.time + delay
+    passed = moved(there, pull, time)
+    return Meeting(passed, normal, closing, time)
+
+
+def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Outcome:
+    """An impact out of time: the law's e at its closing speed, along the line of centres.
+
+    v1 += (1+e) μ u/m1 n, v2 -= (1+e) μ u/m2 n, with the closing speed u > 0, μ = m1 m2/(m1+m2) and
+    the unit normal n from the second body to the first. Energy lost: ½ μ u² (1-e²).
+    """
+    meeting = meeting_of(layout, numbers, before, choice)
+    closing = jnp.maximum(meeting.closing, 0)
+    e = restitution_of(layout, numbers, choice.first, choice.second, closing)
+    lowered = jnp.where(choice.tail, 0, e)
+    inverse = jnp.stack([numbers.inverse_mass[choice.first], numbers.inverse_mass[choice.second]])
+    mass = 1 / jnp.sum(inverse)
+    push = (1 + lowered) * mass * closing * meeting.normal
+    sign = jnp.asarray([1.0, -1.0], numbers.dtype)
+    velocity = meeting.flying.velocity + (sign * inverse)[:, None] * push[None]
+    way = jnp.where(choice.tail, int(Way.SERIES), int(Way.INSTANTANEOUS))
+    return Outcome(
+        after=Flying(meeting.flying.position, velocity, meeting.flying.time),
+        time=meeting.time,
+        closing=closing,
+        restitution=lowered,
+        duration=_tail(layout, numbers, choice, e, closing),
+        energy_loss=mass * jnp.square(closing) / 2 * (1 - lowered) * (1 + lowered),
+        max_force=jnp.full_like(closing, jnp.inf),
+        turn=jnp.zeros_like(closing),
+        error=jnp.zeros_like(closing),
+        way=way.astype(closing.dtype),
+        status=jnp.zeros_like(closing),
+    )
+
+
+def _tail(layout: Layout, numbers: Numbers, choice: Choice, e: Lane, closing: Lane) -> Lane:
+    """The time of the bounces that are summed, 2 e u/(g (1-e)); 0 where none are."""
+    if not layout.walls:
+        return jnp.zeros_like(closing)
+    face = numbers.normal[jnp.clip(choice.second - layout.spheres, 0)]
+    weight = -jnp.sum(face * numbers.gravity)
+    summed = choice.tail & (weight > 0) & (e < 1)
+    series = 2 * e * closing / jnp.where(summed, weight * (1 - e), 1)
+    return jnp.where(summed, series, 0)

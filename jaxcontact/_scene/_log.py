@@ -1,0 +1,102 @@
+"""What a run writes down: one row an impact, with the bodies before and after it."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ._coupled import Call, as_numbers, blank_state, places
+from ._hit import Choice, Flying, Outcome
+from ._system import Layout
+from ._touching import ClusterState
+
+
+class Together(NamedTuple):
+    """A call of the coupled solve: all spheres before it, with the v0 `held` by those that rest;
+    the state that it `began` from, and that at its `end`, with flags as numbers.
+    """
+
+    spheres: Flying
+    held: Float[Array, "K N"]
+    began: ClusterState
+    end: ClusterState
+
+
+class Called(NamedTuple):
+    """The decisions about a call: whether the row is one, what the spheres rested on before it, and
+    whether the bodies are apart after it, or at `rest`.
+    """
+
+    is_call: Any
+    support: Int[Array, "K N"]
+    decided: Call
+    ends: Any
+    rest: Any
+
+
+class Figures(NamedTuple):
+    """The numbers of the rows, which have derivatives."""
+
+    before: Flying
+    outcome: Outcome
+    coupled: Together | None
+
+
+class Facts(NamedTuple):
+    """The decisions of the rows: what met, what each body rests on after it, how it was solved.
+
+    `tied`: whether another impact competed with this one at the same time; `rival`, the time until
+    the next event of either body would have been, or since its last one, in s.
+    """
+
+    choice: Choice
+    support: Int[Array, "K 2"]
+    tied: Any
+    rival: Float[Array, " K"]
+    call: Called | None
+
+
+class Log(NamedTuple):
+    """The rows of a run; those from `count` on are blank."""
+
+    figures: Figures
+    facts: Facts
+
+
+def blank_log(rows: int, layout: Layout, dtype: Any, coupled: bool) -> Log:
+    """A log with room for so many rows, `coupled`: of calls of the coupled solve, too."""
+    dimensions = layout.dimensions
+    vector = jnp.zeros((rows, 2, dimensions), dtype)
+    pair, one = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)
+    flying = Flying(vector, vector, pair)
+    whole = jnp.zeros(rows, int)
+    choice = Choice(
+        whole, whole, jnp.zeros((rows, 2), int) - 1, vector[:, 0], one, jnp.zeros(rows, bool)
+    )
+    together = called = None
+    if coupled:
+        one_row = blank_calls(layout, dtype)
+        together, called = jax.tree.map(
+            lambda x: jnp.broadcast_to(x, (rows, *jnp.shape(x))), one_row
+        )
+    facts = Facts(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), one, called)
+    outcome = Outcome(flying, *[one] * (len(Outcome._fields) - 1))
+    return Log(Figures(flying, outcome, together), facts)
+
+
+def blank_calls(layout: Layout, dtype: Any) -> tuple[Together, Called]:
+    """One row without a call."""
+    count, dimensions = layout.spheres, layout.dimensions
+    vector, each = jnp.zeros((count, dimensions), dtype), jnp.zeros(count, dtype)
+    state, no, zero = as_numbers(blank_state(layout, dtype)), jnp.asarray(False), jnp.asarray(0)
+    nobody = jnp.zeros(count, bool)
+    choice = Choice(
+        zero, zero, jnp.zeros(2, int) - 1, jnp.zeros(dimensions, dtype), jnp.zeros((), dtype), no
+    )
+    pairs = jnp.zeros(places(layout)[0].shape, bool)
+    decided = Call(no, choice, nobody, nobody, pairs, zero - 1, jnp.zeros((), dtype))
+    together = Together(Flying(vector, vector, each), each, state, state)
+    return together, Called(no, jnp.zeros(count, int) - 1, decided, no, no)

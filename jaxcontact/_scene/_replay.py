@@ -1,0 +1,174 @@
+"""The derivative of a run: its impacts once more, one after the other, for tangents only.
+
+The search is never differentiated. Around what it wrote down stands a rule that is linear in the
+tangents: row by row, those of the two bodies before the impact and those of the numbers of the
+scene give those after it. Being linear it transposes, so that one search serves both modes; being
+taken at the states written down it does not drift away from them, however chaotic the scene is.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ._coupled import as_flags, as_numbers, call, places
+from ._hit import Flying, Outcome, hit
+from ._log import Facts, Figures, Log, Together
+from ._schedule import Rules
+from ._soft import soft
+from ._system import Layout, Numbers
+from ._touching import ClusterState
+
+
+def differentiable(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    written: Int[Array, ""],
+    tolerance: Float[Array, ""],
+) -> Log:
+    """The log, whose figures have the derivatives by `numbers`."""
+    leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
+
+    @jax.custom_jvp
+    def figures(leaves: Any, log: Log, written: Array, tolerance: Array) -> Figures:
+        return log.figures
+
+    @figures.defjvp
+    def rule(primals: tuple, tangents: tuple) -> tuple[Figures, Figures]:
+        leaves, log, written, tolerance = primals
+        known = figures(leaves, log, written, tolerance)
+        found = _tangents(
+            layout,
+            rest,
+            rules,
+            leaves,
+            tangents[0],
+            log._replace(figures=known),
+            written,
+            tolerance,
+        )
+        return known, found
+
+    return log._replace(figures=figures(leaves, log, written, tolerance))
+
+
+class _Carry(NamedTuple):
+    """Tangents of the spheres, and of the coupled solve in progress."""
+
+    spheres: Flying
+    coupled: ClusterState | None
+    held: Array
+
+
+def _tangents(
+    layout: Layout,
+    rest: Any,
+    rules: Rules,
+    leaves: Any,
+    along: Any,
+    log: Log,
+    written: Int[Array, ""],
+    tolerance: Float[Array, ""],
+) -> Figures:
+    def blanked(tree: Any, counts: Array) -> Any:
+        return jax.tree.map(lambda x: jnp.where(counts, x, jnp.zeros_like(x)), tree)
+
+    def impact(
+        carry: _Carry, known: Figures, facts: Facts, counts: Array
+    ) -> tuple[_Carry, Figures]:
+        first, second = facts.choice.first, jnp.minimum(facts.choice.second, layout.spheres - 1)
+        is_sphere = facts.choice.second < layout.spheres
+        who = jnp.stack([first, jnp.where(is_sphere, second, first)])
+        before = jax.tree.map(lambda all: all[who], carry.spheres)
+
+        def strike(leaves: Any, before: Flying) -> Outcome:
+            numbers = eqx.combine(leaves, rest)
+            if rules.soft:
+                return soft(layout, numbers, before, facts.choice, tolerance)
+            return hit(layout, numbers, before, facts.choice)
+
+        # Blank rows hold an impact of bodies that touch and close, whose derivatives are finite.
+        place = _blank(layout, known.before, facts.choice.time)
+        safe = jax.tree.map(lambda a, b: jnp.where(counts, a, b), known.before, place)
+        _, outcome = jax.jvp(strike, (leaves, safe), (along, before))
+        outcome, before = blanked(outcome, counts), blanked(before, counts)
+
+        def put(all: Array, new: Array) -> Array:
+            old = all[who]
+            keep = jnp.stack([counts, counts & is_sphere])
+            new = jnp.where(keep.reshape((2,) + (1,) * (old.ndim - 1)), new, old)
+            return all.at[who[1]].set(new[1]).at[first].set(new[0])
+
+        moved = carry._replace(spheres=jax.tree.map(put, carry.spheres, outcome.after))
+        together = jax.tree.map(jnp.zeros_like, known.coupled)
+        return moved, Figures(before, outcome, together)
+
+    def together(carry: _Carry, known: Figures, facts: Facts) -> tuple[_Carry, Figures]:
+        called, at = facts.call, known.coupled
+        assert called is not None and at is not None and carry.coupled is not None
+
+        def solve(
+            leaves: Any, spheres: Flying, held: Array, before: ClusterState
+        ) -> tuple[ClusterState, ClusterState]:
+            numbers = eqx.combine(leaves, rest)
+            began, done = call(
+                layout, numbers, spheres, called.support, held, as_flags(before), called.decided,
+                tolerance, rules.v0,
+            )  # fmt: skip
+            return as_numbers(began), as_numbers(done.state)
+
+        given = (leaves, at.spheres, at.held, at.began)
+        slopes = (along, carry.spheres, carry.held, carry.coupled)
+        _, (began, end) = jax.jvp(solve, given, slopes)
+        members = called.decided.members & called.ends
+        count = layout.spheres
+
+        def settled(old: Array, new: Array) -> Array:
+            return jnp.where(members.reshape((count,) + (1,) * (old.ndim - 1)), new, old)
+
+        spheres = Flying(
+            settled(carry.spheres.position, end.position[:count]),
+            settled(carry.spheres.velocity, end.velocity[:count]),
+            settled(carry.spheres.time, jnp.broadcast_to(end.time, (count,))),
+        )
+        first, second = places(layout)
+        on_wall = (at.end.closed > 0.5) & (second >= count) & called.rest
+        latched = jnp.zeros_like(carry.held).at[first].add(jnp.where(on_wall, end.latched, 0))
+        held = settled(carry.held, latched)
+        nothing = jax.tree.map(jnp.zeros_like, known)
+        figures = nothing._replace(
+            outcome=nothing.outcome._replace(time=began.time),
+            coupled=Together(carry.spheres, carry.held, began, end),
+        )
+        return _Carry(spheres, end, held), figures
+
+    def row(carry: _Carry, one: tuple[Log, Array]) -> tuple[_Carry, Figures]:
+        (known, facts), counts = one
+        if facts.call is None:
+            return impact(carry, known, facts, counts)
+        is_call = facts.call.is_call & counts
+        return jax.lax.cond(
+            is_call,
+            lambda: together(carry, known, facts),
+            lambda: impact(carry, known, facts, counts & ~is_call),
+        )
+
+    time = jnp.zeros(layout.spheres, along.position.dtype)
+    start = Flying(along.position, along.velocity, time)
+    coupled = None
+    if log.figures.coupled is not None:
+        coupled = jax.tree.map(lambda x: jnp.zeros_like(x[0]), log.figures.coupled.end)
+    counts = jnp.arange(log.facts.tied.shape[0]) < written
+    return jax.lax.scan(row, _Carry(start, coupled, time), (log, counts))[1]
+
+
+def _blank(layout: Layout, like: Flying, time: Array) -> Flying:
+    ones = jnp.ones((1, layout.dimensions), like.position.dtype)
+    away = jnp.concatenate([ones, -ones])
+    return Flying(away, -away, jnp.broadcast_to(time, like.time.shape))

@@ -1,0 +1,168 @@
+"""What a run leaves behind: states, impacts, and how far they can be trusted."""
+
+from __future__ import annotations
+
+import enum
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float, Int
+
+from .._parameter import shown
+from .._text_table import text_table
+
+
+class Ending(enum.IntEnum):
+    """How a run ended; the values of `Run.status`."""
+
+    COMPLETED = 0
+    """It reached its duration."""
+    TOO_MANY_IMPACTS = 1
+    """There was no room for another impact: its values are NaN. Give a larger `max_impacts`."""
+    ACCUMULATED = 2
+    """Impacts accumulated where no series is known for them: what comes after is NaN."""
+    INVALID_INPUT = 3
+    """A number of the scene is out of its range, or bodies overlap at the start: all is NaN."""
+    NOT_CONVERGED = 4
+    """An impact could not be solved to its tolerance: what comes after is NaN."""
+    CROWDED = 5
+    """Bodies came together in a way that is left out (docs/scenes.md): what comes after is NaN."""
+
+
+class Way(enum.IntEnum):
+    """How an impact was solved; the values of `Impacts.way`."""
+
+    INSTANTANEOUS = 0
+    """Out of time, with the law's restitution at its closing speed."""
+    SERIES = 1
+    """The last of a series of bounces on a wall, whose time is summed: the ball rests there."""
+    CLOSED_FORM = 2
+    """Soft, head-on: by the law's own solution."""
+    RADIAL = 3
+    """Soft, oblique: the radial equation with its angular momentum."""
+    COUPLED = 4
+    """Soft, with others in contact or under forces: the coupled equations of motion."""
+
+
+class Impacts(eqx.Module):
+    """The impacts of a run in order of time, one in each row of the arrays (K,).
+
+    `time` of touch in s; `first` and `second`, the bodies by their number in the scene, and the
+    `face` of a box (-1 where there is none); `closing_speed` in m/s; `restitution` delivered;
+    `duration` in s (of a series of bounces, until it ends); `max_force` in N, infinite for an
+    impact out of time; `energy_loss` in J; `turn` of the line of centres in rad; `way`, see `Way`;
+    `error_estimate`, relative to the closing speed; `tied`: another impact of one of the bodies
+    happened at the same time, and their order was chosen. A contact that comes to rest has e = 0
+    and an infinite duration; a coupled one that goes on at the end of the run has neither (NaN). In
+    a coupled solve `closing_speed` is the v0 of the law. Rows with `valid` False are blank.
+    """
+
+    time: Float[Array, " K"]
+    first: Int[Array, " K"]
+    second: Int[Array, " K"]
+    face: Int[Array, " K"]
+    closing_speed: Float[Array, " K"]
+    restitution: Float[Array, " K"]
+    duration: Float[Array, " K"]
+    max_force: Float[Array, " K"]
+    energy_loss: Float[Array, " K"]
+    turn: Float[Array, " K"]
+    way: Int[Array, " K"]
+    error_estimate: Float[Array, " K"]
+    tied: Bool[Array, " K"]
+    valid: Bool[Array, " K"]
+    names: tuple[str, ...] = eqx.field(static=True)
+
+    def __len__(self) -> int:
+        return self.time.shape[-1]
+
+    def to_dict(self) -> dict[str, np.ndarray]:
+        """The columns of the rows that are valid, as NumPy arrays by name."""
+        keep = np.asarray(self.valid)
+        columns = {k: np.asarray(v)[keep] for k, v in vars(self).items() if k != "names"}
+        del columns["valid"]
+        return columns
+
+    def to_dataframe(self) -> Any:
+        """The rows that are valid as a data frame of pandas, which must be installed."""
+        import pandas
+
+        return pandas.DataFrame(self.to_dict())
+
+    def __repr__(self) -> str:
+        if isinstance(self.time, Tracer) or not eqx.is_array(self.time) or self.time.ndim != 1:
+            return f"Impacts({eqx.tree_pformat(self.time)})"
+        columns = self.to_dict()
+        count = len(columns["time"])
+        header = ["time/s", "bodies", "closing/(m/s)", "e", "duration/s", "force/N", "lost/J", "by"]
+        rows = []
+        for k in [*range(min(count, 12)), *([-1] if count > 12 else [])]:
+            face = "" if columns["face"][k] < 0 else f" face {columns['face'][k]}"
+            tied = " (tied)" if columns["tied"][k] else ""
+            rows.append(
+                [
+                    f"{columns['time'][k]:.9g}",
+                    f"{self.names[columns['first'][k]]} - {self.names[columns['second'][k]]}{face}",
+                    f"{columns['closing_speed'][k]:.6g}",
+                    f"{columns['restitution'][k]:.6g}",
+                    f"{columns['duration'][k]:.6g}",
+                    f"{columns['max_force'][k]:.6g}",
+                    f"{columns['energy_loss'][k]:.6g}",
+                    Way(int(columns["way"][k])).name.lower().replace("_", " ") + tied,
+                ]
+            )
+        if count > 12:
+            rows.insert(-1, ["..."])
+        lines = text_table(rows, header=header, indent=2, rule=True)
+        return "\n".join([f"{count} impact{'s' * (count != 1)}", *lines])
+
+
+class Margin(eqx.Module):
+    """How close a run came to another course of events; scalars.
+
+    `time` in s, the smallest time by which an impact came before or after a rival of one of its
+    bodies; `closing_speed` in m/s, the smallest of all impacts. A derivative is that of the order
+    of events that happened: a change of the input that moves a time of impact by more than `time`
+    may leave it. Both are infinite where there was none.
+    """
+
+    time: Float[Array, ""]
+    closing_speed: Float[Array, ""]
+
+    def __repr__(self) -> str:
+        return f"Margin(time={shown(self.time)} s, closing_speed={shown(self.closing_speed)} m/s)"
+
+
+class Moment(NamedTuple):
+    """States at some times: `time` (T,), `position` and `velocity` (T, N, D), `energy` (T,)."""
+
+    time: Float[Array, " T"]
+    position: Float[Array, "T N D"]
+    velocity: Float[Array, "T N D"]
+    energy: Float[Array, " T"]
+
+
+def ending_words(status: Any) -> str:
+    """The name of an ending; several with their counts."""
+    if isinstance(status, Tracer) or not eqx.is_array(status):
+        return str(status)
+    kinds, counts = np.unique(np.asarray(status), return_counts=True)
+    names = [Ending(int(kind)).name.lower().replace("_", " ") for kind in kinds]
+    if jnp.ndim(status) == 0:
+        return names[0]
+    return ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
+
+
+def flagged(value: Array, good: Array) -> Array:
+    """`value` where `good` along its leading axes, else NaN."""
+    shape = good.shape + (1,) * (value.ndim - good.ndim)
+    return jnp.where(good.reshape(shape), value, jnp.nan)
+
+
+def traced(tree: Any) -> bool:
+    """Whether a tree holds a traced number."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))

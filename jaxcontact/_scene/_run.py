@@ -1,0 +1,147 @@
+"""The result of `simulate`."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from .._parameter import as_parameter, rendered, shown
+from ._log import Log
+from ._result import Impacts, Margin, Moment, ending_words, flagged, traced
+from ._scene import Scene
+from ._schedule import Rules
+from ._states import any_inside, energy_of, states_at
+from ._system import Layout, Numbers
+
+
+class Run(eqx.Module):
+    """The motion of a scene.
+
+    `time` (T,) in s; `position` (T, N, D) in m and `velocity` (T, N, D) in m/s of the N spheres in
+    the order given, fixed ones too; `energy` (T,) in J, kinetic and weight; `impacts`, see
+    `Impacts`; `margin`, see `Margin`; `status`, see `Ending`; `reached` in s, up to which the
+    values hold. `at(times)` gives the state at any times; `final` is the scene at the end, from
+    which another run goes on.
+    """
+
+    time: Float[Array, " T"]
+    position: Float[Array, "T N D"]
+    velocity: Float[Array, "T N D"]
+    energy: Float[Array, " T"]
+    impacts: Impacts
+    margin: Margin
+    status: Int[Array, ""]
+    reached: Float[Array, ""]
+    duration: Float[Array, ""]
+    scene: Scene
+    _layout: Layout
+    _numbers: Numbers
+    _log: Log
+    _written: Int[Array, ""]
+    _rules: Rules
+    _tolerance: Float[Array, ""]
+
+    def at(self, time: ArrayLike) -> Moment:
+        """The state at any times between 0 and the duration.
+
+        `time` in s, a number or an array (T,). At an impact out of time the values are those after
+        it. NaN outside of the run, and after a time that a flagged run did not reach. Raises
+        ValueError for what is no number or has more than one axis.
+        """
+        asked = as_parameter(time, "time")
+        if asked.ndim > 1:
+            raise ValueError(
+                f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
+            )
+        return moment_at(
+            self._layout,
+            self._numbers,
+            self._rules,
+            self._log,
+            self._written,
+            self.reached,
+            asked.reshape(-1),
+            self._tolerance,
+        )
+
+    @property
+    def final(self) -> Scene:
+        """The scene at the end of the run: its spheres where they are then, with their speeds."""
+        if not traced(self.status) and bool(self._touching()):
+            raise ValueError(
+                "Argument `duration` of the run must be a time at which no bodies touch, for "
+                f"`final` to go on from, but is {shown(self.duration)} s."
+            )
+        end = self.at(self.duration)
+        bodies = list(self.scene.bodies)
+        for k, sphere in enumerate(self.scene.spheres):
+            place = self._layout.body[k]
+            bodies[place] = sphere.moved_to(end.position[0, k], end.velocity[0, k])
+        return eqx.tree_at(lambda scene: scene.bodies, self.scene, tuple(bodies))
+
+    def _touching(self) -> Bool[Array, ""]:
+        """Whether bodies are in contact at the end."""
+        figures, facts = self._log
+        counts = jnp.arange(facts.tied.shape[0]) < self._written
+        late = jnp.where(counts, jnp.max(figures.outcome.after.time, axis=1), 0)
+        touches = jnp.any(late > self.duration)
+        if facts.call is None or not self._rules.soft:
+            return touches
+        # A body at rest is pressed into its wall.
+        called = facts.call.is_call & counts
+        last = jnp.max(jnp.where(called, jnp.arange(counts.shape[0]), -1))
+        at = jnp.maximum(last, 0)
+        return touches | ((last >= 0) & (~facts.call.ends[at] | facts.call.rest[at]))
+
+    def __repr__(self) -> str:
+        steps = self.position.shape
+        lines = {
+            "duration": f"{shown(self.duration)} s",
+            "time": f"{steps[-3]} times",
+            "spheres": f"{steps[-2]} in {steps[-1]}D",
+            "impacts": str(len(self.impacts)),
+            "margin": f"{shown(self.margin.time)} s, {shown(self.margin.closing_speed)} m/s",
+            "status": ending_words(self.status),
+        }
+        return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
+
+
+def moment_at(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    written: Array,
+    reached: Array,
+    times: Array,
+    tolerance: Array,
+) -> Moment:
+    """The states at some times. Motion inside of contacts is compiled only where it is needed."""
+    times = times.astype(numbers.dtype)
+    inside = rules.soft
+    if inside and not traced((numbers, log, written, times)):
+        inside = bool(_any_inside(layout, numbers, log, written, times))
+    return _moment(layout, numbers, rules, log, written, reached, times, tolerance, inside)
+
+
+_any_inside = eqx.filter_jit(any_inside)
+
+
+@eqx.filter_jit
+def _moment(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    written: Array,
+    reached: Array,
+    times: Array,
+    tolerance: Array,
+    inside: bool,
+) -> Moment:
+    states = states_at(layout, numbers, rules, log, written, times, tolerance, inside)
+    position, velocity, stored = states
+    energy = energy_of(layout, numbers, position, velocity) + stored
+    good = (times >= 0) & (times <= reached)
+    return Moment(times, flagged(position, good), flagged(velocity, good), flagged(energy, good))

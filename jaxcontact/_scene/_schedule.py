@@ -1,0 +1,538 @@
+"""The search: which impact comes next, one stored event a body, fixed shapes.
+
+Each sphere stores the time and the partner of its next event, and how many impacts the partner had
+had when it was found. The least time is taken; if the partner has met something else since, the
+event is out of date and only searched again. Otherwise both bodies are moved to the impact, and
+their two rows are searched anew, among all bodies. Of every pair the one that was searched last
+knows the impact, so that none is missed, and there is no table of pairs.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ._cluster import APART, AT_REST, TIME_IS_UP
+from ._cluster import NOT_CONVERGED as FAILED
+from ._coupled import Call, as_numbers, at_once, blank_state, call, places, touching
+from ._hit import Choice, Flying, Outcome, accelerations, hit
+from ._log import Called, Facts, Figures, Log, Together, blank_calls
+from ._soft import soft
+from ._system import Layout, Numbers, nearest_image
+from ._touch import curved_time, image_horizon, sphere_time, wall_time
+from ._touching import ClusterState
+
+NOISE = 16
+"""Roundings of a speed below which bodies that touch neither close nor part."""
+
+TIED = 64
+"""Roundings of a time within which two events are simultaneous."""
+
+PATIENCE = 64
+"""Impacts per body without progress in time after which a run stops."""
+
+SLOW = 2.0**14
+"""Roundings of the largest speed below which closing speeds of simultaneous impacts have died out:
+the impacts have accumulated."""
+
+REACH = 4.0
+"""How many times farther than it could a third body must be for an impact to be isolated."""
+
+RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER = range(6)
+"""Why a search goes on or stops; OVER: bodies are in contact at the end."""
+
+
+class Rules(eqx.Module):
+    """What is static of a run: whether impacts take time, what v0 is, and whether there is room for
+    a coupled solve.
+    """
+
+    soft: bool = eqx.field(static=True)
+    v0: str | float = eqx.field(static=True)
+    coupled: bool = eqx.field(static=True)
+
+
+class Coupling(NamedTuple):
+    """The coupled solve in progress: whether it is `active`, whether it `starts` with the touch of
+    `choice`, who is in it, and its state.
+    """
+
+    active: Bool[Array, ""]
+    starts: Bool[Array, ""]
+    choice: Choice
+    members: Bool[Array, " N"]
+    state: ClusterState
+
+
+class Events(NamedTuple):
+    """The stored events, (N,) each: `time`, `partner` (-1: only search again), the partner's count
+    of impacts then, the closing `speed`, and the time of the `second` best event.
+    """
+
+    time: Float[Array, " N"]
+    partner: Int[Array, " N"]
+    count: Int[Array, " N"]
+    speed: Float[Array, " N"]
+    second: Float[Array, " N"]
+
+
+class State(NamedTuple):
+    """The spheres, each at its own time, and their events."""
+
+    position: Float[Array, "N D"]
+    velocity: Float[Array, "N D"]
+    time: Float[Array, " N"]
+    support: Int[Array, " N"]
+    count: Int[Array, " N"]
+    events: Events
+    now: Float[Array, ""]
+    idle: Int[Array, ""]
+    status: Int[Array, ""]
+    held: Float[Array, " N"]
+    owed: Float[Array, " N"]
+    coupling: Coupling | None
+
+
+def begun(layout: Layout, numbers: Numbers, rules: Rules, end: Float[Array, ""]) -> State:
+    """The start: all spheres at time zero, their first events found one row after the other."""
+    count = layout.spheres
+    zero = jnp.zeros(count, numbers.dtype)
+    whole = jnp.zeros(count, int)
+    none = whole - 1
+    start = jnp.zeros((), numbers.dtype)
+    state = State(
+        numbers.position, numbers.velocity, zero, none, whole,
+        Events(zero, none, whole, zero, zero), start, jnp.zeros((), int), jnp.zeros((), int),
+        zero, zero, None,
+    )  # fmt: skip
+    if rules.coupled:
+        _, called = blank_calls(layout, numbers.dtype)
+        no = jnp.asarray(False)
+        coupling = Coupling(
+            no,
+            no,
+            called.decided.choice,
+            no[None] & (whole > 0),
+            blank_state(layout, numbers.dtype),
+        )
+        state = state._replace(coupling=coupling)
+
+    def row(i: Int[Array, ""]) -> Events:
+        return jax.tree.map(lambda x: x[0], _searched(layout, numbers, state, i[None], start, end))
+
+    return state._replace(events=jax.lax.map(row, jnp.arange(count)))
+
+
+def advance(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    log: Log,
+    end: Float[Array, ""],
+    tolerance: Float[Array, ""],
+) -> tuple[State, Log, Int[Array, ""]]:
+    """Impacts up to `end` (inclusive), until the log is full or the run is stuck.
+
+    Returns how many rows were written.
+    """
+    rows = log.facts.tied.shape[0]
+
+    def unfinished(carry: tuple[State, Log, Array]) -> Array:
+        state, _, written = carry
+        within = jnp.min(state.events.time) <= end
+        if state.coupling is not None:
+            within = within | state.coupling.active
+        return within & (written < rows) & (state.status == RUNNING)
+
+    def step(carry: tuple[State, Log, Array]) -> tuple[State, Log, Array]:
+        state, log, written = carry
+        given = (layout, numbers, rules, state, end, tolerance)
+        if state.coupling is None:
+            state, figures, facts, fresh = _event(*given)
+        else:
+            state, figures, facts, fresh = jax.lax.cond(
+                state.coupling.active, lambda: _called(*given), lambda: _event(*given)
+            )
+        log = jax.tree.map(lambda all, one: all.at[written].set(one), log, Log(figures, facts))
+        return state, log, written + fresh.astype(written.dtype)
+
+    return jax.lax.while_loop(unfinished, step, (state, log, jnp.zeros((), int)))
+
+
+def _event(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    end: Float[Array, ""],
+    tolerance: Float[Array, ""],
+) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
+    """The next event, and whether it was an impact."""
+    count, events = layout.spheres, state.events
+    least = jnp.min(events.time)
+    simultaneous = _simultaneous(numbers, least)
+    i = jnp.argmax(jnp.where(events.time <= least + simultaneous, events.speed, -jnp.inf))
+    now = jnp.maximum(events.time[i], state.now)
+    partner = events.partner[i]
+    j = jnp.clip(partner, 0, count - 1)
+    is_sphere = (partner >= 0) & (partner < count)
+    fresh = (partner >= count) | (is_sphere & (state.count[j] == events.count[i]))
+    # A wall has no row: the first body stands in for it.
+    j = jnp.where(is_sphere, j, i)
+    who = jnp.stack([i, j])
+
+    before = Flying(state.position[who], state.velocity[who], state.time[who])
+    choice = _choice(layout, numbers, state, who, jnp.maximum(partner, 0), before, now, tolerance)
+    if rules.soft:
+        # A contact that takes time comes to rest by itself.
+        choice = choice._replace(tail=jnp.asarray(False))
+
+    def struck() -> Outcome:
+        if rules.soft:
+            return soft(layout, numbers, before, choice, tolerance)
+        return hit(layout, numbers, before, choice)
+
+    still = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(struck))
+    outcome = jax.lax.cond(fresh, struck, lambda: still)
+    support, crowded = _supports(layout, numbers, choice, outcome)
+    starts = jnp.asarray(False)
+    if rules.soft:
+        alone = _isolated(layout, numbers, rules, state, choice, outcome, now)
+        starts = fresh & ~alone
+        fresh = fresh & alone
+        crowded = jnp.asarray(False)
+        support = choice.support
+
+    competing = jnp.where(events.partner[j] == i, events.second[j], events.time[j])
+    rival = jnp.minimum(events.second[i], jnp.where(is_sphere, competing, jnp.inf)) - now
+    since = jnp.where(state.count[who] > 0, now - state.time[who], jnp.inf)
+    rival = jnp.minimum(rival, jnp.min(since))
+    tied = rival <= simultaneous
+
+    def put(all: Array, new: Array) -> Array:
+        old = all[who]
+        keep = jnp.stack([fresh, fresh & is_sphere]).reshape((2,) + (1,) * (old.ndim - 1))
+        new = jnp.where(keep, new, old)
+        # The second first: where it stands for a wall it is the first body again.
+        return all.at[j].set(new[1]).at[i].set(new[0])
+
+    idle = jnp.where(now > state.now + simultaneous, 0, state.idle + 1)
+    patience = PATIENCE * (layout.spheres + layout.walls)
+    fastest = jnp.max(jnp.sqrt(jnp.sum(jnp.square(state.velocity), axis=-1)))
+    slow = outcome.closing <= SLOW * jnp.finfo(numbers.dtype).eps * fastest
+    died = slow & (rival <= simultaneous) & ~choice.tail
+    if rules.soft:
+        died = jnp.asarray(False)
+    stuck = jnp.where(died | (idle > patience), ACCUMULATED, RUNNING)
+    status = jnp.where(fresh & crowded, TWO_SUPPORTS, stuck)
+    state = state._replace(
+        position=put(state.position, outcome.after.position),
+        velocity=put(state.velocity, outcome.after.velocity),
+        time=put(state.time, outcome.after.time),
+        support=put(state.support, support),
+        count=put(state.count, state.count[who] + 1),
+        now=jnp.where(fresh | starts, now, state.now),
+        idle=jnp.where(fresh, idle, state.idle),
+        status=jnp.where(fresh, status, state.status),
+        owed=put(state.owed, jnp.broadcast_to(outcome.energy_loss, (2,))),
+    )
+    if rules.soft and state.coupling is None:
+        state = state._replace(status=jnp.where(starts, CROWDED, state.status))
+    elif state.coupling is not None:
+        members = state.time <= now
+        coupling = Coupling(starts, starts, choice, members, state.coupling.state)
+        state = state._replace(coupling=coupling)
+    found = _searched(layout, numbers, state, who, now, end)
+    state = state._replace(
+        events=jax.tree.map(lambda all, new: all.at[who].set(new), events, found)
+    )
+    together = called = None
+    if state.coupling is not None:
+        together, called = blank_calls(layout, numbers.dtype)
+    figures = Figures(before, outcome, together)
+    return state, figures, Facts(choice, support, tied, rival, called), fresh
+
+
+def _isolated(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    choice: Choice,
+    outcome: Outcome,
+    now: Float[Array, ""],
+) -> Bool[Array, ""]:
+    """Whether two bodies meet without a third one, by forces that the pair's own solution knows.
+
+    No body is faster than all the energy there is would make it; during the impact, none can come
+    as far as a quarter of its distance.
+    """
+    count = layout.spheres
+    inverse = numbers.inverse_mass[:count]
+    moves = inverse > 0
+    everyone = jnp.arange(count)
+    pull = accelerations(layout, numbers, everyone, state.support)
+    passed = (now - state.time)[:, None]
+    velocity = state.velocity + pull * passed
+    position = state.position + (state.velocity + velocity) / 2 * passed
+    mass = jnp.where(moves, 1 / jnp.where(moves, inverse, 1), 0)
+    energy = jnp.sum(mass * jnp.sum(jnp.square(velocity), axis=-1)) / 2
+    energy = energy + jnp.sum(jnp.where(state.time > now, state.owed, 0))
+    last = jnp.max(outcome.after.time) - now
+    gain = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity))) * last
+    fastest = jnp.sqrt(2 * energy * inverse) + jnp.where(moves, gain, 0)
+    second = jnp.minimum(choice.second, count - 1)
+    is_wall = choice.second >= count
+    alone = outcome.status == 0
+    for one, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall)):
+        apart = nearest_image(layout, numbers, position[one][None] - position)[0]
+        gap = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
+        gap = gap - (numbers.radius[one] + numbers.radius)
+        partner = (everyone == choice.first) | ((everyone == second) & ~is_wall)
+        far = gap > REACH * (fastest[one] + fastest) * last
+        far = far | partner | ~(moves[one] | moves)
+        alone = alone & (jnp.all(far) | ~counts)
+        if layout.walls:
+            height = jnp.sum(position[one][None] * numbers.normal, axis=-1) - numbers.offset
+            room = height - numbers.radius[one] > REACH * fastest[one] * last
+            partner = jnp.arange(layout.walls) == choice.second - count
+            alone = alone & (jnp.all(room | partner) | ~counts | ~moves[one])
+    if layout.gravity:
+        who = jnp.stack([choice.first, second])
+        bend = pull[who[0]] - pull[who[1]]
+        if layout.walls:
+            face = numbers.normal[jnp.clip(choice.second - count, 0)]
+            # Along a wall gravity does not matter. Across it the pair's solution takes v0 at touch.
+            weight = jnp.sum(face * pull[who[0]])
+            bend = jnp.where(is_wall, face * (0 if rules.v0 == "touch" else weight), bend)
+        alone = alone & jnp.all(bend == 0)
+    return alone & jnp.all(choice.support < 0)
+
+
+def _called(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    end: Float[Array, ""],
+    tolerance: Float[Array, ""],
+) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
+    """One call of the coupled solve, until a pair touches or opens or another sphere comes back."""
+    count, coupling = layout.spheres, state.coupling
+    assert coupling is not None
+    now = jnp.where(coupling.starts, coupling.choice.time, coupling.state.time)
+    spheres, before = Flying(state.position, state.velocity, state.time), state
+    joins = ~coupling.members & (state.time <= now + _simultaneous(numbers, now))
+    members = coupling.members | joins
+    waiting = jnp.where(members, jnp.inf, state.time)
+    other = jnp.argmin(waiting)
+    sooner = waiting[other] < end
+    there = at_once(layout, numbers, spheres, state.support, coupling.choice.time)
+    closed = touching(layout, numbers, there, coupling.choice, state.support, state.held)
+    decided = Call(
+        coupling.starts, coupling.choice, members, joins, closed, jnp.where(sooner, other, -1), end
+    )
+    began, done = call(
+        layout, numbers, spheres, state.support, state.held, coupling.state, decided,
+        tolerance, rules.v0,
+    )  # fmt: skip
+    after, status = done.state, done.status
+    apart, rest = status == APART, status == AT_REST
+    first, second = places(layout)
+    flat = second >= count
+    # At rest a sphere is held by one wall, or the solve is not one that can be left.
+    on_wall = after.closed & flat
+    walls = jnp.where(on_wall, second - count, -1)
+    support = jnp.full(count, -1).at[first].max(walls)
+    times = jnp.zeros(count, int).at[first].add(on_wall.astype(int))
+    crowded = rest & (jnp.any(after.closed & ~flat) | jnp.any(times > 1))
+    ends = (apart | rest) & ~crowded
+    over = (status == TIME_IS_UP) & ~sooner
+    failed = (status == FAILED) | ~jnp.isfinite(after.time)
+    held = jnp.zeros(count, numbers.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
+
+    def settled(old: Array, new: Array) -> Array:
+        chosen = (ends & members).reshape((count,) + (1,) * (old.ndim - 1))
+        return jnp.where(chosen, new, old)
+
+    idle = jnp.where(after.time > state.now, 0, state.idle + 1)
+    stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
+    stop = jnp.where(crowded, CROWDED, stop)
+    stop = jnp.where(failed, NOT_CONVERGED, stop)
+    position, velocity = after.position[:count], after.velocity[:count]
+    resting = jnp.where(rest, support, -1)
+    state = state._replace(
+        position=settled(state.position, position),
+        velocity=settled(state.velocity, velocity),
+        time=settled(state.time, jnp.broadcast_to(after.time, (count,))),
+        support=settled(state.support, resting),
+        held=settled(state.held, jnp.where(rest, held, 0)),
+        count=settled(state.count, state.count + 1),
+        owed=settled(state.owed, jnp.zeros(count, numbers.dtype)),
+        now=jnp.maximum(state.now, began.time),
+        idle=idle,
+        status=stop,
+        coupling=Coupling(~ends, jnp.asarray(False), coupling.choice, members, after),
+    )
+    found = _searched(layout, numbers, state, jnp.arange(count), after.time, end)
+    # While the solve goes on nothing else happens.
+    found = found._replace(time=jnp.where(ends, found.time, jnp.inf))
+    state = state._replace(events=found)
+    zero = jnp.zeros((), numbers.dtype)
+    two = jnp.zeros((2, layout.dimensions), numbers.dtype)
+    nobody = Flying(two, two, jnp.zeros(2, numbers.dtype))
+    outcome = Outcome(nobody, began.time, *[zero] * (len(Outcome._fields) - 2))
+    together = Together(spheres, before.held, as_numbers(began), as_numbers(after))
+    blank = jnp.full(2, -1)
+    called = Called(jnp.asarray(True), before.support, decided, ends, rest)
+    figures = Figures(nobody, outcome, together)
+    facts = Facts(coupling.choice, blank, jnp.asarray(False), jnp.full_like(zero, jnp.inf), called)
+    return state, figures, facts, jnp.asarray(True)
+
+
+def _simultaneous(numbers: Numbers, time: Float[Array, ""]) -> Float[Array, ""]:
+    finite = jnp.where(jnp.isfinite(time), jnp.abs(time), 0)
+    return TIED * jnp.finfo(numbers.dtype).eps * finite
+
+
+def _choice(
+    layout: Layout,
+    numbers: Numbers,
+    state: State,
+    who: Int[Array, "2"],
+    partner: Int[Array, ""],
+    before: Flying,
+    now: Float[Array, ""],
+    tolerance: Float[Array, ""],
+) -> Choice:
+    """The decisions about an impact: its image, and whether a ball comes to rest on a wall.
+
+    A ball on a wall that gravity presses it to, with a constant e < 1, bounces for ever in a finite
+    time. Where the next bounce is lower than `tolerance` radii its time is summed.
+    """
+    support = state.support[who]
+    pull = accelerations(layout, numbers, who, support)
+    passed = (now - before.time)[:, None]
+    velocity = before.velocity + pull * passed
+    position = before.position + (before.velocity + velocity) / 2 * passed
+    image = nearest_image(layout, numbers, (position[0] - position[1])[None])[1][0]
+    tail = jnp.asarray(False)
+    if layout.walls and layout.gravity and any(layout.constant):
+        face = numbers.normal[jnp.clip(partner - layout.spheres, 0)]
+        weight = -jnp.sum(face * numbers.gravity)
+        closing = jnp.maximum(-jnp.sum(face * velocity[0]), 0)
+        law = layout.chosen(layout.laws, who[0], partner) if layout.laws else 0
+        e = numbers.restitution[law]
+        low = jnp.square(e * closing) <= 2 * weight * tolerance * numbers.radius[who[0]]
+        rests = (weight > 0) & (e < 1) & low & jnp.asarray(layout.constant)[law]
+        tail = (partner >= layout.spheres) & rests
+    image = jnp.where(partner < layout.spheres, image, 0)
+    return Choice(who[0], partner, support, image, now, tail)
+
+
+def _supports(
+    layout: Layout, numbers: Numbers, choice: Choice, outcome: Outcome
+) -> tuple[Int[Array, "2"], Bool[Array, ""]]:
+    """The walls that the two bodies rest on after the impact, and whether one needs two walls."""
+    support = choice.support
+    if not layout.walls:
+        return support, jnp.asarray(False)
+    velocity = outcome.after.velocity
+    normal = numbers.normal[jnp.maximum(support, 0)]
+    leaving = jnp.abs(jnp.sum(velocity * normal, axis=-1))
+    speed = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)) + outcome.closing
+    kept = (support >= 0) & (leaving <= NOISE * jnp.finfo(numbers.dtype).eps * speed)
+    support = jnp.where(kept, support, -1)
+    wall = choice.second - layout.spheres
+    crowded = choice.tail & kept[0] & (support[0] != wall)
+    first = jnp.where(choice.tail, wall, support[0])
+    return jnp.stack([first, support[1]]), crowded
+
+
+def _searched(
+    layout: Layout,
+    numbers: Numbers,
+    state: State,
+    who: Int[Array, " M"],
+    now: Float[Array, ""],
+    end: Float[Array, ""],
+) -> Events:
+    """The next events of some spheres, searched among all bodies."""
+    count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
+    passed = (now - state.time)[:, None]
+    velocity, position = state.velocity, state.position
+    pull = jnp.zeros_like(velocity)
+    if layout.gravity:
+        pull = accelerations(layout, numbers, jnp.arange(count), state.support)
+        velocity = velocity + pull * passed
+    position = position + (state.velocity + velocity) / 2 * passed
+    moves = numbers.inverse_mass[:count] > 0
+    speeds = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1))
+
+    apart = (position[who][:, None] - position[None]).reshape(-1, layout.dimensions)
+    apart = nearest_image(layout, numbers, apart)[0].reshape(-1, count, layout.dimensions)
+    rate = velocity[who][:, None] - velocity[None]
+    bend = pull[who][:, None] - pull[None]
+    distance = numbers.radius[who][:, None] + numbers.radius[None]
+    noise = NOISE * eps * (speeds[who][:, None] + speeds[None])
+    straight = sphere_time(apart, rate, distance, noise)
+    if layout.gravity and (layout.walls or any(layout.fixed)):
+        bent = jnp.any(bend != 0, axis=-1)
+        horizon = jnp.maximum(end - now, 0)
+
+        def curved() -> Array:
+            return curved_time(apart, rate, bend, distance, noise, horizon)
+
+        times = jnp.where(bent, jax.lax.cond(jnp.any(bent), curved, lambda: straight), straight)
+    else:
+        times = straight
+    other = (jnp.arange(count)[None] != who[:, None]) & (moves[None] | moves[who][:, None])
+    times = jnp.where(other, times, jnp.inf)
+    reached = jnp.where(jnp.isfinite(times), times, 0)[..., None]
+    at = apart + (rate + bend / 2 * reached) * reached
+    closing = -jnp.sum(at * (rate + bend * reached), axis=-1) / distance
+
+    horizon = jnp.full(who.shape, jnp.inf, numbers.dtype)
+    for axis in range(layout.dimensions):
+        if layout.periodic[axis]:
+            bound = image_horizon(
+                apart[..., axis], rate[..., axis], bend[..., axis], distance, numbers.period[axis]
+            )
+            horizon = jnp.minimum(horizon, jnp.min(jnp.where(other, bound, jnp.inf), axis=-1))
+
+    if layout.walls:
+        height = jnp.sum(position[who][:, None] * numbers.normal[None], axis=-1)
+        gap = height - numbers.offset[None] - numbers.radius[who][:, None]
+        fall = jnp.sum(velocity[who][:, None] * numbers.normal[None], axis=-1)
+        weight = jnp.sum(pull[who][:, None] * numbers.normal[None], axis=-1)
+        wall = wall_time(gap, fall, weight, NOISE * eps * speeds[who][:, None])
+        resting = jnp.arange(layout.walls)[None] == state.support[who][:, None]
+        wall = jnp.where(resting | ~moves[who][:, None], jnp.inf, wall)
+        reached = jnp.where(jnp.isfinite(wall), wall, 0)
+        times = jnp.concatenate([times, wall], axis=-1)
+        closing = jnp.concatenate([closing, -(fall + weight * reached)], axis=-1)
+    # A fixed sphere is found by those that move.
+    times = jnp.where(moves[who][:, None], times, jnp.inf)
+
+    least = jnp.min(times, axis=-1, keepdims=True)
+    simultaneous = TIED * eps * (jnp.abs(now) + jnp.where(jnp.isfinite(least), least, 0))
+    together = times <= least + simultaneous
+    best = jnp.argmax(jnp.where(together, closing, -jnp.inf), axis=-1)
+    everyone = jnp.arange(times.shape[-1])[None]
+    second = jnp.min(jnp.where(everyone == best[:, None], jnp.inf, times), axis=-1)
+    time = jnp.take_along_axis(times, best[:, None], axis=-1)[:, 0]
+    speed = jnp.take_along_axis(closing, best[:, None], axis=-1)[:, 0]
+    early = horizon < time
+    sphere = jnp.minimum(best, count - 1)
+    return Events(
+        time=now + jnp.minimum(time, horizon),
+        partner=jnp.where(early, -1, best),
+        count=jnp.where(best < count, state.count[sphere], 0),
+        speed=jnp.where(early, jnp.inf, speed),
+        second=now + second,
+    )

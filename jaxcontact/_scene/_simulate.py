@@ -1,0 +1,257 @@
+"""The public function `simulate`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike
+
+from .._parameter import (
+    FRACTION,
+    POSITIVE,
+    as_parameter,
+    rendered,
+    require_choice,
+    require_count,
+    require_flag,
+    require_kind,
+    require_number,
+)
+from ._bodies import one_number
+from ._coupled import MOST
+from ._log import Log, blank_log
+from ._replay import differentiable
+from ._result import Ending, traced
+from ._run import Run, moment_at
+from ._scene import Scene
+from ._schedule import CROWDED, NOT_CONVERGED, OVER, RUNNING, Rules, State, advance, begun
+from ._system import Layout, Numbers, first_overlap, layout_of, numbers_of, replaced
+from ._table import table_of
+
+ROOM = 256
+"""Impacts that a traced run has room for."""
+
+_CALLS = 4
+"""Rows of the log for each impact that a coupled solve may need."""
+
+_PIECE = 256
+"""Impacts between two looks of Python at a run."""
+
+
+def simulate(
+    scene: Scene,
+    duration: ArrayLike,
+    *,
+    times: ArrayLike | None = None,
+    rtol: float = 1e-9,
+    instantaneous: bool = False,
+    v0: str | float = "peak",
+    max_impacts: int | None = None,
+) -> Run:
+    """Follow a scene from impact to impact: flights by formula, times of impact in closed form.
+
+    Arguments: the scene; its `duration` in s; `times` (T,) in s at which states are wanted,
+    ascending, within the duration (the start and the end if not given); `rtol`, the tolerance of
+    each impact: velocities relative to the closing speed.
+
+    An isolated impact lasts as long as its law says, and the line of centres turns meanwhile: by
+    closed form where it is head-on, else by the radial equation with its angular momentum. Whatever
+    is not isolated is one coupled solve of all spheres, of which there may be eight: a third body
+    near, gravity across a wall, a contact that comes to rest. `v0` is the speed that the damping
+    of a law refers to: "peak", the largest closing speed of the contact; "touch", that at touch; a
+    number, the least one in m/s.
+
+    With `instantaneous` impacts are out of time: each has the law's e at its own closing speed.
+    Impacts at the same time are taken pair by pair, the largest closing speed first, and marked.
+    Where a ball bounces on a wall with a constant e < 1 under gravity, and the next bounce would be
+    lower than `rtol` radii, the time of the infinitely many bounces is summed and the ball rests
+    on the wall, along which it slides. Where impacts accumulate in any other way the run stops, and
+    is flagged.
+
+    `max_impacts` is the room for impacts: from Python it grows by itself; with traced values it is
+    fixed (256 if not given), `impacts` are padded to it, and a run that needs more is flagged and
+    NaN.
+
+    Returns a `Run`, differentiable by all numbers of the scene in both modes; the derivative is
+    that of the order of impacts that happened (`Run.margin`). Bad lanes are flagged in `status`,
+    and NaN. Raises ValueError for what is out of range.
+
+    Source: event-driven simulation with one stored event a body, Lubachevsky (1991),
+    doi 10.1016/0021-9991(91)90222-7.
+    """
+    scene = require_kind("scene", scene, Scene, "a `Scene`")
+    length = one_number(duration, "duration", POSITIVE)
+    tolerance = require_number("rtol", rtol, FRACTION)
+    soft = not require_flag("instantaneous", instantaneous)
+    followed = _v0(v0)
+    most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
+    asked = _times(times, length)
+    layout = layout_of(scene)
+    # Coupled solves do not know the images of a periodic space.
+    coupled = soft and layout.spheres <= MOST and not any(layout.periodic)
+    rules = Rules(soft, followed, coupled)
+    if soft:
+        _require_one_kind(scene)
+    numbers, valid = numbers_of(scene, layout, contacts=soft or not all(layout.constant))
+    length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
+    given = (numbers, length, asked)
+    within = jnp.asarray(tolerance, numbers.dtype)
+    names = tuple(
+        body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
+        for k, body in enumerate(scene.bodies)
+    )
+    if traced(given):
+        room = ROOM if most is None else most
+        # A call of the coupled solve ends where any pair touches or opens.
+        rows = room * (_CALLS if coupled else 1)
+        outcome = _all_at_once(layout, numbers, rules, valid, length, within, rows)
+    else:
+        room = None
+        outcome = _piece_by_piece(layout, numbers, rules, valid, length, within, most)
+    numbers, log, written, status, reached = outcome
+    impacts, margin, total = table_of(layout, numbers.normal, names, log, written, status, room)
+    if room is None:
+        impacts = jax.tree.map(lambda x: x[: int(total)], impacts)
+    now = moment_at(layout, numbers, rules, log, written, reached, asked, within)
+    return Run(
+        time=now.time,
+        position=now.position,
+        velocity=now.velocity,
+        energy=now.energy,
+        impacts=impacts,
+        margin=margin,
+        status=status,
+        reached=reached,
+        duration=length,
+        scene=scene,
+        _layout=layout,
+        _numbers=numbers,
+        _log=log,
+        _written=written,
+        _rules=rules,
+        _tolerance=within,
+    )
+
+
+def _v0(given: Any) -> str | float:
+    """The rule of v0: "peak", "touch" or a floor in m/s; ValueError for anything else."""
+    if isinstance(given, str):
+        return require_choice("v0", given, ("peak", "touch"))
+    return require_number("v0", given, POSITIVE)
+
+
+def _require_one_kind(scene: Scene) -> None:
+    """Raise ValueError where impacts that take time have laws of different kinds."""
+    kinds = [jax.tree.structure(law) for law in scene.law.values]
+    for law, kind in zip(scene.law.values, kinds, strict=True):
+        if kind != kinds[0]:
+            raise ValueError(
+                "Argument `law` of the scene must hold laws of one kind, which may differ in their "
+                f"numbers, but has `{type(scene.law.values[0]).__name__}` and "
+                f"`{type(law).__name__}`; only with `instantaneous=True` the kinds may differ."
+            )
+
+
+def _times(given: Any, duration: Array) -> Array:
+    """The times asked for; ValueError unless they ascend within the duration."""
+    if given is None:
+        return jnp.stack([jnp.zeros_like(duration), duration])
+    times = as_parameter(given, "times")
+    if times.ndim != 1 or times.shape[0] == 0:
+        raise ValueError(f"Argument `times` must be a list of numbers, but is {rendered(given)}.")
+    if isinstance(times, Tracer):
+        return times
+    plain = np.asarray(times)
+    if not (np.all(np.isfinite(plain)) and np.all(np.diff(plain) > 0)):
+        raise ValueError(f"Argument `times` must ascend, but is {rendered(given)}.")
+    late = not isinstance(duration, Tracer) and plain[-1] > float(duration)
+    if plain[0] < 0 or late:
+        raise ValueError(
+            f"Argument `times` must lie between 0 and the duration, but is {rendered(given)}."
+        )
+    return times
+
+
+@eqx.filter_jit
+def _all_at_once(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    valid: Array,
+    end: Array,
+    tolerance: Array,
+    room: int,
+) -> tuple[Numbers, Log, Array, Array, Array]:
+    """The whole run as one program with room for so many impacts, differentiable."""
+    valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
+    valid = valid & POSITIVE.holds(end)
+    numbers = replaced(numbers, valid)
+    fixed = jax.tree.map(
+        lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, numbers
+    )
+    last = jnp.where(valid, jax.lax.stop_gradient(end), -1)
+    state = begun(layout, fixed, rules, last)
+    log = blank_log(room, layout, numbers.dtype, rules.coupled)
+    state, log, written = advance(layout, fixed, rules, state, log, last, tolerance)
+    more = _goes_on(state, last)
+    status, reached = _ending(state, more, valid, end)
+    log = differentiable(layout, numbers, rules, log, written, tolerance)
+    return numbers, log, written, status, reached
+
+
+def _goes_on(state: State, end: Array) -> Array:
+    more = jnp.min(state.events.time) <= end
+    return more if state.coupling is None else more | state.coupling.active
+
+
+def _ending(state: State, more: Array, valid: Array, end: Array) -> tuple[Array, Array]:
+    """How a run ended, and up to which time its values hold."""
+    # A run may end while bodies are in contact.
+    stuck = (state.status != RUNNING) & (state.status != OVER)
+    more = more & (state.status != OVER)
+    status = jnp.where(stuck, int(Ending.ACCUMULATED), int(Ending.COMPLETED))
+    status = jnp.where(state.status == CROWDED, int(Ending.CROWDED), status)
+    status = jnp.where(state.status == NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
+    status = jnp.where(~stuck & more, int(Ending.TOO_MANY_IMPACTS), status)
+    status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
+    reached = jnp.where(stuck, state.now, jnp.where(more | ~valid, -1, end))
+    return status, jax.lax.stop_gradient(reached)
+
+
+_begun = eqx.filter_jit(begun)
+_advance = eqx.filter_jit(advance)
+
+
+def _piece_by_piece(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    valid: Array,
+    end: Array,
+    tolerance: Array,
+    most: int | None,
+) -> tuple[Numbers, Log, Array, Array, Array]:
+    """The run from Python: one program goes on until all impacts are there."""
+    numbers = replaced(numbers, valid)
+    last = jnp.where(valid, end, -1)
+    state = _begun(layout, numbers, rules, last)
+    pieces: list[Log] = []
+    total, more = 0, True
+    while more and int(state.status) == 0 and (most is None or total < most):
+        blank = blank_log(_PIECE, layout, numbers.dtype, rules.coupled)
+        state, log, written = _advance(layout, numbers, rules, state, blank, last, tolerance)
+        count = int(written) if most is None else min(int(written), most - total)
+        more = bool(_goes_on(state, last)) or count < int(written)
+        pieces.append(jax.tree.map(lambda x, n=count: np.asarray(x)[:n], log))
+        total += count
+    # Rows of lengths that are powers of two share the programs that read them.
+    room = max(64, 1 << max(total - 1, 0).bit_length())
+    blank = jax.tree.map(np.asarray, blank_log(room - total, layout, numbers.dtype, rules.coupled))
+    log = jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)), *pieces, blank)
+    status, reached = _ending(state, jnp.asarray(more), valid, end)
+    return numbers, log, jnp.asarray(total), status, reached

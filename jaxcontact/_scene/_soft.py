@@ -1,0 +1,102 @@
+"""One isolated soft impact of two bodies, from their states at touch to those at separation."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._impact import Status
+from .._laws import VELOCITY_THRESHOLD
+from ._hit import Choice, Flying, Outcome, accelerations, meeting_of
+from ._oblique import oblique
+from ._result import Way
+from ._system import Layout, Numbers, known_contact_of, law_of
+
+_HEAD_ON = 1e-8
+"""Sliding over closing speed below which an impact is head-on."""
+
+Lane = Float[Array, "..."]
+
+
+def soft(
+    layout: Layout, numbers: Numbers, before: Flying, choice: Choice, rtol: Float[Array, ""]
+) -> Outcome:
+    """An impact with its own duration, exact for a central force: `oblique` says how it is solved.
+
+    The line of centres turns by ψ while the centre of mass moves on: with the unit vectors n along
+    the line and s along the sliding velocity at touch, the bodies part at distance d along R(ψ) n
+    with the velocity R(ψ) (-e' v_n n + v_s s).
+    """
+    count = layout.spheres
+    meeting = meeting_of(layout, numbers, before, choice)
+    is_wall = choice.second >= count
+    second = jnp.minimum(choice.second, count - 1)
+    who = jnp.stack([choice.first, second])
+    flying, normal = meeting.flying, meeting.normal
+    pull = accelerations(layout, numbers, who, choice.support)
+    steady = jnp.where(is_wall, 0, flying.velocity[1])
+    relative = flying.velocity[0] - steady
+    closing = jnp.maximum(meeting.closing, VELOCITY_THRESHOLD)
+    across = relative + meeting.closing * normal
+    square = jnp.sum(jnp.square(across))
+    # A head-on impact is taken as the limit of oblique ones: turn and sliding are proportional, and
+    # all else is even in the sliding speed, so that this one changes nothing but finds the ratio.
+    straight = square <= jnp.square(_HEAD_ON * closing)
+    sideways = jnp.sqrt(jnp.where(straight, 1, square))
+    sideways = jnp.where(straight, jax.lax.stop_gradient(_HEAD_ON * closing), sideways)
+    distance = numbers.radius[choice.first] + numbers.radius[second]
+    contact = known_contact_of(layout, numbers, choice.first, choice.second)
+    # What presses a body to a wall acts in the contact; along the wall it does not.
+    pressing = jnp.where(is_wall, -jnp.sum(normal * pull[0]), 0)
+    rebound = oblique(
+        law_of(layout, numbers, choice.first, choice.second),
+        contact,
+        closing,
+        sideways,
+        jnp.where(is_wall, jnp.inf, distance),
+        pressing * contact.mass,
+        rtol=rtol,
+    )
+    good = rebound.status == int(Status.SEPARATED)
+    clean = jax.tree.map(lambda x: jnp.where(good, x, jnp.zeros_like(x)), rebound)
+    cosine, turning = jnp.cos(clean.turn), jnp.sin(clean.turn) / sideways
+    along = cosine * normal + turning * across
+    beside = cosine * across - turning * square * normal
+    parting = clean.restitution * closing
+    away = parting * along + beside
+    passed = clean.elapsed
+    inverse = jnp.stack([numbers.inverse_mass[choice.first], numbers.inverse_mass[choice.second]])
+    share = inverse / jnp.sum(inverse)
+    # The centre of mass falls freely, or rests where the second body is fixed or a wall.
+    drift = share[1] * flying.velocity[0] + share[0] * steady
+    fall = share[1] * pull[0] + share[0] * jnp.where(is_wall, 0, pull[1])
+    moved_by = drift * passed + fall * jnp.square(passed) / 2
+    centre = jnp.where(is_wall, 0, 1) * moved_by
+    falls = drift + fall * passed
+    image = choice.image * numbers.period
+    middle = share[1] * flying.position[0] + share[0] * (flying.position[1] + image)
+    first = middle + centre + share[0] * distance * along
+    other = middle + centre - share[1] * distance * along - image
+    fast = falls + share[0] * away
+    slow = falls - share[1] * away
+    # Along a wall gravity goes on; its normal part was in the contact.
+    level = pull[0] - jnp.sum(pull[0] * normal) * normal
+    on_wall = flying.position[0] + across * passed + level * jnp.square(passed) / 2
+    off_wall = across + level * passed + parting * normal
+    position = jnp.stack([jnp.where(is_wall, on_wall, first), other])
+    velocity = jnp.stack([jnp.where(is_wall, off_wall, fast), slow])
+    until = meeting.time + passed
+    return Outcome(
+        after=Flying(position, velocity, jnp.broadcast_to(until, (2,))),
+        time=meeting.time,
+        closing=closing,
+        restitution=clean.restitution,
+        duration=clean.duration,
+        energy_loss=clean.energy_loss,
+        max_force=clean.max_force,
+        turn=jnp.where(straight, 0, clean.turn),
+        error=clean.error_estimate,
+        way=(int(Way.CLOSED_FORM) + rebound.way).astype(closing.dtype),
+        status=rebound.status.astype(closing.dtype),
+    )

@@ -1,0 +1,257 @@
+"""Impacts out of time: known answers, ties, rest, and energy over many impacts."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+
+EXACT = 1e-12
+"""Times, heights and speeds of the bouncing ball, relative to the drop: measured 3e-14."""
+
+ENERGY = 1e-12
+"""Energy of an elastic gas over 1e4 impacts, relative: measured 1e-13."""
+
+FLOOR = jc.Plane([0.0, 0.0], [0.0, 1.0], name="floor")
+
+
+def go(scene, duration, **options):
+    return jc.simulate(scene, duration, instantaneous=True, **options)
+
+
+def dropped(e=0.9):
+    ball = jc.Sphere(0.01, 0.03, [0.0, 1.01], name="ball")
+    return jc.Scene([ball, FLOOR], jc.ExactRestitution(e=e), gravity=[0.0, -9.81])
+
+
+def test_a_bouncing_ball_after_44_impacts():
+    run = go(dropped(), 8.5)
+    assert len(run.impacts) == 44
+    height = run.position[-1, 0, 1] - 0.01
+    assert abs(height - 5.565551008992671e-6) < EXACT
+    assert abs(run.velocity[-1, 0, 1] + 4.166519580981356e-2) < EXACT * np.sqrt(2 * 9.81)
+    assert run.status == jc.Ending.COMPLETED
+
+
+def test_the_bounces_come_to_an_end_and_the_ball_rests():
+    run = go(dropped(), 9.0, times=[0.0, 8.7, 9.0])
+    last = run.impacts.to_dict()
+    assert last["way"][-1] == jc.Way.SERIES and np.sum(last["way"] == jc.Way.SERIES) == 1
+    assert abs(last["time"][-1] + last["duration"][-1] - 8.578949178728887) < EXACT * 9
+    np.testing.assert_allclose(run.position[1:, 0, 1], 0.01, rtol=1e-14)
+    assert np.max(np.abs(run.velocity[1:])) < 1e-15
+    lost = np.sum(last["energy_loss"])
+    assert abs(run.energy[0] - run.energy[-1] - lost) < ENERGY * run.energy[0]
+
+
+def test_a_resting_ball_slides_and_can_be_hit():
+    """Only the normal motion rests; what falls on a ball at rest is met by a quartic."""
+    balls = [
+        jc.Sphere(0.1, 1.0, [0.0, 0.1], [0.3, 0.0]),
+        jc.Sphere(0.1, 1.0, [0.05, 2.0], [0.3, 0.0]),
+    ]
+    run = go(jc.Scene([*balls, FLOOR], jc.ExactRestitution(e=0.5), gravity=[0.0, -10.0]), 0.7)
+    hits = run.impacts.to_dict()
+    assert (hits["first"][0], hits["second"][0], hits["way"][0]) == (0, 2, jc.Way.SERIES)
+    # It falls 2 - 0.1 - sqrt(0.2² - 0.05²).
+    time = np.sqrt(2 * (1.9 - np.sqrt(0.04 - 0.0025)) / 10)
+    np.testing.assert_allclose(hits["time"][1], time, rtol=1e-13)
+    assert {hits["first"][1], hits["second"][1]} == {0, 1}
+    # The one below is pushed into the floor, which gives the push back at once.
+    assert (hits["first"][2], hits["second"][2]) == (0, 2) and hits["tied"][2]
+    before = run.at(time / 2)
+    np.testing.assert_allclose(before.position[0, 0], [0.15 * time, 0.1], rtol=1e-13)
+
+
+def test_a_ball_in_a_corner_meets_both_walls():
+    ball = jc.Sphere(0.1, 1.0, [0.5, 0.5], [-1.0, -1.0])
+    run = go(jc.Scene([ball, jc.Box([0.0, 0.0], [2.0, 2.0])], jc.ExactRestitution(e=0.5)), 1.0)
+    assert sorted(run.impacts.face.tolist()) == [0, 2]
+    assert bool(np.all(run.impacts.tied)) and run.margin.time == 0
+    np.testing.assert_allclose(run.velocity[-1, 0], [0.5, 0.5], rtol=1e-15)
+    np.testing.assert_allclose(run.position[-1, 0], [0.4, 0.4], rtol=1e-14)
+
+
+def line(law, count, start=1.0):
+    """Balls that touch, and one that comes from the left."""
+    first = jc.Sphere(0.1, 1.0, [-0.5], [start])
+    return jc.Scene([first, *(jc.Sphere(0.1, 1.0, [0.2 * k]) for k in range(count))], law)
+
+
+def test_a_cradle():
+    run = go(line(jc.Hertz(), 4), 1.0)
+    np.testing.assert_array_equal(run.velocity[-1, :, 0], [0.0, 0.0, 0.0, 0.0, 1.0])
+    assert run.impacts.tied.tolist() == [False, True, True, True]
+
+
+def test_simultaneous_impacts_go_by_closing_speed():
+    """A ball between two that come with different speeds: the faster one is first."""
+    balls = [
+        jc.Sphere(0.1, 1.0, [-1.2], [1.0], name="slow"),
+        jc.Sphere(0.1, 1.0, [0.0], name="middle"),
+        jc.Sphere(0.1, 1.0, [2.2], [-2.0], name="fast"),
+    ]
+    run = go(jc.Scene(balls, jc.Hertz()), 1.5)
+    rows = run.impacts.to_dict()
+    assert {rows["first"][0], rows["second"][0]} == {1, 2}
+    assert rows["closing_speed"].tolist() == [2.0, 3.0, 1.0] and all(rows["tied"])
+    np.testing.assert_allclose(run.velocity[-1, :, 0], [-2.0, 0.0, 1.0], atol=1e-15)
+
+
+def test_an_output_at_the_moment_of_an_impact():
+    """It never cuts a step: the impact happens, and the values are those after it."""
+    balls = [jc.Sphere(0.1, 1.0, [0.0], [1.0]), jc.Sphere(0.1, 1.0, [1.2])]
+    scene = jc.Scene(balls, jc.Hertz())
+    run = go(scene, 2.0, times=[0.5, 1.0, 1.5])
+    # The impact is at 1, give or take a rounding.
+    np.testing.assert_allclose(run.impacts.time, [1.0], rtol=1e-15)
+    at = run.at(run.impacts.time)
+    np.testing.assert_array_equal(at.velocity[0, :, 0], [0.0, 1.0])
+    np.testing.assert_allclose(run.position[:, :, 0], [[0.5, 1.2], [1.0, 1.2], [1.0, 1.7]])
+    ends_there = go(scene, float(run.impacts.time[0]))
+    assert len(ends_there.impacts) == 1
+    np.testing.assert_array_equal(ends_there.velocity[-1, :, 0], [0.0, 1.0])
+    goes_on = go(ends_there.final, 1.0)
+    assert len(goes_on.impacts) == 0
+    np.testing.assert_allclose(goes_on.position[-1, :, 0], [1.0, 2.2])
+
+
+def gas(count, axes, periodic, size=1.0, radius=0.08):
+    rng = np.random.default_rng(1)
+    places = np.array(list(np.ndindex(*([3] * axes))))[:count]
+    bodies = [
+        jc.Sphere(
+            radius,
+            1.0 + 0.1 * k,
+            (place + 0.5) * size / 3 + rng.uniform(-0.03, 0.03, axes),
+            rng.normal(size=axes),
+        )
+        for k, place in enumerate(places)
+    ]
+    box = [] if periodic else [jc.Box([0.0] * axes, [size] * axes)]
+    return jc.Scene([*bodies, *box], jc.Hertz(), periodic=[size] * axes if periodic else None)
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_an_elastic_gas_keeps_its_energy_and_never_overlaps(periodic):
+    run = go(gas(8, 2, periodic), 600.0, times=np.linspace(0, 600, 401))
+    assert len(run.impacts) > 10_000
+    assert np.max(np.abs(run.energy / run.energy[0] - 1)) < ENERGY
+    apart = np.asarray(run.position)[:, :, None] - np.asarray(run.position)[:, None]
+    apart -= np.round(apart) * periodic
+    distance = np.sqrt(np.sum(apart**2, axis=-1)) + np.eye(8)
+    assert np.min(distance) > 0.16 * (1 - 1e-12)
+    assert np.all(np.diff(run.impacts.time) >= 0)
+    if periodic:
+        momentum = np.einsum("n,tnd->td", 1 + 0.1 * np.arange(8), run.velocity)
+        np.testing.assert_allclose(momentum, momentum[:1] + 0 * momentum, atol=1e-12)
+    else:
+        assert np.min(run.position) > 0.08 * (1 - 1e-12)
+
+
+def test_a_gas_of_hard_spheres_has_its_mean_free_time():
+    """ρσ³ = 0.5 in three dimensions: 0.13031 (Lue 2005) at unit temperature; 64 spheres here."""
+    rng = np.random.default_rng(5)
+    count, sigma = 64, 1.0
+    size = (count / 0.5) ** (1 / 3)
+    places = (np.array(list(np.ndindex(4, 4, 4))) + 0.5) * size / 4
+    speeds = rng.normal(size=(count, 3))
+    speeds -= speeds.mean(axis=0)
+    speeds /= np.sqrt(np.mean(speeds**2))
+    bodies = [jc.Sphere(sigma / 2, 1.0, x, v) for x, v in zip(places, speeds, strict=True)]
+    scene = jc.Scene(bodies, jc.Hertz(), periodic=[size] * 3)
+    run = go(scene, 65.0)
+    counted = int(np.sum(np.asarray(run.impacts.time) > 5.0))
+    assert counted > 10_000
+    # No momentum as a whole: the temperature of 3 (N-1) degrees of freedom.
+    free = 60.0 / (2 * counted / count) * np.sqrt(count / (count - 1))
+    # The statistical error of the count is 0.8 %.
+    np.testing.assert_allclose(free, 0.13031, rtol=0.015)
+
+
+def test_two_orders_of_the_same_scene_agree():
+    """Names and order of the bodies are no physics: the first twenty impacts agree to 1e-10."""
+    scene = gas(6, 2, False)
+    turned = jc.Scene(scene.bodies[::-1], jc.Hertz())
+    one, other = go(scene, 3.0), go(turned, 3.0)
+    assert min(len(one.impacts), len(other.impacts)) > 20
+    np.testing.assert_allclose(one.impacts.time[:20], other.impacts.time[:20], rtol=1e-10)
+    time = one.impacts.time[19]
+    np.testing.assert_allclose(
+        one.at(time).position[0], other.at(time).position[0, ::-1], atol=1e-10
+    )
+
+
+def test_laws_by_pair_in_either_order():
+    balls = [
+        jc.Sphere(0.1, 1.0, [0.0], [1.0], name="a"),
+        jc.Sphere(0.1, 1.0, [1.0], name="b"),
+        jc.Sphere(0.1, 1.0, [2.0], name="c"),
+    ]
+    laws = {("b", "a"): jc.ExactRestitution(e=0.5), "default": jc.MarhefkaOrin(a=0.2)}
+    run = go(jc.Scene(balls, laws, stiffness=1e6), 4.0)
+    e = run.impacts.restitution
+    np.testing.assert_allclose(e[0], 0.5, rtol=1e-13)
+    speed = run.impacts.closing_speed[1]
+    wanted = jc.restitution(jc.MarhefkaOrin(a=0.2), jc.Contact(0.5, 1e6), speed)
+    np.testing.assert_allclose(e[1], wanted, rtol=1e-13)
+    assert speed == pytest.approx(0.75)
+
+
+def test_hertz_stiffness_from_materials_enters_a_law_that_needs_it():
+    steel = jc.Material(2e11, 0.3, 7800.0)
+    law = jc.ConstantDamping(c=1e9)
+    ball = jc.Sphere(0.01, None, [0.5], [-1.0], steel)
+    run = go(jc.Scene([ball, jc.Plane([0.0], [1.0])], law), 1.0)
+    wanted = jc.restitution(law, jc.Contact.sphere_plane(0.01, steel), 1.0)
+    np.testing.assert_allclose(run.impacts.restitution, [wanted], rtol=1e-13)
+    other = jc.Sphere(0.03, None, [0.0], None, steel)
+    run = go(jc.Scene([ball, other], law), 1.0)
+    wanted = jc.restitution(law, jc.Contact.sphere_sphere(0.01, 0.03, steel, steel), 1.0)
+    np.testing.assert_allclose(run.impacts.restitution, [wanted], rtol=1e-13)
+
+
+def test_a_fixed_sphere_under_gravity():
+    pin = jc.Sphere(0.2, None, [0.0, 0.0], fixed=True)
+    ball = jc.Sphere(0.1, 2.0, [0.0, 1.3])
+    scene = jc.Scene([pin, ball], jc.ExactRestitution(e=0.5), gravity=[0.0, -10.0])
+    run = go(scene, 0.6)
+    np.testing.assert_allclose(run.impacts.time, [np.sqrt(0.2)], rtol=1e-13)
+    np.testing.assert_allclose(run.impacts.closing_speed, [np.sqrt(20)], rtol=1e-13)
+    np.testing.assert_array_equal(run.position[:, 0], 0)
+
+
+def test_what_accumulates_elsewhere_stops_and_is_flagged():
+    """Three balls, the outer ones heavy and closing in: an inelastic collapse."""
+    balls = [
+        jc.Sphere(0.1, 1.0, [-1.0], [1.0]),
+        jc.Sphere(0.1, 1.0, [0.0]),
+        jc.Sphere(0.1, 1.0, [1.0], [-1.3]),
+    ]
+    run = go(jc.Scene(balls, jc.ExactRestitution(e=0.05)), 3.0, times=[0.1, 3.0])
+    assert run.status == jc.Ending.ACCUMULATED
+    assert np.all(np.isfinite(run.position[0])) and np.all(np.isnan(run.position[1]))
+    assert 0 < run.reached < 3
+
+
+def test_tables_read_well():
+    run = go(dropped(), 1.0)
+    assert "1 impact" in str(run.impacts) and "ball - floor" in str(run.impacts)
+    assert "completed" in str(run) and "44.2945" not in str(run)
+    assert set(run.impacts.to_dict()) >= {"time", "first", "second", "face", "restitution"}
+    assert "Scene(1 Sphere, 1 Plane; 2D; ExactRestitution)" in str(run.scene)
+    frame = pytest.importorskip("pandas") and run.impacts.to_dataframe()
+    assert len(frame) == 1
+    run = go(gas(8, 2, False), 20.0)
+    assert "..." in str(run.impacts) and "face" in str(run.impacts)
+
+
+def test_single_precision():
+    to_single = lambda x: x.astype(jnp.float32) if x.dtype == jnp.float64 else x  # noqa: E731
+    scene = jax.tree.map(to_single, gas(4, 2, False))
+    run = go(scene, 3.0)
+    assert run.position.dtype == jnp.float32
+    double = go(gas(4, 2, False), 3.0)
+    assert len(run.impacts) == len(double.impacts)
+    np.testing.assert_allclose(run.impacts.time[:3], double.impacts.time[:3], rtol=1e-5)

@@ -1,0 +1,162 @@
+"""Bad input: every message names the argument, what is allowed, and what was given."""
+
+import re
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+
+LAW = jc.Hertz()
+STEEL = jc.Material(2e11, 0.3)
+
+
+def ball(x=0.0, **named):
+    return jc.Sphere(**({"radius": 0.1, "mass": 1.0, "position": [x, 0.0]} | named))
+
+
+def scene(*bodies, **named):
+    return jc.Scene(list(bodies), **({"law": LAW} | named))
+
+
+def run(duration=1.0, **named):
+    return jc.simulate(scene(ball()), duration, **({"instantaneous": True} | named))
+
+
+FAULTS = {
+    "radius": (lambda: ball(radius=0.0), "`radius` must be in (0, inf), but is 0.0"),
+    "radius array": (lambda: ball(radius=jnp.ones(1)), "`radius` must be one number"),
+    "radius leaf": (lambda: ball(radius=jnp.asarray(-1.0)), "`radius` must be in (0, inf)"),
+    "no mass": (lambda: ball(mass=None), "`mass` must be given for a sphere whose material"),
+    "no density": (lambda: ball(mass=None, material=STEEL), "or give `material` with a density"),
+    "fixed": (lambda: ball(fixed=True), "`mass` must be None for a sphere with `fixed=True`"),
+    "fixed moves": (
+        lambda: ball(mass=None, velocity=[1.0, 0.0], fixed=True),
+        "`velocity` must be None for a sphere with `fixed=True`",
+    ),
+    "position": (lambda: ball(position=[0.0] * 4), "`position` must be one to three numbers"),
+    "position 2D": (lambda: ball(position=[[0.0]]), "`position` must be one to three numbers"),
+    "position nan": (lambda: ball(np.nan), "`position` must be finite numbers"),
+    "velocity": (
+        lambda: ball(velocity=[1.0]),
+        "`velocity` must have as many numbers as `position`",
+    ),
+    "name": (lambda: ball(name=3), "`name` must be text or None, but is 3"),
+    "material": (lambda: ball(material=3), "`material` must be a `Material` or None, but is 3"),
+    "normal": (lambda: jc.Plane([0.0], [0.0]), "`normal` must not be zero, but is [0.0]"),
+    "normals": (lambda: jc.Plane([0.0], [0.0, 1.0]), "`normal` must have as many numbers as"),
+    "high": (lambda: jc.Box([0.0], [0.0]), "`high` must be above `low` = [0.0], but is [0.0]"),
+    "highs": (lambda: jc.Box([0.0], [1.0, 1.0]), "`high` must have as many numbers as `low`"),
+    "low": (lambda: jc.Box([np.nan], [1.0]), "`low` must be numbers, without NaN"),
+    "bodies": (lambda: jc.Scene(ball(), LAW), "`bodies` must be a list of `Sphere`"),
+    "no bodies": (lambda: scene(), "`bodies` must be a list of `Sphere`"),
+    "a body": (lambda: scene(ball(), 3), "number 1 of it is 3"),
+    "spaces": (
+        lambda: scene(ball(), jc.Plane([0.0], [1.0])),
+        "Plane (number 1) has 1 dimensions and Sphere (number 0) has 2",
+    ),
+    "nothing moves": (
+        lambda: scene(jc.Sphere(0.1, position=[0.0], fixed=True)),
+        "`bodies` must hold a sphere that is not fixed, but nothing in it moves",
+    ),
+    "overlap": (
+        lambda: scene(ball(name="a"), ball(3.0), ball(0.15)),
+        "Sphere 'a' (number 0) and Sphere (number 2) do, by 0.05 m",
+    ),
+    "overlap wall": (
+        lambda: scene(ball(), jc.Plane([0.0, -0.07], [0.0, 2.0], name="table")),
+        "Sphere (number 0) and Plane 'table' (number 1) do, by 0.03 m",
+    ),
+    "overlap image": (
+        lambda: scene(ball(0.05), ball(0.95), periodic=[1.0, None]),
+        "Sphere (number 0) and Sphere (number 1) do, by 0.1 m",
+    ),
+    "law": (lambda: scene(ball(), law=3), "`law` must be a contact law (see `list_laws`)"),
+    "law key": (lambda: scene(ball(), law={3: LAW}), "`law` must have pairs of names"),
+    "law names": (
+        lambda: scene(ball(name="a"), law={("a", "b"): LAW}),
+        "`law` must name bodies of the scene ('a'), but names 'b'",
+    ),
+    "law twice": (
+        lambda: scene(ball(name="a"), ball(1.0, name="b"), law={("a", "b"): LAW, ("b", "a"): LAW}),
+        "`law` must name a pair once, but names ('b', 'a') in both orders",
+    ),
+    "law missing": (
+        lambda: scene(ball(name="a"), ball(1.0, name="b"), ball(2.0), law={("a", "b"): LAW}),
+        "`law` must have an entry for 'a' and an unnamed body, which can meet",
+    ),
+    "stiffness": (lambda: scene(ball(), stiffness=-1.0), "`stiffness` must be in (0, inf)"),
+    "exponent": (
+        lambda: scene(ball(), stiffness=1.0, exponent=9.0),
+        "`exponent` must be in [1, 3]",
+    ),
+    "Hertz": (lambda: scene(ball(), exponent=1.0), "`exponent` must be 1.5 where the stiffness"),
+    "gravity": (lambda: scene(ball(), gravity=[1.0]), "`gravity` must have 2 numbers"),
+    "periodic": (lambda: scene(ball(), periodic=[1.0]), "`periodic` must have 2 numbers"),
+    "short period": (lambda: scene(ball(), periodic=[0.4, None]), "longer than four radii (0.4)"),
+    "walled period": (
+        lambda: scene(ball(), jc.Plane([0.0, -1.0], [0.0, 1.0]), periodic=[None, 3.0]),
+        "`periodic` must be None for axis 1, along which Plane (number 1) ends the space",
+    ),
+    "period": (
+        lambda: scene(ball(), periodic=3),
+        "`periodic` must be a list with a length or None",
+    ),
+    "scene": (lambda: jc.simulate(3, 1.0), "`scene` must be a `Scene`, but is 3"),
+    "duration": (lambda: run(0.0), "`duration` must be in (0, inf), but is 0.0"),
+    "times": (lambda: run(times=[0.5, 0.1]), "`times` must ascend, but is [0.5, 0.1]"),
+    "late times": (lambda: run(times=[0.5, 1.1]), "`times` must lie between 0 and the duration"),
+    "no times": (lambda: run(times=[]), "`times` must be a list of numbers"),
+    "rtol": (lambda: run(rtol=0.0), "`rtol` must be a number in (0, 1)"),
+    "most": (lambda: run(max_impacts=0), "`max_impacts` must be a whole number of at least 1"),
+    "instantaneous": (lambda: run(instantaneous=1), "`instantaneous` must be True or False"),
+    "no stiffness": (
+        lambda: jc.simulate(scene(ball(), law=jc.ConstantDamping(c=1.0)), 1.0, instantaneous=True),
+        "`stiffness` of the scene must be given where a sphere has no material (number 0",
+    ),
+    "empty law": (lambda: scene(ball(), law={}), "`law` must have an entry, but is {}"),
+    "v0": (lambda: run(v0="peek"), "`v0` must be one of 'peak', 'touch', but is 'peek'"),
+    "v0 number": (lambda: run(v0=-1.0), "`v0` must be a number in (0, inf), but is -1.0"),
+    "kinds of laws": (
+        lambda: jc.simulate(
+            scene(
+                ball(name="a"),
+                ball(1.0, name="b"),
+                law={("a", "b"): LAW, "default": jc.HuGuo(e=0.5)},
+                stiffness=1.0,
+            ),
+            1.0,
+        ),
+        "`law` of the scene must hold laws of one kind, which may differ in their numbers, but has "
+        "`Hertz` and `HuGuo`",
+    ),
+    "soft stiffness": (
+        lambda: jc.simulate(scene(ball()), 1.0),
+        "`stiffness` of the scene must be given where a sphere has no material (number 0",
+    ),
+    "at": (lambda: run().at([[0.0]]), "`time` must be a number or a list of numbers"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_messages(fault):
+    call, words = FAULTS[fault]
+    with pytest.raises(ValueError, match=re.escape(words)):
+        call()
+
+
+def test_overlaps_by_rounding_are_none():
+    third = jc.Sphere(0.1, 1.0, [0.1 + 0.2])
+    jc.Scene([jc.Sphere(0.1, 1.0, [0.1]), third, jc.Plane([0.0], [1.0])], LAW)
+
+
+def test_fixed_bodies_may_lie_in_each_other():
+    pin = jc.Sphere(0.1, None, [0.0, 0.0], fixed=True)
+    scene(pin, pin, ball(1.0), jc.Plane([0.0, 0.15], [0.0, -1.0]))
+
+
+def test_a_law_out_of_range_is_flagged():
+    bad = scene(ball(), law=jc.ExactRestitution(e=jnp.asarray(2.0)))
+    done = jc.simulate(bad, 1.0, instantaneous=True)
+    assert done.status == jc.Ending.INVALID_INPUT and np.all(np.isnan(done.position))

@@ -1,0 +1,211 @@
+"""One isolated soft impact: against Newton's equations, its limits, and its derivatives."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._impact import Status
+from jaxcontact._scene._oblique import CLOSED_FORM, RADIAL, oblique
+from tests.oracle.scene_oracle import Ball, Spring, run
+
+MASSES = np.array([1.0, 2.0])
+MASS = MASSES.prod() / MASSES.sum()
+CASES = np.array(
+    [
+        (alpha, turned, across)
+        for turned in (1e-5, 4e-3, 0.1)
+        for alpha in (0.0, 0.5, 1.5, 8.0)
+        for across in (0.3, 3.0)
+    ]
+)
+"""Damping, about v_t T/d, and the tangential speed; the normal speed and d are 1."""
+
+
+def stiffness(turned, across):
+    return MASS / (turned / across / 3.2) ** 2.5
+
+
+def solved(rows, rtol):
+    """Any number of lanes, by one compiled program for 24."""
+    hit = _solved(jnp.resize(rows, (len(CASES), 7)), jnp.asarray(rtol, rows.dtype))
+    return jax.tree.map(lambda out: np.asarray(out)[: len(rows)], hit)
+
+
+@jax.jit
+@functools.partial(jax.vmap, in_axes=(0, None))
+def _solved(numbers, rtol):
+    alpha, k, mass, normal, across, distance, pull = numbers
+    law, contact = jc.Damped(alpha=alpha), jc.Contact(mass, k)
+    return oblique(law, contact, normal, across, distance, pull, rtol=rtol)
+
+
+def lanes(dtype=float):
+    alpha, turned, across = CASES.T
+    one = np.ones_like(alpha)
+    columns = (alpha, stiffness(turned, across), MASS * one, one, across, one, 0 * one)
+    return jnp.asarray(np.stack(columns, axis=1), dtype)
+
+
+def by_force(alpha, k, normal, across, distance=1.0, masses=MASSES):
+    balls = [
+        Ball([0.0, 0.0], [0.0, 0.0], distance / 2, masses[0]),
+        Ball([distance, 0.0], [-normal, across], distance / 2, masses[1]),
+    ]
+    return run(balls, Spring(k, alpha=alpha), until_apart=True)
+
+
+@functools.cache
+def reference():
+    return [by_force(a, stiffness(turned, v), 1.0, v) for a, turned, v in CASES]
+
+
+def velocities(e, turn, normal, across, masses=MASSES):
+    """Of both bodies, from what an impact returns: the second one flies at the resting first."""
+    n = np.array([np.cos(turn), np.sin(turn)])
+    t = np.array([-np.sin(turn), np.cos(turn)])
+    relative = e * normal * n + across * t
+    centre = masses[1] * np.array([-normal, across]) / masses.sum()
+    shares = masses[::-1] / masses.sum()
+    return centre + np.outer(shares * [-1, 1], relative)
+
+
+@pytest.mark.parametrize("rtol", [1e-6, 1e-9])
+def test_velocities_duration_and_loss_are_those_of_newtons_equations(rtol):
+    hit = solved(lanes(), rtol)
+    assert set(np.asarray(hit.status)) == {int(Status.SEPARATED)}
+    assert set(np.asarray(hit.way)) == {RADIAL}
+    for k, (_, _, across) in enumerate(CASES):
+        exact, speed = reference()[k], max(1.0, across)
+        found = velocities(float(hit.restitution[k]), float(hit.turn[k]), 1.0, across)
+        error = np.abs(found - exact.velocity).max()
+        assert error <= rtol * speed
+        assert abs(hit.elapsed[k] / exact.time - 1) <= 10 * rtol
+        lost = exact.touches[0].lost
+        assert abs(hit.energy_loss[k] - lost) <= rtol
+        # The reference looks at its forces five times a step.
+        assert 0 <= hit.max_force[k] / exact.touches[0].max_force - 1 + rtol < 1e-3
+        # The estimate is about the velocities, in units of the normal speed.
+        assert error <= 3 * float(hit.error_estimate[k]) + 1e-12 < rtol
+
+
+def test_single_precision_keeps_its_digits():
+    single, double = solved(lanes(jnp.float32), 1e-6), solved(lanes(), 1e-9)
+    for name, tolerance in {"restitution": 2e-5, "turn": 1e-5, "max_force": 1e-5}.items():
+        left, right = np.asarray(getattr(single, name)), np.asarray(getattr(double, name))
+        assert left.dtype == np.float32
+        np.testing.assert_allclose(left, right, rtol=tolerance, atol=tolerance)
+    assert not np.any(single.status)
+
+
+def test_head_on_and_slightly_oblique_impacts_are_the_closed_form():
+    row = lanes()[2]
+    some = jnp.stack([row.at[4].set(v) for v in (0.0, 1e-5, 1e-2)])
+    hit = solved(some, 1e-9)
+    assert list(np.asarray(hit.way)) == [CLOSED_FORM, CLOSED_FORM, RADIAL]
+    free = jc.impact(jc.Damped(alpha=row[0]), jc.Contact(row[2], row[1]), 1.0)
+    for name in ("restitution", "duration", "max_force", "max_indentation", "energy_loss"):
+        np.testing.assert_allclose(getattr(hit, name)[0], getattr(free, name), rtol=1e-14)
+    assert hit.turn[0] == 0 and np.all(hit.elapsed[:2] == hit.duration[:2])
+    # The turn is what is left of the first order: tangential speed times duration over distance.
+    np.testing.assert_allclose(hit.turn[1], 1e-5 * hit.duration[1], rtol=1e-2)
+
+
+def test_a_pull_against_a_plane_is_that_of_an_impact():
+    speeds = jnp.array([3.0, 1.0, 0.3, 0.01, 0.001, 1.0])
+    rows = jnp.stack(
+        [jnp.array([0.5, 1e4, 1.0, v, 0.0, jnp.inf, 9.81]) for v in (3.0, 1.0, 0.3, 0.01, 0.001)]
+        + [jnp.array([0.0, 1e4, 1.0, 1.0, 5.0, jnp.inf, 9.81])]
+    )
+    hit = solved(rows, 1e-9)
+    law = jc.Damped(alpha=rows[:, 0])
+    how = jc.Event(rtol=1e-11)
+    same = jc.impact(law, jc.Contact(1.0, 1e4), speeds, external_force=9.81, method=how)
+    np.testing.assert_array_equal(hit.status, same.status)
+    assert int(Status.SETTLED) in hit.status and not np.any(hit.turn)
+    for name in ("restitution", "duration", "max_force", "max_indentation"):
+        np.testing.assert_allclose(getattr(hit, name), getattr(same, name), rtol=1e-8)
+
+
+def test_a_clamped_law_lasts_longer_than_its_force():
+    damping, mass, k = 0.2, MASS, 1e4
+    c = 2 * damping * np.sqrt(2.5 / 2) * np.sqrt(k * mass)
+    law = jc.AntypovElliott(e=0.6, tension=False)
+    c = c * float(law.damping_ratio()) / damping
+    hit = jax.jit(lambda v: oblique(law, jc.Contact(mass, k), v, v, v, 0 * v, rtol=1e-9))(
+        jnp.asarray(1.0)
+    )
+    balls = [
+        Ball([0.0, 0.0], [0.0, 0.0], 0.5, MASSES[0]),
+        Ball([1.0, 0.0], [-1.0, 1.0], 0.5, MASSES[1]),
+    ]
+    exact = run(balls, Spring(k, c=c), until_apart=True)
+    found = velocities(float(hit.restitution), float(hit.turn), 1.0, 1.0)
+    np.testing.assert_allclose(found, exact.velocity, atol=1e-9)
+    np.testing.assert_allclose(hit.elapsed, exact.time, rtol=1e-9)
+    assert hit.duration < 0.95 * hit.elapsed
+
+
+def test_bad_lanes_are_flagged_and_leave_their_neighbours_alone():
+    row = lanes()[9]
+    bad = [row.at[place].set(x) for place, x in [(0, -1.0), (3, 0.0), (4, jnp.nan), (5, -1.0)]]
+    hit = solved(jnp.stack([row, *bad, row]), 1e-9)
+    expected = [0, *[int(Status.INVALID_INPUT)] * 4, 0]
+    np.testing.assert_array_equal(hit.status, expected)
+    good = np.array(expected) == 0
+    for value in (hit.restitution, hit.turn, hit.elapsed, hit.max_force):
+        np.testing.assert_array_equal(np.isfinite(value), good)
+
+
+def outcome(numbers):
+    hit = oblique(
+        jc.Damped(alpha=numbers[0]), jc.Contact(numbers[2], numbers[1]), *numbers[3:], rtol=1e-11
+    )
+    return jnp.stack([hit.restitution, hit.turn, hit.elapsed, hit.energy_loss])
+
+
+@functools.cache
+def both_jacobians():
+    """At two turning impacts and at a head-on one."""
+    points = lanes()[jnp.array([11, 20, 2])].at[2, 4].set(0.0)
+    both = jax.jit(jax.vmap(lambda x: (jax.jacfwd(outcome)(x), jax.jacrev(outcome)(x))))
+    return np.asarray(points), *(np.asarray(slopes) for slopes in both(points))
+
+
+def exact_outcome(numbers):
+    alpha, k, mass, normal, across, distance, _ = numbers
+    # Two equal balls; the second one flies at the resting first.
+    exact = by_force(alpha, k, normal, across, distance, 2 * mass * np.ones(2))
+    relative = exact.velocity[1] - exact.velocity[0]
+    # The velocity v' = R(ψ) (e' v_n, v_t) gives both: its length is exact, its direction, too.
+    line = exact.position[1] - exact.position[0]
+    turn = np.arctan2(line[1], line[0])
+    outwards = relative @ line / np.linalg.norm(line)
+    return np.array([outwards / normal, turn, exact.time, exact.touches[0].lost])
+
+
+def test_derivatives_are_those_of_the_reference_in_both_modes():
+    points, forward, reverse = both_jacobians()
+    unit = np.abs(np.asarray(forward)).max(axis=-1, keepdims=True)
+    assert np.all(np.abs(forward - reverse) <= 1e-9 * unit)
+    for point, slopes in zip(points[:2], forward[:2], strict=True):
+        for place in range(6):
+            h = 2e-3 * point[place]
+
+            def at(steps, point=point, place=place, h=h):
+                return exact_outcome(point + steps * h * np.eye(7)[place])
+
+            found = (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12 * h)
+            size = np.abs(exact_outcome(point)) / abs(point[place])
+            np.testing.assert_array_less(np.abs(found - slopes[:, place]), 1e-6 * (size + 1e-3))
+
+
+def test_the_derivative_across_is_that_of_a_free_impact_where_nothing_turns():
+    points, _, reverse = both_jacobians()
+    assert np.all(np.isfinite(reverse))
+    duration = solved(jnp.asarray(points), 1e-9).elapsed[2]
+    np.testing.assert_allclose(reverse[2, 1, 4], duration, rtol=1e-2)
+    assert reverse[2, 0, 4] == 0

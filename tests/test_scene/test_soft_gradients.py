@@ -1,0 +1,115 @@
+"""Derivatives of runs with soft impacts: against differences of Newton's equations, both modes."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from tests.oracle.scene_oracle import Ball, Spring, Wall, run
+
+MODES = 1e-9
+"""Forward against reverse, relative to the largest entry."""
+
+DIFFERENCES = 1e-6
+"""Against differences, relative to the largest derivative by the same number."""
+
+
+class Case(NamedTuple):
+    """A scene as a function of its numbers, which begin with alpha and K; and how long it runs."""
+
+    point: list[float]
+    balls: Callable[..., list[tuple]]
+    """Of the numbers after those two: position, velocity, radius and mass of each ball."""
+    lengths: tuple[int, ...]
+    """Which numbers are lengths; an indentation is a small part of them."""
+    floor: bool
+    duration: float
+
+
+CASES = {
+    "oblique": Case(
+        [1.0, 1e6, 0.1, 2.0, 0.0, 0.0, 1.0, 0.1, 0.5, 0.12],
+        lambda r, m, *s: [
+            ([s[0], s[1]], [s[2], s[3]], r, m),
+            ([s[4], s[5]], [-0.5, 0.0], 0.1, 1.0),
+        ],
+        (2, 4, 5, 8, 9),
+        False,
+        0.8,
+    ),
+    # One ball on a floor and one that follows it: a coupled solve under gravity.
+    "stack": Case(
+        [0.5, 1e5, 0.1, 2.0, 0.15, -0.3, 0.3503, 9.81],
+        lambda r, m, *s: [([s[0]], [s[1]], r, m), ([s[2]], [-0.3], 0.1, 1.0)],
+        (2, 4, 6),
+        True,
+        0.15,
+    ),
+}
+
+
+def _vector(numbers):
+    return jnp.stack([jnp.asarray(x) for x in numbers])
+
+
+def simulated(case: Case, numbers):
+    alpha, stiffness, *rest = numbers
+    bodies: list = [
+        jc.Sphere(radius, mass, _vector(position), _vector(velocity))
+        for position, velocity, radius, mass in case.balls(*rest)
+    ]
+    gravity = None
+    if case.floor:
+        bodies.append(jc.Plane([0.0], [1.0]))
+        gravity = jnp.stack([-rest[-1]])
+    scene = jc.Scene(bodies, jc.Damped(alpha=alpha), stiffness=stiffness, gravity=gravity)
+    end = jc.simulate(scene, case.duration, rtol=1e-10, max_impacts=8)
+    return jnp.concatenate([end.position[-1].ravel(), end.velocity[-1].ravel()])
+
+
+def exact(case: Case, numbers):
+    alpha, stiffness, *rest = numbers
+    balls = [Ball(*ball) for ball in case.balls(*rest)]
+    walls, gravity = ([Wall([0.0], [1.0])], [-rest[-1]]) if case.floor else ([], None)
+    end = run(balls, Spring(stiffness, alpha=alpha), case.duration, walls, gravity)
+    return np.concatenate([end.position.ravel(), end.velocity.ravel()])
+
+
+def differences(case: Case, place: int):
+    """Of order four, by one number: a relative change, or one far below an indentation."""
+    point = np.array(case.point)
+    h = 1e-5 if place in case.lengths else 1e-3 * point[place]
+
+    def at(steps):
+        return exact(case, point + steps * h * np.eye(len(point))[place])
+
+    return (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12 * h)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_derivatives_of_soft_runs(name):
+    case = CASES[name]
+    point = jnp.array(case.point)
+
+    def outcome(numbers):
+        return simulated(case, numbers)
+
+    @jax.jit
+    def both(numbers):
+        # One solve for all: what is linear is pushed forward, and transposed.
+        end, push = jax.linearize(outcome, numbers)
+        forward = jax.vmap(push, out_axes=-1)(jnp.eye(len(numbers)))
+        pull = jax.linear_transpose(push, numbers)
+        return end, forward, *jax.vmap(pull)(jnp.eye(len(end)))
+
+    value, forward, reverse = (np.asarray(out) for out in both(point))
+    np.testing.assert_allclose(value, exact(case, case.point), atol=1e-9)
+    assert np.abs(forward - reverse).max() <= MODES * np.abs(forward).max()
+    for place in range(len(point)):
+        found = differences(case, place)
+        size = np.abs(found).max()
+        np.testing.assert_allclose(forward[:, place], found, rtol=0, atol=DIFFERENCES * size)
