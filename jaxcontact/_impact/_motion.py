@@ -115,7 +115,7 @@ class Motion(eqx.Module):
         rest = jnp.zeros_like(state.u)
         return state._replace(u=rest + self._creep(state.w) if self.momentum is None else rest)
 
-    def _pulling(self, state: State, compressing: Flag) -> Number:
+    def pulling(self, state: State, compressing: Flag) -> Number:
         """A smooth function that is negative where the contact pulls: f/x^(n-p) if that is known.
 
         It has all its digits where u has them.
@@ -132,9 +132,16 @@ class Motion(eqx.Module):
         """f at a state, for w ≥ 0."""
         if self._softness is not None:
             outer = signed_power(state.w, self.order * (self.n - self._softness[1]))
-            return outer * self._pulling(state, compressing)
+            return outer * self.pulling(state, compressing)
         x = signed_power(state.w, float(self.order))
         return self.form.force(x, self.velocity(state), self.n, compressing)
+
+    def pull(self, state: State, compressing: Flag) -> Number:
+        """w^(k-1) f at a state, where the form has no momentum of its own."""
+        if self._softness is None:
+            return self.form.pull(state.w, self.velocity(state), self.n, compressing)
+        outer = signed_power(state.w, self.order * (self.n - self._softness[1] + 1) - 1)
+        return outer * self.pulling(state, compressing)
 
     def rate(self, state: State, compressing: Flag) -> State:
         """d(w, u, t)/dτ."""
@@ -143,12 +150,9 @@ class Motion(eqx.Module):
         clock = signed_power(w, float(k - 1))
         if momentum is not None:
             return State(velocity / k, -momentum.pull(w), clock)
-        if self._softness is None:
-            change = -self.form.pull(w, velocity, n, compressing)
-        else:
+        change = -self.pull(state, compressing)
+        if self._softness is not None:
             softness, p = self._softness
-            outer = signed_power(w, k * (n - p + 1) - 1)
-            change = -outer * self._pulling(state, compressing)
             if not (isinstance(p, float) and p == 0):
                 change = change + softness * p * signed_power(w, k * p - 1) * velocity
         if self.push is not None:
@@ -296,13 +300,13 @@ class Motion(eqx.Module):
         """Positive until the contact is over: at x = 0, or where a force that may not pull is 0."""
         if self.form.tension or self.one_way:
             return (state.w,)
-        pulling = self._gap_of_force(state)
+        pulling = self.gap_of_force(state)
         if self.push is not None and self.form.never_pulls:
             # Where its force vanished a push would press: there only rounding can get.
             pulling = jnp.where(self.push > 0, 1, pulling)
         return state.w, pulling
 
-    def _gap_of_force(self, state: State) -> Number:
+    def gap_of_force(self, state: State) -> Number:
         """What vanishes with the force, with a slope, and stays negative beyond x = 0."""
         velocity = self.velocity(state)
         if self._softness is None:
@@ -339,3 +343,14 @@ class Motion(eqx.Module):
         inwards = -self.velocity(state) < apart
         # A pull turns nothing inwards: there both are zero but for rounding.
         return inwards if self.push is None else inwards & (self.push > 0)
+
+    def swings(self, static: Number) -> Bool[Array, ""]:
+        """Whether bodies near rest under the push swing about it; otherwise they creep to it.
+
+        There y'' + c x^(n-p) y' + n x^(n-1) y = 0.
+        """
+        n, damping = self.n, self.form.damping(self.n, jnp.asarray(True))
+        if damping is None:
+            return jnp.asarray(True)
+        c, p = damping
+        return jnp.square(c) * static ** (n + 1 - 2 * p) < 4 * n

@@ -21,12 +21,14 @@ from numpy.polynomial import legendre
 
 from .._elementary import contraction
 from .._forms import Flag
-from .._implicit import bracketed_root, with_implicit_derivative
+from .._implicit import bracketed_root, ratio, with_implicit_derivative
 from ._motion import Motion, Number, State
 
 _STAGES = 7
 _MOST_STEPS = 400
 _NEWTON = 12
+# How often a step that passes an event is taken again: each time it goes 2 % beyond, at most.
+_SHORTENED = 3
 _ITERATIONS = 60
 
 
@@ -68,6 +70,7 @@ class _Progress(NamedTuple):
     count: Int[Array, ""]
     met: Bool[Array, ""]
     done: Bool[Array, ""]
+    shortened: Int[Array, ""]
 
 
 class Followed(NamedTuple):
@@ -126,6 +129,7 @@ def _solved(
         count=jnp.zeros((), int),
         met=jnp.asarray(False),
         done=~needed,
+        shortened=jnp.zeros((), int),
     )
 
     def advance(progress: _Progress) -> _Progress:
@@ -136,16 +140,22 @@ def _solved(
         grown = 0.9 * jnp.power(rtol / jnp.maximum(error, 1e-6 * rtol), 1 / _STAGES)
         factor = jnp.clip(grown, 0.2, jnp.where(fine, 4, 0.9))
         factor = jnp.where(good, factor, 0.25)
-        met = fine & jnp.any(_closing(motion, step, compressing))
+        closing = _closing(motion, step, compressing)
+        meets = fine & jnp.any(closing)
+        # A step that goes far beyond the end is poor before it, too: it is taken again, short.
+        again = meets & (progress.shortened < _SHORTENED)
+        fine, met = fine & ~again, meets & ~again
+        beyond = _node_beyond(motion, step, compressing, closing)
         last = jax.tree.map(functools.partial(jnp.where, fine), step, progress.last)
         state = _after(last)
         ends = jnp.where(compressing, motion.creeps_to_rest(state), motion.held(state))
         return _Progress(
             last=last,
-            next_size=progress.next_size * factor,
+            next_size=progress.next_size * jnp.where(again, beyond, factor),
             count=progress.count + 1,
             met=met,
             done=met | (fine & ends),
+            shortened=progress.shortened + again,
         )
 
     def unfinished(progress: _Progress) -> Bool[Array, ""]:
@@ -266,6 +276,22 @@ def _closing(motion: Motion, step: _Step, compressing: Flag) -> Bool[Array, "nod
     before = jnp.stack(motion.gaps(step.start, compressing))
     after = jnp.stack(jax.vmap(lambda s: motion.gaps(s, compressing))(_nodes_of(step)), 1)
     return (before > 0)[None, :] & ~(after > 0)
+
+
+def _node_beyond(motion: Motion, step: _Step, compressing: Flag, closing: Array) -> Number:
+    """A fraction of a step that lies a little beyond the first gap that closes, by its chord."""
+    first = jnp.argmax(jnp.any(closing, 1))
+    nodes = jnp.asarray(np.concatenate([[0.0], _NODES]), step.size.dtype)
+    low, high = nodes[first], nodes[first + 1]
+
+    def nearest(fraction: Number) -> Number:
+        gaps = jnp.stack(motion.gaps(_within(step, fraction), compressing))
+        return jnp.min(jnp.where(closing[first], gaps, jnp.inf))
+
+    before, after = nearest(low), nearest(high)
+    share = jnp.where(before > 0, ratio(before, before - after), 1)
+    between = low + (high - low) * jnp.clip(1.02 * share, 0, 1)
+    return jax.lax.stop_gradient(jnp.where(jnp.any(closing), between, 1))
 
 
 def _landing(motion: Motion, step: _Step, compressing: Flag, met: Bool[Array, ""]) -> Number:

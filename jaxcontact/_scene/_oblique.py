@@ -26,7 +26,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._contact import Contact
 from .._forms import AbstractForm, ScaledImpact
-from .._impact import Status
+from .._impact import Status, _motion
 from .._impact._front_door import lanes_of, problem_of
 from .._impact._lanes import with_sensitivity
 from .._impact._motion import Motion
@@ -76,6 +76,11 @@ class Rebound(NamedTuple):
     status: Int[Array, ""]
 
 
+def _radial_state(y: State) -> _motion.State:
+    """What the motion without swirl needs to know."""
+    return _motion.State(y[_W], y[_U], y[_T], y[_LOSS])
+
+
 class _Radial(eqx.Module):
     """The scaled radial problem of one lane, and the tolerance of a step.
 
@@ -98,9 +103,18 @@ class _Radial(eqx.Module):
     def _order(self) -> int:
         return self.form.order(self._n)
 
+    @property
+    def motion(self) -> Motion:
+        """The same without swirl."""
+        return Motion(self.form, self.exponent, self.push)
+
     def velocity(self, y: State) -> Number:
         """x' at a state."""
-        return y[_U] - self.form.offset()
+        return self.motion.velocity(_radial_state(y))
+
+    def still(self, y: State) -> State:
+        """The state with the velocity 0."""
+        return y.at[_U].set(self.motion.still(_radial_state(y)).u)
 
     def indentation(self, y: State) -> Number:
         """x at a state."""
@@ -108,33 +122,32 @@ class _Radial(eqx.Module):
 
     def start(self) -> State:
         """The moment of touch."""
-        zero = jnp.zeros_like(self.push)
-        return jnp.stack([zero, 1 + self.form.offset() + zero, zero, zero, zero])
+        touch = self.motion.start()
+        return jnp.stack([touch.w, touch.u, touch.t, touch.t, touch.t])
 
     def rate(self, y: State, phase: Int[Array, ""]) -> State:
         """d(w, u, t, θ, loss)/dτ; without a force in the last phase."""
-        w, u, k, n = y[_W], y[_U], self._order, self._n
-        compressing = phase < _OPENS
-        clock = w ** (k - 1)
+        w, k, n, compressing = y[_W], self._order, self._n, phase < _OPENS
+        motion, state, velocity = self.motion, _radial_state(y), self.velocity(y)
+        straight = motion.rate(state, compressing)
+        assert straight.loss is not None
         apart = 1 - self.ratio * w**k
-        pull = self.form.pull(w, u, n, compressing)
-        still = jnp.zeros_like(u) + self.form.offset()
         # What a clamped contact still stores when its force ends is given up on the way out.
-        given_up = -self.form.pull(w, still, n, jnp.asarray(True)) * self.velocity(y)
+        given_up = -self.form.pull(w, jnp.zeros_like(w), n, jnp.asarray(True)) * velocity
         coasts = phase == _COASTS
-        loss = jnp.where(coasts, given_up, self.form.dissipation(w, u, n, compressing))
-        outer = clock * (self.push - self.swirl / apart**3)
-        pull = jnp.where(coasts, 0, pull)
-        return jnp.stack([self.velocity(y) / k, outer - pull, clock, clock / apart**2, loss])
+        loss = jnp.where(coasts, given_up, straight.loss)
+        change = straight.u - straight.t * self.swirl / apart**3
+        change = change + jnp.where(coasts, motion.pull(state, compressing), 0)
+        return jnp.stack([straight.w, change, straight.t, straight.t / apart**2, loss])
 
     def force(self, y: State, phase: Int[Array, ""]) -> Number:
         """The scaled force at a state, in a way that is smooth at touch where there is one."""
         w, n, k, compressing = y[_W], self._n, self._order, phase < _OPENS
         damping = self.form.damping(n, compressing)
         if damping is None:
-            return self.form.force(w**k, y[_U], n, compressing)
+            return self.form.force(w**k, self.velocity(y), n, compressing)
         inner = self._power(w, k * (n - damping[1]))
-        return inner * self.form.pulling(w, y[_U], n, compressing)
+        return inner * self.motion.pulling(_radial_state(y), compressing)
 
     @staticmethod
     def _power(w: Number, exponent: Any) -> Number:
@@ -148,8 +161,8 @@ class _Radial(eqx.Module):
         rise = jax.jvp(lambda y: self.force(y, phase), (y,), (self.rate(y, phase),))[1]
         apart = y[_W]
         if not self.form.tension:
-            pulling = self.form.pulling(y[_W], y[_U], self._n, phase < _OPENS)
-            apart = jnp.where(phase == _OPENS, jnp.minimum(apart, pulling), apart)
+            force = self.motion.gap_of_force(_radial_state(y))
+            apart = jnp.where(phase == _OPENS, jnp.minimum(apart, force), apart)
         gaps = [rise, self.velocity(y)]
         return jnp.select([phase == _RISES, phase == _CLOSES], gaps, apart)
 
@@ -168,7 +181,7 @@ class _Radial(eqx.Module):
 
     def rest(self) -> tuple[Number, Bool[Array, ""]]:
         """The indentation at rest under the push, and whether bodies creep to it; 0 if unknown."""
-        motion = Motion(self.form, self.exponent, self.push)
+        motion = self.motion
         static = motion.static_indentation()
         if static is None:
             return jnp.zeros_like(self.push), jnp.asarray(False)
@@ -242,7 +255,7 @@ def _solve(problem: _Radial) -> _Outcome:
         moved = jnp.where(event & small, left, 0)
         y = jnp.where(event, y + slope * moved, y)
         turned = event & (phase == _CLOSES)
-        y = y.at[_U].set(jnp.where(turned, 0 * y[_U] + problem.form.offset(), y[_U]))
+        y = jnp.where(turned, problem.still(y), y)
         # Next: shorter where the error asks for it, to the event where one was passed, else longer.
         target = stop(c.size + left)
         inside = (target > 0.01 * c.size) & (target < c.size)
@@ -367,7 +380,6 @@ def oblique(
     ratio = jnp.where(good, ratio, 0)
     swirl = jnp.square(across / scale.speed) * ratio
     push = pull / scale.force
-    pushed, exponent = lanes.form.pushed(), lanes.exponent
     closed = lanes.form.solve(lanes.n) if lanes.form.closed_form else None
     skip, free = jnp.zeros_like(swirl), jnp.zeros_like(swirl)
     if closed is not None:
@@ -375,7 +387,7 @@ def oblique(
         skip = jnp.where(2 * free < rtol / 10, 1, skip)
     tolerance = _tolerance(rtol)
     radial = _Radial(
-        *jax.lax.optimization_barrier((pushed, exponent, push, swirl, ratio)),
+        *jax.lax.optimization_barrier((lanes.form, lanes.exponent, push, swirl, ratio)),
         skip=jax.lax.stop_gradient(skip),
         tolerance=tolerance,
     )

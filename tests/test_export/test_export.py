@@ -253,7 +253,7 @@ def test_it_prints_tidily():
 
 
 EXACT = jc.ExactRestitution(e=0.3)
-STICKY = jc.ExactRestitution(e=1e-6)
+STICKY = jc.ExactRestitution(e=1e-30)
 NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
 
 
@@ -288,6 +288,19 @@ NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
 def test_what_cannot_be_exported(law, options, message):
     with pytest.raises(ValueError, match=re.escape(message)):
         export(law, CONTACT, SPEED, **options)
+
+
+@pytest.mark.parametrize("e", [1e-6, 1e-12])
+def test_a_viscoelastic_contact_that_hardly_rebounds(e):
+    """Finally e = 6.7929e-1 A⁻⁵ in a unit contact, so that damping goes as e^(-1/5)."""
+    some, less = (
+        export(
+            jc.ExactRestitution(e=x), CONTACT, SPEED, engine="lammps", **R, damping="viscoelastic"
+        )
+        for x in (e, e / 32)
+    )
+    ratio = less.parameters["eta_n0"] / some.parameters["eta_n0"]
+    assert ratio == pytest.approx(2, rel=0.01)
 
 
 def test_an_impact_without_rebound_cannot_be_exported():
