@@ -301,12 +301,16 @@ def was_followed(
     return good
 
 
-def follow(motion: Motion, legs: Leg, how: Event) -> Followed:
+def creeps_on_the_way(motion: Motion, legs: Leg) -> Bool[Array, ""]:
+    """Whether a state of the way in shows that the bodies creep to rest."""
+    if motion.push is None:
+        return jnp.asarray(False)
+    into = jax.tree.map(operator.itemgetter(0), legs.path)
+    return jnp.any(jax.vmap(motion.creeps_to_rest)(into.states) & into.taken)
+
+
+def follow(motion: Motion, legs: Leg, creeps: Bool[Array, ""], how: Event) -> Followed:
     """Both legs to their ends, those that are too stiff for explicit steps by implicit ones."""
-    creeps = jnp.asarray(False)
-    if motion.push is not None:
-        into = jax.tree.map(operator.itemgetter(0), legs.path)
-        creeps = jnp.any(jax.vmap(motion.creeps_to_rest)(into.states) & into.taken)
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
     followed = Followed(turn, end, legs.arrived, creeps, jnp.sum(legs.steps))
     # A solver or an adjoint of the user's is not replaced.
@@ -319,7 +323,8 @@ def follow(motion: Motion, legs: Leg, how: Event) -> Followed:
 def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     """The outcome of one lane."""
     legs, flags = solve_legs(motion, how)
-    followed = follow(motion, legs, how)
+    creeps_early = creeps_on_the_way(motion, legs)
+    followed = follow(motion, legs, creeps_early, how)
     turn, creeps = followed.turn, followed.creeps
     end = motion.at_end(followed.end)
     # Apart from the solve, so that it is removed where the largest force is not used.
@@ -355,7 +360,8 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
         converged = converged | (settled & followed.arrived[0])
     # Where explicit steps were left before the force was largest nobody has seen how large it was.
     left = jax.tree.map(operator.itemgetter(0), legs.end)
-    converged = converged & (legs.arrived[0] | ~is_rising(motion, left, flags[0]))
+    seen = legs.arrived[0] | creeps_early | ~is_rising(motion, left, flags[0])
+    converged = converged & seen
     return ScaledImpact(
         restitution=balance.restitution,
         duration=end.t,
