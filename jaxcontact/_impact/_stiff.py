@@ -155,7 +155,7 @@ def _solved(
             count=progress.count + 1,
             met=met,
             done=met | (fine & ends),
-            shortened=progress.shortened + again,
+            shortened=progress.shortened + again.astype(progress.shortened.dtype),
         )
 
     def unfinished(progress: _Progress) -> Bool[Array, ""]:
