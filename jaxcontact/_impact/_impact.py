@@ -175,7 +175,7 @@ def _restitution(problem: Problem, method: AbstractMethod) -> Float[Array, "..."
     return jnp.broadcast_to(jnp.where(lanes.valid, e, jnp.nan), problem.shape)
 
 
-def restitution_is_constant(law: AbstractLaw, contact: Contact) -> bool:
+def restitution_is_constant(law: AbstractLaw, contact: Contact | None) -> bool:
     """Whether e is known to be the same at every speed: its form gives it without one."""
     try:
         return jax.eval_shape(lambda: law.form(contact, None).restitution()) is not None

@@ -29,27 +29,33 @@ for _row, _weights in enumerate(_TABLEAU.a_lower[: _STAGES - 1], start=1):
 
 
 def step(rate: Callable[[State], State], state: State, size: Array) -> State:
-    """The state one step of `size` later.
+    """The state one step of `size` later: for the few steps that are taken out of order."""
+    return step_in_loop(rate, state, size)[0]
 
-    The stages are a loop, which compiles `rate` once instead of thirteen times: for the few steps
-    that are taken out of order.
+
+def step_in_loop(rate: Callable[[State], State], state: State, size: Array) -> tuple[State, State]:
+    """The state one step of `size` later, and how far the embedded method of order 7 is from it.
+
+    The stages are a loop, which compiles `rate` once instead of thirteen times.
     """
     buffer = jax.tree.map(lambda leaf: jnp.zeros((_STAGES, *leaf.shape), leaf.dtype), state)
 
-    def combined(weights: Array, slopes: State) -> State:
+    def changed(weights: np.ndarray | Array, slopes: State) -> State:
         return jax.tree.map(
-            lambda leaf, slope: leaf + size * contraction(weights.astype(leaf.dtype), slope),
-            state,
-            slopes,
+            lambda slope: size * contraction(jnp.asarray(weights, slope.dtype), slope), slopes
         )
+
+    def moved(weights: np.ndarray | Array, slopes: State) -> State:
+        return jax.tree.map(operator.add, state, changed(weights, slopes))
 
     def stage(slopes: State, at: tuple[Array, Array]) -> tuple[State, None]:
         index, weights = at
-        slope = rate(combined(weights, slopes))
+        slope = rate(moved(weights, slopes))
         return jax.tree.map(lambda buffer, s: buffer.at[index].set(s), slopes, slope), None
 
     slopes, _ = jax.lax.scan(stage, buffer, (jnp.arange(_STAGES), jnp.asarray(_MATRIX)))
-    return combined(jnp.asarray(_TABLEAU.b_sol[:_STAGES]), slopes)
+    error = changed(_TABLEAU.b_error[:_STAGES], slopes)
+    return moved(_TABLEAU.b_sol[:_STAGES], slopes), error
 
 
 def step_with_error(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import abc
 from collections.abc import Sequence
 from typing import Any
 
@@ -28,9 +29,9 @@ class AbstractBody(eqx.Module):
     material: eqx.AbstractVar[Material | None]
 
     @property
+    @abc.abstractmethod
     def dimensions(self) -> int:
         """The number of dimensions of the space it is in."""
-        raise NotImplementedError
 
     def walls(self) -> list[tuple[int, Array, Array]]:
         """The flat walls it consists of: face, unit normal (D,) to the free side, offset n·p."""

@@ -13,7 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ._cluster import ClusterEnd, cluster, touched
+from ._cluster import cluster, touched
+from ._cluster_solve import ClusterEnd
 from ._hit import Choice, Flying, accelerations, meeting_of
 from ._overlap import ROUNDINGS
 from ._stored import stored_in

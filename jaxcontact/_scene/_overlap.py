@@ -20,15 +20,16 @@ def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | Non
 
     Fixed bodies may lie in each other. Where anything is traced nothing is compared.
     """
-    spheres = [k for k, body in enumerate(bodies) if isinstance(body, Sphere)]
-    parts = [(bodies[k].position, bodies[k].radius) for k in spheres]  # type: ignore[attr-defined]
+    found = [(k, body) for k, body in enumerate(bodies) if isinstance(body, Sphere)]
+    spheres = [k for k, _ in found]
+    parts = [(sphere.position, sphere.radius) for _, sphere in found]
     walls = [(k, *wall[1:]) for k, body in enumerate(bodies) for wall in body.walls()]
     given = [*(x for part in parts for x in part), *(x for wall in walls for x in wall[1:])]
     if any(isinstance(x, Tracer) for x in (*given, *periodic)):
         return
     position = np.stack([np.asarray(x, float) for x, _ in parts])
     radius = np.array([float(r) for _, r in parts])
-    moves = np.array([not bodies[k].fixed for k in spheres])  # type: ignore[attr-defined]
+    moves = np.array([not sphere.fixed for _, sphere in found])
     digits = min(np.finfo(np.asarray(x).dtype).precision for x in given)
     rounding = ROUNDINGS * 10.0**-digits
     for i in range(len(spheres)):

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float, Int
 from ._coupled import as_flags, as_numbers, call, places
 from ._hit import Flying, Outcome, hit
 from ._log import Facts, Figures, Log, Together
-from ._schedule import Rules
+from ._progress import Rules
 from ._soft import soft
 from ._system import Layout, Numbers
 from ._touching import ClusterState

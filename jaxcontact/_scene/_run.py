@@ -8,9 +8,9 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
 from ._log import Log
+from ._progress import Rules
 from ._result import Impacts, Margin, Moment, ending_words, flagged, traced
 from ._scene import Scene
-from ._schedule import Rules
 from ._states import any_inside, energy_of, states_at
 from ._system import Layout, Numbers
 
@@ -67,17 +67,23 @@ class Run(eqx.Module):
 
     @property
     def final(self) -> Scene:
-        """The scene at the end of the run: its spheres where they are then, with their speeds."""
-        if not traced(self.status) and bool(self._touching()):
+        """The scene at the end of the run: its spheres where they are then, with their speeds.
+
+        Raises ValueError where bodies touch then; under tracing their positions are NaN.
+        """
+        touching = self._touching()
+        if not traced(self.status) and bool(touching):
             raise ValueError(
                 "Argument `duration` of the run must be a time at which no bodies touch, for "
                 f"`final` to go on from, but is {shown(self.duration)} s."
             )
         end = self.at(self.duration)
+        # Traced, no error can be raised: a run from there is flagged.
+        position = jnp.where(touching, jnp.nan, end.position)
         bodies = list(self.scene.bodies)
         for k, sphere in enumerate(self.scene.spheres):
             place = self._layout.body[k]
-            bodies[place] = sphere.moved_to(end.position[0, k], end.velocity[0, k])
+            bodies[place] = sphere.moved_to(position[0, k], end.velocity[0, k])
         return eqx.tree_at(lambda scene: scene.bodies, self.scene, tuple(bodies))
 
     def _touching(self) -> Bool[Array, ""]:

@@ -9,28 +9,20 @@ knows the impact, so that none is missed, and there is no table of pairs.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._cluster import APART, AT_REST, TIME_IS_UP
-from ._cluster import NOT_CONVERGED as FAILED
+from ._cluster_solve import APART, AT_REST, TIME_IS_UP
+from ._cluster_solve import NOT_CONVERGED as FAILED
 from ._coupled import Call, as_numbers, at_once, blank_state, call, places, touching
 from ._hit import Choice, Flying, Outcome, accelerations, hit
+from ._isolation import isolated
 from ._log import Called, Facts, Figures, Log, Together, blank_calls
+from ._progress import Coupling, Events, Rules, State
+from ._search import NOISE, searched, simultaneous
 from ._soft import soft
 from ._system import Layout, Numbers, nearest_image
-from ._touch import curved_time, image_horizon, sphere_time, wall_time
-from ._touching import ClusterState
-
-NOISE = 16
-"""Roundings of a speed below which bodies that touch neither close nor part."""
-
-TIED = 64
-"""Roundings of a time within which two events are simultaneous."""
 
 PATIENCE = 64
 """Impacts per body without progress in time after which a run stops."""
@@ -39,62 +31,8 @@ SLOW = 2.0**14
 """Roundings of the largest speed below which closing speeds of simultaneous impacts have died out:
 the impacts have accumulated."""
 
-REACH = 4.0
-"""How many times farther than it could a third body must be for an impact to be isolated."""
-
 RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER = range(6)
 """Why a search goes on or stops; OVER: bodies are in contact at the end."""
-
-
-class Rules(eqx.Module):
-    """What is static of a run: whether impacts take time, what v0 is, and whether there is room for
-    a coupled solve.
-    """
-
-    soft: bool = eqx.field(static=True)
-    v0: str | float = eqx.field(static=True)
-    coupled: bool = eqx.field(static=True)
-
-
-class Coupling(NamedTuple):
-    """The coupled solve in progress: whether it is `active`, whether it `starts` with the touch of
-    `choice`, who is in it, and its state.
-    """
-
-    active: Bool[Array, ""]
-    starts: Bool[Array, ""]
-    choice: Choice
-    members: Bool[Array, " N"]
-    state: ClusterState
-
-
-class Events(NamedTuple):
-    """The stored events, (N,) each: `time`, `partner` (-1: only search again), the partner's count
-    of impacts then, the closing `speed`, and the time of the `second` best event.
-    """
-
-    time: Float[Array, " N"]
-    partner: Int[Array, " N"]
-    count: Int[Array, " N"]
-    speed: Float[Array, " N"]
-    second: Float[Array, " N"]
-
-
-class State(NamedTuple):
-    """The spheres, each at its own time, and their events."""
-
-    position: Float[Array, "N D"]
-    velocity: Float[Array, "N D"]
-    time: Float[Array, " N"]
-    support: Int[Array, " N"]
-    count: Int[Array, " N"]
-    events: Events
-    now: Float[Array, ""]
-    idle: Int[Array, ""]
-    status: Int[Array, ""]
-    held: Float[Array, " N"]
-    owed: Float[Array, " N"]
-    coupling: Coupling | None
 
 
 def begun(layout: Layout, numbers: Numbers, rules: Rules, end: Float[Array, ""]) -> State:
@@ -122,7 +60,7 @@ def begun(layout: Layout, numbers: Numbers, rules: Rules, end: Float[Array, ""])
         state = state._replace(coupling=coupling)
 
     def row(i: Int[Array, ""]) -> Events:
-        return jax.tree.map(lambda x: x[0], _searched(layout, numbers, state, i[None], start, end))
+        return jax.tree.map(lambda x: x[0], searched(layout, numbers, state, i[None], start, end))
 
     return state._replace(events=jax.lax.map(row, jnp.arange(count)))
 
@@ -175,8 +113,8 @@ def _event(
     """The next event, and whether it was an impact."""
     count, events = layout.spheres, state.events
     least = jnp.min(events.time)
-    simultaneous = _simultaneous(numbers, least)
-    i = jnp.argmax(jnp.where(events.time <= least + simultaneous, events.speed, -jnp.inf))
+    together_within = simultaneous(numbers, least)
+    i = jnp.argmax(jnp.where(events.time <= least + together_within, events.speed, -jnp.inf))
     now = jnp.maximum(events.time[i], state.now)
     partner = events.partner[i]
     j = jnp.clip(partner, 0, count - 1)
@@ -202,7 +140,7 @@ def _event(
     support, crowded = _supports(layout, numbers, choice, outcome)
     starts = jnp.asarray(False)
     if rules.soft:
-        alone = _isolated(layout, numbers, rules, state, choice, outcome, now)
+        alone = isolated(layout, numbers, rules, state, choice, outcome, now)
         starts = fresh & ~alone
         fresh = fresh & alone
         crowded = jnp.asarray(False)
@@ -212,7 +150,7 @@ def _event(
     rival = jnp.minimum(events.second[i], jnp.where(is_sphere, competing, jnp.inf)) - now
     since = jnp.where(state.count[who] > 0, now - state.time[who], jnp.inf)
     rival = jnp.minimum(rival, jnp.min(since))
-    tied = rival <= simultaneous
+    tied = rival <= together_within
 
     def put(all: Array, new: Array) -> Array:
         old = all[who]
@@ -221,11 +159,11 @@ def _event(
         # The second first: where it stands for a wall it is the first body again.
         return all.at[j].set(new[1]).at[i].set(new[0])
 
-    idle = jnp.where(now > state.now + simultaneous, 0, state.idle + 1)
+    idle = jnp.where(now > state.now + together_within, 0, state.idle + 1)
     patience = PATIENCE * (layout.spheres + layout.walls)
     fastest = jnp.max(jnp.sqrt(jnp.sum(jnp.square(state.velocity), axis=-1)))
     slow = outcome.closing <= SLOW * jnp.finfo(numbers.dtype).eps * fastest
-    died = slow & (rival <= simultaneous) & ~choice.tail
+    died = slow & (rival <= together_within) & ~choice.tail
     if rules.soft:
         died = jnp.asarray(False)
     stuck = jnp.where(died | (idle > patience), ACCUMULATED, RUNNING)
@@ -247,7 +185,7 @@ def _event(
         members = state.time <= now
         coupling = Coupling(starts, starts, choice, members, state.coupling.state)
         state = state._replace(coupling=coupling)
-    found = _searched(layout, numbers, state, who, now, end)
+    found = searched(layout, numbers, state, who, now, end)
     state = state._replace(
         events=jax.tree.map(lambda all, new: all.at[who].set(new), events, found)
     )
@@ -256,62 +194,6 @@ def _event(
         together, called = blank_calls(layout, numbers.dtype)
     figures = Figures(before, outcome, together)
     return state, figures, Facts(choice, support, tied, rival, called), fresh
-
-
-def _isolated(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    state: State,
-    choice: Choice,
-    outcome: Outcome,
-    now: Float[Array, ""],
-) -> Bool[Array, ""]:
-    """Whether two bodies meet without a third one, by forces that the pair's own solution knows.
-
-    No body is faster than all the energy there is would make it; during the impact, none can come
-    as far as a quarter of its distance.
-    """
-    count = layout.spheres
-    inverse = numbers.inverse_mass[:count]
-    moves = inverse > 0
-    everyone = jnp.arange(count)
-    pull = accelerations(layout, numbers, everyone, state.support)
-    passed = (now - state.time)[:, None]
-    velocity = state.velocity + pull * passed
-    position = state.position + (state.velocity + velocity) / 2 * passed
-    mass = jnp.where(moves, 1 / jnp.where(moves, inverse, 1), 0)
-    energy = jnp.sum(mass * jnp.sum(jnp.square(velocity), axis=-1)) / 2
-    energy = energy + jnp.sum(jnp.where(state.time > now, state.owed, 0))
-    last = jnp.max(outcome.after.time) - now
-    gain = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity))) * last
-    fastest = jnp.sqrt(2 * energy * inverse) + jnp.where(moves, gain, 0)
-    second = jnp.minimum(choice.second, count - 1)
-    is_wall = choice.second >= count
-    alone = outcome.status == 0
-    for one, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall)):
-        apart = nearest_image(layout, numbers, position[one][None] - position)[0]
-        gap = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
-        gap = gap - (numbers.radius[one] + numbers.radius)
-        partner = (everyone == choice.first) | ((everyone == second) & ~is_wall)
-        far = gap > REACH * (fastest[one] + fastest) * last
-        far = far | partner | ~(moves[one] | moves)
-        alone = alone & (jnp.all(far) | ~counts)
-        if layout.walls:
-            height = jnp.sum(position[one][None] * numbers.normal, axis=-1) - numbers.offset
-            room = height - numbers.radius[one] > REACH * fastest[one] * last
-            partner = jnp.arange(layout.walls) == choice.second - count
-            alone = alone & (jnp.all(room | partner) | ~counts | ~moves[one])
-    if layout.gravity:
-        who = jnp.stack([choice.first, second])
-        bend = pull[who[0]] - pull[who[1]]
-        if layout.walls:
-            face = numbers.normal[jnp.clip(choice.second - count, 0)]
-            # Along a wall gravity does not matter. Across it the pair's solution takes v0 at touch.
-            weight = jnp.sum(face * pull[who[0]])
-            bend = jnp.where(is_wall, face * (0 if rules.v0 == "touch" else weight), bend)
-        alone = alone & jnp.all(bend == 0)
-    return alone & jnp.all(choice.support < 0)
 
 
 def _called(
@@ -327,7 +209,7 @@ def _called(
     assert coupling is not None
     now = jnp.where(coupling.starts, coupling.choice.time, coupling.state.time)
     spheres, before = Flying(state.position, state.velocity, state.time), state
-    joins = ~coupling.members & (state.time <= now + _simultaneous(numbers, now))
+    joins = ~coupling.members & (state.time <= now + simultaneous(numbers, now))
     members = coupling.members | joins
     waiting = jnp.where(members, jnp.inf, state.time)
     other = jnp.argmin(waiting)
@@ -379,7 +261,7 @@ def _called(
         status=stop,
         coupling=Coupling(~ends, jnp.asarray(False), coupling.choice, members, after),
     )
-    found = _searched(layout, numbers, state, jnp.arange(count), after.time, end)
+    found = searched(layout, numbers, state, jnp.arange(count), after.time, end)
     # While the solve goes on nothing else happens.
     found = found._replace(time=jnp.where(ends, found.time, jnp.inf))
     state = state._replace(events=found)
@@ -393,11 +275,6 @@ def _called(
     figures = Figures(nobody, outcome, together)
     facts = Facts(coupling.choice, blank, jnp.asarray(False), jnp.full_like(zero, jnp.inf), called)
     return state, figures, facts, jnp.asarray(True)
-
-
-def _simultaneous(numbers: Numbers, time: Float[Array, ""]) -> Float[Array, ""]:
-    finite = jnp.where(jnp.isfinite(time), jnp.abs(time), 0)
-    return TIED * jnp.finfo(numbers.dtype).eps * finite
 
 
 def _choice(
@@ -452,87 +329,3 @@ def _supports(
     crowded = choice.tail & kept[0] & (support[0] != wall)
     first = jnp.where(choice.tail, wall, support[0])
     return jnp.stack([first, support[1]]), crowded
-
-
-def _searched(
-    layout: Layout,
-    numbers: Numbers,
-    state: State,
-    who: Int[Array, " M"],
-    now: Float[Array, ""],
-    end: Float[Array, ""],
-) -> Events:
-    """The next events of some spheres, searched among all bodies."""
-    count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
-    passed = (now - state.time)[:, None]
-    velocity, position = state.velocity, state.position
-    pull = jnp.zeros_like(velocity)
-    if layout.gravity:
-        pull = accelerations(layout, numbers, jnp.arange(count), state.support)
-        velocity = velocity + pull * passed
-    position = position + (state.velocity + velocity) / 2 * passed
-    moves = numbers.inverse_mass[:count] > 0
-    speeds = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1))
-
-    apart = (position[who][:, None] - position[None]).reshape(-1, layout.dimensions)
-    apart = nearest_image(layout, numbers, apart)[0].reshape(-1, count, layout.dimensions)
-    rate = velocity[who][:, None] - velocity[None]
-    bend = pull[who][:, None] - pull[None]
-    distance = numbers.radius[who][:, None] + numbers.radius[None]
-    noise = NOISE * eps * (speeds[who][:, None] + speeds[None])
-    straight = sphere_time(apart, rate, distance, noise)
-    if layout.gravity and (layout.walls or any(layout.fixed)):
-        bent = jnp.any(bend != 0, axis=-1)
-        horizon = jnp.maximum(end - now, 0)
-
-        def curved() -> Array:
-            return curved_time(apart, rate, bend, distance, noise, horizon)
-
-        times = jnp.where(bent, jax.lax.cond(jnp.any(bent), curved, lambda: straight), straight)
-    else:
-        times = straight
-    other = (jnp.arange(count)[None] != who[:, None]) & (moves[None] | moves[who][:, None])
-    times = jnp.where(other, times, jnp.inf)
-    reached = jnp.where(jnp.isfinite(times), times, 0)[..., None]
-    at = apart + (rate + bend / 2 * reached) * reached
-    closing = -jnp.sum(at * (rate + bend * reached), axis=-1) / distance
-
-    horizon = jnp.full(who.shape, jnp.inf, numbers.dtype)
-    for axis in range(layout.dimensions):
-        if layout.periodic[axis]:
-            bound = image_horizon(
-                apart[..., axis], rate[..., axis], bend[..., axis], distance, numbers.period[axis]
-            )
-            horizon = jnp.minimum(horizon, jnp.min(jnp.where(other, bound, jnp.inf), axis=-1))
-
-    if layout.walls:
-        height = jnp.sum(position[who][:, None] * numbers.normal[None], axis=-1)
-        gap = height - numbers.offset[None] - numbers.radius[who][:, None]
-        fall = jnp.sum(velocity[who][:, None] * numbers.normal[None], axis=-1)
-        weight = jnp.sum(pull[who][:, None] * numbers.normal[None], axis=-1)
-        wall = wall_time(gap, fall, weight, NOISE * eps * speeds[who][:, None])
-        resting = jnp.arange(layout.walls)[None] == state.support[who][:, None]
-        wall = jnp.where(resting | ~moves[who][:, None], jnp.inf, wall)
-        reached = jnp.where(jnp.isfinite(wall), wall, 0)
-        times = jnp.concatenate([times, wall], axis=-1)
-        closing = jnp.concatenate([closing, -(fall + weight * reached)], axis=-1)
-    # A fixed sphere is found by those that move.
-    times = jnp.where(moves[who][:, None], times, jnp.inf)
-
-    least = jnp.min(times, axis=-1, keepdims=True)
-    simultaneous = TIED * eps * (jnp.abs(now) + jnp.where(jnp.isfinite(least), least, 0))
-    together = times <= least + simultaneous
-    best = jnp.argmax(jnp.where(together, closing, -jnp.inf), axis=-1)
-    everyone = jnp.arange(times.shape[-1])[None]
-    second = jnp.min(jnp.where(everyone == best[:, None], jnp.inf, times), axis=-1)
-    time = jnp.take_along_axis(times, best[:, None], axis=-1)[:, 0]
-    speed = jnp.take_along_axis(closing, best[:, None], axis=-1)[:, 0]
-    early = horizon < time
-    sphere = jnp.minimum(best, count - 1)
-    return Events(
-        time=now + jnp.minimum(time, horizon),
-        partner=jnp.where(early, -1, best),
-        count=jnp.where(best < count, state.count[sphere], 0),
-        speed=jnp.where(early, jnp.inf, speed),
-        second=now + second,
-    )

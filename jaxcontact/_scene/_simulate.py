@@ -25,11 +25,12 @@ from .._parameter import (
 from ._bodies import one_number
 from ._coupled import MOST
 from ._log import Log, blank_log
+from ._progress import Rules, State
 from ._replay import differentiable
 from ._result import Ending, traced
 from ._run import Run, moment_at
 from ._scene import Scene
-from ._schedule import CROWDED, NOT_CONVERGED, OVER, RUNNING, Rules, State, advance, begun
+from ._schedule import CROWDED, NOT_CONVERGED, OVER, RUNNING, advance, begun
 from ._system import Layout, Numbers, first_overlap, layout_of, numbers_of, replaced
 from ._table import table_of
 

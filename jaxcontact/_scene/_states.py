@@ -12,7 +12,7 @@ from ._cluster import cluster, touched
 from ._coupled import as_flags, call, places, stored_energy
 from ._hit import accelerations, meeting_of
 from ._log import Log
-from ._schedule import Rules
+from ._progress import Rules
 from ._stored import stored_in
 from ._system import Layout, Numbers, known_contact_of, law_of
 from ._touching import Pairs

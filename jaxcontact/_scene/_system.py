@@ -100,7 +100,7 @@ def layout_of(scene: Scene) -> Layout:
 
 
 def _is_constant(law: AbstractLaw) -> bool:
-    return restitution_is_constant(law, None)  # type: ignore[arg-type]
+    return restitution_is_constant(law, None)
 
 
 def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers, Bool[Array, ""]]:

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._contact import Contact
+from .._elementary import contraction
 from .._laws import AbstractLaw
 
 PerPair = Float[Array, " pairs"]
@@ -131,7 +132,7 @@ class Touching(eqx.Module):
     def geometry(self, moved: PerBody, velocity: PerBody) -> Geometry:
         """Of all pairs, once the bodies have `moved` from the start."""
         pairs, incidence = self.pairs, self._incidence
-        change, relative = incidence @ moved, incidence @ velocity
+        change, relative = contraction(incidence, moved), contraction(incidence, velocity)
         # A pair that is none, or a plane, gets a length that divides.
         curved = (pairs.used & ~pairs.flat)[:, None]
         before = jnp.where(curved, self.apart, 1)
@@ -161,16 +162,16 @@ class Touching(eqx.Module):
         u = jnp.asarray((1 + nodes) / 2, depth.dtype)
         depth = jnp.maximum(depth, 0)
         at = jax.vmap(lambda u: u * self.force(u * u * depth, jnp.zeros_like(depth), modes))(u)
-        return depth * (jnp.asarray(weights, depth.dtype) @ at)
+        return depth * contraction(jnp.asarray(weights, depth.dtype), at)
 
     def accelerations(self, geometry: Geometry, force: PerPair) -> tuple[PerBody, PerBody]:
         """Of the bodies under the forces of the pairs, and the sums of those forces."""
-        pushed = self._incidence.T @ (force[:, None] * geometry.normal)
+        pushed = contraction(self._incidence.T, force[:, None] * geometry.normal)
         return self.acceleration + self.inverse_mass[:, None] * pushed, pushed
 
     def second(self, geometry: Geometry, acceleration: PerBody) -> PerPair:
         """δ'' of the pairs."""
-        relative = self._incidence @ acceleration
+        relative = contraction(self._incidence, acceleration)
         return -jnp.sum(geometry.normal * relative, axis=1) - geometry.swirl
 
     def motion(

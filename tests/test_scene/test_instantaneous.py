@@ -248,7 +248,9 @@ def test_tables_read_well():
 
 
 def test_single_precision():
-    to_single = lambda x: x.astype(jnp.float32) if x.dtype == jnp.float64 else x  # noqa: E731
+    def to_single(x):
+        return x.astype(jnp.float32) if x.dtype == jnp.float64 else x
+
     scene = jax.tree.map(to_single, gas(4, 2, False))
     run = go(scene, 3.0)
     assert run.position.dtype == jnp.float32

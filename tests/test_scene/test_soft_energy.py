@@ -1,5 +1,6 @@
 """Impacts that take time: energy over many of them, rest and waking, a batch."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 import jaxcontact as jc
 
-BALANCE = 1e-9
+BALANCE, GAS = 1e-9, 1e-8
 """Energy at the end against the start less what was lost, relative: measured 6e-12 (8 impacts with
 rest) and 6e-10 (1237 impacts of a gas)."""
 
@@ -35,6 +36,9 @@ def test_a_ball_rests_slides_and_wakes():
     assert abs(run.energy[0] - run.energy[-1] - lost) < BALANCE * run.energy[0]
     with pytest.raises(ValueError, match="at which no bodies touch, for `final` to go on from"):
         _ = run.final
+    # Traced, nothing can be raised: a run that goes on from there is flagged.
+    ends = eqx.filter_jit(lambda run: [ball.position for ball in run.final.spheres])(run)
+    assert np.all(np.isnan(ends))
 
 
 @pytest.mark.slow
@@ -46,7 +50,7 @@ def test_a_gas_of_soft_elastic_balls_keeps_its_energy():
     run = jc.simulate(jc.Scene([*balls, box], jc.Hertz(), stiffness=1e9), 100.0)
     assert len(run.impacts) > 1000
     assert {int(way) for way in run.impacts.way} == {2, 3, 4}
-    assert abs(run.energy[-1] / run.energy[0] - 1) < 1e-7
+    assert abs(run.energy[-1] / run.energy[0] - 1) < GAS
 
 
 def test_crowds_are_refused_not_guessed():

@@ -1,0 +1,69 @@
+"""Whether an impact is one of two bodies alone, so that the pair's own solution serves."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ._hit import Choice, Outcome, accelerations
+from ._progress import Rules, State
+from ._system import Layout, Numbers, nearest_image
+
+REACH = 4.0
+"""How many times farther than it could a third body must be for an impact to be isolated."""
+
+
+def isolated(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    choice: Choice,
+    outcome: Outcome,
+    now: Float[Array, ""],
+) -> Bool[Array, ""]:
+    """Whether two bodies meet without a third one, by forces that the pair's own solution knows.
+
+    No body is faster than all the energy there is would make it; during the impact, none can come
+    as far as a quarter of its distance.
+    """
+    count = layout.spheres
+    inverse = numbers.inverse_mass[:count]
+    moves = inverse > 0
+    everyone = jnp.arange(count)
+    pull = accelerations(layout, numbers, everyone, state.support)
+    passed = (now - state.time)[:, None]
+    velocity = state.velocity + pull * passed
+    position = state.position + (state.velocity + velocity) / 2 * passed
+    mass = jnp.where(moves, 1 / jnp.where(moves, inverse, 1), 0)
+    energy = jnp.sum(mass * jnp.sum(jnp.square(velocity), axis=-1)) / 2
+    energy = energy + jnp.sum(jnp.where(state.time > now, state.owed, 0))
+    last = jnp.max(outcome.after.time) - now
+    gain = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity))) * last
+    fastest = jnp.sqrt(2 * energy * inverse) + jnp.where(moves, gain, 0)
+    second = jnp.minimum(choice.second, count - 1)
+    is_wall = choice.second >= count
+    alone = outcome.status == 0
+    for one, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall)):
+        apart = nearest_image(layout, numbers, position[one][None] - position)[0]
+        gap = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
+        gap = gap - (numbers.radius[one] + numbers.radius)
+        partner = (everyone == choice.first) | ((everyone == second) & ~is_wall)
+        far = gap > REACH * (fastest[one] + fastest) * last
+        far = far | partner | ~(moves[one] | moves)
+        alone = alone & (jnp.all(far) | ~counts)
+        if layout.walls:
+            height = jnp.sum(position[one][None] * numbers.normal, axis=-1) - numbers.offset
+            room = height - numbers.radius[one] > REACH * fastest[one] * last
+            partner = jnp.arange(layout.walls) == choice.second - count
+            alone = alone & (jnp.all(room | partner) | ~counts | ~moves[one])
+    if layout.gravity:
+        who = jnp.stack([choice.first, second])
+        bend = pull[who[0]] - pull[who[1]]
+        if layout.walls:
+            face = numbers.normal[jnp.clip(choice.second - count, 0)]
+            # Along a wall gravity does not matter. Across it the pair's solution takes v0 at touch.
+            weight = jnp.sum(face * pull[who[0]])
+            bend = jnp.where(is_wall, face * (0 if rules.v0 == "touch" else weight), bend)
+        alone = alone & jnp.all(bend == 0)
+    return alone & jnp.all(choice.support < 0)
