@@ -90,6 +90,8 @@ from ._scene import Plane as Plane
 from ._scene import Run as Run
 from ._scene import Scene as Scene
 from ._scene import Sphere as Sphere
+from ._scene import Steady as Steady
+from ._scene import Vibration as Vibration
 from ._scene import Way as Way
 from ._scene import simulate as simulate
 from ._sweep import Sweep as Sweep

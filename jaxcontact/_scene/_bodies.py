@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,9 +14,21 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Material
-from .._parameter import POSITIVE, Range, as_parameter, rendered, require_flag, require_kind
+from .._parameter import POSITIVE, rendered, require_flag, require_kind
+from ._entry import one_number, vector
+from ._motion import AbstractMotion, Along
 
-REAL_OR_INFINITE = "numbers, without NaN"
+
+class Wall(NamedTuple):
+    """A flat wall at time zero: its `face` of a box or -1, the unit `normal` (D,) to the free side,
+    the `offset` n·p in m, and how it goes on along the normal; None where it stands.
+    """
+
+    face: int
+    normal: Array
+    offset: Array
+    motion: Along | None
+    vibrates: bool
 
 
 class AbstractBody(eqx.Module):
@@ -33,8 +45,8 @@ class AbstractBody(eqx.Module):
     def dimensions(self) -> int:
         """The number of dimensions of the space it is in."""
 
-    def walls(self) -> list[tuple[int, Array, Array]]:
-        """The flat walls it consists of: face, unit normal (D,) to the free side, offset n·p."""
+    def walls(self) -> list[Wall]:
+        """The flat walls it consists of."""
         return []
 
 
@@ -120,16 +132,18 @@ class Sphere(AbstractBody):
 
 
 class Plane(AbstractBody):
-    """A fixed plane (a line in two dimensions, a point in one), with one free side.
+    """A plane (a line in two dimensions, a point in one), with one free side.
 
     Arguments: a `point` on it in m; a `normal` that points to the free side, of any length but
-    zero; `material`, None for a rigid plane; `name`. Numbers are leaves. Raises ValueError for
-    numbers that are not finite, dimensions that differ, or a zero normal.
+    zero; `material`, None for a rigid plane; `name`; `motion`, a `Steady` or a `Vibration`, None
+    for a plane that stands. Numbers are leaves. Raises ValueError for numbers that are not finite,
+    dimensions that differ, or a zero normal.
     """
 
     point: Float[Array, " D"]
     normal: Float[Array, " D"]
     material: Material | None
+    motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
 
     def __init__(
@@ -138,6 +152,8 @@ class Plane(AbstractBody):
         normal: ArrayLike | Sequence[ArrayLike],
         material: Material | None = None,
         name: str | None = None,
+        *,
+        motion: AbstractMotion | None = None,
     ):
         self.name = _name(name)
         self.material = _material(material)
@@ -150,28 +166,39 @@ class Plane(AbstractBody):
             )
         if not isinstance(self.normal, Tracer) and not np.any(np.asarray(self.normal)):
             raise ValueError(f"Argument `normal` must not be zero, but is {rendered(normal)}.")
+        self.motion = _motion(motion, self.dimensions)
 
     @property
     def dimensions(self) -> int:
         return self.point.shape[0]
 
-    def walls(self) -> list[tuple[int, Array, Array]]:
+    def walls(self) -> list[Wall]:
         unit = self.normal / jnp.linalg.norm(self.normal)
-        return [(-1, unit, jnp.sum(unit * self.point))]
+        return [_wall(-1, unit, jnp.sum(unit * self.point), self.motion)]
+
+    def after(self, time: Array) -> Plane:
+        """The same plane at a later time."""
+        if self.motion is None:
+            return self
+        moved, motion = self.motion.after(time)
+        point = self.point if moved is None else self.point + moved
+        return eqx.tree_at(lambda body: (body.point, body.motion), self, (point, motion))
 
 
 class Box(AbstractBody):
-    """A container with fixed walls: spheres are between `low` and `high` along every axis.
+    """A container: spheres are between `low` and `high` along every axis.
 
     Arguments: `low` < `high` in m, one to three numbers each; an infinite number leaves its side
-    open; `material`, None for rigid walls; `name`. Face 2k is that at `low[k]`, face 2k+1 that at
-    `high[k]`. Numbers are leaves. Raises ValueError for NaN, dimensions that differ, or a low that
-    is not below its high.
+    open; `material`, None for rigid walls; `name`; `motion` of all walls at once, a `Steady` or a
+    `Vibration` with a vector as amplitude, None for a box that stands. Face 2k is that at `low[k]`,
+    face 2k+1 that at `high[k]`. Numbers are leaves. Raises ValueError for NaN, dimensions that
+    differ, or a low that is not below its high.
     """
 
     low: Float[Array, " D"]
     high: Float[Array, " D"]
     material: Material | None
+    motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
 
     def __init__(
@@ -180,6 +207,8 @@ class Box(AbstractBody):
         high: ArrayLike | Sequence[ArrayLike],
         material: Material | None = None,
         name: str | None = None,
+        *,
+        motion: AbstractMotion | None = None,
     ):
         self.name = _name(name)
         self.material = _material(material)
@@ -195,12 +224,18 @@ class Box(AbstractBody):
             raise ValueError(
                 f"Argument `high` must be above `low` = {rendered(low)}, but is {rendered(high)}."
             )
+        self.motion = _motion(motion, self.dimensions)
+        if self.motion is not None and self.motion.dimensions is None:
+            raise ValueError(
+                f"Argument `motion` of a box must have a list of numbers as its "
+                f"amplitude, but is {rendered(motion)}."
+            )
 
     @property
     def dimensions(self) -> int:
         return self.low.shape[0]
 
-    def walls(self) -> list[tuple[int, Array, Array]]:
+    def walls(self) -> list[Wall]:
         made = []
         for axis in range(self.dimensions):
             for side, ends in enumerate((self.low, self.high)):
@@ -210,8 +245,19 @@ class Box(AbstractBody):
                 sign = 1.0 - 2.0 * side
                 normal = np.zeros(self.dimensions)
                 normal[axis] = sign
-                made.append((2 * axis + side, jnp.asarray(normal, at.dtype), sign * at))
+                unit = jnp.asarray(normal, at.dtype)
+                made.append(_wall(2 * axis + side, unit, sign * at, self.motion))
         return made
+
+    def after(self, time: Array) -> Box:
+        """The same box at a later time."""
+        if self.motion is None:
+            return self
+        moved, motion = self.motion.after(time)
+        ends = (self.low, self.high)
+        if moved is not None:
+            ends = tuple(end + moved for end in ends)
+        return eqx.tree_at(lambda body: (body.low, body.high, body.motion), self, (*ends, motion))
 
 
 def words(bodies: Sequence[AbstractBody], k: int) -> str:
@@ -221,39 +267,22 @@ def words(bodies: Sequence[AbstractBody], k: int) -> str:
     return f"{type(body).__name__}{name} (number {k})"
 
 
-def one_number(value: Any, name: str, allowed: Range) -> Array:
-    """A scalar leaf in its range; ValueError for anything else."""
-    number = as_parameter(value, name, allowed)
-    if number.shape != ():
-        raise ValueError(f"Argument `{name}` must be one number, but is {rendered(value)}.")
-    if not isinstance(number, Tracer) and not allowed.holds(float(number)):
-        raise ValueError(f"Argument `{name}` must be in {allowed}, but is {rendered(value)}.")
-    return number
+def _wall(face: int, normal: Array, offset: Array, motion: AbstractMotion | None) -> Wall:
+    if motion is None:
+        return Wall(face, normal, offset, None, False)
+    return Wall(face, normal, offset + motion.start(normal), motion.along(normal), motion.vibrates)
 
 
-def vector(value: Any, name: str, *, finite: bool = True) -> Array:
-    """One to three numbers as an array, finite or only not NaN; ValueError for anything else."""
-    # NumPy cannot read a list that holds traced numbers.
-    if isinstance(value, list | tuple) and any(isinstance(one, jax.Array) for one in value):
-        parts = [as_parameter(one, name) for one in value]
-        if any(part.shape != () for part in parts):
-            raise ValueError(
-                f"Argument `{name}` must be one to three numbers, but is {rendered(value)}."
-            )
-        numbers = jnp.stack([jnp.asarray(part) for part in jnp.broadcast_arrays(*parts)])
-    else:
-        given: Any = value
-        numbers = as_parameter(given, name)
-    if numbers.ndim != 1 or not 1 <= numbers.shape[0] <= 3:
+def _motion(value: Any, dimensions: int) -> AbstractMotion | None:
+    if value is None:
+        return None
+    motion = require_kind("motion", value, AbstractMotion, "a `Steady`, a `Vibration` or None")
+    if motion.dimensions not in (None, dimensions):
         raise ValueError(
-            f"Argument `{name}` must be one to three numbers, but is {rendered(value)}."
+            f"Argument `motion` must have {dimensions} numbers, as the wall has, but is "
+            f"{rendered(value)}."
         )
-    if not isinstance(numbers, Tracer):
-        plain = np.asarray(numbers)
-        if not np.all(np.isfinite(plain) if finite else ~np.isnan(plain)):
-            allowed = "finite numbers" if finite else REAL_OR_INFINITE
-            raise ValueError(f"Argument `{name}` must be {allowed}, but is {rendered(value)}.")
-    return numbers
+    return motion
 
 
 def _name(value: Any) -> str | None:

@@ -15,7 +15,7 @@ from .._contact import Contact
 from .._elementary import contraction
 from .._laws import AbstractLaw
 from ._cluster_solve import ClusterEnd, Problem, Rules, solve_cluster
-from ._touching import ClusterState, Pairs, PerBody
+from ._touching import ClusterState, Drive, Pairs, PerBody
 
 
 def cluster(
@@ -30,6 +30,7 @@ def cluster(
     rtol: float | Float[Array, ""],
     v0: str | float = "peak",
     until_change: bool = False,
+    drive: Drive | None = None,
     max_steps: int = 4096,
 ) -> ClusterEnd:
     """Follow a cluster of touching bodies until all its pairs are open, or until a time in s.
@@ -40,7 +41,8 @@ def cluster(
     time to end at. `rtol` bounds the error of velocities, relative to the speeds in the cluster; in
     float32 no less than 1e-5 is reached. `v0`: "peak", the largest closing speed since touch;
     "touch", the speed at touch; a number, the least speed in m/s at touch. With `until_change` the
-    solve also ends where a pair touches or opens.
+    solve also ends where a pair touches or opens. `drive` says which prescribed bodies are
+    accelerated; None where none is.
 
     One lane; batch it with `vmap`. Differentiable in both modes: the solve carries the
     sensitivities to all that varies. Nothing is raised; see `ClusterEnd.status`.
@@ -64,6 +66,7 @@ def cluster(
         until=jnp.asarray(until, dtype),
         tolerance=jax.lax.stop_gradient(tolerance),
         floor=jnp.asarray(0.0 if isinstance(v0, str) else v0, dtype),
+        drive=drive,
     )
     rules = Rules(v0 == "peak", until_change, max_steps)
     return _with_sensitivity(solve_cluster, rules)(problem)

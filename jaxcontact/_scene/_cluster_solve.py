@@ -20,7 +20,17 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._impact._runge_kutta import step_in_loop
 from ._step import factor
-from ._touching import ClusterState, Geometry, Modes, Pairs, PerBody, PerPair, Touching, Units
+from ._touching import (
+    ClusterState,
+    Drive,
+    Geometry,
+    Modes,
+    Pairs,
+    PerBody,
+    PerPair,
+    Touching,
+    Units,
+)
 
 APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST = range(5)
 """How a solve ended: `ClusterEnd.status`. All pairs are open; `until` was reached; the numbers
@@ -36,10 +46,12 @@ class ClusterEnd(NamedTuple):
     """The `state` at the end, its `status`, and how it was reached.
 
     `error_estimate`: the larger one of what the steps add up to, relative to the speeds, and of the
-    energy that is missing, relative to the energy of the cluster.
+    energy that is missing, relative to the energy of the cluster. `work` in J, of gravity and of
+    prescribed bodies on the free ones.
     """
 
     state: ClusterState
+    work: Float[Array, ""]
     status: Int[Array, ""]
     steps: Int[Array, ""]
     events: Int[Array, ""]
@@ -115,6 +127,7 @@ class Problem(NamedTuple):
     until: Float[Array, ""]
     tolerance: Float[Array, ""]
     floor: Float[Array, ""]
+    drive: Drive | None
 
 
 class Rules(NamedTuple):
@@ -145,6 +158,14 @@ def _units(problem: Problem) -> Units:
     return jax.tree.map(jax.lax.stop_gradient, Units(length, speed, mass))
 
 
+def _scaled(drive: Drive | None, units: Units) -> Drive | None:
+    if drive is None:
+        return None
+    return drive._replace(
+        strength=drive.strength / (units.speed / units.time), rate=drive.rate * units.time
+    )
+
+
 # JAX traces it once for all derivatives and batches of the same shape.
 @functools.partial(jax.jit, static_argnums=1)
 def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
@@ -166,6 +187,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         depth=state.indentation / units.length,
         inverse_mass=problem.inverse_mass * units.mass,
         acceleration=jnp.where(free, problem.acceleration, 0) / (units.speed / units.time),
+        drive=_scaled(problem.drive, units),
     )
     until = (problem.until - state.time) / units.time
 
@@ -175,7 +197,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     def rate(y: Array, modes: Modes) -> Array:
         """d/dσ."""
         velocity = layout.velocity(y)
-        acceleration, lost, work = system.motion(layout.moved(y), velocity, modes)
+        acceleration, lost, work = system.motion(layout.moved(y), velocity, modes, y[_TIME])
         one = jnp.ones((), dtype)
         per_time = layout.packed(velocity, acceleration, lost, [work, one, one])
         clock = 2 * y[_SIGMA]
@@ -184,7 +206,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     def look(y: Array, modes: Modes) -> _Look:
         at = geometry(y)
         force = system.force(at.depth, at.rate, modes)
-        acceleration, _ = system.accelerations(at, force)
+        acceleration, _ = system.accelerations(at, force, y[_TIME])
         meets = jnp.where(modes.closed, at.depth, -at.depth)
         second = system.second(at, acceleration)
         latch = jnp.where(modes.rising, second, modes.latched - at.rate)
@@ -279,6 +301,10 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
 
         still = jnp.abs(now.rate) + jnp.abs(now.second) < 100 * tolerance
         at_rest = taken & jnp.all(jnp.where(closed & pairs.used, still, True)) & ~event
+        if problem.drive is not None:
+            # What a moving wall carries is never at rest.
+            carried = problem.drive.moves[pairs.first] | problem.drive.moves[pairs.second]
+            at_rest = at_rest & ~jnp.any(closed & pairs.used & carried)
         status = jnp.where(at_rest, AT_REST, -1)
         changed = jnp.any(touches | opens) & rules.until_change
         status = jnp.where(changed, CHANGED, status)
@@ -371,7 +397,11 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     error = jnp.maximum(end.error, missing / jnp.maximum(before, jnp.abs(end.y[_WORK])))
     good = jnp.all(jnp.isfinite(end.y)) & (error <= 1e5 * tolerance)
     status = jnp.where(good, status, NOT_CONVERGED)
-    return ClusterEnd(done, status, end.steps, end.events, stop(error))
+    # In the frame of the cluster its work is another one, by what the forces change in momentum.
+    mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
+    gain = jnp.sum(mass * frame * (done.velocity - state.velocity))
+    work = units.energy * end.y[_WORK] + gain
+    return ClusterEnd(done, work, status, end.steps, end.events, stop(error))
 
 
 def _highest(size: Array, left: PerPair, rises: PerPair, right: PerPair, falls: PerPair) -> PerPair:

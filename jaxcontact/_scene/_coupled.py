@@ -19,7 +19,7 @@ from ._hit import Choice, Flying, accelerations, meeting_of
 from ._overlap import ROUNDINGS
 from ._stored import stored_in
 from ._system import Layout, Numbers, known_contact_of, law_of
-from ._touching import ClusterState, Pairs
+from ._touching import ClusterState, Drive, Pairs
 
 MOST = 8
 """Spheres that a coupled solve has room for."""
@@ -76,11 +76,12 @@ def pairs_of(layout: Layout, numbers: Numbers, members: Bool[Array, " N"]) -> Pa
     )
 
 
-def placed(layout: Layout, numbers: Numbers, spheres: Flying) -> tuple[Array, Array]:
-    """Positions and velocities of all slots; a wall stands at the foot of its normal."""
-    feet = numbers.offset[:, None] * numbers.normal
-    position = jnp.concatenate([spheres.position, feet])
-    return position, jnp.concatenate([spheres.velocity, jnp.zeros_like(feet)])
+def placed(layout: Layout, numbers: Numbers, spheres: Flying, time: Array) -> tuple[Array, Array]:
+    """Positions and velocities of all slots; a wall stands at the foot of its normal at a time."""
+    walls = numbers.walls_at(time)
+    position = jnp.concatenate([spheres.position, walls.offset[:, None] * numbers.normal])
+    driven = walls.velocity[:, None] * numbers.normal
+    return position, jnp.concatenate([spheres.velocity, driven])
 
 
 def at_once(
@@ -102,7 +103,7 @@ def touching(
     """
     first, second = places(layout)
     pairs = pairs_of(layout, numbers, jnp.ones(layout.spheres, bool))
-    position, velocity = placed(layout, numbers, there)
+    position, velocity = placed(layout, numbers, there, choice.time)
     apart = position[first] - position[second]
     rate = velocity[first] - velocity[second]
     flat = pairs.flat
@@ -114,7 +115,7 @@ def touching(
     )
     eps = jnp.finfo(numbers.dtype).eps
     scale = jnp.max(jnp.abs(there.position)) + jnp.max(numbers.radius)
-    speed = jnp.max(jnp.abs(there.velocity))
+    speed = jnp.max(jnp.abs(velocity))
     touches = (gap <= ROUNDINGS * eps * scale) & (opening <= ROUNDINGS * eps * speed)
     meets = (choice.first == first) & (choice.second == second)
     meets = meets | ((choice.first == second) & (choice.second == first))
@@ -145,7 +146,7 @@ def call(
     two = jax.tree.map(lambda all: all[who], spheres)
     time = meeting_of(layout, numbers, two, choice).time
     there = at_once(layout, numbers, spheres, support, time)
-    start = touched(pairs, *placed(layout, numbers, there), decided.closed, v0=v0)
+    start = touched(pairs, *placed(layout, numbers, there, time), decided.closed, v0=v0)
     rests = pairs.flat & (support[first] == second - count) & (support[first] >= 0)
     none = jnp.zeros(count, numbers.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
@@ -161,7 +162,7 @@ def call(
     )
     # Going on: those that join come from their own impacts.
     joins = jnp.concatenate([decided.joins, jnp.zeros(layout.walls, bool)])[:, None]
-    position, velocity = placed(layout, numbers, spheres)
+    position, velocity = placed(layout, numbers, spheres, before.time)
     position = jnp.where(joins, position, before.position)
     velocity = jnp.where(joins, velocity, before.velocity)
     apart = position[first] - position[second]
@@ -191,9 +192,40 @@ def call(
         jnp.asarray(first), jnp.asarray(second)
     )
     end = cluster(
-        law, contact, pairs, inverse, pull, begin, until, rtol=rtol, v0=v0, until_change=True
-    )
+        law, contact, pairs, inverse, pull, begin, until,
+        rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, begin.time),
+    )  # fmt: skip
     return begin, end
+
+
+def _drive(layout: Layout, numbers: Numbers, time: Array) -> Drive | None:
+    """How the slots are driven from a time on; None where no wall moves."""
+    motion = numbers.motion
+    if motion is None:
+        return None
+    still = jnp.zeros(layout.spheres, numbers.dtype)
+    strength = motion.amplitude * jnp.square(motion.rate)
+    none = jnp.zeros((layout.spheres, layout.dimensions), numbers.dtype)
+    return Drive(
+        strength=jnp.concatenate([none, strength[:, None] * numbers.normal]),
+        rate=jnp.concatenate([still, motion.rate]),
+        phase=jnp.concatenate([still, motion.rate * time + motion.phase]),
+        moves=jnp.asarray((False,) * layout.spheres + layout.moving),
+    )
+
+
+def work_of_walls(
+    layout: Layout, numbers: Numbers, began: ClusterState, end: ClusterEnd
+) -> Float[Array, ""]:
+    """What moving walls did to the spheres in one call: all work but that of gravity, in J."""
+    if numbers.motion is None:
+        return jnp.zeros((), numbers.dtype)
+    count = layout.spheres
+    inverse = numbers.inverse_mass[:count]
+    mass = jnp.where(inverse > 0, 1 / jnp.where(inverse > 0, inverse, 1), 0)
+    fall = end.state.position[:count] - began.position[:count]
+    weight = jnp.sum(mass * jnp.sum(fall * numbers.gravity[None], axis=-1))
+    return end.work - weight
 
 
 def as_numbers(state: ClusterState) -> ClusterState:

@@ -7,6 +7,7 @@ vary together.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -48,7 +49,8 @@ class Choice(NamedTuple):
 class Outcome(NamedTuple):
     """What an impact does: the two bodies after it, each at its own time, and its numbers.
 
-    `way` and `status` (a `Status`) are whole numbers.
+    `wall_work` in J is what a moving wall does to the body. `way` and `status` (a `Status`) are
+    whole numbers.
     """
 
     after: Flying
@@ -60,6 +62,7 @@ class Outcome(NamedTuple):
     max_force: Lane
     turn: Lane
     error: Lane
+    wall_work: Lane
     way: Lane
     status: Lane
 
@@ -85,32 +88,34 @@ def moved(flying: Flying, acceleration: Lane, time: Lane) -> Flying:
     return Flying(position, velocity, jnp.broadcast_to(time, flying.time.shape))
 
 
-def _delay(apart: Lane, rate: Lane, half: Lane, distance: Lane) -> Lane:
-    """The correction of a time of touch that is a root already: zero, with the root's derivatives.
-
-    Newton's steps from a root move by its rounding; two of them, differentiated, have the first
-    three derivatives of the root. A rule of its own would be lost where JAX splits a scan for
-    second derivatives. A touch that does not close has no derivative in time.
-    """
-    delay = jnp.zeros_like(distance)
-    for _ in range(2):
-        away = apart + (rate + half * delay) * delay
-        length = jnp.sqrt(jnp.sum(jnp.square(away)))
-        slope = jnp.sum(away * (rate + 2 * half * delay)) / length
-        slope = jnp.where(slope < 0, slope, -jnp.inf)
-        delay = delay - (length - distance) / slope
-    return delay
-
-
 class Meeting(NamedTuple):
     """Two bodies at their touch: their states then, the unit `normal` from the second to the first,
-    the rate at which they close, and the time.
+    the rate at which they close, the time, and the velocity of a wall along its normal.
     """
 
     flying: Flying
     normal: Lane
     closing: Lane
     time: Lane
+    driven: Lane
+
+
+def _delay(relative: Callable[[Lane], tuple[Lane, Lane]], distance: Lane) -> Lane:
+    """The correction of a time of touch that is a root already: zero, with the root's derivatives.
+
+    `relative`: the distance vector and its rate after a delay. Newton's steps from a root move by
+    its rounding; two of them, differentiated, have the first three derivatives of the root. A rule
+    of its own would be lost where JAX splits a scan for second derivatives. A touch that does not
+    close has no derivative in time.
+    """
+    delay = jnp.zeros_like(distance)
+    for _ in range(2):
+        away, rate = relative(delay)
+        length = jnp.sqrt(jnp.sum(jnp.square(away)))
+        slope = jnp.sum(away * rate) / length
+        slope = jnp.where(slope < 0, slope, -jnp.inf)
+        delay = delay - (length - distance) / slope
+    return delay
 
 
 def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Meeting:
@@ -125,30 +130,40 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
     half = (pull[0] - pull[1]) / 2
     distance = numbers.radius[choice.first] + numbers.radius[second]
     is_wall = choice.second >= count
+    driven = jnp.zeros_like(distance)
     if layout.walls:
         wall = jnp.clip(choice.second - count, 0)
         face = numbers.normal[wall]
-        # A wall is met as a point of it would be, below the body along the normal.
-        height = jnp.sum(face * there.position[0]) - numbers.offset[wall]
-        across = jnp.where(is_wall, face * height, apart)
-        rate = jnp.where(is_wall, face * jnp.sum(face * there.velocity[0]), rate)
-        half = jnp.where(is_wall, face * jnp.sum(face * pull[0]) / 2, half)
-        apart = across
+        height = jnp.sum(face * there.position[0])
+        rise, bend = jnp.sum(face * there.velocity[0]), jnp.sum(face * pull[0])
         distance = jnp.where(is_wall, numbers.radius[choice.first], distance)
-    delay = _delay(apart, rate, half, distance)
-    away = apart + (rate + half * delay) * delay
+
+    def relative(delay: Lane) -> tuple[Lane, Lane]:
+        away, rates = apart + (rate + half * delay) * delay, rate + 2 * half * delay
+        if layout.walls:
+            # A wall is met as a point of it would be, below the body along the normal.
+            moving = numbers.walls_at(choice.time + delay, wall)
+            above = height + (rise + bend / 2 * delay) * delay - moving.offset
+            away = jnp.where(is_wall, face * above, away)
+            rates = jnp.where(is_wall, face * (rise + bend * delay - moving.velocity), rates)
+        return away, rates
+
+    delay = _delay(relative, distance)
+    away, rates = relative(delay)
     normal = away / jnp.sqrt(jnp.sum(jnp.square(away)))
-    closing = -jnp.sum(normal * (rate + 2 * half * delay))
+    closing = -jnp.sum(normal * rates)
     time = choice.time + delay
-    passed = moved(there, pull, time)
-    return Meeting(passed, normal, closing, time)
+    if any(layout.moving):
+        driven = jnp.where(is_wall, numbers.walls_at(time, wall).velocity, 0)
+    return Meeting(moved(there, pull, time), normal, closing, time, driven)
 
 
 def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Outcome:
     """An impact out of time: the law's e at its closing speed, along the line of centres.
 
     v1 += (1+e) μ u/m1 n, v2 -= (1+e) μ u/m2 n, with the closing speed u > 0, μ = m1 m2/(m1+m2) and
-    the unit normal n from the second body to the first. Energy lost: ½ μ u² (1-e²).
+    the unit normal n from the second body to the first. Energy lost: ½ μ u² (1-e²). A wall that
+    moves at w along its normal does the work (1+e) μ u w.
     """
     meeting = meeting_of(layout, numbers, before, choice)
     closing = jnp.maximum(meeting.closing, 0)
@@ -156,7 +171,8 @@ def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Out
     lowered = jnp.where(choice.tail, 0, e)
     inverse = jnp.stack([numbers.inverse_mass[choice.first], numbers.inverse_mass[choice.second]])
     mass = 1 / jnp.sum(inverse)
-    push = (1 + lowered) * mass * closing * meeting.normal
+    impulse = (1 + lowered) * mass * closing
+    push = impulse * meeting.normal
     sign = jnp.asarray([1.0, -1.0], numbers.dtype)
     velocity = meeting.flying.velocity + (sign * inverse)[:, None] * push[None]
     way = jnp.where(choice.tail, int(Way.SERIES), int(Way.INSTANTANEOUS))
@@ -170,6 +186,7 @@ def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Out
         max_force=jnp.full_like(closing, jnp.inf),
         turn=jnp.zeros_like(closing),
         error=jnp.zeros_like(closing),
+        wall_work=impulse * meeting.driven,
         way=way.astype(closing.dtype),
         status=jnp.zeros_like(closing),
     )

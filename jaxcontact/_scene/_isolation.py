@@ -21,11 +21,13 @@ def isolated(
     choice: Choice,
     outcome: Outcome,
     now: Float[Array, ""],
+    tolerance: Float[Array, ""],
 ) -> Bool[Array, ""]:
     """Whether two bodies meet without a third one, by forces that the pair's own solution knows.
 
     No body is faster than all the energy there is would make it; during the impact, none can come
-    as far as a quarter of its distance.
+    as far as a quarter of its distance. A wall that shakes changes its velocity meanwhile by less
+    than a tenth of `tolerance`.
     """
     count = layout.spheres
     inverse = numbers.inverse_mass[:count]
@@ -44,6 +46,14 @@ def isolated(
     second = jnp.minimum(choice.second, count - 1)
     is_wall = choice.second >= count
     alone = outcome.status == 0
+    motion = numbers.motion
+    if motion is not None:
+        # A wall gives a body at most twice its own velocity.
+        fastest = fastest + jnp.where(moves, 2 * jnp.max(motion.fastest), 0)
+    if any(layout.vibrating):
+        assert motion is not None
+        change = motion.strongest[jnp.clip(choice.second - count, 0)] * last
+        alone = alone & ~(is_wall & (10 * change > tolerance * outcome.closing))
     for one, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall)):
         apart = nearest_image(layout, numbers, position[one][None] - position)[0]
         gap = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
@@ -53,8 +63,12 @@ def isolated(
         far = far | partner | ~(moves[one] | moves)
         alone = alone & (jnp.all(far) | ~counts)
         if layout.walls:
-            height = jnp.sum(position[one][None] * numbers.normal, axis=-1) - numbers.offset
-            room = height - numbers.radius[one] > REACH * fastest[one] * last
+            height = jnp.sum(position[one][None] * numbers.normal, axis=-1)
+            reach = fastest[one] * last
+            if motion is not None:
+                reach = reach + motion.fastest * last
+            height = height - numbers.walls_at(now).offset
+            room = height - numbers.radius[one] > REACH * reach
             partner = jnp.arange(layout.walls) == choice.second - count
             alone = alone & (jnp.all(room | partner) | ~counts | ~moves[one])
     if layout.gravity:

@@ -16,13 +16,15 @@ from ._touching import ClusterState
 
 class Together(NamedTuple):
     """A call of the coupled solve: all spheres before it, with the v0 `held` by those that rest;
-    the state that it `began` from, and that at its `end`, with flags as numbers.
+    the state that it `began` from, and that at its `end`, with flags as numbers; the `work` of
+    moving walls in J.
     """
 
     spheres: Flying
     held: Float[Array, "K N"]
     began: ClusterState
     end: ClusterState
+    work: Any
 
 
 class Called(NamedTuple):
@@ -98,5 +100,5 @@ def blank_calls(layout: Layout, dtype: Any) -> tuple[Together, Called]:
     )
     pairs = jnp.zeros(places(layout)[0].shape, bool)
     decided = Call(no, choice, nobody, nobody, pairs, zero - 1, jnp.zeros((), dtype))
-    together = Together(Flying(vector, vector, each), each, state, state)
+    together = Together(Flying(vector, vector, each), each, state, state, jnp.zeros((), dtype))
     return together, Called(no, jnp.zeros(count, int) - 1, decided, no, no)

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array
 from numpy.typing import NDArray
 
-from ._bodies import AbstractBody, Sphere, words
+from ._bodies import AbstractBody, Sphere, Wall, words
 
 ROUNDINGS = 64
 """How many roundings of the positions and radii a depth may have that is no overlap."""
+
+_MOST_TIMES = 1_000_000
+"""At which walls are compared."""
 
 
 def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | None]) -> None:
@@ -23,7 +27,7 @@ def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | Non
     found = [(k, body) for k, body in enumerate(bodies) if isinstance(body, Sphere)]
     spheres = [k for k, _ in found]
     parts = [(sphere.position, sphere.radius) for _, sphere in found]
-    walls = [(k, *wall[1:]) for k, body in enumerate(bodies) for wall in body.walls()]
+    walls = [(k, *wall[1:3]) for k, body in enumerate(bodies) for wall in body.walls()]
     given = [*(x for part in parts for x in part), *(x for wall in walls for x in wall[1:])]
     if any(isinstance(x, Tracer) for x in (*given, *periodic)):
         return
@@ -47,6 +51,43 @@ def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | Non
         if np.any(bad):
             worst = int(np.argmin(np.where(bad, gap, np.inf)))
             raise _overlap(bodies, spheres[worst], k, -gap[worst])
+
+
+def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array) -> None:
+    """Raise ValueError where a moving wall runs into one that faces it, within the duration.
+
+    Looked for at 64 times a period of the fastest wall, and 1024 times in all at the least. Where
+    anything is traced nothing is compared.
+    """
+    walls = [(k, wall) for k, body in enumerate(bodies) for wall in body.walls()]
+    if all(wall.motion is None for _, wall in walls):
+        return
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves(([w for _, w in walls], duration))):
+        return
+    length = float(duration)
+    rates = [float(wall.motion.rate) for _, wall in walls if wall.motion is not None]
+    count = min(1024 + int(64 * max(rates) * length / (2 * np.pi)), _MOST_TIMES)
+    times = np.linspace(0, length, count)
+    places = [float(wall.offset) + _shift(wall, times) for _, wall in walls]
+    for i, (a, one) in enumerate(walls):
+        for j, (b, other) in enumerate(walls[:i]):
+            if a == b or np.sum(np.asarray(one.normal) * np.asarray(other.normal)) > -1 + 1e-9:
+                continue
+            between = -(places[i] + places[j])
+            if np.min(between) <= 0 < between[0]:
+                k = int(np.argmax(between <= 0))
+                when = np.interp(0, between[k : k - 2 : -1], times[k : k - 2 : -1])
+                raise ValueError(
+                    f"Argument `motion` must keep walls apart, but {words(bodies, b)} and "
+                    f"{words(bodies, a)} meet at {when:.6g} s."
+                )
+
+
+def _shift(wall: Wall, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    if wall.motion is None:
+        return np.zeros_like(times)
+    speed, amplitude, rate, phase = (float(x) for x in wall.motion)
+    return speed * times + amplitude * (np.sin(rate * times + phase) - np.sin(phase))
 
 
 def _minimum_image(

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ._coupled import as_flags, as_numbers, call, places
+from ._coupled import as_flags, as_numbers, call, places, work_of_walls
 from ._hit import Flying, Outcome, hit
 from ._log import Facts, Figures, Log, Together
 from ._progress import Rules
@@ -115,17 +115,18 @@ def _tangents(
 
         def solve(
             leaves: Any, spheres: Flying, held: Array, before: ClusterState
-        ) -> tuple[ClusterState, ClusterState]:
+        ) -> tuple[ClusterState, ClusterState, Array]:
             numbers = eqx.combine(leaves, rest)
             began, done = call(
                 layout, numbers, spheres, called.support, held, as_flags(before), called.decided,
                 tolerance, rules.v0,
             )  # fmt: skip
-            return as_numbers(began), as_numbers(done.state)
+            work = work_of_walls(layout, numbers, began, done)
+            return as_numbers(began), as_numbers(done.state), work
 
         given = (leaves, at.spheres, at.held, at.began)
         slopes = (along, carry.spheres, carry.held, carry.coupled)
-        _, (began, end) = jax.jvp(solve, given, slopes)
+        _, (began, end, work) = jax.jvp(solve, given, slopes)
         members = called.decided.members & called.ends
         count = layout.spheres
 
@@ -144,7 +145,7 @@ def _tangents(
         nothing = jax.tree.map(jnp.zeros_like, known)
         figures = nothing._replace(
             outcome=nothing.outcome._replace(time=began.time),
-            coupled=Together(carry.spheres, carry.held, began, end),
+            coupled=Together(carry.spheres, carry.held, began, end, work),
         )
         return _Carry(spheres, end, held), figures
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
+from ._bodies import Box, Plane
 from ._log import Log
 from ._progress import Rules
 from ._result import Impacts, Margin, Moment, ending_words, flagged, traced
@@ -21,8 +22,9 @@ class Run(eqx.Module):
     `time` (T,) in s; `position` (T, N, D) in m and `velocity` (T, N, D) in m/s of the N spheres in
     the order given, fixed ones too; `energy` (T,) in J, kinetic and weight; `impacts`, see
     `Impacts`; `margin`, see `Margin`; `status`, see `Ending`; `reached` in s, up to which the
-    values hold. `at(times)` gives the state at any times; `final` is the scene at the end, from
-    which another run goes on.
+    values hold; `wall_work` in J, what moving walls did to the spheres, so that the energy at the
+    end is that at the start and `wall_work` less what the impacts lost. `at(times)` gives the state
+    at any times; `final` is the scene at the end, from which another run goes on.
     """
 
     time: Float[Array, " T"]
@@ -33,6 +35,7 @@ class Run(eqx.Module):
     margin: Margin
     status: Int[Array, ""]
     reached: Float[Array, ""]
+    wall_work: Float[Array, ""]
     duration: Float[Array, ""]
     scene: Scene
     _layout: Layout
@@ -84,6 +87,9 @@ class Run(eqx.Module):
         for k, sphere in enumerate(self.scene.spheres):
             place = self._layout.body[k]
             bodies[place] = sphere.moved_to(position[0, k], end.velocity[0, k])
+        for k, body in enumerate(bodies):
+            if isinstance(body, Plane | Box):
+                bodies[k] = body.after(self.duration)
         return eqx.tree_at(lambda scene: scene.bodies, self.scene, tuple(bodies))
 
     def _touching(self) -> Bool[Array, ""]:

@@ -14,7 +14,8 @@ from jaxtyping import Array, ArrayLike, Float
 from .._contact import EXPONENT
 from .._laws import AbstractLaw
 from .._parameter import POSITIVE, Specialised, is_plain, rendered, require_kind
-from ._bodies import AbstractBody, Sphere, one_number, vector, words
+from ._bodies import AbstractBody, Sphere, words
+from ._entry import one_number, vector
 from ._overlap import require_apart
 from ._pairs import PairTable, kinds_of, pair_table
 
@@ -191,8 +192,8 @@ def _periodic(
         if length is None:
             continue
         for k, body in enumerate(bodies):
-            for _, normal, _ in body.walls():
-                along = normal[axis]
+            for wall in body.walls():
+                along = wall.normal[axis]
                 if not isinstance(along, Tracer) and float(along) != 0:
                     raise ValueError(
                         f"Argument `periodic` must be None for axis {axis}, along which "

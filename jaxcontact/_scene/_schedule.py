@@ -15,7 +15,16 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._cluster_solve import APART, AT_REST, TIME_IS_UP
 from ._cluster_solve import NOT_CONVERGED as FAILED
-from ._coupled import Call, as_numbers, at_once, blank_state, call, places, touching
+from ._coupled import (
+    Call,
+    as_numbers,
+    at_once,
+    blank_state,
+    call,
+    places,
+    touching,
+    work_of_walls,
+)
 from ._hit import Choice, Flying, Outcome, accelerations, hit
 from ._isolation import isolated
 from ._log import Called, Facts, Figures, Log, Together, blank_calls
@@ -140,7 +149,7 @@ def _event(
     support, crowded = _supports(layout, numbers, choice, outcome)
     starts = jnp.asarray(False)
     if rules.soft:
-        alone = isolated(layout, numbers, rules, state, choice, outcome, now)
+        alone = isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
         starts = fresh & ~alone
         fresh = fresh & alone
         crowded = jnp.asarray(False)
@@ -269,7 +278,8 @@ def _called(
     two = jnp.zeros((2, layout.dimensions), numbers.dtype)
     nobody = Flying(two, two, jnp.zeros(2, numbers.dtype))
     outcome = Outcome(nobody, began.time, *[zero] * (len(Outcome._fields) - 2))
-    together = Together(spheres, before.held, as_numbers(began), as_numbers(after))
+    work = work_of_walls(layout, numbers, began, done)
+    together = Together(spheres, before.held, as_numbers(began), as_numbers(after), work)
     blank = jnp.full(2, -1)
     called = Called(jnp.asarray(True), before.support, decided, ends, rest)
     figures = Figures(nobody, outcome, together)
@@ -300,14 +310,17 @@ def _choice(
     image = nearest_image(layout, numbers, (position[0] - position[1])[None])[1][0]
     tail = jnp.asarray(False)
     if layout.walls and layout.gravity and any(layout.constant):
-        face = numbers.normal[jnp.clip(partner - layout.spheres, 0)]
+        wall = jnp.clip(partner - layout.spheres, 0)
+        face = numbers.normal[wall]
         weight = -jnp.sum(face * numbers.gravity)
         closing = jnp.maximum(-jnp.sum(face * velocity[0]), 0)
         law = layout.chosen(layout.laws, who[0], partner) if layout.laws else 0
         e = numbers.restitution[law]
         low = jnp.square(e * closing) <= 2 * weight * tolerance * numbers.radius[who[0]]
         rests = (weight > 0) & (e < 1) & low & jnp.asarray(layout.constant)[law]
-        tail = (partner >= layout.spheres) & rests
+        # On a wall that moves the bounces are not those of a series.
+        stands = ~jnp.asarray(layout.moving)[wall]
+        tail = (partner >= layout.spheres) & rests & stands
     image = jnp.where(partner < layout.spheres, image, 0)
     return Choice(who[0], partner, support, image, now, tail)
 

@@ -9,7 +9,13 @@ from jaxtyping import Array, Float, Int
 from ._hit import accelerations
 from ._progress import Events, State
 from ._system import Layout, Numbers, nearest_image
-from ._touch import curved_time, image_horizon, sphere_time, wall_time
+from ._touch import (
+    curved_time,
+    image_horizon,
+    shaking_wall_time,
+    sphere_time,
+    wall_time,
+)
 
 NOISE = 16
 """Roundings of a speed below which bodies that touch neither close nor part."""
@@ -77,15 +83,32 @@ def searched(
 
     if layout.walls:
         height = jnp.sum(position[who][:, None] * numbers.normal[None], axis=-1)
-        gap = height - numbers.offset[None] - numbers.radius[who][:, None]
+        walls = numbers.walls_at(now)
+        gap = height - walls.offset[None] - numbers.radius[who][:, None]
         fall = jnp.sum(velocity[who][:, None] * numbers.normal[None], axis=-1)
         weight = jnp.sum(pull[who][:, None] * numbers.normal[None], axis=-1)
-        wall = wall_time(gap, fall, weight, NOISE * eps * speeds[who][:, None])
+        noise = NOISE * eps * speeds[who][:, None]
+        motion = jax.tree.map(lambda x: x[None], numbers.motion)
+        if motion is not None:
+            fall = fall - motion.speed
+            noise = noise + NOISE * eps * motion.fastest
+        wall = wall_time(gap, fall, weight, noise)
+        if any(layout.vibrating):
+            assert motion is not None
+            shaking = jnp.asarray(layout.vibrating)[None]
+            left = jnp.maximum(end - now, 0)
+            found = shaking_wall_time(gap, fall, weight, noise, motion, now, left)
+            wall = jnp.where(shaking, found, wall)
         resting = jnp.arange(layout.walls)[None] == state.support[who][:, None]
         wall = jnp.where(resting | ~moves[who][:, None], jnp.inf, wall)
         reached = jnp.where(jnp.isfinite(wall), wall, 0)
+        rises = fall + weight * reached
+        if any(layout.vibrating):
+            assert motion is not None
+            swing = motion.velocity(now + reached) - motion.speed
+            rises = rises - jnp.where(jnp.asarray(layout.vibrating)[None], swing, 0)
         times = jnp.concatenate([times, wall], axis=-1)
-        closing = jnp.concatenate([closing, -(fall + weight * reached)], axis=-1)
+        closing = jnp.concatenate([closing, -rises], axis=-1)
     # A fixed sphere is found by those that move.
     times = jnp.where(moves[who][:, None], times, jnp.inf)
 

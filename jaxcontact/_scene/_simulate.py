@@ -22,9 +22,10 @@ from .._parameter import (
     require_kind,
     require_number,
 )
-from ._bodies import one_number
 from ._coupled import MOST
+from ._entry import one_number
 from ._log import Log, blank_log
+from ._overlap import require_clear_of_each_other
 from ._progress import Rules, State
 from ._replay import differentiable
 from ._result import Ending, traced
@@ -32,7 +33,7 @@ from ._run import Run, moment_at
 from ._scene import Scene
 from ._schedule import CROWDED, NOT_CONVERGED, OVER, RUNNING, advance, begun
 from ._system import Layout, Numbers, first_overlap, layout_of, numbers_of, replaced
-from ._table import table_of
+from ._table import table_of, work_of
 
 ROOM = 256
 """Impacts that a traced run has room for."""
@@ -93,6 +94,7 @@ def simulate(
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     asked = _times(times, length)
     layout = layout_of(scene)
+    require_clear_of_each_other(scene.bodies, length)
     # Coupled solves do not know the images of a periodic space.
     coupled = soft and layout.spheres <= MOST and not any(layout.periodic)
     rules = Rules(soft, followed, coupled)
@@ -128,6 +130,7 @@ def simulate(
         margin=margin,
         status=status,
         reached=reached,
+        wall_work=work_of(log, written, status),
         duration=length,
         scene=scene,
         _layout=layout,

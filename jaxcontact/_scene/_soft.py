@@ -26,7 +26,7 @@ def soft(
 
     The line of centres turns by ψ while the centre of mass moves on: with the unit vectors n along
     the line and s along the sliding velocity at touch, the bodies part at distance d along R(ψ) n
-    with the velocity R(ψ) (-e' v_n n + v_s s).
+    with the velocity R(ψ) (-e' v_n n + v_s s). A moving wall is met in its own frame.
     """
     count = layout.spheres
     meeting = meeting_of(layout, numbers, before, choice)
@@ -35,7 +35,7 @@ def soft(
     who = jnp.stack([choice.first, second])
     flying, normal = meeting.flying, meeting.normal
     pull = accelerations(layout, numbers, who, choice.support)
-    steady = jnp.where(is_wall, 0, flying.velocity[1])
+    steady = jnp.where(is_wall, meeting.driven * normal, flying.velocity[1])
     relative = flying.velocity[0] - steady
     closing = jnp.maximum(meeting.closing, VELOCITY_THRESHOLD)
     across = relative + meeting.closing * normal
@@ -84,9 +84,13 @@ def soft(
     level = pull[0] - jnp.sum(pull[0] * normal) * normal
     on_wall = flying.position[0] + across * passed + level * jnp.square(passed) / 2
     off_wall = across + level * passed + parting * normal
+    if any(layout.moving):
+        # All of this in the frame of the wall, which goes on at its velocity.
+        on_wall, off_wall = on_wall + steady * passed, off_wall + steady
     position = jnp.stack([jnp.where(is_wall, on_wall, first), other])
     velocity = jnp.stack([jnp.where(is_wall, off_wall, fast), slow])
     until = meeting.time + passed
+    impulse = contact.mass * (parting + closing + pressing * passed)
     return Outcome(
         after=Flying(position, velocity, jnp.broadcast_to(until, (2,))),
         time=meeting.time,
@@ -97,6 +101,7 @@ def soft(
         max_force=clean.max_force,
         turn=jnp.where(straight, 0, clean.turn),
         error=clean.error_estimate,
+        wall_work=impulse * meeting.driven,
         way=(int(Way.CLOSED_FORM) + rebound.way).astype(closing.dtype),
         status=rebound.status.astype(closing.dtype),
     )

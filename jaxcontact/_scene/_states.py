@@ -199,7 +199,7 @@ def _in_pairs(
             foot = flying.position[0] - reach * meeting.normal
             other = jnp.where(is_wall, foot, flying.position[1] + image)
             places = jnp.stack([flying.position[0], other])
-            still = jnp.where(is_wall, 0, flying.velocity[1])
+            still = jnp.where(is_wall, meeting.driven * meeting.normal, flying.velocity[1])
             speeds = jnp.stack([flying.velocity[0], still])
             pairs = Pairs(
                 jnp.asarray([0]), jnp.asarray([1]), reach[None], meeting.normal[None],

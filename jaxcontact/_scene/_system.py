@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,7 +16,8 @@ from .._contact import Contact, Material
 from .._impact import restitution, restitution_is_constant
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw
 from .._parameter import POSITIVE, Specialised, is_valid, sanitised
-from ._bodies import Sphere
+from ._bodies import Sphere, Wall
+from ._motion import Along
 from ._overlap import ROUNDINGS
 from ._scene import Scene
 
@@ -28,7 +29,8 @@ class Layout(eqx.Module):
 
     Bodies of the engine are the spheres in order, then the walls: `body` and `face` say which body
     of the scene each of them is. `laws` and `stiffnesses` are tables by kind, () where one law or
-    stiffness serves all; `constant` says of which laws e is the same at all speeds.
+    stiffness serves all; `constant` says of which laws e is the same at all speeds. Of the walls:
+    which are `moving`, and which of these are accelerated (`vibrating`).
     """
 
     spheres: int = eqx.field(static=True)
@@ -43,6 +45,8 @@ class Layout(eqx.Module):
     constant: tuple[bool, ...] = eqx.field(static=True)
     gravity: bool = eqx.field(static=True)
     periodic: tuple[bool, ...] = eqx.field(static=True)
+    moving: tuple[bool, ...] = eqx.field(static=True)
+    vibrating: tuple[bool, ...] = eqx.field(static=True)
 
     def chosen(self, table: tuple[tuple[int, ...], ...], i: Array, j: Array) -> Array:
         """The entry of a table for bodies i and j."""
@@ -50,11 +54,54 @@ class Layout(eqx.Module):
         return jnp.asarray(table)[kinds[i], kinds[j]]
 
 
+class WallMotion(eqx.Module):
+    """How walls move along their normals: V t + A (sin(ω t + φ) - sin φ), (W,) each; 0 of walls
+    that stand.
+    """
+
+    speed: Float[Array, "..."]
+    amplitude: Float[Array, "..."]
+    rate: Float[Array, "..."]
+    phase: Float[Array, "..."]
+
+    def shift(self, time: Lane) -> Lane:
+        """The displacement since time zero, in m."""
+        swing = jnp.sin(self.rate * time + self.phase) - jnp.sin(self.phase)
+        return self.speed * time + self.amplitude * swing
+
+    def velocity(self, time: Lane) -> Lane:
+        """In m/s."""
+        return self.speed + self.amplitude * self.rate * jnp.cos(self.rate * time + self.phase)
+
+    def acceleration(self, time: Lane) -> Lane:
+        """In m/s²."""
+        strongest = self.amplitude * jnp.square(self.rate)
+        return -strongest * jnp.sin(self.rate * time + self.phase)
+
+    @property
+    def fastest(self) -> Lane:
+        """The largest speed there is, in m/s."""
+        return jnp.abs(self.speed) + jnp.abs(self.amplitude * self.rate)
+
+    @property
+    def strongest(self) -> Lane:
+        """The largest acceleration there is, in m/s²."""
+        return jnp.abs(self.amplitude) * jnp.square(self.rate)
+
+
+class Walls(NamedTuple):
+    """Where walls are at some time: `offset` in m, and their `velocity` along the normal in m/s."""
+
+    offset: Lane
+    velocity: Lane
+
+
 class Numbers(eqx.Module):
     """The numbers of a scene that its motion depends on, all of one precision.
 
     Of the B = N + W bodies: `inverse_mass` (0 where fixed), `curvature` 1/R (0 of walls) and
     `compliance` (Hertz), None where not needed. `restitution` by law where it is constant, else 0.
+    `offset` of walls at time zero; their `motion`, None where all of them stand.
     """
 
     position: Float[Array, "N D"]
@@ -63,6 +110,7 @@ class Numbers(eqx.Module):
     inverse_mass: Float[Array, " B"]
     normal: Float[Array, "W D"]
     offset: Float[Array, " W"]
+    motion: WallMotion | None
     gravity: Float[Array, " D"]
     period: Float[Array, " D"]
     restitution: Float[Array, " L"]
@@ -76,11 +124,21 @@ class Numbers(eqx.Module):
         """The precision of all numbers."""
         return self.position.dtype
 
+    def walls_at(self, time: Lane, which: Int[Array, ""] | None = None) -> Walls:
+        """The walls at a time, or one of them."""
+        offset = self.offset if which is None else self.offset[which]
+        if self.motion is None:
+            return Walls(offset, jnp.zeros_like(offset))
+        motion = self.motion
+        if which is not None:
+            motion = jax.tree.map(lambda x: x[which], motion)
+        return Walls(offset + motion.shift(time), motion.velocity(time))
+
 
 def layout_of(scene: Scene) -> Layout:
     """The static part of a scene."""
     spheres = [k for k, body in enumerate(scene.bodies) if isinstance(body, Sphere)]
-    walls = [(k, face) for k, body in enumerate(scene.bodies) for face, *_ in body.walls()]
+    walls = [(k, wall) for k, body in enumerate(scene.bodies) for wall in body.walls()]
     order = [*spheres, *(k for k, _ in walls)]
     table = scene.stiffness
     return Layout(
@@ -88,7 +146,7 @@ def layout_of(scene: Scene) -> Layout:
         walls=len(walls),
         dimensions=scene.dimensions,
         body=tuple(order),
-        face=(*(-1 for _ in spheres), *(face for _, face in walls)),
+        face=(*(-1 for _ in spheres), *(wall.face for _, wall in walls)),
         fixed=tuple(sphere.fixed for sphere in scene.spheres),
         kinds=tuple(scene._kinds[k] for k in order),
         laws=() if scene.law.alike else scene.law.table,
@@ -96,6 +154,8 @@ def layout_of(scene: Scene) -> Layout:
         constant=tuple(_is_constant(law) for law in scene.law.values),
         gravity=scene.gravity is not None,
         periodic=tuple(length is not None for length in scene.periodic),
+        moving=tuple(wall.motion is not None for _, wall in walls),
+        vibrating=tuple(wall.vibrates for _, wall in walls),
     )
 
 
@@ -131,8 +191,11 @@ def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers
         inverse_mass=jnp.concatenate(
             [jnp.where(jnp.asarray(free), 1 / mass, 0), jnp.zeros(len(walls), dtype)]
         ),
-        normal=_stack([n for _, n, _ in walls], dtype) if walls else none.reshape(0, dimensions),
-        offset=_stack([o for *_, o in walls], dtype) if walls else none,
+        normal=_stack([wall.normal for wall in walls], dtype)
+        if walls
+        else none.reshape(0, dimensions),
+        offset=_stack([wall.offset for wall in walls], dtype) if walls else none,
+        motion=_motion(walls, dtype),
         gravity=jnp.asarray(gravity, dtype),
         period=_stack([np.ones(()) if p is None else p for p in scene.periodic], dtype),
         restitution=jnp.stack(constant),
@@ -145,6 +208,10 @@ def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers
     for leaf in (numbers.position, numbers.velocity, radius, mass, numbers.gravity, numbers.period):
         valid = valid & jnp.all(jnp.isfinite(leaf))
     valid = valid & jnp.all(jnp.isfinite(numbers.normal)) & jnp.all(jnp.isfinite(numbers.offset))
+    if numbers.motion is not None:
+        for leaf in jax.tree.leaves(numbers.motion):
+            valid = valid & jnp.all(jnp.isfinite(leaf))
+        valid = valid & jnp.all(numbers.motion.rate >= 0)
     if numbers.stiffness is not None:
         valid = valid & jnp.all(POSITIVE.holds(numbers.stiffness))
     if numbers.compliance is not None:
@@ -184,6 +251,14 @@ def _sound_laws(laws: Sequence[Any], dtype: Any) -> tuple[Bool[Array, ""], tuple
         return leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf
 
     return valid, tuple(jax.tree.map(convert, sanitised(law)) for law in laws)
+
+
+def _motion(walls: Sequence[Wall], dtype: Any) -> WallMotion | None:
+    if all(wall.motion is None for wall in walls):
+        return None
+    still = Along(*[np.zeros(())] * len(Along._fields))
+    columns = zip(*(still if wall.motion is None else wall.motion for wall in walls), strict=True)
+    return WallMotion(*(_stack(column, dtype) for column in columns))
 
 
 def _compliance(scene: Scene, layout: Layout, dtype: Any, needed: bool) -> Array | None:

@@ -90,6 +90,17 @@ def table_of(
     return impacts, margin, total
 
 
+@eqx.filter_jit
+def work_of(log: Log, written: Int[Array, ""], status: Int[Array, ""]) -> Float[Array, ""]:
+    """What moving walls did in a run, in J; NaN where the run is not known."""
+    counts = jnp.arange(log.facts.tied.shape[0]) < written
+    work = jnp.sum(jnp.where(counts, log.figures.outcome.wall_work, 0))
+    if log.figures.coupled is not None:
+        work = work + jnp.sum(jnp.where(counts, log.figures.coupled.work, 0))
+    known = (status != int(Ending.INVALID_INPUT)) & (status != int(Ending.TOO_MANY_IMPACTS))
+    return flagged(work, known)
+
+
 def _isolated(log: Log, written: Int[Array, ""]) -> _Rows:
     outcome, facts = log.figures.outcome, log.facts
     valid = jnp.arange(facts.tied.shape[0]) < written

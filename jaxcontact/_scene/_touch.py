@@ -14,6 +14,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ._system import WallMotion
+
 Lane = Float[Array, "..."]
 
 
@@ -36,6 +38,71 @@ def wall_time(gap: Lane, rate: Lane, acceleration: Lane, noise: Lane) -> Lane:
     back = (rate + root) / jnp.where(falls, -2 * half, 1)
     time = jnp.where(meets, first, jnp.where(falls, back, jnp.inf))
     return jnp.maximum(time, 0)
+
+
+def shaking_wall_time(
+    gap: Lane,
+    rate: Lane,
+    acceleration: Lane,
+    noise: Lane,
+    motion: WallMotion,
+    now: Lane,
+    horizon: Lane,
+) -> Lane:
+    """As `wall_time` for walls that vibrate, up to `horizon`; rows of bodies, columns of walls.
+
+    `gap` and `rate` are those to a wall that would go on at its mean velocity from where it is
+    `now`. No step passes a touch: from a gap g that changes at the rate r nothing is touched before
+    g + r τ - ½ b τ² = 0, where b is the largest acceleration there can be, nor before the mean
+    position is as near as the amplitude. Near a touch these steps are Newton's.
+    """
+    phase = motion.rate * now + motion.phase
+    swing = motion.amplitude
+
+    def there(t: Lane) -> tuple[Lane, Lane]:
+        turned = motion.rate * t + phase
+        high = swing * (jnp.sin(turned) - jnp.sin(phase))
+        fast = swing * motion.rate * jnp.cos(turned)
+        return gap + (rate + acceleration / 2 * t) * t - high, rate + acceleration * t - fast
+
+    bend = jnp.maximum(motion.strongest - acceleration, 0)
+    envelope = jnp.abs(swing) - swing * jnp.sin(phase)
+
+    def step(t: Lane) -> Lane:
+        room, slope = there(t)
+        room = jnp.maximum(room, 0)
+        root = jnp.sqrt(jnp.square(slope) + 2 * bend * room)
+        # No cancellation where it closes; where nothing bends and nothing closes, never.
+        closes = slope < 0
+        ahead = 2 * room / jnp.where(closes, root - slope, 1)
+        away = (slope + root) / jnp.where(bend > 0, bend, 1)
+        safe = jnp.where(closes, ahead, jnp.where(bend > 0, away, jnp.inf))
+        mean = gap + (rate + acceleration / 2 * t) * t - envelope
+        outside = wall_time(mean, rate + acceleration * t, acceleration, jnp.zeros_like(t))
+        return jnp.where(mean > 0, jnp.maximum(safe, outside), safe)
+
+    def unfinished(carry: tuple[Lane, Lane]) -> Array:
+        return jnp.any(carry[1])
+
+    def march(carry: tuple[Lane, Lane]) -> tuple[Lane, Lane]:
+        t, on = carry
+        room, slope = there(t)
+        by = step(t)
+        found = (slope < 0) & ((room <= 0) | (by <= 2 * jnp.finfo(t.dtype).eps * (now + t)))
+        t = jnp.where(on & ~found, t + by, t)
+        return t, on & ~found & (t <= horizon)
+
+    start = jnp.zeros_like(gap)
+    room, slope = there(start)
+    touching = room <= 0
+    second = acceleration + swing * jnp.square(motion.rate) * jnp.sin(phase)
+    still = touching & (jnp.abs(slope) <= noise)
+    meets = touching & jnp.where(still, second < 0, slope < 0)
+    # From a touch that parts, or rests, a first step leads away.
+    none = still & (second >= 0)
+    time, _ = jax.lax.while_loop(unfinished, march, (start, ~meets & ~none))
+    time = jnp.where(meets, 0, time)
+    return jnp.where(none | (time > horizon), jnp.inf, time)
 
 
 def sphere_time(apart: Lane, rate: Lane, distance: Lane, noise: Lane) -> Lane:

@@ -43,6 +43,19 @@ class Pairs(NamedTuple):
     used: Bool[Array, " pairs"]
 
 
+class Drive(NamedTuple):
+    """The accelerations -a sin(ω t + φ) of prescribed bodies, t from the start.
+
+    `strength` a (M, D), `rate` ω and `phase` φ (M,); whether a body `moves` (M,), accelerated or
+    not.
+    """
+
+    strength: Float[Array, "bodies dim"]
+    rate: Float[Array, " bodies"]
+    phase: Float[Array, " bodies"]
+    moves: Bool[Array, " bodies"]
+
+
 class ClusterState(NamedTuple):
     """Where a cluster is, in SI units; also where it may go on from.
 
@@ -118,6 +131,7 @@ class Touching(eqx.Module):
     depth: PerPair
     inverse_mass: Float[Array, " bodies"]
     acceleration: PerBody
+    drive: Drive | None
 
     @property
     def _incidence(self) -> Float[Array, "pairs bodies"]:
@@ -164,10 +178,16 @@ class Touching(eqx.Module):
         at = jax.vmap(lambda u: u * self.force(u * u * depth, jnp.zeros_like(depth), modes))(u)
         return depth * contraction(jnp.asarray(weights, depth.dtype), at)
 
-    def accelerations(self, geometry: Geometry, force: PerPair) -> tuple[PerBody, PerBody]:
+    def accelerations(
+        self, geometry: Geometry, force: PerPair, time: Float[Array, ""]
+    ) -> tuple[PerBody, PerBody]:
         """Of the bodies under the forces of the pairs, and the sums of those forces."""
         pushed = contraction(self._incidence.T, force[:, None] * geometry.normal)
-        return self.acceleration + self.inverse_mass[:, None] * pushed, pushed
+        acceleration = self.acceleration + self.inverse_mass[:, None] * pushed
+        if self.drive is not None:
+            swing = jnp.sin(self.drive.rate * time + self.drive.phase)
+            acceleration = acceleration - swing[:, None] * self.drive.strength
+        return acceleration, pushed
 
     def second(self, geometry: Geometry, acceleration: PerBody) -> PerPair:
         """δ'' of the pairs."""
@@ -175,7 +195,7 @@ class Touching(eqx.Module):
         return -jnp.sum(geometry.normal * relative, axis=1) - geometry.swirl
 
     def motion(
-        self, moved: PerBody, velocity: PerBody, modes: Modes
+        self, moved: PerBody, velocity: PerBody, modes: Modes, time: Float[Array, ""]
     ) -> tuple[PerBody, PerPair, Float[Array, ""]]:
         """The accelerations, the power that the damping of each pair takes, and the power that
         weight and prescribed bodies bring in.
@@ -184,7 +204,7 @@ class Touching(eqx.Module):
         # One evaluation of the law for both, which is compiled once.
         rates = jnp.stack([at.rate, jnp.zeros_like(at.rate)])
         force, still = jax.vmap(lambda rate: self.force(at.depth, rate, modes))(rates)
-        acceleration, pushed = self.accelerations(at, force)
+        acceleration, pushed = self.accelerations(at, force, time)
         free = (self.inverse_mass > 0)[:, None]
         weight = self.acceleration / jnp.where(free, self.inverse_mass[:, None], 1)
         work = jnp.sum(jnp.where(free, weight, -pushed) * velocity)

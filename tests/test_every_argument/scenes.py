@@ -4,7 +4,16 @@ import functools
 
 import jaxcontact as jc
 from tests.test_every_argument.case import COUNT, LAWS, MATERIALS, NOTHING, UNSOLVED, Blank, Case
-from tests.test_every_argument.kinds import FLAG, INSIDE, NONE, POSITIVE, REALS, STEEL, TEXT
+from tests.test_every_argument.kinds import (
+    FLAG,
+    INSIDE,
+    NONE,
+    POSITIVE,
+    REAL,
+    REALS,
+    STEEL,
+    TEXT,
+)
 
 ONE = frozenset({"shape (1,)", "jax shape (1,)"})
 THREE = frozenset({"tuple", "range", "Series"})
@@ -34,12 +43,18 @@ def cases() -> dict[str, Case]:
         "Plane": Case(
             jc.Plane,
             {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]},
-            BODY | {"point": THREE, "normal": THREE},
+            BODY | {"point": THREE, "normal": THREE, "motion": NONE},
         ),
         "Box": Case(
             jc.Box,
             {"low": [-9.0, -9.0, -9.0], "high": [9.0, 9.0, 9.0]},
-            BODY | {"low": THREE, "high": THREE},
+            BODY | {"low": THREE, "high": THREE, "motion": NONE},
+        ),
+        "Steady": Case(jc.Steady, {"velocity": [0.0, 0.0, 1.0]}, {"velocity": THREE | ONE}),
+        "Vibration": Case(
+            jc.Vibration,
+            {"amplitude": 0.1, "frequency": 1.0},
+            {"amplitude": REAL | THREE | ONE, "frequency": POSITIVE, "phase": REAL},
         ),
         "Scene": Case(
             jc.Scene,

@@ -1,0 +1,246 @@
+"""Walls with a prescribed motion: a table that shakes, a wall that goes on, a box that is moved."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import jaxcontact as jc
+
+GRAVITY = 9.81
+FREQUENCY = 50.0
+RATE = 2 * math.pi * FREQUENCY
+RADIUS, MASS, STIFFNESS = 0.01, 0.03, 1e8
+
+EXACT = 1e-11
+"""Ten impacts on a table that shakes, whose errors grow a hundredfold: measured 3e-13."""
+
+SOFT = 1e-8
+"""Ten times `rtol`."""
+
+FRAME = 1e-12
+"""What a moving frame changes but for rounding: measured 1e-16."""
+
+
+def on_a_table(amplitude, phase, height, law, gravity=GRAVITY):
+    return jc.Scene(
+        bodies=[
+            jc.Sphere(RADIUS, MASS, position=[height + RADIUS]),
+            jc.Plane([0.0], [1.0], motion=jc.Vibration(amplitude, FREQUENCY, phase)),
+        ],
+        law=law,
+        stiffness=STIFFNESS,
+        gravity=[-gravity],
+    )
+
+
+def bounces(amplitude, phase, height, e, duration):
+    """Touches (time, closing speed) of a ball on a table, and its end, by sampling and Brent."""
+    t, z, v, touches = 0.0, height, 0.0, []
+    while True:
+
+        def gap(s, t=t, z=z, v=v):
+            fall = z + v * (s - t) - GRAVITY / 2 * (s - t) ** 2
+            return fall - amplitude * np.sin(RATE * s + phase)
+
+        grid = np.linspace(t, duration, 200_001)[1:]
+        gaps = gap(grid)
+        where = np.flatnonzero((gaps[1:] <= 0) & (gaps[:-1] > 0))
+        if where.size == 0:
+            left = duration - t
+            return np.array(touches), z + v * left - GRAVITY / 2 * left**2, v - GRAVITY * left
+        s = brentq(gap, grid[where[0]], grid[where[0] + 1], xtol=1e-16, rtol=1e-15)
+        table = amplitude * RATE * math.cos(RATE * s + phase)
+        ball = v - GRAVITY * (s - t)
+        touches.append((s, table - ball))
+        z, v, t = amplitude * math.sin(RATE * s + phase), table + e * (table - ball), s
+
+
+def test_a_ball_on_a_table_that_shakes():
+    run = jc.simulate(
+        on_a_table(1e-4, 0.3, 0.02, jc.ExactRestitution(e=0.8)), 0.5, instantaneous=True
+    )
+    touches, height, velocity = bounces(1e-4, 0.3, 0.02, 0.8, 0.5)
+    assert len(run.impacts) == len(touches) > 8
+    np.testing.assert_allclose(run.impacts.time, touches[:, 0], rtol=EXACT)
+    np.testing.assert_allclose(run.impacts.closing_speed, touches[:, 1], rtol=EXACT)
+    assert abs(run.position[-1, 0, 0] - RADIUS - height) < EXACT
+    assert abs(run.velocity[-1, 0, 0] - velocity) < EXACT
+    lost = jnp.sum(run.impacts.energy_loss)
+    assert abs(run.energy[0] + run.wall_work - lost - run.energy[1]) < 1e-14 * run.energy[0]
+
+
+def test_a_run_on_a_moving_table_can_be_continued():
+    law = jc.ExactRestitution(e=0.8)
+    whole = jc.simulate(on_a_table(1e-4, 0.3, 0.02, law), 0.3, instantaneous=True)
+    half = jc.simulate(on_a_table(1e-4, 0.3, 0.02, law), 0.15, instantaneous=True)
+    rest = jc.simulate(half.final, 0.15, instantaneous=True)
+    np.testing.assert_allclose(rest.velocity[-1], whole.velocity[-1], atol=EXACT)
+    np.testing.assert_allclose(half.wall_work + rest.wall_work, whole.wall_work, atol=EXACT)
+
+
+def test_period_one_doubles_where_theory_says():
+    """At Γ = √((π(1-e)/(1+e))² + (2(1+e²)/(1+e)²)²) two bounces of the period-one orbit return
+    a small change as it was.
+    """
+    e = 0.8
+    start = math.pi * (1 - e) / (1 + e)
+    bound = math.hypot(start, 2 * (1 + e * e) / (1 + e) ** 2)
+
+    def spread(strength):
+        """Of the closing speeds of alternate bounces, after many that began near the orbit."""
+        amplitude = strength * GRAVITY / RATE**2
+        # The ball leaves at g T/2 over the table, whose speed is A ω cos φ there.
+        leaves = GRAVITY / FREQUENCY / 2
+        phase = math.acos(start / strength)
+        scene = jc.Scene(
+            [
+                jc.Sphere(RADIUS, MASS, [amplitude * math.sin(phase) + RADIUS], [leaves * 1.0001]),
+                jc.Plane([0.0], [1.0], motion=jc.Vibration(amplitude, FREQUENCY, phase)),
+            ],
+            jc.ExactRestitution(e=e),
+            gravity=[-GRAVITY],
+        )
+        run = jc.simulate(scene, 1500 / FREQUENCY, instantaneous=True)
+        speed = np.asarray(run.impacts.closing_speed)
+        assert 1400 < len(speed) < 1600
+        alternate = np.abs(np.diff(speed)) / speed[1:]
+        return np.max(alternate[:20]), np.max(alternate[-20:])
+
+    before, after = spread(bound * (1 - 1e-3)), spread(bound * (1 + 1e-3))
+    assert before[1] < before[0] / 2
+    assert after[1] > after[0] * 2
+
+
+def _state(numbers):
+    run = jc.simulate(
+        on_a_table(*numbers, jc.ExactRestitution(e=0.8)), 0.2, instantaneous=True, max_impacts=8
+    )
+    return jnp.stack([run.position[-1, 0, 0], run.velocity[-1, 0, 0], run.wall_work])
+
+
+def test_derivatives_by_the_motion_of_a_table():
+    numbers = jnp.asarray([1e-4, 0.3, 0.02])
+    forward = jax.jit(jax.jacfwd(_state))(numbers)
+    np.testing.assert_allclose(jax.jit(jax.jacrev(_state))(numbers), forward, rtol=1e-9)
+    for k, step in enumerate([1e-9, 1e-6, 1e-8]):
+        change = np.eye(3)[k] * step
+        ends = [bounces(*(np.asarray(numbers) + s * change), 0.8, 0.2)[1:] for s in (1, -1)]
+        # A step of 1e-9 m leaves some seven digits of the reference.
+        np.testing.assert_allclose(
+            forward[:2, k], (np.array(ends[0]) - np.array(ends[1])) / (2 * step), rtol=1e-5
+        )
+
+
+def _goes_on(speed, velocity, gravity):
+    """A ball and a floor, both seen from a frame in which the floor moves at `speed`."""
+    scene = jc.Scene(
+        bodies=[
+            jc.Sphere(RADIUS, MASS, [0.0, 0.012], [0.2, velocity + speed]),
+            jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([0.0, speed])),
+        ],
+        law=jc.HuGuo(e=0.7),
+        stiffness=STIFFNESS,
+        gravity=gravity,
+    )
+    return jc.simulate(scene, 0.02)
+
+
+@pytest.mark.parametrize(
+    ("gravity", "way"),
+    [([0.0, -GRAVITY], jc.Way.COUPLED), ([GRAVITY, 0.0], jc.Way.CLOSED_FORM)],
+)
+def test_soft_impacts_do_not_know_the_frame(gravity, way):
+    still, moving = _goes_on(0.0, -1.0, gravity), _goes_on(0.37, -1.0, gravity)
+    assert moving.impacts.way[0] == way
+    shift = np.array([0.0, 0.37 * 0.02])
+    np.testing.assert_allclose(moving.position[-1, 0], still.position[-1, 0] + shift, atol=FRAME)
+    np.testing.assert_allclose(
+        moving.velocity[-1, 0], still.velocity[-1, 0] + np.array([0.0, 0.37]), atol=FRAME
+    )
+    assert abs(still.wall_work) < 1e-14 * still.energy[0]
+    lost = jnp.sum(moving.impacts.energy_loss)
+    missing = moving.energy[0] + moving.wall_work - lost - moving.energy[-1]
+    assert abs(missing) < 100 * 1e-9 * moving.energy[0]
+
+
+def _pressed(amplitude, phase, height, duration, alpha, rtol=1e-12):
+    """A soft ball on a table that shakes: Newton's equation, restarted at touches and openings."""
+    t, y, in_contact, speed = 0.0, np.array([height, 0.0]), False, 1.0
+
+    def table(t):
+        turned = RATE * t + phase
+        return amplitude * math.sin(turned), amplitude * RATE * math.cos(turned)
+
+    def force(t, y):
+        if not in_contact:
+            return 0.0
+        place, moves = table(t)
+        depth, rate = place - y[0], moves - y[1]
+        return max(STIFFNESS * max(depth, 0.0) ** 1.5 * (1 + alpha * rate / speed), 0.0)
+
+    def gap(t, y):
+        return y[0] - table(t)[0]
+
+    gap.terminal = True
+    while t < duration:
+        gap.direction = 1 if in_contact else -1
+        found = solve_ivp(
+            lambda t, y: [y[1], force(t, y) / MASS - GRAVITY],
+            (t, duration), y, "DOP853", events=gap, rtol=rtol, atol=1e-16,
+            max_step=1e-5 if in_contact else 1e-4,
+        )  # fmt: skip
+        t, y = found.t[-1], found.y[:, -1]
+        if found.status == 1:
+            in_contact = not in_contact
+            if in_contact:
+                speed = table(t)[1] - y[1]
+    return y
+
+
+def test_a_soft_ball_on_a_table_that_shakes():
+    law = jc.HuGuo(e=0.7)
+    scene = on_a_table(1e-4, 0.3, 0.002, law)
+    run = jc.simulate(scene, 0.08, v0="touch")
+    assert len(run.impacts) >= 2
+    alpha = float(law.damping_factor())
+    height, velocity = _pressed(1e-4, 0.3, 0.002, 0.08, alpha)
+    fastest = np.max(run.impacts.closing_speed)
+    assert abs(run.velocity[-1, 0, 0] - velocity) < SOFT * fastest
+    assert abs(run.position[-1, 0, 0] - RADIUS - height) < SOFT * fastest * 0.08
+    lost = jnp.sum(run.impacts.energy_loss)
+    missing = run.energy[0] + run.wall_work - lost - run.energy[-1]
+    assert abs(missing) < 100 * 1e-9 * run.energy[0]
+    assert abs(run.wall_work) > 1e-3 * run.energy[0]
+
+
+def test_a_box_that_is_moved_carries_its_balls():
+    """In its own frame the box stands, and an elastic ball goes to and fro."""
+    box = jc.Box([0.0, 0.0], [1.0, 1.0], motion=jc.Steady([0.5, 0.0]))
+    ball = jc.Sphere(0.1, 1.0, [0.5, 0.5], [1.5, 0.2])
+    run = jc.simulate(jc.Scene([ball, box], jc.ExactRestitution(e=1.0)), 8.0, instantaneous=True)
+    # Over 0.8 m and back in 1.6 s at 1 m/s, in 8 s at 0.2 m/s.
+    np.testing.assert_allclose(run.position[-1, 0], [0.5 + 4.0, 0.5], atol=1e-13)
+    np.testing.assert_allclose(run.velocity[-1, 0], [1.5, 0.2], atol=1e-13)
+    np.testing.assert_allclose(run.final.bodies[1].low, [4.0, 0.0], atol=1e-13)
+
+
+def test_what_moves_wrongly_is_refused():
+    shake = jc.Vibration(0.1, 1.0)
+    with pytest.raises(ValueError, match=r"`motion` must have 2 numbers"):
+        jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([1.0]))
+    with pytest.raises(ValueError, match=r"`motion` of a box must have a list of numbers"):
+        jc.Box([0.0], [1.0], motion=shake)
+    with pytest.raises(ValueError, match=r"`frequency` must be in \(0, inf\)"):
+        jc.Vibration(0.1, 0.0)
+    ball = jc.Sphere(0.1, 1.0, [1.0])
+    closing = [
+        jc.Plane([0.0], [1.0], name="piston", motion=jc.Steady([0.5])),
+        jc.Plane([2.0], [-1.0], name="wall"),
+    ]
+    with pytest.raises(ValueError, match=r"Plane 'piston' .* and Plane 'wall' .* meet at 4 s"):
+        jc.simulate(jc.Scene([ball, *closing], jc.ExactRestitution(e=0.5)), 5.0, instantaneous=True)
