@@ -89,6 +89,7 @@ from ._scene import Moment as Moment
 from ._scene import Plane as Plane
 from ._scene import Run as Run
 from ._scene import Scene as Scene
+from ._scene import Shell as Shell
 from ._scene import Sphere as Sphere
 from ._scene import Steady as Steady
 from ._scene import Vibration as Vibration

@@ -2,6 +2,7 @@
 
 from ._bodies import Box as Box
 from ._bodies import Plane as Plane
+from ._bodies import Shell as Shell
 from ._bodies import Sphere as Sphere
 from ._motion import Steady as Steady
 from ._motion import Vibration as Vibration

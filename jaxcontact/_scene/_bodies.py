@@ -1,4 +1,4 @@
-"""What a scene is made of: spheres, and the walls they hit."""
+"""What a scene is made of: spheres, and the walls and shells they hit."""
 
 from __future__ import annotations
 
@@ -258,6 +258,36 @@ class Box(AbstractBody):
         if moved is not None:
             ends = tuple(end + moved for end in ends)
         return eqx.tree_at(lambda body: (body.low, body.high, body.motion), self, (*ends, motion))
+
+
+class Shell(AbstractBody):
+    """The inside of a fixed sphere (of a circle in two dimensions, an interval in one).
+
+    Arguments: `centre` in m, one to three numbers; `radius` R > 0 in m; `material`, None for a
+    rigid shell; `name`. Spheres are inside of it. Numbers are leaves. Raises ValueError for what is
+    out of range or not finite.
+    """
+
+    centre: Float[Array, " D"]
+    radius: Float[Array, ""]
+    material: Material | None
+    name: str | None = eqx.field(static=True)
+
+    def __init__(
+        self,
+        centre: ArrayLike | Sequence[ArrayLike],
+        radius: ArrayLike,
+        material: Material | None = None,
+        name: str | None = None,
+    ):
+        self.name = _name(name)
+        self.material = _material(material)
+        self.centre = vector(centre, "centre")
+        self.radius = one_number(radius, "radius", POSITIVE)
+
+    @property
+    def dimensions(self) -> int:
+        return self.centre.shape[0]
 
 
 def words(bodies: Sequence[AbstractBody], k: int) -> str:

@@ -15,6 +15,7 @@ from .._contact import Contact
 from .._elementary import contraction
 from .._laws import AbstractLaw
 from ._cluster_solve import ClusterEnd, Problem, Rules, solve_cluster
+from ._side import side
 from ._touching import ClusterState, Drive, Pairs, PerBody
 
 
@@ -89,7 +90,7 @@ def touched(
     relative = velocity[pairs.first] - velocity[pairs.second]
     curved = (pairs.used & ~pairs.flat)[:, None]
     between = jnp.where(curved, apart, 1)
-    length = jnp.sqrt(jnp.sum(jnp.square(between), axis=1))
+    length = side(pairs.distance) * jnp.sqrt(jnp.sum(jnp.square(between), axis=1))
     flat = pairs.flat[:, None]
     normal = jnp.where(flat, pairs.normal, between / length[:, None])
     rate = -jnp.sum(normal * relative, axis=1)

@@ -17,6 +17,7 @@ from ._cluster import cluster, touched
 from ._cluster_solve import ClusterEnd
 from ._hit import Choice, Flying, accelerations, meeting_of
 from ._overlap import ROUNDINGS
+from ._side import side
 from ._stored import stored_in
 from ._system import Layout, Numbers, known_contact_of, law_of
 from ._touching import ClusterState, Drive, Pairs
@@ -107,7 +108,7 @@ def touching(
     apart = position[first] - position[second]
     rate = velocity[first] - velocity[second]
     flat = pairs.flat
-    length = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
+    length = side(pairs.distance) * jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
     height = jnp.sum(apart * pairs.normal, axis=-1)
     gap = jnp.where(flat, height, length) - pairs.distance
     opening = jnp.where(
@@ -167,6 +168,7 @@ def call(
     velocity = jnp.where(joins, velocity, before.velocity)
     apart = position[first] - position[second]
     length = jnp.sqrt(jnp.sum(jnp.square(jnp.where(pairs.flat[:, None], 1, apart)), axis=-1))
+    length = side(pairs.distance) * length
     near = jnp.where(pairs.flat, jnp.sum(apart * pairs.normal, axis=-1), length)
     fresh = (
         decided.joins[first]

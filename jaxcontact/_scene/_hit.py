@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ._result import Way
+from ._side import side
 from ._system import Layout, Numbers, restitution_of
 
 Lane = Float[Array, "..."]
@@ -111,7 +112,7 @@ def _delay(relative: Callable[[Lane], tuple[Lane, Lane]], distance: Lane) -> Lan
     delay = jnp.zeros_like(distance)
     for _ in range(2):
         away, rate = relative(delay)
-        length = jnp.sqrt(jnp.sum(jnp.square(away)))
+        length = side(distance) * jnp.sqrt(jnp.sum(jnp.square(away)))
         slope = jnp.sum(away * rate) / length
         slope = jnp.where(slope < 0, slope, -jnp.inf)
         delay = delay - (length - distance) / slope
@@ -150,7 +151,7 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
 
     delay = _delay(relative, distance)
     away, rates = relative(delay)
-    normal = away / jnp.sqrt(jnp.sum(jnp.square(away)))
+    normal = side(distance) * away / jnp.sqrt(jnp.sum(jnp.square(away)))
     closing = -jnp.sum(normal * rates)
     time = choice.time + delay
     if any(layout.moving):

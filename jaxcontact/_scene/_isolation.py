@@ -7,6 +7,7 @@ from jaxtyping import Array, Bool, Float
 
 from ._hit import Choice, Outcome, accelerations
 from ._progress import Rules, State
+from ._side import side
 from ._system import Layout, Numbers, nearest_image
 
 REACH = 4.0
@@ -54,10 +55,11 @@ def isolated(
         assert motion is not None
         change = motion.strongest[jnp.clip(choice.second - count, 0)] * last
         alone = alone & ~(is_wall & (10 * change > tolerance * outcome.closing))
-    for one, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall)):
+    # What is fixed passes nothing on.
+    for one, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall & moves[second])):
         apart = nearest_image(layout, numbers, position[one][None] - position)[0]
-        gap = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
-        gap = gap - (numbers.radius[one] + numbers.radius)
+        distance = numbers.radius[one] + numbers.radius
+        gap = side(distance) * jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1)) - distance
         partner = (everyone == choice.first) | ((everyone == second) & ~is_wall)
         far = gap > REACH * (fastest[one] + fastest) * last
         far = far | partner | ~(moves[one] | moves)

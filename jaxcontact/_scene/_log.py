@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ._coupled import Call, as_numbers, blank_state, places
 from ._hit import Choice, Flying, Outcome
@@ -102,3 +102,18 @@ def blank_calls(layout: Layout, dtype: Any) -> tuple[Together, Called]:
     decided = Call(no, choice, nobody, nobody, pairs, zero - 1, jnp.zeros((), dtype))
     together = Together(Flying(vector, vector, each), each, state, state, jnp.zeros((), dtype))
     return together, Called(no, jnp.zeros(count, int) - 1, decided, no, no)
+
+
+def last_call(
+    log: Log, written: Int[Array, ""], times: Float[Array, " T"]
+) -> tuple[Int[Array, " T"], Bool[Array, " T"]]:
+    """The last call that began up to each time, and whether there is one."""
+    called, together = log.facts.call, log.figures.coupled
+    assert called is not None and together is not None
+    number = jnp.arange(called.is_call.shape[0])
+    is_call = called.is_call & (number < written)
+    began = jnp.where(is_call, together.began.time, jnp.inf)
+    earlier = began[None] <= times[:, None]
+    # Of calls that began at the same time, the last one.
+    row = jnp.max(jnp.where(earlier, number[None], -1), axis=1)
+    return jnp.maximum(row, 0), row >= 0

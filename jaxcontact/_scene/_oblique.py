@@ -63,9 +63,9 @@ def oblique(
 
     Arguments, all scalars of one lane (batch with `vmap`): the law; the contact with its effective
     mass; the closing speeds along the normal, > 0, and across it, in m/s; the `distance` R1 + R2 of
-    the centres in m, infinite for a plane; a constant `pull` in N along the normal, positive when
-    it presses the bodies together. `rtol` bounds the estimated error of velocities relative to
-    `normal_speed`; in float32 no less than 1e-5 is reached.
+    the centres in m, infinite for a plane, negative inside of a shell; a constant `pull` in N along
+    the normal, positive when it presses the bodies together. `rtol` bounds the estimated error of
+    velocities relative to `normal_speed`; in float32 no less than 1e-5 is reached.
 
     The closed form is taken where turning and pull change less than rtol/10, else the radial
     problem is solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve
@@ -77,18 +77,18 @@ def oblique(
     given = (jnp.asarray(value, dtype) for value in (tangential_speed, distance, pull))
     across, distance, pull = given
     rtol = jax.lax.stop_gradient(jnp.asarray(rtol, dtype))
-    good = lanes.valid & jnp.isfinite(across) & (distance > 0) & jnp.isfinite(pull)
+    good = lanes.valid & jnp.isfinite(across) & (distance != 0) & jnp.isfinite(pull)
     across, pull = jnp.where(good, across, 0), jnp.where(good, pull, 0)
     distance = jnp.where(good, distance, 1)
     ratio = scale.length / distance
-    good = good & (ratio < 0.5)
+    good = good & (jnp.abs(ratio) < 0.5)
     ratio = jnp.where(good, ratio, 0)
     swirl = jnp.square(across / scale.speed) * ratio
     push = pull / scale.force
     closed = lanes.form.solve(lanes.n) if lanes.form.closed_form else None
     skip, free = jnp.zeros_like(swirl), jnp.zeros_like(swirl)
     if closed is not None:
-        free = (jnp.abs(push) + swirl) * (1 + closed.duration)
+        free = (jnp.abs(push) + jnp.abs(swirl)) * (1 + closed.duration)
         skip = jnp.where(2 * free < rtol / 10, 1, skip)
     tolerance = _tolerance(rtol)
     radial = Radial(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import numpy as np
@@ -10,7 +11,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 from numpy.typing import NDArray
 
-from ._bodies import AbstractBody, Sphere, Wall, words
+from ._bodies import AbstractBody, Shell, Sphere, Wall, words
 
 ROUNDINGS = 64
 """How many roundings of the positions and radii a depth may have that is no overlap."""
@@ -28,7 +29,8 @@ def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | Non
     spheres = [k for k, _ in found]
     parts = [(sphere.position, sphere.radius) for _, sphere in found]
     walls = [(k, *wall[1:3]) for k, body in enumerate(bodies) for wall in body.walls()]
-    given = [*(x for part in parts for x in part), *(x for wall in walls for x in wall[1:])]
+    shells = [(k, b.centre, b.radius) for k, b in enumerate(bodies) if isinstance(b, Shell)]
+    given = [*(x for part in parts for x in part), *(x for one in walls + shells for x in one[1:])]
     if any(isinstance(x, Tracer) for x in (*given, *periodic)):
         return
     position = np.stack([np.asarray(x, float) for x, _ in parts])
@@ -44,13 +46,29 @@ def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | Non
         if np.any(bad):
             other = i + 1 + int(np.argmin(np.where(bad, gap, np.inf)))
             raise _overlap(bodies, spheres[i], spheres[other], -gap[other - i - 1])
+    for k, centre, size in shells:
+        away = np.sqrt(np.sum((position - np.asarray(centre, float)) ** 2, axis=-1))
+        least = -rounding * (float(size) + np.max(np.abs(position)))
+        _require_gap(bodies, spheres, k, float(size) - radius - away, moves, least)
     for k, normal, offset in walls:
         gap = position @ np.asarray(normal, float) - float(offset) - radius
-        scale = radius + np.max(np.abs(position))
-        bad = (gap < -rounding * scale) & moves
-        if np.any(bad):
-            worst = int(np.argmin(np.where(bad, gap, np.inf)))
-            raise _overlap(bodies, spheres[worst], k, -gap[worst])
+        least = -rounding * (radius + np.max(np.abs(position)))
+        _require_gap(bodies, spheres, k, gap, moves, least)
+
+
+def _require_gap(
+    bodies: Sequence[AbstractBody],
+    spheres: Sequence[int],
+    other: int,
+    gap: NDArray[np.float64],
+    moves: NDArray[np.bool_],
+    least: Any,
+) -> None:
+    """Raise ValueError where the gap of a moving sphere to a body is an overlap."""
+    bad = (gap < least) & moves
+    if np.any(bad):
+        worst = int(np.argmin(np.where(bad, gap, np.inf)))
+        raise _overlap(bodies, spheres[worst], other, -gap[worst])
 
 
 def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array) -> None:

@@ -11,6 +11,8 @@ of `Scale` and with x = w^k, dt = w^(k-1) dτ as in `_forms`, κ = X/d and c = �
 
     w' = v/k,   v' = w^(k-1) (Γ - c/(1-κx)³) - pull(w, v),   t' = w^(k-1),   θ' = w^(k-1)/(1-κx)².
 
+In a shell r = |d| + δ: all of this holds with a negative d, and c presses the bodies together.
+
 Source: the central-force problem, Landau & Lifshitz, Mechanics, sections 13 and 14; event-driven
 soft spheres: Müller & Pöschel (2013), doi 10.1103/PhysRevE.87.033301.
 """
@@ -135,7 +137,12 @@ class Radial(eqx.Module):
     def held(self, y: State) -> Bool[Array, ""]:
         """Whether too little energy is left to part against the push."""
         left = self.energy(y) - y[_LOSS]
-        return (self.push > 0) & (left < -1e-12)
+        return self.pressed & (left < -1e-12)
+
+    @property
+    def pressed(self) -> Bool[Array, ""]:
+        """Whether push and swirl hold the bodies together."""
+        return self.push - self.swirl > 0
 
     def rest(self) -> tuple[Number, Bool[Array, ""]]:
         """The indentation at rest under the push, and whether bodies creep to it; 0 if unknown."""
@@ -231,7 +238,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         inwards = (phase >= _OPENS) & taken & ~event & (problem.velocity(y) > 0)
         slow = (phase >= _OPENS) | (jnp.abs(problem.velocity(y)) < _CREEPS)
         slow = slow | (creeping & (phase == _CLOSES))
-        settled = (problem.push > 0) & taken & ((slow & problem.held(y)) | inwards)
+        settled = problem.pressed & taken & ((slow & problem.held(y)) | inwards)
         return _Carry(
             y=jnp.where(taken, y, c.y),
             phase=jnp.where(event & ~done, phase + 1, phase),
@@ -252,7 +259,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     zero = jnp.zeros_like(start[_T])
     skipped = problem.skip > 0
     # A strong outward pull ends a contact early: at x of the order of its inverse.
-    early = jnp.sqrt(1 + jnp.abs(problem.push) + problem.swirl)
+    early = jnp.sqrt(1 + jnp.abs(problem.push) + jnp.abs(problem.swirl))
     begin = stop(jnp.asarray(0.1, dtype) / early)
     # The force of an overdamped linear contact is largest at touch.
     falls = problem.gap(start, jnp.asarray(_RISES)) < 0
@@ -272,7 +279,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     )
     end = jax.lax.while_loop(unfinished, advance, first)
     # A push may bring in more energy than the bodies came with.
-    largest = 1 + jnp.abs(problem.push) * problem.indentation(end.y)
+    largest = 1 + (jnp.abs(problem.push) + jnp.abs(problem.swirl)) * problem.indentation(end.y)
     imbalance = jnp.abs(stop((problem.energy(end.y) - problem.energy(start)) / largest))
     e = -problem.velocity(end.y)
     # The error of ½e² as an error of e.

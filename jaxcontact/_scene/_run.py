@@ -155,5 +155,6 @@ def _moment(
     states = states_at(layout, numbers, rules, log, written, times, tolerance, inside)
     position, velocity, stored = states
     energy = energy_of(layout, numbers, position, velocity) + stored
+    position, velocity = (x[:, : layout.visible] for x in (position, velocity))
     good = (times >= 0) & (times <= reached)
     return Moment(times, flagged(position, good), flagged(velocity, good), flagged(energy, good))

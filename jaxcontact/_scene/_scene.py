@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._contact import EXPONENT
 from .._laws import AbstractLaw
 from .._parameter import POSITIVE, Specialised, is_plain, rendered, require_kind
-from ._bodies import AbstractBody, Sphere, words
+from ._bodies import AbstractBody, Shell, Sphere, words
 from ._entry import one_number, vector
 from ._overlap import require_apart
 from ._pairs import PairTable, kinds_of, pair_table
@@ -23,12 +23,12 @@ from ._pairs import PairTable, kinds_of, pair_table
 class Scene(eqx.Module):
     """Bodies without friction, and what acts between them.
 
-    Arguments: `bodies`, a list of `Sphere`, `Plane` and `Box`, in one, two or three dimensions;
-    `law`, a contact law for all pairs, or a mapping by pair, `{("ball", "table"): law, "default":
-    law}`, with the names of bodies in either order (a name may be shared); `stiffness` K in N/mⁿ,
-    for all pairs or by pair in the same way, None for Hertz's, from radii and materials (a wall
-    without material is rigid); `exponent` n in [1, 3]; `gravity` in m/s², a vector; `periodic`, the
-    length in m of each axis along which space repeats, None for the others.
+    Arguments: `bodies`, a list of `Sphere`, `Plane`, `Box` and `Shell`, in one, two or three
+    dimensions; `law`, a contact law for all pairs, or a mapping by pair, `{("ball", "table"): law,
+    "default": law}`, with the names of bodies in either order (a name may be shared); `stiffness` K
+    in N/mⁿ, for all pairs or by pair in the same way, None for Hertz's, from radii and materials (a
+    wall without material is rigid); `exponent` n in [1, 3]; `gravity` in m/s², a vector;
+    `periodic`, the length in m of each axis along which space repeats, None for the others.
 
     Every number in it is a leaf. A length of `periodic` must exceed four radii of every sphere, so
     that a pair meets by one image at a time.
@@ -107,14 +107,14 @@ class Scene(eqx.Module):
 def _bodies(given: Any) -> tuple[AbstractBody, ...]:
     if not isinstance(given, list | tuple) or not given:
         raise ValueError(
-            "Argument `bodies` must be a list of `Sphere`, `Plane` and `Box`, but is "
+            "Argument `bodies` must be a list of `Sphere`, `Plane`, `Box` and `Shell`, but is "
             f"{rendered(given)}."
         )
     for k, body in enumerate(given):
         if not isinstance(body, AbstractBody):
             raise ValueError(
-                "Argument `bodies` must be a list of `Sphere`, `Plane` and `Box`, but number "
-                f"{k} of it is {rendered(body)}."
+                "Argument `bodies` must be a list of `Sphere`, `Plane`, `Box` and `Shell`, but "
+                f"number {k} of it is {rendered(body)}."
             )
     dimensions = [body.dimensions for body in given]
     for k, count in enumerate(dimensions):
@@ -192,6 +192,11 @@ def _periodic(
         if length is None:
             continue
         for k, body in enumerate(bodies):
+            if isinstance(body, Shell):
+                raise ValueError(
+                    f"Argument `periodic` must be None beside {words(bodies, k)}, but is "
+                    f"{rendered(given)}."
+                )
             for wall in body.walls():
                 along = wall.normal[axis]
                 if not isinstance(along, Tracer) and float(along) != 0:

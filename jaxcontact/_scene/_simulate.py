@@ -117,7 +117,7 @@ def simulate(
         room = None
         outcome = _piece_by_piece(layout, numbers, rules, valid, length, within, most)
     numbers, log, written, status, reached = outcome
-    impacts, margin, total = table_of(layout, numbers.normal, names, log, written, status, room)
+    impacts, margin, total = table_of(layout, numbers, names, log, written, status, room)
     if room is None:
         impacts = jax.tree.map(lambda x: x[: int(total)], impacts)
     now = moment_at(layout, numbers, rules, log, written, reached, asked, within)

@@ -16,10 +16,11 @@ from .._contact import Contact, Material
 from .._impact import restitution, restitution_is_constant
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw
 from .._parameter import POSITIVE, Specialised, is_valid, sanitised
-from ._bodies import Sphere, Wall
+from ._bodies import Shell, Sphere, Wall
 from ._motion import Along
 from ._overlap import ROUNDINGS
 from ._scene import Scene
+from ._side import side
 
 Lane = Float[Array, "..."]
 
@@ -27,13 +28,15 @@ Lane = Float[Array, "..."]
 class Layout(eqx.Module):
     """What is static of a scene: N spheres, W walls, and what kinds of things there are.
 
-    Bodies of the engine are the spheres in order, then the walls: `body` and `face` say which body
+    Bodies of the engine are the spheres in order, shells as fixed spheres of negative radius (of
+    the N the first `visible` are none), then the walls: `body` and `face` say which body
     of the scene each of them is. `laws` and `stiffnesses` are tables by kind, () where one law or
     stiffness serves all; `constant` says of which laws e is the same at all speeds. Of the walls:
     which are `moving`, and which of these are accelerated (`vibrating`).
     """
 
     spheres: int = eqx.field(static=True)
+    visible: int = eqx.field(static=True)
     walls: int = eqx.field(static=True)
     dimensions: int = eqx.field(static=True)
     body: tuple[int, ...] = eqx.field(static=True)
@@ -138,16 +141,19 @@ class Numbers(eqx.Module):
 def layout_of(scene: Scene) -> Layout:
     """The static part of a scene."""
     spheres = [k for k, body in enumerate(scene.bodies) if isinstance(body, Sphere)]
+    shells = [k for k, body in enumerate(scene.bodies) if isinstance(body, Shell)]
+    visible, spheres = len(spheres), spheres + shells
     walls = [(k, wall) for k, body in enumerate(scene.bodies) for wall in body.walls()]
     order = [*spheres, *(k for k, _ in walls)]
     table = scene.stiffness
     return Layout(
         spheres=len(spheres),
+        visible=visible,
         walls=len(walls),
         dimensions=scene.dimensions,
         body=tuple(order),
         face=(*(-1 for _ in spheres), *(wall.face for _, wall in walls)),
-        fixed=tuple(sphere.fixed for sphere in scene.spheres),
+        fixed=(*(sphere.fixed for sphere in scene.spheres), *(True for _ in shells)),
         kinds=tuple(scene._kinds[k] for k in order),
         laws=() if scene.law.alike else scene.law.table,
         stiffnesses=() if table is None or table.alike else table.table,
@@ -171,10 +177,11 @@ def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers
     """
     dtype = _precision(scene)
     spheres, dimensions = scene.spheres, scene.dimensions
+    shells = [body for body in scene.bodies if isinstance(body, Shell)]
     walls = [wall for body in scene.bodies for wall in body.walls()]
     still = np.zeros(dimensions)
-    radius = _stack([s.radius for s in spheres], dtype)
-    inverse = [None if s.fixed else s.inertia() for s in spheres]
+    radius = _stack([*(s.radius for s in spheres), *(-s.radius for s in shells)], dtype)
+    inverse = [*(None if s.fixed else s.inertia() for s in spheres), *(None for _ in shells)]
     mass = _stack([np.ones(()) if m is None else m for m in inverse], dtype)
     free = np.array([m is not None for m in inverse])
     none = jnp.zeros((0,), dtype)
@@ -185,8 +192,14 @@ def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers
         for law, alike in zip(laws, layout.constant, strict=True)
     ]
     numbers = Numbers(
-        position=_stack([s.position for s in spheres], dtype),
-        velocity=_stack([still if s.velocity is None else s.velocity for s in spheres], dtype),
+        position=_stack([*(s.position for s in spheres), *(s.centre for s in shells)], dtype),
+        velocity=_stack(
+            [
+                *(still if s.velocity is None else s.velocity for s in spheres),
+                *(still for _ in shells),
+            ],
+            dtype,
+        ),
         radius=radius,
         inverse_mass=jnp.concatenate(
             [jnp.where(jnp.asarray(free), 1 / mass, 0), jnp.zeros(len(walls), dtype)]
@@ -204,7 +217,8 @@ def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers
         compliance=_compliance(scene, layout, dtype, contacts),
         exponent=jax.tree.map(lambda x: jnp.asarray(x, dtype), scene._exponent),
     )
-    valid = valid_laws & jnp.all(mass > 0) & jnp.all(radius > 0)
+    valid = valid_laws & jnp.all(mass > 0) & jnp.all(radius[: len(spheres)] > 0)
+    valid = valid & jnp.all(radius[len(spheres) :] < 0)
     for leaf in (numbers.position, numbers.velocity, radius, mass, numbers.gravity, numbers.period):
         valid = valid & jnp.all(jnp.isfinite(leaf))
     valid = valid & jnp.all(jnp.isfinite(numbers.normal)) & jnp.all(jnp.isfinite(numbers.offset))
@@ -265,7 +279,7 @@ def _compliance(scene: Scene, layout: Layout, dtype: Any, needed: bool) -> Array
     if scene.stiffness is not None:
         return None
     materials = [scene.bodies[k].material for k in layout.body]
-    for k in range(layout.spheres):
+    for k in range(layout.visible):
         if materials[k] is None:
             if needed:
                 raise ValueError(
@@ -338,8 +352,8 @@ def first_overlap(layout: Layout, numbers: Numbers) -> Float[Array, ""]:
 
     def row(i: Int[Array, ""]) -> Array:
         apart = nearest_image(layout, numbers, numbers.position[i][None] - numbers.position)[0]
-        square = jnp.sum(jnp.square(apart), axis=-1)
-        gap = jnp.sqrt(square) - (numbers.radius[i] + numbers.radius)
+        distance = numbers.radius[i] + numbers.radius
+        gap = side(distance) * jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1)) - distance
         counts = (jnp.arange(layout.spheres) != i) & (moves | moves[i])
         deep = jnp.max(jnp.where(counts, -gap, -jnp.inf))
         for w in range(layout.walls):

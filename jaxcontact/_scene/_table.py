@@ -7,10 +7,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._coupled import places
+from ._coupled import pairs_of, places
 from ._log import Log
 from ._result import Ending, Impacts, Margin, Way, flagged
-from ._system import Layout
+from ._side import side
+from ._system import Layout, Numbers
 
 
 class _Rows(eqx.Module):
@@ -34,7 +35,7 @@ class _Rows(eqx.Module):
 @eqx.filter_jit
 def table_of(
     layout: Layout,
-    normals: Float[Array, "W D"],
+    numbers: Numbers,
     names: tuple[str, ...],
     log: Log,
     written: Int[Array, ""],
@@ -48,7 +49,7 @@ def table_of(
     found = _isolated(log, written)
     if log.facts.call is not None:
         found = jax.tree.map(
-            lambda *parts: jnp.concatenate(parts), found, _coupled(layout, normals, log, written)
+            lambda *parts: jnp.concatenate(parts), found, _coupled(layout, numbers, log, written)
         )
     total = jnp.sum(found.valid)
     order = jnp.argsort(jnp.where(found.valid, found.time, jnp.inf), stable=True)[:rows]
@@ -123,7 +124,7 @@ def _isolated(log: Log, written: Int[Array, ""]) -> _Rows:
     )
 
 
-def _coupled(layout: Layout, normals: Array, log: Log, written: Int[Array, ""]) -> _Rows:
+def _coupled(layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""]) -> _Rows:
     """The contacts that ended in a coupled solve, or came to rest there."""
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
@@ -139,11 +140,11 @@ def _coupled(layout: Layout, normals: Array, log: Log, written: Int[Array, ""]) 
     apart = end.position[:, first] - end.position[:, second]
     rate = end.velocity[:, first] - end.velocity[:, second]
     flat = second >= layout.spheres
-    none = jnp.zeros((layout.spheres, layout.dimensions), apart.dtype)
-    normal = jnp.concatenate([none, normals])[second]
+    pairs = pairs_of(layout, numbers, jnp.ones(layout.spheres, bool))
     square = jnp.sum(jnp.square(apart), axis=-1)
     length = jnp.sqrt(jnp.where(square > 0, square, 1))
-    along = jnp.where(flat[None, :, None], normal[None], apart / length[..., None])
+    length = side(pairs.distance)[None] * length
+    along = jnp.where(flat[None, :, None], pairs.normal[None], apart / length[..., None])
     parting = jnp.sum(along * rate, axis=-1)
     closing = jnp.where(end.latched > 0, end.latched, 1)
     e = jnp.where(rests, 0, parting / closing)

@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ._side import side
 from ._system import WallMotion
 
 Lane = Float[Array, "..."]
@@ -106,7 +107,10 @@ def shaking_wall_time(
 
 
 def sphere_time(apart: Lane, rate: Lane, distance: Lane, noise: Lane) -> Lane:
-    """The time until |apart + rate τ| shrinks to `distance`; vectors along the last axis."""
+    """The time until |apart + rate τ| shrinks to `distance`; vectors along the last axis.
+
+    In a shell, with a negative `distance`, until it grows to that.
+    """
     along = jnp.sum(apart * rate, axis=-1)
     square = jnp.sum(jnp.square(rate), axis=-1)
     length = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
@@ -120,7 +124,18 @@ def sphere_time(apart: Lane, rate: Lane, distance: Lane, noise: Lane) -> Lane:
     meets = closing & (touching | (discriminant > 0))
     root = jnp.sqrt(jnp.maximum(discriminant, 0))
     time = gap * (length + distance) / jnp.where(closing, root - along, 1)
-    return jnp.where(meets, jnp.maximum(time, 0), jnp.inf)
+    outside = jnp.where(meets, jnp.maximum(time, 0), jnp.inf)
+    # Inside of a shell whatever moves leaves at last: at the later of the two roots.
+    moves = square > 0
+    room = jnp.maximum(-distance - length, 0) * (length - distance)
+    root = jnp.sqrt(jnp.square(along) + square * room)
+    late = jnp.where(along > 0, room / jnp.where(root > 0, along + root, 1), 0)
+    early = (root - along) / jnp.where(moves, square, 1)
+    leaves = jnp.where(along > 0, late, early)
+    touching = length >= -distance
+    leaves = jnp.where(touching & (along > -noise * length), 0, leaves)
+    inside = jnp.where(moves & ~(touching & (along == 0)), leaves, jnp.inf)
+    return jnp.where(distance < 0, inside, outside)
 
 
 def curved_time(
@@ -135,14 +150,15 @@ def curved_time(
     half = acceleration / 2
     length = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
     along = jnp.sum(apart * rate, axis=-1)
-    touching = length <= distance
+    sign = side(distance)
+    touching = sign * length <= distance
     still = touching & (jnp.abs(along) <= noise * length)
     # Coefficients of the function and its derivatives, from the constant on.
-    c0 = (length - distance) * (length + distance)
-    c1 = 2 * jnp.where(still, 0, along)
-    c2 = jnp.sum(jnp.square(rate), axis=-1) + 2 * jnp.sum(apart * half, axis=-1)
-    c3 = 2 * jnp.sum(rate * half, axis=-1)
-    c4 = jnp.sum(jnp.square(half), axis=-1)
+    c0 = sign * (length - distance) * (length + distance)
+    c1 = sign * 2 * jnp.where(still, 0, along)
+    c2 = sign * (jnp.sum(jnp.square(rate), axis=-1) + 2 * jnp.sum(apart * half, axis=-1))
+    c3 = sign * 2 * jnp.sum(rate * half, axis=-1)
+    c4 = sign * jnp.sum(jnp.square(half), axis=-1)
 
     def value(t: Lane) -> Lane:
         return (((c4 * t + c3) * t + c2) * t + c1) * t + c0
@@ -154,7 +170,7 @@ def curved_time(
     # 12 c4 τ² + 6 c3 τ + 2 c2 = 0, by the root that does not cancel.
     root = jnp.sqrt(jnp.maximum(jnp.square(6 * c3) - 96 * c4 * c2, 0))
     q = -(6 * c3 + jnp.where(c3 >= 0, root, -root)) / 2
-    one = q / jnp.where(c4 > 0, 12 * c4, 1)
+    one = q / jnp.where(c4 != 0, 12 * c4, 1)
     other = 2 * c2 / jnp.where(q != 0, q, 1)
     lower = jnp.clip(jnp.minimum(one, other), zero, end)
     upper = jnp.clip(jnp.maximum(one, other), zero, end)

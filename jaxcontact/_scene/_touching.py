@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._contact import Contact
 from .._elementary import contraction
 from .._laws import AbstractLaw
+from ._side import side
 
 PerPair = Float[Array, " pairs"]
 PerBody = Float[Array, "bodies dim"]
@@ -30,7 +31,8 @@ class Pairs(NamedTuple):
     """Which bodies of a cluster can touch, P slots.
 
     `first` and `second`: their places; a plane is a second body without inverse mass, at any point
-    of it. `distance` in m at which they touch: R1 + R2, or the radius for a plane. `normal`, shape
+    of it. `distance` in m at which they touch: R1 + R2, negative in a shell (see `_side`), or the
+    radius for a plane. `normal`, shape
     (P, D): of a plane, of unit length, to its free side; any finite numbers for spheres. `flat`:
     whether the second is a plane. `used`: False for slots that hold no pair.
     """
@@ -151,7 +153,8 @@ class Touching(eqx.Module):
         curved = (pairs.used & ~pairs.flat)[:, None]
         before = jnp.where(curved, self.apart, 1)
         now = before + jnp.where(curved, change, 0)
-        length, start = _norm(now), _norm(before)
+        sign = side(pairs.distance)
+        length, start = sign * _norm(now), sign * _norm(before)
         approached = jnp.sum((2 * before + change) * change, axis=1) / (start + length)
         flat = jnp.sum(pairs.normal * change, axis=1)
         normal = jnp.where(pairs.flat[:, None], pairs.normal, now / length[:, None])

@@ -50,6 +50,11 @@ def cases() -> dict[str, Case]:
             {"low": [-9.0, -9.0, -9.0], "high": [9.0, 9.0, 9.0]},
             BODY | {"low": THREE, "high": THREE, "motion": NONE},
         ),
+        "Shell": Case(
+            jc.Shell,
+            {"centre": [0.0, 0.0, 0.0], "radius": 9.0},
+            BODY | {"centre": THREE | ONE, "radius": POSITIVE},
+        ),
         "Steady": Case(jc.Steady, {"velocity": [0.0, 0.0, 1.0]}, {"velocity": THREE | ONE}),
         "Vibration": Case(
             jc.Vibration,

@@ -1,0 +1,220 @@
+"""The states of spheres that are in contact, solved from their touch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ._cluster import cluster, touched
+from ._coupled import Call, as_flags, blank_state, call, places, stored_energy
+from ._hit import accelerations, meeting_of
+from ._log import Log, last_call
+from ._progress import Rules
+from ._stored import stored_in
+from ._system import Layout, Numbers, known_contact_of, law_of
+from ._touching import Pairs
+
+
+class States(NamedTuple):
+    """Positions and velocities (T, N, D), and the elastic energy `stored` in contacts (T,)."""
+
+    position: Float[Array, "T N D"]
+    velocity: Float[Array, "T N D"]
+    stored: Float[Array, " T"]
+
+
+class Entries(NamedTuple):
+    """Of every sphere at some times: what it last did, (T, N); `row` of the log, or -1.
+
+    A sphere that is inside of an isolated impact has not `began` yet.
+    """
+
+    position: Array
+    velocity: Array
+    began: Array
+    support: Array
+    row: Array
+
+
+def in_contacts(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    times: Float[Array, " T"],
+    tolerance: Float[Array, ""],
+    found: Entries,
+    here: States,
+    written: Int[Array, ""],
+) -> States:
+    """The states with those of spheres in isolated impacts and in coupled solves.
+
+    All are calls of the coupled solve, so that it is compiled once: N lanes a time for the isolated
+    impacts, each by its first body, and one for the solve in progress.
+    """
+    count = layout.spheres
+    called, together = log.facts.call, log.figures.coupled
+    assert called is not None and together is not None
+    rows, lasts = last_call(log, written, times)
+    one_of, other_of = places(layout)
+    nobody, none = jnp.zeros(count, bool), jnp.full(count, -1)
+
+    def pair(row: Array, who: Array, until: Array) -> tuple[tuple, Array]:
+        """The isolated impact of a row, as a call; whether `who` is its first body."""
+        choice, before = jax.tree.map(lambda x: x[row], (log.facts.choice, log.figures.before))
+        is_wall = choice.second >= count
+        second = jnp.where(is_wall, choice.first, choice.second)
+
+        def put(pair: Array) -> Array:
+            blank = jnp.zeros((count, *pair.shape[1:]), pair.dtype)
+            return blank.at[second].set(pair[1]).at[choice.first].set(pair[0])
+
+        meets = (choice.first == one_of) & (choice.second == other_of)
+        meets = meets | ((choice.first == other_of) & (choice.second == one_of))
+        members = nobody.at[choice.first].set(True).at[second].set(True)
+        no = jnp.asarray(False)
+        decided = Call(~no, choice, members, nobody, meets, jnp.asarray(-1), until)
+        spheres = jax.tree.map(put, before)
+        blank = blank_state(layout, numbers.dtype)
+        held = jnp.zeros(count, numbers.dtype)
+        return (spheres, none, held, blank, decided), who == choice.first
+
+    def going_on(row: Array, until: Array) -> tuple[tuple, Array, Array]:
+        """The call of a row, up to a time; whether it lasts until then; what is stored at rest."""
+        known, facts = jax.tree.map(lambda x: x[row], (together, called))
+        decided = facts.decided._replace(
+            starts=jnp.asarray(False), joins=nobody, until_body=jnp.asarray(-1), until=until
+        )
+        inside = (until < known.end.time) | ~facts.ends
+        held = stored_energy(layout, numbers, as_flags(known.end))
+        rests = jnp.where(~inside & facts.rest, held, 0)
+        began = as_flags(known.began)
+        return (known.spheres, facts.support, known.held, began, decided), inside, rests
+
+    def lane(given: tuple[Array, ...]) -> tuple[Array, Array, Array, Array]:
+        time, who, row, inside, call_row, last = given
+        is_call = who == count
+        alone, is_first = pair(row, who, time)
+        coupled, goes_on, rests = going_on(call_row, time)
+        chosen = jax.tree.map(lambda a, b: jnp.where(is_call, a, b), coupled, alone)
+        active = jnp.where(is_call, last & goes_on, inside & is_first)
+        spheres, support, held, before, decided = chosen
+
+        def solved() -> tuple[Array, Array, Array, Array]:
+            state = call(
+                layout, numbers, spheres, support, held, before, decided, tolerance, rules.v0
+            )[1].state
+            late = time - state.time
+            velocity = state.velocity[:count]
+            place = state.position[:count] + velocity * late
+            return decided.members, place, velocity, stored_energy(layout, numbers, state)
+
+        def flying() -> tuple[Array, Array, Array, Array]:
+            away = jnp.zeros((count, layout.dimensions), numbers.dtype)
+            return nobody, away, away, jnp.where(is_call & last, rests, 0)
+
+        return jax.lax.cond(active, solved, flying)
+
+    total = times.shape[0]
+
+    def lanes(each: Array, of_call: Array) -> Array:
+        return jnp.concatenate([each, of_call[:, None]], axis=1).reshape(-1)
+
+    inside = (times[:, None] < found.began) & (found.row >= 0)
+    blank = jnp.zeros((total, count), int)
+    given = (
+        jnp.repeat(times, count + 1),
+        jnp.tile(jnp.arange(count + 1), total),
+        lanes(jnp.maximum(found.row, 0), blank[:, 0]),
+        lanes(inside, jnp.zeros(total, bool)),
+        lanes(blank, rows),
+        lanes(jnp.zeros((total, count), bool), lasts),
+    )
+    who, place, speed, stored = jax.tree.map(
+        lambda x: x.reshape(total, count + 1, *x.shape[1:]), jax.lax.map(lane, given)
+    )
+
+    def merged(old: Array, new: Array) -> Array:
+        known = who[..., None]
+        return jnp.where(jnp.any(known, axis=1), jnp.sum(jnp.where(known, new, 0), axis=1), old)
+
+    return States(
+        merged(here.position, place), merged(here.velocity, speed), jnp.sum(stored, axis=1)
+    )
+
+
+def in_pairs(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    times: Float[Array, " T"],
+    tolerance: Float[Array, ""],
+    found: Entries,
+    here: States,
+) -> States:
+    """As `in_contacts` where no solve is coupled: each sphere by the two bodies of its impact."""
+    count = layout.spheres
+
+    def one(given: tuple[Array, ...]) -> tuple[Array, Array, Array]:
+        row, who, time, inside, place, speed = given
+
+        def solved() -> tuple[Array, Array, Array]:
+            known, choice = log.figures.before, log.facts.choice
+            before, choice = jax.tree.map(lambda x: x[row], (known, choice))
+            meeting = meeting_of(layout, numbers, before, choice)
+            is_wall = choice.second >= count
+            second = jnp.minimum(choice.second, count - 1)
+            pair = jnp.stack([choice.first, second])
+            pull = accelerations(layout, numbers, pair, choice.support)
+            image = choice.image * numbers.period
+            flying = meeting.flying
+            reach = numbers.radius[choice.first] + jnp.where(is_wall, 0, numbers.radius[second])
+            foot = flying.position[0] - reach * meeting.normal
+            other = jnp.where(is_wall, foot, flying.position[1] + image)
+            places = jnp.stack([flying.position[0], other])
+            still = jnp.where(is_wall, meeting.driven * meeting.normal, flying.velocity[1])
+            speeds = jnp.stack([flying.velocity[0], still])
+            pairs = Pairs(
+                jnp.asarray([0]), jnp.asarray([1]), reach[None], meeting.normal[None],
+                is_wall[None], jnp.asarray([True]),
+            )  # fmt: skip
+            start = touched(pairs, places, speeds, jnp.asarray([True]), v0=rules.v0)
+            start = start._replace(indentation=jnp.zeros_like(start.indentation))
+            mass = numbers.inverse_mass
+            inverse = jnp.stack([mass[choice.first], mass[choice.second]])
+            bend = jnp.stack([pull[0], jnp.where(is_wall, 0, pull[1])])
+            contact = known_contact_of(layout, numbers, choice.first, choice.second)
+            law = law_of(layout, numbers, choice.first, choice.second)
+            state = cluster(
+                law, contact, pairs, inverse, bend, start, time - meeting.time,
+                rtol=tolerance, v0=rules.v0,
+            ).state  # fmt: skip
+            late = time - meeting.time - state.time
+            first = who == choice.first
+            k = jnp.where(first, 0, 1)
+            at = state.position[k] + state.velocity[k] * late - jnp.where(first, 0, image)
+            depth = jnp.where(state.closed[0], state.indentation[0], 0)
+            stored = stored_in(law, contact, depth, state.latched[0])
+            # Each body of a pair counts its half; a wall counts none.
+            return at, state.velocity[k], stored * jnp.where(is_wall, 1, 0.5)
+
+        return jax.lax.cond(inside, solved, lambda: (place, speed, jnp.zeros_like(time)))
+
+    inside = (times[:, None] < found.began) & (found.row >= 0)
+    flat = (-1, layout.dimensions)
+    given = (
+        jnp.maximum(found.row, 0).reshape(-1),
+        jnp.tile(jnp.arange(count), times.shape[0]),
+        jnp.repeat(times, count),
+        inside.reshape(-1),
+        here.position.reshape(flat),
+        here.velocity.reshape(flat),
+    )
+    place, speed, stored = jax.lax.map(one, given)
+    shape = here.position.shape
+    stored = jnp.sum(stored.reshape(shape[:2]), axis=1)
+    return States(place.reshape(shape), speed.reshape(shape), stored)

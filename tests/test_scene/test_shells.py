@@ -1,0 +1,155 @@
+"""The inside of a sphere: chords, parabolas, and soft impacts against Newton's equations."""
+
+import math
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxcontact as jc
+
+EXACT = 1e-12
+"""Of 50 chords; measured 2e-14."""
+
+SOFT = 1e-8
+"""Ten times `rtol`."""
+
+STEEL = jc.Material(2.1e11, 0.3, 7800.0)
+
+
+def test_a_billiard_in_a_circle():
+    """All chords are alike: the place of the touch turns by the same angle every time."""
+    speed, angle, reach = 2.0, 0.4, 0.9
+    # The first touch at angle 0, having left from the foot of the first chord.
+    chord = 2 * reach * math.cos(angle)
+    start = np.array([reach, 0.0]) - np.array([math.cos(angle), math.sin(angle)]) * chord / 2
+    ball = jc.Sphere(0.1, 1.0, start, [speed * math.cos(angle), speed * math.sin(angle)])
+    scene = jc.Scene([ball, jc.Shell([0.0, 0.0], 1.0)], jc.ExactRestitution(e=1.0))
+    touches = 50
+    time = chord / speed
+    run = jc.simulate(scene, (touches + 0.25) * time, instantaneous=True)
+    assert len(run.impacts) == touches
+    np.testing.assert_allclose(run.impacts.time, time * (np.arange(touches) + 0.5), rtol=EXACT)
+    at = run.at(run.impacts.time[-1]).position[0, 0]
+    turn = (math.pi - 2 * angle) * (touches - 1)
+    np.testing.assert_allclose(at, reach * np.array([math.cos(turn), math.sin(turn)]), atol=EXACT)
+    np.testing.assert_allclose(run.energy, run.energy[0], rtol=EXACT)
+
+
+def _next_touch(position, velocity, gravity, reach):
+    """The first time at which a thrown point is `reach` away from the origin, by all four roots."""
+    half = np.array([0.0, -gravity / 2])
+    total = sum(
+        np.convolve([p, v, a], [p, v, a]) for p, v, a in zip(position, velocity, half, strict=True)
+    )
+    total[0] -= reach**2
+    roots = np.polynomial.polynomial.polyroots(total)
+    real = roots.real[np.abs(roots.imag) < 1e-7]
+    return np.min(real[real > 1e-6])
+
+
+def test_a_ball_that_falls_in_a_shell():
+    position, velocity, gravity, reach, e = (
+        np.array([0.3, 0.1]),
+        np.array([0.5, 0.2]),
+        9.81,
+        0.9,
+        0.9,
+    )
+    ball = jc.Sphere(0.1, 1.0, position, velocity)
+    scene = jc.Scene(
+        [ball, jc.Shell([0.0, 0.0], 1.0)], jc.ExactRestitution(e=e), gravity=[0.0, -gravity]
+    )
+    run = jc.simulate(scene, 1.5, instantaneous=True)
+    count = len(run.impacts)
+    assert count >= 3
+    clock = 0.0
+    for k in range(count):
+        passed = _next_touch(position, velocity, gravity, reach)
+        clock += passed
+        np.testing.assert_allclose(run.impacts.time[k], clock, rtol=1e-9)
+        pull = np.array([0.0, -gravity])
+        position = position + (velocity + pull / 2 * passed) * passed
+        velocity = velocity + pull * passed
+        normal = -position / np.linalg.norm(position)
+        velocity = velocity - (1 + e) * (velocity @ normal) * normal
+    np.testing.assert_allclose(run.at(run.impacts.time[-1]).velocity[0, 0], velocity, atol=1e-8)
+
+
+STIFFNESS, ALPHA, MASS, SMALL, LARGE = 1e5, 0.4, 0.5, 0.1, 1.0
+
+
+def _newton(position, velocity, gravity, duration):
+    """A soft ball in a shell: Cartesian equations, restarted at the touch and at the opening."""
+    reach, speed, closed, t = LARGE - SMALL, 1.0, False, 0.0
+    y = np.array([*position, *velocity])
+
+    def equations(t, y):
+        away, moves = y[:2], y[2:]
+        distance = np.hypot(*away)
+        out = away / distance
+        force = 0.0
+        if closed:
+            depth, rate = max(distance - reach, 0.0), moves @ out
+            force = max(STIFFNESS * depth**1.5 * (1 + ALPHA * rate / speed), 0.0)
+        return [*moves, *(-force / MASS * out + np.array([0.0, -gravity]))]
+
+    def gap(t, y):
+        return reach - np.hypot(*y[:2])
+
+    gap.terminal = True
+    while t < duration:
+        gap.direction = 1 if closed else -1
+        found = solve_ivp(
+            equations, (t, duration), y, "DOP853", events=gap, rtol=1e-12, atol=1e-15,
+            max_step=2e-4 if closed else 1e-2,
+        )  # fmt: skip
+        t, y = found.t[-1], found.y[:, -1]
+        if found.status == 1:
+            closed = not closed
+            speed = y[2:] @ y[:2] / np.hypot(*y[:2])
+    return y
+
+
+@pytest.mark.parametrize(("gravity", "way"), [(0.0, jc.Way.RADIAL), (9.81, jc.Way.COUPLED)])
+def test_soft_impacts_in_a_shell(gravity, way):
+    position, velocity, duration = [0.3, 0.1], [1.5, 1.2], 0.8
+    scene = jc.Scene(
+        [jc.Sphere(SMALL, MASS, position, velocity), jc.Shell([0.0, 0.0], LARGE)],
+        jc.Damped(alpha=ALPHA),
+        stiffness=STIFFNESS,
+        gravity=[0.0, -gravity],
+    )
+    run = jc.simulate(scene, duration, v0="touch")
+    assert len(run.impacts) >= 1
+    assert run.impacts.way[0] == way
+    end = _newton(position, velocity, gravity, duration)
+    fastest = np.max(run.impacts.closing_speed)
+    np.testing.assert_allclose(run.velocity[-1, 0], end[2:], atol=SOFT * fastest)
+    np.testing.assert_allclose(run.position[-1, 0], end[:2], atol=SOFT * fastest * duration)
+    lost = jnp.sum(run.impacts.energy_loss)
+    assert abs(run.energy[0] - lost - run.energy[-1]) < 100 * 1e-9 * run.energy[0]
+    inside = run.at(run.impacts.time[0] + run.impacts.duration[0] / 2)
+    assert np.linalg.norm(inside.position[0, 0]) > LARGE - SMALL
+    if way == jc.Way.RADIAL:
+        # Pressed to the shell the line of centres turns backwards, seen from the ball.
+        assert run.impacts.turn[0] < 0
+
+
+def test_materials_make_the_contact_of_a_ball_in_a_socket():
+    ball = jc.Sphere(0.01, position=[0.0], velocity=[1.0], material=STEEL)
+    scene = jc.Scene([ball, jc.Shell([0.0], 0.0125, STEEL)], jc.Hertz())
+    run = jc.simulate(scene, 0.004)
+    mass = STEEL.sphere_mass(0.01)
+    contact = jc.Contact.sphere_socket(0.01, 0.0125, STEEL, STEEL, mass=mass)
+    single = jc.impact(jc.Hertz(), contact, 1.0)
+    np.testing.assert_allclose(run.impacts.max_force[0], single.max_force, rtol=1e-12)
+    np.testing.assert_allclose(run.impacts.duration[0], single.duration, rtol=1e-12)
+
+
+def test_a_ball_must_fit_into_its_shell():
+    with pytest.raises(ValueError, match=r"Sphere .* and Shell 'bowl' .* do, by 0\.1 m"):
+        jc.Scene([jc.Sphere(0.1, 1.0, [0.5]), jc.Shell([0.0], 0.5, name="bowl")], jc.Hertz())
+    with pytest.raises(ValueError, match="`periodic` must be None beside Shell"):
+        jc.Scene([jc.Sphere(0.1, 1.0, [0.0]), jc.Shell([0.0], 0.5)], jc.Hertz(), periodic=[9.0])
