@@ -46,6 +46,7 @@ def dataset(
     bodies: tuple[int, ...],
     status: Array,
     reached: Array,
+    wall_work: Array,
 ) -> xarray.Dataset:
     """States and impacts of a single run; `bodies` are the numbers of its spheres.
 
@@ -80,9 +81,9 @@ def dataset(
         {name: (*given, _attributes(name)) for name, given in group.items()}
         for group in (arrays, coordinates)
     )
-    return xarray.Dataset(
-        arrays, coordinates, {"status": ending_words(status), "reached": float(reached)}
-    )
+    attributes: dict[str, Any] = {"status": ending_words(status)}
+    attributes |= {"reached": float(reached), "wall_work": float(wall_work)}
+    return xarray.Dataset(arrays, coordinates, attributes)
 
 
 def _attributes(name: str) -> dict[str, Any]:

@@ -116,6 +116,7 @@ class Run(eqx.Module):
             bodies=self._layout.body[: self._layout.spheres],
             status=self.status,
             reached=self.reached,
+            wall_work=self.wall_work,
         )
 
     def to_csv(self, path: str | os.PathLike | TextIO | BinaryIO) -> None:

@@ -16,7 +16,7 @@ from .._scene import Run
 from ._axes import axes_of
 from ._path import axes_shown, images, line_of, path_of, radii, require_one_run, states
 from ._scene import frame_axes
-from ._surroundings import colours, frame
+from ._surroundings import colours, frame, moving_walls
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -75,7 +75,8 @@ def animate(
     width, height = high - low
     tall = min(max(_WIDTH * height / width + 0.9, _LOW), _HIGH)
     ax = axes_of(ax, figsize=(_WIDTH, tall))
-    frame_axes(ax, run, shown, low, high)
+    frame_axes(ax, shown, low, high)
+    move_walls = moving_walls(ax, run, shown, frames.time)
     away = images(run, shown)
     if len(shown) == 1:
         away = _on_paper(away, shown)
@@ -95,7 +96,7 @@ def animate(
             times, places = before[row]
             line.set_data(*places[(times >= since) & (times <= time)].T)
         title.set_text(f"$t$ = {time:.{digits}f} s")
-        return [*itertools.chain(*circles), *tails, title]
+        return [*itertools.chain(*circles), *tails, *move_walls(k), title]
 
     figure = ax.get_figure(root=True)
     assert figure is not None  # it was made with these axes, or by the user

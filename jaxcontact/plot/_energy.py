@@ -20,7 +20,8 @@ def energy(run: Run, *, ax: Axes | None = None) -> Axes:
 
     The line is that of `Run.at`: kinetic energy, weight, and what is stored in contacts. The dashed
     one starts with it and falls at the end of every impact by its loss (a series of bounces and a
-    contact that comes to rest: at its touch). Where both agree, the energy is accounted for.
+    contact that comes to rest: at its touch). Where both agree, the energy is accounted for; with
+    walls that move, the line is above by what these gave.
 
     Arguments: a single run; the axes to draw on, new ones if None. Returns the axes. Raises
     ValueError for a batch of runs, a run without values, and what is no run.

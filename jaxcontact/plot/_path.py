@@ -124,7 +124,8 @@ def touches(run: Run) -> tuple[np.ndarray, np.ndarray]:
             apart = _nearest(run, position[k, rows[second]] - here)
             places[k] = here + apart * radius / (radius + size[rows[second]])
         else:
-            (normal,) = (n for face, n, _ in bodies[second].walls() if face == impacts["face"][k])
+            face = int(impacts["face"][k])
+            (normal,) = (wall.normal for wall in bodies[second].walls() if wall.face == face)
             places[k] = here - radius * np.asarray(normal)
     return times, in_cell(run, places)
 

@@ -37,7 +37,8 @@ def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None
 
     In one dimension every sphere is a band as wide as it is, over time in s; in two it is a circle,
     faint at the start and full at the end, with the path of its centre. Dots are where surfaces
-    met. Walls are grey on their solid side; in periodic space images are drawn in the first cell.
+    met. Walls are grey on their solid side, and lightly so where they moved to for a while; in periodic
+    space images are drawn in the first cell.
 
     Arguments: a single run; `axes`, two axes of space to draw, such as (0, 2), which a run in three
     dimensions needs (spheres may then hide each other, and walls are drawn if they are seen from
@@ -60,7 +61,8 @@ def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None
         width, height = high - low
         tall = min(max(_WIDTH * height / width, _LOW), _HIGH)
         ax = axes_of(ax, figsize=(_WIDTH, tall))
-        frame_axes(ax, run, shown, low, high)
+        frame_axes(ax, shown, low, high)
+        draw_walls(ax, run, shown)
         _draw_paths(ax, run, path, shown)
         _, places = touches(run)
         _mark(ax, *places[:, list(shown)].T)
@@ -72,14 +74,11 @@ def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None
     return ax
 
 
-def frame_axes(
-    ax: Axes, run: Run, shown: tuple[int, ...], low: np.ndarray, high: np.ndarray
-) -> None:
-    """Set up axes of space of equal scale, with the walls; one dimension lies across."""
+def frame_axes(ax: Axes, shown: tuple[int, ...], low: np.ndarray, high: np.ndarray) -> None:
+    """Set up axes of space of equal scale; one dimension lies across."""
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
     ax.set_aspect("equal")
-    draw_walls(ax, run, shown)
     ax.set_xlabel(f"${NAMES[shown[0]]}$ / m")
     if len(shown) == 1:
         ax.set_yticks([])

@@ -44,7 +44,7 @@ def test_a_run_as_a_dataset(run, tmp_path):
     np.testing.assert_array_equal(data.impact_time, run.impacts.time)
     assert [str(data.body_name[k].values) for k in data.second] == ["floor, wooden"] * 2
     assert data.way.attrs["flag_meanings"].split()[int(data.way[0])] == "instantaneous"
-    assert data.attrs == {"status": "completed", "reached": 1.0}
+    assert data.attrs == {"status": "completed", "reached": 1.0, "wall_work": 0.0}
     data.to_netcdf(tmp_path / "run.nc", engine="scipy")
     with xarray.open_dataset(tmp_path / "run.nc", engine="scipy") as back:
         np.testing.assert_array_equal(back.position, run.position)
