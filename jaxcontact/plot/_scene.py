@@ -37,7 +37,7 @@ def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None
 
     In one dimension every sphere is a band as wide as it is, over time in s; in two it is a circle,
     faint at the start and full at the end, with the path of its centre. Dots are where surfaces
-    met. Walls are grey on their solid side, and lightly so where they moved to for a while; in periodic
+    met. Walls are grey on their solid side, and lightly so where they were for a while; in periodic
     space images are drawn in the first cell.
 
     Arguments: a single run; `axes`, two axes of space to draw, such as (0, 2), which a run in three
