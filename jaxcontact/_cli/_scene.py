@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import pathlib
+import sys
 import tempfile
 from collections.abc import Callable
 from typing import TYPE_CHECKING, BinaryIO
@@ -117,6 +118,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if arguments.out is not None:
         files |= {out / RUN: done.to_csv, out / IMPACTS: done.impacts.to_csv}
     drawable = float(done.reached) > 0
+    if (arguments.plot or arguments.animate) and not drawable:
+        print("no pictures: the run has no values to draw", file=sys.stderr)
     if arguments.plot and drawable:
         progress("drawing")
         files |= _pictures(done, axes, out)
