@@ -94,6 +94,8 @@ from ._scene import Sphere as Sphere
 from ._scene import Steady as Steady
 from ._scene import Vibration as Vibration
 from ._scene import Way as Way
+from ._scene import random_spheres as random_spheres
+from ._scene import read_scene as read_scene
 from ._scene import simulate as simulate
 from ._sweep import Sweep as Sweep
 from ._sweep import sweep as sweep

@@ -1,4 +1,4 @@
-"""The command `jaxcontact`: calibrate, laws, impact, sweep, paper."""
+"""The command `jaxcontact`: calibrate, laws, impact, sweep, scene, paper."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from .._progress import Stages
-from . import _calibrate, _impact, _laws, _paper, _sweep
+from . import _calibrate, _impact, _laws, _paper, _scene, _sweep
 from ._options import InputError
 
 # Each has SUMMARY, DESCRIPTION and EPILOG, `add_options(parser)` and `run(arguments, progress)`.
@@ -18,6 +18,7 @@ _COMMANDS = {
     "laws": _laws,
     "impact": _impact,
     "sweep": _sweep,
+    "scene": _scene,
     "paper": _paper,
 }
 
@@ -39,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "formatter_class": argparse.RawDescriptionHelpFormatter,
         "allow_abbrev": False,
     }
-    words = "Contact laws: what they deliver, impacts, and parameters from bounces."
+    words = "Contact laws: what they deliver, impacts, scenes, and parameters from bounces."
     parser = argparse.ArgumentParser("jaxcontact", description=words, epilog=_EPILOG, **style)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for name, command in _COMMANDS.items():

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import enum
-from typing import Any, NamedTuple
+import os
+from typing import Any, BinaryIO, NamedTuple, TextIO
 
 import equinox as eqx
 import jax
@@ -14,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._parameter import shown
 from .._text_table import text_table
+from ._columns import write_csv
 
 
 class Ending(enum.IntEnum):
@@ -81,17 +83,50 @@ class Impacts(eqx.Module):
         return self.time.shape[-1]
 
     def to_dict(self) -> dict[str, np.ndarray]:
-        """The columns of the rows that are valid, as NumPy arrays by name."""
+        """The columns of the rows that are valid, as NumPy arrays by name.
+
+        Raises ValueError for the impacts of a batch of runs: take one with `jax.tree.map`.
+        """
         keep = np.asarray(self.valid)
+        if keep.ndim != 1:
+            raise ValueError(
+                "The impacts must be those of one run, but are a batch of the shape "
+                f"{keep.shape[:-1]}; `jax.tree.map(lambda x: x[0], run)` takes the first run."
+            )
         columns = {k: np.asarray(v)[keep] for k, v in vars(self).items() if k != "names"}
         del columns["valid"]
         return columns
 
-    def to_dataframe(self) -> Any:
-        """The rows that are valid as a data frame of pandas, which must be installed."""
-        import pandas
+    def _in_words(self) -> dict[str, np.ndarray]:
+        """The columns of `to_dict` for people: with the names of bodies, and `way` by its name."""
+        columns, names = self.to_dict(), np.array(self.names)
+        ways = np.array([way.name for way in Way])
+        told = {}
+        for name, column in columns.items():
+            told[name] = ways[column] if name == "way" else column
+            if name in ("first", "second"):
+                told[f"{name}_name"] = names[column]
+        return told
 
-        return pandas.DataFrame(self.to_dict())
+    def to_dataframe(self) -> Any:
+        """The rows that are valid as a data frame of pandas, with names of bodies and ways.
+
+        Raises ImportError without pandas, which comes with `pip install 'jaxcontact[data]'`.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError(
+                "to_dataframe needs pandas, which comes with `pip install 'jaxcontact[data]'`"
+            ) from error
+        return pandas.DataFrame(self._in_words())
+
+    def to_csv(self, path: str | os.PathLike | TextIO | BinaryIO) -> None:
+        """Write the rows that are valid, with names of bodies and ways.
+
+        `path` names a file, which then appears whole or not at all, or is an open one.
+        """
+        write_csv(self._in_words(), path)
 
     def __repr__(self) -> str:
         if isinstance(self.time, Tracer) or not eqx.is_array(self.time) or self.time.ndim != 1:

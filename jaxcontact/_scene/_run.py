@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import os
+from typing import TYPE_CHECKING, BinaryIO, TextIO
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
 from ._bodies import Box, Plane
+from ._columns import write_csv
+from ._dataset import dataset
 from ._log import Log
 from ._progress import Rules
 from ._result import Impacts, Margin, Moment, ending_words, flagged, traced
 from ._scene import Scene
 from ._states import any_inside, energy_of, states_at
 from ._system import Layout, Numbers
+
+if TYPE_CHECKING:
+    import xarray
 
 
 class Run(eqx.Module):
@@ -91,6 +100,42 @@ class Run(eqx.Module):
             if isinstance(body, Plane | Box):
                 bodies[k] = body.after(self.duration)
         return eqx.tree_at(lambda scene: scene.bodies, self.scene, tuple(bodies))
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The states and impacts of a single run as an `xarray.Dataset`, with units.
+
+        `position` and `velocity` (time, sphere, axis), `energy` (time), and the columns of
+        `impacts` (impact), with the time as `impact_time`; `sphere`, `first` and `second` are
+        numbers of bodies, whose names are `body_name`. Raises ImportError without xarray, which
+        comes with `pip install 'jaxcontact[data]'`, ValueError for a batch of runs.
+        """
+        return dataset(
+            self.scene,
+            Moment(self.time, self.position, self.velocity, self.energy),
+            self.impacts,
+            bodies=self._layout.body[: self._layout.spheres],
+            status=self.status,
+            reached=self.reached,
+            wall_work=self.wall_work,
+        )
+
+    def to_csv(self, path: str | os.PathLike | TextIO | BinaryIO) -> None:
+        """Write a table with a row for each time: `time`, `energy`, then `position[k,d]` in m and
+        `velocity[k,d]` in m/s of sphere k along axis d.
+
+        `path` names a file, which then appears whole or not at all, or is an open one. Raises
+        ValueError for a batch of runs. `impacts.to_csv` writes the impacts.
+        """
+        if self.time.ndim != 1:
+            raise ValueError(
+                f"The run must be a single one, but is a batch of the shape {self.time.shape[:-1]}."
+            )
+        columns = {"time": np.asarray(self.time), "energy": np.asarray(self.energy)}
+        for name in ("position", "velocity"):
+            values = np.asarray(getattr(self, name))
+            for k, d in np.ndindex(*values.shape[1:]):
+                columns[f"{name}[{k},{d}]"] = values[:, k, d]
+        write_csv(columns, path)
 
     def _touching(self) -> Bool[Array, ""]:
         """Whether bodies are in contact at the end."""

@@ -1,1 +1,1 @@
-"""Small real measurements, each with its source in SOURCES.md beside it."""
+"""Small real measurements, each with its source in SOURCES.md beside it, and example scenes."""

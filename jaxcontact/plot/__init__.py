@@ -1,7 +1,10 @@
 """Pictures: every function draws on the axes it is given, or on new ones, and returns them."""
 
+from ._animate import animate as animate
 from ._calibration import calibration as calibration
 from ._choice import choice as choice
+from ._energy import energy as energy
 from ._fit import fit as fit
+from ._scene import scene as scene
 from ._sweep import sweep as sweep
 from ._trajectory import trajectory as trajectory

@@ -2,8 +2,19 @@
 
 import functools
 
+import matplotlib.pyplot as plt
+
 import jaxcontact as jc
-from tests.test_every_argument.case import COUNT, LAWS, MATERIALS, NOTHING, UNSOLVED, Blank, Case
+from tests.test_every_argument.case import (
+    COUNT,
+    LAWS,
+    MATERIALS,
+    NOTHING,
+    SEED,
+    UNSOLVED,
+    Blank,
+    Case,
+)
 from tests.test_every_argument.kinds import (
     FLAG,
     INSIDE,
@@ -20,6 +31,17 @@ THREE = frozenset({"tuple", "range", "Series"})
 """Kinds that are three finite numbers."""
 
 BODY = {"material": MATERIALS | NONE, "name": TEXT | NONE}
+
+
+@functools.cache
+def a_run():
+    disc = jc.Sphere(0.1, 1.0, [0.0, 0.0], [1.0, 0.0])
+    return jc.simulate(jc.Scene([disc], jc.ExactRestitution(e=0.5)), 1.0, instantaneous=True)
+
+
+def _drawn(draw, **given):
+    """A picture of a run that is made when it is needed, not while tests are collected."""
+    return draw(**(given if "run" in given else given | {"run": a_run()}))
 
 
 @functools.cache
@@ -85,6 +107,43 @@ def cases() -> dict[str, Case]:
                 "v0": POSITIVE,
                 "max_impacts": COUNT | NONE,
             },
+        ),
+        "random_spheres": Case(
+            jc.random_spheres,
+            {"count": 2, "low": [-9.0] * 3, "high": [9.0] * 3, "radius": 0.1, "mass": 1.0}
+            | {"material": STEEL},
+            {
+                "count": COUNT,
+                "low": THREE,
+                "high": THREE,
+                "radius": POSITIVE,
+                "mass": POSITIVE | NONE,
+                "material": MATERIALS | NONE,
+                "speed": POSITIVE | NONE,
+                "periodic": NONE,
+                "name": TEXT | NONE,
+                "seed": SEED,
+            },
+        ),
+        "read_scene": Case(jc.read_scene, {}, {"file": TEXT - {"empty text"}, "example": NOTHING}),
+        "plot.scene": Case(
+            functools.partial(_drawn, jc.plot.scene),
+            {"ax": plt.figure().add_subplot()},
+            {"run": NOTHING, "axes": NONE, "ax": NONE},
+        ),
+        "plot.energy": Case(
+            functools.partial(_drawn, jc.plot.energy),
+            {"ax": plt.figure().add_subplot()},
+            {"run": NOTHING, "ax": NONE},
+        ),
+        "plot.animate": Case(
+            functools.partial(_drawn, jc.plot.animate),
+            {"seconds": 1.0, "fps": 2, "ax": plt.figure().add_subplot()},
+            {"run": NOTHING, "seconds": POSITIVE, "fps": COUNT, "axes": NONE, "ax": NONE},
+        ),
+        "Run.to_csv": Case(lambda path: a_run().to_csv(path), {}, {"path": TEXT - {"empty text"}}),
+        "Impacts.to_csv": Case(
+            lambda path: a_run().impacts.to_csv(path), {}, {"path": TEXT - {"empty text"}}
         ),
         "Run.at": Case(
             functools.partial(jc.Run.at, Blank()),

@@ -1,0 +1,188 @@
+"""`jaxcontact scene`: many bodies from a file, as a table of impacts, and as pictures."""
+
+from __future__ import annotations
+
+import argparse
+import pathlib
+import sys
+import tempfile
+from collections.abc import Callable
+from typing import TYPE_CHECKING, BinaryIO
+
+from .._progress import Stages
+from .._whole_files import write_all
+from ._files import drawn
+from ._options import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from .._scene import Run
+
+RUN, IMPACTS = "run.csv", "impacts.csv"
+SCENE, ENERGY, MOVING = "scene.png", "energy.png", "scene.gif"
+
+_WIDTH, _LOW, _HIGH = 6.4, 2.6, 7.2
+"""Of a picture in inches: its width, and its least and largest height."""
+
+SUMMARY = "many bodies from impact to impact, from a file"
+
+DESCRIPTION = """\
+Follows the spheres of a scene from impact to impact, among each other and with walls that stand or
+move, and prints the run and its impacts. A soft scene (one without `instantaneous = true`) may take
+a minute to compile.
+"""
+
+EPILOG = """\
+FILE is TOML, in SI units:
+
+  duration = 0.5
+  gravity = [0.0, -9.81]            # two numbers: two dimensions
+  stiffness = 1e8                   # or by [material.NAME], see --example line --show
+  law = { name = "hu_guo", e = 0.7 }
+
+  [[sphere]]
+  name = "ball"
+  radius = 0.01
+  mass = 0.03
+  position = [0.0, 0.2]
+  velocity = [1.0, 0.0]
+
+  [[plane]]
+  name = "table"
+  point = [0.0, 0.0]
+  normal = [0.0, 1.0]
+
+The keys are the arguments of `jaxcontact.Scene`, `simulate`, `Sphere`, `Plane`, `Box` and
+`random_spheres`; `jaxcontact.read_scene` says the rest, and the examples show most of it:
+
+  jaxcontact scene --example table --show > my.toml
+  jaxcontact scene my.toml --out results --plot
+
+exit codes: 0 done; 1 the run stopped before its end (its status says why; everything is written);
+2 bad input, nothing written.
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", nargs="?", metavar="FILE", help="the scene, as TOML")
+    parser.add_argument(
+        "--example", metavar="NAME", help="a scene that ships with the package: line, table or box"
+    )
+    parser.add_argument("--show", action="store_true", help="print the file instead of running it")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        help=f"write {RUN} and {IMPACTS} into this folder, made if missing",
+    )
+    parser.add_argument(
+        "--plot",
+        action="store_true",
+        help=f"draw {SCENE} and {ENERGY} into the folder (default: the current one)",
+    )
+    parser.add_argument("--animate", action="store_true", help=f"draw {MOVING} as well")
+    parser.add_argument(
+        "--axes",
+        metavar="XZ",
+        help="which two axes to draw, xy or xz, say (default in three dimensions: xz)",
+    )
+
+
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
+    """Run the scene, print it, and write what is asked for. Raises InputError, OSError."""
+    progress("reading the scene")
+    from .._scene import Ending, read_scene, simulate
+    from .._scene._file import examples
+
+    if (arguments.file is None) == (arguments.example is None):
+        raise InputError(f"give either a FILE or --example {', '.join(examples())}")
+    out = pathlib.Path(arguments.out or ".")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out} is not a folder")
+    try:
+        scene, how = read_scene(arguments.file, example=arguments.example)
+    except ValueError as error:
+        raise InputError(str(error).replace("Argument `example`", "--example")) from error
+    if arguments.show:
+        text = examples().get(arguments.example)
+        print(pathlib.Path(arguments.file).read_text() if text is None else text, end="")
+        return 0
+    axes = _axes(arguments.axes, scene.dimensions)
+    progress("compiling and following the scene")
+    try:
+        done = simulate(scene, **how)
+    except ValueError as error:
+        raise InputError(f"{arguments.file or arguments.example}: {error}") from error
+    files: dict[pathlib.Path, bytes | Callable[[BinaryIO], object]] = {}
+    if arguments.out is not None:
+        files |= {out / RUN: done.to_csv, out / IMPACTS: done.impacts.to_csv}
+    drawable = float(done.reached) > 0
+    if (arguments.plot or arguments.animate) and not drawable:
+        print("no pictures: the run has no values to draw", file=sys.stderr)
+    if arguments.plot and drawable:
+        progress("drawing")
+        files |= _pictures(done, axes, out)
+    if arguments.animate and drawable:
+        progress("drawing the moving picture")
+        files[out / MOVING] = _moving(done, axes)
+    write_all(files)
+    print(done)
+    print(done.impacts)
+    if files:
+        print(f"Written    {', '.join(map(str, files))}")
+    return 0 if int(done.status) == Ending.COMPLETED else 1
+
+
+def _axes(given: str | None, dimensions: int) -> tuple[int, ...] | None:
+    """The numbers of two axes, None for all that there are. Raises InputError for other letters."""
+    names = "xyz"[:dimensions]
+    if given is None:
+        return (0, 2) if dimensions == 3 else None
+    if dimensions == 1 or len(given) != 2 or given[0] == given[1] or not set(given) <= set(names):
+        allowed = {1: "left out, in one dimension", 2: "xy or yx", 3: "two letters of xyz"}
+        raise InputError(f"--axes must be {allowed[dimensions]}, but is {given}")
+    return tuple(names.index(letter) for letter in given)
+
+
+def _pictures(
+    done: Run, axes: tuple[int, ...] | None, out: pathlib.Path
+) -> dict[pathlib.Path, bytes]:
+    from ..plot import energy, scene
+
+    def paths(figure: Figure) -> None:
+        _fit(figure, scene(done, axes=axes, ax=figure.add_subplot()))
+
+    return {
+        out / SCENE: drawn(paths, (_WIDTH, 4.4), out / SCENE),
+        out / ENERGY: drawn(
+            lambda figure: energy(done, ax=figure.add_subplot()), (_WIDTH, 4.4), out / ENERGY
+        ),
+    }
+
+
+def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:
+    """The moving picture as a GIF."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from ..plot import animate
+
+    figure = Figure(figsize=(_WIDTH, 4.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    ax = figure.add_subplot()
+    animation = animate(done, axes=axes, ax=ax)
+    _fit(figure, ax)
+    # The writer of matplotlib takes nothing but the name of a file.
+    with tempfile.TemporaryDirectory() as folder:
+        file = pathlib.Path(folder) / MOVING
+        animation.save(file, writer="pillow", dpi=80)
+        return file.read_bytes()
+
+
+def _fit(figure: Figure, ax: Axes) -> None:
+    """Give a figure of space the height that its limits ask for."""
+    if ax.get_aspect() == 1.0:
+        (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+        tall = _WIDTH * (top - bottom) / (right - left) + 0.5
+        figure.set_size_inches(_WIDTH, min(max(tall, _LOW), _HIGH))

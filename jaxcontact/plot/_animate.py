@@ -1,0 +1,121 @@
+"""The moving picture of a run."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import pyplot
+from matplotlib.animation import FuncAnimation
+from matplotlib.patches import Circle
+
+from .._parameter import POSITIVE, require_count, require_number
+from .._scene import Run
+from ._axes import axes_of
+from ._path import axes_shown, images, line_of, path_of, radii, require_one_run, states
+from ._scene import frame_axes
+from ._surroundings import colours, frame, moving_walls
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+_WIDTH, _LOW, _HIGH = 5.0, 1.4, 5.4
+"""Of a new figure in inches: its width, and its least and largest height."""
+
+_TAIL = 0.08
+"""Of the run: how long the path behind a sphere is shown."""
+
+
+class Animation(FuncAnimation):
+    """An animation that a notebook shows with buttons."""
+
+    def __init__(self, figure: Figure, draw: Callable[[int], list[Artist]], **options: Any):
+        super().__init__(figure, draw, **options)
+        self.figure = figure
+
+    def _repr_html_(self) -> str:
+        # A notebook would show the figure a second time, standing still.
+        pyplot.close(self.figure)
+        return self.to_jshtml()
+
+
+def animate(
+    run: Run,
+    *,
+    seconds: float = 6.0,
+    fps: int = 25,
+    axes: Sequence[int] | None = None,
+    ax: Axes | None = None,
+) -> Animation:
+    """A moving picture of a run: circles with short tails, walls, and the time.
+
+    Arguments: a single run; how many `seconds` the picture lasts, and its frames a second; `axes`,
+    two axes of space to draw, such as (0, 2), which a run in three dimensions needs; the axes of
+    matplotlib to draw on, new ones if None. Spheres in one dimension roll along a line.
+
+    Returns an animation of matplotlib, which a notebook shows as it is;
+    `animation.save("run.gif", writer="pillow")` writes a GIF. Keep a reference to it while it is
+    shown. Raises ValueError for numbers out of range, other axes, a batch of runs, a run without
+    values, and what is no run.
+    """
+    require_one_run(run)
+    count = round(require_number("seconds", seconds, POSITIVE) * require_count("fps", fps, 1))
+    shown = axes_shown(axes, run.scene.dimensions)
+    path = path_of(run)
+    frames = states(run, np.linspace(0, float(run.reached), max(count, 2)))
+    low, high = frame(run, path.position, shown)
+    if len(shown) == 1:
+        reach = 1.5 * np.max(radii(run))
+        low, high = np.append(low, -reach), np.append(high, reach)
+    width, height = high - low
+    tall = min(max(_WIDTH * height / width + 0.9, _LOW), _HIGH)
+    ax = axes_of(ax, figsize=(_WIDTH, tall))
+    frame_axes(ax, shown, low, high)
+    move_walls = moving_walls(ax, run, shown, frames.time)
+    away = images(run, shown)
+    if len(shown) == 1:
+        away = _on_paper(away, shown)
+    circles, tails = _drawn(ax, run, len(away))
+    title = ax.set_title(" ", loc="left", fontsize="medium")
+    now = _on_paper(frames.position, shown)
+    before = [line_of(run, path, row) for row in range(now.shape[1])]
+    before = [(time, _on_paper(line, shown)) for time, line in before]
+    digits = max(0, 2 - int(np.floor(np.log10(float(run.reached)))))
+
+    def draw(k: int) -> list[Artist]:
+        time = frames.time[k]
+        since = time - _TAIL * frames.time[-1]
+        for row, (own, line) in enumerate(zip(circles, tails, strict=True)):
+            for circle, shift in zip(own, away, strict=True):
+                circle.set_center(tuple(now[k, row] + shift))
+            times, places = before[row]
+            line.set_data(*places[(times >= since) & (times <= time)].T)
+        title.set_text(f"$t$ = {time:.{digits}f} s")
+        return [*itertools.chain(*circles), *tails, *move_walls(k), title]
+
+    figure = ax.get_figure(root=True)
+    assert figure is not None  # it was made with these axes, or by the user
+    return Animation(figure, draw, frames=len(frames.time), interval=1000 / fps)
+
+
+def _drawn(ax: Axes, run: Run, images: int) -> tuple[list[list[Circle]], list[Line2D]]:
+    """The circles of each sphere, one for each of its images, and its tail."""
+    circles, tails = [], []
+    for colour, radius in zip(colours(run), radii(run), strict=True):
+        look = {"facecolor": colour, "edgecolor": colour, "alpha": 0.8, "zorder": 3}
+        own = [Circle((0.0, 0.0), radius, **look) for _ in range(images)]
+        circles.append([ax.add_patch(circle) for circle in own])
+        tails += ax.plot([], [], color=colour, lw=1.2, alpha=0.5, zorder=2)
+    return circles, tails
+
+
+def _on_paper(position: np.ndarray, shown: tuple[int, ...]) -> np.ndarray:
+    """Positions (..., 2) along the axes shown; those in one dimension lie on a line."""
+    if len(shown) == 1:
+        return np.concatenate([position, np.zeros_like(position)], axis=-1)
+    return position[..., list(shown)]

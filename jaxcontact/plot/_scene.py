@@ -1,0 +1,121 @@
+"""The picture of a run: world lines in one dimension, paths in two."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._scene import Run
+from ._axes import axes_of
+from ._path import (
+    Path,
+    axes_shown,
+    images,
+    line_of,
+    path_of,
+    radii,
+    require_one_run,
+    touches,
+)
+from ._surroundings import colours, draw_levels, draw_walls, frame, labels
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+NAMES = "xyz"
+_WIDTH, _LOW, _HIGH = 6.4, 2.6, 7.2
+"""Of a new figure in inches: its width, and its least and largest height."""
+
+_FEW = 40
+"""Impacts that are marked in full size."""
+
+
+def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None) -> Axes:
+    """Draw a run: positions over time in one dimension, the paths in two.
+
+    In one dimension every sphere is a band as wide as it is, over time in s; in two it is a circle,
+    faint at the start and full at the end, with the path of its centre. Dots are where surfaces
+    met. Walls are grey on their solid side, and lightly so where they were for a while; in periodic
+    space images are drawn in the first cell.
+
+    Arguments: a single run; `axes`, two axes of space to draw, such as (0, 2), which a run in three
+    dimensions needs (spheres may then hide each other, and walls are drawn if they are seen from
+    their edge); the axes of matplotlib to draw on, new ones if None. Returns the axes. Raises
+    ValueError for other axes, a batch of runs, a run without values, and what is no run.
+    """
+    require_one_run(run)
+    shown = axes_shown(axes, run.scene.dimensions)
+    path = path_of(run)
+    low, high = frame(run, path.position, shown)
+    if len(shown) == 1:
+        ax = axes_of(ax, figsize=(_WIDTH, 4.4))
+        _draw_world_lines(ax, run, path)
+        ax.set_xlim(0, path.time[-1])
+        ax.set_ylim(low[0], high[0])
+        draw_levels(ax, run)
+        ax.set_xlabel("time / s")
+        ax.set_ylabel("$x$ / m")
+    else:
+        width, height = high - low
+        tall = min(max(_WIDTH * height / width, _LOW), _HIGH)
+        ax = axes_of(ax, figsize=(_WIDTH, tall))
+        frame_axes(ax, shown, low, high)
+        draw_walls(ax, run, shown)
+        _draw_paths(ax, run, path, shown)
+        _, places = touches(run)
+        _mark(ax, *places[:, list(shown)].T)
+    if labels(run):
+        # Outside the frame it covers no path.
+        ax.legend(
+            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, fontsize="small"
+        )
+    return ax
+
+
+def frame_axes(ax: Axes, shown: tuple[int, ...], low: np.ndarray, high: np.ndarray) -> None:
+    """Set up axes of space of equal scale; one dimension lies across."""
+    ax.set_xlim(low[0], high[0])
+    ax.set_ylim(low[1], high[1])
+    ax.set_aspect("equal")
+    ax.set_xlabel(f"${NAMES[shown[0]]}$ / m")
+    if len(shown) == 1:
+        ax.set_yticks([])
+    else:
+        ax.set_ylabel(f"${NAMES[shown[1]]}$ / m")
+
+
+def _draw_world_lines(ax: Axes, run: Run, path: Path) -> None:
+    names = labels(run)
+    for k, (colour, radius) in enumerate(zip(colours(run), radii(run), strict=True)):
+        time, line = line_of(run, path, k)
+        line = line[:, 0]
+        for away in images(run, (0,))[:, 0]:
+            band = line + away - radius, line + away + radius
+            ax.fill_between(time, *band, color=colour, alpha=0.3, lw=0)
+        ax.plot(time, line, color=colour, lw=1.2, label=names[k] if names else None)
+    when, where = touches(run)
+    _mark(ax, when, where[:, 0])
+
+
+def _draw_paths(ax: Axes, run: Run, path: Path, shown: tuple[int, ...]) -> None:
+    from matplotlib.patches import Circle
+
+    names = labels(run)
+    many = len(run.scene.spheres) > len(set(colours(run)))
+    for k, (colour, radius) in enumerate(zip(colours(run), radii(run), strict=True)):
+        line = line_of(run, path, k)[1][:, list(shown)]
+        ax.plot(*line.T, color=colour, lw=0.8 if many else 1.2, alpha=0.7, zorder=2)
+        for n, shift in enumerate(images(run, shown)):
+            start, end = (Circle(tuple(line[row] + shift), radius) for row in (0, -1))
+            start.set(facecolor="none", edgecolor=colour, ls=":", alpha=0.8, zorder=1.5)
+            end.set(facecolor=colour, edgecolor=colour, alpha=0.6, zorder=3)
+            end.set_label(names[k] if names and n == 0 else "_")
+            ax.add_patch(start)
+            ax.add_patch(end)
+
+
+def _mark(ax: Axes, x: np.ndarray, y: np.ndarray) -> None:
+    size = 4.0 if len(x) <= _FEW else max(1.0, 4.0 * (_FEW / len(x)) ** 0.5)
+    ax.plot(x, y, ".", color="black", ms=2 * size**0.5 + 2, mew=0, zorder=4)

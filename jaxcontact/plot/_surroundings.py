@@ -1,0 +1,183 @@
+"""What spheres move in: the frame of a picture, the walls in it, and colours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from matplotlib.patches import Polygon
+
+from .._scene import Run
+from ._path import radii, rows_of_spheres
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+
+# Okabe & Ito: told apart by readers with any colour vision.
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+_FIXED = "#777777"
+_SOLID, _SWEPT, _EDGE = "#E0E0E0", "#F1F1F1", "#555555"
+NAMED = 8
+"""More spheres than this have no names in a legend."""
+
+_MARGIN = 0.06
+"""Of the size of what is drawn."""
+
+_FINE, _MOST = 48, 100_000
+"""Times in a period of a wall, and in all."""
+
+
+def colours(run: Run) -> list[str]:
+    """The colour of each sphere; fixed ones are grey."""
+    spheres = run.scene.spheres
+    return [_FIXED if s.fixed else _COLOURS[k % len(_COLOURS)] for k, s in enumerate(spheres)]
+
+
+def labels(run: Run) -> list[str]:
+    """The name of each sphere for a legend, none where there are many or where none has a name."""
+    names = [run.impacts.names[k] for k in rows_of_spheres(run)]
+    shown = len(names) <= NAMED and any(sphere.name for sphere in run.scene.spheres)
+    return names if shown else []
+
+
+def frame(run: Run, position: np.ndarray, shown: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """The lower and upper ends of a picture along the axes that are `shown`.
+
+    It holds all spheres at all times, the cell of periodic space, and the walls that face along an
+    axis, if they are no farther away than the size of the rest.
+    """
+    size = radii(run)[:, None]
+    low = np.min(np.nanmin(position, axis=0) - size, axis=0)
+    high = np.max(np.nanmax(position, axis=0) + size, axis=0)
+    for axis, length in enumerate(run.scene.periodic):
+        if length is not None:
+            low[axis], high[axis] = 0.0, float(length)
+    reach = np.max((high - low)[list(shown)])
+    for normal, offset in edges(run, fine_times(run)):
+        if np.count_nonzero(normal) == 1:
+            axis = int(np.flatnonzero(normal)[0])
+            at = offset * normal[axis]
+            if low[axis] - reach <= at.max() and at.min() <= high[axis] + reach:
+                low[axis], high[axis] = min(low[axis], at.min()), max(high[axis], at.max())
+    low, high = low[list(shown)], high[list(shown)]
+    margin = _MARGIN * np.max(high - low)
+    # A periodic cell ends where it ends.
+    open_end = np.array([run.scene.periodic[axis] is None for axis in shown])
+    return low - margin * open_end, high + margin * open_end
+
+
+class Edge(NamedTuple):
+    """A flat wall: its unit normal (D,), and its offset n·p (T,) in m at some times."""
+
+    normal: np.ndarray
+    offset: np.ndarray
+
+
+def edges(run: Run, time: np.ndarray) -> list[Edge]:
+    """All flat walls at some times (T,)."""
+    found = []
+    for body in run.scene.bodies:
+        for wall in body.walls():
+            offset = np.full(len(time), float(wall.offset))
+            if wall.motion is not None:
+                speed, amplitude, rate, phase = (float(number) for number in wall.motion)
+                shaken = np.sin(rate * time + phase) - np.sin(phase)
+                offset = offset + speed * time + amplitude * shaken
+            found.append(Edge(np.asarray(wall.normal, float), offset))
+    return found
+
+
+def fine_times(run: Run) -> np.ndarray:
+    """Times at which every vibration of a wall is seen, if it has not too many periods."""
+    motions = [wall.motion for body in run.scene.bodies for wall in body.walls()]
+    fastest = max((float(m.rate) for m in motions if m is not None), default=0.0)
+    periods = fastest * float(run.reached) / (2 * np.pi)
+    return np.linspace(0, float(run.reached), int(np.clip(_FINE * periods, 200, _MOST)))
+
+
+def shape_of(
+    ax: Axes, normal: np.ndarray, offset: float, shown: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """The ends (2, 2) of the edge of a wall, and the corners (K, 2) of what is solid behind it.
+
+    Inside of the limits of the axes; one dimension lies across. None for a wall that is not seen
+    from its edge.
+    """
+    seen = np.append(normal, 0.0) if len(shown) == 1 else normal[list(shown)]
+    if not np.isclose(np.hypot(*seen), 1.0):
+        return None
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    corners = np.array([(left, bottom), (right, bottom), (right, top), (left, top)])
+    along = np.array([-seen[1], seen[0]]) * np.hypot(right - left, top - bottom)
+    middle = corners.mean(axis=0)
+    foot = middle + (offset - seen @ middle) * seen
+    return np.array([foot - along, foot + along]), _clipped(corners, seen, offset)
+
+
+def draw_walls(ax: Axes, run: Run, shown: tuple[int, ...]) -> None:
+    """Draw walls and what is solid behind them at the end, and lightly what they swept."""
+    time = fine_times(run)
+    for normal, offset in edges(run, time):
+        shapes = [shape_of(ax, normal, at, shown) for at in (offset[-1], offset.max())]
+        # The solid parts of other walls cover a line where it leaves the free space.
+        for shape, colour, place in zip(shapes, (_SOLID, _SWEPT), (0.3, 0.1), strict=True):
+            if shape is not None:
+                ax.fill(*shape[1].T, color=colour, lw=0, zorder=place)
+        if shapes[0] is not None:
+            ax.plot(*shapes[0][0].T, color=_EDGE, lw=2.4, zorder=0.2)
+
+
+def moving_walls(
+    ax: Axes, run: Run, shown: tuple[int, ...], time: np.ndarray
+) -> Callable[[int], list[Artist]]:
+    """Draw walls, and return what moves them to where they are at the k-th time."""
+    drawn: list[tuple[Edge, Line2D, Polygon]] = []
+    for edge in edges(run, time):
+        shape = shape_of(ax, edge.normal, edge.offset[0], shown)
+        if shape is None:
+            continue
+        (line,) = ax.plot(*shape[0].T, color=_EDGE, lw=2.4, zorder=0.2)
+        solid = Polygon(_closed(shape[1]), facecolor=_SOLID, lw=0, zorder=0.3)
+        ax.add_patch(solid)
+        if np.ptp(edge.offset) > 0:
+            drawn.append((edge, line, solid))
+
+    def move(k: int) -> list[Artist]:
+        for edge, line, solid in drawn:
+            shape = shape_of(ax, edge.normal, edge.offset[k], shown)
+            assert shape is not None  # it was seen at the start
+            line.set_data(*shape[0].T)
+            solid.set_xy(_closed(shape[1]))
+        return [artist for _, *pair in drawn for artist in pair]
+
+    return move
+
+
+def _closed(corners: np.ndarray) -> np.ndarray:
+    """Corners for a polygon, which needs some even if nothing of it is seen."""
+    return corners if len(corners) else np.full((1, 2), np.nan)
+
+
+def _clipped(polygon: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarray:
+    """The part (K, 2) of a convex polygon that lies behind a wall."""
+    kept = []
+    for here, after in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        gap, next_gap = normal @ here - offset, normal @ after - offset
+        if gap <= 0:
+            kept.append(here)
+        if gap * next_gap < 0:
+            kept.append(here + (after - here) * gap / (gap - next_gap))
+    return np.array(kept).reshape(-1, 2)
+
+
+def draw_levels(ax: Axes, run: Run) -> None:
+    """Draw the walls of a line over time: what is solid above or below."""
+    time = fine_times(run)
+    for normal, offset in edges(run, time):
+        level = offset * normal[0]
+        end = ax.get_ylim()[0] if normal[0] > 0 else ax.get_ylim()[1]
+        ax.fill_between(time, level, end, color=_SOLID, lw=0, zorder=0.3)
+        ax.plot(time, level, color=_EDGE, lw=1.6, zorder=0.4)

@@ -1,0 +1,110 @@
+"""`jaxcontact scene`: files, examples, tables and pictures, and what is refused."""
+
+import csv
+
+import pytest
+from PIL import Image
+
+from jaxcontact._cli import main
+
+FALL = """
+duration = 0.5
+times = 6
+instantaneous = true
+gravity = [0.0, -9.81]
+law = { name = "exact", e = 0.5 }
+
+[[sphere]]
+name = "ball"
+radius = 0.1
+mass = 1
+position = [0.0, 0.5]
+
+[[plane]]
+name = "floor"
+point = [0.0, 0.0]
+normal = [0.0, 1.0]
+"""
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "fall.toml").write_text(FALL)
+
+
+def test_tables_and_pictures(tmp_path, capsys, monkeypatch):
+    # A shorter film than that of users.
+    from jaxcontact import plot
+
+    whole = plot.animate
+    monkeypatch.setattr(plot, "animate", lambda run, **how: whole(run, seconds=0.2, **how))
+    assert main("scene fall.toml --out results --plot --animate".split()) == 0
+    shown = capsys.readouterr()
+    assert "completed" in shown.out and "ball - floor" in shown.out
+    assert "compiling and following the scene" in shown.err
+    names = ["energy.png", "impacts.csv", "run.csv", "scene.gif", "scene.png"]
+    assert sorted(path.name for path in (tmp_path / "results").iterdir()) == names
+    assert all(f"results/{name}" in shown.out for name in names)
+    with open("results/run.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["time"]) for row in rows] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    assert float(rows[2]["position[0,1]"]) == pytest.approx(0.5 - 9.81 * 0.02)
+    with open("results/impacts.csv", newline="") as file:
+        (row, *_) = csv.DictReader(file)
+    assert (row["first_name"], row["second_name"]) == ("ball", "floor")
+    with Image.open("results/scene.gif") as film, Image.open("results/scene.png") as picture:
+        assert film.n_frames == 5
+        # A column of air is higher than wide.
+        assert picture.height > picture.width > 1000
+
+
+def test_nothing_is_written_unless_asked_for(tmp_path, capsys):
+    assert main("scene fall.toml --quiet".split()) == 0
+    shown = capsys.readouterr()
+    assert shown.err == "" and "Written" not in shown.out
+    assert [path.name for path in tmp_path.iterdir()] == ["fall.toml"]
+
+
+def test_a_run_that_stops_ends_with_1(tmp_path, capsys):
+    (tmp_path / "few.toml").write_text("max_impacts = 1\n" + FALL.replace("0.5\n", "0.9\n", 1))
+    assert main("scene few.toml --quiet --out . --plot".split()) == 1
+    shown = capsys.readouterr()
+    assert "too many impacts" in shown.out
+    assert shown.err == "no pictures: the run has no values to draw\n"
+    names = ["fall.toml", "few.toml", "impacts.csv", "run.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+
+
+@pytest.mark.parametrize("name", ["box", "line", "table"])
+def test_examples_are_shown_as_files_that_can_be_read(name, tmp_path, capsys):
+    assert main(["scene", "--example", name, "--show", "--quiet"]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("# ")
+    (tmp_path / "mine.toml").write_text(text)
+    assert main("scene mine.toml --show --quiet".split()) == 0
+    assert capsys.readouterr().out == text
+
+
+BAD = {
+    "nothing": ("", "give either a FILE or --example box, line, table"),
+    "both": ("fall.toml --example line", "give either a FILE or --example"),
+    "example": ("--example cradle", "--example must be one of 'box', 'line', 'table', but is"),
+    "no file": ("none.toml", "none.toml"),
+    "folder": ("fall.toml --out fall.toml", "--out fall.toml is not a folder"),
+    "axes": ("fall.toml --plot --axes xz", "--axes must be xy or yx, but is xz"),
+    "content": ("bad.toml", "bad.toml, at the top: the key 'duration' must be given"),
+    "late": ("late.toml", "late.toml: Argument `rtol` must be a number in (0, 1), but is 2"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_refused(case, tmp_path, capsys):
+    (tmp_path / "bad.toml").write_text(FALL.replace("duration", "# duration"))
+    (tmp_path / "late.toml").write_text("rtol = 2\n" + FALL)
+    before = sorted(tmp_path.iterdir())
+    options, words = BAD[case]
+    assert main(["scene", "--quiet", *options.split()]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and words in error
+    assert sorted(tmp_path.iterdir()) == before

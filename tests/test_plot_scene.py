@@ -1,0 +1,208 @@
+"""Pictures of runs: world lines, paths, energy and animations show what the run says."""
+
+import io
+
+import jax
+import numpy as np
+import pytest
+from matplotlib import pyplot
+from matplotlib.patches import Circle
+from PIL import Image
+
+import jaxcontact as jc
+from jaxcontact.plot._path import line_of, path_of
+
+LAW = jc.ExactRestitution(e=0.8)
+EXACT = 1e-12
+"""Places that are computed twice, in m and J: measured 2e-16."""
+
+
+@pytest.fixture(autouse=True)
+def close():
+    yield
+    pyplot.close("all")
+
+
+@pytest.fixture(scope="module")
+def box():
+    """Two balls in a box under gravity, with six impacts: on walls and on each other."""
+    balls = [
+        jc.Sphere(0.1, 1.0, [0.5, 0.5], [1.0, 0.3], name="large"),
+        jc.Sphere(0.07, 1.0, [0.5, 0.9], [-1.0, 0.3], name="small"),
+    ]
+    walls = jc.Box([0.0, 0.0], [1.0, 1.2])
+    scene = jc.Scene([walls, *balls], LAW, gravity=[0.0, -9.81])
+    return jc.simulate(scene, 1.0, instantaneous=True)
+
+
+@pytest.fixture(scope="module")
+def ring():
+    """Two intervals on a ring of 2 m."""
+    balls = [jc.Sphere(0.1, 1.0, [0.5], [1.0]), jc.Sphere(0.05, 1.0, [0.9], [-1.0])]
+    return jc.simulate(jc.Scene(balls, LAW, periodic=[2.0]), 5.0, instantaneous=True)
+
+
+@pytest.fixture(scope="module")
+def space():
+    """A ball over a slanted plane in three dimensions, seen from its edge along z."""
+    plane = jc.Plane([0.0, 0.0, 0.0], [3.0, 4.0, 0.0])
+    pin = jc.Sphere(0.05, None, [0.6, 0.3, 0.1], fixed=True)
+    ball = jc.Sphere(0.05, 1.0, [0.0, 0.3, 0.1])
+    scene = jc.Scene([ball, pin, plane], LAW, gravity=[0.0, -9.81, 0.0])
+    return jc.simulate(scene, 0.6, instantaneous=True)
+
+
+def dots(ax):
+    (line,) = (line for line in ax.get_lines() if line.get_marker() == ".")
+    return np.array(line.get_data()).T
+
+
+def circles(ax):
+    return [patch for patch in ax.patches if isinstance(patch, Circle)]
+
+
+def test_paths(box):
+    _, ax = pyplot.subplots()
+    assert jc.plot.scene(box, ax=ax) is ax
+    starts, ends = circles(ax)[0::2], circles(ax)[1::2]
+    assert [c.get_radius() for c in ends] == [0.1, 0.07]
+    for picture, row in ((starts, 0), (ends, 1)):
+        np.testing.assert_allclose([c.center for c in picture], box.position[row], atol=EXACT)
+    lines = [line for line in ax.get_lines() if len(line.get_xdata()) > 100]
+    for k, line in enumerate(lines):
+        at = box.at(path_of(box).time).position[:, k]
+        np.testing.assert_allclose(np.array(line.get_data()).T, at, atol=EXACT)
+    assert len(lines) == 2
+    assert ax.get_aspect() == 1.0
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    assert left < 0 and right > 1 and bottom < 0 and top > 1.2
+    assert ax.get_xlabel() == "$x$ / m" and ax.get_ylabel() == "$y$ / m"
+    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["large", "small"]
+    ax.figure.canvas.draw()
+
+
+def test_dots_are_where_surfaces_meet(box):
+    where, impacts = dots(jc.plot.scene(box)), box.impacts.to_dict()
+    assert len(where) == len(box.impacts) == 6
+    for k, dot in enumerate(where):
+        centre = box.at(impacts["time"][k]).position[0]
+        row, other = impacts["first"][k] - 1, impacts["second"][k]
+        np.testing.assert_allclose(np.hypot(*(dot - centre[row])), (0.1, 0.07)[row], atol=EXACT)
+        if other == 0:
+            face = impacts["face"][k]
+            assert abs(dot[face // 2] - ((0.0, 0.0), (1.0, 1.2))[face % 2][face // 2]) < EXACT
+        else:
+            np.testing.assert_allclose(np.hypot(*(dot - centre[other - 1])), 0.07, atol=EXACT)
+
+
+def test_world_lines_on_a_ring(ring):
+    ax = jc.plot.scene(ring)
+    assert ax.get_xlabel() == "time / s" and ax.get_ylabel() == "$x$ / m"
+    assert ax.get_xlim() == (0, 5) and ax.get_ylim() == (0, 2)
+    # Each band is drawn with its two images.
+    assert len(ax.collections) == 6
+    where = dots(ax)
+    np.testing.assert_allclose(where[:, 0], ring.impacts.time, atol=EXACT)
+    for time, place in where:
+        centres = np.asarray(ring.at(time).position[0, :, 0])
+        apart = (place - centres + 1) % 2 - 1
+        np.testing.assert_allclose(np.abs(apart), [0.1, 0.05], atol=EXACT)
+    assert ax.get_legend() is None
+    ax.figure.canvas.draw()
+
+
+def test_a_line_leaves_and_enters_the_cell_without_a_gap(ring):
+    path = path_of(ring)
+    time, line = line_of(ring, path, 0)
+    gaps = np.flatnonzero(np.isnan(line[:, 0]))
+    assert len(gaps) == 4
+    for k in gaps:
+        # The last point before it lies outside, and so does the first one after it.
+        assert not 0 <= line[k - 1, 0] <= 2 and not 0 <= line[k + 1, 0] <= 2
+    inside = ~np.isnan(line[:, 0]) & (line[:, 0] >= 0) & (line[:, 0] <= 2)
+    np.testing.assert_array_equal(time[inside], path.time)
+    assert np.nanmax(np.abs(np.diff(line[:, 0]))) < 0.05
+
+
+def test_space_needs_two_axes(space):
+    with pytest.raises(ValueError, match=r"`axes` must be two different numbers .*\(0, 2\)"):
+        jc.plot.scene(space)
+    ax = jc.plot.scene(space, axes=(0, 1))
+    np.testing.assert_allclose(circles(ax)[1].center, space.position[1, 0, :2], atol=EXACT)
+    np.testing.assert_allclose(dots(ax) @ np.array([0.6, 0.8]), 0, atol=EXACT)
+    # What is solid lies behind the plane.
+    (solid,) = (p for p in ax.patches if not isinstance(p, Circle))
+    assert np.all(solid.get_xy() @ np.array([0.6, 0.8]) < EXACT)
+    # From above it is seen from its face, and left out.
+    above = jc.plot.scene(space, axes=[2, 0])
+    assert all(isinstance(patch, Circle) for patch in above.patches)
+    assert above.get_xlabel() == "$z$ / m" and above.get_ylabel() == "$x$ / m"
+
+
+@pytest.mark.parametrize("axes", [(0, 0), (0, 2), (0,), (0, 1, 1), "xy", (0.0, 1.0), 3])
+def test_bad_axes(box, axes):
+    with pytest.raises(ValueError, match="`axes` must be two different numbers of 0 and 1, or"):
+        jc.plot.scene(box, axes=axes)
+
+
+def test_a_line_has_no_axes_to_choose(ring):
+    with pytest.raises(ValueError, match=r"`axes` must be None .* one dimension, but is \(0, 1\)"):
+        jc.plot.animate(ring, axes=(0, 1))
+
+
+def test_energy(box):
+    _, ax = pyplot.subplots()
+    assert jc.plot.energy(box, ax=ax) is ax
+    line, left = ax.get_lines()
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("time / s", "energy / J")
+    at = np.searchsorted(left.get_xdata(), line.get_xdata(), side="right") - 1
+    np.testing.assert_allclose(left.get_ydata()[at], line.get_ydata(), atol=1e2 * EXACT)
+    np.testing.assert_allclose(
+        left.get_ydata()[-1], box.energy[0] - np.sum(box.impacts.energy_loss), atol=1e2 * EXACT
+    )
+
+
+def test_animation(box, tmp_path):
+    _, ax = pyplot.subplots()
+    animation = jc.plot.animate(box, seconds=0.5, fps=8, ax=ax)
+    animation.save(tmp_path / "run.gif", writer="pillow")
+    with Image.open(tmp_path / "run.gif") as picture:
+        assert picture.n_frames == 4 and picture.info["duration"] == 120
+    # The last frame stands.
+    np.testing.assert_allclose([c.center for c in circles(ax)], box.position[1], atol=EXACT)
+    assert ax.get_title(loc="left") == "$t$ = 1.00 s"
+
+
+def test_animations_show_in_notebooks_once(ring):
+    animation = jc.plot.animate(ring, seconds=0.4, fps=5)
+    assert len(pyplot.get_fignums()) == 1
+    page = animation._repr_html_()
+    assert "<img" in page and page.count("data:image/png;base64") == 2
+    assert pyplot.get_fignums() == []
+
+
+def test_what_has_no_values_is_refused(box):
+    def speed(e):
+        balls = [jc.Sphere(0.1, 1.0, [0.5], [1.0]), jc.Box([0.0], [1.0])]
+        scene = jc.Scene(balls, jc.ExactRestitution(e=e))
+        return jc.simulate(scene, 1.0, instantaneous=True, max_impacts=2)
+
+    batch = jax.vmap(speed)(np.array([0.5, 0.7]))
+    with pytest.raises(ValueError, match=r"`run` must be a single run, but is .* \(2,\)"):
+        jc.plot.scene(batch)
+    lane = jax.tree.map(lambda x: x[0], jax.vmap(speed)(np.array([-1.0, 0.7])))
+    for draw in (jc.plot.scene, jc.plot.energy, jc.plot.animate):
+        with pytest.raises(ValueError, match=r"values to draw, .* status is 'invalid input'"):
+            draw(lane)
+        with pytest.raises(ValueError, match="`run` must be a `Run`"):
+            draw(box.scene)
+    assert not pyplot.get_fignums()
+
+
+def test_many_impacts_are_all_in_the_path(box):
+    path = path_of(box)
+    assert len(path.time) == 512 and np.all(np.isin(box.impacts.time, path.time))
+    assert np.all(np.diff(path.time) >= 0)
+    stream = io.BytesIO()
+    jc.plot.scene(box).figure.savefig(stream)
+    assert stream.getvalue()[:4] == b"\x89PNG"

@@ -1,0 +1,154 @@
+"""Random starts: no overlaps, repeatable, as full as promised, and in thermal equilibrium."""
+
+import itertools
+import re
+
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+
+ROUNDING = 1e-12
+
+
+def arrays(spheres):
+    position = np.array([sphere.position for sphere in spheres])
+    return position, np.array([float(sphere.radius) for sphere in spheres])
+
+
+def least_gap(spheres, low, high, periodic):
+    """The smallest distance of two surfaces, or of one and a wall."""
+    position, radius = arrays(spheres)
+    around = np.array([length is not None for length in periodic])
+    size = np.asarray(high) - low
+    gap = np.inf
+    for i, j in itertools.combinations(range(len(radius)), 2):
+        apart = position[i] - position[j]
+        apart = np.where(around, apart - size * np.round(apart / size), apart)
+        gap = min(gap, np.sqrt(np.sum(apart**2)) - radius[i] - radius[j])
+    walls = np.minimum(position - low, high - position) - radius[:, None]
+    return min(gap, np.min(walls[:, ~around], initial=np.inf))
+
+
+CASES = {
+    "line": (18, [0.0], [2.0], 0.04, None),
+    "ring": (18, [-1.0], [1.0], 0.04, (2.0,)),
+    "discs": (120, [0.0, 1.0], [1.0, 3.0], 0.045, None),
+    "channel": (60, [0.0, 0.0], [1.0, 1.0], 0.045, (1.0, None)),
+    "balls": (60, [0.0, 0.0, 0.0], [1.0, 1.0, 1.0], 0.08, None),
+    "torus": (100, [0.0, 0.0, 0.0], [1.0, 1.0, 1.0], 0.09, (1.0, 1.0, 1.0)),
+    "two sizes": (60, [0.0, 0.0], [1.0, 1.0], [0.09] * 5 + [0.02] * 55, None),
+    "rows": (225, [0.0, 0.0], [1.0, 1.0], 0.032, None),
+    "rows around": (512, [0.0] * 3, [1.0] * 3, 0.06, (1.0, None, 1.0)),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_nothing_overlaps(case):
+    count, low, high, radius, periodic = CASES[case]
+    given = {"low": low, "high": high, "radius": radius, "mass": 1.0, "periodic": periodic}
+    spheres = jc.random_spheres(count, **given)
+    assert len(spheres) == count
+    assert least_gap(spheres, low, high, periodic or (None,) * len(low)) > 0
+    np.testing.assert_array_equal(arrays(spheres)[1], np.broadcast_to(radius, (count,)))
+    position = arrays(spheres)[0]
+    np.testing.assert_array_equal(position, arrays(jc.random_spheres(count, **given))[0])
+    assert np.all(position != arrays(jc.random_spheres(count, **given, seed=1))[0])
+    jc.Scene([*spheres, *([] if periodic else [jc.Box(low, high)])], jc.Hertz(), periodic=periodic)
+
+
+def test_places_are_spread_evenly():
+    """Thin spheres are independent: means and variances are those of even numbers."""
+    spheres = jc.random_spheres(400, low=[0.0, 2.0], high=[1.0, 4.0], radius=1e-4, mass=1.0)
+    place = (arrays(spheres)[0] - [0.0, 2.0]) / [1.0, 2.0]
+    # Four standard errors.
+    np.testing.assert_allclose(place.mean(axis=0), 0.5, atol=4 / np.sqrt(12 * 400))
+    np.testing.assert_allclose(place.var(axis=0), 1 / 12, atol=4 / np.sqrt(180 * 400))
+    # Rows leave no order of the spheres behind.
+    rows = jc.random_spheres(225, low=[0.0, 0.0], high=[1.0, 1.0], radius=0.032, mass=1.0)
+    along = np.corrcoef(np.arange(225), arrays(rows)[0][:, 0])[0, 1]
+    assert abs(along) < 4 / np.sqrt(225)
+
+
+def test_a_wide_box_is_filled_as_promised():
+    """45 % in two dimensions, 30 % in three, at random: no rows are needed."""
+    area = jc.random_spheres(573, low=[0.0, 0.0], high=[1.0, 1.0], radius=0.0158, mass=1.0)
+    assert np.sum(np.pi * arrays(area)[1] ** 2) > 0.449
+    volume = 4 / 3 * np.pi * 0.06**3
+    around = (1.0, 1.0, 1.0)
+    given = {"low": [0.0] * 3, "high": around, "radius": 0.06, "periodic": around}
+    balls = jc.random_spheres(int(np.ceil(0.3 / volume)), **given, mass=1.0)
+    for spheres, cells in ((area, 31), (balls, 8)):
+        place, radius = arrays(spheres)
+        # In rows, every sphere would be inside of a cell.
+        inside = np.mod(place * cells, 1)
+        margin = radius[:, None] * cells
+        assert np.any(inside < margin)
+
+
+def test_thermal_velocities():
+    mass = np.repeat([1.0, 4.0], 500)
+    spheres = jc.random_spheres(
+        1000, low=[0.0, 0.0], high=[1.0, 1.0], radius=1e-3, mass=mass, speed=3.0, name="gas"
+    )
+    velocity = np.array([sphere.velocity for sphere in spheres])
+    scale = np.sum(mass) * 3.0
+    np.testing.assert_allclose(mass @ velocity, 0, atol=ROUNDING * scale)
+    energy = mass * np.sum(velocity**2, axis=1) / 2
+    np.testing.assert_allclose(np.sum(energy), np.sum(mass) * 9 / 2, rtol=ROUNDING)
+    # Light and heavy ones share the energy: four standard errors of 500 exponential numbers.
+    light, heavy = np.mean(energy[:500]), np.mean(energy[500:])
+    assert abs(light / heavy - 1) < 4 * np.sqrt(2 / 500)
+    assert {sphere.name for sphere in spheres} == {"gas"}
+    assert [float(sphere.mass) for sphere in spheres[499:501]] == [1.0, 4.0]
+
+
+def test_masses_by_density():
+    steel = jc.Material(2.1e11, 0.3, 7800.0)
+    radius = [0.01, 0.02, 0.03]
+    spheres = jc.random_spheres(
+        3, low=[0.0] * 3, high=[1.0] * 3, radius=radius, material=steel, speed=1.0
+    )
+    assert all(sphere.mass is None for sphere in spheres)
+    mass = np.array([float(sphere.inertia()) for sphere in spheres])
+    momentum = mass @ np.array([sphere.velocity for sphere in spheres])
+    np.testing.assert_allclose(momentum, 0, atol=ROUNDING)
+    at_rest = jc.random_spheres(2, low=[0.0], high=[1.0], radius=0.1, mass=1.0)
+    assert at_rest[0].velocity is None
+
+
+GOOD = {"low": [0.0, 0.0], "high": [1.0, 1.0], "radius": 0.1, "mass": 1.0}
+FAULTS = {
+    "too many": (
+        {"count": 40},
+        "`count` must be one that fits into the box, but is 40: they would fill 1.26 of it; at "
+        "random ",
+    ),
+    "too large": (
+        {"radius": 0.6},
+        "`radius` must be at most half of the box, which is 1 × 1 m, but the largest is 0.6",
+    ),
+    "count": ({"count": 0}, "`count` must be a whole number of at least 1"),
+    "radii": ({"radius": [0.1, 0.1]}, "`radius` must be a number in (0, inf), or 3 of them"),
+    "radius": ({"radius": -0.1}, "`radius` must be a number in (0, inf), or 3 of them"),
+    "mass": ({"mass": [1.0, 1.0, 0.0]}, "`mass` must be a number in (0, inf), or 3 of them"),
+    "no mass": ({"mass": None}, "`mass` must be given for spheres without a material"),
+    "open": ({"high": [1.0, np.inf]}, "`high` must be finite numbers"),
+    "corners": ({"high": [1.0]}, "`high` must have as many numbers as `low`, which has 2"),
+    "order": ({"high": [1.0, 0.0]}, "`high` must be above `low` = [0.0, 0.0]"),
+    "alone": ({"count": 1, "speed": 1.0}, "`speed` must be None for a single sphere"),
+    "speed": ({"speed": 0.0}, "`speed` must be a number in (0, inf), but is 0.0"),
+    "period": (
+        {"periodic": (2.0, None)},
+        "`periodic` must be None or the length of the box, 1 along axis 0",
+    ),
+    "periods": ({"periodic": (1.0,)}, "a length or None for each of the 2 axes"),
+    "seed": ({"seed": -1}, "`seed` must be a whole number of at least 0"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_bad_arguments(fault):
+    given, words = FAULTS[fault]
+    with pytest.raises(ValueError, match=re.escape(words)):
+        jc.random_spheres(**({"count": 3} | GOOD | given))
