@@ -42,6 +42,10 @@ jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
+# Tracing makes millions of short-lived objects. As often as Python looks for circles among them, it
+# takes a tenth of the run and finds next to nothing.
+gc.set_threshold(50_000, 20, 10)
+
 settings.register_profile(
     "jaxcontact",
     derandomize=True,
