@@ -313,6 +313,8 @@ class _Lanes:
         # A damped oscillator that may pull has no end from critical damping on.
         forever = turned & (push == 0) & q.tension[i] & (2 * p == n + 1) & ~q.approach[i]
         forever &= c >= 2 * np.sqrt(p)
+        # Where the force vanishes at x > 0 with too little energy to get to x = 0, the push holds.
+        parted &= ~(held & (event == 2))
         settled = (was_out & ~parted & (held | back)) | creeps | forever
         done = parted | settled
         at = np.flatnonzero(done)

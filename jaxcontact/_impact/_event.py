@@ -18,6 +18,7 @@ from .._forms import AbstractForm, Flag, ScaledImpact
 from .._implicit import bracketed_root, ratio, with_implicit_derivative
 from .._parameter import require_kind
 from ._balance import Balance, balance_of
+from ._dip import dip
 from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
@@ -147,9 +148,16 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Le
     def at(index: Int[Array, ""]) -> tuple[Number, State]:
         return jax.tree.map(lambda leaf: leaf[index], (solution.ts, solution.ys))
 
+    bottom = None
+    if motion.may_dip:
+        dipped, index, bottom = dip(motion, solution.ts, solution.ys, steps)
+        dipped = dipped & ~compressing
+        steps, arrived = jnp.where(dipped, index + 1, steps), arrived | dipped
     before = at(jnp.maximum(steps - 1, 0))
     # Where no step was accepted the last one has no length, which would make its lane NaN.
     after = jnp.where(steps > 0, at(steps)[0], 1)
+    if bottom is not None:
+        after = jnp.where(dipped, bottom, after)
     solver = _ready(solver, rtol, atol, how.adjoint is not None)
     moment, end = _event_in_step(term, solver, before, after, motion, compressing, arrived)
     is_last = jnp.arange(solution.ts.size) == steps
@@ -228,16 +236,26 @@ def _event_in_step(
                 lambda state: _nearest(closing, motion.gaps(state, compressing)), (found,), (rate,)
             )
             low, high = jnp.where(value > 0, fraction, low), jnp.where(value > 0, high, fraction)
-            better = fraction - ratio(value, slope * (after - t))
-            better = jnp.where((better > low) & (better < high), better, (low + high) / 2)
-            better = jnp.where(arrived & (value != 0), better, fraction)
-            return count + 1, jnp.abs(better - fraction), better, low, high
+            newton = fraction - ratio(value, slope * (after - t))
+            # One that moves nothing stands on an end of its own bracket, and has arrived.
+            inside = (newton >= low) & (newton <= high) & (slope != 0)
+            better = jnp.where(inside, newton, (low + high) / 2)
+            # A step of Newton's squares its error; one to the middle is as wrong as it is long.
+            moved = jnp.where(inside, jnp.abs(newton - fraction), (high - low) / close)
+            done = ~arrived | (value == 0)
+            return (
+                count + 1,
+                jnp.where(done, 0, moved),
+                jnp.where(done, fraction, better),
+                low,
+                high,
+            )
 
         def unsettled(carry: tuple[Number, ...]) -> Flag:
             count, moved, fraction, *_ = carry
             return (count < _ITERATIONS) & (moved > close * fraction)
 
-        # Newton's steps, of which the next one would move only rounding.
+        # The step of Newton's after this one would move only rounding.
         close = jnp.sqrt(jnp.finfo(t.dtype).eps)
         root = bracketed_root(between, first, last, _ITERATIONS)
         bracket = (0 * root, 1 + 0 * root)
@@ -326,7 +344,7 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     creeps_early = creeps_on_the_way(motion, legs)
     followed = follow(motion, legs, creeps_early, how)
     turn, creeps = followed.turn, followed.creeps
-    end = motion.at_end(followed.end)
+    end = motion.at_end(followed.end, followed.arrived[1])
     # Apart from the solve, so that it is removed where the largest force is not used.
     forces = jax.vmap(lambda leg, flag: largest_force(motion, leg, flag))(legs.path, flags)
     # With so much damping that implicit steps are taken the force is largest in the beginning.

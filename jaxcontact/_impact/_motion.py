@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._elementary import power
 from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
+from .._implicit import ratio
 from .._parameter import Specialised
 from ._runge_kutta import step
 
@@ -180,7 +181,8 @@ class Motion(eqx.Module):
     def held(self, state: State) -> Bool[Array, ""]:
         """Whether the push keeps the bodies together for good: too little energy is left to part.
 
-        Damping can only decrease ½v² + ∫ f(x, 0) dx - Γx, which is positive at separation.
+        Damping can only decrease ½v² + ∫ f(x, 0) dx - Γx, which is positive at separation. A pull
+        holds nothing, though rounding may put the end of a contact below x = 0.
         """
         if self.push is None:
             return jnp.asarray(False)
@@ -188,7 +190,7 @@ class Motion(eqx.Module):
         # Energies that agree to this may differ by the errors of the solve alone.
         doubt = math.sqrt(jnp.finfo(state.w.dtype).eps)
         work = self.push * state.w**self.order
-        return kinetic + self.stored(state) < work * (1 - doubt)
+        return (self.push > 0) & (kinetic + self.stored(state) < work * (1 - doubt))
 
     def creeping_speed(self, state: State) -> Number:
         """x^p/c, at which bodies creep apart: of forms whose damping is known."""
@@ -296,15 +298,29 @@ class Motion(eqx.Module):
         apart = (jnp.where(compressing, 1, gap) for gap in self._gaps_apart(state))
         return jnp.where(compressing, velocity, back), *apart
 
+    @property
+    def may_dip(self) -> bool:
+        """Whether a force that ends a contact where it vanishes might come back, under a push."""
+        return self.push is not None and not (self.form.tension or self.form.never_pulls)
+
+    def _parts_at_touch(self) -> Bool[Array, ""]:
+        """Whether the bodies, if at all, part at x = 0.
+
+        So does what never pulls, under a push too: where its force vanished that would press.
+        """
+        if self.form.tension or self.one_way:
+            return jnp.asarray(True)
+        if self.push is None or not self.form.never_pulls:
+            return jnp.asarray(False)
+        return self.push > 0
+
     def _gaps_apart(self, state: State) -> tuple[Number, ...]:
         """Positive until the contact is over: at x = 0, or where a force that may not pull is 0."""
         if self.form.tension or self.one_way:
             return (state.w,)
         pulling = self.gap_of_force(state)
-        if self.push is not None and self.form.never_pulls:
-            # Where its force vanished a push would press: there only rounding can get.
-            pulling = jnp.where(self.push > 0, 1, pulling)
-        return state.w, pulling
+        # Where the force of what never pulls vanished only rounding can get.
+        return state.w, jnp.where(self._parts_at_touch(), 1, pulling)
 
     def gap_of_force(self, state: State) -> Number:
         """What vanishes with the force, with a slope, and stays negative beyond x = 0."""
@@ -315,19 +331,30 @@ class Motion(eqx.Module):
         softness, p = self._softness
         c, _ = self._damping_back()
         if isinstance(p, float) and p == 0:
-            return jnp.where(softness > 0, state.u, 1 + c * velocity)
+            gap = jnp.where(softness > 0, state.u, 1 + c * velocity)
+            # Beyond x = 0 time may run back, and the gap open again: it counts as it was there.
+            change = self.rate(state, jnp.asarray(False)).u * jnp.where(softness > 0, 1, c)
+            return jnp.where(state.w < 0, gap - ratio(state.w * change, velocity), gap)
         strong = jnp.where(state.w < 0, jnp.minimum(state.u, velocity), state.u)
         # Where weak damping ends a contact, x^p is flat.
         weak = state.w - power(-c * velocity, 1 / (self.order * p))
         return jnp.where(softness > 0, strong, weak)
 
-    def at_end(self, end: State) -> State:
-        """The end of a way out, without a force where that is what ended it.
+    def at_end(self, end: State, arrived: Bool[Array, ""]) -> State:
+        """The end of a way out, without what rounding left of the gap that ended it.
 
-        The search puts a moment within the rounding of a whole step, in which the speed may change
-        much more than it is at the end.
+        The search puts a moment within the rounding of a whole step, in which place and speed may
+        change much more than they are at the end.
         """
-        if self._softness is None or self.form.tension:
+        velocity = self.velocity(end)
+        touching = end._replace(w=jnp.zeros_like(end.w))
+        if self.momentum is None:
+            touching = touching._replace(u=velocity + self._creep(touching.w))
+        parted = arrived & (velocity < 0) & ~self.settled(end) & self._parts_at_touch()
+        end = jax.tree.map(functools.partial(jnp.where, parted), touching, end)
+        if self.form.tension or self.one_way:
+            return end
+        if self._softness is None:
             return end
         softness, _ = self._softness
         rate = self.rate(end, jnp.asarray(False))

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._implicit import bracketed_root
+from .._implicit import bracketed_root, ratio
 from ._motion import Motion, Number, State
 
 
@@ -62,17 +62,20 @@ def _at(states: State, index: Int[Array, ""]) -> State:
 
 
 def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Number:
-    """w dF/dτ / F along the motion: of the sign of dF/dτ, and positive at touch.
+    """w dF/dτ beside F dw/dτ along the motion: from -1 to 1, of the sign of dF/dτ.
 
-    There a force that is a power of x has no slope of its own.
+    Positive at touch, where a force that is a power of x has no slope of its own; bounded, because
+    regula falsi crawls where one end is much steeper than the other.
     """
     rate = motion.rate(state, compressing)
     force, change = jax.jvp(lambda s: motion.force(s, compressing), (state,), (rate,))
     pushing = (state.w > 0) & (force > 0)
     alone = jnp.where(force == 0, rate.w, change)
-    return jnp.where(pushing, state.w * change / jnp.where(pushing, force, 1), alone)
+    slope = jnp.where(pushing, state.w * change, alone)
+    speed = jnp.abs(rate.w) * jnp.where(pushing, force, 1)
+    return ratio(slope, jnp.abs(slope) + speed)
 
 
 def is_rising(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Bool[Array, ""]:
     """Whether the force rises with x, by more than the nearly constant one of creeping bodies."""
-    return _steepness(motion, state, compressing) > 0.01 * motion.rate(state, compressing).w
+    return _steepness(motion, state, compressing) > 0.01

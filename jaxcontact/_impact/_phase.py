@@ -110,13 +110,13 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
         polar, step_error, good = step_with_error(rate, polar, width, always)
         radius_error += jnp.abs(step_error.radius / polar.radius)
         t_error += jnp.abs(step_error.t)
-        return (polar, (radius_error, t_error), forward & good), polar
+        return (polar, (radius_error, t_error), forward & good), (polar, t_error)
 
     zero = jnp.zeros_like(unit)
     touch = Polar(start.u, zero, zero, start.loss)
     # Not `jnp.ones`: the compiler must not see that it is true everywhere.
     always = jnp.arange(steps) >= 0
-    (last, error, forward), polars = jax.lax.scan(
+    (last, error, forward), (polars, t_errors) = jax.lax.scan(
         advance,
         (touch, (zero, zero), jnp.asarray(True)),
         (sines, cosines, compressing, always),
@@ -137,7 +137,9 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
 
     legs = jnp.asarray(np.arange(half + 1) + np.array([[0], [half]]))
     forces = jax.vmap(peak)(legs, jnp.array([True, False]))
-    estimate = jnp.maximum(error[0], error[1] / last.t)
+    # Strong damping makes the way in much the shorter one.
+    of_time = jnp.maximum(error[1] / last.t, t_errors[half - 1] / polars.t[half])
+    estimate = jnp.maximum(error[0], of_time)
     end = jax.tree.map(lambda leaf: leaf[steps], states)
     max_indentation = states.w[half] ** motion.order
     balance = balance_of(motion, end, max_indentation)
