@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._parameter import concrete, rendered, require_kind
-from .._scene import Run, Sphere
+from .._scene import Run, Shell, Sphere
 from .._scene._result import ending_words
 
 _LEAST = 512
@@ -123,6 +123,9 @@ def touches(run: Run) -> tuple[np.ndarray, np.ndarray]:
         if second in rows:
             apart = _nearest(run, position[k, rows[second]] - here)
             places[k] = here + apart * radius / (radius + size[rows[second]])
+        elif isinstance(shell := bodies[second], Shell):
+            out = here - np.asarray(shell.centre, float)
+            places[k] = here + radius * out / np.sqrt(np.sum(out**2))
         else:
             face = int(impacts["face"][k])
             (normal,) = (wall.normal for wall in bodies[second].walls() if wall.face == face)
