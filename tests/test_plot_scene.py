@@ -206,3 +206,34 @@ def test_many_impacts_are_all_in_the_path(box):
     stream = io.BytesIO()
     jc.plot.scene(box).figure.savefig(stream)
     assert stream.getvalue()[:4] == b"\x89PNG"
+
+
+def test_walls_that_move():
+    """A still ball over a table that shakes: what is drawn follows the table."""
+    table = jc.Plane([0.0], [1.0], motion=jc.Vibration(amplitude=0.02, frequency=50.0, phase=0.5))
+    scene = jc.Scene([jc.Sphere(0.1, 1.0, [0.5]), table], LAW)
+    run = jc.simulate(scene, 1.0, instantaneous=True)
+    ax = jc.plot.scene(run)
+    level = max(ax.get_lines(), key=lambda line: len(line.get_xdata()))
+    time, height = level.get_data()
+    np.testing.assert_allclose(height, 0.02 * np.sin(2 * np.pi * 50 * time + 0.5), atol=EXACT)
+    # Every period is seen.
+    assert len(time) >= 20 * 50 and np.ptp(height) > 0.0399
+    animation = jc.plot.animate(run, seconds=0.8, fps=10)
+    ax = animation.figure.axes[0]
+    solid = next(patch for patch in ax.patches if not isinstance(patch, Circle))
+    animation.to_jshtml()
+    # The last frame stands.
+    np.testing.assert_allclose(solid.get_xy()[:, 0].max(), height[-1], atol=EXACT)
+
+
+def test_what_a_wall_swept_is_light():
+    box = jc.Box([0.0, 0.0], [1.0, 1.0], motion=jc.Steady([0.3, 0.0]))
+    ball = jc.Sphere(0.1, 1.0, [0.7, 0.5], [0.1, 0.0])
+    run = jc.simulate(jc.Scene([ball, box], LAW), 1.0, instantaneous=True)
+    ax = jc.plot.scene(run)
+    solids = [p for p in ax.patches if not isinstance(p, Circle) and p.get_xy()[:, 0].max() < 0.5]
+    # The left wall went from 0 to 0.3: both are solid up to there.
+    assert [round(p.get_xy()[:, 0].max(), 9) for p in solids] == [0.3, 0.3]
+    # So did the other one, from 1 to 1.3.
+    assert ax.get_xlim()[0] < 0 and ax.get_xlim()[1] > 1.3

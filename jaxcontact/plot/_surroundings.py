@@ -27,6 +27,9 @@ NAMED = 8
 _MARGIN = 0.06
 """Of the size of what is drawn."""
 
+_REACH = 4
+"""Of the size of what the spheres pass through: walls that are farther away are not shown."""
+
 _FINE, _MOST = 48, 100_000
 """Times in a period of a wall, and in all."""
 
@@ -48,7 +51,7 @@ def frame(run: Run, position: np.ndarray, shown: tuple[int, ...]) -> tuple[np.nd
     """The lower and upper ends of a picture along the axes that are `shown`.
 
     It holds all spheres at all times, the cell of periodic space, and the walls that face along an
-    axis, if they are no farther away than the size of the rest.
+    axis, if they are no farther away than a few times the size of the rest.
     """
     size = radii(run)[:, None]
     low = np.min(np.nanmin(position, axis=0) - size, axis=0)
@@ -56,7 +59,7 @@ def frame(run: Run, position: np.ndarray, shown: tuple[int, ...]) -> tuple[np.nd
     for axis, length in enumerate(run.scene.periodic):
         if length is not None:
             low[axis], high[axis] = 0.0, float(length)
-    reach = np.max((high - low)[list(shown)])
+    reach = _REACH * np.max((high - low)[list(shown)])
     for normal, offset in edges(run, fine_times(run)):
         if np.count_nonzero(normal) == 1:
             axis = int(np.flatnonzero(normal)[0])
@@ -128,7 +131,7 @@ def draw_walls(ax: Axes, run: Run, shown: tuple[int, ...]) -> None:
         shapes = [shape_of(ax, normal, at, shown) for at in (offset[-1], offset.max())]
         # The solid parts of other walls cover a line where it leaves the free space.
         for shape, colour, place in zip(shapes, (SOLID, _SWEPT), (0.3, 0.1), strict=True):
-            if shape is not None:
+            if shape is not None and len(shape[1]):
                 ax.fill(*shape[1].T, color=colour, lw=0, zorder=place)
         if shapes[0] is not None:
             ax.plot(*shapes[0][0].T, color=EDGE, lw=2.4, zorder=0.2)
