@@ -341,7 +341,7 @@ def impact_cost(count: int, impacts: int) -> dict:
 def gradient_cost(count: int, impacts: int) -> dict:
     """A reverse gradient of one scalar by all velocities at the start, in values."""
     scene = hard_box(count)
-    places = jnp.stack([s.position for s in scene.spheres])
+    places = np.stack([s.position for s in scene.spheres])
     speeds = jnp.stack([s.velocity for s in scene.spheres])
     end = 0.25
     while len(times := jc.simulate(scene, end, instantaneous=True).impacts.time) <= impacts:
@@ -349,7 +349,7 @@ def gradient_cost(count: int, impacts: int) -> dict:
     end = float(times[impacts - 1] + times[impacts]) / 2
 
     def scalar(velocity):
-        spheres = [jc.Sphere(0.5, 1.0, x, v) for x, v in zip(places, velocity, strict=True)]
+        spheres = [jc.Sphere(0.5, 1.0, places[k], velocity[k]) for k in range(count)]
         moved = jc.Scene([*spheres, scene.bodies[-1]], jc.ExactRestitution(e=1.0))
         run = jc.simulate(moved, end, instantaneous=True, max_impacts=impacts + 1)
         return jnp.sum(jnp.square(run.position[-1]))

@@ -61,6 +61,29 @@ def hu_guo() -> None:
     jc.paper.fig6().figure.savefig(HERE / "fig6.png", dpi=130, metadata={"Software": None})
 
 
+def bowl() -> None:
+    """Three soft balls that fall into a bowl: their paths, and where their energy goes."""
+    balls = [
+        jc.Sphere(radius=0.1, mass=0.5, position=place, name=name)
+        for place, name in (([-0.6, 0.3], "left"), ([0.1, 0.2], "middle"), ([0.62, 0.1], "right"))
+    ]
+    scene = jc.Scene(
+        [*balls, jc.Shell(centre=[0.0, 0.0], radius=1.0, name="bowl")],
+        law=jc.HuGuo(e=0.8),
+        stiffness=1e7,
+        gravity=[0.0, -9.81],
+    )
+    run = jc.simulate(scene, duration=1.2)
+    figure, (left, right) = pyplot.subplots(
+        1, 2, figsize=(8.4, 4.2), width_ratios=(1, 1), layout="constrained"
+    )
+    jc.plot.scene(run, ax=left)
+    jc.plot.energy(run, ax=right)
+    figure.savefig(HERE / "bowl.png", dpi=130, metadata={"Software": None})
+    print(run.impacts)
+
+
 if __name__ == "__main__":
+    bowl()
     delivered()
     hu_guo()
