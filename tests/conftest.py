@@ -58,7 +58,7 @@ settings.load_profile("jaxcontact")
 # The longest files run first, so that no worker is left alone with one at the end.
 _LONG = (
     "test_soft_gradients test_event test_choice test_problems test_front_door test_every_law "
-    "test_skipping"
+    "test_skipping test_processes"
 ).split()
 _PLACE = {name: place for place, name in enumerate(_LONG)}
 

@@ -1,4 +1,7 @@
-"""Blocks over several processes: each computes its share, and all have all of it, bit for bit."""
+"""Blocks over several devices and processes: no bit depends on how many there are.
+
+In one file, hence in one worker, which computes only once what all are compared with.
+"""
 
 import os
 import socket
@@ -10,6 +13,37 @@ import pytest
 
 from jaxcontact._sweep._devices import Workers
 from tests.test_sweep.lanes import ROOT, cheap, folded, same, script
+
+FOUR = """
+mesh = jax.make_mesh((4,), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,))
+
+# Where the blocks were computed.
+from jaxcontact._sweep._devices import Workers
+used, placed = set(), Workers.placed
+def seen(workers, turn, arguments):
+    arrays = placed(workers, turn, arguments)
+    used.update(device for array in arrays for device in array.devices())
+    return arrays
+Workers.placed = seen
+
+np.savez(sys.argv[1], **swept(mesh=mesh))
+assert len(used) == 4
+"""
+
+
+@pytest.mark.slow
+def test_four_devices_equal_one_bit_for_bit(tmp_path, on_one_device):
+    flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=4"
+    subprocess.run(
+        [*script(FOUR), tmp_path / "four.npz"],
+        check=True,
+        cwd=ROOT,
+        env=os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"},
+    )
+    four = dict(np.load(tmp_path / "four.npz"))
+    assert same(four, on_one_device)
+    assert all(np.isfinite(values).all() for values in four.values())
+
 
 WORKER = """
 process, address, folder = int(sys.argv[1]), sys.argv[2], sys.argv[3]
