@@ -237,3 +237,21 @@ def test_what_a_wall_swept_is_light():
     assert [round(p.get_xy()[:, 0].max(), 9) for p in solids] == [0.3, 0.3]
     # So did the other one, from 1 to 1.3.
     assert ax.get_xlim()[0] < 0 and ax.get_xlim()[1] > 1.3
+
+
+def test_shells():
+    """A circle is solid around; on a line it is two walls."""
+    law = jc.ExactRestitution(e=1.0)
+    bodies = [jc.Shell([0.0, 0.5], 1.0), jc.Sphere(0.1, 1.0, [0.0, 0.0], [1.0, 0.0])]
+    run = jc.simulate(jc.Scene(bodies, law), 2.0, instantaneous=True)
+    ax = jc.plot.scene(run)
+    np.testing.assert_allclose(np.hypot(*(dots(ax) - [0.0, 0.5]).T), 1.0, atol=EXACT)
+    (solid,) = (patch for patch in ax.patches if not isinstance(patch, Circle))
+    assert solid.get_path().contains_point([1.02, 1.5])
+    assert not solid.get_path().contains_point([0.0, 0.5])
+    jc.plot.animate(run, seconds=0.2, fps=10).to_jshtml()
+    bodies = [jc.Shell([0.5], 0.5), jc.Sphere(0.1, 1.0, [0.5], [1.0])]
+    line = jc.plot.scene(jc.simulate(jc.Scene(bodies, law), 2.0, instantaneous=True))
+    levels = {float(x.get_ydata()[0]) for x in line.get_lines() if len(x.get_xdata()) == 200}
+    assert levels == {0.0, 1.0}
+    assert line.get_ylim()[0] < 0 and line.get_ylim()[1] > 1

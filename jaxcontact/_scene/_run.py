@@ -113,7 +113,7 @@ class Run(eqx.Module):
             self.scene,
             Moment(self.time, self.position, self.velocity, self.energy),
             self.impacts,
-            bodies=self._layout.body[: self._layout.spheres],
+            bodies=self._layout.body[: self._layout.visible],
             status=self.status,
             reached=self.reached,
             wall_work=self.wall_work,

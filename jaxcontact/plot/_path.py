@@ -9,6 +9,7 @@ import numpy as np
 
 from .._parameter import concrete, rendered, require_kind
 from .._scene import Run, Shell, Sphere
+from .._scene._bodies import AbstractBody
 from .._scene._result import ending_words
 
 _LEAST = 512
@@ -123,14 +124,18 @@ def touches(run: Run) -> tuple[np.ndarray, np.ndarray]:
         if second in rows:
             apart = _nearest(run, position[k, rows[second]] - here)
             places[k] = here + apart * radius / (radius + size[rows[second]])
-        elif isinstance(shell := bodies[second], Shell):
-            out = here - np.asarray(shell.centre, float)
-            places[k] = here + radius * out / np.sqrt(np.sum(out**2))
         else:
-            face = int(impacts["face"][k])
-            (normal,) = (wall.normal for wall in bodies[second].walls() if wall.face == face)
-            places[k] = here - radius * np.asarray(normal)
+            places[k] = here - radius * _normal(bodies[second], int(impacts["face"][k]), here)
     return times, in_cell(run, places)
+
+
+def _normal(body: AbstractBody, face: int, place: np.ndarray) -> np.ndarray:
+    """The unit normal (D,) of a wall or a shell at a place, to the free side."""
+    if isinstance(body, Shell):
+        inwards = np.asarray(body.centre) - place
+        return inwards / np.linalg.norm(inwards)
+    (normal,) = (wall.normal for wall in body.walls() if wall.face == face)
+    return np.asarray(normal)
 
 
 def _nearest(run: Run, apart: np.ndarray) -> np.ndarray:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from matplotlib.patches import Polygon
 
-from .._scene import Run
+from .._scene import Run, Shell
 from ._path import radii, rows_of_spheres
-from ._shells import EDGE, SOLID, draw_shells, shells
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
 # Okabe & Ito: told apart by readers with any colour vision.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _FIXED = "#777777"
-_SWEPT = "#F1F1F1"
+_SOLID, _SWEPT, _EDGE = "#E0E0E0", "#F1F1F1", "#555555"
 NAMED = 8
 """More spheres than this have no names in a legend."""
 
@@ -66,8 +65,10 @@ def frame(run: Run, position: np.ndarray, shown: tuple[int, ...]) -> tuple[np.nd
             at = offset * normal[axis]
             if low[axis] - reach <= at.max() and at.min() <= high[axis] + reach:
                 low[axis], high[axis] = min(low[axis], at.min()), max(high[axis], at.max())
-    for centre, radius in shells(run):
-        low, high = np.minimum(low, centre - radius), np.maximum(high, centre + radius)
+    for body in run.scene.bodies:
+        if isinstance(body, Shell):
+            centre, radius = np.asarray(body.centre, float), float(body.radius)
+            low, high = np.minimum(low, centre - radius), np.maximum(high, centre + radius)
     low, high = low[list(shown)], high[list(shown)]
     margin = _MARGIN * np.max(high - low)
     # A periodic cell ends where it ends.
@@ -83,9 +84,14 @@ class Edge(NamedTuple):
 
 
 def edges(run: Run, time: np.ndarray) -> list[Edge]:
-    """All flat walls at some times (T,)."""
+    """All walls that are flat in a picture at some times (T,)."""
     found = []
     for body in run.scene.bodies:
+        if isinstance(body, Shell) and run.scene.dimensions == 1:
+            # In one dimension a shell is two walls.
+            for sign in (1.0, -1.0):
+                offset = sign * float(body.centre[0]) - float(body.radius)
+                found.append(Edge(np.array([sign]), np.full(len(time), offset)))
         for wall in body.walls():
             offset = np.full(len(time), float(wall.offset))
             if wall.motion is not None:
@@ -125,33 +131,53 @@ def shape_of(
 
 def draw_walls(ax: Axes, run: Run, shown: tuple[int, ...]) -> None:
     """Draw walls and what is solid behind them at the end, and lightly what they swept."""
-    draw_shells(ax, run, shown)
     time = fine_times(run)
     for normal, offset in edges(run, time):
-        shapes = [shape_of(ax, normal, at, shown) for at in (offset[-1], offset.max())]
+        shape = shape_of(ax, normal, offset[-1], shown)
+        if shape is None:
+            continue
         # The solid parts of other walls cover a line where it leaves the free space.
-        for shape, colour, place in zip(shapes, (SOLID, _SWEPT), (0.3, 0.1), strict=True):
-            if shape is not None and len(shape[1]):
-                ax.fill(*shape[1].T, color=colour, lw=0, zorder=place)
-        if shapes[0] is not None:
-            ax.plot(*shapes[0][0].T, color=EDGE, lw=2.4, zorder=0.2)
+        ax.plot(*shape[0].T, color=_EDGE, lw=2.4, zorder=0.2)
+        ax.add_patch(_solid(shape[1], _SOLID, 0.3))
+        swept = shape_of(ax, normal, offset.max(), shown)
+        if swept is not None and np.ptp(offset) > 0:
+            ax.add_patch(_solid(swept[1], _SWEPT, 0.1))
+    draw_shells(ax, run, shown)
+
+
+def _solid(corners: np.ndarray, colour: str, zorder: float) -> Polygon:
+    return Polygon(_closed(corners), facecolor=colour, lw=0, zorder=zorder)
+
+
+def draw_shells(ax: Axes, run: Run, shown: tuple[int, ...]) -> None:
+    """Draw what is solid around shells; in one dimension they are walls."""
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    corners = [(left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)]
+    # Against the direction of the corners, it makes a hole.
+    angle = np.linspace(0, -2 * np.pi, 361)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    for body in run.scene.bodies:
+        if isinstance(body, Shell) and len(shown) == 2:
+            circle = np.asarray(body.centre, float)[list(shown)] + float(body.radius) * ring
+            ax.add_patch(_solid(np.concatenate([corners, circle, corners[:1]]), _SOLID, 0.3))
+            ax.plot(*circle.T, color=_EDGE, lw=1.4, zorder=0.4)
 
 
 def moving_walls(
     ax: Axes, run: Run, shown: tuple[int, ...], time: np.ndarray
 ) -> Callable[[int], list[Artist]]:
     """Draw walls, and return what moves them to where they are at the k-th time."""
-    draw_shells(ax, run, shown)
     drawn: list[tuple[Edge, Line2D, Polygon]] = []
     for edge in edges(run, time):
         shape = shape_of(ax, edge.normal, edge.offset[0], shown)
         if shape is None:
             continue
-        (line,) = ax.plot(*shape[0].T, color=EDGE, lw=2.4, zorder=0.2)
-        solid = Polygon(_closed(shape[1]), facecolor=SOLID, lw=0, zorder=0.3)
+        (line,) = ax.plot(*shape[0].T, color=_EDGE, lw=2.4, zorder=0.2)
+        solid = _solid(shape[1], _SOLID, 0.3)
         ax.add_patch(solid)
         if np.ptp(edge.offset) > 0:
             drawn.append((edge, line, solid))
+    draw_shells(ax, run, shown)
 
     def move(k: int) -> list[Artist]:
         for edge, line, solid in drawn:
@@ -187,9 +213,5 @@ def draw_levels(ax: Axes, run: Run) -> None:
     for normal, offset in edges(run, time):
         level = offset * normal[0]
         end = ax.get_ylim()[0] if normal[0] > 0 else ax.get_ylim()[1]
-        ax.fill_between(time, level, end, color=SOLID, lw=0, zorder=0.3)
-        ax.plot(time, level, color=EDGE, lw=1.6, zorder=0.4)
-    for centre, radius in shells(run):
-        for level, end in zip(centre[0] + radius * np.array([-1, 1]), ax.get_ylim(), strict=True):
-            ax.axhspan(level, end, color=SOLID, lw=0, zorder=0.3)
-            ax.axhline(level, color=EDGE, lw=1.6, zorder=0.4)
+        ax.fill_between(time, level, end, color=_SOLID, lw=0, zorder=0.3)
+        ax.plot(time, level, color=_EDGE, lw=1.6, zorder=0.4)

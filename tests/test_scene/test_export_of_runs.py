@@ -51,6 +51,15 @@ def test_a_run_as_a_dataset(run, tmp_path):
         assert [str(name) for name in back.body_name.values] == list(run.impacts.names)
 
 
+def test_a_shell_is_no_sphere(tmp_path):
+    pytest.importorskip("xarray")
+    bodies = [jc.Shell([0.0], 1.0, name="drum"), jc.Sphere(0.1, 1.0, [0.0], [1.0])]
+    scene = jc.Scene(bodies, jc.ExactRestitution(e=0.5))
+    data = jc.simulate(scene, 1.0, instantaneous=True).to_xarray()
+    assert list(data.sphere.values) == [1] and data.position.shape == (2, 1, 1)
+    assert [str(name) for name in data.body_name.values] == ["drum", "sphere 1"]
+
+
 def test_every_quantity_has_its_words(run):
     pytest.importorskip("xarray")
     data = run.to_xarray()
