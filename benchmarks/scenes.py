@@ -39,7 +39,7 @@ ERROR = 1e-9
 REFERENCE = 2.3e-14
 """The tolerance of the reference, the least that SciPy takes."""
 
-LADDER = (1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
+LADDER = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13)
 
 
 class Line(NamedTuple):

@@ -111,7 +111,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     axes = _axes(arguments.axes, scene.dimensions)
     progress("compiling and following the scene")
     try:
-        done = simulate(scene, **how)
+        done = simulate(scene, **how, progress=False if arguments.quiet else None)
     except ValueError as error:
         raise InputError(f"{arguments.file or arguments.example}: {error}") from error
     files: dict[pathlib.Path, bytes | Callable[[BinaryIO], object]] = {}

@@ -22,6 +22,7 @@ from .._parameter import (
     require_kind,
     require_number,
 )
+from .._progress import Listener, Tell, progress_of
 from ._coupled import MOST
 from ._entry import one_number
 from ._log import Log, blank_log
@@ -54,6 +55,7 @@ def simulate(
     instantaneous: bool = False,
     v0: str | float = "peak",
     max_impacts: int | None = None,
+    progress: bool | Listener | None = None,
 ) -> Run:
     """Follow a scene from impact to impact: flights by formula, times of impact in closed form.
 
@@ -78,6 +80,10 @@ def simulate(
     `max_impacts` is the room for impacts: from Python it grows by itself; with traced values it is
     fixed (256 if not given), `impacts` are padded to it, and a run that needs more is flagged and
     NaN.
+
+    `progress` of a run from Python: None shows the impacts on stderr after a second, if that is a
+    terminal or a notebook; True does so anywhere, False nowhere; a function is called with their
+    number and None, as the whole is not known.
 
     Returns a `Run`, differentiable by all numbers of the scene in both modes; the derivative is
     that of the order of impacts that happened (`Run.margin`). Bad lanes are flagged in `status`,
@@ -115,7 +121,8 @@ def simulate(
         outcome = _all_at_once(layout, numbers, rules, valid, length, within, rows)
     else:
         room = None
-        outcome = _piece_by_piece(layout, numbers, rules, valid, length, within, most)
+        with progress_of(progress, "impacts", "simulate") as tell:
+            outcome = _piece_by_piece(layout, numbers, rules, valid, length, within, most, tell)
     numbers, log, written, status, reached = outcome
     impacts, margin, total = table_of(layout, numbers, names, log, written, status, room)
     if room is None:
@@ -239,6 +246,7 @@ def _piece_by_piece(
     end: Array,
     tolerance: Array,
     most: int | None,
+    tell: Tell,
 ) -> tuple[Numbers, Log, Array, Array, Array]:
     """The run from Python: one program goes on until all impacts are there."""
     numbers = replaced(numbers, valid)
@@ -253,6 +261,7 @@ def _piece_by_piece(
         more = bool(_goes_on(state, last)) or count < int(written)
         pieces.append(jax.tree.map(lambda x, n=count: np.asarray(x)[:n], log))
         total += count
+        tell(total, None, f"t = {float(state.now):.4g} s")
     # Rows of lengths that are powers of two share the programs that read them.
     room = max(64, 1 << max(total - 1, 0).bit_length())
     blank = jax.tree.map(np.asarray, blank_log(room - total, layout, numbers.dtype, rules.coupled))

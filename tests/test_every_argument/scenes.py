@@ -16,6 +16,7 @@ from tests.test_every_argument.case import (
     Case,
 )
 from tests.test_every_argument.kinds import (
+    CALLABLE,
     FLAG,
     INSIDE,
     NONE,
@@ -106,6 +107,7 @@ def cases() -> dict[str, Case]:
                 "instantaneous": FLAG,
                 "v0": POSITIVE,
                 "max_impacts": COUNT | NONE,
+                "progress": FLAG | NONE | CALLABLE,
             },
         ),
         "random_spheres": Case(
