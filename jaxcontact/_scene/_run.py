@@ -31,9 +31,9 @@ class Run(eqx.Module):
     `time` (T,) in s; `position` (T, N, D) in m and `velocity` (T, N, D) in m/s of the N spheres in
     the order given, fixed ones too; `energy` (T,) in J, kinetic, weight and stored in contacts;
     `impacts`, see `Impacts`; `margin`, see `Margin`; `status`, see `Ending`; `reached` in s, up to
-    which the values hold; `wall_work` in J, what moving walls did to the spheres, so that the energy at the
-    end is that at the start and `wall_work` less what the impacts lost. `at(times)` gives the state
-    at any times; `final` is the scene at the end, from which another run goes on.
+    which the values hold; `wall_work` in J, what moving walls did to the spheres, so that the
+    energy at the end is that at the start and `wall_work` less what the impacts lost. `at(times)`
+    gives the state at any times; `final` is the scene at the end, from which another run goes on.
     """
 
     time: Float[Array, " T"]
