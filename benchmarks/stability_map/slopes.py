@@ -76,7 +76,7 @@ def run_slopes(job: Job) -> dict[str, Any]:
                 BOUNDS[job.method, job.precision], 10 * rtol * second[name][q] / scale
             )
             # Where the damping or the push is zero its logarithm has no derivative.
-            moving = dict(zip(("damping", "n", "push"), numbers, strict=True))[name] != 0
+            moving = numbers[("damping", "n", "push").index(name)] != 0
             known = np.isfinite(want[name][q]) & moving
             off = np.where(known, np.where(np.isfinite(off), off, np.inf), 0)
             worst = np.maximum(worst, (off / allowed).astype(float))

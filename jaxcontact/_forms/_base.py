@@ -167,12 +167,14 @@ class AbstractForm(eqx.Module):
         powers = (n + 1, n - damping[1] + 1)
         return next((k for k in (1, 2, 3, 4) if all(k * p == int(k * p) for p in powers)), 2)
 
-    def pull(self, w: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        """w^(k-1) f(w^k, v), not clamped."""
-        k, damping = self.order(n), self.damping(n, compressing)
+    def pull(
+        self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
+    ) -> Lane:
+        """w^(k-1) f(w^k, v), not clamped; k is `order` (None for the form's own)."""
+        k, damping = order or self.order(n), self.damping(n, compressing)
         if damping is not None:
             outer = signed_power(w, k * (n - damping[1] + 1) - 1)
-            return outer * self.pulling(w, v, n, compressing)
+            return outer * self.pulling(w, v, n, compressing, k)
         if k == 1:
             return self.force(w, v, n, compressing)
         # At w = 0 the derivative of f may be infinite, while that of w f is f: f is not evaluated.
@@ -180,32 +182,36 @@ class AbstractForm(eqx.Module):
         inside = jnp.where(touching, 1, w)
         return jnp.where(touching, 0, w * self.force(inside**2, v, n, compressing))
 
-    def dissipation(self, w: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+    def dissipation(
+        self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
+    ) -> Lane:
         """w^(k-1) (f(x, v) - f(x, 0)) v, the rate at which damping takes energy."""
         damping = self.damping(n, compressing)
         if damping is not None:
-            outer = signed_power(w, self.order(n) * (n - damping[1] + 1) - 1)
+            outer = signed_power(w, (order or self.order(n)) * (n - damping[1] + 1) - 1)
             return outer * damping[0] * jnp.square(v)
         still = self.pull(w, jnp.zeros_like(v), n, jnp.asarray(True))
         return (self.pull(w, v, n, compressing) - still) * v
 
-    def stored(self, w: Lane, n: Exponent) -> Lane:
+    def stored(self, w: Lane, n: Exponent, order: int | None = None) -> Lane:
         """∫ f(x, 0) dx from 0 to w^k; where it is no polynomial, by a Gauss rule."""
         if self.damping(n, jnp.asarray(True)) is not None:
-            return signed_power(w, self.order(n) * (n + 1)) / (n + 1)
+            return signed_power(w, (order or self.order(n)) * (n + 1)) / (n + 1)
         nodes, weights = np.polynomial.legendre.leggauss(16)
         still, held = jnp.zeros_like(w), jnp.asarray(True)
         at = jnp.asarray((1 + nodes) / 2, w.dtype)
         pulls = jax.vmap(lambda node: self.pull(w * node, still, n, held))(at)
         return self.order(n) * w * contraction(jnp.asarray(weights / 2, w.dtype), pulls)
 
-    def pulling(self, w: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
+    def pulling(
+        self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
+    ) -> Lane:
         """A smooth function that is negative where the contact pulls."""
-        damping = self.damping(n, compressing)
+        k, damping = order or self.order(n), self.damping(n, compressing)
         if damping is None:
-            return self.force(w ** self.order(n), v, n, compressing)
+            return self.force(w**k, v, n, compressing)
         coefficient, excess = damping
-        return signed_power(w, self.order(n) * excess) + coefficient * v
+        return signed_power(w, k * excess) + coefficient * v
 
 
 def sound_damping(number: Lane) -> tuple[Lane, Flag]:

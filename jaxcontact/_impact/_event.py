@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import operator
 from collections.abc import Callable
@@ -25,7 +26,7 @@ from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion, Number, State
 from ._peak import Path, is_rising, largest_force
 from ._stiff import Followed, follow_on
-from ._under_push import end_is_sharp, is_spent
+from ._under_push import end_is_sharp, is_spent, turn_is_sharp
 
 Out = TypeVar("Out")
 
@@ -37,6 +38,8 @@ _SAFETY = 0.02
 # corner of the gap, where a contact ends at a creeping speed.
 _ITERATIONS = 60
 
+# The rtol from which on somebody wants derivatives: for values alone more powers of w cost steps.
+_FOR_SLOPES = 1e-10
 # Energies that differ by more than this, in units of rtol, come from a solve that missed something:
 # measured up to 12.
 _IMBALANCE = 100
@@ -81,6 +84,8 @@ class Event(AbstractMethod):
     def over(self, motion: Motion, solve_lane: Callable[..., Out]) -> Out:
         """`solve_lane(motion, how=self)` for every different lane, with derivatives."""
         lane = eqx.Partial(solve_lane, how=self)
+        rtol, _ = self.tolerances(jax.tree.leaves(motion)[0].dtype)
+        motion = dataclasses.replace(motion, smooth=rtol <= _FOR_SLOPES)
         # An adjoint of the user's brings its own derivatives.
         return over_lanes(lane if self.adjoint is not None else with_sensitivity(lane), motion)
 
@@ -363,6 +368,7 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
             is_spent(motion, end, rtol),
             end_is_sharp(motion, turn, end, rtol),
         )
+        known = known & turn_is_sharp(motion, turn, _finest(rtol, turn.w.dtype))
         converged = ((converged | held) & known) | creeps
         settled = settled | held | creeps
         # What creeps to rest never turns: where a turn was found it is one of rounding, and the
@@ -378,7 +384,12 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
         converged = converged | (settled & followed.arrived[0])
     # Where explicit steps were left before the force was largest nobody has seen how large it was.
     left = jax.tree.map(operator.itemgetter(0), legs.end)
-    seen = legs.arrived[0] | creeps_early | ~is_rising(motion, left, flags[0])
+    # What creeps to rest slows down in the end: then its force is more than the push.
+    rtol, _ = how.tolerances(turn.w.dtype)
+    above = creeps_early & (
+        forces[0] >= (1 - 10 * rtol) * (0 if motion.push is None else motion.push)
+    )
+    seen = legs.arrived[0] | above | ~is_rising(motion, left, flags[0])
     converged = converged & seen
     return ScaledImpact(
         restitution=balance.restitution,

@@ -19,7 +19,6 @@ from jaxtyping import Array, Bool, Float
 
 from .._elementary import power
 from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
-from .._implicit import ratio
 from .._parameter import Specialised
 from ._runge_kutta import step
 
@@ -28,6 +27,10 @@ Number = Float[Array, ""]
 # In units of the energy of the impact: a contact that damping takes more from stays for certain,
 # with room for the estimate.
 _STAYS = 100.0
+
+# The k of a traced exponent. With k = 2 derivatives by n were off by 1e-8 of the outcome at rtol
+# 1e-11, with 4 by 1e-12; fixed steps of the phase angle would need to be twice as many.
+_SMOOTH = 4
 
 # From this damping c on a way out is taken to be stiff.
 _CREEPS = 100.0
@@ -46,11 +49,16 @@ class State(NamedTuple):
 
 
 class Motion(eqx.Module):
-    """One lane of an impact: a form, an exponent and a scaled external force Γ (None for none)."""
+    """One lane of an impact: a form, an exponent and a scaled external force Γ (None for none).
+
+    `smooth`: whether derivatives by a traced n shall be as smooth as the values: they have
+    logarithms of w at touch, of which the step control knows nothing.
+    """
 
     form: AbstractForm
     exponent: Specialised
     push: Number | None
+    smooth: bool = eqx.field(static=True, default=False)
 
     @property
     def n(self) -> Exponent:
@@ -60,6 +68,9 @@ class Motion(eqx.Module):
     @property
     def order(self) -> int:
         """The k of x = w^k."""
+        known = self.form.damping(self.n, jnp.asarray(True)) is not None
+        if self.smooth and not isinstance(self.n, float) and known and self.momentum is None:
+            return _SMOOTH
         return self.form.order(self.n)
 
     @property
@@ -122,7 +133,7 @@ class Motion(eqx.Module):
         It has all its digits where u has them.
         """
         if self._softness is None:
-            return self.form.pulling(state.w, self.velocity(state), self.n, compressing)
+            return self.form.pulling(state.w, self.velocity(state), self.n, compressing, self.order)
         softness, _ = self._softness
         damping = self.form.damping(self.n, compressing)
         assert damping is not None
@@ -140,7 +151,7 @@ class Motion(eqx.Module):
     def pull(self, state: State, compressing: Flag) -> Number:
         """w^(k-1) f at a state, where the form has no momentum of its own."""
         if self._softness is None:
-            return self.form.pull(state.w, self.velocity(state), self.n, compressing)
+            return self.form.pull(state.w, self.velocity(state), self.n, compressing, self.order)
         outer = signed_power(state.w, self.order * (self.n - self._softness[1] + 1) - 1)
         return outer * self.pulling(state, compressing)
 
@@ -160,7 +171,7 @@ class Motion(eqx.Module):
             change = change + self.push * clock
         loss = None
         if state.loss is not None:
-            loss = self.form.dissipation(w, velocity, n, compressing)
+            loss = self.form.dissipation(w, velocity, n, compressing, k)
         return State(velocity / k, change, clock, loss)
 
     def later(self, state: State, time: Number, compressing: Flag) -> State:
@@ -169,7 +180,7 @@ class Motion(eqx.Module):
 
     def stored(self, state: State) -> Number:
         """The elastic energy at a state."""
-        return self.form.stored(state.w, self.n)
+        return self.form.stored(state.w, self.n, self.order)
 
     def lost(self, state: State) -> Number:
         """The energy that damping has taken until a state."""
@@ -326,15 +337,16 @@ class Motion(eqx.Module):
         """What vanishes with the force, with a slope, and stays negative beyond x = 0."""
         velocity = self.velocity(state)
         if self._softness is None:
-            pulling = self.form.pulling(state.w, velocity, self.n, jnp.asarray(False))
+            out = jnp.asarray(False)
+            pulling = self.form.pulling(state.w, velocity, self.n, out, self.order)
             return jnp.where(state.w < 0, jnp.minimum(pulling, velocity), pulling)
         softness, p = self._softness
         c, _ = self._damping_back()
         if isinstance(p, float) and p == 0:
             gap = jnp.where(softness > 0, state.u, 1 + c * velocity)
-            # Beyond x = 0 time may run back, and the gap open again: it counts as it was there.
-            change = self.rate(state, jnp.asarray(False)).u * jnp.where(softness > 0, 1, c)
-            return jnp.where(state.w < 0, gap - ratio(state.w * change, velocity), gap)
+            # Beyond x = 0 time may run back, and the gap open again. Whether it had closed shows
+            # only before: here it counts as closed, and not sooner than x = 0.
+            return jnp.where(state.w < 0, state.w + jnp.minimum(gap, 0), gap)
         strong = jnp.where(state.w < 0, jnp.minimum(state.u, velocity), state.u)
         # Where weak damping ends a contact, x^p is flat.
         weak = state.w - power(-c * velocity, 1 / (self.order * p))
@@ -356,7 +368,12 @@ class Motion(eqx.Module):
             return end
         if self._softness is None:
             return end
-        softness, _ = self._softness
+        softness, p = self._softness
+        if self.push is not None and isinstance(p, float) and p == 1:
+            # Weak damping ends such a contact at x = -c v, which has more digits than w.
+            place = power(-self._damping_back()[0] * velocity, 1 / self.order)
+            weak = arrived & (velocity < 0) & ~self.settled(end) & (softness == 0)
+            end = end._replace(w=jnp.where(weak, place, end.w))
         rate = self.rate(end, jnp.asarray(False))
         sooner = jnp.abs(end.u * rate.w) < jnp.abs(end.w * rate.u)
         vanished = (softness > 0) & sooner & ~self.settled(end)

@@ -12,6 +12,8 @@ _ROUNDING = 50
 # What an impact may lack of its initial energy when it settles, and its duration of itself, in
 # units of rtol.
 _SPENT, _LATE = 100, 10
+# By how much bodies must go beyond rest before they turn, in tolerances of a step.
+_BEYOND = 10
 
 
 def end_is_sharp(motion: Motion, turn: State, end: State, rtol: float) -> Bool[Array, ""]:
@@ -34,3 +36,15 @@ def is_spent(motion: Motion, end: State, rtol: float) -> Bool[Array, ""]:
     What has not lost it but was turned inwards was turned by rounding.
     """
     return 2 * motion.lost(end) >= 1 - _SPENT * rtol
+
+
+def turn_is_sharp(motion: Motion, turn: State, finest: float) -> Bool[Array, ""]:
+    """Whether bodies that turn do so far enough beyond their place at rest to tell when.
+
+    Near critical damping they go beyond it by next to nothing, and are still there for long.
+    """
+    static = motion.static_indentation()
+    if motion.push is None or static is None:
+        return jnp.asarray(True)
+    beyond = jnp.abs(turn.w**motion.order - static)
+    return (motion.push <= 0) | (beyond >= _BEYOND * finest * static)
