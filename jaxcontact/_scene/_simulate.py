@@ -236,6 +236,7 @@ def _ending(state: State, more: Array, valid: Array, end: Array) -> tuple[Array,
 
 _begun = eqx.filter_jit(begun)
 _advance = eqx.filter_jit(advance)
+_blank = eqx.filter_jit(blank_log)
 
 
 def _piece_by_piece(
@@ -254,8 +255,8 @@ def _piece_by_piece(
     state = _begun(layout, numbers, rules, last)
     pieces: list[Log] = []
     total, more = 0, True
+    blank = _blank(_PIECE, layout, numbers.dtype, rules.coupled)
     while more and int(state.status) == 0 and (most is None or total < most):
-        blank = blank_log(_PIECE, layout, numbers.dtype, rules.coupled)
         state, log, written = _advance(layout, numbers, rules, state, blank, last, tolerance)
         count = int(written) if most is None else min(int(written), most - total)
         more = bool(_goes_on(state, last)) or count < int(written)
@@ -264,7 +265,8 @@ def _piece_by_piece(
         tell(total, None, f"t = {float(state.now):.4g} s")
     # Rows of lengths that are powers of two share the programs that read them.
     room = max(64, 1 << max(total - 1, 0).bit_length())
-    blank = jax.tree.map(np.asarray, blank_log(room - total, layout, numbers.dtype, rules.coupled))
-    log = jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)), *pieces, blank)
+    # All rows of a blank log are alike.
+    rest = jax.tree.map(lambda x: np.repeat(np.asarray(x)[:1], room - total, axis=0), blank)
+    log = jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)), *pieces, rest)
     status, reached = _ending(state, jnp.asarray(more), valid, end)
     return numbers, log, jnp.asarray(total), status, reached

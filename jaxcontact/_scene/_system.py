@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -166,6 +167,16 @@ def layout_of(scene: Scene) -> Layout:
 
 
 def _is_constant(law: AbstractLaw) -> bool:
+    leaves, structure = jax.tree.flatten(law)
+    kinds = tuple((jnp.shape(leaf), jnp.result_type(leaf)) for leaf in leaves)
+    return _is_constant_by_kind(structure, kinds)
+
+
+@functools.lru_cache(maxsize=256)
+def _is_constant_by_kind(structure: Any, kinds: tuple[Any, ...]) -> bool:
+    """Traced once a kind of law: its numbers do not matter."""
+    leaves = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
+    law = jax.tree.unflatten(structure, leaves)
     return restitution_is_constant(law, None)
 
 
