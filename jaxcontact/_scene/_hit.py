@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -154,6 +155,9 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
     normal = side(distance) * away / jnp.sqrt(jnp.sum(jnp.square(away)))
     closing = -jnp.sum(normal * rates)
     time = choice.time + delay
+    # Rounding must not put a touch before what led to it.
+    late = jnp.max(before.time) - time
+    time = time + jax.lax.stop_gradient(jnp.maximum(late, 0))
     if any(layout.moving):
         driven = jnp.where(is_wall, numbers.walls_at(time, wall).velocity, 0)
     return Meeting(moved(there, pull, time), normal, closing, time, driven)

@@ -107,13 +107,13 @@ def blank_calls(layout: Layout, dtype: Any) -> tuple[Together, Called]:
 def last_call(
     log: Log, written: Int[Array, ""], times: Float[Array, " T"]
 ) -> tuple[Int[Array, " T"], Bool[Array, " T"]]:
-    """The last call that began up to each time, and whether there is one."""
+    """The last call that began before each time, and whether there is one."""
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
     number = jnp.arange(called.is_call.shape[0])
     is_call = called.is_call & (number < written)
     began = jnp.where(is_call, together.began.time, jnp.inf)
-    earlier = began[None] <= times[:, None]
+    earlier = began[None] < times[:, None]
     # Of calls that began at the same time, the last one.
     row = jnp.max(jnp.where(earlier, number[None], -1), axis=1)
     return jnp.maximum(row, 0), row >= 0

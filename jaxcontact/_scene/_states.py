@@ -30,7 +30,7 @@ def states_at(
     sorted by sphere and time: no table of times, spheres and impacts. Inside of a contact its
     motion is solved from the touch, unless `inside` says that no time is.
     """
-    found = _looked_up(layout, numbers, log, written, times)
+    found = _looked_up(layout, numbers, log, written, times, rules.soft)
     count, dimensions = layout.spheres, layout.dimensions
     who = jnp.tile(jnp.arange(count), times.shape[0])
     pull = accelerations(layout, numbers, who, found.support.reshape(-1))
@@ -51,8 +51,8 @@ def states_at(
 def any_inside(
     layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""], times: Float[Array, " T"]
 ) -> Bool[Array, ""]:
-    """Whether any of the times lies inside of a contact."""
-    found = _looked_up(layout, numbers, log, written, times)
+    """Whether any of the times lies inside of a contact that takes time."""
+    found = _looked_up(layout, numbers, log, written, times, True)
     inside = jnp.any((times[:, None] < found.began) & (found.row >= 0))
     if log.facts.call is None or log.figures.coupled is None:
         return inside
@@ -73,8 +73,14 @@ def _at_rest(
 
 
 def _looked_up(
-    layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""], times: Float[Array, " T"]
+    layout: Layout,
+    numbers: Numbers,
+    log: Log,
+    written: Int[Array, ""],
+    times: Float[Array, " T"],
+    soft: bool,
 ) -> Entries:
+    """The last impacts of all spheres. At a soft touch nothing has happened yet."""
     count, rows = layout.spheres, log.facts.tied.shape[0]
     figures, facts = log
     number = jnp.arange(1, rows + 1)
@@ -106,7 +112,7 @@ def _looked_up(
     keys = jnp.concatenate(bodies) * (rows + 1) + jnp.concatenate(numbered)
     order = jnp.argsort(keys)
     happened = jnp.where(blank, jnp.inf, figures.outcome.time)
-    passed = jnp.searchsorted(happened, times, side="right").astype(int)
+    passed = jnp.searchsorted(happened, times, side="left" if soft else "right").astype(int)
     wanted = jnp.arange(count)[None] * (rows + 1) + passed[:, None]
     found = jnp.searchsorted(keys[order], wanted.reshape(-1), side="right") - 1
     entry = order[found].reshape(wanted.shape)

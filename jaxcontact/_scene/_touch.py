@@ -67,6 +67,8 @@ def shaking_wall_time(
         return gap + (rate + acceleration / 2 * t) * t - high, rate + acceleration * t - fast
 
     bend = jnp.maximum(motion.strongest - acceleration, 0)
+    shakes = motion.rate > 0
+    period = 1 / jnp.where(shakes, motion.rate, 1)
     envelope = jnp.abs(swing) - swing * jnp.sin(phase)
 
     def step(t: Lane) -> Lane:
@@ -88,9 +90,10 @@ def shaking_wall_time(
     def march(carry: tuple[Lane, Lane]) -> tuple[Lane, Lane]:
         t, on = carry
         room, slope = there(t)
-        by = step(t)
-        found = (slope < 0) & ((room <= 0) | (by <= 2 * jnp.finfo(t.dtype).eps * (now + t)))
-        t = jnp.where(on & ~found, t + by, t)
+        by, finest = step(t), 2 * jnp.finfo(t.dtype).eps * (now + t + period)
+        found = (slope < 0) & ((room <= 0) | (by <= finest))
+        # Past a graze that rounding made a touch the first steps would be none.
+        t = jnp.where(on & ~found, t + jnp.maximum(by, finest), t)
         return t, on & ~found & (t <= horizon)
 
     start = jnp.zeros_like(gap)
@@ -101,7 +104,7 @@ def shaking_wall_time(
     meets = touching & jnp.where(still, second < 0, slope < 0)
     # From a touch that parts, or rests, a first step leads away.
     none = still & (second >= 0)
-    time, _ = jax.lax.while_loop(unfinished, march, (start, ~meets & ~none))
+    time, _ = jax.lax.while_loop(unfinished, march, (start, shakes & ~meets & ~none))
     time = jnp.where(meets, 0, time)
     return jnp.where(none | (time > horizon), jnp.inf, time)
 
