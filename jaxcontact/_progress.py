@@ -36,16 +36,12 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
     `unit`, shows the rate and, if the whole is known, the time left, and ends with the last note.
     Raises ValueError for what is none of these.
     """
+    require_progress(wanted)
     if callable(wanted):
         listener: Any = wanted
         yield lambda done, total=None, note="", /: listener(done, total)
         return
     shows = as_flag(wanted)
-    if wanted is not None and shows is None:
-        raise ValueError(
-            "Argument `progress` must be True, False, None or a function of two numbers, "
-            f"but is {rendered(wanted)}."
-        )
     watched = sys.stderr.isatty() or in_notebook()
     if not (watched if shows is None else shows):
         yield lambda done, total=None, note="", /: None
@@ -69,6 +65,15 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
 
     with contextlib.closing(bar):
         yield tell
+
+
+def require_progress(wanted: bool | Listener | None) -> None:
+    """Raise ValueError for what `progress_of` does not take."""
+    if not callable(wanted) and wanted is not None and as_flag(wanted) is None:
+        raise ValueError(
+            "Argument `progress` must be True, False, None or a function of two numbers, "
+            f"but is {rendered(wanted)}."
+        )
 
 
 def _bar_type() -> Any:

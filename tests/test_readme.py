@@ -11,7 +11,8 @@ import pytest
 from jaxcontact._laws import _registry
 
 README = Path(__file__).parents[1] / "README.md"
-PAIR = re.compile(r"```python\n(.*?)```\n\n```text\n(.*?)```", re.DOTALL)
+PAIR = re.compile(r"```python\n((?:(?!```).)*)```\n\n```text\n(.*?)```", re.DOTALL)
+SCENE = re.compile(r"```python\n(balls = (?:(?!```).)*)```", re.DOTALL)
 
 
 def blocks() -> list[tuple[str, str]]:
@@ -43,6 +44,15 @@ def test_the_code_prints_what_the_readme_says():
         _registry._REGISTRY.pop("my_law", None)
     for (_, said), real in zip(pairs, printed, strict=True):
         assert digits(real) == digits(said)
+
+
+def test_the_scene_runs_and_is_drawn():
+    """Out of time, which compiles in seconds."""
+    (code,) = SCENE.findall(README.read_text(encoding="utf-8"))
+    assert code.count("duration=1.2)") == 1
+    code = code.replace("duration=1.2)", "duration=1.2, instantaneous=True)")
+    (printed,) = run(["import jaxcontact as jc\n" + code])
+    assert "right - bowl" in printed
 
 
 @pytest.mark.parametrize("name", ["main", "test"])

@@ -22,7 +22,7 @@ from .._parameter import (
     require_kind,
     require_number,
 )
-from .._progress import Listener, Tell, progress_of
+from .._progress import Listener, Tell, progress_of, require_progress
 from ._coupled import MOST
 from ._entry import one_number
 from ._log import Log, blank_log
@@ -99,6 +99,7 @@ def simulate(
     followed = _v0(v0)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     asked = _times(times, length)
+    require_progress(progress)
     layout = layout_of(scene)
     require_clear_of_each_other(scene.bodies, length)
     # Coupled solves do not know the images of a periodic space.
