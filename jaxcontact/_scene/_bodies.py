@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
+from numpy.typing import NDArray
 
 from .._contact import Material
 from .._parameter import POSITIVE, rendered, require_flag, require_kind
@@ -29,6 +30,14 @@ class Wall(NamedTuple):
     offset: Array
     motion: Along | None
     vibrates: bool
+
+    def offset_at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The offset at some times in s, in m, of a wall whose numbers are known."""
+        offset = np.full(time.shape, float(self.offset))
+        if self.motion is None:
+            return offset
+        speed, amplitude, rate, phase = (float(number) for number in self.motion)
+        return offset + speed * time + amplitude * (np.sin(rate * time + phase) - np.sin(phase))
 
 
 class AbstractBody(eqx.Module):

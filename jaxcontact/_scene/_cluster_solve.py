@@ -19,17 +19,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._impact._runge_kutta import step_in_loop
+from ._cluster_problem import Problem, Rules, scaled, units_of
 from ._step import factor
 from ._touching import (
     ClusterState,
-    Drive,
     Geometry,
     Modes,
-    Pairs,
     PerBody,
     PerPair,
     Touching,
-    Units,
 )
 
 APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST = range(5)
@@ -115,61 +113,10 @@ class _Carry(NamedTuple):
     status: Int[Array, ""]
 
 
-class Problem(NamedTuple):
-    """A cluster with its start, in SI units; every float of it may be differentiated."""
-
-    law: Any
-    contact: Any
-    pairs: Pairs
-    inverse_mass: Float[Array, " bodies"]
-    acceleration: PerBody
-    state: ClusterState
-    until: Float[Array, ""]
-    tolerance: Float[Array, ""]
-    floor: Float[Array, ""]
-    drive: Drive | None
-
-
-class Rules(NamedTuple):
-    """What is static: whether v0 follows its peak, and where a solve ends."""
-
-    peak: bool
-    until_change: bool
-    max_steps: int
-
-
-def _units(problem: Problem) -> Units:
-    """Such that lengths and speeds of the softest start are about one; they have no derivative."""
-    contact, state, pairs = problem.contact, problem.state, problem.pairs
-    used, n = pairs.used, contact.exponent
-    mass = 1 / jnp.max(problem.inverse_mass)
-    relative = state.velocity[pairs.first] - state.velocity[pairs.second]
-    motion = jnp.max(jnp.where(used, jnp.sum(jnp.square(relative), axis=1), 0))
-    depth = jnp.where(used & state.closed, jnp.maximum(state.indentation, 0), 0)
-    stored = jnp.max(contact.stiffness * depth ** (n + 1)) / mass
-    pull = jnp.sqrt(jnp.max(jnp.sum(jnp.square(problem.acceleration), axis=1)))
-    tiny = float(jnp.finfo(pull.dtype).tiny) ** 0.25
-    static = (jnp.maximum(mass * pull, tiny) / contact.stiffness) ** (1 / n)
-    weight = pull * jnp.max(jnp.where(used, static, 0))
-    speed = jnp.sqrt(motion + stored + weight + tiny)
-    logarithm = jnp.log(mass) + 2 * jnp.log(speed) - jnp.log(contact.stiffness)
-    length = jnp.min(jnp.where(used, jnp.exp(logarithm / (n + 1)), jnp.inf))
-    length = jnp.where(jnp.isfinite(length), length, 1)
-    return jax.tree.map(jax.lax.stop_gradient, Units(length, speed, mass))
-
-
-def _scaled(drive: Drive | None, units: Units) -> Drive | None:
-    if drive is None:
-        return None
-    return drive._replace(
-        strength=drive.strength / (units.speed / units.time), rate=drive.rate * units.time
-    )
-
-
 # JAX traces it once for all derivatives and batches of the same shape.
 @functools.partial(jax.jit, static_argnums=1)
 def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
-    state, units, stop = problem.state, _units(problem), jax.lax.stop_gradient
+    state, units, stop = problem.state, units_of(problem), jax.lax.stop_gradient
     pairs, (bodies, dim) = problem.pairs, state.position.shape
     layout, tolerance = _Layout(bodies, dim, pairs.used.shape[0]), problem.tolerance
     dtype = state.position.dtype
@@ -187,7 +134,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         depth=state.indentation / units.length,
         inverse_mass=problem.inverse_mass * units.mass,
         acceleration=jnp.where(free, problem.acceleration, 0) / (units.speed / units.time),
-        drive=_scaled(problem.drive, units),
+        drive=scaled(problem.drive, units),
     )
     until = (problem.until - state.time) / units.time
 

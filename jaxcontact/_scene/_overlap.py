@@ -11,7 +11,7 @@ from jax.core import Tracer
 from jaxtyping import Array
 from numpy.typing import NDArray
 
-from ._bodies import AbstractBody, Shell, Sphere, Wall, words
+from ._bodies import AbstractBody, Shell, Sphere, words
 
 ROUNDINGS = 64
 """How many roundings of the positions and radii a depth may have that is no overlap."""
@@ -86,7 +86,7 @@ def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array)
     rates = [float(wall.motion.rate) for _, wall in walls if wall.motion is not None]
     count = min(1024 + int(64 * max(rates) * length / (2 * np.pi)), _MOST_TIMES)
     times = np.linspace(0, length, count)
-    places = [float(wall.offset) + _shift(wall, times) for _, wall in walls]
+    places = [wall.offset_at(times) for _, wall in walls]
     for i, (a, one) in enumerate(walls):
         for j, (b, other) in enumerate(walls[:i]):
             if a == b or np.sum(np.asarray(one.normal) * np.asarray(other.normal)) > -1 + 1e-9:
@@ -99,13 +99,6 @@ def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array)
                     f"Argument `motion` must keep walls apart, but {words(bodies, b)} and "
                     f"{words(bodies, a)} meet at {when:.6g} s."
                 )
-
-
-def _shift(wall: Wall, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    if wall.motion is None:
-        return np.zeros_like(times)
-    speed, amplitude, rate, phase = (float(x) for x in wall.motion)
-    return speed * times + amplitude * (np.sin(rate * times + phase) - np.sin(phase))
 
 
 def _minimum_image(

@@ -1,0 +1,62 @@
+"""What a coupled solve is asked, and the units that it is solved in."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._touching import ClusterState, Drive, Pairs, PerBody, Units
+
+
+class Problem(NamedTuple):
+    """A cluster with its start, in SI units; every float of it may be differentiated."""
+
+    law: Any
+    contact: Any
+    pairs: Pairs
+    inverse_mass: Float[Array, " bodies"]
+    acceleration: PerBody
+    state: ClusterState
+    until: Float[Array, ""]
+    tolerance: Float[Array, ""]
+    floor: Float[Array, ""]
+    drive: Drive | None
+
+
+class Rules(NamedTuple):
+    """What is static: whether v0 follows its peak, and where a solve ends."""
+
+    peak: bool
+    until_change: bool
+    max_steps: int
+
+
+def units_of(problem: Problem) -> Units:
+    """Such that lengths and speeds of the softest start are about one; they have no derivative."""
+    contact, state, pairs = problem.contact, problem.state, problem.pairs
+    used, n = pairs.used, contact.exponent
+    mass = 1 / jnp.max(problem.inverse_mass)
+    relative = state.velocity[pairs.first] - state.velocity[pairs.second]
+    motion = jnp.max(jnp.where(used, jnp.sum(jnp.square(relative), axis=1), 0))
+    depth = jnp.where(used & state.closed, jnp.maximum(state.indentation, 0), 0)
+    stored = jnp.max(contact.stiffness * depth ** (n + 1)) / mass
+    pull = jnp.sqrt(jnp.max(jnp.sum(jnp.square(problem.acceleration), axis=1)))
+    tiny = float(jnp.finfo(pull.dtype).tiny) ** 0.25
+    static = (jnp.maximum(mass * pull, tiny) / contact.stiffness) ** (1 / n)
+    weight = pull * jnp.max(jnp.where(used, static, 0))
+    speed = jnp.sqrt(motion + stored + weight + tiny)
+    logarithm = jnp.log(mass) + 2 * jnp.log(speed) - jnp.log(contact.stiffness)
+    length = jnp.min(jnp.where(used, jnp.exp(logarithm / (n + 1)), jnp.inf))
+    length = jnp.where(jnp.isfinite(length), length, 1)
+    return jax.tree.map(jax.lax.stop_gradient, Units(length, speed, mass))
+
+
+def scaled(drive: Drive | None, units: Units) -> Drive | None:
+    if drive is None:
+        return None
+    return drive._replace(
+        strength=drive.strength / (units.speed / units.time), rate=drive.rate * units.time
+    )
