@@ -129,7 +129,8 @@ class _Place(NamedTuple):
 def _read(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, Any]]:
     kinds = {cls.__name__.lower(): cls for cls in AbstractBody.__subclasses__()}
     for_scene = [n for n in inspect.signature(Scene).parameters if n != "bodies"]
-    for_run = [n for n in inspect.signature(simulate).parameters if n != "scene"]
+    # Who watches a run is no part of it.
+    for_run = [n for n in inspect.signature(simulate).parameters if n not in ("scene", "progress")]
     tables = [*kinds, random_spheres.__name__, "pair", "material"]
     for name in content:
         top.require_known("a key or table", name, [*for_run, *for_scene, *tables])

@@ -39,7 +39,7 @@ def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | Non
     digits = min(np.finfo(np.asarray(x).dtype).precision for x in given)
     rounding = ROUNDINGS * 10.0**-digits
     for i in range(len(spheres)):
-        apart = _minimum_image(position[i] - position[i + 1 :], periodic)
+        apart = minimum_image(position[i] - position[i + 1 :], periodic)
         gap = np.sqrt(np.sum(apart**2, axis=-1)) - (radius[i] + radius[i + 1 :])
         scale = radius[i] + radius[i + 1 :] + np.max(np.abs(position))
         bad = (gap < -rounding * scale) & (moves[i] | moves[i + 1 :])
@@ -101,9 +101,10 @@ def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array)
                 )
 
 
-def _minimum_image(
+def minimum_image(
     apart: NDArray[np.float64], periodic: Sequence[Array | None]
 ) -> NDArray[np.float64]:
+    """The shortest of the images of distances (..., D) in periodic space."""
     lengths = np.array([np.inf if length is None else float(length) for length in periodic])
     finite = np.where(np.isfinite(lengths), lengths, 1.0)
     return apart - np.where(np.isfinite(lengths), finite * np.round(apart / finite), 0.0)

@@ -10,6 +10,7 @@ import numpy as np
 from .._parameter import concrete, rendered, require_kind
 from .._scene import Run, Shell, Sphere
 from .._scene._bodies import AbstractBody
+from .._scene._overlap import minimum_image
 from .._scene._result import ending_words
 
 _LEAST = 512
@@ -122,7 +123,7 @@ def touches(run: Run) -> tuple[np.ndarray, np.ndarray]:
         first, second = int(impacts["first"][k]), int(impacts["second"][k])
         here, radius = position[k, rows[first]], size[rows[first]]
         if second in rows:
-            apart = _nearest(run, position[k, rows[second]] - here)
+            apart = minimum_image(position[k, rows[second]] - here, run.scene.periodic)
             places[k] = here + apart * radius / (radius + size[rows[second]])
         else:
             places[k] = here - radius * _normal(bodies[second], int(impacts["face"][k]), here)
@@ -136,13 +137,6 @@ def _normal(body: AbstractBody, face: int, place: np.ndarray) -> np.ndarray:
         return inwards / np.linalg.norm(inwards)
     (normal,) = (wall.normal for wall in body.walls() if wall.face == face)
     return np.asarray(normal)
-
-
-def _nearest(run: Run, apart: np.ndarray) -> np.ndarray:
-    """The shortest of the images of a distance in periodic space."""
-    lengths = [np.inf if length is None else float(length) for length in run.scene.periodic]
-    finite = np.where(np.isfinite(lengths), lengths, 1.0)
-    return apart - np.where(np.isfinite(lengths), finite * np.round(apart / finite), 0.0)
 
 
 def axes_shown(given: Any, dimensions: int) -> tuple[int, ...]:

@@ -119,6 +119,7 @@ FAULTS = {
     "no TOML": ("duration = ", "duration == ", "my.toml must be TOML, but is not: "),
     "a key": ("duration", "duratoin", "at the top: a key or table must be one of duration, "),
     "a hint": ("stiffness", "stifness", "but is 'stifness'; did you mean 'stiffness'?"),
+    "who watches": ("times = 3", "progress = true", "but is 'progress'"),
     "a sphere's key": (
         "radius = 0.1\nposition",
         "raduis = 0.1\nposition",
@@ -230,3 +231,17 @@ def test_bad_arguments(tmp_path):
     (tmp_path / "latin.toml").write_bytes("title = 'ü'".encode("latin-1"))
     with pytest.raises(ValueError, match=r"latin\.toml must be a text in UTF-8"):
         jc.read_scene(tmp_path / "latin.toml")
+
+
+def test_a_shell_and_its_ball(tmp_path):
+    file = tmp_path / "bowl.toml"
+    file.write_text(
+        """
+        duration = 1.0
+        law = { name = "exact", e = 0.5 }
+        sphere = [{ radius = 0.1, mass = 1.0, position = [0.0, 0.0] }]
+        shell = [{ centre = [0.0, 0.0], radius = 1.0, name = "bowl" }]
+        """
+    )
+    scene, _ = jc.read_scene(file)
+    assert isinstance(scene.bodies[1], jc.Shell) and scene.bodies[1].name == "bowl"
