@@ -10,8 +10,9 @@ over, `--lanes` scales the number of lanes, `--only` runs the jobs whose name co
 for the results.
 
 Other parts: `--slopes`, first derivatives; `--balance`, a million lanes without an oracle;
-`--peers`, what users would write instead, with Exudyn and MuJoCo where they are installed. `--page`
-makes the page and the pictures from the files.
+`--laws`, every law of the registry by its own class; `--peers`, what users would write instead,
+with Exudyn and MuJoCo where they are installed. `--page` makes the page and the pictures from the
+files.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ RESULT, SEEDED = HERE / "stability.json", HERE / "stability_seed.json"
 PEERS = HERE / "stability_peers.json"
 SLOPES = HERE / "stability_slopes.json"
 BALANCE = HERE / "stability_balance.json"
+LAWS = HERE / "stability_laws.json"
 
 
 def run_group(run_one: Callable[[Job], dict[str, Any]], jobs: list[Job]) -> list[dict[str, Any]]:
@@ -76,6 +78,12 @@ def run_balance_of(job: Job) -> dict[str, Any]:
     return run_balance(job)
 
 
+def run_law_of(question: Any) -> dict[str, Any]:
+    from stability_map.public_laws import run_law
+
+    return run_law(question)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--fresh", action="store_true", help="forget what was computed before")
@@ -87,6 +95,7 @@ def main() -> None:
     parser.add_argument("--peers", action="store_true", help="only what users would write instead")
     parser.add_argument("--slopes", action="store_true", help="only the first derivatives")
     parser.add_argument("--balance", action="store_true", help="only the lanes without an oracle")
+    parser.add_argument("--laws", action="store_true", help="only the laws by their own classes")
     parser.add_argument("--into", type=Path, default=HERE, help="folder of the results")
     arguments = parser.parse_args()
     if arguments.page:
@@ -98,17 +107,22 @@ def main() -> None:
             "peers": PEERS,
             "slopes": SLOPES,
             "balance": BALANCE,
+            "laws": LAWS,
         }
         write(**{name: _read(path) for name, path in paths.items()})
     elif arguments.peers:
         from stability_map.peers import run_all
 
         PEERS.write_text(_compact(run_all(_read(PEERS), arguments.only)))
+    elif arguments.laws:
+        from stability_map.public_laws import law_jobs
+
+        _run_all(run_law_of, [[question] for question in law_jobs()], {0: LAWS}, arguments)
     elif arguments.balance:
         from stability_map.balance import balance_jobs
 
         groups = [[job] for job in balance_jobs(arguments.lanes)]
-        _run_all(run_balance_of, groups, {0: BALANCE}, arguments)
+        _run_all(run_balance_of, groups, {groups[0][0].seed: BALANCE}, arguments)
     elif arguments.slopes:
         from stability_map.slopes import slope_jobs
 

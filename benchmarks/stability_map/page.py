@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from .code import fingerprint
 from .engines import WAYS
 from .pictures import NAMES, draw_free, draw_peers, draw_pushed
 from .verdict import CLASSES, FLAGGED_WITHOUT_NEED, WRONG
@@ -29,6 +30,7 @@ def write(
     peers: dict[str, Any],
     slopes: dict[str, Any],
     balance: dict[str, Any],
+    laws: dict[str, Any],
 ) -> None:
     """The pictures, and the part of the page below the mark; the words above it are kept.
 
@@ -46,6 +48,7 @@ def write(
         (count_table, known),
         (worst_table, known),
         (seeded_table, seeded),
+        (law_table, laws),
         (balance_table, balance),
         (slope_table, slopes),
         (peer_table, peers),
@@ -55,13 +58,24 @@ def write(
 
 
 def count_table(known: dict[str, Any]) -> str:
-    return "\n".join(["## Counts", "", *_counts(known, all_groups=True)]) + "\n"
+    return (
+        "\n".join(["## Counts", "", *_answered_by(known), *_counts(known, all_groups=True)]) + "\n"
+    )
+
+
+def _answered_by(known: dict[str, Any]) -> list[str]:
+    """Which code has answered how many jobs: today's, as the files are, or an older one."""
+    code = fingerprint()
+    today = sum(job.get("code") == code for job in known.values())
+    words = f"{today} of these {len(known)} jobs were answered by the code of `{code}`"
+    older = "" if today == len(known) else ", the others by older code"
+    return [f"{words}{older}.", ""]
 
 
 def seeded_table(seeded: dict[str, Any]) -> str:
     """The sum of another seed, and what it does not find in order."""
     seeds = sorted({job["asked"][1] for job in seeded.values() if "asked" in job})
-    named = f" (`--seed {seeds[0]}`)" if len(seeds) == 1 else ""
+    named = f" (seed {seeds[0]})" if len(seeds) == 1 else ""
     lines = [
         "## On a second seed",
         "",
@@ -69,8 +83,30 @@ def seeded_table(seeded: dict[str, Any]) -> str:
         "nothing wrong and",
         "nothing flagged without need.",
         "",
+        *_answered_by(seeded),
         *_counts(seeded, all_groups=False),
     ]
+    return "\n".join(lines) + "\n"
+
+
+def law_table(laws: dict[str, Any]) -> str:
+    """Every law by its own class."""
+    lines = [
+        "## Every law by its own class",
+        "",
+        "Laws with their own parameters, in SI units; what these mean is written down once more "
+        "from the",
+        "publications, and not taken from the package.",
+        "",
+        *_answered_by(laws),
+        *_head("law", "motion", "lanes", *CLASSES),
+    ]
+    sums = dict.fromkeys(CLASSES, 0)
+    for name, job in laws.items():
+        law, motion = name.rsplit(", ", 1)
+        sums = {c: sums[c] + job["counts"][c] for c in CLASSES}
+        lines.append(_row(f"`{law}`", motion, job["lanes"], *job["counts"].values()))
+    lines.append(_row("all", "", sum(sums.values()), *sums.values()))
     return "\n".join(lines) + "\n"
 
 
