@@ -125,7 +125,7 @@ def simulate(
         with progress_of(progress, "impacts", "simulate") as tell:
             outcome = _piece_by_piece(layout, numbers, rules, valid, length, within, most, tell)
     numbers, log, written, status, reached = outcome
-    impacts, margin, total = table_of(layout, numbers, names, log, written, status, room)
+    impacts, nearest, total = table_of(layout, numbers, names, log, written, status, room)
     if room is None:
         impacts = jax.tree.map(lambda x: x[: int(total)], impacts)
     now = moment_at(layout, numbers, rules, log, written, reached, asked, within)
@@ -135,12 +135,12 @@ def simulate(
         velocity=now.velocity,
         energy=now.energy,
         impacts=impacts,
-        margin=margin,
         status=status,
         reached=reached,
         wall_work=work_of(log, written, status),
         duration=length,
         scene=scene,
+        _nearest=nearest,
         _layout=layout,
         _numbers=numbers,
         _log=log,
