@@ -105,8 +105,6 @@ def simulate(
     # Coupled solves do not know the images of a periodic space.
     coupled = soft and layout.spheres <= MOST and not any(layout.periodic)
     rules = Rules(soft, followed, coupled)
-    if soft:
-        _require_one_kind(scene)
     numbers, valid = numbers_of(scene, layout, contacts=soft or not all(layout.constant))
     length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
     given = (numbers, length, asked)
@@ -155,18 +153,6 @@ def _v0(given: Any) -> str | float:
     if isinstance(given, str):
         return require_choice("v0", given, ("peak", "touch"))
     return require_number("v0", given, POSITIVE)
-
-
-def _require_one_kind(scene: Scene) -> None:
-    """Raise ValueError where impacts that take time have laws of different kinds."""
-    kinds = [jax.tree.structure(law) for law in scene.law.values]
-    for law, kind in zip(scene.law.values, kinds, strict=True):
-        if kind != kinds[0]:
-            raise ValueError(
-                "Argument `law` of the scene must hold laws of one kind, which may differ in their "
-                f"numbers, but has `{type(scene.law.values[0]).__name__}` and "
-                f"`{type(law).__name__}`; only with `instantaneous=True` the kinds may differ."
-            )
 
 
 def _times(given: Any, duration: Array) -> Array:

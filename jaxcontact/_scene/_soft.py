@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -11,7 +13,7 @@ from .._laws import VELOCITY_THRESHOLD
 from ._hit import Choice, Flying, Outcome, accelerations, meeting_of
 from ._oblique import oblique
 from ._result import Way
-from ._system import Layout, Numbers, known_contact_of, law_of
+from ._system import Layout, Numbers, known_contact_of, laws_of
 
 _HEAD_ON = 1e-8
 """Sliding over closing speed below which an impact is head-on."""
@@ -49,15 +51,17 @@ def soft(
     contact = known_contact_of(layout, numbers, choice.first, choice.second)
     # What presses a body to a wall acts in the contact; along the wall it does not.
     pressing = jnp.where(is_wall, -jnp.sum(normal * pull[0]), 0)
-    rebound = oblique(
-        law_of(layout, numbers, choice.first, choice.second),
+    given = (
         contact,
         closing,
         sideways,
         jnp.where(is_wall, jnp.inf, distance),
         pressing * contact.mass,
-        rtol=rtol,
     )
+    # Each kind of law has solutions of its own.
+    laws, kind = laws_of(layout, numbers, choice.first, choice.second)
+    solves = [functools.partial(oblique, law, rtol=rtol) for law in laws]
+    rebound = solves[0](*given) if len(laws) == 1 else jax.lax.switch(kind, solves, *given)
     good = rebound.status == int(Status.SEPARATED)
     clean = jax.tree.map(lambda x: jnp.where(good, x, jnp.zeros_like(x)), rebound)
     cosine, turning = jnp.cos(clean.turn), jnp.sin(clean.turn) / sideways
