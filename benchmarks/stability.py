@@ -1,13 +1,17 @@
 """Where the package is right, flagged or wrong: `python benchmarks/stability.py`.
 
 Every kind of law by every method, over damping, exponents, pushes, units and both precisions,
-beside oracles in extended precision that share no code with the package. The result is written
-after every job to benchmarks/stability.json; a run that was stopped goes on where it was.
-`--fresh` starts over, `--lanes` scales the number of lanes, `--only` runs the jobs whose name
-contains a text, `--seed` draws other lanes (to benchmarks/stability_seed.json), `--workers` is the
-number of processes. Other parts: `--slopes`, first derivatives; `--balance`, a million lanes
-without an oracle; `--peers`, what users would write instead, with Exudyn and MuJoCo where they are
-installed. `--page` makes the page and the pictures from the files.
+beside oracles in extended precision that share no code with the package. Two seeds are drawn, which
+share compiled programs and tables: the results are written after every group of jobs that share
+them, to benchmarks/stability.json and benchmarks/stability_seed.json. A run that was stopped goes
+on where it was; a job that other code or other lanes have answered is run again. `--fresh` starts
+over, `--lanes` scales the number of lanes, `--only` runs the jobs whose name contains a text,
+`--one-seed` draws the first only, `--workers` is the number of processes, `--into` another folder
+for the results.
+
+Other parts: `--slopes`, first derivatives; `--balance`, a million lanes without an oracle;
+`--peers`, what users would write instead, with Exudyn and MuJoCo where they are installed. `--page`
+makes the page and the pictures from the files.
 """
 
 from __future__ import annotations
@@ -26,17 +30,27 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
+from stability_map.code import fingerprint
 from stability_map.grid import Job, lanes_of, scaled
-from stability_map.jobs import all_jobs
+from stability_map.jobs import all_jobs, by_table
 from stability_map.package_lanes import answers
 from stability_map.record import record
 from stability_map.verdict import judge
 
 HERE = Path(__file__).parent
+SEED = 1
 RESULT, SEEDED = HERE / "stability.json", HERE / "stability_seed.json"
 PEERS = HERE / "stability_peers.json"
 SLOPES = HERE / "stability_slopes.json"
 BALANCE = HERE / "stability_balance.json"
+
+
+def run_group(run_one: Callable[[Job], dict[str, Any]], jobs: list[Job]) -> list[dict[str, Any]]:
+    """Jobs one after another in one process, whose tables and programs they share."""
+    found = [run_one(job) for job in jobs]
+    # A process has room for a few hundred programs.
+    jax.clear_caches()
+    return found
 
 
 def run(job: Job) -> dict[str, Any]:
@@ -67,13 +81,13 @@ def main() -> None:
     parser.add_argument("--fresh", action="store_true", help="forget what was computed before")
     parser.add_argument("--lanes", type=float, default=1.0, help="factor of the number of lanes")
     parser.add_argument("--only", default="", help="jobs whose name contains this")
-    parser.add_argument("--seed", type=int, default=0, help="other random lanes")
+    parser.add_argument("--one-seed", action="store_true", help="no second seed")
     parser.add_argument("--workers", type=int, default=2, help="processes")
     parser.add_argument("--page", action="store_true", help="only the page and its pictures")
     parser.add_argument("--peers", action="store_true", help="only what users would write instead")
     parser.add_argument("--slopes", action="store_true", help="only the first derivatives")
     parser.add_argument("--balance", action="store_true", help="only the lanes without an oracle")
-    parser.add_argument("--out", type=Path, default=None)
+    parser.add_argument("--into", type=Path, default=HERE, help="folder of the results")
     arguments = parser.parse_args()
     if arguments.page:
         from stability_map.page import write
@@ -93,49 +107,65 @@ def main() -> None:
     elif arguments.balance:
         from stability_map.balance import balance_jobs
 
-        jobs = balance_jobs(arguments.lanes)
-        _run_all(run_balance_of, jobs, arguments.out or BALANCE, arguments)
+        groups = [[job] for job in balance_jobs(arguments.lanes)]
+        _run_all(run_balance_of, groups, {0: BALANCE}, arguments)
     elif arguments.slopes:
         from stability_map.slopes import slope_jobs
 
-        _run_all(run_slopes_of, slope_jobs(), arguments.out or SLOPES, arguments)
+        _run_all(run_slopes_of, [[job] for job in slope_jobs()], {0: SLOPES}, arguments)
     else:
-        jobs = [
-            replace(job, lanes=max(int(job.lanes * arguments.lanes), 256), seed=arguments.seed)
-            for job in all_jobs()
+        outs = {0: RESULT} if arguments.one_seed else {0: RESULT, SEED: SEEDED}
+        groups = [
+            [
+                replace(job, lanes=max(int(job.lanes * arguments.lanes), 256), seed=seed)
+                for job in group
+                for seed in outs
+            ]
+            for group in by_table(all_jobs())
         ]
-        out = arguments.out or (SEEDED if arguments.seed else RESULT)
-        _run_all(run, jobs, out, arguments)
+        _run_all(run, groups, outs, arguments)
 
 
 def _run_all(
     run_one: Callable[[Job], dict[str, Any]],
-    jobs: list[Job],
-    out: Path,
+    groups: list[list[Job]],
+    outs: dict[int, Path],
     arguments: argparse.Namespace,
 ) -> None:
-    """Run the jobs that are missing in `out`, which is written after each."""
-    known = {} if arguments.fresh else _read(out)
-    asked = [job for job in jobs if arguments.only in job.name]
-    # A job that was run with other lanes is run again.
-    asked = [job for job in asked if known.get(job.name, {}).get("asked") != [job.lanes, job.seed]]
+    """Run the jobs missing in the file of their seed, which is written after each group."""
+    outs = {seed: arguments.into / out.name for seed, out in outs.items()}
+    known = {seed: {} if arguments.fresh else _read(out) for seed, out in outs.items()}
+    code = fingerprint()
+
+    def missing(job: Job) -> bool:
+        # What other code or other lanes have answered is run again.
+        found = known[job.seed].get(job.name, {})
+        same = found.get("asked") == [job.lanes, job.seed] and found.get("code") == code
+        return arguments.only in job.name and not same
+
+    asked = [found for group in groups if (found := [job for job in group if missing(job)])]
+    count, left = 0, sum(map(len, asked))
+    # In the order of the jobs, whoever was ready first.
+    order = list(dict.fromkeys(job.name for group in groups for job in group))
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(arguments.workers, mp_context=context) as pool:
-        running = {pool.submit(run_one, job): job for job in asked}
-        for number, future in enumerate(as_completed(running), start=1):
-            job = running[future]
-            known[job.name] = {"asked": [job.lanes, job.seed], **future.result()}
-            # In the order of the jobs, whoever was ready first.
-            names = [job.name for job in jobs if job.name in known]
-            out.write_text(_compact({name: known[name] for name in names}))
-            found = known[job.name]
-            counts = found.get("counts", found)
-            words = ", ".join(
-                f"{count} {name}"
-                for name, count in counts.items()
-                if isinstance(count, int) and count
-            )
-            print(f"[{number}/{len(asked)}] {job.name}: {words}", flush=True)
+        running = {pool.submit(run_group, run_one, group): group for group in asked}
+        for future in as_completed(running):
+            for job, found in zip(running[future], future.result(), strict=True):
+                count += 1
+                head = {"asked": [job.lanes, job.seed], "code": code}
+                known[job.seed][job.name] = {**head, **found}
+                counts = found.get("counts", found)
+                words = ", ".join(
+                    f"{count} {name}"
+                    for name, count in counts.items()
+                    if isinstance(count, int) and count
+                )
+                seed = f", seed {job.seed}" if job.seed else ""
+                print(f"[{count}/{left}] {job.name}{seed}: {words}", flush=True)
+            for seed, out in outs.items():
+                names = [name for name in order if name in known[seed]]
+                out.write_text(_compact({name: known[seed][name] for name in names}))
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ._varying import varying
+
 Lane = Float[Array, "..."]
 
 
@@ -102,7 +104,7 @@ def bracketed_root(
     order 1.4, and ends where the root no longer moves, after `iterations` at the latest. Not for
     differentiation.
     """
-    zero = jnp.zeros_like(at_zero)
+    zero = varying(at_zero, jnp.zeros_like(at_zero))
     rounding = jnp.finfo(zero.dtype).eps
 
     def unfinished(carry: tuple[Lane, ...]) -> Array:

@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[1] / PACKAGE
 # From the ground up. A room may import rooms on lower floors, and nothing of its own floor but
 # itself.
 FLOORS = [
-    {"_parameter"},
+    {"_parameter", "_varying"},
     {
         "_elementary",
         "_implicit",

@@ -49,3 +49,15 @@ def _free_methods(kind: str) -> tuple[str, ...]:
     phase = ("phase",) if described.tension or described.family == "hunt_crossley" else ()
     exact = () if described.family == "kuwabara_kono" else ("exact",)
     return (*exact, "event", *phase)
+
+
+def by_table(jobs: list[Job]) -> list[list[Job]]:
+    """The jobs in groups that share a table of free impacts; the others alone.
+
+    In the order of the first of each group.
+    """
+    groups: dict[object, list[Job]] = {}
+    for job in jobs:
+        shared = not job.pushed and KINDS[job.kind].family != "kuwabara_kono"
+        groups.setdefault((job.kind, job.exponent) if shared else job, []).append(job)
+    return list(groups.values())

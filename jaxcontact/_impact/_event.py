@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Int
 
 from .._forms import AbstractForm, Flag, ScaledImpact
 from .._parameter import require_kind
+from .._varying import varying
 from ._balance import Balance, balance_of
 from ._dip import dip
 from ._event_in_step import event_in_step
@@ -131,7 +132,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Le
     solution = diffrax.diffeqsolve(
         term,
         solver,
-        t0=jnp.zeros((), dtype),
+        t0=varying(start.w, jnp.zeros((), dtype)),
         t1=jnp.asarray(_FAR, dtype),
         dt0=None,
         y0=start,
@@ -242,6 +243,7 @@ def follow(motion: Motion, legs: Leg, creeps: Bool[Array, ""], how: Event) -> Fo
 
 def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     """The outcome of one lane."""
+    motion = motion.ready()
     legs, flags = solve_legs(motion, how)
     creeps_early = creeps_on_the_way(motion, legs)
     followed = follow(motion, legs, creeps_early, how)

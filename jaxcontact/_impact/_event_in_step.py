@@ -12,6 +12,7 @@ import jax.numpy as jnp
 
 from .._forms import Flag
 from .._implicit import bracketed_root, ratio, with_implicit_derivative
+from .._varying import varying
 from ._motion import Motion, Number, State
 
 # Of a regula falsi over the last step. Rounding is mostly reached after about ten, and later at a
@@ -99,8 +100,9 @@ def event_in_step(
         # The step of Newton's after this one would move only rounding.
         close = jnp.sqrt(jnp.finfo(t.dtype).eps)
         root = bracketed_root(between, first, last, _ITERATIONS)
-        bracket = (0 * root, 1 + 0 * root)
-        return jax.lax.while_loop(unsettled, corrected, (bracket[0], bracket[1], root, *bracket))[2]
+        low, high = jnp.zeros_like(root), jnp.ones_like(root)
+        start = varying(root, (low, high, root, low, high))
+        return jax.lax.while_loop(unsettled, corrected, start)[2]
 
     t, state = before
     inputs = _LastStep(t, state, after, motion, compressing, moving)

@@ -8,6 +8,7 @@ x^p/c cancel.
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from typing import NamedTuple
@@ -52,13 +53,20 @@ class Motion(eqx.Module):
     """One lane of an impact: a form, an exponent and a scaled external force Γ (None for none).
 
     `smooth`: whether derivatives by a traced n shall be as smooth as the values: they have
-    logarithms of w at touch, of which the step control knows nothing.
+    logarithms of w at touch, of which the step control knows nothing. `prepared`: what `ready`
+    computed once for the whole lane.
     """
 
     form: AbstractForm
     exponent: Specialised
     push: Number | None
     smooth: bool = eqx.field(static=True, default=False)
+    prepared: Number | None = None
+
+    def ready(self) -> Motion:
+        """The same with what the lane needs at every stage of every step computed beforehand."""
+        softness = self._softness
+        return self if softness is None else dataclasses.replace(self, prepared=softness[0])
 
     @property
     def n(self) -> Exponent:
@@ -107,6 +115,8 @@ class Motion(eqx.Module):
         if damping is None or (self.push is None and self.form.follows_phase_angle):
             return None
         c, p = damping
+        if self.prepared is not None:
+            return self.prepared, p
         strong = c > 1
         return jnp.where(strong, 1 / jnp.where(strong, c, 1), 0), p
 

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from .._forms import AbstractForm, Flag, ScaledImpact
+from .._varying import varying
 from ._balance import balance_of
 from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
@@ -112,13 +113,13 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
         t_error += jnp.abs(step_error.t)
         return (polar, (radius_error, t_error), forward & good), (polar, t_error)
 
-    zero = jnp.zeros_like(unit)
+    zero = varying(unit, jnp.zeros_like(unit))
     touch = Polar(start.u, zero, zero, start.loss)
     # Not `jnp.ones`: the compiler must not see that it is true everywhere.
     always = jnp.arange(steps) >= 0
     (last, error, forward), (polars, t_errors) = jax.lax.scan(
         advance,
-        (touch, (zero, zero), jnp.asarray(True)),
+        (touch, (zero, zero), varying(unit, jnp.asarray(True))),
         (sines, cosines, compressing, always),
     )
 

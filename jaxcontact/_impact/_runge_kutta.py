@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._elementary import contraction
+from .._varying import varying
 
 State = TypeVar("State")
 Computed = TypeVar("Computed")
@@ -38,7 +39,9 @@ def step_in_loop(rate: Callable[[State], State], state: State, size: Array) -> t
 
     The stages are a loop, which compiles `rate` once instead of thirteen times.
     """
-    buffer = jax.tree.map(lambda leaf: jnp.zeros((_STAGES, *leaf.shape), leaf.dtype), state)
+    buffer = jax.tree.map(
+        lambda leaf: varying(size, jnp.zeros((_STAGES, *leaf.shape), leaf.dtype)), state
+    )
 
     def changed(weights: np.ndarray | Array, slopes: State) -> State:
         return jax.tree.map(

@@ -22,6 +22,7 @@ from numpy.polynomial import legendre
 from .._elementary import contraction
 from .._forms import Flag
 from .._implicit import bracketed_root, ratio, with_implicit_derivative
+from .._varying import varying
 from ._motion import Motion, Number, State
 
 _STAGES = 7
@@ -106,7 +107,7 @@ def follow_on(motion: Motion, explicit: Followed, rtol: float) -> Followed:
     flags = jnp.asarray([True, False])
     ends = jax.tree.map(lambda *leaves: jnp.stack(leaves), explicit.turn, explicit.end)
     legs = (flags, ends, explicit.arrived, jnp.stack([flags[1], motion.creeps()]))
-    first = (explicit.turn, ~explicit.creeps, flags[1])
+    first = (explicit.turn, ~explicit.creeps, varying(explicit.turn.w, flags[1]))
     _, (ends, arrived, steps) = jax.lax.scan(go_on, first, legs)
     turn, end = (jax.tree.map(operator.itemgetter(leg), ends) for leg in (0, 1))
     return Followed(
@@ -131,6 +132,7 @@ def _solved(
         done=~needed,
         shortened=jnp.zeros((), int),
     )
+    first = varying(start.w, first)
 
     def advance(progress: _Progress) -> _Progress:
         state = _after(progress.last)
@@ -243,10 +245,8 @@ def _collocated(
         _, moved, count = carry
         return (moved > close) & (count < _NEWTON)
 
-    guess = jnp.zeros((_STAGES, 2), dtype)
-    z, moved, _ = jax.lax.while_loop(
-        unsolved, improve, (guess, jnp.full_like(size, jnp.inf), jnp.zeros((), int))
-    )
+    guess = (jnp.zeros((_STAGES, 2), dtype), jnp.full_like(size, jnp.inf), jnp.zeros((), int))
+    z, moved, _ = jax.lax.while_loop(unsolved, improve, varying(start.w, guess))
     # One more step of Newton's moves only rounding, and carries the derivative.
     z = jax.lax.stop_gradient(z)
     z = z - solved(z, residual(motion, start, z))

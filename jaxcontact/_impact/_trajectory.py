@@ -134,6 +134,7 @@ def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
 
 
 def _path(motion: Motion, how: Event, samples: int) -> _Path:
+    motion = motion.ready()
     legs, _ = solve_legs(motion, how)
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
     fractions = jnp.linspace(0, 1, samples, dtype=end.t.dtype)

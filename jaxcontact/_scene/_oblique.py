@@ -91,8 +91,9 @@ def oblique(
         free = (jnp.abs(push) + jnp.abs(swirl)) * (1 + closed.duration)
         skip = jnp.where(2 * free < rtol / 10, 1, skip)
     tolerance = _tolerance(rtol)
+    numbers = (lanes.form, lanes.exponent, push, swirl, ratio)
     radial = Radial(
-        *jax.lax.optimization_barrier((lanes.form, lanes.exponent, push, swirl, ratio)),
+        *jax.tree.map(jax.lax.optimization_barrier, numbers),
         skip=jax.lax.stop_gradient(skip),
         tolerance=tolerance,
     )

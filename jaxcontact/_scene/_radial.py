@@ -19,6 +19,7 @@ soft spheres: Müller & Pöschel (2013), doi 10.1103/PhysRevE.87.033301.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -31,6 +32,7 @@ from .._impact._motion import Motion
 from .._impact._motion import State as Moving
 from .._impact._runge_kutta import step_in_loop
 from .._parameter import Specialised
+from .._varying import varying
 from ._step import State, factor
 
 Number = Float[Array, ""]
@@ -66,6 +68,11 @@ class Radial(eqx.Module):
     ratio: Number
     skip: Number
     tolerance: Number
+    prepared: Number | None = None
+
+    def ready(self) -> Radial:
+        """The same with what does not change beforehand, as `Motion.ready`."""
+        return dataclasses.replace(self, prepared=self.motion.ready().prepared)
 
     @property
     def _n(self) -> Any:
@@ -78,7 +85,7 @@ class Radial(eqx.Module):
     @property
     def motion(self) -> Motion:
         """The same without swirl."""
-        return Motion(self.form, self.exponent, self.push)
+        return Motion(self.form, self.exponent, self.push, prepared=self.prepared)
 
     def velocity(self, y: State) -> Number:
         """x' at a state."""
@@ -190,6 +197,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     ends there. The last correction is part of the derivative: it makes the moment of the event
     depend on the parameters as it should.
     """
+    problem = problem.ready()
     dtype, tolerance = problem.push.dtype, problem.tolerance
     stop = jax.lax.stop_gradient
     on_event = float(jnp.finfo(dtype).eps) ** _ON_EVENT
@@ -277,7 +285,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         done=skipped,
         settled=jnp.zeros((), bool),
     )
-    end = jax.lax.while_loop(unfinished, advance, first)
+    end = jax.lax.while_loop(unfinished, advance, varying(start[_T], first))
     # A push may bring in more energy than the bodies came with.
     largest = 1 + (jnp.abs(problem.push) + jnp.abs(problem.swirl)) * problem.indentation(end.y)
     imbalance = jnp.abs(stop((problem.energy(end.y) - problem.energy(start)) / largest))
