@@ -6,7 +6,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._impact import Status
 from .._laws import VELOCITY_THRESHOLD
@@ -22,13 +22,19 @@ Lane = Float[Array, "..."]
 
 
 def soft(
-    layout: Layout, numbers: Numbers, before: Flying, choice: Choice, rtol: Float[Array, ""]
+    layout: Layout,
+    numbers: Numbers,
+    before: Flying,
+    choice: Choice,
+    rtol: Float[Array, ""],
+    needed: Bool[Array, ""],
 ) -> Outcome:
     """An impact with its own duration, exact for a central force: `oblique` says how it is solved.
 
     The line of centres turns by ψ while the centre of mass moves on: with the unit vectors n along
     the line and s along the sliding velocity at touch, the bodies part at distance d along R(ψ) n
     with the velocity R(ψ) (-e' v_n n + v_s s). A moving wall is met in its own frame.
+    Where it is not `needed`, as in some lanes of a batch, nothing is solved.
     """
     count = layout.spheres
     meeting = meeting_of(layout, numbers, before, choice)
@@ -60,7 +66,10 @@ def soft(
     )
     # Each kind of law has solutions of its own.
     laws, kind = laws_of(layout, numbers, choice.first, choice.second)
-    solves = [functools.partial(oblique, law, rtol=rtol) for law in laws]
+    solves = [
+        functools.partial(oblique, law, rtol=rtol, needed=needed & (kind == number))
+        for number, law in enumerate(laws)
+    ]
     rebound = solves[0](*given) if len(laws) == 1 else jax.lax.switch(kind, solves, *given)
     good = rebound.status == int(Status.SEPARATED)
     clean = jax.tree.map(lambda x: jnp.where(good, x, jnp.zeros_like(x)), rebound)
