@@ -1,8 +1,11 @@
-"""Run time of whole scenes against their error: `python benchmarks/scenes.py [--out FILE]`.
+"""Run time of whole scenes against their error.
+
+`python benchmarks/scenes.py [--out FILE] [--only GROUP]`
 
 Ours beside SciPy and plain diffrax, both restarted at events, each at the loosest tolerance that
-reaches the error. Then what an instantaneous impact and a gradient cost, in steps and in values.
-What counts are the ratios; compile time is kept apart.
+reaches the error. Then what an instantaneous impact and a gradient cost, in steps and in values,
+and what it is worth to skip what a scene does not need (`--only skips`). What counts are the
+ratios; compile time is kept apart.
 """
 
 from __future__ import annotations
@@ -25,6 +28,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
+import scene_skips
 from scipy.integrate import DOP853, solve_ivp
 
 import jaxcontact as jc
@@ -363,18 +367,25 @@ def gradient_cost(count: int, impacts: int) -> dict:
     return row
 
 
-def main() -> None:
-    """Print the tables; with --out also write them as JSON."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, help="JSON file to write")
-    arguments = parser.parse_args()
-    runs = [
+GROUPS: dict[str, Callable[[], list[dict]]] = {
+    "runs": lambda: [
         *compared("line, gaps of 0.1 m", line(0.1, 1e9, 15.0)),
         *compared("line, gaps of 1e-5 m", line(1e-5, 1e9, 0.02)),
         *compared("oblique pair, 4e-3", oblique(4e-3)),
-    ]
-    impacts = [impact_cost(2, 4096), impact_cost(128, 2048), impact_cost(2048, 512)]
-    gradients = [gradient_cost(2, 64), gradient_cost(128, 256)]
+    ],
+    "impacts": lambda: [impact_cost(2, 4096), impact_cost(128, 2048), impact_cost(2048, 512)],
+    "gradients": lambda: [gradient_cost(2, 64), gradient_cost(128, 256)],
+    "skips": scene_skips.rows,
+}
+
+
+def main() -> None:
+    """Print the tables; with --out also write them as JSON, over those of the same groups."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, help="JSON file to write")
+    parser.add_argument("--only", choices=GROUPS, help="one group of rows")
+    arguments = parser.parse_args()
+    groups = {k: rows() for k, rows in GROUPS.items() if arguments.only in (None, k)}
     machine = {
         "processor": platform.machine(),
         "device": str(jax.devices()[0].device_kind),
@@ -384,7 +395,8 @@ def main() -> None:
     }
     print(machine)
     if arguments.out:
-        table = {"machine": machine, "runs": runs, "impacts": impacts, "gradients": gradients}
+        known = json.loads(arguments.out.read_text()) if arguments.out.exists() else {}
+        table = known | {"machine": machine} | groups
         arguments.out.write_text(json.dumps(table, indent=1) + "\n")
 
 

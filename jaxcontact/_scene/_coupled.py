@@ -42,6 +42,10 @@ class Call(NamedTuple):
     until_body: Int[Array, ""]
     until: Float[Array, ""]
 
+    def where(self, needed: Bool[Array, ""]) -> Call:
+        """The call, without a step where it is not `needed`: in a batch another lane needs one."""
+        return self._replace(starts=self.starts | ~needed, closed=self.closed & needed)
+
 
 def places(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     """First and second body of every pair that can meet: (P,) each."""

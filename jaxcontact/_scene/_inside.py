@@ -105,8 +105,9 @@ def in_contacts(
 
         def solved() -> tuple[Array, Array, Array, Array]:
             state = call(
-                layout, numbers, spheres, support, held, before, decided, tolerance, rules.v0
-            )[1].state
+                layout, numbers, spheres, support, held, before, decided.where(active),
+                tolerance, rules.v0,
+            )[1].state  # fmt: skip
             late = time - state.time
             velocity = state.velocity[:count]
             place = state.position[:count] + velocity * late
@@ -182,7 +183,7 @@ def in_pairs(
                 jnp.asarray([0]), jnp.asarray([1]), reach[None], meeting.normal[None],
                 is_wall[None], jnp.asarray([True]),
             )  # fmt: skip
-            start = touched(pairs, places, speeds, jnp.asarray([True]), v0=rules.v0)
+            start = touched(pairs, places, speeds, inside[None], v0=rules.v0)
             start = start._replace(indentation=jnp.zeros_like(start.indentation))
             mass = numbers.inverse_mass
             inverse = jnp.stack([mass[choice.first], mass[choice.second]])

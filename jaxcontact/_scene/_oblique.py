@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
@@ -58,6 +59,7 @@ def oblique(
     pull: Number,
     *,
     rtol: float | Number,
+    needed: bool | Bool[Array, ""] = True,
 ) -> Rebound:
     """One isolated impact of two bodies: how fast they part, when, and how far they have turned.
 
@@ -65,7 +67,8 @@ def oblique(
     mass; the closing speeds along the normal, > 0, and across it, in m/s; the `distance` R1 + R2 of
     the centres in m, infinite for a plane, negative inside of a shell; a constant `pull` in N along
     the normal, positive when it presses the bodies together. `rtol` bounds the estimated error of
-    velocities relative to `normal_speed`; in float32 no less than 1e-5 is reached.
+    velocities relative to `normal_speed`; in float32 no less than 1e-5 is reached. Where it is not
+    `needed`, as in some lanes of a batch, no step is made, and the outcome means nothing.
 
     The closed form is taken where turning and pull change less than rtol/10, else the radial
     problem is solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve
@@ -85,13 +88,18 @@ def oblique(
     ratio = jnp.where(good, ratio, 0)
     swirl = jnp.square(across / scale.speed) * ratio
     push = pull / scale.force
-    closed = lanes.form.solve(lanes.n) if lanes.form.closed_form else None
+    # The constants of a law without parameters have a precision of their own.
+    form = jax.tree.map(
+        lambda x: jnp.asarray(x, dtype) if eqx.is_inexact_array(x) else x, lanes.form
+    )
+    closed = form.solve(lanes.n) if form.closed_form else None
     skip, free = jnp.zeros_like(swirl), jnp.zeros_like(swirl)
     if closed is not None:
         free = (jnp.abs(push) + jnp.abs(swirl)) * (1 + closed.duration)
         skip = jnp.where(2 * free < rtol / 10, 1, skip)
+    skip = jnp.where(needed, skip, 1)
     tolerance = _tolerance(rtol)
-    numbers = (lanes.form, lanes.exponent, push, swirl, ratio)
+    numbers = (form, lanes.exponent, push, swirl, ratio)
     radial = Radial(
         *jax.tree.map(jax.lax.optimization_barrier, numbers),
         skip=jax.lax.stop_gradient(skip),

@@ -90,7 +90,7 @@ def _tangents(
         def strike(leaves: Any, before: Flying) -> Outcome:
             numbers = eqx.combine(leaves, rest)
             if rules.soft:
-                return soft(layout, numbers, before, facts.choice, tolerance)
+                return soft(layout, numbers, before, facts.choice, tolerance, counts)
             return hit(layout, numbers, before, facts.choice)
 
         # Blank rows hold an impact of bodies that touch and close, whose derivatives are finite.
@@ -109,7 +109,9 @@ def _tangents(
         together = jax.tree.map(jnp.zeros_like, known.coupled)
         return moved, Figures(before, outcome, together)
 
-    def together(carry: _Carry, known: Figures, facts: Facts) -> tuple[_Carry, Figures]:
+    def together(
+        carry: _Carry, known: Figures, facts: Facts, counts: Array
+    ) -> tuple[_Carry, Figures]:
         called, at = facts.call, known.coupled
         assert called is not None and at is not None and carry.coupled is not None
 
@@ -118,8 +120,8 @@ def _tangents(
         ) -> tuple[ClusterState, ClusterState, Array]:
             numbers = eqx.combine(leaves, rest)
             began, done = call(
-                layout, numbers, spheres, called.support, held, as_flags(before), called.decided,
-                tolerance, rules.v0,
+                layout, numbers, spheres, called.support, held, as_flags(before),
+                called.decided.where(counts), tolerance, rules.v0,
             )  # fmt: skip
             work = work_of_walls(layout, numbers, began, done)
             return as_numbers(began), as_numbers(done.state), work
@@ -156,7 +158,7 @@ def _tangents(
         is_call = facts.call.is_call & counts
         return jax.lax.cond(
             is_call,
-            lambda: together(carry, known, facts),
+            lambda: together(carry, known, facts, is_call),
             lambda: impact(carry, known, facts, counts & ~is_call),
         )
 

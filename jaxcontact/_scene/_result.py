@@ -13,7 +13,6 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
-from .._parameter import shown
 from .._text_table import text_table
 from ._columns import write_csv
 
@@ -154,22 +153,6 @@ class Impacts(eqx.Module):
             rows.insert(-1, ["..."])
         lines = text_table(rows, header=header, indent=2, rule=True)
         return "\n".join([f"{count} impact{'s' * (count != 1)}", *lines])
-
-
-class Margin(eqx.Module):
-    """How close a run came to another course of events; scalars.
-
-    `time` in s, the smallest time by which an impact came before or after a rival of one of its
-    bodies; `closing_speed` in m/s, the smallest of all impacts. A derivative is that of the order
-    of events that happened: a change of the input that moves a time of impact by more than `time`
-    may leave it. Both are infinite where there was none.
-    """
-
-    time: Float[Array, ""]
-    closing_speed: Float[Array, ""]
-
-    def __repr__(self) -> str:
-        return f"Margin(time={shown(self.time)} s, closing_speed={shown(self.closing_speed)} m/s)"
 
 
 class Moment(NamedTuple):

@@ -15,8 +15,9 @@ from ._bodies import Box, Plane
 from ._columns import write_csv
 from ._dataset import dataset
 from ._log import Log
+from ._margin import Course, Margin
 from ._progress import Rules
-from ._result import Impacts, Margin, Moment, ending_words, flagged, traced
+from ._result import Impacts, Moment, ending_words, flagged, traced
 from ._scene import Scene
 from ._states import any_inside, energy_of, states_at
 from ._system import Layout, Numbers
@@ -41,12 +42,12 @@ class Run(eqx.Module):
     velocity: Float[Array, "T N D"]
     energy: Float[Array, " T"]
     impacts: Impacts
-    margin: Margin
     status: Int[Array, ""]
     reached: Float[Array, ""]
     wall_work: Float[Array, ""]
     duration: Float[Array, ""]
     scene: Scene
+    _nearest: tuple[Float[Array, ""], Float[Array, ""]]
     _layout: Layout
     _numbers: Numbers
     _log: Log
@@ -76,6 +77,21 @@ class Run(eqx.Module):
             asked.reshape(-1),
             self._tolerance,
         )
+
+    @property
+    def margin(self) -> Margin:
+        """How far a derivative can be trusted."""
+        course = Course(
+            self._layout,
+            self._numbers,
+            self._rules,
+            self._log,
+            self._written,
+            self.status,
+            self.duration,
+            self._tolerance,
+        )
+        return Margin(*self._nearest, course)
 
     @property
     def final(self) -> Scene:

@@ -98,7 +98,8 @@ def advance(
 
     def step(carry: tuple[State, Log, Array]) -> tuple[State, Log, Array]:
         state, log, written = carry
-        given = (layout, numbers, rules, state, end, tolerance)
+        # In a batch a run that is over only waits.
+        given = (layout, numbers, rules, state, end, tolerance, unfinished(carry))
         if state.coupling is None:
             state, figures, facts, fresh = _event(*given)
         else:
@@ -118,9 +119,12 @@ def _event(
     state: State,
     end: Float[Array, ""],
     tolerance: Float[Array, ""],
+    needed: Bool[Array, ""],
 ) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
-    """The next event, and whether it was an impact."""
+    """The next event, and whether it was an impact; `needed`: whether anything asks for it."""
     count, events = layout.spheres, state.events
+    if state.coupling is not None:
+        needed = needed & ~state.coupling.active
     least = jnp.min(events.time)
     together_within = simultaneous(numbers, least)
     i = jnp.argmax(jnp.where(events.time <= least + together_within, events.speed, -jnp.inf))
@@ -141,7 +145,7 @@ def _event(
 
     def struck() -> Outcome:
         if rules.soft:
-            return soft(layout, numbers, before, choice, tolerance)
+            return soft(layout, numbers, before, choice, tolerance, fresh & needed)
         return hit(layout, numbers, before, choice)
 
     still = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(struck))
@@ -212,6 +216,7 @@ def _called(
     state: State,
     end: Float[Array, ""],
     tolerance: Float[Array, ""],
+    needed: Bool[Array, ""],
 ) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
     """One call of the coupled solve, until a pair touches or opens or another sphere comes back."""
     count, coupling = layout.spheres, state.coupling
@@ -229,8 +234,8 @@ def _called(
         coupling.starts, coupling.choice, members, joins, closed, jnp.where(sooner, other, -1), end
     )
     began, done = call(
-        layout, numbers, spheres, state.support, state.held, coupling.state, decided,
-        tolerance, rules.v0,
+        layout, numbers, spheres, state.support, state.held, coupling.state,
+        decided.where(needed & coupling.active), tolerance, rules.v0,
     )  # fmt: skip
     after, status = done.state, done.status
     apart, rest = status == APART, status == AT_REST

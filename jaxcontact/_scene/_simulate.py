@@ -105,8 +105,6 @@ def simulate(
     # Coupled solves do not know the images of a periodic space.
     coupled = soft and layout.spheres <= MOST and not any(layout.periodic)
     rules = Rules(soft, followed, coupled)
-    if soft:
-        _require_one_kind(scene)
     numbers, valid = numbers_of(scene, layout, contacts=soft or not all(layout.constant))
     length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
     given = (numbers, length, asked)
@@ -125,7 +123,7 @@ def simulate(
         with progress_of(progress, "impacts", "simulate") as tell:
             outcome = _piece_by_piece(layout, numbers, rules, valid, length, within, most, tell)
     numbers, log, written, status, reached = outcome
-    impacts, margin, total = table_of(layout, numbers, names, log, written, status, room)
+    impacts, nearest, total = table_of(layout, numbers, names, log, written, status, room)
     if room is None:
         impacts = jax.tree.map(lambda x: x[: int(total)], impacts)
     now = moment_at(layout, numbers, rules, log, written, reached, asked, within)
@@ -135,12 +133,12 @@ def simulate(
         velocity=now.velocity,
         energy=now.energy,
         impacts=impacts,
-        margin=margin,
         status=status,
         reached=reached,
         wall_work=work_of(log, written, status),
         duration=length,
         scene=scene,
+        _nearest=nearest,
         _layout=layout,
         _numbers=numbers,
         _log=log,
@@ -155,18 +153,6 @@ def _v0(given: Any) -> str | float:
     if isinstance(given, str):
         return require_choice("v0", given, ("peak", "touch"))
     return require_number("v0", given, POSITIVE)
-
-
-def _require_one_kind(scene: Scene) -> None:
-    """Raise ValueError where impacts that take time have laws of different kinds."""
-    kinds = [jax.tree.structure(law) for law in scene.law.values]
-    for law, kind in zip(scene.law.values, kinds, strict=True):
-        if kind != kinds[0]:
-            raise ValueError(
-                "Argument `law` of the scene must hold laws of one kind, which may differ in their "
-                f"numbers, but has `{type(scene.law.values[0]).__name__}` and "
-                f"`{type(law).__name__}`; only with `instantaneous=True` the kinds may differ."
-            )
 
 
 def _times(given: Any, duration: Array) -> Array:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import functools
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._impact import Status
 from .._laws import VELOCITY_THRESHOLD
 from ._hit import Choice, Flying, Outcome, accelerations, meeting_of
 from ._oblique import oblique
 from ._result import Way
-from ._system import Layout, Numbers, known_contact_of, law_of
+from ._system import Layout, Numbers, known_contact_of, laws_of
 
 _HEAD_ON = 1e-8
 """Sliding over closing speed below which an impact is head-on."""
@@ -20,13 +22,19 @@ Lane = Float[Array, "..."]
 
 
 def soft(
-    layout: Layout, numbers: Numbers, before: Flying, choice: Choice, rtol: Float[Array, ""]
+    layout: Layout,
+    numbers: Numbers,
+    before: Flying,
+    choice: Choice,
+    rtol: Float[Array, ""],
+    needed: Bool[Array, ""],
 ) -> Outcome:
     """An impact with its own duration, exact for a central force: `oblique` says how it is solved.
 
     The line of centres turns by ψ while the centre of mass moves on: with the unit vectors n along
     the line and s along the sliding velocity at touch, the bodies part at distance d along R(ψ) n
     with the velocity R(ψ) (-e' v_n n + v_s s). A moving wall is met in its own frame.
+    Where it is not `needed`, as in some lanes of a batch, nothing is solved.
     """
     count = layout.spheres
     meeting = meeting_of(layout, numbers, before, choice)
@@ -49,15 +57,20 @@ def soft(
     contact = known_contact_of(layout, numbers, choice.first, choice.second)
     # What presses a body to a wall acts in the contact; along the wall it does not.
     pressing = jnp.where(is_wall, -jnp.sum(normal * pull[0]), 0)
-    rebound = oblique(
-        law_of(layout, numbers, choice.first, choice.second),
+    given = (
         contact,
         closing,
         sideways,
         jnp.where(is_wall, jnp.inf, distance),
         pressing * contact.mass,
-        rtol=rtol,
     )
+    # Each kind of law has solutions of its own.
+    laws, kind = laws_of(layout, numbers, choice.first, choice.second)
+    solves = [
+        functools.partial(oblique, law, rtol=rtol, needed=needed & (kind == number))
+        for number, law in enumerate(laws)
+    ]
+    rebound = solves[0](*given) if len(laws) == 1 else jax.lax.switch(kind, solves, *given)
     good = rebound.status == int(Status.SEPARATED)
     clean = jax.tree.map(lambda x: jnp.where(good, x, jnp.zeros_like(x)), rebound)
     cosine, turning = jnp.cos(clean.turn), jnp.sin(clean.turn) / sideways

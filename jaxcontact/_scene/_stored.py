@@ -20,7 +20,7 @@ def stored_in(law: AbstractLaw, contact: Contact, depth: Lane, speed: Lane) -> L
     nodes, weights = np.polynomial.legendre.leggauss(16)
     depth = jnp.maximum(depth, 0)
     total = jnp.zeros_like(depth)
-    for node, weight in zip((1 + nodes) / 2, weights / 2, strict=True):
+    for node, weight in zip(((1 + nodes) / 2).tolist(), (weights / 2).tolist(), strict=True):
         force = law.force(depth * node**2, jnp.zeros_like(depth), contact, speed)
         total = total + 2 * node * weight * force * depth
     return total

@@ -18,6 +18,7 @@ from .._impact import restitution, restitution_is_constant
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw
 from .._parameter import POSITIVE, Specialised, is_valid, sanitised
 from ._bodies import Shell, Sphere, Wall
+from ._mixed_law import MixedLaw, one_of_each
 from ._motion import Along
 from ._overlap import ROUNDINGS
 from ._scene import Scene
@@ -327,12 +328,19 @@ def known_contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Co
     return contact
 
 
-def law_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> AbstractLaw:
-    """The law of bodies i and j, where all laws are of one kind and differ in numbers."""
+def laws_of(
+    layout: Layout, numbers: Numbers, i: Array, j: Array
+) -> tuple[Sequence[AbstractLaw], Int[Array, ""]]:
+    """A law of every kind there is, and which of them is that of bodies i and j."""
     if len(numbers.laws) == 1:
-        return numbers.laws[0]
-    which = layout.chosen(layout.laws, i, j)
-    return jax.tree.map(lambda *leaves: jnp.stack(leaves)[which], *numbers.laws)
+        return numbers.laws, jnp.asarray(0)
+    return one_of_each(numbers.laws, layout.chosen(layout.laws, i, j))
+
+
+def law_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> AbstractLaw:
+    """The law of bodies i and j, by its force."""
+    laws, kind = laws_of(layout, numbers, i, j)
+    return laws[0] if len(laws) == 1 else MixedLaw(tuple(laws), kind.astype(numbers.dtype))
 
 
 def restitution_of(

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._coupled import pairs_of, places
 from ._log import Log
-from ._result import Ending, Impacts, Margin, Way, flagged
+from ._result import Ending, Impacts, Way, flagged
 from ._side import side
 from ._system import Layout, Numbers
 
@@ -41,8 +41,9 @@ def table_of(
     written: Int[Array, ""],
     status: Int[Array, ""],
     rows: int | None,
-) -> tuple[Impacts, Margin, Int[Array, ""]]:
-    """The impacts in order of time, padded to `rows`, their margin, and how many there are.
+) -> tuple[Impacts, tuple[Array, Array], Int[Array, ""]]:
+    """The impacts in order of time, padded to `rows`; the smallest time between rivals and the
+    smallest closing speed, see `Margin`; and how many impacts there are.
 
     Without `rows` there is one for every row of the log and every pair of a coupled solve.
     """
@@ -67,10 +68,8 @@ def table_of(
 
     rival = log.facts.rival
     counts = jnp.arange(rival.shape[0]) < written
-    margin = Margin(
-        time=jnp.min(jnp.where(counts, rival, jnp.inf), initial=jnp.inf),
-        closing_speed=jnp.min(jnp.where(good, found.closing_speed, jnp.inf), initial=jnp.inf),
-    )
+    nearest = jnp.min(jnp.where(counts, rival, jnp.inf), initial=jnp.inf)
+    slowest = jnp.min(jnp.where(good, found.closing_speed, jnp.inf), initial=jnp.inf)
     impacts = Impacts(
         time=number(found.time),
         first=whole(body[found.first]),
@@ -88,7 +87,7 @@ def table_of(
         valid=valid,
         names=names,
     )
-    return impacts, margin, total
+    return impacts, (nearest, slowest), total
 
 
 @eqx.filter_jit

@@ -118,19 +118,6 @@ FAULTS = {
     "empty law": (lambda: scene(ball(), law={}), "`law` must have an entry, but is {}"),
     "v0": (lambda: run(v0="peek"), "`v0` must be one of 'peak', 'touch', but is 'peek'"),
     "v0 number": (lambda: run(v0=-1.0), "`v0` must be a number in (0, inf), but is -1.0"),
-    "kinds of laws": (
-        lambda: jc.simulate(
-            scene(
-                ball(name="a"),
-                ball(1.0, name="b"),
-                law={("a", "b"): LAW, "default": jc.HuGuo(e=0.5)},
-                stiffness=1.0,
-            ),
-            1.0,
-        ),
-        "`law` of the scene must hold laws of one kind, which may differ in their numbers, but has "
-        "`Hertz` and `HuGuo`",
-    ),
     "soft stiffness": (
         lambda: jc.simulate(scene(ball()), 1.0),
         "`stiffness` of the scene must be given where a sphere has no material (number 0",

@@ -40,3 +40,25 @@ def test_the_hertz_chain():
     assert np.all(run.impacts.way == jc.Way.COUPLED)
     # The lost energy is that of the errors alone.
     np.testing.assert_allclose(run.energy[-1], run.energy[0], rtol=1e-8)
+
+
+RECORDED = 4e-5
+"""What Exudyn's steps leave of its rebounds, by the difference to the closed form: 3.4e-5."""
+
+
+def test_the_rebounds_that_exudyn_recorded():
+    """Its contact of Hunt and Crossley, asked for these e at 10 m/s, in steps; and the closed form,
+    to all digits that are given.
+    """
+    asked = [0.9, 0.8, 0.5, 0.3, 0.1]
+    recorded = [0.9090299, 0.8329035, 0.6629838, 0.5813176, 0.5158574]
+    exact = [0.9090157, 0.8328698, 0.6629622, 0.5812880, 0.5158326]
+    ball, wall = jc.Sphere(0.01, 0.03, [0.02], [-10.0]), jc.Plane([0.0], [1.0])
+    runs = [
+        jc.simulate(jc.Scene([ball, wall], jc.HuntCrossley(e=e), stiffness=1e8), 0.005)
+        for e in asked
+    ]
+    rebounds = np.array([float(run.velocity[-1, 0, 0]) / 10 for run in runs])
+    np.testing.assert_allclose(rebounds, recorded, rtol=0, atol=RECORDED)
+    np.testing.assert_allclose(rebounds, exact, rtol=0, atol=6e-8)
+    np.testing.assert_allclose([run.impacts.restitution[0] for run in runs], rebounds, rtol=1e-12)

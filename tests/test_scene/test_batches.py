@@ -1,0 +1,88 @@
+"""Batches of soft runs: a lane that needs no solve causes no step of one; single precision."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._scene import _cluster_solve, _radial
+from tests.oracle.scene_oracle import Ball, Spring, run
+
+# Of the second ball and of the gap to the third: all impacts apart and head-on, oblique, together.
+HEAD_ON, OBLIQUE, TOGETHER = (0.0, 5.0), (0.05, 5.0), (0.0, 0.0)
+
+SINGLE = 3e-6
+"""Of float32 against Newton's equations, relative to the speed at the start: measured 4e-7."""
+
+
+def collision(offset, gap):
+    """A ball hits a second one, which may hit a third one meanwhile."""
+    dtype = offset.dtype
+    places = [[0 * offset, 0.5 + 0 * offset], [0.5 + 0 * offset, 0.5 + offset]]
+    places.append([0.7001 + gap, 0.5 + offset])
+    speeds = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], dtype)
+    balls = [
+        jc.Sphere(0.1, 1.0 + k, jnp.stack(x), v)
+        for k, (x, v) in enumerate(zip(places, speeds, strict=True))
+    ]
+    end = jc.simulate(jc.Scene(balls, jc.Hertz(), stiffness=1e6), 0.8, max_impacts=5)
+    return end.velocity[-1], end.impacts.way, end.status
+
+
+@pytest.fixture
+def steps(monkeypatch):
+    """The steps of both solves that are made while a program runs, by their names."""
+    made = {}
+    for name, module in (("radial", _radial), ("coupled", _cluster_solve)):
+
+        def counted(*given, name=name, step=module.step_in_loop):
+            jax.debug.callback(lambda: made.update({name: made[name] + 1}))
+            return step(*given)
+
+        monkeypatch.setattr(module, "step_in_loop", counted)
+    yield made
+    # What was traced counts for ever.
+    jax.clear_caches()
+
+
+def test_only_lanes_that_need_a_solve_cause_steps(steps):
+    jax.clear_caches()
+    batch = jax.jit(jax.vmap(collision))
+
+    def count(*lanes):
+        steps.update(radial=0, coupled=0)
+        velocity, ways, status = batch(*jnp.array(lanes).T)
+        jax.effects_barrier()
+        assert np.all(status == jc.Ending.COMPLETED)
+        return dict(steps), velocity, ways[:, 0].tolist()
+
+    free, v, ways = count(HEAD_ON, HEAD_ON, HEAD_ON)
+    assert ways == [jc.Way.CLOSED_FORM] * 3
+    assert free == {"radial": 0, "coupled": 0}
+    radial, w, ways = count(OBLIQUE, OBLIQUE, OBLIQUE)
+    assert ways == [jc.Way.RADIAL] * 3
+    assert 20 < radial["radial"] < 200 and radial["coupled"] == 0
+    coupled, u, ways = count(TOGETHER, TOGETHER, TOGETHER)
+    assert ways == [jc.Way.COUPLED] * 3
+    assert 20 < coupled["coupled"] < 1000 and coupled["radial"] == 0
+    # All of them in one batch: each solve takes as many steps as where all lanes need it.
+    mixed, x, ways = count(HEAD_ON, OBLIQUE, TOGETHER)
+    assert ways == [jc.Way.CLOSED_FORM, jc.Way.RADIAL, jc.Way.COUPLED]
+    assert mixed == {"radial": radial["radial"], "coupled": coupled["coupled"]}
+    np.testing.assert_allclose(x, [v[0], w[0], u[0]], rtol=0, atol=1e-13)
+
+
+def test_single_precision():
+    lanes = np.array([HEAD_ON, OBLIQUE, TOGETHER])
+    found, ways, status = jax.jit(jax.vmap(collision))(*lanes.astype(np.float32).T)
+    assert found.dtype == jnp.float32 and np.all(status == jc.Ending.COMPLETED)
+    assert ways[:, 0].tolist() == [jc.Way.CLOSED_FORM, jc.Way.RADIAL, jc.Way.COUPLED]
+    for velocity, (offset, gap) in zip(found, lanes, strict=True):
+        places = [[0.0, 0.5], [0.5, 0.5 + offset], [0.7001 + gap, 0.5 + offset]]
+        speeds = [[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]]
+        balls = [
+            Ball(x, v, 0.1, 1.0 + k) for k, (x, v) in enumerate(zip(places, speeds, strict=True))
+        ]
+        exact = run(balls, Spring(1e6), 0.8).velocity
+        np.testing.assert_allclose(velocity.astype(float), exact, rtol=0, atol=SINGLE)

@@ -1,0 +1,25 @@
+"""What a scene does not need is skipped, and the result is the same."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from benchmarks.scene_skips import SKIPS
+
+SAME, SOLVED = 1e-11, 1e-9
+"""Of velocities of about 1 m/s; where a solve takes the place of a closed form, its `rtol`:
+measured 6e-15 and 3e-11."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] if skip.soft else [])
+        for name, skip in SKIPS.items()
+    ],
+)
+def test_the_result_is_the_same(name):
+    lean, whole = (np.asarray(jax.jit(way)(jnp.asarray(1.0))) for way in SKIPS[name][:2])
+    assert np.all(np.isfinite(lean)) and np.max(np.abs(lean)) > 0.1
+    np.testing.assert_allclose(whole, lean, rtol=0, atol=SOLVED if SKIPS[name].soft else SAME)
