@@ -60,7 +60,7 @@ def grid_of(
     packed = density * float(np.prod(width + diameter)) / (volume * diameter ** sum(cut))
     if sum(cut) < dimensions:
         packed = math.inf
-    capacity = _blocks(max(most + 2, min(packed, 2 * most + 2)))
+    capacity = _blocks(max(most + 2, min(packed, 1.5 * most + 1)))
     cells = _power_of_two(lattice.needed)
     if full is not None and full.axes == cut:
         # No smaller, so that the programs serve again.
