@@ -248,9 +248,10 @@ class Box(AbstractBody):
         made = []
         for axis in range(self.dimensions):
             for side, ends in enumerate((self.low, self.high)):
-                at = ends[axis]
-                if not isinstance(at, Tracer) and np.isinf(np.asarray(at)):
+                # An entry of an array is traced under `jit`, even where the array is not.
+                if not isinstance(ends, Tracer) and np.isinf(np.asarray(ends)[axis]):
                     continue
+                at = ends[axis]
                 sign = 1.0 - 2.0 * side
                 normal = np.zeros(self.dimensions)
                 normal[axis] = sign

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import equinox as eqx
 from jaxtyping import Array, Bool, Float, Int
 
+from ._cells import Cells
 from ._hit import Choice
 from ._touching import ClusterState
 
@@ -34,8 +35,9 @@ class Coupling(NamedTuple):
 
 
 class Events(NamedTuple):
-    """The stored events, (N,) each: `time`, `partner` (-1: only search again), the partner's count
-    of impacts then, the closing `speed`, and the time of the `second` best event.
+    """The stored events, (N,) each: `time`, `partner` (negative: only search again), the partner's
+    count of impacts then, the closing `speed`, and the time of the `second` best impact (of the
+    best, where the event is none).
     """
 
     time: Float[Array, " N"]
@@ -46,7 +48,7 @@ class Events(NamedTuple):
 
 
 class State(NamedTuple):
-    """The spheres, each at its own time, and their events."""
+    """The spheres, each at its own time, their events, and the cells they are in, if any."""
 
     position: Float[Array, "N D"]
     velocity: Float[Array, "N D"]
@@ -60,3 +62,4 @@ class State(NamedTuple):
     held: Float[Array, " N"]
     owed: Float[Array, " N"]
     coupling: Coupling | None
+    cells: Cells | None

@@ -3,16 +3,19 @@
 Each sphere stores the time and the partner of its next event, and how many impacts the partner had
 had when it was found. The least time is taken; if the partner has met something else since, the
 event is out of date and only searched again. Otherwise both bodies are moved to the impact, and
-their two rows are searched anew, among all bodies. Of every pair the one that was searched last
-knows the impact, so that none is missed, and there is no table of pairs.
+their two rows are searched anew, among all bodies or those of cells around them. Of every pair the
+one that was searched last knows the impact, so that none is missed, and there is no table of pairs.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ._cells import Grid
 from ._cluster_solve import APART, AT_REST, TIME_IS_UP
 from ._cluster_solve import NOT_CONVERGED as FAILED
 from ._coupled import (
@@ -25,6 +28,7 @@ from ._coupled import (
     touching,
     work_of_walls,
 )
+from ._due import Due, expecting, in_branch, up_to_date
 from ._hit import Choice, Flying, Outcome, accelerations, hit
 from ._isolation import isolated
 from ._log import Called, Facts, Figures, Log, Together, blank_calls
@@ -44,8 +48,14 @@ RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER = range(6)
 """Why a search goes on or stops; OVER: bodies are in contact at the end."""
 
 
-def begun(layout: Layout, numbers: Numbers, rules: Rules, end: Float[Array, ""]) -> State:
-    """The start: all spheres at time zero, their first events found one row after the other."""
+def begun(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    end: Float[Array, ""],
+    grid: Grid | None = None,
+) -> State:
+    """The start: all spheres at time zero, and the first events of all."""
     count = layout.spheres
     zero = jnp.zeros(count, numbers.dtype)
     whole = jnp.zeros(count, int)
@@ -54,7 +64,7 @@ def begun(layout: Layout, numbers: Numbers, rules: Rules, end: Float[Array, ""])
     state = State(
         numbers.position, numbers.velocity, zero, none, whole,
         Events(zero, none, whole, zero, zero), start, jnp.zeros((), int), jnp.zeros((), int),
-        zero, zero, None,
+        zero, zero, None, None,
     )  # fmt: skip
     if rules.coupled:
         _, called = blank_calls(layout, numbers.dtype)
@@ -68,10 +78,7 @@ def begun(layout: Layout, numbers: Numbers, rules: Rules, end: Float[Array, ""])
         )
         state = state._replace(coupling=coupling)
 
-    def row(i: Int[Array, ""]) -> Events:
-        return jax.tree.map(lambda x: x[0], searched(layout, numbers, state, i[None], start, end))
-
-    return state._replace(events=jax.lax.map(row, jnp.arange(count)))
+    return expecting(layout, numbers, state, start, end, grid)
 
 
 def advance(
@@ -82,22 +89,20 @@ def advance(
     log: Log,
     end: Float[Array, ""],
     tolerance: Float[Array, ""],
+    written: Int[Array, ""] | None = None,
 ) -> tuple[State, Log, Int[Array, ""]]:
-    """Impacts up to `end` (inclusive), until the log is full or the run is stuck.
+    """Impacts up to `end` (inclusive), until the log is full, the run is stuck or a cell is full.
 
-    Returns how many rows were written.
+    Rows are written after those there are. Returns how many there are then.
     """
     rows = log.facts.tied.shape[0]
 
-    def unfinished(carry: tuple[State, Log, Array]) -> Array:
-        state, _, written = carry
-        within = jnp.min(state.events.time) <= end
-        if state.coupling is not None:
-            within = within | state.coupling.active
-        return within & (written < rows) & (state.status == RUNNING)
+    def unfinished(carry: tuple[State, Log, Array, Array]) -> Array:
+        state, _, written, more = carry
+        return more & (written < rows) & (state.status == RUNNING)
 
-    def step(carry: tuple[State, Log, Array]) -> tuple[State, Log, Array]:
-        state, log, written = carry
+    def step(carry: tuple[State, Log, Array, Array]) -> tuple[State, Log, Array, Array]:
+        state, log, written, _ = carry
         # In a batch a run that is over only waits.
         given = (layout, numbers, rules, state, end, tolerance, unfinished(carry))
         if state.coupling is None:
@@ -107,9 +112,29 @@ def advance(
                 state.coupling.active, lambda: _called(*given), lambda: _event(*given)
             )
         log = jax.tree.map(lambda all, one: all.at[written].set(one), log, Log(figures, facts))
-        return state, log, written + fresh.astype(written.dtype)
+        # Nothing happens any more where nothing did.
+        more = fresh if state.coupling is None else fresh | state.coupling.active
+        return state, log, written + fresh.astype(written.dtype), more
 
-    return jax.lax.while_loop(unfinished, step, (state, log, jnp.zeros((), int)))
+    start = jnp.zeros((), int) if written is None else written
+    return jax.lax.while_loop(unfinished, step, (state, log, start, jnp.asarray(True)))[:3]
+
+
+class _Met(NamedTuple):
+    """What an impact does, before it is written: the two bodies `before` and after it, the decision
+    about it, what each rests on, and whether the run goes on; `alone`: whether it is isolated.
+    """
+
+    before: Flying
+    choice: Choice
+    outcome: Outcome
+    support: Int[Array, "2"]
+    count: Int[Array, "2"]
+    rival: Float[Array, ""]
+    tied: Bool[Array, ""]
+    idle: Int[Array, ""]
+    status: Int[Array, ""]
+    alone: Bool[Array, ""]
 
 
 def _event(
@@ -121,75 +146,41 @@ def _event(
     tolerance: Float[Array, ""],
     needed: Bool[Array, ""],
 ) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
-    """The next event, and whether it was an impact; `needed`: whether anything asks for it."""
-    count, events = layout.spheres, state.events
+    """The next impact, and whether there is one; `needed`: whether anything asks for it.
+
+    What is read from the arrays of all spheres is read in a branch, and only then written, or
+    these arrays would be copied.
+    """
     if state.coupling is not None:
         needed = needed & ~state.coupling.active
-    least = jnp.min(events.time)
-    together_within = simultaneous(numbers, least)
-    i = jnp.argmax(jnp.where(events.time <= least + together_within, events.speed, -jnp.inf))
-    now = jnp.maximum(events.time[i], state.now)
-    partner = events.partner[i]
-    j = jnp.clip(partner, 0, count - 1)
-    is_sphere = (partner >= 0) & (partner < count)
-    fresh = (partner >= count) | (is_sphere & (state.count[j] == events.count[i]))
+    state, due = up_to_date(layout, numbers, state, end)
+    count, i, partner = layout.spheres, due.first, due.partner
+    fresh = due.fresh & (due.least <= end)
+    if state.cells is not None:
+        fresh = fresh & ~state.cells.full
+    now = jnp.maximum(due.time, state.now)
+    is_sphere = partner < count
     # A wall has no row: the first body stands in for it.
-    j = jnp.where(is_sphere, j, i)
-    who = jnp.stack([i, j])
-
-    before = Flying(state.position[who], state.velocity[who], state.time[who])
-    choice = _choice(layout, numbers, state, who, jnp.maximum(partner, 0), before, now, tolerance)
-    if rules.soft:
-        # A contact that takes time comes to rest by itself.
-        choice = choice._replace(tail=jnp.asarray(False))
-
-    def struck() -> Outcome:
-        if rules.soft:
-            return soft(layout, numbers, before, choice, tolerance, fresh & needed)
-        return hit(layout, numbers, before, choice)
-
-    still = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(struck))
-    outcome = jax.lax.cond(fresh, struck, lambda: still)
-    support, crowded = _supports(layout, numbers, choice, outcome)
-    starts = jnp.asarray(False)
-    if rules.soft:
-        alone = isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
-        starts = fresh & ~alone
-        fresh = fresh & alone
-        crowded = jnp.asarray(False)
-        support = choice.support
-
-    competing = jnp.where(events.partner[j] == i, events.second[j], events.time[j])
-    rival = jnp.minimum(events.second[i], jnp.where(is_sphere, competing, jnp.inf)) - now
-    since = jnp.where(state.count[who] > 0, now - state.time[who], jnp.inf)
-    rival = jnp.minimum(rival, jnp.min(since))
-    tied = rival <= together_within
+    who = jnp.stack([i, jnp.where(is_sphere, jnp.maximum(partner, 0), i)])
+    given = (layout, numbers, rules, state, due, who, now, tolerance, fresh & needed)
+    met = in_branch(fresh, lambda: _met(*given))
+    choice, outcome = met.choice, met.outcome
+    happens = fresh & met.alone
+    starts = fresh & ~met.alone
+    rows = jnp.where(happens & jnp.stack([happens, is_sphere]), who, count)
 
     def put(all: Array, new: Array) -> Array:
-        old = all[who]
-        keep = jnp.stack([fresh, fresh & is_sphere]).reshape((2,) + (1,) * (old.ndim - 1))
-        new = jnp.where(keep, new, old)
-        # The second first: where it stands for a wall it is the first body again.
-        return all.at[j].set(new[1]).at[i].set(new[0])
+        return all.at[rows[1]].set(new[1], mode="drop").at[rows[0]].set(new[0], mode="drop")
 
-    idle = jnp.where(now > state.now + together_within, 0, state.idle + 1)
-    patience = PATIENCE * (layout.spheres + layout.walls)
-    fastest = jnp.max(jnp.sqrt(jnp.sum(jnp.square(state.velocity), axis=-1)))
-    slow = outcome.closing <= SLOW * jnp.finfo(numbers.dtype).eps * fastest
-    died = slow & (rival <= together_within) & ~choice.tail
-    if rules.soft:
-        died = jnp.asarray(False)
-    stuck = jnp.where(died | (idle > patience), ACCUMULATED, RUNNING)
-    status = jnp.where(fresh & crowded, TWO_SUPPORTS, stuck)
     state = state._replace(
         position=put(state.position, outcome.after.position),
         velocity=put(state.velocity, outcome.after.velocity),
         time=put(state.time, outcome.after.time),
-        support=put(state.support, support),
-        count=put(state.count, state.count[who] + 1),
-        now=jnp.where(fresh | starts, now, state.now),
-        idle=jnp.where(fresh, idle, state.idle),
-        status=jnp.where(fresh, status, state.status),
+        support=put(state.support, met.support),
+        count=put(state.count, met.count),
+        now=jnp.where(fresh, now, state.now),
+        idle=jnp.where(happens, met.idle, state.idle),
+        status=jnp.where(happens, met.status, state.status),
         owed=put(state.owed, jnp.broadcast_to(outcome.energy_loss, (2,))),
     )
     if rules.soft and state.coupling is None:
@@ -198,15 +189,65 @@ def _event(
         members = state.time <= now
         coupling = Coupling(starts, starts, choice, members, state.coupling.state)
         state = state._replace(coupling=coupling)
-    found = searched(layout, numbers, state, who, now, end)
-    state = state._replace(
-        events=jax.tree.map(lambda all, new: all.at[who].set(new), events, found)
-    )
+    found = in_branch(happens, lambda: searched(layout, numbers, state, who, now, end))
+    state = state._replace(events=jax.tree.map(put, state.events, found))
     together = called = None
     if state.coupling is not None:
         together, called = blank_calls(layout, numbers.dtype)
-    figures = Figures(before, outcome, together)
-    return state, figures, Facts(choice, support, tied, rival, called), fresh
+    figures = Figures(met.before, outcome, together)
+    return state, figures, Facts(choice, met.support, met.tied, met.rival, called), happens
+
+
+def _met(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    due: Due,
+    who: Int[Array, "2"],
+    now: Float[Array, ""],
+    tolerance: Float[Array, ""],
+    needed: Bool[Array, ""],
+) -> _Met:
+    """The impact that is due; where it is not `needed` a soft one takes no step."""
+    events, (i, j), partner = state.events, who, due.partner
+    before = Flying(state.position[who], state.velocity[who], state.time[who])
+    choice = _choice(layout, numbers, state, who, jnp.maximum(partner, 0), before, now, tolerance)
+    if rules.soft:
+        # A contact that takes time comes to rest by itself.
+        choice = choice._replace(tail=jnp.asarray(False))
+        outcome = soft(layout, numbers, before, choice, tolerance, needed)
+        alone = isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
+        support, crowded = choice.support, jnp.asarray(False)
+    else:
+        outcome = hit(layout, numbers, before, choice)
+        alone = jnp.asarray(True)
+        support, crowded = _supports(layout, numbers, choice, outcome)
+
+    # An event of the other one that is no impact does not compete.
+    own = (events.partner[j] == i) | (events.partner[j] < 0)
+    competing = jnp.where(own, events.second[j], events.time[j])
+    is_sphere = partner < layout.spheres
+    rival = jnp.minimum(events.second[i], jnp.where(is_sphere, competing, jnp.inf)) - now
+    since = jnp.where(state.count[who] > 0, now - state.time[who], jnp.inf)
+    rival = jnp.minimum(rival, jnp.min(since))
+    within = simultaneous(numbers, due.least)
+    tied = rival <= within
+
+    idle = jnp.where(now > state.now + within, 0, state.idle + 1)
+    patience = PATIENCE * (layout.spheres + layout.walls)
+
+    def fastest() -> Array:
+        return jnp.sqrt(jnp.max(jnp.sum(jnp.square(state.velocity), axis=-1)))
+
+    slow = SLOW * jnp.finfo(numbers.dtype).eps * in_branch(tied, fastest)
+    died = tied & (outcome.closing <= slow) & ~choice.tail
+    if rules.soft:
+        died = jnp.asarray(False)
+    stuck = jnp.where(died | (idle > patience), ACCUMULATED, RUNNING)
+    status = jnp.where(crowded, TWO_SUPPORTS, stuck)
+    count = state.count[who] + 1
+    return _Met(before, choice, outcome, support, count, rival, tied, idle, status, alone)
 
 
 def _called(

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ._cells import leaving, neighbours
 from ._hit import accelerations
 from ._progress import Events, State
 from ._system import Layout, Numbers, nearest_image
@@ -23,6 +24,9 @@ NOISE = 16
 TIED = 64
 """Roundings of a time within which two events are simultaneous."""
 
+AGAIN, LEAVES = -1, -2
+"""Partners that are none: only search again, or a sphere leaves its cell."""
+
 
 def simultaneous(numbers: Numbers, time: Float[Array, ""]) -> Float[Array, ""]:
     """How far apart two times may be that are one but for rounding."""
@@ -38,25 +42,28 @@ def searched(
     now: Float[Array, ""],
     end: Float[Array, ""],
 ) -> Events:
-    """The next events of some spheres, searched among all bodies."""
+    """The next events of some spheres, searched among all bodies, or those of cells around them."""
     count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
-    passed = (now - state.time)[:, None]
-    velocity, position = state.velocity, state.position
-    pull = jnp.zeros_like(velocity)
-    if layout.gravity:
-        pull = accelerations(layout, numbers, jnp.arange(count), state.support)
-        velocity = velocity + pull * passed
-    position = position + (state.velocity + velocity) / 2 * passed
-    moves = numbers.inverse_mass[:count] > 0
-    speeds = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1))
+    others, valid = None, jnp.asarray(True)[None, None]
+    names = jnp.arange(count)[None]
+    if state.cells is not None:
+        others, valid = neighbours(layout, state.cells, who)
+        names = others
+    size = (who.shape[0], names.shape[1])
+    position, velocity, pull = flown(layout, numbers, state, who, now)
+    across = flown(layout, numbers, state, None if others is None else others.reshape(-1), now)
+    moves, all_move = (_of(numbers.inverse_mass[:count] > 0, k) for k in (who, others))
+    speeds, all_speeds = (jnp.sqrt(jnp.sum(jnp.square(x), axis=-1)) for x in (velocity, across[1]))
 
-    apart = (position[who][:, None] - position[None]).reshape(-1, layout.dimensions)
-    apart = nearest_image(layout, numbers, apart)[0].reshape(-1, count, layout.dimensions)
-    rate = velocity[who][:, None] - velocity[None]
-    bend = pull[who][:, None] - pull[None]
-    distance = numbers.radius[who][:, None] + numbers.radius[None]
-    noise = NOISE * eps * (speeds[who][:, None] + speeds[None])
-    straight = sphere_time(apart, rate, distance, noise)
+    def relative(mine: Array, theirs: Array) -> Array:
+        return mine[:, None] - theirs.reshape(-1, size[1], layout.dimensions)
+
+    apart = relative(position, across[0]).reshape(-1, layout.dimensions)
+    apart = nearest_image(layout, numbers, apart)[0].reshape(*size, layout.dimensions)
+    rate, bend = relative(velocity, across[1]), relative(pull, across[2])
+    distance = numbers.radius[who][:, None] + _of(numbers.radius, others).reshape(-1, size[1])
+    noise = NOISE * eps * (speeds[:, None] + all_speeds.reshape(-1, size[1]))
+    straight = sphere_time(apart, rate, distance, noise, shells=layout.spheres > layout.visible)
     if layout.gravity and (layout.walls or any(layout.fixed)):
         bent = jnp.any(bend != 0, axis=-1)
         horizon = jnp.maximum(end - now, 0)
@@ -67,7 +74,8 @@ def searched(
         times = jnp.where(bent, jax.lax.cond(jnp.any(bent), curved, lambda: straight), straight)
     else:
         times = straight
-    other = (jnp.arange(count)[None] != who[:, None]) & (moves[None] | moves[who][:, None])
+    other = valid & (names != who[:, None])
+    other = other & (all_move.reshape(-1, size[1]) | moves[:, None])
     times = jnp.where(other, times, jnp.inf)
     reached = jnp.where(jnp.isfinite(times), times, 0)[..., None]
     at = apart + (rate + bend / 2 * reached) * reached
@@ -75,19 +83,22 @@ def searched(
 
     horizon = jnp.full(who.shape, jnp.inf, numbers.dtype)
     for axis in range(layout.dimensions):
-        if layout.periodic[axis]:
+        if layout.periodic[axis] and (state.cells is None or not state.cells.grid.axes[axis]):
             bound = image_horizon(
                 apart[..., axis], rate[..., axis], bend[..., axis], distance, numbers.period[axis]
             )
             horizon = jnp.minimum(horizon, jnp.min(jnp.where(other, bound, jnp.inf), axis=-1))
+    leaves = jnp.full(who.shape, jnp.inf, numbers.dtype)
+    if state.cells is not None:
+        leaves = leaving(layout, state.cells, who, position, velocity, pull)
 
     if layout.walls:
-        height = jnp.sum(position[who][:, None] * numbers.normal[None], axis=-1)
+        height = jnp.sum(position[:, None] * numbers.normal[None], axis=-1)
         walls = numbers.walls_at(now)
         gap = height - walls.offset[None] - numbers.radius[who][:, None]
-        fall = jnp.sum(velocity[who][:, None] * numbers.normal[None], axis=-1)
-        weight = jnp.sum(pull[who][:, None] * numbers.normal[None], axis=-1)
-        noise = NOISE * eps * speeds[who][:, None]
+        fall = jnp.sum(velocity[:, None] * numbers.normal[None], axis=-1)
+        weight = jnp.sum(pull[:, None] * numbers.normal[None], axis=-1)
+        noise = NOISE * eps * speeds[:, None]
         motion = jax.tree.map(lambda x: x[None], numbers.motion)
         if motion is not None:
             fall = fall - motion.speed
@@ -100,7 +111,7 @@ def searched(
             found = shaking_wall_time(gap, fall, weight, noise, motion, now, left)
             wall = jnp.where(shaking, found, wall)
         resting = jnp.arange(layout.walls)[None] == state.support[who][:, None]
-        wall = jnp.where(resting | ~moves[who][:, None], jnp.inf, wall)
+        wall = jnp.where(resting | ~moves[:, None], jnp.inf, wall)
         reached = jnp.where(jnp.isfinite(wall), wall, 0)
         rises = fall + weight * reached
         if any(layout.vibrating):
@@ -109,23 +120,53 @@ def searched(
             rises = rises - jnp.where(jnp.asarray(layout.vibrating)[None], swing, 0)
         times = jnp.concatenate([times, wall], axis=-1)
         closing = jnp.concatenate([closing, -rises], axis=-1)
+        walls = jnp.arange(count, count + layout.walls)[None]
+        names = jnp.broadcast_to(names, size)
+        names = jnp.concatenate([names, jnp.broadcast_to(walls, wall.shape)], axis=-1)
     # A fixed sphere is found by those that move.
-    times = jnp.where(moves[who][:, None], times, jnp.inf)
+    times = jnp.where(moves[:, None], times, jnp.inf)
 
+    # Of several at once the one that closes fastest, and of these the first by number: the order
+    # of the columns has no say.
     least = jnp.min(times, axis=-1, keepdims=True)
     within = TIED * eps * (jnp.abs(now) + jnp.where(jnp.isfinite(least), least, 0))
     together = times <= least + within
-    best = jnp.argmax(jnp.where(together, closing, -jnp.inf), axis=-1)
-    everyone = jnp.arange(times.shape[-1])[None]
-    second = jnp.min(jnp.where(everyone == best[:, None], jnp.inf, times), axis=-1)
-    time = jnp.take_along_axis(times, best[:, None], axis=-1)[:, 0]
-    speed = jnp.take_along_axis(closing, best[:, None], axis=-1)[:, 0]
-    early = horizon < time
+    speed = jnp.max(jnp.where(together, closing, -jnp.inf), axis=-1)
+    fastest = together & (closing == speed[:, None])
+    best = jnp.min(jnp.where(fastest, names, count + layout.walls - 1), axis=-1)
+    chosen = fastest & (names == best[:, None])
+    time = jnp.min(jnp.where(chosen, times, jnp.inf), axis=-1)
+    second = jnp.min(jnp.where(chosen, jnp.inf, times), axis=-1)
+    early = jnp.minimum(horizon, leaves) < time
+    partner = jnp.where(leaves <= horizon, LEAVES, AGAIN)
     sphere = jnp.minimum(best, count - 1)
     return Events(
-        time=now + jnp.minimum(time, horizon),
-        partner=jnp.where(early, -1, best),
+        time=now + jnp.minimum(time, jnp.minimum(horizon, leaves)),
+        partner=jnp.where(early, partner, best),
         count=jnp.where(best < count, state.count[sphere], 0),
         speed=jnp.where(early, jnp.inf, speed),
-        second=now + second,
+        second=now + jnp.where(early, time, second),
     )
+
+
+def flown(
+    layout: Layout,
+    numbers: Numbers,
+    state: State,
+    who: Int[Array, " M"] | None,
+    now: Float[Array, ""],
+) -> tuple[Float[Array, "M D"], Float[Array, "M D"], Float[Array, "M D"]]:
+    """Where some spheres, or all, are now; their velocities and accelerations."""
+    began, velocity = _of(state.position, who), _of(state.velocity, who)
+    passed = (now - _of(state.time, who))[:, None]
+    pull, later = jnp.zeros_like(velocity), velocity
+    if layout.gravity:
+        named = jnp.arange(layout.spheres) if who is None else who
+        pull = accelerations(layout, numbers, named, _of(state.support, who))
+        later = velocity + pull * passed
+    return began + (velocity + later) / 2 * passed, later, pull
+
+
+def _of(all: Array, who: Int[Array, "..."] | None) -> Array:
+    """Some rows of an array, or all of them, without a copy."""
+    return all if who is None else all[who.reshape(-1)]

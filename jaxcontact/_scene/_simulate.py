@@ -23,8 +23,11 @@ from .._parameter import (
     require_number,
 )
 from .._progress import Listener, Tell, progress_of, require_progress
+from ._cells import Grid
 from ._coupled import MOST
+from ._due import expecting
 from ._entry import one_number
+from ._grid import grid_of
 from ._log import Log, blank_log
 from ._overlap import require_clear_of_each_other
 from ._progress import Rules, State
@@ -33,6 +36,7 @@ from ._result import Ending, traced
 from ._run import Run, moment_at
 from ._scene import Scene
 from ._schedule import CROWDED, NOT_CONVERGED, OVER, RUNNING, advance, begun
+from ._search import flown
 from ._system import Layout, Numbers, first_overlap, layout_of, numbers_of, replaced
 from ._table import table_of, work_of
 
@@ -117,7 +121,8 @@ def simulate(
         room = ROOM if most is None else most
         # A call of the coupled solve ends where any pair touches or opens.
         rows = room * (_CALLS if coupled else 1)
-        outcome = _all_at_once(layout, numbers, rules, valid, length, within, rows)
+        grid = None if soft else grid_of(layout, numbers)
+        outcome = _all_at_once(layout, numbers, rules, valid, length, within, rows, grid)
     else:
         room = None
         with progress_of(progress, "impacts", "simulate") as tell:
@@ -184,8 +189,12 @@ def _all_at_once(
     end: Array,
     tolerance: Array,
     room: int,
+    grid: Grid | None,
 ) -> tuple[Numbers, Log, Array, Array, Array]:
-    """The whole run as one program with room for so many impacts, differentiable."""
+    """The whole run as one program with room for so many impacts, differentiable.
+
+    Where a cell is full the run goes on without cells.
+    """
     valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
     valid = valid & POSITIVE.holds(end)
     numbers = replaced(numbers, valid)
@@ -193,13 +202,32 @@ def _all_at_once(
         lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, numbers
     )
     last = jnp.where(valid, jax.lax.stop_gradient(end), -1)
-    state = begun(layout, fixed, rules, last)
+    state = begun(layout, fixed, rules, last, grid)
     log = blank_log(room, layout, numbers.dtype, rules.coupled)
     state, log, written = advance(layout, fixed, rules, state, log, last, tolerance)
+    if state.cells is not None:
+        full = state.cells.full & valid
+        now = jnp.maximum(jnp.min(state.events.time), state.now)
+        state = expecting(layout, fixed, state, now, last, None, full)
+        state, log, written = advance(layout, fixed, rules, state, log, last, tolerance, written)
     more = _goes_on(state, last)
     status, reached = _ending(state, more, valid, end)
     log = differentiable(layout, numbers, rules, log, written, tolerance)
     return numbers, log, written, status, reached
+
+
+def _with_room(
+    layout: Layout, numbers: Numbers, state: State, end: Array, before: float
+) -> tuple[State, float]:
+    """The run with other cells where one is full, and when that was; without cells where they were
+    full at the same time `before`, so that they are no use.
+    """
+    assert state.cells is not None
+    now = jnp.maximum(jnp.min(state.events.time), state.now)
+    position = flown(layout, numbers, state, None, now)[0]
+    useful = float(now) > before
+    grid = grid_of(layout, numbers, position, state.cells.grid) if useful else None
+    return _expecting(layout, numbers, state, now, end, grid), float(now)
 
 
 def _goes_on(state: State, end: Array) -> Array:
@@ -222,6 +250,7 @@ def _ending(state: State, more: Array, valid: Array, end: Array) -> tuple[Array,
 
 
 _begun = eqx.filter_jit(begun)
+_expecting = eqx.filter_jit(expecting)
 _advance = eqx.filter_jit(advance)
 _blank = eqx.filter_jit(blank_log)
 
@@ -239,11 +268,14 @@ def _piece_by_piece(
     """The run from Python: one program goes on until all impacts are there."""
     numbers = replaced(numbers, valid)
     last = jnp.where(valid, end, -1)
-    state = _begun(layout, numbers, rules, last)
+    grid = None if rules.soft else grid_of(layout, numbers)
+    state = _begun(layout, numbers, rules, last, grid)
     pieces: list[Log] = []
-    total, more = 0, True
+    total, more, crowded_at = 0, True, -1.0
     blank = _blank(_PIECE, layout, numbers.dtype, rules.coupled)
     while more and int(state.status) == 0 and (most is None or total < most):
+        if state.cells is not None and bool(state.cells.full):
+            state, crowded_at = _with_room(layout, numbers, state, last, crowded_at)
         state, log, written = _advance(layout, numbers, rules, state, blank, last, tolerance)
         count = int(written) if most is None else min(int(written), most - total)
         more = bool(_goes_on(state, last)) or count < int(written)

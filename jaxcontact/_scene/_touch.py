@@ -109,10 +109,12 @@ def shaking_wall_time(
     return jnp.where(none | (time > horizon), jnp.inf, time)
 
 
-def sphere_time(apart: Lane, rate: Lane, distance: Lane, noise: Lane) -> Lane:
+def sphere_time(
+    apart: Lane, rate: Lane, distance: Lane, noise: Lane, *, shells: bool = True
+) -> Lane:
     """The time until |apart + rate τ| shrinks to `distance`; vectors along the last axis.
 
-    In a shell, with a negative `distance`, until it grows to that.
+    In a shell, with a negative `distance`, until it grows to that; without `shells` there is none.
     """
     along = jnp.sum(apart * rate, axis=-1)
     square = jnp.sum(jnp.square(rate), axis=-1)
@@ -128,6 +130,8 @@ def sphere_time(apart: Lane, rate: Lane, distance: Lane, noise: Lane) -> Lane:
     root = jnp.sqrt(jnp.maximum(discriminant, 0))
     time = gap * (length + distance) / jnp.where(closing, root - along, 1)
     outside = jnp.where(meets, jnp.maximum(time, 0), jnp.inf)
+    if not shells:
+        return outside
     # Inside of a shell whatever moves leaves at last: at the later of the two roots.
     moves = square > 0
     room = jnp.maximum(-distance - length, 0) * (length - distance)

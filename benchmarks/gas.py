@@ -1,0 +1,199 @@
+"""Gases of hard spheres against published values: `python benchmarks/gas.py [--out FILE]`.
+
+In a periodic cell, impacts out of time, several seeds: the mean free time and the pressure of an
+elastic gas and how well it keeps its energy, then how two gases cool that lose a little in every
+impact, while they are homogeneous. Errors are those of the mean over the seeds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import platform
+import time
+from pathlib import Path
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import curve_fit
+
+import jaxcontact as jc
+
+DIAMETER, DENSITY = 1.0, 0.5
+MEAN_FREE_TIME = 0.13031
+"""At ρσ³ = 0.5, unit mass and temperature: Lue (2005), doi 10.1063/1.1834498."""
+
+DILUTE = 0.1
+"""The density of gases that cool: in a cell that is small against the waves that would grow."""
+
+E, LOSS = 0.9, 0.03
+"""The constant restitution; and 1 - e of the viscoelastic law at unit speed."""
+
+
+def carnahan_starling(density: float) -> float:
+    """The pressure of hard spheres over that of an ideal gas."""
+    filled = np.pi / 6 * density * DIAMETER**3
+    return (1 + filled + filled**2 - filled**3) / (1 - filled) ** 3
+
+
+def viscoelastic() -> tuple[jc.KuwabaraKono, float]:
+    """A law with 1 - e = LOSS v^(1/5) for small losses, and the stiffness that belongs to it."""
+    stiffness, mass = 1e6, 0.5
+    return jc.KuwabaraKono(A=LOSS / (1.15344 * 1.5 * (stiffness / mass) ** 0.4)), stiffness
+
+
+def settled(count: int, density: float, seed: int) -> list[jc.Sphere]:
+    """Spheres of an elastic gas in equilibrium, without momentum, at unit temperature."""
+    size = [(count / density) ** (1 / 3)] * 3
+    scene = jc.Scene(
+        jc.random_spheres(
+            count, low=[0.0] * 3, high=size, radius=DIAMETER / 2, mass=1.0, periodic=size, seed=seed,
+            speed=np.sqrt(3 * (1 - 1 / count)),
+        ),
+        jc.ExactRestitution(e=1.0),
+        periodic=size,
+    )  # fmt: skip
+    # Some fifteen impacts of every sphere.
+    return list(jc.simulate(scene, 1.0 / density, instantaneous=True).final.spheres)
+
+
+def temperature(energy: NDArray, count: int) -> NDArray:
+    """Of spheres without momentum as a whole: 3 (N-1) degrees of freedom."""
+    return 2 * energy / (3 * (count - 1))
+
+
+def equilibrium(count: int, impacts: int, seed: int) -> dict:
+    """Mean free time, pressure and energy of an elastic gas."""
+    size = [(count / DENSITY) ** (1 / 3)] * 3
+    scene = jc.Scene(settled(count, DENSITY, seed), jc.ExactRestitution(e=1.0), periodic=size)
+    duration = 2 * MEAN_FREE_TIME * impacts / count
+    began = time.perf_counter()
+    run = jc.simulate(
+        scene, duration, instantaneous=True, times=np.linspace(0, duration, 101), progress=False
+    )
+    seconds = time.perf_counter() - began
+    found, energy = run.impacts.to_dict(), np.asarray(run.energy)
+    number, hot = len(found["time"]), temperature(energy[0], count)
+    # Equal masses of one: the momentum that an elastic impact passes on is its closing speed.
+    virial = DIAMETER * np.sum(found["closing_speed"]) / (2 * energy[0] * duration)
+    return {
+        "seed": seed,
+        "impacts": number,
+        "mean_free_time": duration * count / (2 * number) * np.sqrt(hot),
+        "pressure": 1 + virial,
+        "energy": float(np.max(np.abs(energy / energy[0] - 1))),
+        "least_gap": least_gap(np.asarray(run.position), size[0]),
+        "status": jc.Ending(int(run.status)).name,
+        "us_impact": 1e6 * seconds / number,
+    }
+
+
+def least_gap(position: NDArray, size: float) -> float:
+    """The smallest distance of two surfaces at any of the times, in diameters."""
+    least = np.inf
+    for places in position:
+        apart = places[:, None] - places[None]
+        apart -= size * np.round(apart / size)
+        distance = np.sqrt(np.sum(apart**2, axis=-1))
+        np.fill_diagonal(distance, np.inf)
+        least = min(least, np.min(distance) / DIAMETER - 1)
+    return float(least)
+
+
+def cooling(
+    law: jc.AbstractLaw, stiffness: float | None, count: int, duration: float, seed: int
+) -> dict:
+    """The exponent p of T = T0 (1 + t/τ)^-p."""
+    size = [(count / DILUTE) ** (1 / 3)] * 3
+    scene = jc.Scene(settled(count, DILUTE, seed), law, stiffness=stiffness, periodic=size)
+    run = jc.simulate(scene, duration, instantaneous=True, progress=False)
+    found = run.impacts.to_dict()
+    most = len(found["time"])
+    left = float(run.energy[0]) - np.cumsum(found["energy_loss"])
+    # After five impacts of each the velocities have forgotten the elastic gas.
+    late = np.unique(np.geomspace(5 * count // 2, most - 1, 400).astype(int))
+    since = found["time"][late] - found["time"][late[0]]
+    hot = np.log(temperature(left[late], count))
+
+    def law_of(t, start, exponent, rate):
+        return start - exponent * np.log1p(np.exp(rate) * t)
+
+    start = (hot[0], 2.0, -np.log(since[100]))
+    (start, exponent, rate), _ = curve_fit(law_of, since, hot, p0=start)
+    return {
+        "seed": seed,
+        "impacts": most,
+        "exponent": float(exponent),
+        "tau": float(np.exp(-rate)),
+        "cooled": float(np.exp(hot[-1])),
+        "rms": float(np.std(hot - law_of(since, start, exponent, rate))),
+    }
+
+
+def summary(name: str, runs: list[dict], key: str, published: float, source: str) -> dict:
+    """The mean over the seeds beside what was published."""
+    values = np.array([run[key] for run in runs])
+    error = np.std(values, ddof=1) / np.sqrt(len(values)) if len(values) > 1 else np.nan
+    row = {
+        "name": name,
+        "ours": float(np.mean(values)),
+        "error": float(error),
+        "published": published,
+        "source": source,
+    }
+    off = row["ours"] / published - 1
+    print(f"{name:44}{row['ours']:10.5f} ± {error:.5f}, published {published:.5f} ({off:+.2%})")
+    return row
+
+
+def main() -> None:
+    """Print the tables; with --out also write them as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, help="JSON file to write")
+    parser.add_argument("--seeds", type=int, default=5)
+    arguments = parser.parse_args()
+    seeds = range(arguments.seeds)
+    elastic = [equilibrium(1000, 100_000, seed) for seed in seeds]
+    for run in elastic:
+        print(run, flush=True)
+    haff = [cooling(jc.ExactRestitution(e=E), None, 1000, 3900.0, seed) for seed in seeds]
+    for run in haff:
+        print(run, flush=True)
+    soft, stiffness = viscoelastic()
+    slow = [cooling(soft, stiffness, 500, 1270.0, seed) for seed in seeds]
+    for run in slow:
+        print(run, flush=True)
+    worst = max(run["energy"] for run in elastic)
+    print(f"energy over {elastic[0]['impacts']} elastic impacts: {worst:.1e}")
+    rows = [
+        summary("mean free time, ρσ³ = 0.5", elastic, "mean_free_time", MEAN_FREE_TIME, "Lue 2005"),
+        summary(
+            "PV/NkT, ρσ³ = 0.5", elastic, "pressure", carnahan_starling(DENSITY),
+            "Carnahan & Starling 1969",
+        ),
+        summary("exponent of cooling, e = 0.9", haff, "exponent", 2.0, "Haff 1983"),
+        summary(
+            "exponent of cooling, 1 - e = 0.03 v^(1/5)", slow, "exponent", 5 / 3,
+            "Schwager & Pöschel 1998",
+        ),
+    ]  # fmt: skip
+    if arguments.out:
+        machine = {
+            "processor": platform.machine(),
+            "device": str(jax.devices()[0].device_kind),
+            "jax": jax.__version__,
+            "precision": "float64",
+        }
+        table = {
+            "machine": machine, "table": rows, "energy_drift": worst, "elastic": elastic,
+            "constant": haff, "viscoelastic": slow,
+        }  # fmt: skip
+        arguments.out.write_text(json.dumps(table, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

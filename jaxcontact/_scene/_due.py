@@ -1,0 +1,113 @@
+"""Which event comes next: stored events that are none are searched anew until one is an impact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ._cells import Cells, Grid, Shift, placed, shift_of, shifted
+from ._progress import Events, State
+from ._search import LEAVES, flown, searched, simultaneous
+from ._system import Layout, Numbers
+
+
+def expecting(
+    layout: Layout,
+    numbers: Numbers,
+    state: State,
+    now: Float[Array, ""],
+    end: Float[Array, ""],
+    grid: Grid | None,
+    needed: Bool[Array, ""] | None = None,
+) -> State:
+    """The state with all spheres put down in other cells, or in none, and all events searched anew,
+    one row after the other; where that is not `needed` with the events there are.
+    """
+    cells = None
+    if grid is not None:
+        cells = placed(layout, numbers, grid, flown(layout, numbers, state, None, now)[0])
+    state = state._replace(cells=cells)
+    count = layout.spheres
+
+    def row(i: Int[Array, ""], events: Events) -> Events:
+        return _put(events, i, searched(layout, numbers, state, i[None], now, end))
+
+    rows = count if needed is None else jnp.where(needed, count, 0)
+    events = jax.lax.fori_loop(0, rows, row, state.events)
+    return state._replace(events=events)
+
+
+def _put(events: Events, i: Int[Array, ""], found: Events) -> Events:
+    return jax.tree.map(lambda all, new: all.at[i].set(new[0]), events, found)
+
+
+class Due(NamedTuple):
+    """The event that comes next: the `least` of all times and its own, which differ by rounding;
+    whose, with whom, and whether it is an impact.
+    """
+
+    least: Float[Array, ""]
+    time: Float[Array, ""]
+    first: Int[Array, ""]
+    partner: Int[Array, ""]
+    fresh: Bool[Array, ""]
+
+
+def next_event(layout: Layout, numbers: Numbers, events: Events, count: Int[Array, " N"]) -> Due:
+    """The least time; of several at once the largest closing speed."""
+    least = jnp.min(events.time)
+    together = events.time <= least + simultaneous(numbers, least)
+    # Two plain reductions are twice as fast as one that carries an index along.
+    speed = jnp.where(together, events.speed, -jnp.inf)
+    everyone = jnp.arange(layout.spheres)
+    i = jnp.min(jnp.where(speed == jnp.max(speed), everyone, layout.spheres - 1))
+    partner = events.partner[i]
+    is_sphere = (partner >= 0) & (partner < layout.spheres)
+    known = count[jnp.clip(partner, 0, layout.spheres - 1)] == events.count[i]
+    fresh = (partner >= layout.spheres) | (is_sphere & known)
+    return Due(least, events.time[i], i, partner, fresh)
+
+
+def up_to_date(
+    layout: Layout, numbers: Numbers, state: State, end: Float[Array, ""]
+) -> tuple[State, Due]:
+    """Search again the spheres whose events come first and are none, until one is an impact."""
+
+    def unfinished(carry: tuple[Events, Cells | None, Due]) -> Array:
+        _, cells, due = carry
+        stale = ~due.fresh & (due.least <= end)
+        return stale if cells is None else stale & ~cells.full
+
+    def again(
+        carry: tuple[Events, Cells | None, Due],
+    ) -> tuple[Events, Cells | None, Due]:
+        events, cells, due = carry
+        here = state._replace(events=events, cells=cells)
+        i, now = due.first, jnp.maximum(due.time, state.now)
+        # It always is; but what is read in a branch is read before anything is written.
+        wanted = due.least <= end
+        if cells is not None:
+
+            def shift(cells: Cells = cells) -> Shift:
+                place = flown(layout, numbers, here, i[None], now)[0]
+                return shift_of(layout, cells, i, place, due.partner == LEAVES)
+
+            cells = shifted(cells, i, in_branch(wanted, shift))
+            here = here._replace(cells=cells)
+        row = in_branch(wanted, lambda: searched(layout, numbers, here, i[None], now, end))
+        events = _put(events, i, row)
+        return events, cells, next_event(layout, numbers, events, state.count)
+
+    first = next_event(layout, numbers, state.events, state.count)
+    events, cells, due = jax.lax.while_loop(unfinished, again, (state.events, state.cells, first))
+    return state._replace(events=events, cells=cells), due
+
+
+def in_branch(wanted: Bool[Array, ""], of: Callable[[], Any]) -> Any:
+    """What a function returns where it is wanted, else zeros."""
+    blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(of))
+    return jax.lax.cond(wanted, of, lambda: blank)
