@@ -51,8 +51,8 @@ def settled(count: int, density: float, seed: int) -> list[jc.Sphere]:
     size = [(count / density) ** (1 / 3)] * 3
     scene = jc.Scene(
         jc.random_spheres(
-            count, low=[0.0] * 3, high=size, radius=DIAMETER / 2, mass=1.0, periodic=size, seed=seed,
-            speed=np.sqrt(3 * (1 - 1 / count)),
+            count, low=[0.0] * 3, high=size, radius=DIAMETER / 2, mass=1.0, periodic=size,
+            seed=seed, speed=np.sqrt(3 * (1 - 1 / count)),
         ),
         jc.ExactRestitution(e=1.0),
         periodic=size,
@@ -83,8 +83,8 @@ def equilibrium(count: int, impacts: int, seed: int) -> dict:
     return {
         "seed": seed,
         "impacts": number,
-        "mean_free_time": duration * count / (2 * number) * np.sqrt(hot),
-        "pressure": 1 + virial,
+        "mean_free_time": float(duration * count / (2 * number) * np.sqrt(hot)),
+        "pressure": float(1 + virial),
         "energy": float(np.max(np.abs(energy / energy[0] - 1))),
         "least_gap": least_gap(np.asarray(run.position), size[0]),
         "status": jc.Ending(int(run.status)).name,
@@ -114,9 +114,11 @@ def cooling(
     found = run.impacts.to_dict()
     most = len(found["time"])
     left = float(run.energy[0]) - np.cumsum(found["energy_loss"])
-    # After five impacts of each the velocities have forgotten the elastic gas.
-    late = np.unique(np.geomspace(5 * count // 2, most - 1, 400).astype(int))
-    since = found["time"][late] - found["time"][late[0]]
+    # After five impacts of each the velocities have forgotten the elastic gas; then at temperatures
+    # that fall by the same factor.
+    early = 5 * count // 2
+    late = np.searchsorted(-left[early:], -np.geomspace(left[early], left[-1], 400)) + early
+    since = found["time"][late] - found["time"][early]
     hot = np.log(temperature(left[late], count))
 
     def law_of(t, start, exponent, rate):
@@ -164,7 +166,7 @@ def main() -> None:
     for run in haff:
         print(run, flush=True)
     soft, stiffness = viscoelastic()
-    slow = [cooling(soft, stiffness, 500, 1270.0, seed) for seed in seeds]
+    slow = [cooling(soft, stiffness, 500, 5300.0, seed) for seed in seeds]
     for run in slow:
         print(run, flush=True)
     worst = max(run["energy"] for run in elastic)
