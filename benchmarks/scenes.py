@@ -32,6 +32,7 @@ import scene_skips
 from scipy.integrate import DOP853, solve_ivp
 
 import jaxcontact as jc
+from jaxcontact._scene._grid import grid_of
 from jaxcontact._scene._log import Log, blank_log
 from jaxcontact._scene._progress import Rules, State
 from jaxcontact._scene._schedule import advance, begun
@@ -318,7 +319,7 @@ def impact_cost(count: int, impacts: int) -> dict:
     numbers, _ = numbers_of(scene, layout, contacts=False)
     rules = Rules(False, "peak", False)
     end, tolerance = jnp.asarray(1e6), jnp.asarray(1e-9)
-    state = eqx.filter_jit(begun)(layout, numbers, rules, end)
+    state = eqx.filter_jit(begun)(layout, numbers, rules, end, grid_of(layout, numbers))
     jitted = eqx.filter_jit(advance)
     nothing = jax.jit(empty, static_argnums=2)
 

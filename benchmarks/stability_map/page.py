@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -64,12 +65,10 @@ def count_table(known: dict[str, Any]) -> str:
 
 
 def _answered_by(known: dict[str, Any]) -> list[str]:
-    """Which code has answered how many jobs: today's, as the files are, or an older one."""
-    code = fingerprint()
-    today = sum(job.get("code") == code for job in known.values())
-    words = f"{today} of these {len(known)} jobs were answered by the code of `{code}`"
-    older = "" if today == len(known) else ", the others by older code"
-    return [f"{words}{older}.", ""]
+    """Which code has answered how many jobs."""
+    codes = Counter(job.get("code", "older code") for job in known.values())
+    words = ", ".join(f"{count} by {code}" for code, count in codes.most_common())
+    return [f"Jobs by the code that answered them: {words}. Today's is {fingerprint()}.", ""]
 
 
 def seeded_table(seeded: dict[str, Any]) -> str:

@@ -42,6 +42,7 @@ def integrate(
         r, weights = _double_exponential(4 * count)
         nodes = np.log(r)
         stretch = 1 / (1 - strength)
+        least = float(jnp.finfo(like.dtype).tiny) ** 0.25
 
     def add(
         total: Float[Array, "..."], at: tuple[Float[Array, ""], Float[Array, ""]]
@@ -49,7 +50,10 @@ def integrate(
         node, weight = at
         if isinstance(strength, float | int):
             return total + weight * integrand(node), None
-        return total + stretch * weight * integrand(jnp.exp(stretch * node)), None
+        # In single precision the first nodes would be zero, where integrands divide by them, and
+        # their derivatives by the squares.
+        at_node = jnp.maximum(jnp.exp(stretch * node), least)
+        return total + stretch * weight * integrand(at_node), None
 
     rule = (jnp.asarray(nodes, like.dtype), jnp.asarray(weights, like.dtype))
     return jax.lax.scan(add, jnp.zeros_like(like), rule, unroll=unroll)[0]

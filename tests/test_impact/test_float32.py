@@ -67,6 +67,28 @@ def test_derivatives_at_all_corners_are_finite():
         assert np.allclose(got, want, rtol=SLOPE, atol=0)
 
 
+def test_a_traced_exponent_in_closed_form():
+    # The quadrature's first nodes are below the smallest number of single precision: all lanes but
+    # those with n near 1 were flagged, and derivatives were not numbers.
+    alpha = single(0.0, 1e-6, 0.3, 14.4, 1e6)
+    n = single(1.0, 1.5, 2.2, 3.0)[:, None]
+
+    def solve(n, alpha):
+        hit = jc.impact(jc.Damped(alpha=alpha), jc.Contact(1.0, 1.0, n), 1.0, method="exact")
+        return hit.restitution + hit.duration + hit.compression_time, hit.status
+
+    def slopes(dtype):
+        at = [x.ravel().astype(dtype) for x in jnp.broadcast_arrays(n, alpha)]
+        (value, status), (slope, _) = jax.jvp(solve, tuple(at), (at[0], jnp.zeros_like(at[1])))
+        assert (status == jc.Status.SEPARATED).all()
+        return value, slope
+
+    (value, slope), (want, want_slope) = slopes(jnp.float32), slopes(jnp.float64)
+    assert value.dtype == slope.dtype == jnp.float32
+    assert np.allclose(value, want, rtol=SLOPE, atol=0)
+    assert np.allclose(slope, want_slope, rtol=SLOPE, atol=SLOPE)
+
+
 ALPHAS = [0.0, 0.3, 2.0, 14.4]
 
 
