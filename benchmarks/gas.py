@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import platform
-import time
 from pathlib import Path
 
 import jax
@@ -71,11 +70,9 @@ def equilibrium(count: int, impacts: int, seed: int) -> dict:
     size = [(count / DENSITY) ** (1 / 3)] * 3
     scene = jc.Scene(settled(count, DENSITY, seed), jc.ExactRestitution(e=1.0), periodic=size)
     duration = 2 * MEAN_FREE_TIME * impacts / count
-    began = time.perf_counter()
     run = jc.simulate(
         scene, duration, instantaneous=True, times=np.linspace(0, duration, 101), progress=False
     )
-    seconds = time.perf_counter() - began
     found, energy = run.impacts.to_dict(), np.asarray(run.energy)
     number, hot = len(found["time"]), temperature(energy[0], count)
     # Equal masses of one: the momentum that an elastic impact passes on is its closing speed.
@@ -88,7 +85,6 @@ def equilibrium(count: int, impacts: int, seed: int) -> dict:
         "energy": float(np.max(np.abs(energy / energy[0] - 1))),
         "least_gap": least_gap(np.asarray(run.position), size[0]),
         "status": jc.Ending(int(run.status)).name,
-        "us_impact": 1e6 * seconds / number,
     }
 
 
