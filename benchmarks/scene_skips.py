@@ -90,7 +90,7 @@ def alike(law):
 
 def touching(factor, law):
     """A ball that hits four others in a row: all impacts are coupled."""
-    balls = [jc.Sphere(0.1, 1.0, [0.2 * k], (factor * (k == 0))[None]) for k in range(5)]
+    balls = [jc.Sphere(0.1, 1.0, [0.2 * k], (factor * float(k == 0))[None]) for k in range(5)]
     return velocity(balls, law, 0.1, instantaneous=False, room=16, stiffness=1e6)
 
 
