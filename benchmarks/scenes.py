@@ -14,7 +14,6 @@ import argparse
 import functools
 import json
 import platform
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -24,19 +23,14 @@ import jax
 jax.config.update("jax_enable_x64", True)
 
 import diffrax
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 import scene_skips
+from scene_costs import best, gradient_cost, impact_cost
 from scipy.integrate import DOP853, solve_ivp
 
 import jaxcontact as jc
-from jaxcontact._scene._grid import grid_of
-from jaxcontact._scene._log import Log, blank_log
-from jaxcontact._scene._progress import Rules, State
-from jaxcontact._scene._schedule import advance, begun
-from jaxcontact._scene._system import layout_of, numbers_of
 
 ERROR = 1e-9
 """Wanted of final velocities, relative to the largest speed at the start."""
@@ -221,19 +215,6 @@ def scene_of(line: Line, velocity: jax.Array | None = None) -> jc.Scene:
     return jc.Scene(spheres, jc.Damped(alpha=line.alpha), stiffness=line.stiffness)
 
 
-def best(function: Callable, repeats: int = 5) -> tuple[float, float, np.ndarray]:
-    """Seconds of the first call more than the best of the others, that best, and the result."""
-    start = time.perf_counter()
-    result = jax.block_until_ready(function())
-    first = time.perf_counter() - start
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        jax.block_until_ready(function())
-        times.append(time.perf_counter() - start)
-    return max(first - min(times), 0.0), min(times), np.asarray(result)
-
-
 def compared(name: str, line: Line) -> list[dict]:
     """One scene by all ways, each at the loosest tolerance that reaches the error."""
     truth = by_scipy(line, REFERENCE)
@@ -275,97 +256,6 @@ def compared(name: str, line: Line) -> list[dict]:
     for row in rows:
         row["times_ours"] = row["seconds"] / rows[0]["seconds"]
     return rows
-
-
-def hard_box(count: int) -> jc.Scene:
-    """Elastic discs on a lattice in a box, a tenth of it full, with random velocities."""
-    side = int(np.ceil(np.sqrt(count)))
-    radius = 0.5
-    spacing = radius * np.sqrt(np.pi / 0.1)
-    rng = np.random.default_rng(0)
-    places = [((k % side + 0.5) * spacing, (k // side + 0.5) * spacing) for k in range(count)]
-    speeds = rng.standard_normal((count, 2))
-    spheres = [jc.Sphere(radius, 1.0, x, v) for x, v in zip(places, speeds, strict=True)]
-    box = jc.Box([0.0, 0.0], [side * spacing] * 2)
-    return jc.Scene([*spheres, box], jc.ExactRestitution(e=1.0))
-
-
-def empty(state: State, log: Log, rows: int) -> tuple[State, Log]:
-    """A loop that writes two rows of a state and one of a log, and decides nothing."""
-
-    def step(k, carry):
-        state, log = carry
-        count = state.time.shape[0]
-        i, j = k % count, (k + 1) % count
-
-        def put(all):
-            if all.ndim == 0:
-                return all + 1 if jnp.issubdtype(all.dtype, jnp.integer) else all
-            return all.at[i].set(all[j]).at[j].set(all[i])
-
-        state = jax.tree.map(put, state)
-        return state, jax.tree.map(lambda all: all.at[k].set(all[k - 1]), log)
-
-    return jax.lax.fori_loop(1, rows, step, (state, log))
-
-
-def impact_cost(count: int, impacts: int) -> dict:
-    """What an instantaneous impact costs among so many bodies, in empty steps of a loop.
-
-    By the difference of two lengths, so that the price of the call drops out.
-    """
-    scene = hard_box(count)
-    layout = layout_of(scene)
-    numbers, _ = numbers_of(scene, layout, contacts=False)
-    rules = Rules(False, "peak", False)
-    end, tolerance = jnp.asarray(1e6), jnp.asarray(1e-9)
-    state = eqx.filter_jit(begun)(layout, numbers, rules, end, grid_of(layout, numbers))
-    jitted = eqx.filter_jit(advance)
-    nothing = jax.jit(empty, static_argnums=2)
-
-    def of(rows: int) -> tuple[float, float, float]:
-        log = blank_log(rows, layout, numbers.dtype, False)
-        run = functools.partial(jitted, layout, numbers, rules, state, log, end, tolerance)
-        compile_s, seconds, _ = best(lambda: run()[2], 5)
-        _, without, _ = best(lambda: nothing(state, log, rows)[0].time, 5)
-        return compile_s, seconds, without
-
-    compile_s, long, long_empty = of(impacts)
-    _, short, short_empty = of(impacts // 8)
-    rest = impacts - impacts // 8
-    each, step = (long - short) / rest, (long_empty - short_empty) / rest
-    row = {"bodies": count, "impacts": impacts, "us_impact": 1e6 * each, "us_step": 1e6 * step}
-    row |= {"steps": each / step, "compile_s": compile_s}
-    print(
-        f"an impact among {count:5}: {row['steps']:6.1f} empty steps of {row['us_step']:.2f} us",
-        flush=True,
-    )
-    return row
-
-
-def gradient_cost(count: int, impacts: int) -> dict:
-    """A reverse gradient of one scalar by all velocities at the start, in values."""
-    scene = hard_box(count)
-    places = np.stack([s.position for s in scene.spheres])
-    speeds = jnp.stack([s.velocity for s in scene.spheres])
-    end = 0.25
-    while len(times := jc.simulate(scene, end, instantaneous=True).impacts.time) <= impacts:
-        end *= 2
-    end = float(times[impacts - 1] + times[impacts]) / 2
-
-    def scalar(velocity):
-        spheres = [jc.Sphere(0.5, 1.0, places[k], velocity[k]) for k in range(count)]
-        moved = jc.Scene([*spheres, scene.bodies[-1]], jc.ExactRestitution(e=1.0))
-        run = jc.simulate(moved, end, instantaneous=True, max_impacts=impacts + 1)
-        return jnp.sum(jnp.square(run.position[-1]))
-
-    value, gradient = jax.jit(scalar), jax.jit(jax.grad(scalar))
-    _, one, _ = best(lambda: value(speeds), 9)
-    compile_s, two, _ = best(lambda: gradient(speeds), 9)
-    row = {"bodies": count, "impacts": impacts, "value_s": one, "gradient_s": two}
-    row |= {"ratio": two / one, "compile_s": compile_s}
-    print(f"a gradient among {count:5}, {impacts} impacts: {two / one:5.2f} values", flush=True)
-    return row
 
 
 GROUPS: dict[str, Callable[[], list[dict]]] = {

@@ -16,7 +16,7 @@ def varying(number: Float[Array, ""], tree: Tree) -> Tree:
 
     What a loop starts with is often a constant that differs from lane to lane from the first pass
     on. Under `vmap` JAX finds that out by tracing the body, and all loops in it, once more for
-    each loop: half of the time that tracing took. The compiler removes the choice between equals.
+    each loop. The compiler removes the choice between equals.
     """
     either = jnp.isnan(jax.lax.stop_gradient(number))
     return jax.tree.map(lambda leaf: jnp.where(either, leaf, leaf), tree)

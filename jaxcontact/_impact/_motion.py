@@ -397,14 +397,3 @@ class Motion(eqx.Module):
         inwards = -self.velocity(state) < apart
         # A pull turns nothing inwards: there both are zero but for rounding.
         return inwards if self.push is None else inwards & (self.push > 0)
-
-    def swings(self, static: Number) -> Bool[Array, ""]:
-        """Whether bodies near rest under the push swing about it; otherwise they creep to it.
-
-        There y'' + c x^(n-p) y' + n x^(n-1) y = 0.
-        """
-        n, damping = self.n, self.form.damping(self.n, jnp.asarray(True))
-        if damping is None:
-            return jnp.asarray(True)
-        c, p = damping
-        return jnp.square(c) * static ** (n + 1 - 2 * p) < 4 * n

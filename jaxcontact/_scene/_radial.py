@@ -152,12 +152,18 @@ class Radial(eqx.Module):
         return self.push - self.swirl > 0
 
     def rest(self) -> tuple[Number, Bool[Array, ""]]:
-        """The indentation at rest under the push, and whether bodies creep to it; 0 if unknown."""
-        motion = self.motion
-        static = motion.static_indentation()
+        """The indentation at rest under the push, and whether bodies creep to it; 0 if unknown.
+
+        Near rest y'' + c x^(n-p) y' + n x^(n-1) y = 0: they creep to it, or swing about it.
+        """
+        n, static = self._n, self.motion.static_indentation()
+        damping = self.form.damping(n, jnp.asarray(True))
         if static is None:
             return jnp.zeros_like(self.push), jnp.asarray(False)
-        return static, ~motion.swings(static)
+        if damping is None:
+            return static, jnp.asarray(False)
+        c, p = damping
+        return static, jnp.square(c) * static ** (n + 1 - 2 * p) >= 4 * n
 
 
 class RadialOutcome(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -117,5 +118,5 @@ def _draw_paths(ax: Axes, run: Run, path: Path, shown: tuple[int, ...]) -> None:
 
 
 def _mark(ax: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    size = 4.0 if len(x) <= _FEW else max(1.0, 4.0 * (_FEW / len(x)) ** 0.5)
-    ax.plot(x, y, ".", color="black", ms=2 * size**0.5 + 2, mew=0, zorder=4)
+    size = 4.0 if len(x) <= _FEW else max(1.0, 4.0 * math.sqrt(_FEW / len(x)))
+    ax.plot(x, y, ".", color="black", ms=2 * math.sqrt(size) + 2, mew=0, zorder=4)
