@@ -1,17 +1,20 @@
 """The stability map in a reduced form, and its oracles beside the one of forty digits."""
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
 
+import jaxcontact as jc
 from benchmarks.stability_map.free_table import free
 from benchmarks.stability_map.grid import Job, lanes_of, scaled
 from benchmarks.stability_map.kinds import KINDS
 from benchmarks.stability_map.motion import QUANTITIES, SETTLED
 from benchmarks.stability_map.motion_oracle import solve
 from benchmarks.stability_map.package_lanes import answers
-from benchmarks.stability_map.verdict import CLASSES, FLAGGED_WITHOUT_NEED, WRONG, judge
+from benchmarks.stability_map.public_laws import law_jobs, run_law
+from benchmarks.stability_map.verdict import CLASSES, FLAGGED_WITHOUT_NEED, RIGHT, WRONG, judge
 from tests.oracle import cases
 
 pytestmark = pytest.mark.skipif(
@@ -89,6 +92,22 @@ def test_lanes(job, flagged):
     counts = np.bincount(judged.klass, minlength=len(CLASSES))
     assert counts[WRONG] == 0
     assert counts[FLAGGED_WITHOUT_NEED] <= flagged
+
+
+def test_laws_by_their_own_classes():
+    questions = law_jobs(32)
+    assert {question.title for question in questions} == {
+        name
+        for name in jc.list_laws()
+        if jc._laws.describe(name).cls.__module__.startswith("jaxcontact.")
+    }
+    names = ("hu_guo, free", "energy_loss, free", "power_damping, free", "tsuji, free")
+    for question in questions:
+        # To another process and back, as the benchmark sends it.
+        question = pickle.loads(pickle.dumps(question))
+        if question.name in names:
+            counts = run_law(question)["counts"]
+            assert counts[CLASSES[RIGHT]] == sum(counts.values()) == 32
 
 
 def test_another_seed_draws_other_lanes():
