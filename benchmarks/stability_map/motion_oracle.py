@@ -345,7 +345,9 @@ class _Lanes:
         rule, q, lanes = radau(), self.given, i[near]
         m = self.k[lanes] * (q.n[lanes] - q.p[lanes])
         start = self.w[lanes], self._inner_force_at(lanes)
-        nodes = [np.concatenate([a[None], b[:, near]]) for a, b in zip(start, (w, force), strict=True)]
+        nodes = [
+            np.concatenate([a[None], b[:, near]]) for a, b in zip(start, (w, force), strict=True)
+        ]
         rough = [np.einsum("gj,jl->gl", rule.fine, values) for values in nodes]
         powers = [np.einsum("gj,jl->gl", rule.monomial, values) for values in nodes]
         best = np.argmax(_power(rough[0], m) * rough[1], 0)

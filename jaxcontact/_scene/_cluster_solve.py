@@ -169,7 +169,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
 
     def advance(c: _Carry) -> _Carry:
         modes = c.modes
-        y, error = step_in_loop(lambda y: rate(y, modes), c.y, c.size)
+        y, error, _ = step_in_loop(lambda y: rate(y, modes), c.y, c.size)
         error = stop(jnp.max(jnp.abs(error) / (tolerance + 20 * finest * jnp.abs(y))))
         fine = error <= 1
         toward = rate(y, modes)
