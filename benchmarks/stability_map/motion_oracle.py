@@ -189,9 +189,7 @@ class _Lanes:
         jolt = outer / np.where(clock != 0, np.abs(clock), 1) * force - self._force_at(i)
         biggest = np.maximum(np.maximum(self.fm[i], np.max(np.abs(jolt), 0)), self.expected[i])
         error_f = np.abs(np.einsum("j,jl->l", rule.spectrum, jolt)) / biggest / 100
-        # From touch on a force may rise like a small power, which no step follows.
-        followed = (w0 > 0) | (k * (n - p) >= 1) | (n == p)
-        error = np.maximum(error, np.where(followed, error_f, 0))
+        error = np.maximum(error, np.where(self._rises_smoothly(i), error_f, 0))
         good &= np.isfinite(error)
         fine = good & (error <= self.tolerance)
         landing = self.landing[i] > 0
@@ -334,19 +332,22 @@ class _Lanes:
         return done
 
     def _largest_force(self, i: Array, w: Array, force: Array, f: Array) -> None:
-        """The largest w^m g, m = k (n - p), g = x^p + c v, within the step.
+        """The largest force within the step, F = w^m g with polynomials w and g of the place θ.
 
-        w and g are polynomials of the place θ in the step, which their product is not: at touch it
-        may rise like a small power. It is largest where m w' g + g' w = 0.
+        Mostly m is 0 and g is F. At touch F may rise like a small power: then m = k (n - p) and
+        g = x^p + c v. It is largest where m w' g + g' w = 0.
         """
         near = np.flatnonzero(np.max(f, 0) > 0.5 * self.fm[i])
         if near.size == 0:
             return
         rule, q, lanes = radau(), self.given, i[near]
-        m = self.k[lanes] * (q.n[lanes] - q.p[lanes])
-        start = self.w[lanes], self._inner_force_at(lanes)
+        smooth = self._rises_smoothly(lanes)
+        m = np.where(smooth, 0, self.k[lanes] * (q.n[lanes] - q.p[lanes]))
+        g = np.where(smooth, f[:, near], force[:, near])
+        before = np.where(smooth, self._force_at(lanes), self._inner_force_at(lanes))
         nodes = [
-            np.concatenate([a[None], b[:, near]]) for a, b in zip(start, (w, force), strict=True)
+            np.concatenate([start[None], step])
+            for start, step in ((self.w[lanes], w[:, near]), (before, g))
         ]
         rough = [np.einsum("gj,jl->gl", rule.fine, values) for values in nodes]
         powers = [np.einsum("gj,jl->gl", rule.monomial, values) for values in nodes]
@@ -354,13 +355,18 @@ class _Lanes:
         at = np.clip(best, 1, FINE - 2) / EXTENDED(FINE - 1)
         for _ in range(6):
             (w0, w1, w2), (g0, g1, g2) = (_with_derivatives(c, at) for c in powers)
-            slope = m * w1 * g0 + g1 * w0
-            change = m * w2 * g0 + (m + 1) * w1 * g1 + g2 * w0
+            slope = np.where(m == 0, g1, m * w1 * g0 + g1 * w0)
+            change = np.where(m == 0, g2, m * w2 * g0 + (m + 1) * w1 * g1 + g2 * w0)
             step = np.clip(slope / change, -1 / EXTENDED(FINE), 1 / EXTENDED(FINE))
             at = np.where(np.isfinite(step), np.clip(at - step, 0, 1), at)
         (w0, *_), (g0, *_) = (_with_derivatives(c, at) for c in powers)
         largest = np.maximum(np.max(f[:, near], 0), _power(w0, m) * g0)
         self.fm[lanes] = np.maximum(self.fm[lanes], largest)
+
+    def _rises_smoothly(self, i: Array) -> Array:
+        """Whether the force is nearly a polynomial of the place in the next step."""
+        n, p = self.given.n[i], self.given.p[i]
+        return (self.w[i] > 0) | (self.k[i] * (n - p) >= 1) | (n == p)
 
     def _inner_force_at(self, i: Array) -> Array:
         """x^p + c v at the state before the step."""
