@@ -178,8 +178,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         gaps = gaps_of(modes, clock, now, y[W], modes.latched, until - y[TIME])
         fall = gaps_of(modes, clock, slope, toward[W], 0, -toward[TIME])
         before = gaps_of(modes, clock, c.look, c.y[W], modes.latched, until - c.y[TIME])
-        pace = 2 * c.y[W]
-        earlier = jax.tree.map(lambda x: pace * x, c.slope)
+        earlier = jax.tree.map(lambda x: 2 * c.y[W] * x, c.slope)
         fell = gaps_of(modes, clock, earlier, outset[W], 0, -outset[TIME])
         crossed = passed(modes, now, gaps)
         # A pair that touches and opens again within a step is found by the cubic through its ends.
@@ -215,7 +214,9 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
 
         # What changes: all pairs that are on their event at once.
         meets = happens[: layout.pairs]
-        closing = geometry(y, clock).rate
+        # At the event, not where the step ended: the depth is what the clock goes on from.
+        there = geometry(y, clock)
+        now, closing = now._replace(depth=there.depth, rate=there.rate), there.rate
         touches, opens = meets & ~modes.closed, meets & modes.closed
         closed = (modes.closed | touches) & ~opens
         speed = jnp.maximum(closing, 0)
@@ -319,8 +320,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         stored = jnp.sum(system.stored(depth, modes))
         return system.kinetic(layout.velocity(y)) + stored + jnp.sum(layout.lost(y))
 
-    zero = jnp.zeros((), dtype)
-    zero_each = jnp.zeros_like(state.lost)
+    zero, zero_each = jnp.zeros((), dtype), jnp.zeros_like(state.lost)
     velocity = (state.velocity - frame) / units.speed
     lost = state.lost / units.energy
     y = layout.packed(jnp.zeros_like(velocity), velocity, lost, [zero, zero, zero])
