@@ -34,8 +34,11 @@ def step(rate: Callable[[State], State], state: State, size: Array) -> State:
     return step_in_loop(rate, state, size)[0]
 
 
-def step_in_loop(rate: Callable[[State], State], state: State, size: Array) -> tuple[State, State]:
-    """The state one step of `size` later, and how far the embedded method of order 7 is from it.
+def step_in_loop(
+    rate: Callable[[State], State], state: State, size: Array
+) -> tuple[State, State, State]:
+    """The state one step of `size` later, how far the embedded method of order 7 is from it, and
+    the slope at the start.
 
     The stages are a loop, which compiles `rate` once instead of thirteen times.
     """
@@ -54,11 +57,17 @@ def step_in_loop(rate: Callable[[State], State], state: State, size: Array) -> t
     def stage(slopes: State, at: tuple[Array, Array]) -> tuple[State, None]:
         index, weights = at
         slope = rate(moved(weights, slopes))
-        return jax.tree.map(lambda buffer, s: buffer.at[index].set(s), slopes, slope), None
+        return jax.tree.map(functools.partial(_put, index), slopes, slope), None
 
     slopes, _ = jax.lax.scan(stage, buffer, (jnp.arange(_STAGES), jnp.asarray(_MATRIX)))
     error = changed(_TABLEAU.b_error[:_STAGES], slopes)
-    return moved(_TABLEAU.b_sol[:_STAGES], slopes), error
+    first = jax.tree.map(lambda slope: slope[0], slopes)
+    return moved(_TABLEAU.b_sol[:_STAGES], slopes), error, first
+
+
+def _put(index: Array, buffer: Array, slope: Array) -> Array:
+    # Unlike `at`, without a check of the place at every stage.
+    return jax.lax.dynamic_update_index_in_dim(buffer, slope, index, 0)
 
 
 def step_with_error(

@@ -217,7 +217,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         def rate(y: State) -> State:
             return problem.rate(y, phase)
 
-        y, error = step_in_loop(rate, c.y, c.size)
+        y, error, _ = step_in_loop(rate, c.y, c.size)
         slope = rate(y)
         error = stop(jnp.max(jnp.abs(error) / (1 + jnp.abs(y))) / tolerance)
         fine = error <= 1
