@@ -33,6 +33,7 @@ def cluster(
     v0: str | float = "peak",
     until_change: bool = False,
     drive: Drive | None = None,
+    in_line: bool = False,
     max_steps: int = 4096,
 ) -> ClusterEnd:
     """Follow a cluster of touching bodies until all its pairs are open, or until a time in s.
@@ -44,7 +45,8 @@ def cluster(
     float32 no less than 1e-5 is reached. `v0`: "peak", the largest closing speed since touch;
     "touch", the speed at touch; a number, the least speed in m/s at touch. With `until_change` the
     solve also ends where a pair touches or opens. `drive` says which prescribed bodies are
-    accelerated; None where none is.
+    accelerated; None where none is. `in_line` allows for a shorter way in one dimension, where
+    there are no shells.
 
     One lane; batch it with `vmap`. Differentiable in both modes: the solve carries the
     sensitivities to all that varies. Nothing is raised; see `ClusterEnd.status`.
@@ -70,7 +72,7 @@ def cluster(
         floor=jnp.asarray(0.0 if isinstance(v0, str) else v0, dtype),
         drive=drive,
     )
-    rules = Rules(v0 == "peak", until_change, max_steps)
+    rules = Rules(v0 == "peak", until_change, max_steps, in_line)
     return _with_sensitivity(solve_cluster, rules)(problem)
 
 

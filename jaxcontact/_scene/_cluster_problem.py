@@ -27,11 +27,14 @@ class Problem(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """What is static: whether v0 follows its peak, and where a solve ends."""
+    """What is static: whether v0 follows its peak, where a solve ends, and whether all bodies are
+    spheres outside of each other, and walls, in one dimension.
+    """
 
     peak: bool
     until_change: bool
     max_steps: int
+    in_line: bool
 
 
 def units_of(problem: Problem) -> Units:

@@ -1,9 +1,8 @@
 """Several touching bodies as one coupled solve, from event to event.
 
-Between two events the motion of `_touching` is smooth but for the powers of δ at touch and opening.
-With t = t_touch + σ² the powers δ^(n) of a contact that has just been touched are smooth in σ, in
-which steps of order 8 are taken; towards an opening the error control shortens them. A step that
-passes an event is tried again, with a length corrected by Newton's method, until it ends there.
+Between two events the motion of `_touching` is smooth but for the powers of δ at touch and opening,
+which `_cluster_clock` makes smooth. In its variable steps of order 8 are taken. A step that passes
+an event is tried again, up to the root of the cubic through its ends, until it ends there.
 
 Events: a pair touches or opens; the closing speed of a pair stops rising, so that its v0 is
 latched, or rises above the latched one; the time is up.
@@ -19,13 +18,15 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._impact._runge_kutta import step_in_loop
+from ._cluster_clock import LONG_AGO, Clock, chosen
 from ._cluster_problem import Problem, Rules, scaled, units_of
+from ._cluster_vector import TIME, WORK, Parts, W
+from ._cubic import highest, to_root
 from ._step import factor
 from ._touching import (
     ClusterState,
     Geometry,
     Modes,
-    PerBody,
     PerPair,
     Touching,
 )
@@ -35,9 +36,14 @@ APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST = range(5)
 cannot be trusted; a pair touched or opened, where `until_change` asked for that; nothing that
 touches moves along its normal any more."""
 
-# As in `_oblique`.
-_ON_EVENT = 0.65
-_BEGIN = 0.1
+_TOGETHER = 0.65
+_NEAR = 0.4
+"""Powers of rounding: of the distance between simultaneous events, and of that from a state to an
+event that the cubic through the ends of the step bridges, both beside the step."""
+
+_BEGIN = 0.35
+_BEGIN_FOR = 1e-8
+"""The first step, in units of the contact's duration about, and the tolerance it is for."""
 
 
 class ClusterEnd(NamedTuple):
@@ -56,48 +62,24 @@ class ClusterEnd(NamedTuple):
     error_estimate: Float[Array, ""]
 
 
-class _Layout(NamedTuple):
-    """Where in the vector of a state its parts lie."""
-
-    bodies: int
-    dim: int
-    pairs: int
-
-    def packed(
-        self, moved: PerBody, velocity: PerBody, lost: PerPair, rest: list[Float[Array, ""]]
-    ) -> Float[Array, " numbers"]:
-        """Of `rest`: the work, the time and σ."""
-        return jnp.concatenate([moved.ravel(), velocity.ravel(), lost, jnp.stack(rest)])
-
-    def moved(self, y: Array) -> PerBody:
-        return y[: self.bodies * self.dim].reshape(self.bodies, self.dim)
-
-    def velocity(self, y: Array) -> PerBody:
-        m = self.bodies * self.dim
-        return y[m : 2 * m].reshape(self.bodies, self.dim)
-
-    def lost(self, y: Array) -> PerPair:
-        return y[2 * self.bodies * self.dim : -3]
-
-
-_WORK, _TIME, _SIGMA = -3, -2, -1
-
-
 class _Look(NamedTuple):
-    """What is asked of a state where a step ends."""
+    """What is asked of a state where a step ends, or the slopes of it in s."""
 
-    gaps: Float[Array, " events"]
-    force: PerPair
     depth: PerPair
     rate: PerPair
     second: PerPair
+    force: PerPair
 
 
 class _Carry(NamedTuple):
     y: Float[Array, " numbers"]
     modes: Modes
+    clock: Clock
+    touched: Float[Array, ""]
     size: Float[Array, ""]
     free: Float[Array, ""]
+    last_size: Float[Array, ""]
+    last_error: Float[Array, ""]
     whole: Float[Array, ""]
     sought: Bool[Array, " events"]
     look: _Look
@@ -118,10 +100,11 @@ class _Carry(NamedTuple):
 def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     state, units, stop = problem.state, units_of(problem), jax.lax.stop_gradient
     pairs, (bodies, dim) = problem.pairs, state.position.shape
-    layout, tolerance = _Layout(bodies, dim, pairs.used.shape[0]), problem.tolerance
+    layout, tolerance = Parts(bodies, dim, pairs.used.shape[0]), problem.tolerance
     dtype = state.position.dtype
     finest = float(jnp.finfo(dtype).eps)
-    on_event = finest**_ON_EVENT
+    together, near = finest**_TOGETHER, finest**_NEAR
+    begin = _BEGIN * jnp.minimum((tolerance / _BEGIN_FOR) ** (1 / 8), 1.5)
     free = (problem.inverse_mass > 0)[:, None]
     frame = stop(jnp.sum(jnp.where(free, state.velocity, 0), axis=0, keepdims=True))
     frame = frame / jnp.sum(free, dtype=dtype)
@@ -135,113 +118,160 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         inverse_mass=problem.inverse_mass * units.mass,
         acceleration=jnp.where(free, problem.acceleration, 0) / (units.speed / units.time),
         drive=scaled(problem.drive, units),
+        in_line=rules.in_line,
     )
     until = (problem.until - state.time) / units.time
 
-    def geometry(y: Array) -> Geometry:
-        return system.geometry(layout.moved(y), layout.velocity(y))
+    def geometry(y: Array, clock: Clock) -> Geometry:
+        at = system.geometry(layout.moved(y), layout.velocity(y))
+        return at._replace(depth=jnp.where(clock.leaving, jnp.square(y[W]), at.depth))
 
-    def rate(y: Array, modes: Modes) -> Array:
-        """d/dσ."""
-        velocity = layout.velocity(y)
-        acceleration, lost, work = system.motion(layout.moved(y), velocity, modes, y[_TIME])
+    def rate(y: Array, modes: Modes, clock: Clock) -> Array:
+        """d/ds."""
+        velocity, at = layout.velocity(y), geometry(y, clock)
+        acceleration, lost, work = system.motion(at, velocity, modes, y[TIME])
         one = jnp.ones((), dtype)
         per_time = layout.packed(velocity, acceleration, lost, [work, one, one])
-        clock = 2 * y[_SIGMA]
-        return (clock * per_time).at[_SIGMA].set(1)
+        return (2 * y[W] * per_time).at[W].set(clock.rate(at.rate))
 
-    def look(y: Array, modes: Modes) -> _Look:
-        at = geometry(y)
+    def look(y: Array, modes: Modes, clock: Clock) -> _Look:
+        at = geometry(y, clock)
         force = system.force(at.depth, at.rate, modes)
-        acceleration, _ = system.accelerations(at, force, y[_TIME])
-        meets = jnp.where(modes.closed, at.depth, -at.depth)
-        second = system.second(at, acceleration)
-        latch = jnp.where(modes.rising, second, modes.latched - at.rate)
-        gaps = jnp.concatenate([meets, latch, (until - y[_TIME])[None]])
-        return _Look(gaps, force, at.depth, at.rate, second)
+        acceleration, _ = system.accelerations(at, force, y[TIME])
+        return _Look(at.depth, at.rate, system.second(at, acceleration), force)
 
-    def passed(modes: Modes, at: _Look) -> Bool[Array, " events"]:
+    def looked(y: Array, modes: Modes, clock: Clock, toward: Array) -> tuple[_Look, _Look]:
+        """With its slopes along `toward`."""
+        if rules.peak:
+            return jax.jvp(lambda y: look(y, modes, clock), (y,), (toward,))
+        # No event needs the slope of δ''.
+        now, pace = look(y, modes, clock), 2 * y[W]
+        slopes = (pace * now.rate, pace * now.second)
+        force = jax.jvp(lambda d, r: system.force(d, r, modes), (now.depth, now.rate), slopes)[1]
+        return now, _Look(*slopes, jnp.zeros_like(force), force)
+
+    def gaps_of(modes: Modes, clock: Clock, at: _Look, w: Array, latched: Any, left: Array) -> Any:
+        """What falls through zero at an event, or its slope, for slopes."""
+        meets = jnp.where(clock.leaving, w, jnp.where(modes.closed, at.depth, -at.depth))
+        if not rules.peak:
+            return jnp.concatenate([meets, left[None]])
+        return jnp.concatenate(
+            [meets, jnp.where(modes.rising, at.second, latched - at.rate), left[None]]
+        )
+
+    def passed(modes: Modes, at: _Look, gaps: Array) -> Bool[Array, " events"]:
         """Which gaps are negative because of an event: those of rounding go the other way."""
         inwards = jnp.where(modes.closed, at.rate < 0, at.rate > 0)
-        meets = pairs.used & inwards
-        latches = pairs.used & modes.closed & rules.peak & (modes.rising | (at.second > 0))
-        return (at.gaps < 0) & jnp.concatenate([meets, latches, jnp.ones(1, bool)])
+        meets, last = pairs.used & inwards, jnp.ones(1, bool)
+        if not rules.peak:
+            return (gaps < 0) & jnp.concatenate([meets, last])
+        latches = pairs.used & modes.closed & (modes.rising | (at.second > 0))
+        return (gaps < 0) & jnp.concatenate([meets, latches, last])
 
     def advance(c: _Carry) -> _Carry:
-        modes = c.modes
-        y, error, _ = step_in_loop(lambda y: rate(y, modes), c.y, c.size)
+        modes, clock = c.modes, c.clock
+        y, error, outset = step_in_loop(lambda y: rate(y, modes, clock), c.y, c.size)
         error = stop(jnp.max(jnp.abs(error) / (tolerance + 20 * finest * jnp.abs(y))))
         fine = error <= 1
-        toward = rate(y, modes)
-        now, slope = jax.jvp(lambda y: look(y, modes), (y,), (toward,))
-        crossed = passed(modes, now)
+        toward, now_w = rate(y, modes, clock), y[W]
+        now, slope = looked(y, modes, clock, toward)
+        gaps = gaps_of(modes, clock, now, y[W], modes.latched, until - y[TIME])
+        fall = gaps_of(modes, clock, slope, toward[W], 0, -toward[TIME])
+        before = gaps_of(modes, clock, c.look, c.y[W], modes.latched, until - c.y[TIME])
+        earlier = jax.tree.map(lambda x: 2 * c.y[W] * x, c.slope)
+        fell = gaps_of(modes, clock, earlier, outset[W], 0, -outset[TIME])
+        crossed = passed(modes, now, gaps)
         # A pair that touches and opens again within a step is found by the cubic through its ends.
-        peak = _highest(c.size, c.look.depth, c.slope.depth, now.depth, slope.depth)
-        grazed = jnp.any(pairs.used & ~modes.closed & (peak > 0) & (now.depth < 0))
+        passing = y[TIME] - c.y[TIME]
+        peak, inside = highest(passing, c.look.depth, c.look.rate, now.depth, now.rate)
+        grazed = jnp.any(pairs.used & ~modes.closed & inside & (peak > 0) & (now.depth < 0))
         fine = fine & (~grazed | (c.size < 1e-6))
-        falls = slope.gaps < 0
-        left = jnp.where(falls, -now.gaps / jnp.where(falls, slope.gaps, 1), jnp.inf)
+        left = stop(to_root(c.size, before, fell, gaps, fall))
         seeking = jnp.any(c.sought)
         anything = jnp.any(crossed)
         sought = crossed | c.sought
         left = jnp.where(sought, left, jnp.inf)
-        next_one = jnp.min(left)
+        first = jnp.argmin(left)
+        next_one = left[first]
         whole = jnp.where(seeking, c.whole, c.size)
-        small = jnp.abs(next_one) <= on_event * whole
+        small = jnp.abs(next_one) <= near * whole
         # Where a gap falls slowly its rounding hides the moment: that is all that can be known.
-        known = sought & (left <= next_one) & (jnp.abs(now.gaps) <= 16 * finest)
+        known = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * finest)
         stuck = jnp.any(known) | (anything & (c.size < finest))
         event = fine & (small | stuck)
         taken = fine & (event | ~anything)
         at_once = jnp.where(jnp.any(known), known, crossed)
-        happens = event & jnp.where(small, sought & (left <= next_one + on_event * whole), at_once)
+        happens = event & jnp.where(small, sought & (left <= next_one + together * whole), at_once)
+        # The root varies with all that the gap varies with.
         moved = jnp.where(small, next_one, 0)
-        y = y + jnp.where(event, moved, 0) * toward
+        at_root, steep = gaps[first] + moved * fall[first], stop(fall[first])
+        varies = event & small & (steep < 0)
+        moved = moved - (at_root - stop(at_root)) / jnp.where(varies, steep, -jnp.inf)
+        mean = (y - c.y) / c.size
+        bends = (2 * toward + outset - 3 * mean) / c.size
+        bends = stop(bends + moved * (toward + outset - 2 * mean) / jnp.square(c.size))
+        y = y + jnp.where(event, moved, 0) * (toward + jnp.where(event, moved, 0) * bends)
 
         # What changes: all pairs that are on their event at once.
-        meets, latches = happens[: layout.pairs], happens[layout.pairs : -1]
-        closing = geometry(y).rate
+        meets = happens[: layout.pairs]
+        # At the event, not where the step ended: the depth is what the clock goes on from.
+        there = geometry(y, clock)
+        now, closing = now._replace(depth=there.depth, rate=there.rate), there.rate
         touches, opens = meets & ~modes.closed, meets & modes.closed
         closed = (modes.closed | touches) & ~opens
         speed = jnp.maximum(closing, 0)
         at_touch = jnp.maximum(speed, problem.floor / units.speed)
-        latched = jnp.where(latches, speed, jnp.where(touches, at_touch, modes.latched))
-        rising = jnp.where(latches, ~modes.rising, modes.rising & ~opens)
-        rising = jnp.where(touches, (now.second > 0) & rules.peak, rising)
+        latched, rising = jnp.where(touches, at_touch, modes.latched), modes.rising & ~opens
+        if rules.peak:
+            latches = happens[layout.pairs : -1]
+            latched = jnp.where(latches, speed, latched)
+            rising = jnp.where(latches, ~modes.rising, rising)
+            rising = jnp.where(touches, now.second > 0, rising)
         after = Modes(closed, rising, latched)
         any_touch = jnp.any(touches)
         lost = jnp.where(touches, 0, layout.lost(y))
         dropped = c.dropped - jnp.sum(layout.lost(y) - lost)
-        y = layout.packed(
-            layout.moved(y),
-            layout.velocity(y),
-            lost,
-            [y[_WORK], y[_TIME], jnp.where(any_touch, 0, y[_SIGMA])],
-        )
+        touched = jnp.where(any_touch, y[TIME], c.touched)
+        free_clock, w = chosen(clock, y[W], after, now.depth, closing, y[TIME] - touched)
+        y = layout.packed(layout.moved(y), layout.velocity(y), lost, [y[WORK], y[TIME], y[W]])
 
         # The next step.
         target = stop(c.size + next_one)
         inside = (target > 0.01 * c.size) & (target < c.size)
         back = jnp.where(inside, target, c.size / 2)
-        grown = c.size * factor(error)
+        # Where steps have been getting harder the next one is expected to be harder again.
+        trend = c.size / c.last_size * ((c.last_error + 1e-6) / (error + 1e-6)) ** (1 / 8)
+        grown = c.size * factor(error) * jnp.where(fine, jnp.clip(trend, 0.7, 1.0), 1)
         free = jnp.where(fine & (seeking | anything), c.free, jnp.where(grazed, c.size / 2, grown))
         ahead = jnp.where(seeking & jnp.isfinite(next_one) & (next_one > 0), stop(next_one), free)
         size = jnp.where(anything, back, jnp.minimum(ahead, free))
-        size = jnp.where(event, jnp.where(any_touch, _BEGIN, free), size)
-        free = jnp.where(event & any_touch, _BEGIN, free)
+        size = jnp.where(event, jnp.where(any_touch, begin, free), size)
+        free = jnp.where(event & any_touch, begin, free)
         size = jnp.where(fine, size, free)
         keep = fine & ~event & (anything | (seeking & (next_one > 0) & jnp.isfinite(next_one)))
+        # Another clock, unless a step goes on to an event.
+        anew = taken & ~keep
+        scale = jnp.where(anew & (w > 0), stop(y[W] / w), 1)
+        opened = event & jnp.any(opens) & ~any_touch
+        first_one = stop(begin / jnp.where(opened, 2 * w, 1))
+        opens_in = stop(w / jnp.max(jnp.where(free_clock.leaving, -closing, 0)))
+        most = jnp.where(anew & jnp.any(free_clock.leaving), 1.1 * opens_in, jnp.inf)
+        size, free = jnp.minimum(jnp.where(opened, first_one, size * scale), most), free * scale
+        free = jnp.where(opened, first_one, free)
+        clock = jax.tree.map(lambda a, b: jnp.where(anew, a, b), free_clock, clock)
+        y = jnp.where(anew, y.at[W].set(w), y)
 
-        # The record of every pair.
-        time = state.time + units.time * y[_TIME]
-        highest = jnp.maximum(
-            jnp.maximum(now.force, c.look.force),
-            _highest(c.size, c.look.force, c.slope.force, now.force, slope.force),
-        )
-        highest = jnp.where(modes.closed, units.force * highest, 0)
+        # The record of every pair. A pair opens where nothing goes on in s.
+        safe = jnp.abs(now_w) > near
+        per_time = jax.tree.map(lambda x: x / jnp.where(safe, 2 * now_w, 1), slope)
+        at_opening = _Look(now.rate, now.second, zero_each, zero_each)
+        per_time = jax.tree.map(lambda a, b: jnp.where(safe, a, b), per_time, at_opening)
+        time = state.time + units.time * y[TIME]
+        strongest = highest(passing, c.look.force, c.slope.force, now.force, per_time.force)[0]
+        strongest = jnp.where(modes.closed, units.force * strongest, 0)
         deepest = jnp.where(modes.closed, units.length * jnp.maximum(peak, now.depth), 0)
         fresh = jnp.where(touches, 0, 1).astype(dtype)
-        max_force = fresh * jnp.maximum(c.max_force, highest)
+        max_force = fresh * jnp.maximum(c.max_force, strongest)
         max_indentation = fresh * jnp.maximum(c.max_indentation, deepest)
         acts = modes.closed & (c.look.force > 0)
         force_until = jnp.where(touches | acts, time, c.force_until)
@@ -261,17 +291,19 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         def either(new: Any, old: Any) -> Any:
             return jax.tree.map(lambda a, b: jnp.where(taken, a, b), new, old)
 
-        # At a touch σ starts anew: nothing changes in σ there, to first order.
-        restart = jax.tree.map(lambda s: jnp.where(any_touch, 0, s), slope)
         return _Carry(
             y=either(y, c.y),
             modes=either(after, c.modes),
+            clock=clock,
+            touched=either(touched, c.touched),
             size=stop(size),
             free=stop(free),
+            last_size=stop(jnp.where(anew, jnp.where(event, size, c.size * scale), c.last_size)),
+            last_error=jnp.where(anew, jnp.where(event, 1, error), c.last_error),
             whole=stop(jnp.where(keep, whole, 0)),
             sought=keep & sought,
             look=either(now, c.look),
-            slope=either(restart, c.slope),
+            slope=either(per_time, c.slope),
             since=either(jnp.where(touches, time, c.since), c.since),
             force_until=either(force_until, c.force_until),
             max_force=either(max_force, c.max_force),
@@ -284,26 +316,42 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         )
 
     def energy(y: Array, modes: Modes) -> Float[Array, ""]:
-        stored = jnp.sum(system.stored(geometry(y).depth, modes))
+        depth = system.geometry(layout.moved(y), layout.velocity(y)).depth
+        stored = jnp.sum(system.stored(depth, modes))
         return system.kinetic(layout.velocity(y)) + stored + jnp.sum(layout.lost(y))
 
-    zero = jnp.zeros((), dtype)
+    zero, zero_each = jnp.zeros((), dtype), jnp.zeros_like(state.lost)
     velocity = (state.velocity - frame) / units.speed
     lost = state.lost / units.energy
     y = layout.packed(jnp.zeros_like(velocity), velocity, lost, [zero, zero, zero])
     modes = Modes(state.closed & pairs.used, state.rising, state.latched / units.speed)
-    here = look(y, modes)
+    nobody = jnp.zeros_like(modes.closed)
+    here = look(y, modes, Clock(jnp.asarray(True), nobody))
+    force = jax.jvp(
+        lambda d, r: system.force(d, r, modes), (here.depth, here.rate), (here.rate, here.second)
+    )[1]
+    # Whether a pair touches just now, but for rounding.
+    just = jnp.abs(state.since - state.time) <= 8 * finest * jnp.abs(state.time)
+    just = jnp.any(modes.closed & just)
+    touched = jnp.where(just, zero, jnp.asarray(LONG_AGO, dtype))
+    clock, w = chosen(Clock(just, nobody), zero, modes, here.depth, here.rate, zero - touched)
+    y = y.at[W].set(w)
+    size = stop(jnp.where(just, begin, begin / jnp.where(just, 1, 2 * w)))
     nothing = ~jnp.any(modes.closed)
     over = jnp.where(nothing, APART, jnp.where(until <= 0, TIME_IS_UP, -1))
     first = _Carry(
         y=y,
         modes=modes,
-        size=zero + jnp.asarray(_BEGIN, dtype),
-        free=zero + jnp.asarray(_BEGIN, dtype),
+        clock=clock,
+        touched=touched,
+        size=size,
+        free=size,
+        last_size=size,
+        last_error=zero + 1,
         whole=zero,
-        sought=jnp.zeros(2 * layout.pairs + 1, bool),
+        sought=jnp.zeros((2 if rules.peak else 1) * layout.pairs + 1, bool),
         look=here,
-        slope=jax.tree.map(jnp.zeros_like, here),
+        slope=_Look(here.rate, here.second, zero_each, force),
         since=state.since,
         force_until=state.force_until,
         max_force=state.max_force,
@@ -319,12 +367,12 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         return (c.status < 0) & (c.steps < rules.max_steps)
 
     end = jax.lax.while_loop(unfinished, advance, first)
-    at = geometry(end.y)
+    at = system.geometry(layout.moved(end.y), layout.velocity(end.y))
     done = ClusterState(
-        time=state.time + units.time * end.y[_TIME],
+        time=state.time + units.time * end.y[TIME],
         position=state.position
         + units.length * layout.moved(end.y)
-        + frame * units.time * end.y[_TIME],
+        + frame * units.time * end.y[TIME],
         velocity=frame + units.speed * layout.velocity(end.y),
         indentation=units.length * at.depth,
         closed=end.modes.closed,
@@ -340,24 +388,12 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     # The energies at both ends; those of contacts that are over are left out of the state.
     both = jax.tree.map(lambda *ends: jnp.stack(ends), (y, modes), (end.y, end.modes))
     before, now = jax.vmap(energy)(*stop(both))
-    missing = jnp.abs(now - before - end.dropped - end.y[_WORK])
-    error = jnp.maximum(end.error, missing / jnp.maximum(before, jnp.abs(end.y[_WORK])))
+    missing = jnp.abs(now - before - end.dropped - end.y[WORK])
+    error = jnp.maximum(end.error, missing / jnp.maximum(before, jnp.abs(end.y[WORK])))
     good = jnp.all(jnp.isfinite(end.y)) & (error <= 1e5 * tolerance)
     status = jnp.where(good, status, NOT_CONVERGED)
     # In the frame of the cluster its work is another one, by what the forces change in momentum.
     mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
     gain = jnp.sum(mass * frame * (done.velocity - state.velocity))
-    work = units.energy * end.y[_WORK] + gain
+    work = units.energy * end.y[WORK] + gain
     return ClusterEnd(done, work, status, end.steps, end.events, stop(error))
-
-
-def _highest(size: Array, left: PerPair, rises: PerPair, right: PerPair, falls: PerPair) -> PerPair:
-    """The maximum of the cubic with these values and slopes at the ends of a step, if inside."""
-    a, b, d = rises * size, falls * size, right - left
-    second, third = 3 * d - 2 * a - b, a + b - 2 * d
-    inside = (a > 0) & (b < 0)
-    square = jnp.where(inside, jnp.square(second) - 3 * third * a, 1)
-    bottom = jnp.where(inside, jnp.sqrt(square) - second, 1)
-    u = jnp.where(inside, a, 0) / bottom
-    top = left + u * (a + u * (second + u * third))
-    return jnp.where(inside, top, jnp.maximum(left, right))

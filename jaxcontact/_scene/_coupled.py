@@ -200,6 +200,7 @@ def call(
     end = cluster(
         law, contact, pairs, inverse, pull, begin, until,
         rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, begin.time),
+        in_line=layout.dimensions == 1 and layout.visible == layout.spheres,
     )  # fmt: skip
     return begin, end
 

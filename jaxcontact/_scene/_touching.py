@@ -123,7 +123,10 @@ class Geometry(NamedTuple):
 
 
 class Touching(eqx.Module):
-    """The equations of a cluster in its units; `apart` and `depth` belong to its start."""
+    """The equations of a cluster in its units; `apart` and `depth` belong to its start.
+
+    `in_line`: whether the bodies are spheres and walls in one dimension, without shells.
+    """
 
     law: AbstractLaw
     contact: Contact
@@ -134,6 +137,7 @@ class Touching(eqx.Module):
     inverse_mass: Float[Array, " bodies"]
     acceleration: PerBody
     drive: Drive | None
+    in_line: bool = eqx.field(static=True)
 
     @property
     def _incidence(self) -> Float[Array, "pairs bodies"]:
@@ -147,11 +151,20 @@ class Touching(eqx.Module):
 
     def geometry(self, moved: PerBody, velocity: PerBody) -> Geometry:
         """Of all pairs, once the bodies have `moved` from the start."""
-        pairs, incidence = self.pairs, self._incidence
-        change, relative = contraction(incidence, moved), contraction(incidence, velocity)
+        pairs = self.pairs
+        both = jnp.concatenate([moved, velocity], axis=1)
+        both = contraction(self._incidence, both)
+        dim = moved.shape[1]
+        change, relative = both[:, :dim], both[:, dim:]
         # A pair that is none, or a plane, gets a length that divides.
         curved = (pairs.used & ~pairs.flat)[:, None]
         before = jnp.where(curved, self.apart, 1)
+        if self.in_line:
+            # Spheres outside of each other keep their order.
+            normal = jnp.where(pairs.flat[:, None], pairs.normal, jnp.sign(before))
+            rate = -(normal * relative)[:, 0]
+            depth = self.depth - (normal * change)[:, 0]
+            return Geometry(depth, rate, normal, jnp.zeros_like(depth))
         now = before + jnp.where(curved, change, 0)
         sign = side(pairs.distance)
         length, start = sign * _norm(now), sign * _norm(before)
@@ -198,12 +211,11 @@ class Touching(eqx.Module):
         return -jnp.sum(geometry.normal * relative, axis=1) - geometry.swirl
 
     def motion(
-        self, moved: PerBody, velocity: PerBody, modes: Modes, time: Float[Array, ""]
+        self, at: Geometry, velocity: PerBody, modes: Modes, time: Float[Array, ""]
     ) -> tuple[PerBody, PerPair, Float[Array, ""]]:
         """The accelerations, the power that the damping of each pair takes, and the power that
         weight and prescribed bodies bring in.
         """
-        at = self.geometry(moved, velocity)
         # One evaluation of the law for both, which is compiled once.
         rates = jnp.stack([at.rate, jnp.zeros_like(at.rate)])
         force, still = jax.vmap(lambda rate: self.force(at.depth, rate, modes))(rates)
