@@ -42,7 +42,7 @@ class Kind:
     def has_table(self, exponent: float | None) -> bool:
         """Whether free impacts are smooth enough in what varies for a table (see `free_table`).
 
-        Near n = 1 the largest force of oscillators is not: it moves to touch like (n - 1) ln(n - 1).
+        Near n = 1 the largest force of oscillators is not: its place moves to touch with n - 1.
         """
         return self.family == "hunt_crossley" or (
             self.family == "oscillator" and exponent is not None
