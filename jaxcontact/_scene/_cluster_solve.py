@@ -50,8 +50,8 @@ class ClusterEnd(NamedTuple):
     """The `state` at the end, its `status`, and how it was reached.
 
     `error_estimate`: the larger one of what the steps add up to, relative to the speeds, and of the
-    energy that is missing, relative to the energy of the cluster. `work` in J, of gravity and of
-    prescribed bodies on the free ones.
+    energy that is missing, relative to the energy of the cluster; `error`, the same in m/s. `work`
+    in J, of gravity and of prescribed bodies on the free ones.
     """
 
     state: ClusterState
@@ -60,6 +60,7 @@ class ClusterEnd(NamedTuple):
     steps: Int[Array, ""]
     events: Int[Array, ""]
     error_estimate: Float[Array, ""]
+    error: Float[Array, ""]
 
 
 class _Look(NamedTuple):
@@ -396,4 +397,5 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
     gain = jnp.sum(mass * frame * (done.velocity - state.velocity))
     work = units.energy * end.y[WORK] + gain
-    return ClusterEnd(done, work, status, end.steps, end.events, stop(error))
+    error = stop(error)
+    return ClusterEnd(done, work, status, end.steps, end.events, error, error * units.speed)

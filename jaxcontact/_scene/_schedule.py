@@ -13,35 +13,30 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._cluster_solve import APART, AT_REST, TIME_IS_UP
-from ._cluster_solve import NOT_CONVERGED as FAILED
-from ._coupled import (
-    Call,
-    as_numbers,
-    at_once,
-    blank_state,
-    call,
-    places,
-    touching,
-    work_of_walls,
-)
+from ._calls import among_others, begins, called, seated
+from ._coupled import blank_state
 from ._hit import Choice, Flying, Outcome, accelerations, hit
 from ._isolation import isolated
-from ._log import Called, Facts, Figures, Log, Together, blank_calls
-from ._progress import Coupling, Events, Rules, State
+from ._log import Facts, Figures, Log, blank_calls
+from ._progress import (
+    ACCUMULATED,
+    CROWDED,
+    PATIENCE,
+    RUNNING,
+    TWO_SUPPORTS,
+    Coupling,
+    Events,
+    Rules,
+    State,
+)
 from ._search import NOISE, searched, simultaneous
+from ._slots import empty_seats
 from ._soft import soft
 from ._system import Layout, Numbers, nearest_image
-
-PATIENCE = 64
-"""Impacts per body without progress in time after which a run stops."""
 
 SLOW = 2.0**14
 """Roundings of the largest speed below which closing speeds of simultaneous impacts have died out:
 the impacts have accumulated."""
-
-RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER = range(6)
-"""Why a search goes on or stops; OVER: bodies are in contact at the end."""
 
 
 def begun(layout: Layout, numbers: Numbers, rules: Rules, end: Float[Array, ""]) -> State:
@@ -56,16 +51,13 @@ def begun(layout: Layout, numbers: Numbers, rules: Rules, end: Float[Array, ""])
         Events(zero, none, whole, zero, zero), start, jnp.zeros((), int), jnp.zeros((), int),
         zero, zero, None,
     )  # fmt: skip
-    if rules.coupled:
-        _, called = blank_calls(layout, numbers.dtype)
+    if rules.members:
+        _, blank = blank_calls(layout, rules.members, numbers.dtype)
         no = jnp.asarray(False)
         coupling = Coupling(
-            no,
-            no,
-            called.decided.choice,
-            no[None] & (whole > 0),
-            blank_state(layout, numbers.dtype),
-        )
+            no, no, no, blank.decided.choice, empty_seats(layout, numbers, rules.members),
+            start, start, blank_state(layout, rules.members, numbers.dtype),
+        )  # fmt: skip
         state = state._replace(coupling=coupling)
 
     def row(i: Int[Array, ""]) -> Events:
@@ -102,8 +94,11 @@ def advance(
         if state.coupling is None:
             state, figures, facts, fresh = _event(*given)
         else:
+            coupling = state.coupling
+            # What happens to others before goes first, but for a touch that is known.
+            sooner = coupling.touches | (coupling.state.time < jnp.min(state.events.time))
             state, figures, facts, fresh = jax.lax.cond(
-                state.coupling.active, lambda: _called(*given), lambda: _event(*given)
+                coupling.active & sooner, lambda: called(*given), lambda: _event(*given)
             )
         log = jax.tree.map(lambda all, one: all.at[written].set(one), log, Log(figures, facts))
         return state, log, written + fresh.astype(written.dtype)
@@ -129,6 +124,9 @@ def _event(
     j = jnp.clip(partner, 0, count - 1)
     is_sphere = (partner >= 0) & (partner < count)
     fresh = (partner >= count) | (is_sphere & (state.count[j] == events.count[i]))
+    if state.coupling is not None:
+        # Who is in a coupled solve flies on another way.
+        fresh = fresh & ~(is_sphere & state.coupling.active & seated(layout, state.coupling)[j])
     # A wall has no row: the first body stands in for it.
     j = jnp.where(is_sphere, j, i)
     who = jnp.stack([i, j])
@@ -191,100 +189,20 @@ def _event(
     if rules.soft and state.coupling is None:
         state = state._replace(status=jnp.where(starts, CROWDED, state.status))
     elif state.coupling is not None:
-        members = state.time <= now
-        coupling = Coupling(starts, starts, choice, members, state.coupling.state)
-        state = state._replace(coupling=coupling)
+        state = state._replace(
+            coupling=begins(layout, numbers, state.coupling, starts, choice, outcome.closing)
+        )
     found = searched(layout, numbers, state, who, now, end)
+    if state.coupling is not None:
+        found = among_others(layout, numbers, state.coupling, found, now)
     state = state._replace(
         events=jax.tree.map(lambda all, new: all.at[who].set(new), events, found)
     )
-    together = called = None
+    together = no_call = None
     if state.coupling is not None:
-        together, called = blank_calls(layout, numbers.dtype)
+        together, no_call = blank_calls(layout, rules.members, numbers.dtype)
     figures = Figures(before, outcome, together)
-    return state, figures, Facts(choice, support, tied, rival, called), fresh
-
-
-def _called(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    state: State,
-    end: Float[Array, ""],
-    tolerance: Float[Array, ""],
-) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
-    """One call of the coupled solve, until a pair touches or opens or another sphere comes back."""
-    count, coupling = layout.spheres, state.coupling
-    assert coupling is not None
-    now = jnp.where(coupling.starts, coupling.choice.time, coupling.state.time)
-    spheres, before = Flying(state.position, state.velocity, state.time), state
-    joins = ~coupling.members & (state.time <= now + simultaneous(numbers, now))
-    members = coupling.members | joins
-    waiting = jnp.where(members, jnp.inf, state.time)
-    other = jnp.argmin(waiting)
-    sooner = waiting[other] < end
-    there = at_once(layout, numbers, spheres, state.support, coupling.choice.time)
-    closed = touching(layout, numbers, there, coupling.choice, state.support, state.held)
-    decided = Call(
-        coupling.starts, coupling.choice, members, joins, closed, jnp.where(sooner, other, -1), end
-    )
-    began, done = call(
-        layout, numbers, spheres, state.support, state.held, coupling.state, decided,
-        tolerance, rules.v0,
-    )  # fmt: skip
-    after, status = done.state, done.status
-    apart, rest = status == APART, status == AT_REST
-    first, second = places(layout)
-    flat = second >= count
-    # At rest a sphere is held by one wall, or the solve is not one that can be left.
-    on_wall = after.closed & flat
-    walls = jnp.where(on_wall, second - count, -1)
-    support = jnp.full(count, -1).at[first].max(walls)
-    times = jnp.zeros(count, int).at[first].add(on_wall.astype(int))
-    crowded = rest & (jnp.any(after.closed & ~flat) | jnp.any(times > 1))
-    ends = (apart | rest) & ~crowded
-    over = (status == TIME_IS_UP) & ~sooner
-    failed = (status == FAILED) | ~jnp.isfinite(after.time)
-    held = jnp.zeros(count, numbers.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
-
-    def settled(old: Array, new: Array) -> Array:
-        chosen = (ends & members).reshape((count,) + (1,) * (old.ndim - 1))
-        return jnp.where(chosen, new, old)
-
-    idle = jnp.where(after.time > state.now, 0, state.idle + 1)
-    stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
-    stop = jnp.where(crowded, CROWDED, stop)
-    stop = jnp.where(failed, NOT_CONVERGED, stop)
-    position, velocity = after.position[:count], after.velocity[:count]
-    resting = jnp.where(rest, support, -1)
-    state = state._replace(
-        position=settled(state.position, position),
-        velocity=settled(state.velocity, velocity),
-        time=settled(state.time, jnp.broadcast_to(after.time, (count,))),
-        support=settled(state.support, resting),
-        held=settled(state.held, jnp.where(rest, held, 0)),
-        count=settled(state.count, state.count + 1),
-        owed=settled(state.owed, jnp.zeros(count, numbers.dtype)),
-        now=jnp.maximum(state.now, began.time),
-        idle=idle,
-        status=stop,
-        coupling=Coupling(~ends, jnp.asarray(False), coupling.choice, members, after),
-    )
-    found = searched(layout, numbers, state, jnp.arange(count), after.time, end)
-    # While the solve goes on nothing else happens.
-    found = found._replace(time=jnp.where(ends, found.time, jnp.inf))
-    state = state._replace(events=found)
-    zero = jnp.zeros((), numbers.dtype)
-    two = jnp.zeros((2, layout.dimensions), numbers.dtype)
-    nobody = Flying(two, two, jnp.zeros(2, numbers.dtype))
-    outcome = Outcome(nobody, began.time, *[zero] * (len(Outcome._fields) - 2))
-    work = work_of_walls(layout, numbers, began, done)
-    together = Together(spheres, before.held, as_numbers(began), as_numbers(after), work)
-    blank = jnp.full(2, -1)
-    called = Called(jnp.asarray(True), before.support, decided, ends, rest)
-    figures = Figures(nobody, outcome, together)
-    facts = Facts(coupling.choice, blank, jnp.asarray(False), jnp.full_like(zero, jnp.inf), called)
-    return state, figures, facts, jnp.asarray(True)
+    return state, figures, Facts(choice, support, tied, rival, no_call), fresh
 
 
 def _choice(

@@ -27,12 +27,12 @@ from ._coupled import MOST
 from ._entry import one_number
 from ._log import Log, blank_log
 from ._overlap import require_clear_of_each_other
-from ._progress import Rules, State
+from ._progress import CROWDED, NOT_CONVERGED, OVER, RUNNING, Rules, State
 from ._replay import differentiable
 from ._result import Ending, traced
 from ._run import Run, moment_at
 from ._scene import Scene
-from ._schedule import CROWDED, NOT_CONVERGED, OVER, RUNNING, advance, begun
+from ._schedule import advance, begun
 from ._system import Layout, Numbers, first_overlap, layout_of, numbers_of, replaced
 from ._table import table_of, work_of
 
@@ -55,6 +55,7 @@ def simulate(
     instantaneous: bool = False,
     v0: str | float = "peak",
     max_impacts: int | None = None,
+    max_cluster: int = MOST,
     progress: bool | Listener | None = None,
 ) -> Run:
     """Follow a scene from impact to impact: flights by formula, times of impact in closed form.
@@ -65,10 +66,11 @@ def simulate(
 
     An isolated impact lasts as long as its law says, and the line of centres turns meanwhile: by
     closed form where it is head-on, else by the radial equation with its angular momentum. Whatever
-    is not isolated is one coupled solve of all spheres, of which there may be eight: a third body
-    near, gravity across a wall, a contact that comes to rest. `v0` is the speed that the damping
-    of a law refers to: "peak", the largest closing speed of the contact; "touch", that at touch; a
-    number, the least one in m/s.
+    is not isolated is a coupled solve: a third body near, gravity across a wall, a contact that
+    comes to rest. It has room for `max_cluster` spheres, two at the least: those in contact and
+    those that they may reach soon; a run that needs more is flagged (`Ending.CROWDED`). `v0` is the
+    speed that the damping of a law refers to: "peak", the largest closing speed of the contact;
+    "touch", that at touch; a number, the least one in m/s.
 
     With `instantaneous` impacts are out of time: each has the law's e at its own closing speed.
     Impacts at the same time are taken pair by pair, the largest closing speed first, and marked.
@@ -97,14 +99,13 @@ def simulate(
     tolerance = require_number("rtol", rtol, FRACTION)
     soft = not require_flag("instantaneous", instantaneous)
     followed = _v0(v0)
+    room_for = require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     asked = _times(times, length)
     require_progress(progress)
     layout = layout_of(scene)
     require_clear_of_each_other(scene.bodies, length)
-    # Coupled solves do not know the images of a periodic space.
-    coupled = soft and layout.spheres <= MOST and not any(layout.periodic)
-    rules = Rules(soft, followed, coupled)
+    rules = Rules(soft, followed, min(room_for, layout.spheres) if soft else 0)
     if soft:
         _require_one_kind(scene)
     numbers, valid = numbers_of(scene, layout, contacts=soft or not all(layout.constant))
@@ -118,7 +119,7 @@ def simulate(
     if traced(given):
         room = ROOM if most is None else most
         # A call of the coupled solve ends where any pair touches or opens.
-        rows = room * (_CALLS if coupled else 1)
+        rows = room * (_CALLS if rules.members else 1)
         outcome = _all_at_once(layout, numbers, rules, valid, length, within, rows)
     else:
         room = None
@@ -208,7 +209,7 @@ def _all_at_once(
     )
     last = jnp.where(valid, jax.lax.stop_gradient(end), -1)
     state = begun(layout, fixed, rules, last)
-    log = blank_log(room, layout, numbers.dtype, rules.coupled)
+    log = blank_log(room, layout, numbers.dtype, rules.members)
     state, log, written = advance(layout, fixed, rules, state, log, last, tolerance)
     more = _goes_on(state, last)
     status, reached = _ending(state, more, valid, end)
@@ -256,7 +257,7 @@ def _piece_by_piece(
     state = _begun(layout, numbers, rules, last)
     pieces: list[Log] = []
     total, more = 0, True
-    blank = _blank(_PIECE, layout, numbers.dtype, rules.coupled)
+    blank = _blank(_PIECE, layout, numbers.dtype, rules.members)
     while more and int(state.status) == 0 and (most is None or total < most):
         state, log, written = _advance(layout, numbers, rules, state, blank, last, tolerance)
         count = int(written) if most is None else min(int(written), most - total)
