@@ -178,7 +178,7 @@ def _seated(
         placed = position - shift * numbers.period[None]
         low = jnp.min(jnp.where(present[:, None], placed, jnp.inf), axis=0)
         high = jnp.max(jnp.where(present[:, None], placed, -jnp.inf), axis=0)
-        reach = 2 * jnp.max(jnp.abs(numbers.radius[sure]) * present)
+        reach = 2 * jnp.max(jnp.where(present, jnp.abs(numbers.radius[sure]), 0))
         wide = jnp.any(jnp.asarray(layout.periodic) & (high - low + reach > numbers.period / 2))
     if in_line(layout):
         place = (position - shift * numbers.period[None])[:, 0]
