@@ -179,8 +179,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         gaps = gaps_of(modes, clock, now, y[W], modes.latched, until - y[TIME])
         fall = gaps_of(modes, clock, slope, toward[W], 0, -toward[TIME])
         before = gaps_of(modes, clock, c.look, c.y[W], modes.latched, until - c.y[TIME])
-        pace = 2 * c.y[W]
-        earlier = jax.tree.map(lambda x: pace * x, c.slope)
+        earlier = jax.tree.map(lambda x: 2 * c.y[W] * x, c.slope)
         fell = gaps_of(modes, clock, earlier, outset[W], 0, -outset[TIME])
         crossed = passed(modes, now, gaps)
         # A pair that touches and opens again within a step is found by the cubic through its ends.
@@ -253,11 +252,11 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         anew = taken & ~keep
         scale = jnp.where(anew & (w > 0), stop(y[W] / w), 1)
         opened = event & jnp.any(opens) & ~any_touch
-        first_one = stop(begin / jnp.where(opened, 2 * w, 1))
+        outset_size = stop(begin / jnp.where(opened, 2 * w, 1))
         opens_in = stop(w / jnp.max(jnp.where(free_clock.leaving, -closing, 0)))
         most = jnp.where(anew & jnp.any(free_clock.leaving), 1.1 * opens_in, jnp.inf)
-        size, free = jnp.minimum(jnp.where(opened, first_one, size * scale), most), free * scale
-        free = jnp.where(opened, first_one, free)
+        size, free = jnp.minimum(jnp.where(opened, outset_size, size * scale), most), free * scale
+        free = jnp.where(opened, outset_size, free)
         clock = jax.tree.map(lambda a, b: jnp.where(anew, a, b), free_clock, clock)
         y = jnp.where(anew, y.at[W].set(w), y)
 
@@ -320,8 +319,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         stored = jnp.sum(system.stored(depth, modes))
         return system.kinetic(layout.velocity(y)) + stored + jnp.sum(layout.lost(y))
 
-    zero = jnp.zeros((), dtype)
-    zero_each = jnp.zeros_like(state.lost)
+    zero, zero_each = jnp.zeros((), dtype), jnp.zeros_like(state.lost)
     velocity = (state.velocity - frame) / units.speed
     lost = state.lost / units.energy
     y = layout.packed(jnp.zeros_like(velocity), velocity, lost, [zero, zero, zero])
@@ -397,5 +395,5 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
     gain = jnp.sum(mass * frame * (done.velocity - state.velocity))
     work = units.energy * end.y[WORK] + gain
-    error = stop(error)
-    return ClusterEnd(done, work, status, end.steps, end.events, error, error * units.speed)
+    doubt = stop(error), stop(error) * units.speed
+    return ClusterEnd(done, work, status, end.steps, end.events, *doubt)

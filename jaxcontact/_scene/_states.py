@@ -60,6 +60,13 @@ def any_inside(
     return inside | jnp.any(last & ((times < end) | ~ends))
 
 
+def any_resting(
+    layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""], times: Float[Array, " T"]
+) -> Bool[Array, ""]:
+    """Whether a sphere rests on a wall at any of the times."""
+    return jnp.any(_looked_up(layout, numbers, log, written, times, True).support >= 0)
+
+
 def _looked_up(
     layout: Layout,
     numbers: Numbers,
