@@ -215,7 +215,9 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
 
         # What changes: all pairs that are on their event at once.
         meets = happens[: layout.pairs]
-        closing = geometry(y, clock).rate
+        # At the event: the depth is what the clock goes on from.
+        at_event = geometry(y, clock)
+        now, closing = now._replace(depth=at_event.depth, rate=at_event.rate), at_event.rate
         touches, opens = meets & ~modes.closed, meets & modes.closed
         closed = (modes.closed | touches) & ~opens
         speed = jnp.maximum(closing, 0)
