@@ -249,12 +249,17 @@ def compared(name: str, line: Line) -> list[dict]:
                 row["reached"] = True
                 break
         rows.append(row)
-        print(
-            f"{name:24}{way:28} rtol {row['rtol']:.0e}  error {row['error']:.0e}"
-            f"  {1e3 * row['seconds']:10.3f} ms  ({row['compile_s']:.1f} s before)", flush=True
-        )  # fmt: skip
+    # In turn, so that what else the machine does meets all of them alike.
+    for _ in range(8):
+        for row in rows:
+            seconds = best(functools.partial(ways[row["way"]], row["rtol"]), 3)[1]
+            row["seconds"] = min(row["seconds"], seconds)
     for row in rows:
         row["times_ours"] = row["seconds"] / rows[0]["seconds"]
+        print(
+            f"{name:24}{row['way']:28} rtol {row['rtol']:.0e}  error {row['error']:.0e}"
+            f"  {1e3 * row['seconds']:10.3f} ms  ({row['compile_s']:.1f} s before)", flush=True
+        )  # fmt: skip
     return rows
 
 
