@@ -161,11 +161,11 @@ def call(
     none = jnp.zeros(members, numbers.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
     sunk = pairs.distance - height + jnp.concatenate([none, numbers.offset])[second]
-    # What meets later than the solve began does so at a time that is not corrected: the depth, of
-    # which the value is rounding, has the derivative.
+    # What touches beside the pair whose touch says when this begins, or later than a solve began,
+    # does so at a time that is not its own: the depth, which is rounding, has the derivative.
     apart = position[first] - position[second]
     depth = -_gap(pairs, apart, jnp.zeros_like(apart))[0]
-    depth = jnp.where(decided.starts, 0, depth - jax.lax.stop_gradient(depth))
+    depth = depth - jax.lax.stop_gradient(depth)
     outside = jnp.where(start.closed, depth, jnp.minimum(start.indentation, 0))
     since = jnp.zeros_like(start.since) + time
     start = start._replace(
