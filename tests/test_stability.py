@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
 from benchmarks.stability_map.free_table import free
@@ -56,6 +57,22 @@ def test_the_oracle_by_motion(kind):
         kept = ~settled | (q not in ("e", "duration"))
         tolerance = FORCE if q == "max_force" else ORACLE
         np.testing.assert_allclose(got[kept], want[kept], rtol=tolerance, err_msg=q)
+
+
+def test_the_oracle_of_a_force_that_nearly_jumps():
+    """Near n = 1 the largest force lies where x is 3e-4, in a step from touch to where x is .01."""
+    n, a = 1.0023572007772532, 7.771579570708425
+
+    def rate(logarithm, y):
+        x = np.exp(logarithm)
+        return [-x * (x**n + n * a * x ** (n - 1) * y[0]) / y[0]]
+
+    found = solve_ivp(rate, [-60, -4], [1.0], "DOP853", rtol=1e-13, max_step=0.1, dense_output=True)
+    grid = np.linspace(-9, -7, 20_001)
+    x, v = np.exp(grid), found.sol(grid)[0]
+    truth = solve(KINDS["kuwabara_kono_clamped"].problem(np.array([a]), n, 0.0))
+    want = np.max(x**n + n * a * x ** (n - 1) * v)
+    np.testing.assert_allclose(truth.max_force.astype(float), [want], rtol=FORCE)
 
 
 def test_the_table_of_free_impacts():

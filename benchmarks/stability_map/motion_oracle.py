@@ -72,6 +72,16 @@ def _creeps_in(push: Array, c: Array, p: Array, n: Array, x: Array, v: Array) ->
     return (root > 0) & (y > 0) & (y <= EXTENDED("1e-5") * rest) & (v <= EXTENDED("0.9") * fast * y)
 
 
+def _with_derivatives(powers: Array, at: Array) -> tuple[Array, Array, Array]:
+    """A polynomial and its first two derivatives."""
+    value = first = second = np.zeros_like(at)
+    for coefficient in powers[::-1]:
+        second = second * at + 2 * first
+        first = first * at + value
+        value = value * at + coefficient
+    return value, first, second
+
+
 class _Lanes:
     """The state of a chunk of lanes, and the loop that moves them on."""
 
@@ -179,9 +189,7 @@ class _Lanes:
         jolt = outer / np.where(clock != 0, np.abs(clock), 1) * force - self._force_at(i)
         biggest = np.maximum(np.maximum(self.fm[i], np.max(np.abs(jolt), 0)), self.expected[i])
         error_f = np.abs(np.einsum("j,jl->l", rule.spectrum, jolt)) / biggest / 100
-        # From touch on a force may rise like a small power, which no step follows.
-        followed = (w0 > 0) | (k * (n - p) >= 1) | (n == p)
-        error = np.maximum(error, np.where(followed, error_f, 0))
+        error = np.maximum(error, np.where(self._rises_smoothly(i), error_f, 0))
         good &= np.isfinite(error)
         fine = good & (error <= self.tolerance)
         landing = self.landing[i] > 0
@@ -288,7 +296,7 @@ class _Lanes:
         self.loss[i] += h * np.einsum("j,jl->l", weights, c * outer * v * v)
         # The force F = x^(n-p) (x^p + c v).
         f = outer / np.where(clock != 0, np.abs(clock), 1) * force
-        self._largest_force(i, f)
+        self._largest_force(i, w, force, f)
         we, ue, ve = self.w[i] + z[-1], self.u[i] + d[-1], v[-1]
         event = np.where(arrived, self.event[i], -1)
         turned, parted = event == 0, event >= 1
@@ -323,40 +331,52 @@ class _Lanes:
             self._finish(i[at], parted[at], creeps[at], clamped, x[at], ve[at], stored[at])
         return done
 
-    def _largest_force(self, i: Array, f: Array) -> None:
-        rule = radau()
+    def _largest_force(self, i: Array, w: Array, force: Array, f: Array) -> None:
+        """The largest force within the step, F = w^m g with polynomials w and g of the place θ.
+
+        Mostly m is 0 and g is F. At touch F may rise like a small power: then m = k (n - p) and
+        g = x^p + c v. It is largest where m w' g + g' w = 0.
+        """
         near = np.flatnonzero(np.max(f, 0) > 0.5 * self.fm[i])
         if near.size == 0:
             return
-        lanes = i[near]
-        start = self._force_at(lanes)
-        values = np.concatenate([start[None], f[:, near]])
-        grid = np.einsum("gj,jl->gl", rule.fine, values)
-        powers = np.einsum("gj,jl->gl", rule.monomial, values)
-        best = np.argmax(grid, 0)
+        rule, q, lanes = radau(), self.given, i[near]
+        smooth = self._rises_smoothly(lanes)
+        m = np.where(smooth, 0, self.k[lanes] * (q.n[lanes] - q.p[lanes]))
+        g = np.where(smooth, f[:, near], force[:, near])
+        before = np.where(smooth, self._force_at(lanes), self._inner_force_at(lanes))
+        nodes = [
+            np.concatenate([start[None], step])
+            for start, step in ((self.w[lanes], w[:, near]), (before, g))
+        ]
+        rough = [np.einsum("gj,jl->gl", rule.fine, values) for values in nodes]
+        powers = [np.einsum("gj,jl->gl", rule.monomial, values) for values in nodes]
+        best = np.argmax(_power(rough[0], m) * rough[1], 0)
         at = np.clip(best, 1, FINE - 2) / EXTENDED(FINE - 1)
-        degree = np.arange(STAGES + 1)
-        for _ in range(4):
-            first = second = EXTENDED(0)
-            for k in degree[:0:-1]:
-                first = first * at + k * powers[k]
-            for k in degree[:1:-1]:
-                second = second * at + k * (k - 1) * powers[k]
-            step = np.clip(first / second, -1 / EXTENDED(FINE), 1 / EXTENDED(FINE))
+        for _ in range(6):
+            (w0, w1, w2), (g0, g1, g2) = (_with_derivatives(c, at) for c in powers)
+            slope = np.where(m == 0, g1, m * w1 * g0 + g1 * w0)
+            change = np.where(m == 0, g2, m * w2 * g0 + (m + 1) * w1 * g1 + g2 * w0)
+            step = np.clip(slope / change, -1 / EXTENDED(FINE), 1 / EXTENDED(FINE))
             at = np.where(np.isfinite(step), np.clip(at - step, 0, 1), at)
-        peak = EXTENDED(0)
-        for k in degree[::-1]:
-            peak = peak * at + powers[k]
-        largest = np.maximum(np.max(values, 0), peak)
+        (w0, *_), (g0, *_) = (_with_derivatives(c, at) for c in powers)
+        largest = np.maximum(np.max(f[:, near], 0), _power(w0, m) * g0)
         self.fm[lanes] = np.maximum(self.fm[lanes], largest)
+
+    def _rises_smoothly(self, i: Array) -> Array:
+        """Whether the force is nearly a polynomial of the place in the next step."""
+        n, p = self.given.n[i], self.given.p[i]
+        return (self.w[i] > 0) | (self.k[i] * (n - p) >= 1) | (n == p)
+
+    def _inner_force_at(self, i: Array) -> Array:
+        """x^p + c v at the state before the step."""
+        w, u, b, c = self.w[i], self.u[i], self.b[i], self.c[i]
+        return np.where(b > 0, c * u, _power(w, self.k[i] * self.given.p[i]) + c * u)
 
     def _force_at(self, i: Array) -> Array:
         """F at the state before the step."""
         q = self.given
-        w, u, b, c, k = self.w[i], self.u[i], self.b[i], self.c[i], self.k[i]
-        wp = _power(w, k * q.p[i])
-        force = np.where(b > 0, c * u, wp + c * u)
-        return _power(w, k * (q.n[i] - q.p[i])) * force
+        return _power(self.w[i], self.k[i] * (q.n[i] - q.p[i])) * self._inner_force_at(i)
 
     def _finish(self, i, parted, creeps, clamped, x, v, stored) -> None:
         found, push = self.found, self.given.push[i]

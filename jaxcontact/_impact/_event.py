@@ -20,6 +20,7 @@ from .._parameter import require_kind
 from .._varying import varying
 from ._balance import Balance, balance_of
 from ._dip import dip
+from ._ending import at_end
 from ._event_in_step import event_in_step
 from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
@@ -157,12 +158,14 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Le
         dipped = dipped & ~compressing
         steps, arrived = jnp.where(dipped, index + 1, steps), arrived | dipped
     before = at(jnp.maximum(steps - 1, 0))
-    # Where no step was accepted the last one has no length, which would make its lane NaN.
+    # Where no step was accepted the last one has no length, which would make its lane NaN: the leg
+    # stays where it started.
     after = jnp.where(steps > 0, at(steps)[0], 1)
     if bottom is not None:
         after = jnp.where(dipped, bottom, after)
     solver = _ready(solver, rtol, atol, how.adjoint is not None)
-    moment, end = event_in_step(term, solver, before, after, motion, compressing, arrived)
+    found = event_in_step(term, solver, before, after, motion, compressing, arrived)
+    moment, end = jax.tree.map(functools.partial(jnp.where, steps > 0), found, before)
     is_last = jnp.arange(solution.ts.size) == steps
     return Leg(
         end=end,
@@ -248,12 +251,12 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
     creeps_early = creeps_on_the_way(motion, legs)
     followed = follow(motion, legs, creeps_early, how)
     turn, creeps = followed.turn, followed.creeps
-    end = motion.at_end(followed.end, followed.arrived[1])
+    max_indentation = turn.w**motion.order
+    end = at_end(motion, followed.end, followed.arrived[1], max_indentation)
     # Apart from the solve, so that it is removed where the largest force is not used.
     forces = jax.vmap(lambda leg, flag: largest_force(motion, leg, flag))(legs.path, flags)
     # With so much damping that implicit steps are taken the force is largest in the beginning.
     max_force = jnp.maximum(jnp.max(forces), motion.force(turn, flags[0]))
-    max_indentation = turn.w**motion.order
     compression_time = turn.t
     balance = balance_of(motion, end, max_indentation)
     converged = was_followed(motion, followed.arrived, end, balance, how)

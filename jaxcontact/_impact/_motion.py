@@ -65,7 +65,7 @@ class Motion(eqx.Module):
 
     def ready(self) -> Motion:
         """The same with what the lane needs at every stage of every step computed beforehand."""
-        softness = self._softness
+        softness = self.softness
         return self if softness is None else dataclasses.replace(self, prepared=softness[0])
 
     @property
@@ -103,10 +103,10 @@ class Motion(eqx.Module):
         zero = of_lane(0.0)
         if self.momentum is not None:
             return State(zero, of_lane(self.momentum.at_touch()), zero)
-        return State(zero, of_lane(1.0 + self._creep(zero)), zero, zero)
+        return State(zero, of_lane(1.0 + self.creep(zero)), zero, zero)
 
     @property
-    def _softness(self) -> tuple[Number, Exponent] | None:
+    def softness(self) -> tuple[Number, Exponent] | None:
         """The b and p of u = v + b x^p: 1/c with strong damping and 0 with weak; None for u = v.
 
         The damping is that of the way out: what is damped on approach only does not creep back.
@@ -120,31 +120,31 @@ class Motion(eqx.Module):
         strong = c > 1
         return jnp.where(strong, 1 / jnp.where(strong, c, 1), 0), p
 
-    def _creep(self, w: Number) -> Number | float:
+    def creep(self, w: Number) -> Number | float:
         """b x^p, the speed at which bodies creep apart while their force is next to none."""
-        if self._softness is None:
+        if self.softness is None:
             return 0.0
-        softness, p = self._softness
+        softness, p = self.softness
         return softness * signed_power(w, self.order * p)
 
     def velocity(self, state: State) -> Number:
         """x' at a state."""
         momentum = self.momentum
-        return state.u - self._creep(state.w) if momentum is None else momentum.velocity(state.u)
+        return state.u - self.creep(state.w) if momentum is None else momentum.velocity(state.u)
 
     def still(self, state: State) -> State:
         """The state with the velocity 0."""
         rest = jnp.zeros_like(state.u)
-        return state._replace(u=rest + self._creep(state.w) if self.momentum is None else rest)
+        return state._replace(u=rest + self.creep(state.w) if self.momentum is None else rest)
 
     def pulling(self, state: State, compressing: Flag) -> Number:
         """A smooth function that is negative where the contact pulls: f/x^(n-p) if that is known.
 
         It has all its digits where u has them.
         """
-        if self._softness is None:
+        if self.softness is None:
             return self.form.pulling(state.w, self.velocity(state), self.n, compressing, self.order)
-        softness, _ = self._softness
+        softness, _ = self.softness
         damping = self.form.damping(self.n, compressing)
         assert damping is not None
         c, p = damping
@@ -152,17 +152,17 @@ class Motion(eqx.Module):
 
     def force(self, state: State, compressing: Flag) -> Number:
         """f at a state, for w ≥ 0."""
-        if self._softness is not None:
-            outer = signed_power(state.w, self.order * (self.n - self._softness[1]))
+        if self.softness is not None:
+            outer = signed_power(state.w, self.order * (self.n - self.softness[1]))
             return outer * self.pulling(state, compressing)
         x = signed_power(state.w, float(self.order))
         return self.form.force(x, self.velocity(state), self.n, compressing)
 
     def pull(self, state: State, compressing: Flag) -> Number:
         """w^(k-1) f at a state, where the form has no momentum of its own."""
-        if self._softness is None:
+        if self.softness is None:
             return self.form.pull(state.w, self.velocity(state), self.n, compressing, self.order)
-        outer = signed_power(state.w, self.order * (self.n - self._softness[1] + 1) - 1)
+        outer = signed_power(state.w, self.order * (self.n - self.softness[1] + 1) - 1)
         return outer * self.pulling(state, compressing)
 
     def rate(self, state: State, compressing: Flag) -> State:
@@ -173,8 +173,8 @@ class Motion(eqx.Module):
         if momentum is not None:
             return State(velocity / k, -momentum.pull(w), clock)
         change = -self.pull(state, compressing)
-        if self._softness is not None:
-            softness, p = self._softness
+        if self.softness is not None:
+            softness, p = self.softness
             if not (isinstance(p, float) and p == 0):
                 change = change + softness * p * signed_power(w, k * p - 1) * velocity
         if self.push is not None:
@@ -215,18 +215,18 @@ class Motion(eqx.Module):
 
     def creeping_speed(self, state: State) -> Number:
         """x^p/c, at which bodies creep apart: of forms whose damping is known."""
-        c, p = self._damping_back()
+        c, p = self.damping_back()
         return signed_power(state.w, self.order * p) / jnp.maximum(c, 1)
 
     def stiffness(self, state: State) -> Number:
         """The rate at which a way out relaxes to creeping, or swings, in regularised time."""
-        c, p = self._damping_back()
+        c, p = self.damping_back()
         n, k = self.n, self.order
         return c * signed_power(state.w, k * (n - p + 1) - 1) + signed_power(
             state.w, k * (n + 1) / 2 - 1
         )
 
-    def _damping_back(self) -> tuple[Number, Exponent]:
+    def damping_back(self) -> tuple[Number, Exponent]:
         damping = self.form.damping(self.n, jnp.asarray(False))
         assert damping is not None
         return damping
@@ -239,7 +239,7 @@ class Motion(eqx.Module):
 
     def creeps(self) -> Bool[Array, ""]:
         """Whether the way out, if any, is one of creeping for certain."""
-        return self._damping_back()[0] > _CREEPS
+        return self.damping_back()[0] > _CREEPS
 
     def creeps_to_rest(self, state: State) -> Bool[Array, ""]:
         """Whether bodies that close up creep to rest under a push and never turn.
@@ -324,7 +324,7 @@ class Motion(eqx.Module):
         """Whether a force that ends a contact where it vanishes might come back, under a push."""
         return self.push is not None and not (self.form.tension or self.form.never_pulls)
 
-    def _parts_at_touch(self) -> Bool[Array, ""]:
+    def parts_at_touch(self) -> Bool[Array, ""]:
         """Whether the bodies, if at all, part at x = 0.
 
         So does what never pulls, under a push too: where its force vanished that would press.
@@ -341,17 +341,17 @@ class Motion(eqx.Module):
             return (state.w,)
         pulling = self.gap_of_force(state)
         # Where the force of what never pulls vanished only rounding can get.
-        return state.w, jnp.where(self._parts_at_touch(), 1, pulling)
+        return state.w, jnp.where(self.parts_at_touch(), 1, pulling)
 
     def gap_of_force(self, state: State) -> Number:
         """What vanishes with the force, with a slope, and stays negative beyond x = 0."""
         velocity = self.velocity(state)
-        if self._softness is None:
+        if self.softness is None:
             out = jnp.asarray(False)
             pulling = self.form.pulling(state.w, velocity, self.n, out, self.order)
             return jnp.where(state.w < 0, jnp.minimum(pulling, velocity), pulling)
-        softness, p = self._softness
-        c, _ = self._damping_back()
+        softness, p = self.softness
+        c, _ = self.damping_back()
         if isinstance(p, float) and p == 0:
             gap = jnp.where(softness > 0, state.u, 1 + c * velocity)
             # Beyond x = 0 time may run back, and the gap open again. Whether it had closed shows
@@ -361,33 +361,6 @@ class Motion(eqx.Module):
         # Where weak damping ends a contact, x^p is flat.
         weak = state.w - power(-c * velocity, 1 / (self.order * p))
         return jnp.where(softness > 0, strong, weak)
-
-    def at_end(self, end: State, arrived: Bool[Array, ""]) -> State:
-        """The end of a way out, without what rounding left of the gap that ended it.
-
-        The search puts a moment within the rounding of a whole step, in which place and speed may
-        change much more than they are at the end.
-        """
-        velocity = self.velocity(end)
-        touching = end._replace(w=jnp.zeros_like(end.w))
-        if self.momentum is None:
-            touching = touching._replace(u=velocity + self._creep(touching.w))
-        parted = arrived & (velocity < 0) & ~self.settled(end) & self._parts_at_touch()
-        end = jax.tree.map(functools.partial(jnp.where, parted), touching, end)
-        if self.form.tension or self.one_way:
-            return end
-        if self._softness is None:
-            return end
-        softness, p = self._softness
-        if self.push is not None and isinstance(p, float) and p == 1:
-            # Weak damping ends such a contact at x = -c v, which has more digits than w.
-            place = power(-self._damping_back()[0] * velocity, 1 / self.order)
-            weak = arrived & (velocity < 0) & ~self.settled(end) & (softness == 0)
-            end = end._replace(w=jnp.where(weak, place, end.w))
-        rate = self.rate(end, jnp.asarray(False))
-        sooner = jnp.abs(end.u * rate.w) < jnp.abs(end.w * rate.u)
-        vanished = (softness > 0) & sooner & ~self.settled(end)
-        return end._replace(u=jnp.where(vanished, 0, end.u))
 
     def settled(self, state: State) -> Bool[Array, ""]:
         """Whether a way out ended because the contact turned inwards again."""

@@ -59,6 +59,16 @@ def test_a_pull_holds_nothing():
     hit = pushed(jc.KuwabaraKono(A=single(200166.0)), 1.0, single(-3.50256e-05))
     assert hit.status.tolist() == [jc.Status.SEPARATED]
     assert hit.restitution == pytest.approx([1.749828e-10], rel=1e-3)
+    # Explicit steps got nowhere on its way out, where one of length 1 stood for them.
+    hit = pushed(jc.KuwabaraKono(A=single(32176.0067)), 1.0, single(-230.98334))
+    assert hit.max_force == pytest.approx([32176.0067], rel=DURATION)
+
+
+def test_the_place_where_weak_damping_ends_a_strong_push():
+    """Its work is a part of e, and it followed from a speed with the rounding of a larger one."""
+    zeta, push = single(1.164353e-6, 5.663193e-7), single(340.5041, 764.094)
+    hit = pushed(given_ratio(zeta, "clamped"), 3.0, push)
+    assert hit.restitution == pytest.approx([1.5865965, 1.8999016], abs=RESTITUTION)
 
 
 def test_a_force_that_vanishes_and_comes_back_beyond_the_end():
