@@ -128,7 +128,7 @@ def simulate(
     else:
         room = None
         with progress_of(progress, "impacts", "simulate") as tell:
-            rules, *outcome = _piece_by_piece(
+            rules, outcome = _piece_by_piece(
                 layout, numbers, rules, valid, length, within, most, tell
             )
     numbers, log, written, status, reached = outcome
@@ -269,7 +269,7 @@ def _piece_by_piece(
     tolerance: Array,
     most: int | None,
     tell: Tell,
-) -> tuple[Rules, Numbers, Log, Array, Array, Array]:
+) -> tuple[Rules, tuple[Numbers, Log, Array, Array, Array]]:
     """The run from Python: one program goes on until all impacts are there.
 
     Among many spheres or in a periodic space most scenes need no coupled solve: there the program
@@ -305,7 +305,7 @@ def _piece_by_piece(
     pieces = [_with_calls(piece, blank) for piece in pieces]
     log = jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)), *pieces, rest)
     status, reached = _ending(state, jnp.asarray(more), valid, end)
-    return rules, numbers, log, jnp.asarray(total), status, reached
+    return rules, (numbers, log, jnp.asarray(total), status, reached)
 
 
 def _with_calls(piece: Log, blank: Log) -> Log:
