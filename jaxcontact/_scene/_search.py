@@ -161,9 +161,10 @@ def among_others(
     """Events without those with spheres in the coupled solve, which fly on another way: others
     search again when their second best event would be.
     """
-    sphere = jnp.clip(events.partner, 0, layout.spheres - 1)
-    is_sphere = (events.partner >= 0) & (events.partner < layout.spheres)
-    off = is_sphere & seated(layout, coupling)[sphere] & coupling.active
+    # The partner of an empty place is none.
+    who = jnp.where(coupling.seats.present & coupling.active, coupling.seats.who, layout.spheres)
+    is_sphere = events.partner < layout.spheres
+    off = is_sphere & jnp.any(events.partner[:, None] == who[None], axis=1)
     later = now + simultaneous(numbers, now) + jnp.finfo(numbers.dtype).eps * coupling.pace
     return events._replace(
         time=jnp.where(off, jnp.maximum(events.second, later), events.time),

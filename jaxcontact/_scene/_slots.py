@@ -115,13 +115,13 @@ def pairs_of(layout: Layout, numbers: Numbers, members: int, seats: Seats) -> Pa
 class Change(NamedTuple):
     """From one call to the next: which places hold a body that `joined` (M,), which pairs are
     `fresh` (P,), and where a body and a pair that stay were before, `source` (M,) and
-    `pair_source` (P,).
+    `pair_source` (P,); None where all stay where they were.
     """
 
     joined: Bool[Array, " M"]
     fresh: Bool[Array, " P"]
-    source: Int[Array, " M"]
-    pair_source: Int[Array, " P"]
+    source: Int[Array, " M"] | None
+    pair_source: Int[Array, " P"] | None
 
 
 def change_of(
@@ -151,6 +151,8 @@ def joining(layout: Layout, members: int, joined: Bool[Array, " M"]) -> Change:
     first, second = places(layout, members)
     walls = jnp.concatenate([joined, jnp.zeros(layout.walls, bool)])
     fresh = walls[first] | walls[second]
+    if everyone(layout, members):
+        return Change(joined, fresh, None, None)
     return Change(joined, fresh, jnp.arange(members), jnp.arange(first.shape[0]))
 
 
@@ -161,14 +163,13 @@ def unchanged(layout: Layout, members: int) -> Change:
 
 def in_place(change: Change) -> Change:
     """The same for a state that is in the places of this call already."""
-    return change._replace(
-        source=jnp.arange(change.source.shape[0]),
-        pair_source=jnp.arange(change.pair_source.shape[0]),
-    )
+    return change._replace(source=None, pair_source=None)
 
 
 def rearranged(state: ClusterState, change: Change, members: int) -> ClusterState:
     """A state with its bodies and pairs in the places of the next call."""
+    if change.source is None:
+        return state
     walls = jnp.arange(members, state.position.shape[0])
     slots = jnp.concatenate([change.source, walls])
     vectors = {"position": state.position[slots], "velocity": state.velocity[slots]}
