@@ -22,7 +22,6 @@ def all_jobs() -> list[Job]:
     jobs = []
     for precision in PRECISIONS:
         for kind, described in KINDS.items():
-            integrated = described.family == "kuwabara_kono"
             for n in _exponents(kind):
                 jobs += [
                     Job(
@@ -31,7 +30,7 @@ def all_jobs() -> list[Job]:
                         False,
                         method,
                         precision,
-                        BY_MOTION["kuwabara_kono"] if integrated else BY_TABLE[method],
+                        BY_TABLE[method] if described.has_table(n) else BY_MOTION[described.family],
                     )
                     for method in _free_methods(kind)
                 ]
@@ -58,6 +57,6 @@ def by_table(jobs: list[Job]) -> list[list[Job]]:
     """
     groups: dict[object, list[Job]] = {}
     for job in jobs:
-        shared = not job.pushed and KINDS[job.kind].family != "kuwabara_kono"
+        shared = not job.pushed and KINDS[job.kind].has_table(job.exponent)
         groups.setdefault((job.kind, job.exponent) if shared else job, []).append(job)
     return list(groups.values())

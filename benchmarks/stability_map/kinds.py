@@ -39,6 +39,15 @@ class Kind:
         """Whether a free contact ends only below critical damping."""
         return self.family == "oscillator" and self.tension and not self.approach
 
+    def has_table(self, exponent: float | None) -> bool:
+        """Whether free impacts are smooth enough in what varies for a table (see `free_table`).
+
+        Near n = 1 the largest force of oscillators is not: its place moves to touch with n - 1.
+        """
+        return self.family == "hunt_crossley" or (
+            self.family == "oscillator" and exponent is not None
+        )
+
     def to_free(self, damping: Array) -> tuple[Array, Array]:
         """A number y ≥ 0 in whose logarithm outcomes are smooth, and d ln y/d ln damping."""
         if not self.ends_at_critical:

@@ -364,9 +364,9 @@ class _Lanes:
         self.fm[lanes] = np.maximum(self.fm[lanes], largest)
 
     def _rises_smoothly(self, i: Array) -> Array:
-        """Whether the force is nearly a polynomial of the place in the next step."""
+        """Whether the force is nearly a polynomial of w, at touch and near it."""
         n, p = self.given.n[i], self.given.p[i]
-        return (self.w[i] > 0) | (self.k[i] * (n - p) >= 1) | (n == p)
+        return (self.k[i] * (n - p) >= 1) | (n == p)
 
     def _inner_force_at(self, i: Array) -> Array:
         """x^p + c v at the state before the step."""

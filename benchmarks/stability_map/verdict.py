@@ -61,7 +61,7 @@ class Judged:
 def truth_of(job: Job, damping: Array, n: Array, push: Array) -> Truth:
     """From the table where the impact is free and depends on the damping alone, else by motion."""
     kind = KINDS[job.kind]
-    if job.pushed or kind.family == "kuwabara_kono":
+    if job.pushed or not kind.has_table(job.exponent):
         return solve(kind.problem(damping, n, push))
     table = free(job.kind, damping, n if job.exponent is None else job.exponent)
     found = Truth.empty(damping.size)
