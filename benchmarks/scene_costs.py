@@ -75,14 +75,14 @@ def impact_cost(count: int, impacts: int) -> dict:
     scene = hard_box(count)
     layout = layout_of(scene)
     numbers, _ = numbers_of(scene, layout, contacts=False)
-    rules = Rules(False, "peak", False)
+    rules = Rules(False, "peak", 0)
     end, tolerance = jnp.asarray(1e6), jnp.asarray(1e-9)
     state = eqx.filter_jit(begun)(layout, numbers, rules, end, grid_of(layout, numbers))
     jitted = eqx.filter_jit(advance)
     nothing = jax.jit(empty, static_argnums=2)
 
     def of(rows: int) -> tuple[float, float, float]:
-        log = blank_log(rows, layout, numbers.dtype, False)
+        log = blank_log(rows, layout, numbers.dtype, 0)
         run = functools.partial(jitted, layout, numbers, rules, state, log, end, tolerance)
         compile_s, seconds, written = best(lambda: run()[2], 5)
         # With a full cell the run would have stopped early, and seem to be fast.

@@ -23,13 +23,7 @@ from ._cluster_problem import Problem, Rules, scaled, units_of
 from ._cluster_vector import TIME, WORK, Parts, W
 from ._cubic import highest, to_root
 from ._step import factor
-from ._touching import (
-    ClusterState,
-    Geometry,
-    Modes,
-    PerPair,
-    Touching,
-)
+from ._touching import ClusterState, Geometry, Modes, PerPair, Touching
 
 APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST = range(5)
 """How a solve ended: `ClusterEnd.status`. All pairs are open; `until` was reached; the numbers
@@ -50,8 +44,8 @@ class ClusterEnd(NamedTuple):
     """The `state` at the end, its `status`, and how it was reached.
 
     `error_estimate`: the larger one of what the steps add up to, relative to the speeds, and of the
-    energy that is missing, relative to the energy of the cluster. `work` in J, of gravity and of
-    prescribed bodies on the free ones.
+    energy that is missing, relative to the energy of the cluster; `error`, the same in m/s. `work`
+    in J, of gravity and of prescribed bodies on the free ones.
     """
 
     state: ClusterState
@@ -60,6 +54,7 @@ class ClusterEnd(NamedTuple):
     steps: Int[Array, ""]
     events: Int[Array, ""]
     error_estimate: Float[Array, ""]
+    error: Float[Array, ""]
 
 
 class _Look(NamedTuple):
@@ -214,7 +209,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
 
         # What changes: all pairs that are on their event at once.
         meets = happens[: layout.pairs]
-        # At the event, not where the step ended: the depth is what the clock goes on from.
+        # At the event: the depth is what the clock goes on from.
         there = geometry(y, clock)
         now, closing = now._replace(depth=there.depth, rate=there.rate), there.rate
         touches, opens = meets & ~modes.closed, meets & modes.closed
@@ -396,4 +391,5 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
     gain = jnp.sum(mass * frame * (done.velocity - state.velocity))
     work = units.energy * end.y[WORK] + gain
-    return ClusterEnd(done, work, status, end.steps, end.events, stop(error))
+    error = stop(error)
+    return ClusterEnd(done, work, status, end.steps, end.events, error, error * units.speed)

@@ -1,7 +1,7 @@
-"""All spheres of a small scene as one coupled solve: what is not an isolated impact.
+"""The spheres near a contact as one coupled solve: what is not an isolated impact.
 
-The slots are the spheres, then the walls; every pair that can meet has a place, so that bodies join
-and leave by flags alone. A call goes on until a pair touches or opens, or another time is up.
+The places are those of `_slots`, spheres, then walls; every pair that can meet has one, so that
+bodies join and leave. A call goes on until a pair touches or opens, or another time is up.
 """
 
 from __future__ import annotations
@@ -10,227 +10,233 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ._cluster import cluster, touched
-from ._cluster_solve import ClusterEnd
-from ._hit import Choice, Flying, accelerations, meeting_of
+from ._cluster_solve import TIME_IS_UP, ClusterEnd
+from ._hit import Choice, Flying, accelerations, meeting_of, two_that_meet
 from ._overlap import ROUNDINGS
 from ._side import side
+from ._slots import Change, Seats, bodies_of, in_line, pairs_of, places, rearranged
 from ._stored import stored_in
 from ._system import Layout, Numbers, known_contact_of, law_of
 from ._touching import ClusterState, Drive, Pairs
 
 MOST = 8
-"""Spheres that a coupled solve has room for."""
+"""Spheres that a coupled solve has room for, if not said otherwise."""
 
 
 class Call(NamedTuple):
-    """The decisions about one call: `starts` a solve at the touch of `choice`, or goes on.
-
-    `members` (N,), the spheres in it, of which those that `joins` (N,) come in now; the others are
-    in isolated impacts until later. `closed` (P,): the pairs in contact at a start. It ends at the
-    time of sphere `until_body`, where that is not -1, or at `until` in s.
+    """The decisions about one call: `starts` a solve at the touch of `choice`, or goes on; who is
+    in it and who has come; `closed` (P,): the pairs of those that come which are in contact at
+    once. It ends at the time `until` in s, if nothing happens before.
     """
 
     starts: Bool[Array, ""]
     choice: Choice
-    members: Bool[Array, " N"]
-    joins: Bool[Array, " N"]
+    seats: Seats
+    change: Change
     closed: Bool[Array, " P"]
-    until_body: Int[Array, ""]
     until: Float[Array, ""]
 
     def where(self, needed: Bool[Array, ""]) -> Call:
         """The call, without a step where it is not `needed`: in a batch another lane needs one."""
-        return self._replace(starts=self.starts | ~needed, closed=self.closed & needed)
+        seats = self.seats._replace(present=self.seats.present & needed)
+        return self._replace(seats=seats)
 
 
-def places(layout: Layout) -> tuple[np.ndarray, np.ndarray]:
-    """First and second body of every pair that can meet: (P,) each."""
-    count = layout.spheres
-    pairs = [
-        (i, j)
-        for i in range(count)
-        for j in range(i + 1, count + layout.walls)
-        if not (layout.fixed[i] and (j >= count or layout.fixed[j]))
-    ]
-    # A fixed sphere comes second.
-    turned = [(j, i) if layout.fixed[i] and j < count else (i, j) for i, j in pairs]
-    first, second = np.array(turned, int).reshape(-1, 2).T
-    return first, second
-
-
-def pairs_of(layout: Layout, numbers: Numbers, members: Bool[Array, " N"]) -> Pairs:
-    """The slots of all pairs; those of spheres that are elsewhere are not used."""
-    first, second = places(layout)
-    count, walls = layout.spheres, layout.walls
-    flat = second >= count
-    radius = jnp.concatenate([numbers.radius, jnp.zeros(walls, numbers.dtype)])
-    none = jnp.zeros((count, layout.dimensions), numbers.dtype)
-    normal = jnp.concatenate([none, numbers.normal])[second]
-    inside = jnp.concatenate([members, jnp.ones(walls, bool)])
-    return Pairs(
-        first=jnp.asarray(first),
-        second=jnp.asarray(second),
-        distance=radius[first] + radius[second],
-        normal=normal,
-        flat=jnp.asarray(flat),
-        used=inside[first] & inside[second],
-    )
-
-
-def placed(layout: Layout, numbers: Numbers, spheres: Flying, time: Array) -> tuple[Array, Array]:
-    """Positions and velocities of all slots; a wall stands at the foot of its normal at a time."""
+def placed(
+    layout: Layout, numbers: Numbers, seats: Seats, spheres: Flying, time: Array
+) -> tuple[Array, Array]:
+    """Positions and velocities in all places; a wall stands at the foot of its normal."""
     walls = numbers.walls_at(time)
-    position = jnp.concatenate([spheres.position, walls.offset[:, None] * numbers.normal])
+    image = spheres.position - seats.shift * numbers.period[None]
+    position = jnp.concatenate([image, walls.offset[:, None] * numbers.normal])
     driven = walls.velocity[:, None] * numbers.normal
     return position, jnp.concatenate([spheres.velocity, driven])
 
 
 def at_once(
-    layout: Layout, numbers: Numbers, spheres: Flying, support: Array, time: Array
+    layout: Layout, numbers: Numbers, who: Array, spheres: Flying, support: Array, time: Array
 ) -> Flying:
-    """All spheres in flight at one time."""
-    pull = accelerations(layout, numbers, jnp.arange(layout.spheres), support)
+    """Spheres in flight at one time."""
+    pull = accelerations(layout, numbers, who, support)
     passed = (time - spheres.time)[:, None]
     velocity = spheres.velocity + pull * passed
     position = spheres.position + (spheres.velocity + velocity) / 2 * passed
     return Flying(position, velocity, jnp.broadcast_to(time, spheres.time.shape))
 
 
+def meets(layout: Layout, members: int, seats: Seats, choice: Choice) -> Bool[Array, " P"]:
+    """The pair of an impact."""
+    one, other = bodies_of(layout, members, seats.who)
+    straight = (choice.first == one) & (choice.second == other)
+    return straight | ((choice.first == other) & (choice.second == one))
+
+
+def _resting(layout: Layout, members: int, support: Int[Array, " M"]) -> Bool[Array, " P"]:
+    """The pairs of a sphere and the wall that it rests on."""
+    first, second = places(layout, members)
+    on_it = (support[first] == second - members) & (support[first] >= 0)
+    return on_it & jnp.asarray(second >= members)
+
+
 def touching(
-    layout: Layout, numbers: Numbers, there: Flying, choice: Choice, support: Array, held: Array
-) -> Array:
-    """The pairs in contact at a start: the one that meets, those that touch by rounding and do not
-    part, and the bodies that rest on a wall (`held`, their v0, is not zero).
-    """
-    first, second = places(layout)
-    pairs = pairs_of(layout, numbers, jnp.ones(layout.spheres, bool))
-    position, velocity = placed(layout, numbers, there, choice.time)
+    layout: Layout,
+    numbers: Numbers,
+    members: int,
+    seats: Seats,
+    there: Flying,
+    support: Int[Array, " M"],
+    time: Float[Array, ""],
+) -> Bool[Array, " P"]:
+    """The pairs that touch by rounding and do not part, and the bodies that rest on a wall."""
+    first, second = places(layout, members)
+    pairs = pairs_of(layout, numbers, members, seats)
+    position, velocity = placed(layout, numbers, seats, there, time)
     apart = position[first] - position[second]
     rate = velocity[first] - velocity[second]
+    gap, opening = _gap(pairs, apart, rate)
+    eps = jnp.finfo(numbers.dtype).eps
+    present = seats.present[:, None]
+    scale = jnp.max(jnp.abs(jnp.where(present, there.position, 0))) + jnp.max(numbers.radius)
+    speed = jnp.max(jnp.abs(jnp.where(present, there.velocity, 0)))
+    if numbers.motion is not None:
+        speed = jnp.maximum(speed, jnp.max(jnp.abs(velocity[members:])))
+    touches = (gap <= ROUNDINGS * eps * scale) & (opening <= ROUNDINGS * eps * speed)
+    return pairs.used & (touches | _resting(layout, members, support))
+
+
+def _gap(pairs: Pairs, apart: Array, rate: Array) -> tuple[Array, Array]:
+    """The gaps of pairs, and the rates at which they open."""
     flat = pairs.flat
-    length = side(pairs.distance) * jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
+    between = jnp.where(flat[:, None] | ~pairs.used[:, None], 1, apart)
+    length = side(pairs.distance) * jnp.sqrt(jnp.sum(jnp.square(between), axis=-1))
     height = jnp.sum(apart * pairs.normal, axis=-1)
     gap = jnp.where(flat, height, length) - pairs.distance
-    opening = jnp.where(
-        flat, jnp.sum(rate * pairs.normal, axis=-1), jnp.sum(apart * rate, axis=-1) / length
-    )
-    eps = jnp.finfo(numbers.dtype).eps
-    scale = jnp.max(jnp.abs(there.position)) + jnp.max(numbers.radius)
-    speed = jnp.max(jnp.abs(velocity))
-    touches = (gap <= ROUNDINGS * eps * scale) & (opening <= ROUNDINGS * eps * speed)
-    meets = (choice.first == first) & (choice.second == second)
-    meets = meets | ((choice.first == second) & (choice.second == first))
-    rests = flat & (support[first] == second - layout.spheres) & (support[first] >= 0)
-    return touches | meets | rests
+    along = jnp.sum(between * rate, axis=-1) / length
+    return gap, jnp.where(flat, jnp.sum(rate * pairs.normal, axis=-1), along)
 
 
 def call(
     layout: Layout,
     numbers: Numbers,
+    members: int,
     spheres: Flying,
-    support: Int[Array, " N"],
-    held: Float[Array, " N"],
+    support: Int[Array, " M"],
+    held: Float[Array, " M"],
     before: ClusterState,
     decided: Call,
     rtol: Float[Array, ""],
     v0: Any,
 ) -> tuple[ClusterState, ClusterEnd]:
-    """One call of the coupled solve: the state that it starts from, and how it ends."""
-    count = layout.spheres
-    pairs = pairs_of(layout, numbers, decided.members)
-    first, second = places(layout)
-    choice = decided.choice
+    """One call of the coupled solve: the state that it starts from, and how it ends.
 
-    # A start: all spheres at the time of the touch.
-    other = jnp.minimum(choice.second, count - 1)
-    who = jnp.stack([choice.first, other])
-    two = jax.tree.map(lambda all: all[who], spheres)
-    time = meeting_of(layout, numbers, two, choice).time
-    there = at_once(layout, numbers, spheres, support, time)
-    start = touched(pairs, *placed(layout, numbers, there, time), decided.closed, v0=v0)
-    rests = pairs.flat & (support[first] == second - count) & (support[first] >= 0)
-    none = jnp.zeros(count, numbers.dtype)
+    `spheres`, `support` and the v0 `held` by those that rest are of the bodies in the places.
+    """
+    seats, change, choice = decided.seats, decided.change, decided.choice
+    who = jnp.minimum(seats.who, layout.spheres - 1)
+    pairs = pairs_of(layout, numbers, members, seats)
+    first, second = places(layout, members)
+
+    # The time: of the touch that starts it, or where the last call ended.
+    two = jnp.stack([jnp.argmax(seats.who == choice.first), jnp.argmax(seats.who == choice.second)])
+    nobody = two_that_meet(layout, choice.time)
+    struck = jax.tree.map(lambda x, y: jnp.where(decided.starts, x[two], y), spheres, nobody)
+    met = choice._replace(second=jnp.where(decided.starts, choice.second, choice.first))
+    meeting = meeting_of(layout, numbers, struck, met)
+    time = jnp.where(decided.starts, meeting.time, before.time)
+    before = rearranged(before, change, members)
+
+    # Those that come, by their formulas; their pairs are fresh.
+    there = at_once(layout, numbers, who, spheres, support, time)
+    joined = jnp.concatenate([change.joined, jnp.zeros(layout.walls, bool)])
+    came = (joined | decided.starts)[:, None]
+    position, velocity = placed(layout, numbers, seats, there, time)
+    position = jnp.where(came, position, before.position)
+    velocity = jnp.where(came, velocity, before.velocity)
+    fresh = decided.starts | change.fresh
+    start = touched(pairs, position, velocity, decided.closed & fresh, v0=v0)
+    rests = _resting(layout, members, support)
+    none = jnp.zeros(members, numbers.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
     sunk = pairs.distance - height + jnp.concatenate([none, numbers.offset])[second]
-    outside = jnp.where(start.closed, 0, jnp.minimum(start.indentation, 0))
+    # What touches beside the pair whose touch says when this begins, or later than a solve began,
+    # does so at a time that is not its own: the depth, which is rounding, has the derivative.
+    apart = position[first] - position[second]
+    depth = -_gap(pairs, apart, jnp.zeros_like(apart))[0]
+    depth = depth - jax.lax.stop_gradient(depth)
+    outside = jnp.where(start.closed, depth, jnp.minimum(start.indentation, 0))
+    since = jnp.zeros_like(start.since) + time
     start = start._replace(
         time=time,
         indentation=jnp.where(rests, sunk, outside),
         latched=jnp.where(rests, held[first], start.latched),
         rising=start.rising & ~rests,
-        since=jnp.zeros_like(start.since) + time,
-        force_until=jnp.zeros_like(start.since) + time,
+        since=since,
+        force_until=since,
     )
-    # Going on: those that join come from their own impacts.
-    joins = jnp.concatenate([decided.joins, jnp.zeros(layout.walls, bool)])[:, None]
-    position, velocity = placed(layout, numbers, spheres, before.time)
-    position = jnp.where(joins, position, before.position)
-    velocity = jnp.where(joins, velocity, before.velocity)
-    apart = position[first] - position[second]
-    length = jnp.sqrt(jnp.sum(jnp.square(jnp.where(pairs.flat[:, None], 1, apart)), axis=-1))
-    length = side(pairs.distance) * length
-    near = jnp.where(pairs.flat, jnp.sum(apart * pairs.normal, axis=-1), length)
-    fresh = (
-        decided.joins[first]
-        | jnp.concatenate([decided.joins, jnp.zeros(layout.walls, bool)])[second]
+    begin = start._replace(
+        **{
+            name: jnp.where(fresh, getattr(start, name), getattr(before, name))
+            for name in ClusterState._fields
+            if name not in ("time", "position", "velocity")
+        }
     )
-    depth = jnp.where(fresh, jnp.minimum(pairs.distance - near, 0), before.indentation)
-    on = before._replace(position=position, velocity=velocity, indentation=depth)
-    begin = jax.tree.map(lambda a, b: jnp.where(decided.starts, a, b), start, on)
 
-    until = jnp.where(
-        decided.until_body >= 0, spheres.time[jnp.maximum(decided.until_body, 0)], decided.until
-    )
-    inverse = jnp.where(decided.members, numbers.inverse_mass[:count], 0)
-    inverse = jnp.concatenate([inverse, numbers.inverse_mass[count:]])
-    nothing = jnp.full(count, -1)
-    pull = accelerations(layout, numbers, jnp.arange(count), nothing)
-    pull = jnp.where(decided.members[:, None], pull, 0)
+    inverse = jnp.where(seats.present, numbers.inverse_mass[who], 0)
+    inverse = jnp.concatenate([inverse, numbers.inverse_mass[layout.spheres :]])
+    pull = accelerations(layout, numbers, who, jnp.full(members, -1))
+    pull = jnp.where(seats.present[:, None], pull, 0)
     pull = jnp.concatenate([pull, jnp.zeros((layout.walls, layout.dimensions), numbers.dtype)])
-    contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(
-        jnp.asarray(first), jnp.asarray(second)
-    )
-    law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(
-        jnp.asarray(first), jnp.asarray(second)
-    )
+    one, other = bodies_of(layout, members, seats.who)
+    # A pair that is none is given the numbers of one.
+    some = jnp.argmax(pairs.used)
+    one, other = (jnp.where(pairs.used, body, body[some]) for body in (one, other))
+    contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
+    law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
     end = cluster(
-        law, contact, pairs, inverse, pull, begin, until,
-        rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, begin.time),
-        in_line=layout.dimensions == 1 and layout.visible == layout.spheres,
+        law, contact, pairs, inverse, pull, begin, decided.until,
+        rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, members, begin.time),
+        in_line=in_line(layout),
     )  # fmt: skip
-    return begin, end
+    # Without rounding, so that no other call is needed.
+    over = jnp.where(end.status == TIME_IS_UP, decided.until, end.state.time)
+    return begin, end._replace(state=end.state._replace(time=over))
 
 
-def _drive(layout: Layout, numbers: Numbers, time: Array) -> Drive | None:
+def _drive(layout: Layout, numbers: Numbers, members: int, time: Array) -> Drive | None:
     """How the slots are driven from a time on; None where no wall moves."""
     motion = numbers.motion
     if motion is None:
         return None
-    still = jnp.zeros(layout.spheres, numbers.dtype)
+    still = jnp.zeros(members, numbers.dtype)
     strength = motion.amplitude * jnp.square(motion.rate)
-    none = jnp.zeros((layout.spheres, layout.dimensions), numbers.dtype)
+    none = jnp.zeros((members, layout.dimensions), numbers.dtype)
     return Drive(
         strength=jnp.concatenate([none, strength[:, None] * numbers.normal]),
         rate=jnp.concatenate([still, motion.rate]),
         phase=jnp.concatenate([still, motion.rate * time + motion.phase]),
-        moves=jnp.asarray((False,) * layout.spheres + layout.moving),
+        moves=jnp.asarray((False,) * members + layout.moving),
     )
 
 
+def masses(layout: Layout, numbers: Numbers, seats: Seats) -> Float[Array, " M"]:
+    """Of the spheres that are present; 0 of fixed ones."""
+    inverse = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)]
+    free = seats.present & (inverse > 0)
+    return jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
+
+
 def work_of_walls(
-    layout: Layout, numbers: Numbers, began: ClusterState, end: ClusterEnd
+    layout: Layout, numbers: Numbers, seats: Seats, began: ClusterState, end: ClusterEnd
 ) -> Float[Array, ""]:
     """What moving walls did to the spheres in one call: all work but that of gravity, in J."""
     if numbers.motion is None:
         return jnp.zeros((), numbers.dtype)
-    count = layout.spheres
-    inverse = numbers.inverse_mass[:count]
-    mass = jnp.where(inverse > 0, 1 / jnp.where(inverse > 0, inverse, 1), 0)
-    fall = end.state.position[:count] - began.position[:count]
+    mass = masses(layout, numbers, seats)
+    members = mass.shape[0]
+    fall = end.state.position[:members] - began.position[:members]
     weight = jnp.sum(mass * jnp.sum(fall * numbers.gravity[None], axis=-1))
     return end.work - weight
 
@@ -246,9 +252,9 @@ def as_flags(state: ClusterState) -> ClusterState:
     return state._replace(closed=state.closed > 0.5, rising=state.rising > 0.5)
 
 
-def blank_state(layout: Layout, dtype: Any) -> ClusterState:
+def blank_state(layout: Layout, members: int, dtype: Any) -> ClusterState:
     """A state of zeros, with all pairs open."""
-    slots, pairs = layout.spheres + layout.walls, places(layout)[0].shape[0]
+    slots, pairs = members + layout.walls, places(layout, members)[0].shape[0]
     vector, each = jnp.zeros((slots, layout.dimensions), dtype), jnp.zeros(pairs, dtype)
     flags = jnp.zeros(pairs, bool)
     return ClusterState(
@@ -256,17 +262,15 @@ def blank_state(layout: Layout, dtype: Any) -> ClusterState:
     )
 
 
-def stored_energy(layout: Layout, numbers: Numbers, state: ClusterState) -> Float[Array, ""]:
+def stored_energy(
+    layout: Layout, numbers: Numbers, members: int, seats: Seats, state: ClusterState
+) -> Float[Array, ""]:
     """The elastic energy of all contacts, Σ ∫ F(δ, 0) dδ."""
-    first, second = places(layout)
 
     def one(i: Array, j: Array, depth: Array, closed: Array, speed: Array) -> Array:
         contact = known_contact_of(layout, numbers, i, j)
         law = law_of(layout, numbers, i, j)
         return stored_in(law, contact, jnp.where(closed, depth, 0), speed)
 
-    return jnp.sum(
-        jax.vmap(one)(
-            jnp.asarray(first), jnp.asarray(second), state.indentation, state.closed, state.latched
-        )
-    )
+    given = (state.indentation, state.closed, state.latched)
+    return jnp.sum(jax.vmap(one)(*bodies_of(layout, members, seats.who), *given))

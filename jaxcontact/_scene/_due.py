@@ -73,13 +73,19 @@ def next_event(layout: Layout, numbers: Numbers, events: Events, count: Int[Arra
 
 
 def up_to_date(
-    layout: Layout, numbers: Numbers, state: State, end: Float[Array, ""]
+    layout: Layout,
+    numbers: Numbers,
+    state: State,
+    until: Float[Array, ""],
+    end: Float[Array, ""],
 ) -> tuple[State, Due]:
-    """Search again the spheres whose events come first and are none, until one is an impact."""
+    """Search again the spheres whose events come first and are none, until one is an impact, or
+    none comes before a time `until`.
+    """
 
     def unfinished(carry: tuple[Events, Cells | None, Due]) -> Array:
         _, cells, due = carry
-        stale = ~due.fresh & (due.least <= end)
+        stale = ~due.fresh & (due.least <= until)
         return stale if cells is None else stale & ~cells.full
 
     def again(
@@ -89,7 +95,7 @@ def up_to_date(
         here = state._replace(events=events, cells=cells)
         i, now = due.first, jnp.maximum(due.time, state.now)
         # It always is; but what is read in a branch is read before anything is written.
-        wanted = due.least <= end
+        wanted = due.least <= until
         if cells is not None:
 
             def shift(cells: Cells = cells) -> Shift:

@@ -90,6 +90,13 @@ def moved(flying: Flying, acceleration: Lane, time: Lane) -> Flying:
     return Flying(position, velocity, jnp.broadcast_to(time, flying.time.shape))
 
 
+def two_that_meet(layout: Layout, time: Lane) -> Flying:
+    """Two bodies that close, where there is no impact: all derivatives of theirs are finite."""
+    ones = jnp.ones((1, layout.dimensions), time.dtype)
+    away = jnp.concatenate([ones, -ones])
+    return Flying(away, -away, jnp.stack([time, time]))
+
+
 class Meeting(NamedTuple):
     """Two bodies at their touch: their states then, the unit `normal` from the second to the first,
     the rate at which they close, the time, and the velocity of a wall along its normal.

@@ -9,10 +9,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ._cluster import cluster, touched
-from ._coupled import Call, as_flags, blank_state, call, places, stored_energy
-from ._hit import accelerations, meeting_of
+from ._coupled import Call, as_flags, blank_state, call, meets, stored_energy
+from ._hit import Choice, Flying, accelerations, meeting_of
 from ._log import Log, last_call
 from ._progress import Rules
+from ._slots import Seats, empty_seats, everyone, in_line, index_of, joining, put, unchanged
 from ._stored import stored_in
 from ._system import Layout, Numbers, known_contact_of, law_of
 from ._touching import Pairs
@@ -55,67 +56,70 @@ def in_contacts(
     All are calls of the coupled solve, so that it is compiled once: N lanes a time for the isolated
     impacts, each by its first body, and one for the solve in progress.
     """
-    count = layout.spheres
+    count, members = layout.spheres, rules.members
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
     rows, lasts = last_call(log, written, times)
-    one_of, other_of = places(layout)
-    nobody, none = jnp.zeros(count, bool), jnp.full(count, -1)
+    nobody, none = jnp.zeros(count, bool), jnp.full(members, -1)
+    yes = jnp.asarray(True)
 
     def pair(row: Array, who: Array, until: Array) -> tuple[tuple, Array]:
         """The isolated impact of a row, as a call; whether `who` is its first body."""
         choice, before = jax.tree.map(lambda x: x[row], (log.facts.choice, log.figures.before))
-        is_wall = choice.second >= count
-        second = jnp.where(is_wall, choice.first, choice.second)
+        seats = _seats_of_two(layout, numbers, members, choice, before)
+        is_first, is_second = seats.who == choice.first, seats.who == choice.second
 
-        def put(pair: Array) -> Array:
-            blank = jnp.zeros((count, *pair.shape[1:]), pair.dtype)
-            return blank.at[second].set(pair[1]).at[choice.first].set(pair[0])
+        def seated(pair: Array) -> Array:
+            shape = (members,) + (1,) * (pair.ndim - 1)
+            one, other = is_first.reshape(shape), is_second.reshape(shape)
+            return jnp.where(one, pair[:1], jnp.where(other, pair[1:], jnp.zeros_like(pair[:1])))
 
-        meets = (choice.first == one_of) & (choice.second == other_of)
-        meets = meets | ((choice.first == other_of) & (choice.second == one_of))
-        members = nobody.at[choice.first].set(True).at[second].set(True)
-        no = jnp.asarray(False)
-        decided = Call(~no, choice, members, nobody, meets, jnp.asarray(-1), until)
-        spheres = jax.tree.map(put, before)
-        blank = blank_state(layout, numbers.dtype)
-        held = jnp.zeros(count, numbers.dtype)
+        change = joining(layout, members, seats.present)
+        closed = meets(layout, members, seats, choice)
+        decided = Call(yes, choice, seats, change, closed, until)
+        spheres = jax.tree.map(seated, before)
+        blank = blank_state(layout, members, numbers.dtype)
+        held = jnp.zeros(members, numbers.dtype)
         return (spheres, none, held, blank, decided), who == choice.first
 
-    def going_on(row: Array, until: Array) -> tuple[tuple, Array, Array]:
-        """The call of a row, up to a time; whether it lasts until then; what is stored at rest."""
+    def going_on(row: Array, until: Array) -> tuple[tuple, Array]:
+        """The call of a row, up to a time; whether it lasts until then."""
         known, facts = jax.tree.map(lambda x: x[row], (together, called))
-        decided = facts.decided._replace(
-            starts=jnp.asarray(False), joins=nobody, until_body=jnp.asarray(-1), until=until
-        )
+        change = unchanged(layout, members)
+        decided = facts.decided._replace(starts=~yes, change=change, until=until)
         inside = (until < known.end.time) | ~facts.ends
-        held = stored_energy(layout, numbers, as_flags(known.end))
-        rests = jnp.where(~inside & facts.rest, held, 0)
         began = as_flags(known.began)
-        return (known.spheres, facts.support, known.held, began, decided), inside, rests
+        return (known.spheres, facts.support, known.held, began, decided), inside
 
     def lane(given: tuple[Array, ...]) -> tuple[Array, Array, Array, Array]:
         time, who, row, inside, call_row, last = given
         is_call = who == count
         alone, is_first = pair(row, who, time)
-        coupled, goes_on, rests = going_on(call_row, time)
+        coupled, goes_on = going_on(call_row, time)
         chosen = jax.tree.map(lambda a, b: jnp.where(is_call, a, b), coupled, alone)
         active = jnp.where(is_call, last & goes_on, inside & is_first)
         spheres, support, held, before, decided = chosen
+        away = jnp.zeros((count, layout.dimensions), numbers.dtype)
 
         def solved() -> tuple[Array, Array, Array, Array]:
+            seats = decided.seats
             state = call(
-                layout, numbers, spheres, support, held, before, decided.where(active),
+                layout, numbers, members, spheres, support, held, before, decided.where(active),
                 tolerance, rules.v0,
             )[1].state  # fmt: skip
             late = time - state.time
-            velocity = state.velocity[:count]
-            place = state.position[:count] + velocity * late
-            return decided.members, place, velocity, stored_energy(layout, numbers, state)
+            index = index_of(layout, seats)
+            velocity = state.velocity[:members]
+            place = state.position[:members] + seats.shift * numbers.period[None] + velocity * late
+            return (
+                put(nobody, index, seats.present),
+                put(away, index, place),
+                put(away, index, velocity),
+                stored_energy(layout, numbers, members, seats, state),
+            )
 
         def flying() -> tuple[Array, Array, Array, Array]:
-            away = jnp.zeros((count, layout.dimensions), numbers.dtype)
-            return nobody, away, away, jnp.where(is_call & last, rests, 0)
+            return nobody, away, away, jnp.zeros((), numbers.dtype)
 
         return jax.lax.cond(active, solved, flying)
 
@@ -143,8 +147,56 @@ def in_contacts(
         return jnp.where(jnp.any(known, axis=1), jnp.sum(jnp.where(known, new, 0), axis=1), old)
 
     return States(
-        merged(here.position, place), merged(here.velocity, speed), jnp.sum(stored, axis=1)
+        merged(here.position, place),
+        merged(here.velocity, speed),
+        jnp.sum(stored, axis=1) + at_rest(layout, numbers, found, here, jnp.any(who, axis=1)),
     )
+
+
+def at_rest(
+    layout: Layout, numbers: Numbers, found: Entries, here: States, elsewhere: Array
+) -> Float[Array, " T"]:
+    """The energy stored in the contacts of spheres that rest on walls, (T,), but for those that
+    are `elsewhere` (T, N).
+    """
+    if not layout.walls:
+        return jnp.zeros(found.row.shape[0], numbers.dtype)
+
+    def one(i: Array, support: Array, place: Array) -> Array:
+        wall = jnp.maximum(support, 0)
+        height = jnp.sum(place * numbers.normal[wall]) - numbers.offset[wall]
+        contact = known_contact_of(layout, numbers, i, layout.spheres + wall)
+        law = law_of(layout, numbers, i, layout.spheres + wall)
+        depth = jnp.where(support >= 0, numbers.radius[i] - height, 0)
+        return stored_in(law, contact, depth, jnp.ones_like(depth))
+
+    rests = jnp.where(elsewhere, -1, found.support)
+    everyone = jnp.arange(layout.spheres)
+    each = jax.vmap(jax.vmap(one), in_axes=(None, 0, 0))(everyone, rests, here.position)
+    return jnp.sum(each, axis=1)
+
+
+def _seats_of_two(
+    layout: Layout, numbers: Numbers, members: int, choice: Choice, before: Flying
+) -> Seats:
+    """The places of the bodies of an isolated impact; the second may be a wall."""
+    blank = empty_seats(layout, numbers, members)
+    if everyone(layout, members):
+        present = (blank.who == choice.first) | (blank.who == choice.second)
+        return blank._replace(present=present)
+    count = layout.spheres
+    second = jnp.where(choice.second < count, choice.second, count)
+    image = -choice.image
+    two, shift = jnp.stack([choice.first, second]), jnp.stack([jnp.zeros_like(image), image])
+    if in_line(layout):
+        # Neighbours in the order of the line.
+        places = before.position - shift * numbers.period[None]
+        turned = (places[1, 0] < places[0, 0]) & (second < count)
+        two, shift = (jnp.where(turned, x[::-1], x) for x in (two, shift))
+    rest = members - 2
+    who = jnp.concatenate([two, jnp.full(max(rest, 0), count)])[:members]
+    shift = jnp.concatenate([shift, jnp.zeros((max(rest, 0), layout.dimensions), numbers.dtype)])
+    return Seats(who, who < count, shift[:members])
 
 
 def in_pairs(

@@ -41,6 +41,8 @@ def isolated(
     mass = jnp.where(moves, 1 / jnp.where(moves, inverse, 1), 0)
     energy = jnp.sum(mass * jnp.sum(jnp.square(velocity), axis=-1)) / 2
     energy = energy + jnp.sum(jnp.where(state.time > now, state.owed, 0))
+    if state.coupling is not None:
+        energy = energy + jnp.where(state.coupling.active, state.coupling.reserve, 0)
     last = jnp.max(outcome.after.time) - now
     gain = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity))) * last
     fastest = jnp.sqrt(2 * energy * inverse) + jnp.where(moves, gain, 0)

@@ -8,32 +8,34 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._coupled import Call, as_numbers, blank_state, places
+from ._coupled import Call, as_numbers, blank_state
 from ._hit import Choice, Flying, Outcome
+from ._slots import Seats, places, unchanged
 from ._system import Layout
 from ._touching import ClusterState
 
 
 class Together(NamedTuple):
-    """A call of the coupled solve: all spheres before it, with the v0 `held` by those that rest;
+    """A call of the coupled solve: the spheres in it before, with the v0 `held` by those that rest;
     the state that it `began` from, and that at its `end`, with flags as numbers; the `work` of
-    moving walls in J.
+    moving walls in J, and the `error` in m/s that was estimated.
     """
 
     spheres: Flying
-    held: Float[Array, "K N"]
+    held: Float[Array, "K M"]
     began: ClusterState
     end: ClusterState
     work: Any
+    error: Any
 
 
 class Called(NamedTuple):
-    """The decisions about a call: whether the row is one, what the spheres rested on before it, and
+    """The decisions about a call: whether the row is one, what its spheres rested on before it, and
     whether the bodies are apart after it, or at `rest`.
     """
 
     is_call: Any
-    support: Int[Array, "K N"]
+    support: Int[Array, "K M"]
     decided: Call
     ends: Any
     rest: Any
@@ -68,8 +70,10 @@ class Log(NamedTuple):
     facts: Facts
 
 
-def blank_log(rows: int, layout: Layout, dtype: Any, coupled: bool) -> Log:
-    """A log with room for so many rows, `coupled`: of calls of the coupled solve, too."""
+def blank_log(rows: int, layout: Layout, dtype: Any, members: int) -> Log:
+    """A log with room for so many rows, of calls of the coupled solve, too, unless that has room
+    for no `members`.
+    """
     dimensions = layout.dimensions
     vector = jnp.zeros((rows, 2, dimensions), dtype)
     pair, one = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)
@@ -79,8 +83,8 @@ def blank_log(rows: int, layout: Layout, dtype: Any, coupled: bool) -> Log:
         whole, whole, jnp.zeros((rows, 2), int) - 1, vector[:, 0], one, jnp.zeros(rows, bool)
     )
     together = called = None
-    if coupled:
-        one_row = blank_calls(layout, dtype)
+    if members:
+        one_row = blank_calls(layout, members, dtype)
         together, called = jax.tree.map(
             lambda x: jnp.broadcast_to(x, (rows, *jnp.shape(x))), one_row
         )
@@ -89,19 +93,19 @@ def blank_log(rows: int, layout: Layout, dtype: Any, coupled: bool) -> Log:
     return Log(Figures(flying, outcome, together), facts)
 
 
-def blank_calls(layout: Layout, dtype: Any) -> tuple[Together, Called]:
+def blank_calls(layout: Layout, members: int, dtype: Any) -> tuple[Together, Called]:
     """One row without a call."""
-    count, dimensions = layout.spheres, layout.dimensions
-    vector, each = jnp.zeros((count, dimensions), dtype), jnp.zeros(count, dtype)
-    state, no, zero = as_numbers(blank_state(layout, dtype)), jnp.asarray(False), jnp.asarray(0)
-    nobody = jnp.zeros(count, bool)
-    choice = Choice(
-        zero, zero, jnp.zeros(2, int) - 1, jnp.zeros(dimensions, dtype), jnp.zeros((), dtype), no
-    )
-    pairs = jnp.zeros(places(layout)[0].shape, bool)
-    decided = Call(no, choice, nobody, nobody, pairs, zero - 1, jnp.zeros((), dtype))
-    together = Together(Flying(vector, vector, each), each, state, state, jnp.zeros((), dtype))
-    return together, Called(no, jnp.zeros(count, int) - 1, decided, no, no)
+    dimensions = layout.dimensions
+    vector, each = jnp.zeros((members, dimensions), dtype), jnp.zeros(members, dtype)
+    state, no = as_numbers(blank_state(layout, members, dtype)), jnp.asarray(False)
+    zero, none = jnp.asarray(0), jnp.zeros((), dtype)
+    choice = Choice(zero, zero, jnp.zeros(2, int) - 1, jnp.zeros(dimensions, dtype), none, no)
+    pairs = jnp.zeros(places(layout, members)[0].shape, bool)
+    whole = jnp.zeros(members, int)
+    seats, change = Seats(whole, whole > 0, vector), unchanged(layout, members)
+    decided = Call(no, choice, seats, change, pairs, none)
+    together = Together(Flying(vector, vector, each), each, state, state, none, none)
+    return together, Called(no, whole - 1, decided, no, no)
 
 
 def last_call(

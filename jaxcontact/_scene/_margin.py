@@ -75,7 +75,7 @@ class Margin(eqx.Module):
 
 def _growth(course: Course) -> Array:
     """The growth of a run, or of each run of a batch."""
-    coupled, inside = course.rules.coupled, course.rules.soft
+    coupled, inside = course.rules.members > 0, course.rules.soft
     if not traced(course):
         # What did not happen is not compiled.
         calls = course.log.facts.call
@@ -84,7 +84,7 @@ def _growth(course: Course) -> Array:
     if not coupled:
         figures, facts = course.log
         log = Log(figures._replace(coupled=None), facts._replace(call=None))
-        rules = Rules(course.rules.soft, course.rules.v0, False)
+        rules = Rules(course.rules.soft, course.rules.v0, 0)
         course = dataclasses.replace(course, rules=rules, log=log)
     return _each(_largest if not inside else _largest_inside, course)
 

@@ -9,28 +9,41 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._cells import Cells
 from ._hit import Choice
+from ._slots import Seats
 from ._touching import ClusterState
+
+PATIENCE = 64
+"""Impacts per body without progress in time after which a run stops."""
+
+RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER = range(6)
+"""Why a search goes on or stops; OVER: bodies are in contact at the end."""
 
 
 class Rules(eqx.Module):
-    """What is static of a run: whether impacts take time, what v0 is, and whether there is room for
-    a coupled solve.
+    """What is static of a run: whether impacts take time, what v0 is, and for how many spheres a
+    coupled solve has room: 0 where there is none.
     """
 
     soft: bool = eqx.field(static=True)
     v0: str | float = eqx.field(static=True)
-    coupled: bool = eqx.field(static=True)
+    members: int = eqx.field(static=True)
 
 
 class Coupling(NamedTuple):
-    """The coupled solve in progress: whether it is `active`, whether it `starts` with the touch of
-    `choice`, who is in it, and its state.
+    """The coupled solve in progress: whether it is `active`, whether it `starts`, and whether the
+    pair of `choice` `touches` now; who is in it, and its state.
+
+    `pace` in s: a part of the duration of its first contact; `reserve` in J, a bound of the energy
+    that is stored in contacts.
     """
 
     active: Bool[Array, ""]
     starts: Bool[Array, ""]
+    touches: Bool[Array, ""]
     choice: Choice
-    members: Bool[Array, " N"]
+    seats: Seats
+    pace: Float[Array, ""]
+    reserve: Float[Array, ""]
     state: ClusterState
 
 

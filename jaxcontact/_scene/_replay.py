@@ -15,10 +15,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ._coupled import as_flags, as_numbers, call, places, work_of_walls
-from ._hit import Flying, Outcome, hit
+from ._coupled import as_flags, as_numbers, call, work_of_walls
+from ._hit import Flying, Outcome, hit, two_that_meet
 from ._log import Facts, Figures, Log, Together
 from ._progress import Rules
+from ._slots import in_place, index_of, places, put, rearranged
 from ._soft import soft
 from ._system import Layout, Numbers
 from ._touching import ClusterState
@@ -93,8 +94,7 @@ def _tangents(
                 return soft(layout, numbers, before, facts.choice, tolerance, counts)
             return hit(layout, numbers, before, facts.choice)
 
-        # Blank rows hold an impact of bodies that touch and close, whose derivatives are finite.
-        place = _blank(layout, known.before, facts.choice.time)
+        place = two_that_meet(layout, facts.choice.time)
         safe = jax.tree.map(lambda a, b: jnp.where(counts, a, b), known.before, place)
         _, outcome = jax.jvp(strike, (leaves, safe), (along, before))
         outcome, before = blanked(outcome, counts), blanked(before, counts)
@@ -112,44 +112,49 @@ def _tangents(
     def together(
         carry: _Carry, known: Figures, facts: Facts, counts: Array
     ) -> tuple[_Carry, Figures]:
-        called, at = facts.call, known.coupled
+        called, at, members = facts.call, known.coupled, rules.members
         assert called is not None and at is not None and carry.coupled is not None
+
+        seats = called.decided.seats
+        who, index = jnp.minimum(seats.who, layout.spheres - 1), index_of(layout, seats)
 
         def solve(
             leaves: Any, spheres: Flying, held: Array, before: ClusterState
-        ) -> tuple[ClusterState, ClusterState, Array]:
+        ) -> tuple[ClusterState, ClusterState, Array, Array]:
             numbers = eqx.combine(leaves, rest)
             began, done = call(
-                layout, numbers, spheres, called.support, held, as_flags(before),
-                called.decided.where(counts), tolerance, rules.v0,
+                layout, numbers, members, spheres, called.support, held, as_flags(before),
+                decided.where(counts), tolerance, rules.v0,
             )  # fmt: skip
-            work = work_of_walls(layout, numbers, began, done)
-            return as_numbers(began), as_numbers(done.state), work
+            work = work_of_walls(layout, numbers, seats, began, done)
+            place = done.state.position[:members] + seats.shift * numbers.period[None]
+            return as_numbers(began), as_numbers(done.state), work, place
 
+        # At the places of this call, in which it began; they may be those of other bodies before.
+        before = rearranged(carry.coupled, called.decided.change, members)
+        decided = called.decided._replace(change=in_place(called.decided.change))
+        spheres, held = jax.tree.map(lambda x: x[who], (carry.spheres, carry.held))
         given = (leaves, at.spheres, at.held, at.began)
-        slopes = (along, carry.spheres, carry.held, carry.coupled)
-        _, (began, end, work) = jax.jvp(solve, given, slopes)
-        members = called.decided.members & called.ends
-        count = layout.spheres
+        slopes = (along, spheres, held, before)
+        _, (began, end, work, place) = jax.jvp(solve, given, slopes)
 
         def settled(old: Array, new: Array) -> Array:
-            return jnp.where(members.reshape((count,) + (1,) * (old.ndim - 1)), new, old)
+            return put(old, index, new)
 
-        spheres = Flying(
-            settled(carry.spheres.position, end.position[:count]),
-            settled(carry.spheres.velocity, end.velocity[:count]),
-            settled(carry.spheres.time, jnp.broadcast_to(end.time, (count,))),
+        moved = Flying(
+            settled(carry.spheres.position, place),
+            settled(carry.spheres.velocity, end.velocity[:members]),
+            settled(carry.spheres.time, jnp.broadcast_to(end.time, (members,))),
         )
-        first, second = places(layout)
-        on_wall = (at.end.closed > 0.5) & (second >= count) & called.rest
-        latched = jnp.zeros_like(carry.held).at[first].add(jnp.where(on_wall, end.latched, 0))
-        held = settled(carry.held, latched)
+        first, second = places(layout, members)
+        on_wall = (at.end.closed > 0.5) & (second >= members) & called.rest
+        latched = jnp.zeros_like(held).at[first].add(jnp.where(on_wall, end.latched, 0))
         nothing = jax.tree.map(jnp.zeros_like, known)
         figures = nothing._replace(
             outcome=nothing.outcome._replace(time=began.time),
-            coupled=Together(carry.spheres, carry.held, began, end, work),
+            coupled=Together(spheres, held, began, end, work, jnp.zeros_like(work)),
         )
-        return _Carry(spheres, end, held), figures
+        return _Carry(moved, end, settled(carry.held, latched)), figures
 
     def row(carry: _Carry, one: tuple[Log, Array]) -> tuple[_Carry, Figures]:
         (known, facts), counts = one
@@ -169,9 +174,3 @@ def _tangents(
         coupled = jax.tree.map(lambda x: jnp.zeros_like(x[0]), log.figures.coupled.end)
     counts = jnp.arange(log.facts.tied.shape[0]) < written
     return jax.lax.scan(row, _Carry(start, coupled, time), (log, counts))[1]
-
-
-def _blank(layout: Layout, like: Flying, time: Array) -> Flying:
-    ones = jnp.ones((1, layout.dimensions), like.position.dtype)
-    away = jnp.concatenate([ones, -ones])
-    return Flying(away, -away, jnp.broadcast_to(time, like.time.shape))

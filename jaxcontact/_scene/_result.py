@@ -31,7 +31,8 @@ class Ending(enum.IntEnum):
     NOT_CONVERGED = 4
     """An impact could not be solved to its tolerance: what comes after is NaN."""
     CROWDED = 5
-    """Bodies came together in a way that is left out (docs/scenes.md): what comes after is NaN."""
+    """Too many bodies came together for `max_cluster`, or in a way that is left out
+    (docs/scenes.md): what comes after is NaN."""
 
 
 class Way(enum.IntEnum):
@@ -56,7 +57,8 @@ class Impacts(eqx.Module):
     `face` of a box (-1 where there is none); `closing_speed` in m/s; `restitution` delivered;
     `duration` in s (of a series of bounces, until it ends); `max_force` in N, infinite for an
     impact out of time; `energy_loss` in J; `turn` of the line of centres in rad; `way`, see `Way`;
-    `error_estimate`, relative to the closing speed; `tied`: another impact of one of the bodies
+    `error_estimate`, relative to the closing speed (in a coupled solve, of all its contacts
+    together); `tied`: another impact of one of the bodies
     happened at the same time, and their order was chosen. A contact that comes to rest has e = 0
     and an infinite duration; a coupled one that goes on at the end of the run has neither (NaN). In
     a coupled solve `closing_speed` is the v0 of the law. Rows with `valid` False are blank.

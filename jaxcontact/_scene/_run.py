@@ -19,7 +19,7 @@ from ._margin import Course, Margin
 from ._progress import Rules
 from ._result import Impacts, Moment, ending_words, flagged, traced
 from ._scene import Scene
-from ._states import any_inside, energy_of, states_at
+from ._states import any_inside, any_resting, energy_of, states_at
 from ._system import Layout, Numbers
 
 if TYPE_CHECKING:
@@ -162,10 +162,12 @@ class Run(eqx.Module):
         if facts.call is None or not self._rules.soft:
             return touches
         # A body at rest is pressed into its wall.
+        resting = any_resting(
+            self._layout, self._numbers, self._log, self._written, self.duration[None]
+        )
         called = facts.call.is_call & counts
         last = jnp.max(jnp.where(called, jnp.arange(counts.shape[0]), -1))
-        at = jnp.maximum(last, 0)
-        return touches | ((last >= 0) & (~facts.call.ends[at] | facts.call.rest[at]))
+        return touches | resting | ((last >= 0) & ~facts.call.ends[jnp.maximum(last, 0)])
 
     def __repr__(self) -> str:
         steps = self.position.shape

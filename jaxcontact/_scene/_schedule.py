@@ -15,37 +15,32 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ._calls import begins, called, calls_first
 from ._cells import Grid
-from ._cluster_solve import APART, AT_REST, TIME_IS_UP
-from ._cluster_solve import NOT_CONVERGED as FAILED
-from ._coupled import (
-    Call,
-    as_numbers,
-    at_once,
-    blank_state,
-    call,
-    places,
-    touching,
-    work_of_walls,
-)
+from ._coupled import blank_state
 from ._due import Due, expecting, in_branch, up_to_date
 from ._hit import Choice, Flying, Outcome, accelerations, hit
 from ._isolation import isolated
-from ._log import Called, Facts, Figures, Log, Together, blank_calls
-from ._progress import Coupling, Events, Rules, State
+from ._log import Facts, Figures, Log, blank_calls
+from ._progress import (
+    ACCUMULATED,
+    CROWDED,
+    PATIENCE,
+    RUNNING,
+    TWO_SUPPORTS,
+    Coupling,
+    Events,
+    Rules,
+    State,
+)
 from ._search import NOISE, searched, simultaneous
+from ._slots import empty_seats
 from ._soft import soft
 from ._system import Layout, Numbers, nearest_image
-
-PATIENCE = 64
-"""Impacts per body without progress in time after which a run stops."""
 
 SLOW = 2.0**14
 """Roundings of the largest speed below which closing speeds of simultaneous impacts have died out:
 the impacts have accumulated."""
-
-RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER = range(6)
-"""Why a search goes on or stops; OVER: bodies are in contact at the end."""
 
 
 def begun(
@@ -66,19 +61,22 @@ def begun(
         Events(zero, none, whole, zero, zero), start, jnp.zeros((), int), jnp.zeros((), int),
         zero, zero, None, None,
     )  # fmt: skip
-    if rules.coupled:
-        _, called = blank_calls(layout, numbers.dtype)
-        no = jnp.asarray(False)
-        coupling = Coupling(
-            no,
-            no,
-            called.decided.choice,
-            no[None] & (whole > 0),
-            blank_state(layout, numbers.dtype),
-        )
-        state = state._replace(coupling=coupling)
-
+    if rules.members:
+        state = with_places(layout, numbers, rules.members, state)
     return expecting(layout, numbers, state, start, end, grid)
+
+
+def with_places(layout: Layout, numbers: Numbers, members: int, state: State) -> State:
+    """The state with so many places for a coupled solve, in which nobody is; a run that went on
+    without, and stopped where it needed one, goes on.
+    """
+    _, blank = blank_calls(layout, members, numbers.dtype)
+    no, zero = jnp.asarray(False), jnp.zeros((), numbers.dtype)
+    coupling = Coupling(
+        no, no, no, blank.decided.choice, empty_seats(layout, numbers, members), zero, zero,
+        blank_state(layout, members, numbers.dtype),
+    )  # fmt: skip
+    return state._replace(coupling=coupling, status=jnp.full_like(state.status, RUNNING))
 
 
 def advance(
@@ -109,7 +107,7 @@ def advance(
             state, figures, facts, fresh = _event(*given)
         else:
             state, figures, facts, fresh = jax.lax.cond(
-                state.coupling.active, lambda: _called(*given), lambda: _event(*given)
+                calls_first(state), lambda: called(*given), lambda: _event(*given)
             )
         log = jax.tree.map(lambda all, one: all.at[written].set(one), log, Log(figures, facts))
         # Nothing happens any more where nothing did.
@@ -151,11 +149,15 @@ def _event(
     What is read from the arrays of all spheres is read in a branch, and only then written, or
     these arrays would be copied.
     """
+    until = end
     if state.coupling is not None:
-        needed = needed & ~state.coupling.active
-    state, due = up_to_date(layout, numbers, state, end)
+        # Later than this the coupled solve goes first.
+        coupling = state.coupling
+        until = jnp.where(coupling.active, jnp.minimum(coupling.state.time, end), end)
+        needed = needed & ~calls_first(state)
+    state, due = up_to_date(layout, numbers, state, until, end)
     count, i, partner = layout.spheres, due.first, due.partner
-    fresh = due.fresh & (due.least <= end)
+    fresh = due.fresh & (due.least <= until)
     if state.cells is not None:
         fresh = fresh & ~state.cells.full
     now = jnp.maximum(due.time, state.now)
@@ -186,16 +188,15 @@ def _event(
     if rules.soft and state.coupling is None:
         state = state._replace(status=jnp.where(starts, CROWDED, state.status))
     elif state.coupling is not None:
-        members = state.time <= now
-        coupling = Coupling(starts, starts, choice, members, state.coupling.state)
+        coupling = begins(layout, numbers, state.coupling, starts, choice, outcome.closing)
         state = state._replace(coupling=coupling)
     found = in_branch(happens, lambda: searched(layout, numbers, state, who, now, end))
     state = state._replace(events=jax.tree.map(put, state.events, found))
-    together = called = None
+    together = no_call = None
     if state.coupling is not None:
-        together, called = blank_calls(layout, numbers.dtype)
+        together, no_call = blank_calls(layout, rules.members, numbers.dtype)
     figures = Figures(met.before, outcome, together)
-    return state, figures, Facts(choice, met.support, met.tied, met.rival, called), happens
+    return state, figures, Facts(choice, met.support, met.tied, met.rival, no_call), happens
 
 
 def _met(
@@ -248,89 +249,6 @@ def _met(
     status = jnp.where(crowded, TWO_SUPPORTS, stuck)
     count = state.count[who] + 1
     return _Met(before, choice, outcome, support, count, rival, tied, idle, status, alone)
-
-
-def _called(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    state: State,
-    end: Float[Array, ""],
-    tolerance: Float[Array, ""],
-    needed: Bool[Array, ""],
-) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
-    """One call of the coupled solve, until a pair touches or opens or another sphere comes back."""
-    count, coupling = layout.spheres, state.coupling
-    assert coupling is not None
-    now = jnp.where(coupling.starts, coupling.choice.time, coupling.state.time)
-    spheres, before = Flying(state.position, state.velocity, state.time), state
-    joins = ~coupling.members & (state.time <= now + simultaneous(numbers, now))
-    members = coupling.members | joins
-    waiting = jnp.where(members, jnp.inf, state.time)
-    other = jnp.argmin(waiting)
-    sooner = waiting[other] < end
-    there = at_once(layout, numbers, spheres, state.support, coupling.choice.time)
-    closed = touching(layout, numbers, there, coupling.choice, state.support, state.held)
-    decided = Call(
-        coupling.starts, coupling.choice, members, joins, closed, jnp.where(sooner, other, -1), end
-    )
-    began, done = call(
-        layout, numbers, spheres, state.support, state.held, coupling.state,
-        decided.where(needed & coupling.active), tolerance, rules.v0,
-    )  # fmt: skip
-    after, status = done.state, done.status
-    apart, rest = status == APART, status == AT_REST
-    first, second = places(layout)
-    flat = second >= count
-    # At rest a sphere is held by one wall, or the solve is not one that can be left.
-    on_wall = after.closed & flat
-    walls = jnp.where(on_wall, second - count, -1)
-    support = jnp.full(count, -1).at[first].max(walls)
-    times = jnp.zeros(count, int).at[first].add(on_wall.astype(int))
-    crowded = rest & (jnp.any(after.closed & ~flat) | jnp.any(times > 1))
-    ends = (apart | rest) & ~crowded
-    over = (status == TIME_IS_UP) & ~sooner
-    failed = (status == FAILED) | ~jnp.isfinite(after.time)
-    held = jnp.zeros(count, numbers.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
-
-    def settled(old: Array, new: Array) -> Array:
-        chosen = (ends & members).reshape((count,) + (1,) * (old.ndim - 1))
-        return jnp.where(chosen, new, old)
-
-    idle = jnp.where(after.time > state.now, 0, state.idle + 1)
-    stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
-    stop = jnp.where(crowded, CROWDED, stop)
-    stop = jnp.where(failed, NOT_CONVERGED, stop)
-    position, velocity = after.position[:count], after.velocity[:count]
-    resting = jnp.where(rest, support, -1)
-    state = state._replace(
-        position=settled(state.position, position),
-        velocity=settled(state.velocity, velocity),
-        time=settled(state.time, jnp.broadcast_to(after.time, (count,))),
-        support=settled(state.support, resting),
-        held=settled(state.held, jnp.where(rest, held, 0)),
-        count=settled(state.count, state.count + 1),
-        owed=settled(state.owed, jnp.zeros(count, numbers.dtype)),
-        now=jnp.maximum(state.now, began.time),
-        idle=idle,
-        status=stop,
-        coupling=Coupling(~ends, jnp.asarray(False), coupling.choice, members, after),
-    )
-    found = searched(layout, numbers, state, jnp.arange(count), after.time, end)
-    # While the solve goes on nothing else happens.
-    found = found._replace(time=jnp.where(ends, found.time, jnp.inf))
-    state = state._replace(events=found)
-    zero = jnp.zeros((), numbers.dtype)
-    two = jnp.zeros((2, layout.dimensions), numbers.dtype)
-    nobody = Flying(two, two, jnp.zeros(2, numbers.dtype))
-    outcome = Outcome(nobody, began.time, *[zero] * (len(Outcome._fields) - 2))
-    work = work_of_walls(layout, numbers, began, done)
-    together = Together(spheres, before.held, as_numbers(began), as_numbers(after), work)
-    blank = jnp.full(2, -1)
-    called = Called(jnp.asarray(True), before.support, decided, ends, rest)
-    figures = Figures(nobody, outcome, together)
-    facts = Facts(coupling.choice, blank, jnp.asarray(False), jnp.full_like(zero, jnp.inf), called)
-    return state, figures, facts, jnp.asarray(True)
 
 
 def _choice(

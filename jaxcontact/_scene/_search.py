@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ._cells import leaving, neighbours
 from ._hit import accelerations
-from ._progress import Events, State
+from ._progress import Coupling, Events, State
+from ._slots import index_of, put
 from ._system import Layout, Numbers, nearest_image
 from ._touch import (
     curved_time,
@@ -140,13 +141,42 @@ def searched(
     early = jnp.minimum(horizon, leaves) < time
     partner = jnp.where(leaves <= horizon, LEAVES, AGAIN)
     sphere = jnp.minimum(best, count - 1)
-    return Events(
+    found = Events(
         time=now + jnp.minimum(time, jnp.minimum(horizon, leaves)),
         partner=jnp.where(early, partner, best),
         count=jnp.where(best < count, state.count[sphere], 0),
         speed=jnp.where(early, jnp.inf, speed),
         second=now + jnp.where(early, time, second),
     )
+    return (
+        found
+        if state.coupling is None
+        else among_others(layout, numbers, state.coupling, found, now)
+    )
+
+
+def among_others(
+    layout: Layout, numbers: Numbers, coupling: Coupling, events: Events, now: Float[Array, ""]
+) -> Events:
+    """Events without those with spheres in the coupled solve, which fly on another way: others
+    search again when their second best event would be.
+    """
+    # The partner of an empty place is none.
+    who = jnp.where(coupling.seats.present & coupling.active, coupling.seats.who, layout.spheres)
+    is_sphere = events.partner < layout.spheres
+    off = is_sphere & jnp.any(events.partner[:, None] == who[None], axis=1)
+    later = now + simultaneous(numbers, now) + jnp.finfo(numbers.dtype).eps * coupling.pace
+    return events._replace(
+        time=jnp.where(off, jnp.maximum(events.second, later), events.time),
+        partner=jnp.where(off, AGAIN, events.partner),
+        speed=jnp.where(off, jnp.inf, events.speed),
+    )
+
+
+def seated(layout: Layout, coupling: Coupling) -> Bool[Array, " N"]:
+    """The spheres that are in the coupled solve."""
+    nobody = jnp.zeros(layout.spheres, bool)
+    return put(nobody, index_of(layout, coupling.seats), coupling.seats.present)
 
 
 def flown(

@@ -30,13 +30,14 @@ from ._entry import one_number
 from ._grid import grid_of
 from ._log import Log, blank_log
 from ._overlap import require_clear_of_each_other
-from ._progress import Rules, State
+from ._progress import CROWDED, NOT_CONVERGED, OVER, RUNNING, Rules, State
 from ._replay import differentiable
 from ._result import Ending, traced
 from ._run import Run, moment_at
 from ._scene import Scene
-from ._schedule import CROWDED, NOT_CONVERGED, OVER, RUNNING, advance, begun
+from ._schedule import advance, begun, with_places
 from ._search import flown
+from ._slots import everyone
 from ._system import Layout, Numbers, first_overlap, layout_of, numbers_of, replaced
 from ._table import table_of, work_of
 
@@ -59,6 +60,7 @@ def simulate(
     instantaneous: bool = False,
     v0: str | float = "peak",
     max_impacts: int | None = None,
+    max_cluster: int = MOST,
     progress: bool | Listener | None = None,
 ) -> Run:
     """Follow a scene from impact to impact: flights by formula, times of impact in closed form.
@@ -69,10 +71,11 @@ def simulate(
 
     An isolated impact lasts as long as its law says, and the line of centres turns meanwhile: by
     closed form where it is head-on, else by the radial equation with its angular momentum. Whatever
-    is not isolated is one coupled solve of all spheres, of which there may be eight: a third body
-    near, gravity across a wall, a contact that comes to rest. `v0` is the speed that the damping
-    of a law refers to: "peak", the largest closing speed of the contact; "touch", that at touch; a
-    number, the least one in m/s.
+    is not isolated is a coupled solve: a third body near, gravity across a wall, a contact that
+    comes to rest. It has room for `max_cluster` spheres, two at the least: those in contact and
+    those that they may reach soon; a run that needs more is flagged (`Ending.CROWDED`). `v0` is the
+    speed that the damping of a law refers to: "peak", the largest closing speed of the contact;
+    "touch", that at touch; a number, the least one in m/s.
 
     With `instantaneous` impacts are out of time: each has the law's e at its own closing speed.
     Impacts at the same time are taken pair by pair, the largest closing speed first, and marked.
@@ -101,14 +104,13 @@ def simulate(
     tolerance = require_number("rtol", rtol, FRACTION)
     soft = not require_flag("instantaneous", instantaneous)
     followed = _v0(v0)
+    room_for = require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     asked = _times(times, length)
     require_progress(progress)
     layout = layout_of(scene)
     require_clear_of_each_other(scene.bodies, length)
-    # Coupled solves do not know the images of a periodic space.
-    coupled = soft and layout.spheres <= MOST and not any(layout.periodic)
-    rules = Rules(soft, followed, coupled)
+    rules = Rules(soft, followed, min(room_for, layout.spheres) if soft else 0)
     numbers, valid = numbers_of(scene, layout, contacts=soft or not all(layout.constant))
     length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
     given = (numbers, length, asked)
@@ -120,13 +122,15 @@ def simulate(
     if traced(given):
         room = ROOM if most is None else most
         # A call of the coupled solve ends where any pair touches or opens.
-        rows = room * (_CALLS if coupled else 1)
+        rows = room * (_CALLS if rules.members else 1)
         grid = None if soft else grid_of(layout, numbers)
         outcome = _all_at_once(layout, numbers, rules, valid, length, within, rows, grid)
     else:
         room = None
         with progress_of(progress, "impacts", "simulate") as tell:
-            outcome = _piece_by_piece(layout, numbers, rules, valid, length, within, most, tell)
+            rules, outcome = _piece_by_piece(
+                layout, numbers, rules, valid, length, within, most, tell
+            )
     numbers, log, written, status, reached = outcome
     impacts, nearest, total = table_of(layout, numbers, names, log, written, status, room)
     if room is None:
@@ -203,7 +207,7 @@ def _all_at_once(
     )
     last = jnp.where(valid, jax.lax.stop_gradient(end), -1)
     state = begun(layout, fixed, rules, last, grid)
-    log = blank_log(room, layout, numbers.dtype, rules.coupled)
+    log = blank_log(room, layout, numbers.dtype, rules.members)
     state, log, written = advance(layout, fixed, rules, state, log, last, tolerance)
     if state.cells is not None:
         full = state.cells.full & valid
@@ -252,6 +256,7 @@ def _ending(state: State, more: Array, valid: Array, end: Array) -> tuple[Array,
 _begun = eqx.filter_jit(begun)
 _expecting = eqx.filter_jit(expecting)
 _advance = eqx.filter_jit(advance)
+_with_places = eqx.filter_jit(with_places)
 _blank = eqx.filter_jit(blank_log)
 
 
@@ -264,16 +269,23 @@ def _piece_by_piece(
     tolerance: Array,
     most: int | None,
     tell: Tell,
-) -> tuple[Numbers, Log, Array, Array, Array]:
-    """The run from Python: one program goes on until all impacts are there."""
+) -> tuple[Rules, tuple[Numbers, Log, Array, Array, Array]]:
+    """The run from Python: one program goes on until all impacts are there.
+
+    Among many spheres or in a periodic space most scenes need no coupled solve: there the program
+    is one without, until one is needed. Returns the rules that it ended with.
+    """
+    given = rules
+    if not everyone(layout, rules.members):
+        rules = Rules(rules.soft, rules.v0, 0)
     numbers = replaced(numbers, valid)
     last = jnp.where(valid, end, -1)
     grid = None if rules.soft else grid_of(layout, numbers)
     state = _begun(layout, numbers, rules, last, grid)
     pieces: list[Log] = []
     total, more, crowded_at = 0, True, -1.0
-    blank = _blank(_PIECE, layout, numbers.dtype, rules.coupled)
-    while more and int(state.status) == 0 and (most is None or total < most):
+    blank = _blank(_PIECE, layout, numbers.dtype, rules.members)
+    while more and int(state.status) == RUNNING and (most is None or total < most):
         if state.cells is not None and bool(state.cells.full):
             state, crowded_at = _with_room(layout, numbers, state, last, crowded_at)
         state, log, written = _advance(layout, numbers, rules, state, blank, last, tolerance)
@@ -282,10 +294,27 @@ def _piece_by_piece(
         pieces.append(jax.tree.map(lambda x, n=count: np.asarray(x)[:n], log))
         total += count
         tell(total, None, f"t = {float(state.now):.4g} s")
+        if int(state.status) == CROWDED and rules.members < given.members:
+            rules = given
+            state = _with_places(layout, numbers, rules.members, state)
+            blank = _blank(_PIECE, layout, numbers.dtype, rules.members)
     # Rows of lengths that are powers of two share the programs that read them.
     room = max(64, 1 << max(total - 1, 0).bit_length())
     # All rows of a blank log are alike.
     rest = jax.tree.map(lambda x: np.repeat(np.asarray(x)[:1], room - total, axis=0), blank)
+    pieces = [_with_calls(piece, blank) for piece in pieces]
     log = jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)), *pieces, rest)
     status, reached = _ending(state, jnp.asarray(more), valid, end)
-    return numbers, log, jnp.asarray(total), status, reached
+    return rules, (numbers, log, jnp.asarray(total), status, reached)
+
+
+def _with_calls(piece: Log, blank: Log) -> Log:
+    """A piece from before there was a coupled solve, with rows for calls where `blank` has them."""
+    if blank.facts.call is None or piece.facts.call is not None:
+        return piece
+    rows = piece.facts.tied.shape[0]
+    together, called = jax.tree.map(
+        lambda x: np.repeat(np.asarray(x)[:1], rows, axis=0),
+        (blank.figures.coupled, blank.facts.call),
+    )
+    return Log(piece.figures._replace(coupled=together), piece.facts._replace(call=called))

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._coupled import as_flags, places, stored_energy
 from ._hit import accelerations
-from ._inside import Entries, States, in_contacts, in_pairs
+from ._inside import Entries, States, at_rest, in_contacts, in_pairs
 from ._log import Log, last_call
 from ._progress import Rules
+from ._slots import places
 from ._system import Layout, Numbers
 
 
@@ -39,13 +38,13 @@ def states_at(
     velocity = found.velocity + pull * since
     position = found.position + (found.velocity + velocity) / 2 * since
     stored = jnp.zeros_like(times)
-    if not rules.soft or not (inside or rules.coupled):
-        return States(position, velocity, stored)
-    if not inside:
-        return States(position, velocity, _at_rest(layout, numbers, log, written, times))
     here = States(position, velocity, stored)
+    if not rules.soft or not (inside or rules.members):
+        return here
+    if not inside:
+        return here._replace(stored=at_rest(layout, numbers, found, here, found.support < -1))
     given = (layout, numbers, rules, log, times, tolerance, found, here)
-    return in_contacts(*given, written) if rules.coupled else in_pairs(*given)
+    return in_contacts(*given, written) if rules.members else in_pairs(*given)
 
 
 def any_inside(
@@ -61,15 +60,11 @@ def any_inside(
     return inside | jnp.any(last & ((times < end) | ~ends))
 
 
-def _at_rest(
+def any_resting(
     layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""], times: Float[Array, " T"]
-) -> Float[Array, " T"]:
-    """The energy that is stored in contacts at rest, at times outside of all others."""
-    called, together = log.facts.call, log.figures.coupled
-    assert called is not None and together is not None
-    row, last = last_call(log, written, times)
-    stored = jax.vmap(lambda state: stored_energy(layout, numbers, as_flags(state)))
-    return jnp.where(last & called.rest[row], stored(together.end)[row], 0)
+) -> Bool[Array, ""]:
+    """Whether a sphere rests on a wall at any of the times."""
+    return jnp.any(_looked_up(layout, numbers, log, written, times, True).support >= 0)
 
 
 def _looked_up(
@@ -98,13 +93,13 @@ def _looked_up(
     support = [none, facts.support[:, 0], facts.support[:, 1]]
     pairs = [none, number - 1, number - 1]
     if facts.call is not None and figures.coupled is not None:
-        end = figures.coupled.end
+        end, seats = figures.coupled.end, facts.call.decided.seats
         resting = _resting(layout, log)
-        for k in range(count):
-            counts = is_call & ~blank & facts.call.ends & facts.call.decided.members[:, k]
-            bodies.append(jnp.where(counts, k, count))
+        for k in range(seats.who.shape[1]):
+            counts = is_call & ~blank & seats.present[:, k]
+            bodies.append(jnp.where(counts, seats.who[:, k], count))
             numbered.append(number)
-            place.append(end.position[:, k])
+            place.append(end.position[:, k] + seats.shift[:, k] * numbers.period[None])
             speed.append(end.velocity[:, k])
             began.append(end.time)
             support.append(resting[:, k])
@@ -121,14 +116,15 @@ def _looked_up(
     )
 
 
-def _resting(layout: Layout, log: Log) -> Int[Array, "K N"]:
+def _resting(layout: Layout, log: Log) -> Int[Array, "K M"]:
     """The walls that spheres rest on after a call, -1 where there are none."""
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
-    first, second = places(layout)
-    wall = second - layout.spheres
+    rows, members = called.decided.seats.who.shape
+    first, second = places(layout, members)
+    wall = second - members
     closed = (together.end.closed > 0.5) & called.rest[:, None] & jnp.asarray(wall >= 0)[None]
-    none = jnp.full((closed.shape[0], layout.spheres), -1)
+    none = jnp.full((rows, members), -1)
     return none.at[:, first].max(jnp.where(closed, jnp.asarray(wall)[None], -1))
 
 

@@ -7,10 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._coupled import pairs_of, places
-from ._log import Log
+from ._log import Log, Together
 from ._result import Ending, Impacts, Way, flagged
 from ._side import side
+from ._slots import bodies_of, places
 from ._system import Layout, Numbers
 
 
@@ -90,6 +90,15 @@ def table_of(
     return impacts, (nearest, slowest), total
 
 
+def _doubt(together: Together, counts: Array) -> Array:
+    """What the calls of a contact, from its touch to its end, add up to, in m/s: (K, P)."""
+    error = jnp.where(counts[:, 0], jax.lax.stop_gradient(together.error), 0)
+    before = jnp.cumsum(error) - error
+    began = jnp.where(counts[:, 0], together.began.time, -jnp.inf)
+    since = jnp.searchsorted(jax.lax.cummax(began), together.end.since)
+    return (before + error)[:, None] - before[jnp.minimum(since, error.shape[0] - 1)]
+
+
 @eqx.filter_jit
 def work_of(log: Log, written: Int[Array, ""], status: Int[Array, ""]) -> Float[Array, ""]:
     """What moving walls did in a run, in J; NaN where the run is not known."""
@@ -127,8 +136,13 @@ def _coupled(layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""]
     """The contacts that ended in a coupled solve, or came to rest there."""
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
-    first, second = places(layout)
-    rows = called.is_call.shape[0]
+    seats = called.decided.seats
+    rows, members = seats.who.shape
+    first, second = places(layout, members)
+    one, other = bodies_of(layout, members, seats.who)
+    # A fixed sphere comes second.
+    turned = (other < layout.spheres) & (numbers.inverse_mass[one] == 0)
+    one, other = jnp.where(turned, other, one), jnp.where(turned, one, other)
     counts = (called.is_call & (jnp.arange(rows) < written))[:, None]
     began, end = together.began, together.end
     opened = (began.closed > 0.5) & ~(end.closed > 0.5)
@@ -138,12 +152,14 @@ def _coupled(layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""]
     lasts = (end.closed > 0.5) & last[:, None]
     apart = end.position[:, first] - end.position[:, second]
     rate = end.velocity[:, first] - end.velocity[:, second]
-    flat = second >= layout.spheres
-    pairs = pairs_of(layout, numbers, jnp.ones(layout.spheres, bool))
+    flat = second >= members
+    radius = jnp.concatenate([numbers.radius, jnp.zeros(layout.walls, numbers.dtype)])
     square = jnp.sum(jnp.square(apart), axis=-1)
     length = jnp.sqrt(jnp.where(square > 0, square, 1))
-    length = side(pairs.distance)[None] * length
-    along = jnp.where(flat[None, :, None], pairs.normal[None], apart / length[..., None])
+    length = side(radius[one] + radius[other]) * length
+    none = jnp.zeros((members, layout.dimensions), numbers.dtype)
+    normal = jnp.concatenate([none, numbers.normal])[second]
+    along = jnp.where(flat[None, :, None], normal[None], apart / length[..., None])
     parting = jnp.sum(along * rate, axis=-1)
     closing = jnp.where(end.latched > 0, end.latched, 1)
     e = jnp.where(rests, 0, parting / closing)
@@ -153,8 +169,8 @@ def _coupled(layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""]
     nothing = jnp.zeros(shape, apart.dtype)
     columns = _Rows(
         end.since,
-        jnp.broadcast_to(jnp.asarray(first), shape),
-        jnp.broadcast_to(jnp.asarray(second), shape),
+        one,
+        other,
         end.latched,
         e,
         duration,
@@ -162,7 +178,7 @@ def _coupled(layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""]
         end.lost,
         nothing,
         jnp.full(shape, int(Way.COUPLED)),
-        nothing,
+        _doubt(together, counts) / closing,
         jnp.zeros(shape, bool),
         counts & (opened | rests | lasts),
     )

@@ -107,6 +107,7 @@ def cases() -> dict[str, Case]:
                 "instantaneous": FLAG,
                 "v0": POSITIVE,
                 "max_impacts": COUNT | NONE,
+                "max_cluster": COUNT,
                 "progress": FLAG | NONE | CALLABLE,
             },
         ),

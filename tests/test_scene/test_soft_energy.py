@@ -76,10 +76,11 @@ def test_two_orders_and_a_mirror_of_the_same_scene_agree():
 
 
 def test_crowds_are_refused_not_guessed():
-    """Nine balls, three of which touch at once: no room for a coupled solve, so that it stops."""
+    """Nine balls, three of which touch at once: no room for two in a coupled solve."""
     row = [jc.Sphere(0.1, 1.0, [x], [v]) for x, v in ((-0.5, 1.0), (0.0, 0.0), (0.2, 0.0))]
     rest = [jc.Sphere(0.1, 1.0, [float(x)]) for x in range(2, 8)]
-    run = jc.simulate(jc.Scene([*row, *rest], jc.Hertz(), stiffness=1e6), 1.0, times=[0.1, 1.0])
+    scene = jc.Scene([*row, *rest], jc.Hertz(), stiffness=1e6)
+    run = jc.simulate(scene, 1.0, times=[0.1, 1.0], max_cluster=2)
     assert run.status == jc.Ending.CROWDED
     assert np.all(np.isfinite(run.position[0])) and np.all(np.isnan(run.position[1]))
 

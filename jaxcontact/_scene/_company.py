@@ -1,0 +1,187 @@
+"""Who has a place in a coupled solve of some of the spheres: those that it may reach soon.
+
+Bodies in contact are at its core. Before it has reached others, none of them is faster than all
+their energy would make it; what they may reach soon belongs to them, with its energy, and so on,
+the nearest in time first. Everyone else flies on by formula, and the solve ends before it could
+meet a body in it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ._coupled import at_once
+from ._hit import Choice, Flying
+from ._progress import Coupling, State
+from ._search import simultaneous
+from ._side import side
+from ._slots import Seats, bodies_of, everyone, in_line, own_places
+from ._system import Layout, Numbers, known_contact_of, nearest_image
+
+_CALLS = 64
+"""Into how many calls the first third of an impact may be cut, where there is no place for all that
+it may reach in that time."""
+
+
+class Company(NamedTuple):
+    """The `seats` of a call, the time in s that it may last before others must be asked again, and
+    whether there are too few places, or an image of one of them is in reach.
+    """
+
+    seats: Seats
+    alone: Float[Array, ""]
+    crowded: Bool[Array, ""]
+
+
+def pace_of(
+    layout: Layout, numbers: Numbers, choice: Choice, closing: Float[Array, ""]
+) -> Float[Array, ""]:
+    """A third of the duration of an impact, about: X/v with X = (μ v²/K)^(1/(n+1)), in s."""
+    contact = known_contact_of(layout, numbers, choice.first, choice.second)
+    n = contact.exponent
+    floor = jnp.finfo(numbers.dtype).eps * (1 + jnp.max(jnp.abs(numbers.velocity)))
+    speed = jnp.maximum(closing, floor)
+    return (contact.mass / contact.stiffness / speed ** (n - 1)) ** (1 / (n + 1))
+
+
+def company_of(
+    layout: Layout, numbers: Numbers, members: int, state: State, now: Float[Array, ""]
+) -> Company:
+    """Who has a place in the next call of the coupled solve."""
+    coupling, count = state.coupling, layout.spheres
+    assert coupling is not None
+    ready = state.time <= now + simultaneous(numbers, now)
+    shift = jnp.zeros((members, layout.dimensions), numbers.dtype)
+    if everyone(layout, members):
+        who = own_places(layout, numbers)
+        no = jnp.asarray(False)
+        return Company(Seats(who, ready[who], shift), jnp.full_like(now, jnp.inf), no)
+    spheres = Flying(state.position, state.velocity, state.time)
+    there = at_once(layout, numbers, jnp.arange(count), spheres, state.support, now)
+    core = _core(layout, coupling)
+    moves = numbers.inverse_mass[:count] > 0
+    mass = jnp.where(moves, 1 / jnp.where(moves, numbers.inverse_mass[:count], 1), 0)
+    kinetic = mass * jnp.sum(jnp.square(there.velocity), axis=-1) / 2
+    flying = jnp.sqrt(jnp.sum(jnp.square(there.velocity), axis=-1))
+    pull = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity)))
+    more = jnp.where(moves, 2 * pull * coupling.pace, 0)
+    if numbers.motion is not None:
+        # A wall gives a body at most twice its own velocity.
+        more = more + jnp.where(moves, 2 * jnp.max(numbers.motion.fastest), 0)
+
+    def fastest(who: Array, filled: Array) -> Array:
+        """How fast those that have a place may become."""
+        sure = jnp.minimum(who, count - 1)
+        seated = jnp.arange(members) < filled
+        energy = jnp.sum(jnp.where(seated, kinetic[sure], 0)) + coupling.reserve
+        fast = jnp.sqrt(2 * energy * numbers.inverse_mass[sure]) + more[sure]
+        return jnp.where(seated, fast, 0)
+
+    def arrivals(who: Array, after: Array, filled: Array) -> Array:
+        """When the others may be reached, or reach a body that is not at the core."""
+        sure = jnp.minimum(who, count - 1)
+        seated = jnp.arange(members) < filled
+        fast = fastest(who, filled)
+        apart = (there.position[sure][:, None] - there.position[None]).reshape(
+            -1, layout.dimensions
+        )
+        apart = nearest_image(layout, numbers, apart)[0].reshape(members, count, layout.dimensions)
+        length = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
+        distance = numbers.radius[sure][:, None] + numbers.radius[None]
+        gap = jnp.maximum(side(distance) * length - distance, 0)
+        speed = fast[:, None] + (flying + more)[None]
+        reached = after[:, None] + gap / jnp.where(speed > 0, speed, 1)
+        rate = there.velocity[sure][:, None] - there.velocity[None]
+        bend = (more[sure][:, None] + more[None]) if layout.gravity else jnp.zeros_like(gap)
+        meeting = jnp.sqrt(jnp.sum(jnp.square(rate), axis=-1)) + bend
+        closes = (side(distance) * jnp.sum(apart * rate, axis=-1) < 0) | (bend > 0)
+        closes = closes & ~core[sure][:, None] & (meeting > 0)
+        free = jnp.where(closes, gap / jnp.where(meeting > 0, meeting, 1), jnp.inf)
+        # What is fixed passes nothing on.
+        reached = jnp.where(moves[sure][:, None] & (speed > 0), reached, jnp.inf)
+        times = jnp.minimum(reached, free)
+        times = jnp.where(seated[:, None], times, jnp.inf)
+        inside = jnp.zeros(count, bool).at[jnp.where(seated, who, count)].set(True, mode="drop")
+        return jnp.where(inside | ~ready, jnp.inf, jnp.min(times, axis=0))
+
+    def one_more(k: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        who, after, filled = carry
+        times = arrivals(who, after, filled)
+        nearest = jnp.argmin(times)
+        joins = (times[nearest] <= coupling.pace) & (filled < members)
+        place = jnp.where(joins, filled, members)
+        who = who.at[place].set(nearest, mode="drop")
+        after = after.at[place].set(times[nearest], mode="drop")
+        return who, after, filled + joins.astype(filled.dtype)
+
+    first = jnp.flatnonzero(core, size=members, fill_value=count)
+    filled = jnp.minimum(jnp.sum(core), members)
+    start = (first, jnp.zeros(members, numbers.dtype), filled)
+    who, after, filled = jax.lax.fori_loop(0, members - 1, one_more, start)
+    alone = jnp.min(arrivals(who, after, filled))
+    crowded = (jnp.sum(core) > members) | (alone <= coupling.pace / _CALLS)
+    seats, wide = _seated(layout, numbers, there, coupling, who, filled)
+    if any(layout.periodic):
+        # No image of one of them is nearer than half a period.
+        least = jnp.min(jnp.where(jnp.asarray(layout.periodic), numbers.period, jnp.inf))
+        speed = jnp.max(fastest(who, filled))
+        alone = jnp.minimum(alone, least / 4 / jnp.where(speed > 0, speed, 1))
+    return Company(seats, alone, crowded | wide)
+
+
+def _core(layout: Layout, coupling: Coupling) -> Bool[Array, " N"]:
+    """The spheres that are in contact."""
+    count, members = layout.spheres, coupling.seats.who.shape[0]
+    one, other = bodies_of(layout, members, coupling.seats.who)
+    closed = coupling.state.closed & ~coupling.starts
+    core = jnp.zeros(count, bool)
+    for body in (one, other):
+        core = core.at[jnp.where(closed, body, count)].set(True, mode="drop")
+    choice = coupling.choice
+    for body in (choice.first, choice.second):
+        core = core.at[jnp.where(coupling.touches, body, count)].set(True, mode="drop")
+    return core
+
+
+def _seated(
+    layout: Layout,
+    numbers: Numbers,
+    there: Flying,
+    coupling: Coupling,
+    who: Int[Array, " M"],
+    filled: Int[Array, ""],
+) -> tuple[Seats, Bool[Array, ""]]:
+    """The places of those chosen, next to each other in their images; in a line by their order.
+
+    Whether they span more than half a period, so that one might meet another twice.
+    """
+    count, members = layout.spheres, who.shape[0]
+    present = jnp.arange(members) < filled
+    sure = jnp.minimum(who, count - 1)
+    position = there.position[sure]
+    shift = jnp.zeros_like(position)
+    wide = jnp.asarray(False)
+    if any(layout.periodic):
+        old = coupling.seats
+        same = (who[:, None] == old.who[None]) & old.present[None] & present[:, None]
+        stays = jnp.any(same, axis=1) & ~coupling.starts
+        before = old.shift[jnp.argmax(same, axis=1)]
+        # Next to one that stays, or to the first.
+        anchor = jnp.argmax(stays)
+        base = position[anchor] - jnp.where(stays[anchor], before[anchor], 0) * numbers.period
+        near = nearest_image(layout, numbers, position - base[None])[1]
+        shift = jnp.where(stays[:, None], before, near)
+        placed = position - shift * numbers.period[None]
+        low = jnp.min(jnp.where(present[:, None], placed, jnp.inf), axis=0)
+        high = jnp.max(jnp.where(present[:, None], placed, -jnp.inf), axis=0)
+        reach = 2 * jnp.max(jnp.where(present, jnp.abs(numbers.radius[sure]), 0))
+        wide = jnp.any(jnp.asarray(layout.periodic) & (high - low + reach > numbers.period / 2))
+    if in_line(layout):
+        place = (position - shift * numbers.period[None])[:, 0]
+        order = jnp.argsort(jnp.where(present, place, jnp.inf))
+        who, present, shift = who[order], present[order], shift[order]
+    return Seats(jnp.where(present, who, count), present, shift), wide

@@ -1,0 +1,63 @@
+"""Coupled solves of some of ten discs, from Python: against Newton's equations of those that touch.
+
+All runs share their programs: ten discs, two walls, places for five.
+"""
+
+import numpy as np
+
+import jaxcontact as jc
+from tests.oracle.scene_oracle import Ball, Spring, Wall, run
+
+RTOL = 1e-6
+ALPHA = 0.5
+WALLS = [Wall([0.0, 0.0], [1.0, 0.0]), Wall([0.0, 0.0], [0.0, 1.0])]
+
+
+def followed(balls, stiffness, times):
+    bodies = [jc.Sphere(b.radius, b.mass, b.position, b.velocity) for b in balls]
+    bodies += [jc.Plane(w.point, w.normal) for w in WALLS]
+    scene = jc.Scene(bodies, jc.Damped(alpha=ALPHA), stiffness=stiffness)
+    return jc.simulate(scene, times[-1], times=times, rtol=RTOL, max_cluster=5)
+
+
+def agrees(balls, near, stiffness, times, speed):
+    """The first `near` of the balls meet each other and walls, the others nobody."""
+    found = followed(balls, stiffness, times)
+    assert found.status == jc.Ending.COMPLETED
+    for k, time in enumerate(times):
+        exact = run(balls[:near], Spring(stiffness, alpha=ALPHA), time, WALLS)
+        v = np.array([*exact.velocity, *[b.velocity for b in balls[near:]]])
+        far = [np.add(b.position, np.multiply(b.velocity, time)) for b in balls[near:]]
+        x = np.array([*exact.position, *far])
+        assert np.abs(found.velocity[k] - v).max() <= 10 * RTOL * speed
+        assert np.abs(found.position[k] - x).max() <= 10 * RTOL * speed * time
+    hits = found.impacts.to_dict()
+    touched = [touch.begin for touch in exact.touches]
+    np.testing.assert_allclose(np.sort(hits["time"]), np.sort(touched), atol=10 * RTOL * times[-1])
+    # What is estimated is neither missing nor far off.
+    coupled = hits["error_estimate"][hits["way"] == jc.Way.COUPLED]
+    assert len(coupled) and np.all((coupled > 0) & (coupled < 10 * RTOL))
+    return found
+
+
+def test_a_wave_through_a_row():
+    """Six unequal ones with gaps of some 1e-4 m, of which at most four are in contact at once."""
+    rng = np.random.default_rng(1)
+    mass, place = rng.uniform(0.5, 3, 6), np.cumsum(0.2 + 1e-4 * rng.uniform(0.2, 2, 6))
+    balls = [Ball([x, 1.0], [float(k == 0), 0.0], 0.1, mass[k]) for k, x in enumerate(place)]
+    balls += [Ball([0.5 + 0.4 * k, 2.0], [0.1 * k, 0.0], 0.1, 1.0) for k in range(4)]
+    found = agrees(balls, 6, 1e9, [0.0012, 0.003], 1.0)
+    # The first time is inside of several contacts.
+    moving = np.array([ball.mass for ball in balls]) @ np.sum(found.velocity[0] ** 2, axis=1) / 2
+    assert found.energy[0] > moving + 1e-3
+
+
+def test_two_touch_in_a_corner():
+    places = [(1.0, 0.3), (1.4, 0.5), (1.2, 1.0), (0.6, 1.2)]
+    places += [(1.7, 1.3), (0.3, 1.7), (1.0, 1.6), (1.6, 1.9)]
+    balls = [Ball([0.35, 0.36], [-1.0, -0.9], 0.1, 1.0), Ball([0.11, 0.3], [0.0, 0.0], 0.1, 2.0)]
+    balls += [
+        Ball(list(place), [0.3 * (-1) ** k, 0.2 * (-1) ** (k // 2)], 0.1, 1 + 0.1 * k)
+        for k, place in enumerate(places)
+    ]
+    agrees(balls, 2, 1e6, [0.07, 0.6], 1.4)
