@@ -98,13 +98,11 @@ def called(
     apart, rest = status == APART, status == AT_REST
     first, second = places(layout, members)
     flat = second >= members
-    # At rest a sphere is held by one wall, or the solve is not one that can be left.
+    # At rest each sphere in contact is held by one wall.
     on_wall = after.closed & flat
     walls = jnp.where(on_wall, second - members, -1)
     resting = jnp.full(members, -1).at[first].max(walls)
-    times = jnp.zeros(members, int).at[first].add(on_wall.astype(int))
-    stays = rest & (jnp.any(after.closed & ~flat) | jnp.any(times > 1))
-    ends = (apart | rest) & ~stays
+    ends = apart | rest
     over = (status == TIME_IS_UP) & ~sooner
     failed = (status == FAILED) | ~jnp.isfinite(after.time)
     latched = jnp.zeros(members, numbers.dtype).at[first].max(jnp.where(on_wall, after.latched, 0))
@@ -114,7 +112,7 @@ def called(
 
     idle = jnp.where(after.time > state.now, 0, state.idle + 1)
     stop = jnp.where(over, OVER, jnp.where(idle > PATIENCE * count, ACCUMULATED, RUNNING))
-    stop = jnp.where(stays | company.crowded, CROWDED, stop)
+    stop = jnp.where(company.crowded, CROWDED, stop)
     stop = jnp.where(failed, NOT_CONVERGED, stop)
     position = after.position[:members] + seats.shift * numbers.period[None]
     # What the contacts may hold: the motion that is missing, and what was brought in.

@@ -25,10 +25,11 @@ from ._cubic import highest, to_root
 from ._step import factor
 from ._touching import ClusterState, Geometry, Modes, PerPair, Touching
 
-APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST = range(5)
+APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST, _ASLEEP = range(6)
 """How a solve ended: `ClusterEnd.status`. All pairs are open; `until` was reached; the numbers
-cannot be trusted; a pair touched or opened, where `until_change` asked for that; nothing that
-touches moves along its normal any more."""
+cannot be trusted; a pair touched or opened, where `until_change` asked for that; what touches, each
+body a plane of its own, does not move along the normal any more. Inside of the solve only: nothing
+moves any more at all, until the time is up."""
 
 _TOGETHER = 0.65
 _NEAR = 0.4
@@ -277,7 +278,15 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
             # What a moving wall carries is never at rest.
             carried = problem.drive.moves[pairs.first] | problem.drive.moves[pairs.second]
             at_rest = at_rest & ~jnp.any(closed & pairs.used & carried)
-        status = jnp.where(at_rest, AT_REST, -1)
+        # Bodies on planes can be left to slide; what leans on others goes on until all stand still.
+        slides = system.on_planes(closed)
+        speed = jnp.abs(layout.velocity(y) + frame / units.speed)
+        stands = speed + jnp.abs(layout.velocity(toward)) / (2 * now_w) < 100 * tolerance
+        asleep = jnp.all(stands | (problem.inverse_mass == 0)[:, None])
+        if problem.drive is not None:
+            asleep = asleep & ~jnp.any(problem.drive.moves)
+        resting = jnp.where(slides, AT_REST, jnp.where(asleep, _ASLEEP, -1))
+        status = jnp.where(at_rest, resting, -1)
         changed = jnp.any(touches | opens) & rules.until_change
         status = jnp.where(changed, CHANGED, status)
         status = jnp.where(~jnp.any(closed & pairs.used), APART, status)
@@ -379,7 +388,13 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         max_indentation=end.max_indentation,
         lost=units.energy * layout.lost(end.y),
     )
-    status = jnp.where(end.status < 0, NOT_CONVERGED, end.status)
+    asleep = end.status == _ASLEEP
+    done = done._replace(
+        time=jnp.where(asleep, problem.until, done.time),
+        velocity=jnp.where(asleep & free, 0, done.velocity),
+    )
+    status = jnp.where(asleep, TIME_IS_UP, end.status)
+    status = jnp.where(end.status < 0, NOT_CONVERGED, status)
     # The energies at both ends; those of contacts that are over are left out of the state.
     both = jax.tree.map(lambda *ends: jnp.stack(ends), (y, modes), (end.y, end.modes))
     before, now = jax.vmap(energy)(*stop(both))

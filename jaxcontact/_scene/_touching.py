@@ -205,6 +205,13 @@ class Touching(eqx.Module):
             acceleration = acceleration - swing[:, None] * self.drive.strength
         return acceleration, pushed
 
+    def on_planes(self, closed: Bool[Array, " pairs"]) -> Bool[Array, ""]:
+        """Whether each body that touches anything touches one plane."""
+        bodies = jnp.arange(self.inverse_mass.shape[0])
+        closed = closed & self.pairs.used
+        planes = closed[:, None] & (self.pairs.first[:, None] == bodies[None])
+        return jnp.all(self.pairs.flat | ~closed) & jnp.all(jnp.sum(planes, axis=0) <= 1)
+
     def second(self, geometry: Geometry, acceleration: PerBody) -> PerPair:
         """δ'' of the pairs."""
         relative = contraction(self._incidence, acceleration)

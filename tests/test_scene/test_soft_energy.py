@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from tests.oracle import scene_oracle
 
 BALANCE, GAS = 1e-9, 1e-8
 """Energy at the end against the start less what was lost, relative: measured 6e-12 (8 impacts with
@@ -39,6 +40,31 @@ def test_a_ball_rests_slides_and_wakes():
     # Traced, nothing can be raised: a run that goes on from there is flagged.
     ends = eqx.filter_jit(lambda run: [ball.position for ball in run.final.spheres])(run)
     assert np.all(np.isnan(ends))
+
+
+def test_a_ball_comes_to_rest_on_another():
+    """What leans on others stays in one solve until all stand still; then time passes at once."""
+    balls = [jc.Sphere(0.1, 2.0, [0.0, 0.1001], [0.0, 0.0]), jc.Sphere(0.1, 1.0, [0.0, 0.3101])]
+    floor = jc.Plane([0.0, 0.0], [0.0, 1.0])
+    law = jc.HuGuo(e=0.3)
+    scene = jc.Scene([*balls, floor], law, stiffness=1e6, gravity=[0.0, -9.81])
+    run = jc.simulate(scene, 1.5, times=np.linspace(0, 1.5, 16))
+    assert run.status == jc.Ending.COMPLETED
+    # Halfway, beside Newton's equations.
+    spring = scene_oracle.Spring(1e6, alpha=float(law.damping_factor()))
+    exact = scene_oracle.run(
+        [scene_oracle.Ball([0.1001], [0.0], 0.1, 2.0), scene_oracle.Ball([0.3101], [0.0], 0.1)],
+        spring, 0.1, [scene_oracle.Wall([0.0], [1.0])], [-9.81],
+    )  # fmt: skip
+    np.testing.assert_allclose(run.position[1, :, 1], exact.position[:, 0], atol=1e-9)
+    np.testing.assert_allclose(run.velocity[1, :, 1], exact.velocity[:, 0], atol=1e-7)
+    # At the end, by statics.
+    low = 0.1 - (3 * 9.81 / 1e6) ** (2 / 3)
+    high = low + 0.2 - (9.81 / 1e6) ** (2 / 3)
+    np.testing.assert_allclose(run.position[-1, :, 1], [low, high], atol=1e-10)
+    assert np.all(run.velocity[-1] == 0)
+    lost = np.sum(run.impacts.to_dict()["energy_loss"])
+    assert abs(run.energy[0] - run.energy[-1] - lost) < BALANCE * run.energy[0]
 
 
 def a_gas(stiffness, turned=False, mirrored=False):
