@@ -69,7 +69,9 @@ def _creeps_in(push: Array, c: Array, p: Array, n: Array, x: Array, v: Array) ->
     root = d * d - 4 * s
     fast = (d + np.sqrt(np.maximum(root, 0))) / 2
     y = rest - x
-    return (root > 0) & (y > 0) & (y <= EXTENDED("1e-5") * rest) & (v <= EXTENDED("0.9") * fast * y)
+    return (
+        (root > 0) & (y > 0) & (y <= EXTENDED("1e-5") * rest) & (v <= EXTENDED("0.999") * fast * y)
+    )
 
 
 def _with_derivatives(powers: Array, at: Array) -> tuple[Array, Array, Array]:

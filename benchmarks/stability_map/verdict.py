@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from .collocation import EXTENDED, Array
-from .free_table import free
+from .free_table import TABLE_TOLERANCE, free
 from .grid import Job
 from .kinds import KINDS
 from .motion import QUANTITIES, SEPARATED, UNANSWERED, Truth
-from .motion_oracle import solve
+from .motion_oracle import TOLERANCE, solve
 
 RIGHT, FLAGGED_RIGHTLY, FLAGGED_WITHOUT_NEED, WRONG, NO_TRUTH = range(5)
 CLASSES = ("right", "flagged, rightly", "flagged without need", "wrong without a flag", "no truth")
@@ -62,7 +62,8 @@ def truth_of(job: Job, damping: Array, n: Array, push: Array) -> Truth:
     """From the table where the impact is free and depends on the damping alone, else by motion."""
     kind = KINDS[job.kind]
     if job.pushed or not kind.has_table(job.exponent):
-        return solve(kind.problem(damping, n, push))
+        finer = job.method == "exact"
+        return solve(kind.problem(damping, n, push), TABLE_TOLERANCE if finer else TOLERANCE)
     table = free(job.kind, damping, n if job.exponent is None else job.exponent)
     found = Truth.empty(damping.size)
     for q in QUANTITIES:

@@ -270,7 +270,7 @@ def solve_event(motion: Motion, how: Event) -> ScaledImpact:
             is_spent(motion, end, rtol),
             end_is_sharp(motion, turn, end, rtol),
         )
-        known = known & turn_is_sharp(motion, turn, _finest(rtol, turn.w.dtype))
+        known = known & turn_is_sharp(motion, turn, _finest(rtol, turn.w.dtype), rtol)
         converged = ((converged | held) & known) | creeps
         settled = settled | held | creeps
         # What creeps to rest never turns: where a turn was found it is one of rounding, and the

@@ -91,6 +91,10 @@ def test_a_turn_that_nothing_tells_from_rest_is_flagged():
     hit = pushed(given_ratio(single(0.9751, 0.9751), "tension"), 1.0, single(1e4, 0.5))
     assert hit.status.tolist() == [jc.Status.NOT_CONVERGED, jc.Status.SETTLED]
     assert hit.compression_time[1] == pytest.approx(1.96927515, rel=DURATION)
+    # 7e-9 of the way beyond, and the time of the turn off by 9e-7.
+    law = jc.KuwabaraKono(A=jnp.array([1.9724609008794347]), tension=False)
+    hit = pushed(law, 1.0, jnp.array([9083.721070343718]))
+    assert hit.status.tolist() == [jc.Status.NOT_CONVERGED]
 
 
 def test_the_phase_method_counts_the_error_of_a_short_way_in():
