@@ -14,8 +14,9 @@ from jaxtyping import Array, Bool, Float
 from .._contact import Contact
 from .._elementary import contraction
 from .._laws import AbstractLaw
+from ._cluster_end import ClusterEnd
 from ._cluster_problem import Problem, Rules
-from ._cluster_solve import ClusterEnd, solve_cluster
+from ._cluster_solve import solve_cluster
 from ._side import side
 from ._touching import ClusterState, Drive, Pairs, PerBody
 

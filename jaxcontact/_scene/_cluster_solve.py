@@ -19,17 +19,13 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._impact._runge_kutta import step_in_loop
 from ._cluster_clock import LONG_AGO, Clock, chosen
+from ._cluster_end import APART, CHANGED, NOT_CONVERGED, TIME_IS_UP, ClusterEnd
 from ._cluster_problem import Problem, Rules, scaled, units_of
+from ._cluster_rest import ASLEEP, rest_of
 from ._cluster_vector import TIME, WORK, Parts, W
 from ._cubic import highest, to_root
 from ._step import factor
 from ._touching import ClusterState, Geometry, Modes, PerPair, Touching
-
-APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST, _ASLEEP = range(6)
-"""How a solve ended: `ClusterEnd.status`. All pairs are open; `until` was reached; the numbers
-cannot be trusted; a pair touched or opened, where `until_change` asked for that; what touches, each
-body a plane of its own, does not move along the normal any more. Inside of the solve only: nothing
-moves any more at all, until the time is up."""
 
 _TOGETHER = 0.65
 _NEAR = 0.4
@@ -39,23 +35,6 @@ event that the cubic through the ends of the step bridges, both beside the step.
 _BEGIN = 0.35
 _BEGIN_FOR = 1e-8
 """The first step, in units of the contact's duration about, and the tolerance it is for."""
-
-
-class ClusterEnd(NamedTuple):
-    """The `state` at the end, its `status`, and how it was reached.
-
-    `error_estimate`: the larger one of what the steps add up to, relative to the speeds, and of the
-    energy that is missing, relative to the energy of the cluster; `error`, the same in m/s. `work`
-    in J, of gravity and of prescribed bodies on the free ones.
-    """
-
-    state: ClusterState
-    work: Float[Array, ""]
-    status: Int[Array, ""]
-    steps: Int[Array, ""]
-    events: Int[Array, ""]
-    error_estimate: Float[Array, ""]
-    error: Float[Array, ""]
 
 
 class _Look(NamedTuple):
@@ -272,21 +251,10 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         acts = modes.closed & (c.look.force > 0)
         force_until = jnp.where(touches | acts, time, c.force_until)
 
-        still = jnp.abs(now.rate) + jnp.abs(now.second) < 100 * tolerance
-        at_rest = taken & jnp.all(jnp.where(closed & pairs.used, still, True)) & ~event
-        if problem.drive is not None:
-            # What a moving wall carries is never at rest.
-            carried = problem.drive.moves[pairs.first] | problem.drive.moves[pairs.second]
-            at_rest = at_rest & ~jnp.any(closed & pairs.used & carried)
-        # Bodies on planes can be left to slide; what leans on others goes on until all stand still.
-        slides = system.on_planes(closed)
-        speed = jnp.abs(layout.velocity(y) + frame / units.speed)
-        stands = speed + jnp.abs(layout.velocity(toward)) / (2 * now_w) < 100 * tolerance
-        asleep = jnp.all(stands | (problem.inverse_mass == 0)[:, None])
-        if problem.drive is not None:
-            asleep = asleep & ~jnp.any(problem.drive.moves)
-        resting = jnp.where(slides, AT_REST, jnp.where(asleep, _ASLEEP, -1))
-        status = jnp.where(at_rest, resting, -1)
+        speed = layout.velocity(y) + frame / units.speed
+        pace = layout.velocity(toward) / (2 * now_w)
+        resting = rest_of(system, closed, (now.rate, now.second), (speed, pace), tolerance)
+        status = jnp.where(taken & ~event, resting, -1)
         changed = jnp.any(touches | opens) & rules.until_change
         status = jnp.where(changed, CHANGED, status)
         status = jnp.where(~jnp.any(closed & pairs.used), APART, status)
@@ -388,7 +356,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         max_indentation=end.max_indentation,
         lost=units.energy * layout.lost(end.y),
     )
-    asleep = end.status == _ASLEEP
+    asleep = end.status == ASLEEP
     done = done._replace(
         time=jnp.where(asleep, problem.until, done.time),
         velocity=jnp.where(asleep & free, 0, done.velocity),

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ._cluster import cluster, touched
-from ._cluster_solve import TIME_IS_UP, ClusterEnd
+from ._cluster_end import TIME_IS_UP, ClusterEnd
 from ._hit import Choice, Flying, accelerations, meeting_of, two_that_meet
 from ._overlap import ROUNDINGS
 from ._side import side
