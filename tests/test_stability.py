@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from benchmarks.stability_map.code import without_words
 from benchmarks.stability_map.free_table import free
 from benchmarks.stability_map.grid import Job, lanes_of, scaled
 from benchmarks.stability_map.kinds import KINDS
@@ -131,3 +132,9 @@ def test_another_seed_draws_other_lanes():
     job = Job("hunt_crossley", 1.5, True, "event", "float64", 256)
     one, other = lanes_of(job), lanes_of(dataclasses.replace(job, seed=1))
     assert (one.push[:150] == other.push[:150]).any() and (one.push != other.push).any()
+
+
+def test_the_code_that_answered_does_not_change_with_words_about_it():
+    source = '"""Of it."""\n\ndef f(x):\n    """Twice."""\n    # Why.\n    return 2 * x\n'
+    same = "def f(x):\n\n    return (2*x)  # Because.\n"
+    assert without_words(source) == without_words(same) != without_words(same.replace("2", "3"))

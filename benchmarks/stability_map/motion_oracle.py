@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from .collocation import EXTENDED, FINE, STAGES, Array, radau, solve_small
+from .collocation import EXTENDED, STAGES, Array, radau, solve_small
+from .largest import TINY, absolute_power, largest_product
 from .motion import SEPARATED, SETTLED, Problem, Truth
 
 TOLERANCE = 1e-11
@@ -26,7 +27,6 @@ LANES_AT_ONCE = 1500
 
 _NEWTON = 14
 _LANDINGS = 60
-_TINY = EXTENDED("1e-4900")
 
 
 def solve(problem: Problem, tolerance: float = TOLERANCE) -> Truth:
@@ -39,11 +39,6 @@ def solve(problem: Problem, tolerance: float = TOLERANCE) -> Truth:
         with np.errstate(all="ignore"):
             found.put(index, _Lanes(problem.at(index), tolerance).run())
     return found
-
-
-def _power(w: Array, exponent: Array) -> Array:
-    """|w|^exponent, 0 at 0 and 1 for the exponent 0; negative w belong to trials only."""
-    return np.where(exponent == 0, 1, np.exp(exponent * np.log(np.maximum(np.abs(w), _TINY))))
 
 
 def _orders(problem: Problem) -> Array:
@@ -72,16 +67,6 @@ def _creeps_in(push: Array, c: Array, p: Array, n: Array, x: Array, v: Array) ->
     return (
         (root > 0) & (y > 0) & (y <= EXTENDED("1e-5") * rest) & (v <= EXTENDED("0.999") * fast * y)
     )
-
-
-def _with_derivatives(powers: Array, at: Array) -> tuple[Array, Array, Array]:
-    """A polynomial and its first two derivatives."""
-    value = first = second = np.zeros_like(at)
-    for coefficient in powers[::-1]:
-        second = second * at + 2 * first
-        first = first * at + value
-        value = value * at + coefficient
-    return value, first, second
 
 
 class _Lanes:
@@ -136,7 +121,7 @@ class _Lanes:
 
         def parts(w: Array, u: Array) -> tuple[Array, ...]:
             """v, the force over x^(n-p), x^(n-p) dt/dτ, w^(kp-1), du/dτ, x^p and dt/dτ."""
-            logarithm = np.log(np.maximum(np.abs(w), _TINY))
+            logarithm = np.log(np.maximum(np.abs(w), TINY))
             wp = np.where(p == 0, 1, np.exp(k * p * logarithm))
             inner = np.where(p == 0, 0, np.exp((k * p - 1) * logarithm))
             clock = np.where(k == 2, w, np.exp((k - 1) * logarithm))
@@ -158,7 +143,7 @@ class _Lanes:
         for _ in range(_NEWTON):
             w, u = w0 + z, u0 + d
             v, force, outer, inner, slope, _, clock = parts(w, u)
-            safe = np.where(np.abs(w) > 0, w, _TINY)
+            safe = np.where(np.abs(w) > 0, w, TINY)
             outer_w = a1 * outer / safe
             force_w = np.where(strong, 0, k * p * inner)
             slope_w = push * (k - 1) * clock / safe - outer_w * force - outer * force_w
@@ -242,7 +227,7 @@ class _Lanes:
             fe = np.where((we < 0) & (p[at] > 0), c[at] * ve, fe)
             # Weak damping ends so close to x = 0 that x^p is flat there, but x is not.
             flat = (which == 2) & ~strong[at] & (p[at] > 0)
-            root = np.where(flat, _power(c[at] * np.minimum(ve, 0), 1 / (k[at] * p[at])), 0)
+            root = np.where(flat, absolute_power(c[at] * np.minimum(ve, 0), 1 / (k[at] * p[at])), 0)
             fe = np.where(flat, we - root, fe)
             rate_flat = ve / k[at] - root / (k[at] * p[at]) * acceleration / ve
             rate_force = np.where(flat, rate_flat, rate_force)
@@ -305,17 +290,17 @@ class _Lanes:
         self.h[i] = np.where(arrived, h, h * grow)
         # At the turn: v = 0, and what is damped on approach only is damped no more.
         self.tc[i] = np.where(turned, self.t[i], self.tc[i])
-        x = _power(we, k)
+        x = absolute_power(we, k)
         self.xm[i] = np.where(turned, x, np.maximum(self.xm[i], x))
         ends = turned & q.approach[i]
         self.c[i] = np.where(ends, 0, c)
         self.b[i] = np.where(ends, 0, b)
-        wp = _power(we, k * p)
+        wp = absolute_power(we, k * p)
         self.u[i] = np.where(turned, self.b[i] * wp, ue)
         self.w[i] = np.where(event == 1, 0, we)
         was_out = self.out[i]
         self.out[i] |= turned
-        stored = _power(we, k * (n + 1)) / (n + 1)
+        stored = absolute_power(we, k * (n + 1)) / (n + 1)
         energy = ve * ve / 2 + stored - push * x
         back = was_out & (ve > 0) & ~parted
         held = (push > 0) & (energy < 0)
@@ -334,15 +319,15 @@ class _Lanes:
         return done
 
     def _largest_force(self, i: Array, w: Array, force: Array, f: Array) -> None:
-        """The largest force within the step, F = w^m g with polynomials w and g of the place θ.
+        """The largest force within the step, F = w^m g with polynomials w and g of the place.
 
-        Mostly m is 0 and g is F. At touch F may rise like a small power: then m = k (n - p) and
-        g = x^p + c v. It is largest where m w' g + g' w = 0.
+        Mostly m is 0 and g is F. Where F may rise like a small power, m = k (n - p) and
+        g = x^p + c v.
         """
         near = np.flatnonzero(np.max(f, 0) > 0.5 * self.fm[i])
         if near.size == 0:
             return
-        rule, q, lanes = radau(), self.given, i[near]
+        q, lanes = self.given, i[near]
         smooth = self._rises_smoothly(lanes)
         m = np.where(smooth, 0, self.k[lanes] * (q.n[lanes] - q.p[lanes]))
         g = np.where(smooth, f[:, near], force[:, near])
@@ -351,18 +336,7 @@ class _Lanes:
             np.concatenate([start[None], step])
             for start, step in ((self.w[lanes], w[:, near]), (before, g))
         ]
-        rough = [np.einsum("gj,jl->gl", rule.fine, values) for values in nodes]
-        powers = [np.einsum("gj,jl->gl", rule.monomial, values) for values in nodes]
-        best = np.argmax(_power(rough[0], m) * rough[1], 0)
-        at = np.clip(best, 1, FINE - 2) / EXTENDED(FINE - 1)
-        for _ in range(6):
-            (w0, w1, w2), (g0, g1, g2) = (_with_derivatives(c, at) for c in powers)
-            slope = np.where(m == 0, g1, m * w1 * g0 + g1 * w0)
-            change = np.where(m == 0, g2, m * w2 * g0 + (m + 1) * w1 * g1 + g2 * w0)
-            step = np.clip(slope / change, -1 / EXTENDED(FINE), 1 / EXTENDED(FINE))
-            at = np.where(np.isfinite(step), np.clip(at - step, 0, 1), at)
-        (w0, *_), (g0, *_) = (_with_derivatives(c, at) for c in powers)
-        largest = np.maximum(np.max(f[:, near], 0), _power(w0, m) * g0)
+        largest = np.maximum(np.max(f[:, near], 0), largest_product(m, *nodes))
         self.fm[lanes] = np.maximum(self.fm[lanes], largest)
 
     def _rises_smoothly(self, i: Array) -> Array:
@@ -373,12 +347,12 @@ class _Lanes:
     def _inner_force_at(self, i: Array) -> Array:
         """x^p + c v at the state before the step."""
         w, u, b, c = self.w[i], self.u[i], self.b[i], self.c[i]
-        return np.where(b > 0, c * u, _power(w, self.k[i] * self.given.p[i]) + c * u)
+        return np.where(b > 0, c * u, absolute_power(w, self.k[i] * self.given.p[i]) + c * u)
 
     def _force_at(self, i: Array) -> Array:
         """F at the state before the step."""
         q = self.given
-        return _power(self.w[i], self.k[i] * (q.n[i] - q.p[i])) * self._inner_force_at(i)
+        return absolute_power(self.w[i], self.k[i] * (q.n[i] - q.p[i])) * self._inner_force_at(i)
 
     def _finish(self, i, parted, creeps, clamped, x, v, stored) -> None:
         found, push = self.found, self.given.push[i]

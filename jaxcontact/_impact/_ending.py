@@ -12,8 +12,8 @@ from .._elementary import power
 from ._balance import balance_of
 from ._motion import Motion, Number, State
 
-# How often the place and the speed of an end are found from each other: a step takes a third of
-# the error at most.
+# How often the place and the speed of an end are found from each other. With x^p = c v and
+# v² = E + 2Γx an error of v comes back as Γx/(p v²) < 1/(2p) of itself, p ≥ 1.
 _ROUNDS = 3
 
 

@@ -227,6 +227,7 @@ class Motion(eqx.Module):
         )
 
     def damping_back(self) -> tuple[Number, Exponent]:
+        """The c and p of the way out, of forms whose damping is known."""
         damping = self.form.damping(self.n, jnp.asarray(False))
         assert damping is not None
         return damping
