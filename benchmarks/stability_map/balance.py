@@ -22,7 +22,7 @@ from .collocation import EXTENDED, Array
 from .grid import Job, Lanes, lanes_of, scaled, units_of
 from .kinds import KINDS
 from .motion import SEPARATED, SETTLED
-from .package_lanes import AT_ONCE, law_of
+from .package_lanes import blocks, law_of
 from .verdict import SMALLEST_E
 
 LANES = 1_000_000
@@ -168,11 +168,8 @@ def _at(lanes: Lanes, index: Array) -> Lanes:
 
 def _solved(job: Job, lanes: Lanes, method: Any) -> dict[str, Array]:
     """Status, e, duration and the energy lost of any number of lanes, in scaled units."""
-    total, at_once = lanes.damping.size, min(AT_ONCE, job.lanes)
-    blocks = []
-    for start in range(0, total, at_once):
-        # Filled up with the last lane: the same program for every block.
-        index = np.minimum(np.arange(start, start + at_once), total - 1)
+    found = np.zeros((4, lanes.damping.size), EXTENDED)
+    for index in blocks(job, lanes.damping):
         some = _at(lanes, index)
         n = jnp.asarray(some.n) if job.exponent is None else job.exponent
         contact = jc.Contact(jnp.asarray(some.mass), jnp.asarray(some.stiffness), n)
@@ -180,12 +177,12 @@ def _solved(job: Job, lanes: Lanes, method: Any) -> dict[str, Array]:
         push = jnp.asarray(some.push) if job.pushed else None
         hit = jc.impact(law, contact, jnp.asarray(some.speed), method=method, external_force=push)
         fields = (hit.status, hit.restitution, hit.duration, hit.energy_loss)
-        blocks.append([np.asarray(x)[: total - start] for x in fields])
-    status, e, duration, lost = (np.concatenate(x) for x in zip(*blocks, strict=True))
+        found[:, index] = [np.asarray(x) for x in fields]
+    status, e, duration, lost = found
     energy = lanes.mass.astype(EXTENDED) * lanes.speed.astype(EXTENDED) ** 2 / 2
     return {
-        "status": status,
-        "e": e,
+        "status": status.astype(int),
+        "e": e.astype(float),
         "duration": (duration / units_of(lanes).time).astype(float),
         "lost": (lost / energy).astype(float),
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from .kinds import KINDS
 from .motion import QUANTITIES
 
 ROOT = Path(__file__).resolve().parents[2]
-AT_ONCE = 4096
+AT_ONCE = 512
 
 
 def law_of(kind_name: str, damping: Any) -> jc.AbstractLaw:
@@ -38,14 +39,10 @@ def law_of(kind_name: str, damping: Any) -> jc.AbstractLaw:
 
 def answers(job: Job, lanes: Lanes) -> tuple[Array, dict[str, Array]]:
     """Status and outcomes in scaled units, the same number of lanes in every call."""
-    at_once = min(AT_ONCE, job.lanes)
-    status, found = [], {q: [] for q in QUANTITIES}
-    for start in range(0, job.lanes, at_once):
-        # The last block is filled up with lanes of the block before.
-        index = np.minimum(np.arange(start, start + at_once), job.lanes - 1)
+    status, found = np.zeros(job.lanes, int), {q: np.zeros(job.lanes, EXTENDED) for q in QUANTITIES}
+    for index in blocks(job, lanes.damping):
         hit = _solve(job, lanes, index)
-        count = min(at_once, job.lanes - start)
-        status.append(np.asarray(hit.status)[:count])
+        status[index] = np.asarray(hit.status)
         named = dict(
             zip(
                 QUANTITIES,
@@ -60,14 +57,22 @@ def answers(job: Job, lanes: Lanes) -> tuple[Array, dict[str, Array]]:
             )
         )
         for q, value in named.items():
-            found[q].append(np.asarray(value)[:count])
+            found[q][index] = np.asarray(value)
     scale = units_of(lanes)
     unit = dict(
         zip(QUANTITIES, (1, scale.time, scale.time, scale.length, scale.force), strict=True)
     )
-    return np.concatenate(status), {
-        q: np.concatenate(values).astype(EXTENDED) / unit[q] for q, values in found.items()
-    }
+    return status, {q: values / unit[q] for q, values in found.items()}
+
+
+def blocks(job: Job, damping: Array) -> Iterator[Array]:
+    """The lanes in blocks of one size, each of similar damping: they take as long as their slowest.
+
+    The last one is filled up with its last lane.
+    """
+    order, at_once = np.argsort(damping, kind="stable"), min(AT_ONCE, job.lanes)
+    for start in range(0, damping.size, at_once):
+        yield order[np.minimum(np.arange(start, start + at_once), damping.size - 1)]
 
 
 def _solve(job: Job, lanes: Lanes, index: Array) -> jc.Impact:

@@ -49,13 +49,19 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
     # The error of e² is that of its energies on one way, 2 e times that of the speed on the other.
     # They are weighed, not switched: a fit would stop at the seam.
     scale = 2 * speed * jnp.sqrt(largest)
-    known: Flag = (left > 0) & (changed < _HOPELESS * scale)
-    doubt = _CAUTION * changed / jnp.where(known, scale, 1)
-    by_energy = jnp.sqrt(jnp.where(known, left, 1))
-    trust = jnp.where(known, 1 / (1 + jnp.square(jnp.square(doubt))), 0)
+    trust = _trust(changed, scale, left > 0)
+    by_energy = jnp.sqrt(jnp.where(trust > 0, left, 1))
     weighed = speed + trust * (by_energy - speed)
-    # Where nearly all is lost, what is left tells better how much.
+    # Where nearly all is lost, what is left tells better how much; but a sum of what cannot be
+    # negative keeps its digits, which a difference from the work of the push does not.
     rest = 1 + gained - jnp.square(speed)
-    loss = rest + trust * (lost - rest)
+    loss = rest + _trust(lost, scale + jnp.abs(gained)) * (lost - rest)
     error = jnp.abs(left - jnp.square(speed)) / largest
     return Balance(weighed, loss, error)
+
+
+def _trust(energies: Number, other: Number, possible: Flag | bool = True) -> Number:
+    """The weight of what is known by `energies`, where its alternative has the error of `other`."""
+    known = possible & (energies < _HOPELESS * other)
+    doubt = _CAUTION * energies / jnp.where(known, other, 1)
+    return jnp.where(known, 1 / (1 + jnp.square(jnp.square(doubt))), 0)

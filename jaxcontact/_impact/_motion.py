@@ -268,8 +268,10 @@ class Motion(eqx.Module):
         form = self.form
         clamped = not (form.tension or form.never_pulls)
         ending = form.creeping_excess(self.n) if clamped else 1.0
-        speed = form.creeping_speed(self.n) if self.momentum is None else 1.0
-        if self.order == 1 and form.tension and self.momentum is None:
+        # What the coordinate of strong damping has at touch is small on all of the way.
+        momentum = self.momentum
+        speed = form.creeping_speed(self.n) if momentum is None else momentum.at_touch()
+        if self.order == 1 and form.tension and momentum is None:
             # Where no power of w stretches it, a slow way out ends as small as its e.
             tiny = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)
             if self.always_parts:

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 from numpy.polynomial import legendre
 
 from .._elementary import contraction
-from .._forms import Flag
+from .._forms import Flag, signed_power
 from .._implicit import bracketed_root, ratio, with_implicit_derivative
 from .._varying import varying
 from ._motion import Motion, Number, State
@@ -146,7 +146,8 @@ def _solved(
         meets = fine & jnp.any(closing)
         # A step that goes far beyond the end is poor before it, too: it is taken again, short.
         again = meets & (progress.shortened < _SHORTENED)
-        fine, met = fine & ~again, meets & ~again
+        lost = _force_is_lost(motion, state)
+        fine, met = fine & ~again, meets & ~again & ~lost
         beyond = _node_beyond(motion, step, compressing, closing)
         last = jax.tree.map(functools.partial(jnp.where, fine), step, progress.last)
         state = _after(last)
@@ -156,7 +157,7 @@ def _solved(
             next_size=progress.next_size * jnp.where(again, beyond, factor),
             count=progress.count + 1,
             met=met,
-            done=met | (fine & ends),
+            done=met | lost | (fine & ends),
             shortened=progress.shortened + again.astype(progress.shortened.dtype),
         )
 
@@ -166,6 +167,25 @@ def _solved(
     progress = jax.lax.while_loop(unfinished, advance, first)
     fraction = _landing(motion, progress.last, compressing, progress.met)
     return _within(progress.last, fraction), progress.met, progress.count
+
+
+def _force_is_lost(motion: Motion, state: State) -> Bool[Array, ""]:
+    """Whether the force lies below the smallest number though it still changes a free motion.
+
+    The damping's force changes the speed v at the rate r v, in regularised time, and r w/v of it
+    until the end.
+    """
+    if motion.push is not None:
+        return jnp.asarray(False)
+    c, p = motion.damping_back()
+    rate = c * signed_power(state.w, motion.order * (motion.n - p + 1) - 1)
+    # At the turn v is zero for a moment.
+    speed = jnp.maximum(jnp.abs(motion.velocity(state)), motion.creeping_speed(state))
+    numbers = jnp.finfo(state.w.dtype)
+    # The spring's force takes some part of it away.
+    return (rate * speed < 100 * numbers.tiny) & (
+        motion.order * rate * state.w > numbers.eps * speed
+    )
 
 
 def _after(step: _Step) -> State:
