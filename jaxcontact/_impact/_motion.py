@@ -369,7 +369,14 @@ class Motion(eqx.Module):
         """Whether a way out ended because the contact turned inwards again."""
         if self.one_way:
             return jnp.asarray(False)
+        velocity = self.velocity(state)
+        if self.always_parts and self.form.tension:
+            # A slow way out ends at a speed below the rounding of w, but is then slowed no more:
+            # it would turn sooner than part.
+            slowing = jnp.abs(self.rate(state, jnp.asarray(False)).u)
+            sooner = jnp.square(velocity) < self.order * state.w * slowing
+            return (velocity >= 0) | sooner
         apart = functools.reduce(jnp.minimum, self._gaps_apart(state))
-        inwards = -self.velocity(state) < apart
+        inwards = -velocity < apart
         # A pull turns nothing inwards: there both are zero but for rounding.
         return inwards if self.push is None else inwards & (self.push > 0)

@@ -79,6 +79,30 @@ def test_no_energy_is_gained(tension):
     assert (hit.energy_loss >= 0).all()
 
 
+def test_what_little_damping_takes_under_a_strong_pull():
+    """The pull alone moves the bodies, v² = 1 - 2Γx, until the force vanishes at 1 + αv = 0."""
+    alpha, pull = np.array([5.0, 300.0, 1e4]), 1e4
+    hit = jc.impact(
+        jc.Damped(alpha=jnp.asarray(alpha)),
+        jc.Contact(1.0, 1.0, jnp.asarray(3.0)),
+        1.0,
+        external_force=-pull,
+    )
+
+    def depth(v):
+        return (1 - v * v) / (2 * pull)
+
+    with mp.workdps(oracle.DIGITS):
+        want = [
+            float(
+                mp.quad(lambda v, a=a: a * v**2 * depth(v) ** 3 / pull, [-1 / mpf(a), 1])
+                + depth(1 / mpf(a)) ** 4 / 4
+            )
+            for a in alpha.tolist()
+        ]
+    assert np.allclose(hit.energy_loss, want, rtol=LOSS["event"], atol=0)
+
+
 def test_energies_that_do_not_add_up_are_seen():
     lanes = lanes_of(problem_of(jc.Damped(alpha=0.5), UNIT[1.5], 1.0))
     motion = lanes.motion()
