@@ -39,6 +39,11 @@ class Kind:
         """Whether a free contact ends only below critical damping."""
         return self.family == "oscillator" and self.tension and not self.approach
 
+    @property
+    def ends_at_touch(self) -> bool:
+        """Whether a free contact ends at x = 0, and is smooth in its damping from zero on."""
+        return self.family == "hunt_crossley" or self.tension or self.approach
+
     def has_table(self, exponent: float | None) -> bool:
         """Whether free impacts are smooth enough in what varies for a table (see `free_table`).
 

@@ -13,7 +13,7 @@ from tests.test_impact.support import column, finite, grid
 RESTITUTION, DURATION = 1e-5, 1e-4
 # Measured 9e-7.
 SLOPE = 1e-5
-# Of times by event: measured 1.7e-6; 8e-5 while the momentum was solved to a tolerance far above it.
+# Of times by event: measured 1.7e-6, and 8e-5 with a tolerance far above the momentum.
 STRONG = 1e-5
 
 
