@@ -1,6 +1,7 @@
 """The stability map in a reduced form, and its oracles beside the one of forty digits."""
 
 import dataclasses
+import itertools
 import pickle
 
 import numpy as np
@@ -14,7 +15,7 @@ from benchmarks.stability_map.grid import Job, lanes_of, scaled
 from benchmarks.stability_map.kinds import KINDS
 from benchmarks.stability_map.motion import QUANTITIES, SETTLED
 from benchmarks.stability_map.motion_oracle import solve
-from benchmarks.stability_map.package_lanes import answers
+from benchmarks.stability_map.package_lanes import AT_ONCE, answers, blocks
 from benchmarks.stability_map.public_laws import law_jobs, run_law
 from benchmarks.stability_map.verdict import CLASSES, FLAGGED_WITHOUT_NEED, RIGHT, WRONG, judge
 from tests.oracle import cases
@@ -102,6 +103,14 @@ JOBS = [
 ]
 
 
+def test_the_table_of_weak_damping_has_its_derivatives():
+    """Of e = exp(-πζ/√(1-ζ²)), where all but one part in 1e12 of it does not depend on ζ."""
+    zeta = np.array([1e-12, 1e-8, 1e-4, 9e-3], np.longdouble)
+    found, free_of = free("oscillator", zeta, 1.5), (1 - zeta) * (1 + zeta)
+    rate = -np.pi * zeta / free_of**1.5
+    assert np.allclose(found.by_damping["e"] / found.value["e"], rate, rtol=TABLE, atol=0)
+
+
 @pytest.mark.parametrize(("job", "flagged"), JOBS, ids=[job.name for job, _ in JOBS])
 def test_lanes(job, flagged):
     lanes = lanes_of(job)
@@ -126,6 +135,17 @@ def test_laws_by_their_own_classes():
         if question.name in names:
             counts = run_law(question)["counts"]
             assert counts[CLASSES[RIGHT]] == sum(counts.values()) == 32
+
+
+def test_blocks_hold_every_lane_once_and_alike():
+    job, damping = (
+        Job("hunt_crossley", 1.5, False, "event", "float64", 1100),
+        np.arange(1100.0)[::-1],
+    )
+    taken = list(blocks(job, damping))
+    assert {index.size for index in taken} == {AT_ONCE}
+    assert np.unique(np.concatenate(taken)).size == job.lanes
+    assert all(damping[a].max() <= damping[b].min() for a, b in itertools.pairwise(taken))
 
 
 def test_another_seed_draws_other_lanes():
