@@ -1,8 +1,8 @@
 """First derivatives of restitution and duration, beside those of the oracles.
 
 By the logarithms of damping and push, and by n where it is traced. An error is relative to the
-derivative, or to 1e-6 of the quantity where the derivative is smaller than that. Allowed is README's
-bound, or ten tolerances of the method of the quantity or of its second derivative.
+derivative, or to 1e-6 of the quantity where the derivative is smaller than that. Allowed is
+README's bound, or ten tolerances of the method of the quantity or of its second derivative.
 """
 
 from __future__ import annotations
