@@ -55,7 +55,9 @@ STIFF = 3e-8
 
 
 def test_a_stiff_solver():
-    hit, some = hunt_crossley(solver=diffrax.Kvaerno5(), max_steps=1024)
+    # The momentum of strong damping is solved to its own size, which costs an implicit solver steps
+    # that it has to try again: 1024 are too few from α = 100 on, measured 1536 enough.
+    hit, some = hunt_crossley(solver=diffrax.Kvaerno5(), max_steps=2048)
     assert_solved(hit, some, dict.fromkeys(ALL, STIFF), "alpha")
 
 
