@@ -16,13 +16,13 @@ ROOMS = (
 
 
 @functools.cache
-def fingerprint(package: Path = PACKAGE) -> str:
+def fingerprint() -> str:
     """Ten digits that change with the code that computes impacts, but not with words about it."""
     digest = hashlib.sha256()
     for room in ROOMS:
-        place = package / room
+        place = PACKAGE / room
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            name = path.relative_to(package).as_posix()
+            name = path.relative_to(PACKAGE).as_posix()
             digest.update(f"{name}\n{without_words(path.read_text())}\n".encode())
     return digest.hexdigest()[:10]
 

@@ -158,7 +158,8 @@ def _exudyn(
     settings.solution.sensors.writePeriod = 1e-9 * step
     try:
         system.SolveDynamic(settings, solverType=getattr(engine.DynamicSolverType, way.settings[0]))
-    except Exception:  # its solver gives up, with an exception of its own kind
+    except (engine.SolverError, engine.ExudynArithmeticError):
+        # It gives up. What is raised for a fault of this set-up is no outcome of its own.
         return MISSED
     (time, _, _, height), (_, _, _, velocity) = (system.GetSensorStoredData(s).T for s in sensors)
     if not (np.isfinite(height).all() and np.isfinite(velocity).all()):
