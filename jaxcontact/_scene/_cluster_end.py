@@ -8,10 +8,11 @@ from jaxtyping import Array, Float, Int
 
 from ._touching import ClusterState
 
-APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST = range(5)
+APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST, PAUSED = range(6)
 """`ClusterEnd.status`. All pairs are open; `until` was reached; the numbers cannot be trusted; a
 pair touched or opened, where `until_change` asked for that; what touches, each body a plane of its
-own, does not move along the normal any more."""
+own, does not move along the normal any more; all steps were taken on a way that goes on, as that of
+a ball that slides in a shell: another call goes on from here."""
 
 
 class ClusterEnd(NamedTuple):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._cluster_end import AT_REST
+from ._cluster_end import AT_REST, PAUSED
 from ._touching import PerBody, PerPair, Touching
 
-ASLEEP = AT_REST + 1
+ASLEEP = PAUSED + 1
 """Nothing moves any more, whatever leans on what, until the time is up."""
 
 _STILL = 100
@@ -38,10 +38,10 @@ def rest_of(
     stands = jnp.abs(speed) + jnp.abs(pace) / weight < _STILL * tolerance
     asleep = jnp.all(stands | (system.inverse_mass == 0)[:, None])
     if system.drive is not None:
-        # What a moving wall carries is never at rest.
-        moves, pairs = system.drive.moves, system.pairs
-        carried = moves[pairs.first] | moves[pairs.second]
-        at_rest = at_rest & ~jnp.any(closed & pairs.used & carried)
-        asleep = asleep & ~jnp.any(moves)
+        # What a wall shakes is never at rest.
+        shakes, pairs = system.drive.shakes, system.pairs
+        shaken = shakes[pairs.first] | shakes[pairs.second]
+        at_rest = at_rest & ~jnp.any(closed & pairs.used & shaken)
+        asleep = asleep & ~jnp.any(system.drive.moves)
     resting = jnp.where(system.on_planes(closed), AT_REST, jnp.where(asleep, ASLEEP, -1))
     return jnp.where(at_rest, resting, -1)

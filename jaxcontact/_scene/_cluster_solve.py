@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._impact._runge_kutta import step_in_loop
 from ._cluster_clock import LONG_AGO, Clock, chosen
-from ._cluster_end import APART, CHANGED, NOT_CONVERGED, TIME_IS_UP, ClusterEnd
+from ._cluster_end import APART, CHANGED, NOT_CONVERGED, PAUSED, TIME_IS_UP, ClusterEnd
 from ._cluster_problem import Problem, Rules, scaled, units_of
 from ._cluster_rest import ASLEEP, rest_of
 from ._cluster_vector import TIME, WORK, Parts, W
@@ -362,7 +362,9 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         velocity=jnp.where(asleep & free, 0, done.velocity),
     )
     status = jnp.where(asleep, TIME_IS_UP, end.status)
-    status = jnp.where(end.status < 0, NOT_CONVERGED, status)
+    # Steps that got it farther than a contact's own time did not die out.
+    unfinished_status = jnp.where(end.y[TIME] > 1, PAUSED, NOT_CONVERGED)
+    status = jnp.where(end.status < 0, unfinished_status, status)
     # The energies at both ends; those of contacts that are over are left out of the state.
     both = jax.tree.map(lambda *ends: jnp.stack(ends), (y, modes), (end.y, end.modes))
     before, now = jax.vmap(energy)(*stop(both))

@@ -160,7 +160,7 @@ def call(
     rests = _resting(layout, members, support)
     none = jnp.zeros(members, numbers.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
-    sunk = pairs.distance - height + jnp.concatenate([none, numbers.offset])[second]
+    sunk = pairs.distance - height + jnp.concatenate([none, numbers.walls_at(time).offset])[second]
     # What touches beside the pair whose touch says when this begins, or later than a solve began,
     # does so at a time that is not its own: the depth, which is rounding, has the derivative.
     apart = position[first] - position[second]
@@ -218,6 +218,7 @@ def _drive(layout: Layout, numbers: Numbers, members: int, time: Array) -> Drive
         rate=jnp.concatenate([still, motion.rate]),
         phase=jnp.concatenate([still, motion.rate * time + motion.phase]),
         moves=jnp.asarray((False,) * members + layout.moving),
+        shakes=jnp.asarray((False,) * members + layout.vibrating),
     )
 
 

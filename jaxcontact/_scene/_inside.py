@@ -149,12 +149,18 @@ def in_contacts(
     return States(
         merged(here.position, place),
         merged(here.velocity, speed),
-        jnp.sum(stored, axis=1) + at_rest(layout, numbers, found, here, jnp.any(who, axis=1)),
+        jnp.sum(stored, axis=1)
+        + at_rest(layout, numbers, found, here, times, jnp.any(who, axis=1)),
     )
 
 
 def at_rest(
-    layout: Layout, numbers: Numbers, found: Entries, here: States, elsewhere: Array
+    layout: Layout,
+    numbers: Numbers,
+    found: Entries,
+    here: States,
+    times: Float[Array, " T"],
+    elsewhere: Array,
 ) -> Float[Array, " T"]:
     """The energy stored in the contacts of spheres that rest on walls, (T,), but for those that
     are `elsewhere` (T, N).
@@ -162,9 +168,9 @@ def at_rest(
     if not layout.walls:
         return jnp.zeros(found.row.shape[0], numbers.dtype)
 
-    def one(i: Array, support: Array, place: Array) -> Array:
+    def one(i: Array, support: Array, place: Array, time: Array) -> Array:
         wall = jnp.maximum(support, 0)
-        height = jnp.sum(place * numbers.normal[wall]) - numbers.offset[wall]
+        height = jnp.sum(place * numbers.normal[wall]) - numbers.walls_at(time, wall).offset
         contact = known_contact_of(layout, numbers, i, layout.spheres + wall)
         law = law_of(layout, numbers, i, layout.spheres + wall)
         depth = jnp.where(support >= 0, numbers.radius[i] - height, 0)
@@ -172,7 +178,9 @@ def at_rest(
 
     rests = jnp.where(elsewhere, -1, found.support)
     everyone = jnp.arange(layout.spheres)
-    each = jax.vmap(jax.vmap(one), in_axes=(None, 0, 0))(everyone, rests, here.position)
+    each = jax.vmap(jax.vmap(one, in_axes=(0, 0, 0, None)), in_axes=(None, 0, 0, 0))(
+        everyone, rests, here.position, times
+    )
     return jnp.sum(each, axis=1)
 
 

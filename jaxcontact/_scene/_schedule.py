@@ -277,14 +277,15 @@ def _choice(
         wall = jnp.clip(partner - layout.spheres, 0)
         face = numbers.normal[wall]
         weight = -jnp.sum(face * numbers.gravity)
-        closing = jnp.maximum(-jnp.sum(face * velocity[0]), 0)
+        driven = numbers.walls_at(now, wall).velocity
+        closing = jnp.maximum(driven - jnp.sum(face * velocity[0]), 0)
         law = layout.chosen(layout.laws, who[0], partner) if layout.laws else 0
         e = numbers.restitution[law]
         low = jnp.square(e * closing) <= 2 * weight * tolerance * numbers.radius[who[0]]
         rests = (weight > 0) & (e < 1) & low & jnp.asarray(layout.constant)[law]
-        # On a wall that moves the bounces are not those of a series.
-        stands = ~jnp.asarray(layout.moving)[wall]
-        tail = (partner >= layout.spheres) & rests & stands
+        # On a wall that shakes the bounces are not those of a series.
+        steady = ~jnp.asarray(layout.vibrating)[wall]
+        tail = (partner >= layout.spheres) & rests & steady
     image = jnp.where(partner < layout.spheres, image, 0)
     return Choice(who[0], partner, support, image, now, tail)
 
@@ -298,7 +299,8 @@ def _supports(
         return support, jnp.asarray(False)
     velocity = outcome.after.velocity
     normal = numbers.normal[jnp.maximum(support, 0)]
-    leaving = jnp.abs(jnp.sum(velocity * normal, axis=-1))
+    driven = numbers.walls_at(outcome.time).velocity[jnp.maximum(support, 0)]
+    leaving = jnp.abs(jnp.sum(velocity * normal, axis=-1) - driven)
     speed = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)) + outcome.closing
     kept = (support >= 0) & (leaving <= NOISE * jnp.finfo(numbers.dtype).eps * speed)
     support = jnp.where(kept, support, -1)

@@ -39,7 +39,8 @@ from ._schedule import advance, begun, with_places
 from ._search import flown
 from ._slots import everyone
 from ._system import Layout, Numbers, first_overlap, layout_of, numbers_of, replaced
-from ._table import table_of, work_of
+from ._table import table_of
+from ._work import work_of
 
 ROOM = 256
 """Impacts that a traced run has room for."""
@@ -144,7 +145,7 @@ def simulate(
         impacts=impacts,
         status=status,
         reached=reached,
-        wall_work=work_of(log, written, status),
+        wall_work=work_of(layout, numbers, log, written, status, reached, rules.soft),
         duration=length,
         scene=scene,
         _nearest=nearest,

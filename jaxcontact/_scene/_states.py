@@ -29,7 +29,7 @@ def states_at(
     sorted by sphere and time: no table of times, spheres and impacts. Inside of a contact its
     motion is solved from the touch, unless `inside` says that no time is.
     """
-    found = _looked_up(layout, numbers, log, written, times, rules.soft)
+    found = looked_up(layout, numbers, log, written, times, rules.soft)
     count, dimensions = layout.spheres, layout.dimensions
     who = jnp.tile(jnp.arange(count), times.shape[0])
     pull = accelerations(layout, numbers, who, found.support.reshape(-1))
@@ -42,7 +42,9 @@ def states_at(
     if not rules.soft or not (inside or rules.members):
         return here
     if not inside:
-        return here._replace(stored=at_rest(layout, numbers, found, here, found.support < -1))
+        return here._replace(
+            stored=at_rest(layout, numbers, found, here, times, found.support < -1)
+        )
     given = (layout, numbers, rules, log, times, tolerance, found, here)
     return in_contacts(*given, written) if rules.members else in_pairs(*given)
 
@@ -51,7 +53,7 @@ def any_inside(
     layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""], times: Float[Array, " T"]
 ) -> Bool[Array, ""]:
     """Whether any of the times lies inside of a contact that takes time."""
-    found = _looked_up(layout, numbers, log, written, times, True)
+    found = looked_up(layout, numbers, log, written, times, True)
     inside = jnp.any((times[:, None] < found.began) & (found.row >= 0))
     if log.facts.call is None or log.figures.coupled is None:
         return inside
@@ -64,10 +66,10 @@ def any_resting(
     layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""], times: Float[Array, " T"]
 ) -> Bool[Array, ""]:
     """Whether a sphere rests on a wall at any of the times."""
-    return jnp.any(_looked_up(layout, numbers, log, written, times, True).support >= 0)
+    return jnp.any(looked_up(layout, numbers, log, written, times, True).support >= 0)
 
 
-def _looked_up(
+def looked_up(
     layout: Layout,
     numbers: Numbers,
     log: Log,

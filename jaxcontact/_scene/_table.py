@@ -99,17 +99,6 @@ def _doubt(together: Together, counts: Array) -> Array:
     return (before + error)[:, None] - before[jnp.minimum(since, error.shape[0] - 1)]
 
 
-@eqx.filter_jit
-def work_of(log: Log, written: Int[Array, ""], status: Int[Array, ""]) -> Float[Array, ""]:
-    """What moving walls did in a run, in J; NaN where the run is not known."""
-    counts = jnp.arange(log.facts.tied.shape[0]) < written
-    work = jnp.sum(jnp.where(counts, log.figures.outcome.wall_work, 0))
-    if log.figures.coupled is not None:
-        work = work + jnp.sum(jnp.where(counts, log.figures.coupled.work, 0))
-    known = (status != int(Ending.INVALID_INPUT)) & (status != int(Ending.TOO_MANY_IMPACTS))
-    return flagged(work, known)
-
-
 def _isolated(log: Log, written: Int[Array, ""]) -> _Rows:
     outcome, facts = log.figures.outcome, log.facts
     valid = jnp.arange(facts.tied.shape[0]) < written

@@ -48,14 +48,15 @@ class Pairs(NamedTuple):
 class Drive(NamedTuple):
     """The accelerations -a sin(ω t + φ) of prescribed bodies, t from the start.
 
-    `strength` a (M, D), `rate` ω and `phase` φ (M,); whether a body `moves` (M,), accelerated or
-    not.
+    `strength` a (M, D), `rate` ω and `phase` φ (M,); whether a body `moves` (M,), and whether it is
+    accelerated, `shakes`.
     """
 
     strength: Float[Array, "bodies dim"]
     rate: Float[Array, " bodies"]
     phase: Float[Array, " bodies"]
     moves: Bool[Array, " bodies"]
+    shakes: Bool[Array, " bodies"]
 
 
 class ClusterState(NamedTuple):

@@ -25,6 +25,9 @@ SOFT = 1e-8
 FRAME = 1e-12
 """What a moving frame changes but for rounding: measured 1e-16."""
 
+REST = 1e-8
+"""Ten times `rtol`: of places in m, speeds in m/s, and work."""
+
 
 def on_a_table(amplitude, phase, height, law, gravity=GRAVITY):
     return jc.Scene(
@@ -136,18 +139,18 @@ def test_derivatives_by_the_motion_of_a_table():
         )
 
 
-def _goes_on(speed, velocity, gravity):
+def _goes_on(speed, velocity, gravity, *, e=0.7, duration=0.02, instantaneous=False):
     """A ball and a floor, both seen from a frame in which the floor moves at `speed`."""
     scene = jc.Scene(
         bodies=[
             jc.Sphere(RADIUS, MASS, [0.0, 0.012], [0.2, velocity + speed]),
             jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([0.0, speed])),
         ],
-        law=jc.HuGuo(e=0.7),
+        law=jc.HuGuo(e=e),
         stiffness=STIFFNESS,
         gravity=gravity,
     )
-    return jc.simulate(scene, 0.02)
+    return jc.simulate(scene, duration, instantaneous=instantaneous)
 
 
 @pytest.mark.parametrize(
@@ -166,6 +169,30 @@ def test_soft_impacts_do_not_know_the_frame(gravity, way):
     lost = jnp.sum(moving.impacts.energy_loss)
     missing = moving.energy[0] + moving.wall_work - lost - moving.energy[-1]
     assert abs(missing) < 100 * 1e-9 * moving.energy[0]
+
+
+@pytest.mark.parametrize("instantaneous", [False, True])
+def test_a_lift_carries_what_rests_on_it(instantaneous):
+    speed, fall, duration = 0.37, -0.3, 1.0
+    given = {"e": 0.3, "duration": duration, "instantaneous": instantaneous}
+    gravity = [0.1, -GRAVITY]
+    still = _goes_on(0.0, fall, gravity, **given)
+    run = _goes_on(speed, fall, gravity, **given)
+    assert run.status == jc.Ending.COMPLETED
+    # It rests long before the end.
+    assert run.impacts.time[-1] < 0.2
+    assert np.isinf(run.impacts.duration[-1]) or instantaneous
+    up = np.array([0.0, speed])
+    np.testing.assert_allclose(
+        run.position[-1, 0], still.position[-1, 0] + up * duration, atol=REST, rtol=0
+    )
+    np.testing.assert_allclose(run.velocity[-1, 0], still.velocity[-1, 0] + up, atol=REST, rtol=0)
+    # The lift moves by its speed times the time, against the momentum it gave and the weight.
+    gained = MASS * (run.velocity[-1, 0, 1] - (fall + speed) + GRAVITY * duration)
+    np.testing.assert_allclose(run.wall_work, speed * gained, rtol=REST)
+    lost = jnp.sum(run.impacts.energy_loss)
+    missing = run.energy[0] + run.wall_work - lost - run.energy[-1]
+    assert abs(missing) < 100 * 1e-9 * run.energy[0]
 
 
 def _pressed(amplitude, phase, height, duration, alpha, rtol=1e-12):

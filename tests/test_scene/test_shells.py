@@ -15,6 +15,9 @@ EXACT = 1e-12
 SOFT = 1e-8
 """Ten times `rtol`."""
 
+SLIDING = 1e-9
+"""In m and m/s after 5 s and some 1e4 steps; measured 1e-11."""
+
 STEEL = jc.Material(2.1e11, 0.3, 7800.0)
 
 
@@ -135,6 +138,55 @@ def test_soft_impacts_in_a_shell(gravity, way):
     if way == jc.Way.RADIAL:
         # Pressed to the shell the line of centres turns backwards, seen from the ball.
         assert run.impacts.turn[0] < 0
+
+
+def test_a_ball_that_slides_in_a_shell_for_longer_than_one_solve():
+    """At most 4096 steps are one call: the next one goes on from there."""
+    stiffness, e, reach, duration = 1e8, 0.5, LARGE - SMALL, 5.0
+    start = reach * np.array([np.sin(0.6), -np.cos(0.6)])
+    scene = jc.Scene(
+        [jc.Sphere(SMALL, 1.0, start), jc.Shell([0.0, 0.0], LARGE)],
+        jc.HuGuo(e=e),
+        stiffness=stiffness,
+        gravity=[0.0, -9.81],
+    )
+    run = jc.simulate(scene, duration, rtol=1e-8)
+    assert run.status == jc.Ending.COMPLETED
+    assert np.sum(run._log.facts.call.is_call) >= 3
+    alpha = 1.5 * (1 - e) / e
+
+    def equations(t, y):
+        # The largest closing speed so far is y[4]: it rises with δ' while that is the largest.
+        away, moves = y[:2], y[2:4]
+        distance = np.hypot(*away)
+        out = away / distance
+        depth, rate = max(distance - reach, 0.0), moves @ out
+        push = stiffness * depth**1.5
+        pull = np.array([0.0, -9.81])
+        damped = push * (1 + alpha * rate / max(peak[0], rate, 1e-300))
+        return [*moves, *(pull - max(damped, 0.0) * out)]
+
+    y, t = np.array([*start, 0.0, 0.0]), 0.0
+    # From rest at touch δ' rises to its peak, which is v0 from then on.
+    peak = [0.0]
+
+    def turns(t, y):
+        return (
+            np.array(equations(t, y))[2:] @ y[:2]
+            + y[2:4] @ y[2:4]
+            - (y[2:4] @ y[:2]) ** 2 / (y[:2] @ y[:2])
+        )
+
+    turns.terminal, turns.direction = True, -1
+    rising = solve_ivp(
+        equations, (t, 0.1), y, "DOP853", events=turns, rtol=1e-12, atol=1e-15, first_step=1e-6
+    )
+    assert rising.status == 1
+    t, y = rising.t[-1], rising.y[:, -1]
+    peak[0] = y[2:4] @ y[:2] / np.hypot(*y[:2])
+    end = solve_ivp(equations, (t, duration), y, "DOP853", rtol=1e-12, atol=1e-15).y[:, -1]
+    np.testing.assert_allclose(run.velocity[-1, 0], end[2:], atol=SLIDING)
+    np.testing.assert_allclose(run.position[-1, 0], end[:2], atol=SLIDING)
 
 
 def test_materials_make_the_contact_of_a_ball_in_a_socket():
