@@ -28,7 +28,8 @@ class States(NamedTuple):
 
 
 class Entries(NamedTuple):
-    """Of every sphere at some times: what it last did, (T, N); `row` of the log, or -1.
+    """Of every sphere at some times: what it last did, (T, N); `row` of the log, or -1; the v0
+    `held` by one that rests.
 
     A sphere that is inside of an isolated impact has not `began` yet.
     """
@@ -38,6 +39,7 @@ class Entries(NamedTuple):
     began: Array
     support: Array
     row: Array
+    held: Array
 
 
 def in_contacts(

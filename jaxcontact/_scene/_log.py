@@ -117,7 +117,9 @@ def last_call(
     number = jnp.arange(called.is_call.shape[0])
     is_call = called.is_call & (number < written)
     began = jnp.where(is_call, together.began.time, jnp.inf)
-    earlier = began[None] < times[:, None]
+    # What a run began in is there from the first moment.
+    at_once = is_call & (number == 0) & ~called.decided.starts
+    earlier = (began[None] < times[:, None]) | (at_once & (began == 0))[None]
     # Of calls that began at the same time, the last one.
     row = jnp.max(jnp.where(earlier, number[None], -1), axis=1)
     return jnp.maximum(row, 0), row >= 0

@@ -169,8 +169,14 @@ def _tangents(
 
     time = jnp.zeros(layout.spheres, along.position.dtype)
     start = Flying(along.position, along.velocity, time)
-    coupled = None
+    coupled, held = None, time
     if log.figures.coupled is not None:
         coupled = jax.tree.map(lambda x: jnp.zeros_like(x[0]), log.figures.coupled.end)
+    if along.start is not None:
+        held = along.start.held
+        if coupled is not None and along.start.contacts is not None:
+            began = along.start.contacts.state._asdict()
+            # Flags have no derivative.
+            coupled = coupled._replace(**{k: x for k, x in began.items() if x is not None})
     counts = jnp.arange(log.facts.tied.shape[0]) < written
-    return jax.lax.scan(row, _Carry(start, coupled, time), (log, counts))[1]
+    return jax.lax.scan(row, _Carry(start, coupled, held), (log, counts))[1]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, BinaryIO, TextIO
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
 from ._bodies import Box, Plane
@@ -19,7 +19,8 @@ from ._margin import Course, Margin
 from ._progress import Rules
 from ._result import Impacts, Moment, ending_words, flagged, traced
 from ._scene import Scene
-from ._states import any_inside, any_resting, energy_of, states_at
+from ._start import end_of
+from ._states import any_inside, energy_of, states_at
 from ._system import Layout, Numbers
 
 if TYPE_CHECKING:
@@ -97,12 +98,16 @@ class Run(eqx.Module):
     def final(self) -> Scene:
         """The scene at the end of the run: its spheres where they are then, with their speeds.
 
-        Raises ValueError where bodies touch then; under tracing their positions are NaN.
+        What rests goes on to rest, and a coupled solve goes on: another run of this scene has its
+        contacts, with the time of their touch before zero, and what they lose from now on. Raises
+        ValueError at a time inside of an isolated impact; under tracing positions are NaN then.
         """
-        touching = self._touching()
-        if not traced(self.status) and bool(touching):
+        given = (self._layout, self._numbers, self._rules, self._log, self._written)
+        start, touching = end_of(*given, self.duration)
+        known = not traced(self.status)
+        if known and bool(touching):
             raise ValueError(
-                "Argument `duration` of the run must be a time at which no bodies touch, for "
+                "Argument `duration` of the run must be a time outside of isolated impacts, for "
                 f"`final` to go on from, but is {shown(self.duration)} s."
             )
         end = self.at(self.duration)
@@ -115,7 +120,14 @@ class Run(eqx.Module):
         for k, body in enumerate(bodies):
             if isinstance(body, Plane | Box):
                 bodies[k] = body.after(self.duration)
-        return eqx.tree_at(lambda scene: scene.bodies, self.scene, tuple(bodies))
+        if known and not bool(start.needed):
+            start = None
+        return eqx.tree_at(
+            lambda scene: (scene.bodies, scene._start),
+            self.scene,
+            (tuple(bodies), start),
+            is_leaf=lambda leaf: leaf is None,
+        )
 
     def to_xarray(self) -> xarray.Dataset:
         """The states and impacts of a single run as an `xarray.Dataset`, with units.
@@ -152,22 +164,6 @@ class Run(eqx.Module):
             for k, d in np.ndindex(*values.shape[1:]):
                 columns[f"{name}[{k},{d}]"] = values[:, k, d]
         write_csv(columns, path)
-
-    def _touching(self) -> Bool[Array, ""]:
-        """Whether bodies are in contact at the end."""
-        figures, facts = self._log
-        counts = jnp.arange(facts.tied.shape[0]) < self._written
-        late = jnp.where(counts, jnp.max(figures.outcome.after.time, axis=1), 0)
-        touches = jnp.any(late > self.duration)
-        if facts.call is None or not self._rules.soft:
-            return touches
-        # A body at rest is pressed into its wall.
-        resting = any_resting(
-            self._layout, self._numbers, self._log, self._written, self.duration[None]
-        )
-        called = facts.call.is_call & counts
-        last = jnp.max(jnp.where(called, jnp.arange(counts.shape[0]), -1))
-        return touches | resting | ((last >= 0) & ~facts.call.ends[jnp.maximum(last, 0)])
 
     def __repr__(self) -> str:
         steps = self.position.shape

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -18,6 +18,9 @@ from ._bodies import AbstractBody, Shell, Sphere, words
 from ._entry import one_number, vector
 from ._overlap import require_apart
 from ._pairs import PairTable, kinds_of, pair_table
+
+if TYPE_CHECKING:
+    from ._start import Start
 
 
 class Scene(eqx.Module):
@@ -43,6 +46,7 @@ class Scene(eqx.Module):
     stiffness: PairTable | None
     gravity: Float[Array, " D"] | None
     periodic: tuple[Float[Array, ""] | None, ...]
+    _start: Start | None
     _exponent: Specialised
     _kinds: tuple[int, ...] = eqx.field(static=True)
 
@@ -77,6 +81,7 @@ class Scene(eqx.Module):
             if not isinstance(self.gravity, Tracer) and not np.any(np.asarray(self.gravity)):
                 self.gravity = None
         self.periodic = _periodic(periodic, self.bodies, dimensions)
+        self._start = None
         require_apart(self.bodies, self.periodic)
 
     @property

@@ -33,9 +33,10 @@ from ._progress import (
     Rules,
     State,
 )
-from ._search import NOISE, searched, simultaneous
+from ._search import NOISE, searched, seated, simultaneous
 from ._slots import empty_seats
 from ._soft import soft
+from ._start import going_on
 from ._system import Layout, Numbers, nearest_image
 
 SLOW = 2.0**14
@@ -61,8 +62,18 @@ def begun(
         Events(zero, none, whole, zero, zero), start, jnp.zeros((), int), jnp.zeros((), int),
         zero, zero, None, None,
     )  # fmt: skip
+    given = numbers.start
+    if given is not None:
+        state = state._replace(support=given.support, held=given.held)
     if rules.members:
         state = with_places(layout, numbers, rules.members, state)
+        assert state.coupling is not None
+        coupling = going_on(state.coupling, given)
+        state = expecting(layout, numbers, state._replace(coupling=coupling), start, end, grid)
+        # While a solve goes on nothing else happens to those in it.
+        inside = coupling.active & seated(layout, coupling)
+        waits = state.events._replace(time=jnp.where(inside, jnp.inf, state.events.time))
+        return state._replace(events=waits)
     return expecting(layout, numbers, state, start, end, grid)
 
 

@@ -110,6 +110,7 @@ def simulate(
     asked = _times(times, length)
     require_progress(progress)
     layout = layout_of(scene)
+    scene = _going_on(scene, soft, min(room_for, layout.spheres))
     require_clear_of_each_other(scene.bodies, length)
     rules = Rules(soft, followed, min(room_for, layout.spheres) if soft else 0)
     numbers, valid = numbers_of(scene, layout, contacts=soft or not all(layout.constant))
@@ -156,6 +157,27 @@ def simulate(
         _rules=rules,
         _tolerance=within,
     )
+
+
+def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
+    """The scene, with what it goes on from where that is of use."""
+    start = scene._start
+    if start is None or start.soft == soft:
+        if start is not None and start.contacts is not None:
+            places = start.contacts.seats.who.shape[0]
+            if places != members:
+                raise ValueError(
+                    "Argument `max_cluster` must be that of the run that ended in contact, "
+                    f"{places}, but is {members}."
+                )
+        return scene
+    if start.soft:
+        raise ValueError(
+            "Argument `instantaneous` must be False for a scene that goes on from soft contacts, "
+            "but is True."
+        )
+    # A ball that rested out of time has no indentation yet.
+    return eqx.tree_at(lambda scene: scene._start, scene, None)
 
 
 def _v0(given: Any) -> str | float:
@@ -277,7 +299,8 @@ def _piece_by_piece(
     is one without, until one is needed. Returns the rules that it ended with.
     """
     given = rules
-    if not everyone(layout, rules.members):
+    within = numbers.start is not None and bool(numbers.start.needed)
+    if not everyone(layout, rules.members) and not within:
         rules = Rules(rules.soft, rules.v0, 0)
     numbers = replaced(numbers, valid)
     last = jnp.where(valid, end, -1)

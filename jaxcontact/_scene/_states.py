@@ -62,13 +62,6 @@ def any_inside(
     return inside | jnp.any(last & ((times < end) | ~ends))
 
 
-def any_resting(
-    layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""], times: Float[Array, " T"]
-) -> Bool[Array, ""]:
-    """Whether a sphere rests on a wall at any of the times."""
-    return jnp.any(looked_up(layout, numbers, log, written, times, True).support >= 0)
-
-
 def looked_up(
     layout: Layout,
     numbers: Numbers,
@@ -93,10 +86,13 @@ def looked_up(
     speed = [numbers.velocity, after.velocity[:, 0], after.velocity[:, 1]]
     began = [start, after.time[:, 0], after.time[:, 1]]
     support = [none, facts.support[:, 0], facts.support[:, 1]]
+    held = [start] + [jnp.zeros(rows, numbers.dtype)] * 2
+    if numbers.start is not None:
+        support[0], held[0] = numbers.start.support, numbers.start.held
     pairs = [none, number - 1, number - 1]
     if facts.call is not None and figures.coupled is not None:
         end, seats = figures.coupled.end, facts.call.decided.seats
-        resting = _resting(layout, log)
+        resting, latched = _resting(layout, log)
         for k in range(seats.who.shape[1]):
             counts = is_call & ~blank & seats.present[:, k]
             bodies.append(jnp.where(counts, seats.who[:, k], count))
@@ -105,6 +101,7 @@ def looked_up(
             speed.append(end.velocity[:, k])
             began.append(end.time)
             support.append(resting[:, k])
+            held.append(latched[:, k])
             pairs.append(jnp.full(rows, -1))
     keys = jnp.concatenate(bodies) * (rows + 1) + jnp.concatenate(numbered)
     order = jnp.argsort(keys)
@@ -114,20 +111,22 @@ def looked_up(
     found = jnp.searchsorted(keys[order], wanted.reshape(-1), side="right") - 1
     entry = order[found].reshape(wanted.shape)
     return Entries(
-        *(jnp.concatenate(column)[entry] for column in (place, speed, began, support, pairs))
+        *(jnp.concatenate(column)[entry] for column in (place, speed, began, support, pairs, held))
     )
 
 
-def _resting(layout: Layout, log: Log) -> Int[Array, "K M"]:
-    """The walls that spheres rest on after a call, -1 where there are none."""
+def _resting(layout: Layout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, "K M"]]:
+    """The walls that spheres rest on after a call, -1 where there are none, and the v0 held."""
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
     rows, members = called.decided.seats.who.shape
     first, second = places(layout, members)
     wall = second - members
     closed = (together.end.closed > 0.5) & called.rest[:, None] & jnp.asarray(wall >= 0)[None]
-    none = jnp.full((rows, members), -1)
-    return none.at[:, first].max(jnp.where(closed, jnp.asarray(wall)[None], -1))
+    none, end = jnp.full((rows, members), -1), together.end
+    zero = jnp.zeros((rows, members), end.latched.dtype)
+    held = zero.at[:, first].max(jnp.where(closed, end.latched, 0))
+    return none.at[:, first].max(jnp.where(closed, jnp.asarray(wall)[None], -1)), held
 
 
 def energy_of(

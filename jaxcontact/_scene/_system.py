@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -23,6 +23,9 @@ from ._motion import Along
 from ._overlap import ROUNDINGS
 from ._scene import Scene
 from ._side import side
+
+if TYPE_CHECKING:
+    from ._start import Start
 
 Lane = Float[Array, "..."]
 
@@ -106,7 +109,8 @@ class Numbers(eqx.Module):
 
     Of the B = N + W bodies: `inverse_mass` (0 where fixed), `curvature` 1/R (0 of walls) and
     `compliance` (Hertz), None where not needed. `restitution` by law where it is constant, else 0.
-    `offset` of walls at time zero; their `motion`, None where all of them stand.
+    `offset` of walls at time zero; their `motion`, None where all of them stand. `start`: what
+    rests or is in contact at time zero, None where nothing is.
     """
 
     position: Float[Array, "N D"]
@@ -123,6 +127,7 @@ class Numbers(eqx.Module):
     stiffness: Float[Array, " S"] | None
     compliance: Float[Array, " B"] | None
     exponent: Specialised
+    start: Start | None
 
     @property
     def dtype(self) -> Any:
@@ -228,6 +233,9 @@ def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers
         stiffness=None if scene.stiffness is None else _stack(scene.stiffness.values, dtype),
         compliance=_compliance(scene, layout, dtype, contacts),
         exponent=jax.tree.map(lambda x: jnp.asarray(x, dtype), scene._exponent),
+        start=jax.tree.map(
+            lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, scene._start
+        ),
     )
     valid = valid_laws & jnp.all(mass > 0) & jnp.all(radius[: len(spheres)] > 0)
     valid = valid & jnp.all(radius[len(spheres) :] < 0)
@@ -364,7 +372,11 @@ def restitution_of(
 
 
 def first_overlap(layout: Layout, numbers: Numbers) -> Float[Array, ""]:
-    """The deepest overlap of two bodies beyond rounding, in m; 0 where there is none."""
+    """The deepest overlap of two bodies beyond rounding, in m; 0 where there is none, or where
+    contacts go on from a run.
+    """
+    if numbers.start is not None:
+        return jnp.zeros((), numbers.dtype)
     rounding = ROUNDINGS * jnp.finfo(numbers.dtype).eps
     scale = jnp.max(jnp.abs(numbers.position)) + 2 * jnp.max(numbers.radius)
     moves = numbers.inverse_mass[: layout.spheres] > 0

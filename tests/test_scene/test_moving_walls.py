@@ -193,6 +193,13 @@ def test_a_lift_carries_what_rests_on_it(instantaneous):
     lost = jnp.sum(run.impacts.energy_loss)
     missing = run.energy[0] + run.wall_work - lost - run.energy[-1]
     assert abs(missing) < 100 * 1e-9 * run.energy[0]
+    # It goes on from rest, and is lifted by the same work a second.
+    more = jc.simulate(run.final, 0.5, instantaneous=instantaneous)
+    assert len(more.impacts) == 0
+    moved = np.array([0.0, speed]) * 0.5
+    moved[0] = run.velocity[-1, 0, 0] * 0.5 + gravity[0] * 0.5**2 / 2
+    np.testing.assert_allclose(more.position[-1] - run.position[-1], moved[None], atol=REST)
+    np.testing.assert_allclose(more.wall_work, MASS * GRAVITY * speed * 0.5, rtol=REST)
 
 
 def _pressed(amplitude, phase, height, duration, alpha, rtol=1e-12):

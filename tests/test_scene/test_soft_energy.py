@@ -13,16 +13,27 @@ BALANCE, GAS = 1e-9, 1e-8
 """Energy at the end against the start less what was lost, relative: measured 6e-12 (8 impacts with
 rest) and 6e-10 (1237 impacts of a gas)."""
 
+GOES_ON = 1e-9
+"""Of a run in two parts, in m, m/s, J and s: measured 2e-10."""
 
-def test_a_ball_rests_slides_and_wakes():
-    """It sinks in by its static indentation, is hit by another one, and rests again."""
+STEP = 1e-2
+"""Of a duration that ends before the contact opens, with the force: it is known to a step of the
+coupled solve; measured 6e-4."""
+
+
+def _hit_at_rest():
+    """A ball that comes to rest, and another one that falls on it."""
     balls = [
         jc.Sphere(0.1, 1.0, [0.0, 0.1005], [0.1, 0.0]),
         jc.Sphere(0.1, 1.0, [0.25, 2.5]),
     ]
     floor = jc.Plane([0.0, 0.0], [0.0, 1.0])
-    scene = jc.Scene([*balls, floor], jc.HuGuo(e=0.3), stiffness=1e6, gravity=[0.0, -9.81])
-    run = jc.simulate(scene, 1.5, times=np.linspace(0, 1.5, 16))
+    return jc.Scene([*balls, floor], jc.HuGuo(e=0.3), stiffness=1e6, gravity=[0.0, -9.81])
+
+
+def test_a_ball_rests_slides_and_wakes():
+    """It sinks in by its static indentation, is hit by another one, and rests again."""
+    run = jc.simulate(_hit_at_rest(), 1.5, times=np.linspace(0, 1.5, 16))
     assert run.status == jc.Ending.COMPLETED
     hits = run.impacts.to_dict()
     assert np.all(hits["way"] == jc.Way.COUPLED)
@@ -35,7 +46,42 @@ def test_a_ball_rests_slides_and_wakes():
     assert np.all(np.diff(run.energy) < 1e-8)
     lost = np.sum(hits["energy_loss"])
     assert abs(run.energy[0] - run.energy[-1] - lost) < BALANCE * run.energy[0]
-    with pytest.raises(ValueError, match="at which no bodies touch, for `final` to go on from"):
+
+
+@pytest.mark.parametrize(("until", "first"), [(0.6, "rest"), (0.7, "contact")])
+def test_a_run_goes_on_from_rest_and_from_contact(until, first):
+    times = np.linspace(0, 1.5, 16)
+    later = times[times > until - 1e-9]
+    whole = jc.simulate(_hit_at_rest(), 1.5, times=times)
+    ends = jc.simulate(_hit_at_rest(), until).final
+    run = jc.simulate(ends, 1.5 - until, times=np.maximum(later - until, 0))
+    assert run.status == jc.Ending.COMPLETED
+    for name in ("position", "velocity", "energy"):
+        expected = getattr(whole, name)[-len(later) :]
+        np.testing.assert_allclose(getattr(run, name), expected, rtol=0, atol=GOES_ON)
+    hits, all_of_them = run.impacts.to_dict(), whole.impacts.to_dict()
+    # What is in contact at the start touched before it; what rests there is no impact.
+    assert (hits["time"][0] < 0) == (first == "contact")
+    over = all_of_them["time"] + all_of_them["duration"] <= until
+    over[0] = True
+    assert len(hits["time"]) == np.sum(~over)
+    np.testing.assert_allclose(hits["time"], all_of_them["time"][~over] - until, atol=GOES_ON)
+    np.testing.assert_allclose(hits["duration"], all_of_them["duration"][~over], rtol=STEP)
+    lost = np.sum(hits["energy_loss"])
+    assert abs(run.energy[0] - run.energy[-1] - lost) < BALANCE * run.energy[0]
+
+
+def test_what_a_run_cannot_go_on_from():
+    ends = jc.simulate(_hit_at_rest(), 0.7).final
+    with pytest.raises(ValueError, match=r"`instantaneous` must be False .* but is True"):
+        jc.simulate(ends, 1.0, instantaneous=True)
+    with pytest.raises(ValueError, match=r"`max_cluster` must be that of the run .*, 2, but is 1"):
+        jc.simulate(eqx.tree_at(lambda s: s.bodies, ends, ends.bodies[1:]), 1.0)
+    gas = jc.simulate(a_gas(3e6), 2.0)
+    isolated = np.flatnonzero(gas.impacts.way == jc.Way.CLOSED_FORM)[0]
+    inside = gas.impacts.time[isolated] + gas.impacts.duration[isolated] / 2
+    run = jc.simulate(a_gas(3e6), inside)
+    with pytest.raises(ValueError, match="outside of isolated impacts, for `final` to go on from"):
         _ = run.final
     # Traced, nothing can be raised: a run that goes on from there is flagged.
     ends = eqx.filter_jit(lambda run: [ball.position for ball in run.final.spheres])(run)
