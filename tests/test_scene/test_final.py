@@ -7,6 +7,7 @@ import numpy as np
 
 import jaxcontact as jc
 
+STEP, DIFFERENCES = 1e-4, 1e-6
 """Of central differences, relative: measured 1e-8."""
 
 
@@ -42,3 +43,4 @@ def test_the_derivative_by_the_contact_that_a_run_begins_in():
     # It is up again.
     assert float(value[1]) > 0.05
     after = [both(numbers, moves)[0] for numbers, _ in parts[:2]]
+    np.testing.assert_allclose(found, (after[0] - after[1]) / (2 * STEP), rtol=DIFFERENCES)
