@@ -87,6 +87,7 @@ from ._scene import Impacts as Impacts
 from ._scene import Margin as Margin
 from ._scene import Moment as Moment
 from ._scene import Plane as Plane
+from ._scene import Prescribed as Prescribed
 from ._scene import Run as Run
 from ._scene import Scene as Scene
 from ._scene import Shell as Shell

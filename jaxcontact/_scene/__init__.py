@@ -8,6 +8,7 @@ from ._file import read_scene as read_scene
 from ._margin import Margin as Margin
 from ._motion import Steady as Steady
 from ._motion import Vibration as Vibration
+from ._prescribed import Prescribed as Prescribed
 from ._random import random_spheres as random_spheres
 from ._result import Ending as Ending
 from ._result import Impacts as Impacts

@@ -36,8 +36,12 @@ class Wall(NamedTuple):
         offset = np.full(time.shape, float(self.offset))
         if self.motion is None:
             return offset
-        speed, amplitude, rate, phase = (float(number) for number in self.motion)
-        return offset + speed * time + amplitude * (np.sin(rate * time + phase) - np.sin(phase))
+        speed, amplitude, rate, phase = (float(number) for number in self.motion[:4])
+        offset += speed * time + amplitude * (np.sin(rate * time + phase) - np.sin(phase))
+        if self.motion.own is not None:
+            places = jax.vmap(self.motion.own.place)
+            offset += np.asarray(places(jnp.asarray(time)) - places(jnp.zeros(1)))
+        return offset
 
 
 class AbstractBody(eqx.Module):
@@ -144,9 +148,9 @@ class Plane(AbstractBody):
     """A plane (a line in two dimensions, a point in one), with one free side.
 
     Arguments: a `point` on it in m; a `normal` that points to the free side, of any length but
-    zero; `material`, None for a rigid plane; `name`; `motion`, a `Steady` or a `Vibration`, None
-    for a plane that stands. Numbers are leaves. Raises ValueError for numbers that are not finite,
-    dimensions that differ, or a zero normal.
+    zero; `material`, None for a rigid plane; `name`; `motion`, a `Steady`, a `Vibration` or a
+    `Prescribed`, None for a plane that stands. Numbers are leaves. Raises ValueError for numbers
+    that are not finite, dimensions that differ, or a zero normal.
     """
 
     point: Float[Array, " D"]
@@ -198,10 +202,10 @@ class Box(AbstractBody):
     """A container: spheres are between `low` and `high` along every axis.
 
     Arguments: `low` < `high` in m, one to three numbers each; an infinite number leaves its side
-    open; `material`, None for rigid walls; `name`; `motion` of all walls at once, a `Steady` or a
-    `Vibration` with a vector as amplitude, None for a box that stands. Face 2k is that at `low[k]`,
-    face 2k+1 that at `high[k]`. Numbers are leaves. Raises ValueError for NaN, dimensions that
-    differ, or a low that is not below its high.
+    open; `material`, None for rigid walls; `name`; `motion` of all walls at once, a `Steady`, or
+    a `Vibration` or a `Prescribed` of vectors, None for a box that stands. Face 2k is that at
+    `low[k]`, face 2k+1 that at `high[k]`. Numbers are leaves. Raises ValueError for NaN, dimensions
+    that differ, or a low that is not below its high.
     """
 
     low: Float[Array, " D"]
@@ -236,8 +240,8 @@ class Box(AbstractBody):
         self.motion = _motion(motion, self.dimensions)
         if self.motion is not None and self.motion.dimensions is None:
             raise ValueError(
-                f"Argument `motion` of a box must have a list of numbers as its "
-                f"amplitude, but is {rendered(motion)}."
+                f"Argument `motion` of a box must have a list of numbers as its amplitude or its "
+                f"displacement, but is {rendered(motion)}."
             )
 
     @property
@@ -316,7 +320,9 @@ def _wall(face: int, normal: Array, offset: Array, motion: AbstractMotion | None
 def _motion(value: Any, dimensions: int) -> AbstractMotion | None:
     if value is None:
         return None
-    motion = require_kind("motion", value, AbstractMotion, "a `Steady`, a `Vibration` or None")
+    motion = require_kind(
+        "motion", value, AbstractMotion, "a `Steady`, a `Vibration`, a `Prescribed` or None"
+    )
     if motion.dimensions not in (None, dimensions):
         raise ValueError(
             f"Argument `motion` must have {dimensions} numbers, as the wall has, but is "

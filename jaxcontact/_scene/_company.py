@@ -71,7 +71,8 @@ def company_of(
     more = jnp.where(moves, 2 * pull * coupling.pace, 0)
     if numbers.motion is not None:
         # A wall gives a body at most twice its own velocity.
-        more = more + jnp.where(moves, 2 * jnp.max(numbers.motion.fastest), 0)
+        walls = numbers.motion.fastest(now, coupling.pace)
+        more = more + jnp.where(moves, 2 * jnp.max(walls), 0)
 
     def fastest(who: Array, filled: Array) -> Array:
         """How fast those that have a place may become."""

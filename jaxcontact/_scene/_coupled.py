@@ -219,6 +219,10 @@ def _drive(layout: Layout, numbers: Numbers, members: int, time: Array) -> Drive
         phase=jnp.concatenate([still, motion.rate * time + motion.phase]),
         moves=jnp.asarray((False,) * members + layout.moving),
         shakes=jnp.asarray((False,) * members + layout.vibrating),
+        own=(
+            *[None] * members,
+            *(None if own is None else own.later(time) for own in motion.own),
+        ),
     )
 
 

@@ -23,7 +23,7 @@ from .._parameter import (
     require_path,
 )
 from ._bodies import AbstractBody
-from ._motion import AbstractMotion
+from ._motion import AbstractMotion, Steady, Vibration
 from ._pairs import DEFAULT
 from ._random import random_spheres
 from ._scene import Scene
@@ -184,7 +184,7 @@ def _filled(
 
 
 def _motion(place: _Place, value: Any) -> AbstractMotion:
-    kinds = {cls.__name__.lower(): cls for cls in AbstractMotion.__subclasses__()}
+    kinds: dict[Any, type[AbstractMotion]] = {"steady": Steady, "vibration": Vibration}
     table = dict(place.require_table("'motion'", value))
     kind = table.pop("kind", None)
     place.require_known("'kind' of the motion", kind, kinds)

@@ -52,7 +52,7 @@ def isolated(
     motion = numbers.motion
     if motion is not None:
         # A wall gives a body at most twice its own velocity.
-        fastest = fastest + jnp.where(moves, 2 * jnp.max(motion.fastest), 0)
+        fastest = fastest + jnp.where(moves, 2 * jnp.max(motion.fastest(now, last)), 0)
     if any(layout.vibrating):
         assert motion is not None
         change = motion.strongest[jnp.clip(choice.second - count, 0)] * last
@@ -70,7 +70,7 @@ def isolated(
             height = jnp.sum(position[one][None] * numbers.normal, axis=-1)
             reach = fastest[one] * last
             if motion is not None:
-                reach = reach + motion.fastest * last
+                reach = reach + motion.fastest(now, last) * last
             height = height - numbers.walls_at(now).offset
             room = height - numbers.radius[one] > REACH * reach
             partner = jnp.arange(layout.walls) == choice.second - count

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import abc
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -16,13 +17,58 @@ from .._parameter import POSITIVE, REAL, is_plain
 from ._entry import one_number, vector
 
 
+class Own(eqx.Module):
+    """A function of the user's along one direction, in units of `length` m and `tick` s:
+    n·d(began + tick t)/length, with |d''| ≤ `bound` in m/s².
+    """
+
+    displacement: Callable[[Any, Any], Any] = eqx.field(static=True)
+    args: Any
+    began: Array
+    normal: Array
+    bound: Array
+    length: Array
+    tick: Array
+
+    def place(self, time: Array) -> Array:
+        """At one time."""
+        moved = self.displacement(self.began + self.tick * time, self.args)
+        along = moved if jnp.ndim(moved) == 0 else jnp.sum(self.normal * moved)
+        return along / self.length
+
+    def velocity(self, time: Array) -> Array:
+        """At one time."""
+        return jax.jvp(self.place, (time,), (jnp.ones_like(time),))[1]
+
+    def acceleration(self, time: Array) -> Array:
+        """At one time."""
+        return jax.jvp(self.velocity, (time,), (jnp.ones_like(time),))[1]
+
+    def later(self, time: Array) -> Own:
+        """From a time on."""
+        return eqx.tree_at(lambda own: own.began, self, self.began + self.tick * time)
+
+    def scaled(self, length: Array, tick: Array) -> Own:
+        """In other units, for what was in m and s."""
+        return eqx.tree_at(lambda own: (own.length, own.tick), self, (length, tick))
+
+
 class Along(NamedTuple):
-    """A motion along one direction: V t + A (sin(ω t + φ) - sin φ), from where it is at t = 0."""
+    """A motion along one direction: V t + A (sin(ω t + φ) - sin φ), from where it is at t = 0, or a
+    function of the user's `own`.
+    """
 
     speed: Any
     amplitude: Any
     rate: Any
     phase: Any
+    own: Own | None = None
+
+
+def still() -> Along:
+    """No motion."""
+    zero = np.zeros(())
+    return Along(zero, zero, zero, zero)
 
 
 class AbstractMotion(eqx.Module):
@@ -75,7 +121,7 @@ class Steady(AbstractMotion):
         return jnp.zeros((), self.velocity.dtype)
 
     def along(self, normal: Array) -> Along:
-        return Along(jnp.sum(normal * self.velocity), np.zeros(()), np.zeros(()), np.zeros(()))
+        return still()._replace(speed=jnp.sum(normal * self.velocity))
 
     def after(self, time: Array) -> tuple[Array, Steady]:
         return self.velocity * time, self

@@ -33,6 +33,8 @@ class Ending(enum.IntEnum):
     CROWDED = 5
     """Too many bodies came together for `max_cluster`, or in a way that is left out
     (docs/scenes.md): what comes after is NaN."""
+    WALL_TOO_ABRUPT = 6
+    """A wall exceeds its `max_acceleration`: what comes after is NaN."""
 
 
 class Way(enum.IntEnum):

@@ -14,12 +14,12 @@ from .._parameter import as_parameter, rendered, shown
 from ._bodies import Box, Plane
 from ._columns import write_csv
 from ._dataset import dataset
+from ._end import end_of
 from ._log import Log
 from ._margin import Course, Margin
 from ._progress import Rules
 from ._result import Impacts, Moment, ending_words, flagged, traced
 from ._scene import Scene
-from ._start import end_of
 from ._states import any_inside, energy_of, states_at
 from ._system import Layout, Numbers
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -18,9 +18,7 @@ from ._bodies import AbstractBody, Shell, Sphere, words
 from ._entry import one_number, vector
 from ._overlap import require_apart
 from ._pairs import PairTable, kinds_of, pair_table
-
-if TYPE_CHECKING:
-    from ._start import Start
+from ._start import Start
 
 
 class Scene(eqx.Module):

@@ -19,6 +19,7 @@ from ._calls import begins, called, calls_first
 from ._cells import Grid
 from ._coupled import blank_state
 from ._due import Due, expecting, in_branch, up_to_date
+from ._end import going_on
 from ._hit import Choice, Flying, Outcome, accelerations, hit
 from ._isolation import isolated
 from ._log import Facts, Figures, Log, blank_calls
@@ -36,7 +37,6 @@ from ._progress import (
 from ._search import NOISE, searched, seated, simultaneous
 from ._slots import empty_seats
 from ._soft import soft
-from ._start import going_on
 from ._system import Layout, Numbers, nearest_image
 
 SLOW = 2.0**14

@@ -100,10 +100,10 @@ def searched(
         fall = jnp.sum(velocity[:, None] * numbers.normal[None], axis=-1)
         weight = jnp.sum(pull[:, None] * numbers.normal[None], axis=-1)
         noise = NOISE * eps * speeds[:, None]
-        motion = jax.tree.map(lambda x: x[None], numbers.motion)
+        motion = None if numbers.motion is None else numbers.motion.in_rows()
         if motion is not None:
             fall = fall - motion.speed
-            noise = noise + NOISE * eps * motion.fastest
+            noise = noise + NOISE * eps * motion.fastest(now, jnp.zeros_like(now))
         wall = wall_time(gap, fall, weight, noise)
         if any(layout.vibrating):
             assert motion is not None

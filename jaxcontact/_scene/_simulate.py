@@ -40,6 +40,7 @@ from ._search import flown
 from ._slots import everyone
 from ._system import Layout, Numbers, first_overlap, layout_of, numbers_of, replaced
 from ._table import table_of
+from ._wall_motion import WallMotion
 from ._work import work_of
 
 ROOM = 256
@@ -117,6 +118,10 @@ def simulate(
     length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
     given = (numbers, length, asked)
     within = jnp.asarray(tolerance, numbers.dtype)
+    last = length
+    if numbers.motion is not None:
+        kept = _kept_until(numbers.motion, length)
+        last = jnp.minimum(length, kept)
     names = tuple(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
         for k, body in enumerate(scene.bodies)
@@ -126,14 +131,16 @@ def simulate(
         # A call of the coupled solve ends where any pair touches or opens.
         rows = room * (_CALLS if rules.members else 1)
         grid = None if soft else grid_of(layout, numbers)
-        outcome = _all_at_once(layout, numbers, rules, valid, length, within, rows, grid)
+        outcome = _all_at_once(layout, numbers, rules, valid, last, within, rows, grid)
     else:
         room = None
         with progress_of(progress, "impacts", "simulate") as tell:
             rules, outcome = _piece_by_piece(
-                layout, numbers, rules, valid, length, within, most, tell
+                layout, numbers, rules, valid, last, within, most, tell
             )
     numbers, log, written, status, reached = outcome
+    abrupt = (last < length) & (status == int(Ending.COMPLETED))
+    status = jnp.where(abrupt, int(Ending.WALL_TOO_ABRUPT), status)
     impacts, nearest, total = table_of(layout, numbers, names, log, written, status, room)
     if room is None:
         impacts = jax.tree.map(lambda x: x[: int(total)], impacts)
@@ -164,7 +171,7 @@ def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
     start = scene._start
     if start is None or start.soft == soft:
         if start is not None and start.contacts is not None:
-            places = start.contacts.seats.who.shape[0]
+            places = start.contacts.who.shape[0]
             if places != members:
                 raise ValueError(
                     "Argument `max_cluster` must be that of the run that ended in contact, "
@@ -276,6 +283,7 @@ def _ending(state: State, more: Array, valid: Array, end: Array) -> tuple[Array,
     return status, jax.lax.stop_gradient(reached)
 
 
+_kept_until = eqx.filter_jit(WallMotion.kept_until)
 _begun = eqx.filter_jit(begun)
 _expecting = eqx.filter_jit(expecting)
 _advance = eqx.filter_jit(advance)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,13 +19,12 @@ from .._laws import VELOCITY_THRESHOLD, AbstractLaw
 from .._parameter import POSITIVE, Specialised, is_valid, sanitised
 from ._bodies import Shell, Sphere, Wall
 from ._mixed_law import MixedLaw, one_of_each
-from ._motion import Along
+from ._motion import still
 from ._overlap import ROUNDINGS
 from ._scene import Scene
 from ._side import side
-
-if TYPE_CHECKING:
-    from ._start import Start
+from ._start import Start
+from ._wall_motion import WallMotion
 
 Lane = Float[Array, "..."]
 
@@ -60,41 +59,6 @@ class Layout(eqx.Module):
         """The entry of a table for bodies i and j."""
         kinds = jnp.asarray(self.kinds)
         return jnp.asarray(table)[kinds[i], kinds[j]]
-
-
-class WallMotion(eqx.Module):
-    """How walls move along their normals: V t + A (sin(ω t + φ) - sin φ), (W,) each; 0 of walls
-    that stand.
-    """
-
-    speed: Float[Array, "..."]
-    amplitude: Float[Array, "..."]
-    rate: Float[Array, "..."]
-    phase: Float[Array, "..."]
-
-    def shift(self, time: Lane) -> Lane:
-        """The displacement since time zero, in m."""
-        swing = jnp.sin(self.rate * time + self.phase) - jnp.sin(self.phase)
-        return self.speed * time + self.amplitude * swing
-
-    def velocity(self, time: Lane) -> Lane:
-        """In m/s."""
-        return self.speed + self.amplitude * self.rate * jnp.cos(self.rate * time + self.phase)
-
-    def acceleration(self, time: Lane) -> Lane:
-        """In m/s²."""
-        strongest = self.amplitude * jnp.square(self.rate)
-        return -strongest * jnp.sin(self.rate * time + self.phase)
-
-    @property
-    def fastest(self) -> Lane:
-        """The largest speed there is, in m/s."""
-        return jnp.abs(self.speed) + jnp.abs(self.amplitude * self.rate)
-
-    @property
-    def strongest(self) -> Lane:
-        """The largest acceleration there is, in m/s²."""
-        return jnp.abs(self.amplitude) * jnp.square(self.rate)
 
 
 class Walls(NamedTuple):
@@ -139,10 +103,10 @@ class Numbers(eqx.Module):
         offset = self.offset if which is None else self.offset[which]
         if self.motion is None:
             return Walls(offset, jnp.zeros_like(offset))
-        motion = self.motion
+        shift, velocity = self.motion.shift(time), self.motion.velocity(time)
         if which is not None:
-            motion = jax.tree.map(lambda x: x[which], motion)
-        return Walls(offset + motion.shift(time), motion.velocity(time))
+            shift, velocity = shift[which], velocity[which]
+        return Walls(offset + shift, velocity)
 
 
 def layout_of(scene: Scene) -> Layout:
@@ -243,7 +207,7 @@ def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers
         valid = valid & jnp.all(jnp.isfinite(leaf))
     valid = valid & jnp.all(jnp.isfinite(numbers.normal)) & jnp.all(jnp.isfinite(numbers.offset))
     if numbers.motion is not None:
-        for leaf in jax.tree.leaves(numbers.motion):
+        for leaf in jax.tree.leaves(eqx.filter(numbers.motion, eqx.is_inexact_array)):
             valid = valid & jnp.all(jnp.isfinite(leaf))
         valid = valid & jnp.all(numbers.motion.rate >= 0)
     if numbers.stiffness is not None:
@@ -290,9 +254,15 @@ def _sound_laws(laws: Sequence[Any], dtype: Any) -> tuple[Bool[Array, ""], tuple
 def _motion(walls: Sequence[Wall], dtype: Any) -> WallMotion | None:
     if all(wall.motion is None for wall in walls):
         return None
-    still = Along(*[np.zeros(())] * len(Along._fields))
-    columns = zip(*(still if wall.motion is None else wall.motion for wall in walls), strict=True)
-    return WallMotion(*(_stack(column, dtype) for column in columns))
+    motions = [still() if wall.motion is None else wall.motion for wall in walls]
+    own = tuple(motion.own for motion in motions)
+    return WallMotion(
+        speed=_stack([motion.speed for motion in motions], dtype),
+        amplitude=_stack([motion.amplitude for motion in motions], dtype),
+        rate=_stack([motion.rate for motion in motions], dtype),
+        phase=_stack([motion.phase for motion in motions], dtype),
+        own=jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, own),
+    )
 
 
 def _compliance(scene: Scene, layout: Layout, dtype: Any, needed: bool) -> Array | None:

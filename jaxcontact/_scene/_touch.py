@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._side import side
-from ._system import WallMotion
+from ._wall_motion import WallMotion
 
 Lane = Float[Array, "..."]
 
@@ -57,19 +57,15 @@ def shaking_wall_time(
     g + r τ - ½ b τ² = 0, where b is the largest acceleration there can be, nor before the mean
     position is as near as the amplitude. Near a touch these steps are Newton's.
     """
-    phase = motion.rate * now + motion.phase
-    swing = motion.amplitude
 
     def there(t: Lane) -> tuple[Lane, Lane]:
-        turned = motion.rate * t + phase
-        high = swing * (jnp.sin(turned) - jnp.sin(phase))
-        fast = swing * motion.rate * jnp.cos(turned)
+        high, fast = motion.swing(now, t)
         return gap + (rate + acceleration / 2 * t) * t - high, rate + acceleration * t - fast
 
     bend = jnp.maximum(motion.strongest - acceleration, 0)
-    shakes = motion.rate > 0
-    period = 1 / jnp.where(shakes, motion.rate, 1)
-    envelope = jnp.abs(swing) - swing * jnp.sin(phase)
+    shakes = motion.accelerated
+    period = 1 / jnp.where(motion.rate > 0, motion.rate, 1)
+    envelope = motion.above(now)
 
     def step(t: Lane) -> Lane:
         room, slope = there(t)
@@ -99,7 +95,7 @@ def shaking_wall_time(
     start = jnp.zeros_like(gap)
     room, slope = there(start)
     touching = room <= 0
-    second = acceleration + swing * jnp.square(motion.rate) * jnp.sin(phase)
+    second = acceleration - motion.acceleration(now)
     still = touching & (jnp.abs(slope) <= noise)
     meets = touching & jnp.where(still, second < 0, slope < 0)
     # From a touch that parts, or rests, a first step leads away.

@@ -21,6 +21,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._contact import Contact
 from .._elementary import contraction
 from .._laws import AbstractLaw
+from ._motion import Own
 from ._side import side
 
 PerPair = Float[Array, " pairs"]
@@ -49,7 +50,7 @@ class Drive(NamedTuple):
     """The accelerations -a sin(ω t + φ) of prescribed bodies, t from the start.
 
     `strength` a (M, D), `rate` ω and `phase` φ (M,); whether a body `moves` (M,), and whether it is
-    accelerated, `shakes`.
+    accelerated, `shakes`. Of some bodies a function of the user's `own` beside.
     """
 
     strength: Float[Array, "bodies dim"]
@@ -57,6 +58,7 @@ class Drive(NamedTuple):
     phase: Float[Array, " bodies"]
     moves: Bool[Array, " bodies"]
     shakes: Bool[Array, " bodies"]
+    own: tuple[Own | None, ...]
 
 
 class ClusterState(NamedTuple):
@@ -204,6 +206,10 @@ class Touching(eqx.Module):
         if self.drive is not None:
             swing = jnp.sin(self.drive.rate * time + self.drive.phase)
             acceleration = acceleration - swing[:, None] * self.drive.strength
+            for k, own in enumerate(self.drive.own):
+                if own is not None:
+                    by_itself = own.acceleration(time) * own.normal
+                    acceleration = acceleration.at[k].add(by_itself)
         return acceleration, pushed
 
     def on_planes(self, closed: Bool[Array, " pairs"]) -> Bool[Array, ""]:

@@ -93,12 +93,7 @@ def edges(run: Run, time: np.ndarray) -> list[Edge]:
                 offset = sign * float(body.centre[0]) - float(body.radius)
                 found.append(Edge(np.array([sign]), np.full(len(time), offset)))
         for wall in body.walls():
-            offset = np.full(len(time), float(wall.offset))
-            if wall.motion is not None:
-                speed, amplitude, rate, phase = (float(number) for number in wall.motion)
-                shaken = np.sin(rate * time + phase) - np.sin(phase)
-                offset = offset + speed * time + amplitude * shaken
-            found.append(Edge(np.asarray(wall.normal, float), offset))
+            found.append(Edge(np.asarray(wall.normal, float), wall.offset_at(time)))
     return found
 
 
@@ -107,7 +102,8 @@ def fine_times(run: Run) -> np.ndarray:
     motions = [wall.motion for body in run.scene.bodies for wall in body.walls()]
     fastest = max((float(m.rate) for m in motions if m is not None), default=0.0)
     periods = fastest * float(run.reached) / (2 * np.pi)
-    return np.linspace(0, float(run.reached), int(np.clip(_FINE * periods, 200, _MOST)))
+    least = 2000 if any(m is not None and m.own is not None for m in motions) else 200
+    return np.linspace(0, float(run.reached), int(np.clip(_FINE * periods, least, _MOST)))
 
 
 def shape_of(

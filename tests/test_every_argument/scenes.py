@@ -34,6 +34,11 @@ THREE = frozenset({"tuple", "range", "Series"})
 BODY = {"material": MATERIALS | NONE, "name": TEXT | NONE}
 
 
+def shaken(t, args):
+    """A displacement along the normal."""
+    return 0.0 * t
+
+
 @functools.cache
 def a_run():
     disc = jc.Sphere(0.1, 1.0, [0.0, 0.0], [1.0, 0.0])
@@ -83,6 +88,11 @@ def cases() -> dict[str, Case]:
             jc.Vibration,
             {"amplitude": 0.1, "frequency": 1.0},
             {"amplitude": REAL | THREE | ONE, "frequency": POSITIVE, "phase": REAL},
+        ),
+        "Prescribed": Case(
+            jc.Prescribed,
+            {"displacement": shaken, "max_acceleration": 1.0},
+            {"displacement": NOTHING, "max_acceleration": POSITIVE},
         ),
         "Scene": Case(
             jc.Scene,

@@ -29,26 +29,40 @@ REST = 1e-8
 """Ten times `rtol`: of places in m, speeds in m/s, and work."""
 
 
-def on_a_table(amplitude, phase, height, law, gravity=GRAVITY):
+def over(motion, height, law):
+    """A ball over a table that moves."""
     return jc.Scene(
         bodies=[
             jc.Sphere(RADIUS, MASS, position=[height + RADIUS]),
-            jc.Plane([0.0], [1.0], motion=jc.Vibration(amplitude, FREQUENCY, phase)),
+            jc.Plane([0.0], [1.0], motion=motion),
         ],
         law=law,
         stiffness=STIFFNESS,
-        gravity=[-gravity],
+        gravity=[-GRAVITY],
     )
 
 
-def bounces(amplitude, phase, height, e, duration):
+def on_a_table(amplitude, phase, height, law):
+    return over(jc.Vibration(amplitude, FREQUENCY, phase), height, law)
+
+
+def sine(amplitude, phase):
+    """The place of a table and its velocity, at any times."""
+    return (
+        lambda t: amplitude * np.sin(RATE * t + phase),
+        lambda t: amplitude * RATE * np.cos(RATE * t + phase),
+    )
+
+
+def bounces(table, height, e, duration):
     """Touches (time, closing speed) of a ball on a table, and its end, by sampling and Brent."""
+    place, speed = table
     t, z, v, touches = 0.0, height, 0.0, []
     while True:
 
         def gap(s, t=t, z=z, v=v):
             fall = z + v * (s - t) - GRAVITY / 2 * (s - t) ** 2
-            return fall - amplitude * np.sin(RATE * s + phase)
+            return fall - place(s)
 
         grid = np.linspace(t, duration, 200_001)[1:]
         gaps = gap(grid)
@@ -57,17 +71,16 @@ def bounces(amplitude, phase, height, e, duration):
             left = duration - t
             return np.array(touches), z + v * left - GRAVITY / 2 * left**2, v - GRAVITY * left
         s = brentq(gap, grid[where[0]], grid[where[0] + 1], xtol=1e-16, rtol=1e-15)
-        table = amplitude * RATE * math.cos(RATE * s + phase)
-        ball = v - GRAVITY * (s - t)
-        touches.append((s, table - ball))
-        z, v, t = amplitude * math.sin(RATE * s + phase), table + e * (table - ball), s
+        moves, ball = speed(s), v - GRAVITY * (s - t)
+        touches.append((s, moves - ball))
+        z, v, t = place(s), moves + e * (moves - ball), s
 
 
 def test_a_ball_on_a_table_that_shakes():
     run = jc.simulate(
         on_a_table(1e-4, 0.3, 0.02, jc.ExactRestitution(e=0.8)), 0.5, instantaneous=True
     )
-    touches, height, velocity = bounces(1e-4, 0.3, 0.02, 0.8, 0.5)
+    touches, height, velocity = bounces(sine(1e-4, 0.3), 0.02, 0.8, 0.5)
     assert len(run.impacts) == len(touches) > 8
     np.testing.assert_allclose(run.impacts.time, touches[:, 0], rtol=EXACT)
     np.testing.assert_allclose(run.impacts.closing_speed, touches[:, 1], rtol=EXACT)
@@ -132,7 +145,8 @@ def test_derivatives_by_the_motion_of_a_table():
     np.testing.assert_allclose(jax.jit(jax.jacrev(_state))(numbers), forward, rtol=1e-9)
     for k, step in enumerate([1e-9, 1e-6, 1e-8]):
         change = np.eye(3)[k] * step
-        ends = [bounces(*(np.asarray(numbers) + s * change), 0.8, 0.2)[1:] for s in (1, -1)]
+        both = [np.asarray(numbers) + s * change for s in (1, -1)]
+        ends = [bounces(sine(*x[:2]), x[2], 0.8, 0.2)[1:] for x in both]
         # A step of 1e-9 m leaves some seven digits of the reference.
         np.testing.assert_allclose(
             forward[:2, k], (np.array(ends[0]) - np.array(ends[1])) / (2 * step), rtol=1e-5
@@ -202,23 +216,19 @@ def test_a_lift_carries_what_rests_on_it(instantaneous):
     np.testing.assert_allclose(more.wall_work, MASS * GRAVITY * speed * 0.5, rtol=REST)
 
 
-def _pressed(amplitude, phase, height, duration, alpha, rtol=1e-12):
+def _pressed(table, height, duration, alpha, rtol=1e-12):
     """A soft ball on a table that shakes: Newton's equation, restarted at touches and openings."""
     t, y, in_contact, speed = 0.0, np.array([height, 0.0]), False, 1.0
-
-    def table(t):
-        turned = RATE * t + phase
-        return amplitude * math.sin(turned), amplitude * RATE * math.cos(turned)
+    place, moving = table
 
     def force(t, y):
         if not in_contact:
             return 0.0
-        place, moves = table(t)
-        depth, rate = place - y[0], moves - y[1]
+        depth, rate = place(t) - y[0], moving(t) - y[1]
         return max(STIFFNESS * max(depth, 0.0) ** 1.5 * (1 + alpha * rate / speed), 0.0)
 
     def gap(t, y):
-        return y[0] - table(t)[0]
+        return y[0] - place(t)
 
     gap.terminal = True
     while t < duration:
@@ -232,7 +242,7 @@ def _pressed(amplitude, phase, height, duration, alpha, rtol=1e-12):
         if found.status == 1:
             in_contact = not in_contact
             if in_contact:
-                speed = table(t)[1] - y[1]
+                speed = moving(t) - y[1]
     return y
 
 
@@ -242,7 +252,7 @@ def test_a_soft_ball_on_a_table_that_shakes():
     run = jc.simulate(scene, 0.08, v0="touch")
     assert len(run.impacts) >= 2
     alpha = float(law.damping_factor())
-    height, velocity = _pressed(1e-4, 0.3, 0.002, 0.08, alpha)
+    height, velocity = _pressed(sine(1e-4, 0.3), 0.002, 0.08, alpha)
     fastest = np.max(run.impacts.closing_speed)
     assert abs(run.velocity[-1, 0, 0] - velocity) < SOFT * fastest
     assert abs(run.position[-1, 0, 0] - RADIUS - height) < SOFT * fastest * 0.08
@@ -250,6 +260,98 @@ def test_a_soft_ball_on_a_table_that_shakes():
     missing = run.energy[0] + run.wall_work - lost - run.energy[-1]
     assert abs(missing) < 100 * 1e-9 * run.energy[0]
     assert abs(run.wall_work) > 1e-3 * run.energy[0]
+
+
+def two_tones(t, args):
+    """A table that shakes with its frequency and three times that."""
+    amplitude, other = args
+    return amplitude * jnp.sin(RATE * t) + other * jnp.sin(3 * RATE * t + 1.0)
+
+
+A, B = 1e-4, 2e-5
+TWO_TONES = (
+    lambda t: A * np.sin(RATE * t) + B * np.sin(3 * RATE * t + 1),
+    lambda t: RATE * (A * np.cos(RATE * t) + 3 * B * np.cos(3 * RATE * t + 1)),
+)
+STRONGEST = RATE**2 * (A + 9 * B)
+
+
+def test_a_table_that_moves_as_a_function_says():
+    law = jc.ExactRestitution(e=0.8)
+    motion = jc.Prescribed(two_tones, STRONGEST, (A, B))
+    run = jc.simulate(over(motion, 0.02, law), 0.4, instantaneous=True)
+    touches, height, velocity = bounces(TWO_TONES, 0.02, 0.8, 0.4)
+    assert run.status == jc.Ending.COMPLETED
+    assert len(run.impacts) == len(touches) > 6
+    np.testing.assert_allclose(run.impacts.time, touches[:, 0], rtol=EXACT)
+    np.testing.assert_allclose(run.impacts.closing_speed, touches[:, 1], rtol=EXACT)
+    assert abs(run.position[-1, 0, 0] - RADIUS - height) < EXACT
+    assert abs(run.velocity[-1, 0, 0] - velocity) < EXACT
+    # From halfway the function goes on at the time it had.
+    half = jc.simulate(over(motion, 0.02, law), 0.2, instantaneous=True)
+    rest = jc.simulate(half.final, 0.2, instantaneous=True)
+    np.testing.assert_allclose(rest.velocity[-1], run.velocity[-1], atol=EXACT)
+    np.testing.assert_allclose(half.wall_work + rest.wall_work, run.wall_work, atol=EXACT)
+
+    def end(numbers):
+        motion = jc.Prescribed(two_tones, STRONGEST, (numbers[0], numbers[1]))
+        run = jc.simulate(over(motion, 0.02, law), 0.2, instantaneous=True, max_impacts=8)
+        return run.velocity[-1, 0, 0]
+
+    along = jnp.array([1e-5, 2e-6])
+    found = jax.jit(lambda x: jax.jvp(end, (x,), (along,))[1])(jnp.array([A, B]))
+    step, ends = 1e-4, []
+    for sign in (1, -1):
+        first, third = np.array([A, B]) + sign * step * along
+        table = (
+            lambda t, a=first, b=third: a * np.sin(RATE * t) + b * np.sin(3 * RATE * t + 1),
+            lambda t, a=first, b=third: (
+                RATE * (a * np.cos(RATE * t) + 3 * b * np.cos(3 * RATE * t + 1))
+            ),
+        )
+        ends.append(bounces(table, 0.02, 0.8, 0.2)[2])
+    np.testing.assert_allclose(found, (ends[0] - ends[1]) / (2 * step), rtol=1e-5)
+
+
+def test_a_soft_ball_on_a_table_that_moves_as_a_function_says():
+    law = jc.HuGuo(e=0.7)
+    motion = jc.Prescribed(two_tones, STRONGEST, (A, B))
+    run = jc.simulate(over(motion, 0.002, law), 0.08, v0="touch")
+    assert len(run.impacts) >= 2
+    height, velocity = _pressed(TWO_TONES, 0.002, 0.08, float(law.damping_factor()))
+    fastest = np.max(run.impacts.closing_speed)
+    assert abs(run.velocity[-1, 0, 0] - velocity) < SOFT * fastest
+    assert abs(run.position[-1, 0, 0] - RADIUS - height) < SOFT * fastest * 0.08
+
+
+def test_a_wall_that_exceeds_its_acceleration_is_flagged():
+    """d = c t³ has the acceleration 6 c t; a jerk within an interval is seen by what it moved."""
+
+    def cubic(t, c):
+        return -c * t**3
+
+    law = jc.ExactRestitution(e=0.8)
+    motion = jc.Prescribed(cubic, 1.2, 1.0)
+    times = np.array([0.0, 0.1, 0.19, 0.3])
+    run = jc.simulate(over(motion, 0.5, law), 0.4, times=times, instantaneous=True)
+    assert run.status == jc.Ending.WALL_TOO_ABRUPT
+    assert 0.2 <= run.reached < 0.2 + 2 * 0.4 / 4096
+    np.testing.assert_allclose(
+        run.position[:3, 0, 0], 0.5 + RADIUS - GRAVITY / 2 * times[:3] ** 2, rtol=EXACT
+    )
+    assert np.all(np.isnan(run.position[3])) and "wall too abrupt" in str(run)
+    slower = jc.simulate(
+        over(jc.Prescribed(cubic, 1.2, 0.4), 0.5, law), 0.4, times=times, instantaneous=True
+    )
+    assert slower.status == jc.Ending.COMPLETED
+
+    def kick(t, width):
+        return -1e-3 * jax.nn.sigmoid((t - 0.1234567) / width)
+
+    # The times that are looked at are 1e-4 s apart.
+    run = jc.simulate(over(jc.Prescribed(kick, 1e3, 1e-7), 0.5, law), 0.4, instantaneous=True)
+    assert run.status == jc.Ending.WALL_TOO_ABRUPT
+    assert abs(run.reached - 0.1234567) < 0.4 / 4096
 
 
 def test_a_box_that_is_moved_carries_its_balls():
@@ -269,6 +371,13 @@ def test_what_moves_wrongly_is_refused():
         jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([1.0]))
     with pytest.raises(ValueError, match=r"`motion` of a box must have a list of numbers"):
         jc.Box([0.0], [1.0], motion=shake)
+    for wrong in (lambda t, args: 1, lambda t, args: (t, t), lambda t, args: jnp.zeros(4)):
+        with pytest.raises(ValueError, match=r"`displacement` must be a function that returns one"):
+            jc.Prescribed(wrong, 1.0)
+    with pytest.raises(ValueError, match=r"`displacement` must be a function of the time and of"):
+        jc.Prescribed(lambda t: t, 1.0)
+    with pytest.raises(ValueError, match=r"`motion` must have 2 numbers"):
+        jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Prescribed(lambda t, args: t[None], 1.0))
     with pytest.raises(ValueError, match=r"`frequency` must be in \(0, inf\)"):
         jc.Vibration(0.1, 0.0)
     ball = jc.Sphere(0.1, 1.0, [1.0])
