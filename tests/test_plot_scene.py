@@ -250,6 +250,16 @@ def test_shells():
     assert solid.get_path().contains_point([1.02, 1.5])
     assert not solid.get_path().contains_point([0.0, 0.5])
     jc.plot.animate(run, seconds=0.2, fps=10).to_jshtml()
+    # One that moves is seen where it ends, and a film goes there.
+    moving = jc.Shell([0.0, 0.5], 1.0, motion=jc.Steady([0.3, 0.0]))
+    run = jc.simulate(jc.Scene([moving, bodies[1]], law), 2.0, instantaneous=True)
+    ax = jc.plot.scene(run)
+    ends = [line for line in ax.get_lines() if line.get_linestyle() == "--"]
+    np.testing.assert_allclose(np.mean(ends[0].get_xdata()[:-1]), 0.6, atol=EXACT)
+    animation = jc.plot.animate(run, seconds=0.2, fps=10)
+    (solid,) = (p for p in animation.figure.axes[0].patches if not isinstance(p, Circle))
+    animation.to_jshtml()
+    assert solid.get_path().contains_point([-0.42, 0.5])
     bodies = [jc.Shell([0.5], 0.5), jc.Sphere(0.1, 1.0, [0.5], [1.0])]
     line = jc.plot.scene(jc.simulate(jc.Scene(bodies, law), 2.0, instantaneous=True))
     levels = {float(x.get_ydata()[0]) for x in line.get_lines() if len(x.get_xdata()) == 200}

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .._contact import Material
 from .._parameter import POSITIVE, rendered, require_flag, require_kind
 from ._entry import one_number, vector
-from ._motion import AbstractMotion, Along
+from ._motion import AbstractMotion, Along, Steady
 
 
 class Wall(NamedTuple):
@@ -69,8 +69,9 @@ class Sphere(AbstractBody):
     Arguments: `radius` R > 0 in m; `position` of the centre in m, one to three numbers, whose count
     is the dimension of the scene; `velocity` in m/s, zero if not given; `mass` m > 0 in kg, which
     wins over the density of the `material` (a `Material`); `name`, for tables by pair and messages.
-    With `fixed=True` the mass is infinite: a mass or a velocity beside it is an error. Numbers are
-    leaves. Raises ValueError for what is out of range or not finite, and where no mass is known.
+    With `fixed=True` the mass is infinite: a mass or a velocity beside it is an error, and `motion`
+    may be a `Steady`, at whose velocity it goes on whoever it hits. Numbers are leaves. Raises
+    ValueError for what is out of range or not finite, and where no mass is known.
     """
 
     radius: Float[Array, ""]
@@ -78,6 +79,7 @@ class Sphere(AbstractBody):
     position: Float[Array, " D"]
     velocity: Float[Array, " D"] | None
     material: Material | None
+    motion: Steady | None
     name: str | None = eqx.field(static=True)
     fixed: bool = eqx.field(static=True)
 
@@ -91,6 +93,7 @@ class Sphere(AbstractBody):
         name: str | None = None,
         *,
         fixed: bool = False,
+        motion: Steady | None = None,
     ):
         self.name = _name(name)
         self.material = _material(material)
@@ -106,6 +109,12 @@ class Sphere(AbstractBody):
                 f"{self.position.shape[0]}, but is {rendered(velocity)}."
             )
         self.mass = None if mass is None else one_number(mass, "mass", POSITIVE)
+        self.motion = _steady(motion, self.dimensions)
+        if self.motion is not None and not self.fixed:
+            raise ValueError(
+                "Argument `motion` must be None for a sphere without `fixed=True`, which moves as "
+                f"it is hit, but is {rendered(motion)}."
+            )
         if self.fixed:
             for other, given in (("mass", mass), ("velocity", velocity)):
                 if given is not None:
@@ -124,9 +133,9 @@ class Sphere(AbstractBody):
         return self.position.shape[0]
 
     def moved_to(self, position: Array, velocity: Array) -> Sphere:
-        """The same sphere at another place; a fixed one is where it was."""
+        """The same sphere at another place."""
         if self.fixed:
-            return self
+            return eqx.tree_at(lambda body: body.position, self, position)
         return eqx.tree_at(
             lambda body: (body.position, body.velocity),
             self,
@@ -278,13 +287,14 @@ class Shell(AbstractBody):
     """The inside of a fixed sphere (of a circle in two dimensions, an interval in one).
 
     Arguments: `centre` in m, one to three numbers; `radius` R > 0 in m; `material`, None for a
-    rigid shell; `name`. Spheres are inside of it. Numbers are leaves. Raises ValueError for what is
-    out of range or not finite.
+    rigid shell; `name`; `motion`, a `Steady`, None for a shell that stands. Spheres are inside of
+    it. Numbers are leaves. Raises ValueError for what is out of range or not finite.
     """
 
     centre: Float[Array, " D"]
     radius: Float[Array, ""]
     material: Material | None
+    motion: Steady | None
     name: str | None = eqx.field(static=True)
 
     def __init__(
@@ -293,15 +303,33 @@ class Shell(AbstractBody):
         radius: ArrayLike,
         material: Material | None = None,
         name: str | None = None,
+        *,
+        motion: Steady | None = None,
     ):
         self.name = _name(name)
         self.material = _material(material)
         self.centre = vector(centre, "centre")
         self.radius = one_number(radius, "radius", POSITIVE)
+        self.motion = _steady(motion, self.dimensions)
 
     @property
     def dimensions(self) -> int:
         return self.centre.shape[0]
+
+    def centre_at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The centre at some times in s, (T, D) in m, of a shell whose numbers are known."""
+        centre = np.broadcast_to(np.asarray(self.centre, float), (*time.shape, self.dimensions))
+        if self.motion is None:
+            return centre
+        return centre + np.asarray(self.motion.velocity, float) * time[:, None]
+
+    def after(self, time: Array) -> Shell:
+        """The same shell at a later time."""
+        if self.motion is None:
+            return self
+        return eqx.tree_at(
+            lambda body: body.centre, self, self.centre + self.motion.velocity * time
+        )
 
 
 def words(bodies: Sequence[AbstractBody], k: int) -> str:
@@ -325,10 +353,19 @@ def _motion(value: Any, dimensions: int) -> AbstractMotion | None:
     )
     if motion.dimensions not in (None, dimensions):
         raise ValueError(
-            f"Argument `motion` must have {dimensions} numbers, as the wall has, but is "
+            f"Argument `motion` must have {dimensions} numbers, as the body has, but is "
             f"{rendered(value)}."
         )
     return motion
+
+
+def _steady(value: Any, dimensions: int) -> Steady | None:
+    """The motion of what is curved."""
+    if value is None:
+        return None
+    require_kind("motion", value, Steady, "a `Steady` or None")
+    _motion(value, dimensions)
+    return value
 
 
 def _name(value: Any) -> str | None:

@@ -36,7 +36,9 @@ def rest_of(
     weight = jnp.sqrt(jnp.max(jnp.sum(jnp.square(system.acceleration), axis=1)))
     weight = jnp.where(weight > 0, jnp.minimum(weight, 1), 1)
     stands = jnp.abs(speed) + jnp.abs(pace) / weight < _STILL * tolerance
-    asleep = jnp.all(stands | (system.inverse_mass == 0)[:, None])
+    # Nor is anything near a fixed sphere that moves.
+    fixed = (system.inverse_mass == 0)[:, None]
+    asleep = jnp.all(jnp.where(fixed, jnp.abs(speed) < _STILL * tolerance, stands))
     if system.drive is not None:
         # What a wall shakes is never at rest.
         shakes, pairs = system.drive.shakes, system.pairs

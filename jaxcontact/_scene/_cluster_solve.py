@@ -357,9 +357,12 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         lost=units.energy * layout.lost(end.y),
     )
     asleep = end.status == ASLEEP
+    # What goes on at its velocity has it without rounding.
+    steady = ~free if problem.drive is None else ~free & ~problem.drive.shakes[:, None]
+    velocity = jnp.where(steady, state.velocity, done.velocity)
     done = done._replace(
         time=jnp.where(asleep, problem.until, done.time),
-        velocity=jnp.where(asleep & free, 0, done.velocity),
+        velocity=jnp.where(asleep & free, 0, velocity),
     )
     status = jnp.where(asleep, TIME_IS_UP, end.status)
     # Steps that got it farther than a contact's own time did not die out.

@@ -73,6 +73,8 @@ def company_of(
         # A wall gives a body at most twice its own velocity.
         walls = numbers.motion.fastest(now, coupling.pace)
         more = more + jnp.where(moves, 2 * jnp.max(walls), 0)
+    if layout.driven:
+        more = more + jnp.where(moves, 2 * jnp.max(jnp.where(moves, 0, flying)), 0)
 
     def fastest(who: Array, filled: Array) -> Array:
         """How fast those that have a place may become."""

@@ -236,8 +236,10 @@ def masses(layout: Layout, numbers: Numbers, seats: Seats) -> Float[Array, " M"]
 def work_of_walls(
     layout: Layout, numbers: Numbers, seats: Seats, began: ClusterState, end: ClusterEnd
 ) -> Float[Array, ""]:
-    """What moving walls did to the spheres in one call: all work but that of gravity, in J."""
-    if numbers.motion is None:
+    """What moving walls and fixed spheres that move did in one call: all work but that of gravity,
+    in J.
+    """
+    if numbers.motion is None and not layout.driven:
         return jnp.zeros((), numbers.dtype)
     mass = masses(layout, numbers, seats)
     members = mass.shape[0]

@@ -198,10 +198,23 @@ def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Out
         max_force=jnp.full_like(closing, jnp.inf),
         turn=jnp.zeros_like(closing),
         error=jnp.zeros_like(closing),
-        wall_work=impulse * meeting.driven,
+        wall_work=impulse * meeting.driven
+        + driven_work(layout, numbers, choice, meeting, velocity),
         way=way.astype(closing.dtype),
         status=jnp.zeros_like(closing),
     )
+
+
+def driven_work(
+    layout: Layout, numbers: Numbers, choice: Choice, meeting: Meeting, after: Lane
+) -> Lane:
+    """What a fixed sphere that moves does to the one that it hits: m (v' - v)·V, in J."""
+    if not layout.driven:
+        return jnp.zeros_like(meeting.closing)
+    second = jnp.minimum(choice.second, layout.spheres - 1)
+    drives = (choice.second < layout.spheres) & (numbers.inverse_mass[second] == 0)
+    gained = (after[0] - meeting.flying.velocity[0]) / numbers.inverse_mass[choice.first]
+    return jnp.where(drives, jnp.sum(gained * meeting.flying.velocity[1]), 0)
 
 
 def _tail(layout: Layout, numbers: Numbers, choice: Choice, e: Lane, closing: Lane) -> Lane:

@@ -53,6 +53,10 @@ def isolated(
     if motion is not None:
         # A wall gives a body at most twice its own velocity.
         fastest = fastest + jnp.where(moves, 2 * jnp.max(motion.fastest(now, last)), 0)
+    if layout.driven:
+        # As does a fixed sphere that moves.
+        driven = jnp.where(moves, 0, jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)))
+        fastest = fastest + jnp.where(moves, 2 * jnp.max(driven), driven)
     if any(layout.vibrating):
         assert motion is not None
         change = motion.strongest[jnp.clip(choice.second - count, 0)] * last

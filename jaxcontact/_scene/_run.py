@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
-from ._bodies import Box, Plane
+from ._bodies import Box, Plane, Shell
 from ._columns import write_csv
 from ._dataset import dataset
 from ._end import end_of
@@ -118,7 +118,7 @@ class Run(eqx.Module):
             place = self._layout.body[k]
             bodies[place] = sphere.moved_to(position[0, k], end.velocity[0, k])
         for k, body in enumerate(bodies):
-            if isinstance(body, Plane | Box):
+            if isinstance(body, Plane | Box | Shell):
                 bodies[k] = body.after(self.duration)
         if known and not bool(start.needed):
             start = None

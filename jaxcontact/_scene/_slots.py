@@ -28,7 +28,7 @@ class Seats(NamedTuple):
 
 def in_line(layout: Layout) -> bool:
     """Whether spheres keep their order, so that only neighbours meet."""
-    return layout.dimensions == 1 and layout.visible == layout.spheres
+    return layout.dimensions == 1 and layout.visible == layout.spheres and not layout.driven
 
 
 def everyone(layout: Layout, members: int) -> bool:

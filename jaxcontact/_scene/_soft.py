@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._impact import Status
 from .._laws import VELOCITY_THRESHOLD
-from ._hit import Choice, Flying, Outcome, accelerations, meeting_of
+from ._hit import Choice, Flying, Outcome, accelerations, driven_work, meeting_of
 from ._oblique import oblique
 from ._result import Way
 from ._system import Layout, Numbers, known_contact_of, laws_of
@@ -114,7 +114,8 @@ def soft(
         max_force=clean.max_force,
         turn=jnp.where(straight, 0, clean.turn),
         error=clean.error_estimate,
-        wall_work=impulse * meeting.driven,
+        wall_work=impulse * meeting.driven
+        + driven_work(layout, numbers, choice, meeting, velocity),
         way=(int(Way.CLOSED_FORM) + rebound.way).astype(closing.dtype),
         status=rebound.status.astype(closing.dtype),
     )

@@ -36,7 +36,8 @@ class Layout(eqx.Module):
     the N the first `visible` are none), then the walls: `body` and `face` say which body
     of the scene each of them is. `laws` and `stiffnesses` are tables by kind, () where one law or
     stiffness serves all; `constant` says of which laws e is the same at all speeds. Of the walls:
-    which are `moving`, and which of these are accelerated (`vibrating`).
+    which are `moving`, and which of these are accelerated (`vibrating`). `driven`: whether any of
+    the fixed spheres moves.
     """
 
     spheres: int = eqx.field(static=True)
@@ -54,6 +55,7 @@ class Layout(eqx.Module):
     periodic: tuple[bool, ...] = eqx.field(static=True)
     moving: tuple[bool, ...] = eqx.field(static=True)
     vibrating: tuple[bool, ...] = eqx.field(static=True)
+    driven: bool = eqx.field(static=True)
 
     def chosen(self, table: tuple[tuple[int, ...], ...], i: Array, j: Array) -> Array:
         """The entry of a table for bodies i and j."""
@@ -133,6 +135,7 @@ def layout_of(scene: Scene) -> Layout:
         periodic=tuple(length is not None for length in scene.periodic),
         moving=tuple(wall.motion is not None for _, wall in walls),
         vibrating=tuple(wall.vibrates for _, wall in walls),
+        driven=any(isinstance(b, Sphere | Shell) and b.motion is not None for b in scene.bodies),
     )
 
 
@@ -176,8 +179,7 @@ def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers
         position=_stack([*(s.position for s in spheres), *(s.centre for s in shells)], dtype),
         velocity=_stack(
             [
-                *(still if s.velocity is None else s.velocity for s in spheres),
-                *(still for _ in shells),
+                *(_velocity(body, still) for body in (*spheres, *shells)),
             ],
             dtype,
         ),
@@ -218,6 +220,13 @@ def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers
         if length is not None:
             valid = valid & (numbers.period[k] > 4 * jnp.max(radius))
     return numbers, valid
+
+
+def _velocity(body: Sphere | Shell, still: Any) -> Any:
+    if body.motion is not None:
+        return body.motion.velocity
+    own = body.velocity if isinstance(body, Sphere) else None
+    return still if own is None else own
 
 
 def replaced(numbers: Numbers, valid: Bool[Array, ""]) -> Numbers:

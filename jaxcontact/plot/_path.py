@@ -126,14 +126,16 @@ def touches(run: Run) -> tuple[np.ndarray, np.ndarray]:
             apart = minimum_image(position[k, rows[second]] - here, run.scene.periodic)
             places[k] = here + apart * radius / (radius + size[rows[second]])
         else:
-            places[k] = here - radius * _normal(bodies[second], int(impacts["face"][k]), here)
+            places[k] = here - radius * _normal(
+                bodies[second], int(impacts["face"][k]), here, times[k]
+            )
     return times, in_cell(run, places)
 
 
-def _normal(body: AbstractBody, face: int, place: np.ndarray) -> np.ndarray:
-    """The unit normal (D,) of a wall or a shell at a place, to the free side."""
+def _normal(body: AbstractBody, face: int, place: np.ndarray, time: float) -> np.ndarray:
+    """The unit normal (D,) of a wall or a shell at a place and time, to the free side."""
     if isinstance(body, Shell):
-        inwards = np.asarray(body.centre) - place
+        inwards = body.centre_at(np.array([time]))[0] - place
         return inwards / np.linalg.norm(inwards)
     (normal,) = (wall.normal for wall in body.walls() if wall.face == face)
     return np.asarray(normal)

@@ -67,8 +67,9 @@ def frame(run: Run, position: np.ndarray, shown: tuple[int, ...]) -> tuple[np.nd
                 low[axis], high[axis] = min(low[axis], at.min()), max(high[axis], at.max())
     for body in run.scene.bodies:
         if isinstance(body, Shell):
-            centre, radius = np.asarray(body.centre, float), float(body.radius)
-            low, high = np.minimum(low, centre - radius), np.maximum(high, centre + radius)
+            centre, radius = body.centre_at(fine_times(run)), float(body.radius)
+            low = np.minimum(low, np.min(centre, axis=0) - radius)
+            high = np.maximum(high, np.max(centre, axis=0) + radius)
     low, high = low[list(shown)], high[list(shown)]
     margin = _MARGIN * np.max(high - low)
     # A periodic cell ends where it ends.
@@ -90,8 +91,8 @@ def edges(run: Run, time: np.ndarray) -> list[Edge]:
         if isinstance(body, Shell) and run.scene.dimensions == 1:
             # In one dimension a shell is two walls.
             for sign in (1.0, -1.0):
-                offset = sign * float(body.centre[0]) - float(body.radius)
-                found.append(Edge(np.array([sign]), np.full(len(time), offset)))
+                offset = sign * body.centre_at(time)[:, 0] - float(body.radius)
+                found.append(Edge(np.array([sign]), offset))
         for wall in body.walls():
             found.append(Edge(np.asarray(wall.normal, float), wall.offset_at(time)))
     return found
@@ -145,18 +146,44 @@ def _solid(corners: np.ndarray, colour: str, zorder: float) -> Polygon:
     return Polygon(_closed(corners), facecolor=colour, lw=0, zorder=zorder)
 
 
-def draw_shells(ax: Axes, run: Run, shown: tuple[int, ...]) -> None:
-    """Draw what is solid around shells; in one dimension they are walls."""
+def draw_shells(
+    ax: Axes, run: Run, shown: tuple[int, ...], time: np.ndarray | None = None
+) -> Callable[[int], list[Artist]]:
+    """Draw what is solid around shells, and return what moves them to where they are at the k-th
+    time; without times they are where they begin, and those that move also in outline where they
+    end. In one dimension they are walls.
+    """
+    in_film = time is not None
+    time = np.array([0.0, float(run.reached)]) if time is None else time
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     corners = [(left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)]
     # Against the direction of the corners, it makes a hole.
     angle = np.linspace(0, -2 * np.pi, 361)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    moving: list[tuple[np.ndarray, Polygon, Line2D]] = []
+
+    def around(circle: np.ndarray) -> np.ndarray:
+        return np.concatenate([corners, circle, corners[:1]])
+
     for body in run.scene.bodies:
         if isinstance(body, Shell) and len(shown) == 2:
-            circle = np.asarray(body.centre, float)[list(shown)] + float(body.radius) * ring
-            ax.add_patch(_solid(np.concatenate([corners, circle, corners[:1]]), _SOLID, 0.3))
-            ax.plot(*circle.T, color=_EDGE, lw=1.4, zorder=0.4)
+            centre = body.centre_at(time)[:, list(shown)]
+            circles = centre[:, None] + float(body.radius) * ring
+            solid = _solid(around(circles[0]), _SOLID, 0.3)
+            ax.add_patch(solid)
+            (line,) = ax.plot(*circles[0].T, color=_EDGE, lw=1.4, zorder=0.4)
+            if body.motion is not None and in_film:
+                moving.append((circles, solid, line))
+            elif body.motion is not None:
+                ax.plot(*circles[-1].T, color=_EDGE, lw=1.0, ls="--", zorder=0.4)
+
+    def move(k: int) -> list[Artist]:
+        for circles, solid, line in moving:
+            line.set_data(*circles[k].T)
+            solid.set_xy(_closed(around(circles[k])))
+        return [artist for _, *pair in moving for artist in pair]
+
+    return move
 
 
 def moving_walls(
@@ -173,7 +200,7 @@ def moving_walls(
         ax.add_patch(solid)
         if np.ptp(edge.offset) > 0:
             drawn.append((edge, line, solid))
-    draw_shells(ax, run, shown)
+    move_shells = draw_shells(ax, run, shown, time)
 
     def move(k: int) -> list[Artist]:
         for edge, line, solid in drawn:
@@ -181,7 +208,7 @@ def moving_walls(
             assert shape is not None  # it was seen at the start
             line.set_data(*shape[0].T)
             solid.set_xy(_closed(shape[1]))
-        return [artist for _, *pair in drawn for artist in pair]
+        return [artist for _, *pair in drawn for artist in pair] + move_shells(k)
 
     return move
 

@@ -66,6 +66,7 @@ def cases() -> dict[str, Case]:
                 "velocity": THREE | NONE,
                 "material": MATERIALS,
                 "fixed": FLAG,
+                "motion": NONE,
             },
         ),
         "Plane": Case(
@@ -81,7 +82,7 @@ def cases() -> dict[str, Case]:
         "Shell": Case(
             jc.Shell,
             {"centre": [0.0, 0.0, 0.0], "radius": 9.0},
-            BODY | {"centre": THREE | ONE, "radius": POSITIVE},
+            BODY | {"centre": THREE | ONE, "radius": POSITIVE, "motion": NONE},
         ),
         "Steady": Case(jc.Steady, {"velocity": [0.0, 0.0, 1.0]}, {"velocity": THREE | ONE}),
         "Vibration": Case(

@@ -1,0 +1,96 @@
+"""Fixed spheres and shells that go on at a velocity, whoever they hit."""
+
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+
+FRAME = 1e-13
+"""What a moving frame changes but for rounding: measured 3e-15."""
+
+STRIKE = 1e-8
+"""Ten times `rtol`."""
+
+
+def _seen_from(velocity, gravity):
+    """A ball, a fixed disc and a bowl, seen from a frame in which the last two have a velocity."""
+    motion = jc.Steady(velocity)
+    return jc.Scene(
+        bodies=[
+            jc.Sphere(0.1, 1.0, [0.0, 0.03], np.array([1.0, 0.0]) + velocity),
+            jc.Sphere(0.15, None, [1.0, 0.0], fixed=True, motion=motion),
+            jc.Shell([0.3, 0.0], 1.0, motion=motion),
+        ],
+        law=jc.HuGuo(e=0.7),
+        stiffness=1e6,
+        gravity=gravity,
+    )
+
+
+@pytest.mark.parametrize(
+    ("gravity", "instantaneous", "way"),
+    [
+        ([0.0, -2.0], True, jc.Way.INSTANTANEOUS),
+        ([0.0, -2.0], False, jc.Way.COUPLED),
+        (None, False, jc.Way.RADIAL),
+    ],
+)
+def test_impacts_on_driven_bodies_do_not_know_the_frame(gravity, instantaneous, way):
+    velocity, duration = np.array([-0.3, 0.1]), 3.5
+    given = {"duration": duration, "instantaneous": instantaneous}
+    still = jc.simulate(_seen_from(0 * velocity, gravity), **given)
+    run = jc.simulate(_seen_from(velocity, gravity), **given)
+    assert len(run.impacts) == len(still.impacts) >= 2
+    assert np.all(run.impacts.way == way)
+    shift = velocity[None] * duration
+    np.testing.assert_allclose(run.position[-1], still.position[-1] + shift, atol=FRAME)
+    np.testing.assert_allclose(run.velocity[-1, 0], still.velocity[-1, 0] + velocity, atol=FRAME)
+    np.testing.assert_allclose(run.velocity[-1, 1], velocity, rtol=1e-15)
+    lost = np.sum(run.impacts.energy_loss)
+    assert abs(run.wall_work) > 0.1
+    missing = run.energy[0] + run.wall_work - lost - run.energy[-1]
+    assert abs(missing) < 100 * 1e-9 * run.energy[0]
+    assert abs(still.wall_work) < 1e-12
+    half = jc.simulate(_seen_from(velocity, gravity), 1.0, instantaneous=instantaneous).final
+    rest = jc.simulate(half, duration - 1.0, instantaneous=instantaneous)
+    np.testing.assert_allclose(rest.position[-1], run.position[-1], atol=FRAME)
+
+
+def test_nothing_sleeps_where_something_comes():
+    """Two balls at rest on each other, and a piston that comes down on them."""
+    speed, start = 0.1, 0.63
+    piston = jc.Sphere(0.1, None, [start], fixed=True, motion=jc.Steady([-speed]), name="piston")
+    balls = [jc.Sphere(0.1, 2.0, [0.1001]), jc.Sphere(0.1, 1.0, [0.3001])]
+    floor = jc.Plane([0.0], [1.0])
+    scene = jc.Scene([*balls, piston, floor], jc.HuGuo(e=0.3), stiffness=1e6, gravity=[-9.81])
+    run = jc.simulate(scene, 1.4, times=[1.2, 1.4])
+    assert run.status == jc.Ending.COMPLETED
+    touch = [k for k in range(len(run.impacts)) if run.impacts.second[k] == 2]
+    # By statics the upper ball stands at 0.3 m less what both contacts give way.
+    high = 0.3 - (3 * 9.81 / 1e6) ** (2 / 3) - (9.81 / 1e6) ** (2 / 3)
+    np.testing.assert_allclose(
+        run.impacts.time[touch[0]], (start - 0.2 - high) / speed, atol=STRIKE / speed
+    )
+    np.testing.assert_allclose(run.velocity[0, :2, 0], 0, atol=STRIKE)
+    assert np.min(run.velocity[1, :2, 0]) < 0
+
+
+def test_a_racket():
+    """A ball at rest leaves at (1 + e) times the speed of what hits it."""
+    racket = jc.Sphere(0.2, None, [-1.0], fixed=True, motion=jc.Steady([2.0]))
+    law = jc.HuGuo(e=0.7)
+    scene = jc.Scene([jc.Sphere(0.1, 0.5, [0.0]), racket], law, stiffness=1e7)
+    run = jc.simulate(scene, 1.0)
+    e = float(jc.restitution(law))
+    np.testing.assert_allclose(run.velocity[-1, 0, 0], (1 + e) * 2.0, rtol=STRIKE)
+    np.testing.assert_allclose(run.wall_work, 0.5 * (1 + e) * 2.0 * 2.0, rtol=STRIKE)
+
+
+def test_what_is_driven_wrongly_is_refused():
+    steady = jc.Steady([1.0, 0.0])
+    with pytest.raises(ValueError, match="`motion` must be None for a sphere without `fixed=True`"):
+        jc.Sphere(0.1, 1.0, [0.0, 0.0], motion=steady)
+    with pytest.raises(ValueError, match=r"`motion` must have 1 numbers, as the body has"):
+        jc.Sphere(0.1, None, [0.0], fixed=True, motion=steady)
+    with pytest.raises(ValueError, match="`motion` must be a `Steady` or None, but is Vibration"):
+        jc.Shell([0.0, 0.0], 1.0, motion=jc.Vibration([0.1, 0.0], 1.0))
