@@ -1,111 +1,159 @@
 """jaxcontact: contact laws and impacts, differentiable in JAX."""
 
 from importlib import import_module as _import_module
+from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
-from ._bounce import Bounce as Bounce
-from ._bounce import bounce as bounce
-from ._calibration import AbstractShape as AbstractShape
-from ._calibration import Calibration as Calibration
-from ._calibration import CalibrationSummary as CalibrationSummary
-from ._calibration import LawChoice as LawChoice
-from ._calibration import Network as Network
-from ._calibration import Rational as Rational
-from ._calibration import Spline as Spline
-from ._calibration import VelocityProfile as VelocityProfile
-from ._calibration import calibrate as calibrate
-from ._calibration import choose_law as choose_law
-from ._calibration import fit_bounces as fit_bounces
-from ._calibration import fit_damping as fit_damping
-from ._calibration import fit_energy_loss as fit_energy_loss
-from ._calibration import fit_impacts as fit_impacts
-from ._calibration import fit_record as fit_record
-from ._calibration import fit_velocity_profile as fit_velocity_profile
-from ._calibration import learn_law as learn_law
-from ._calibration import load_calibration as load_calibration
-from ._contact import Contact as Contact
-from ._contact import Material as Material
-from ._elementary import power as power
-from ._export import Export as Export
-from ._export import export as export
-from ._fit import Between as Between
-from ._fit import Fit as Fit
-from ._fit import Fixed as Fixed
-from ._fit import Free as Free
-from ._fit import Huber as Huber
-from ._fit import Positive as Positive
-from ._fit import compare_fits as compare_fits
-from ._fit import fit as fit
-from ._flight import Drag as Drag
-from ._forms import AbstractForm as AbstractForm
-from ._forms import ScaledImpact as ScaledImpact
-from ._forms import exact_damping_factor as exact_damping_factor
-from ._impact import AbstractMethod as AbstractMethod
-from ._impact import Event as Event
-from ._impact import Exact as Exact
-from ._impact import Impact as Impact
-from ._impact import Phase as Phase
-from ._impact import Status as Status
-from ._impact import Trajectory as Trajectory
-from ._impact import impact as impact
-from ._impact import restitution as restitution
-from ._impact import trajectory as trajectory
-from ._laws import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
-from ._laws import AbstractHuntCrossley as AbstractHuntCrossley
-from ._laws import AbstractLaw as AbstractLaw
-from ._laws import AntypovElliott as AntypovElliott
-from ._laws import CarvalhoMartins as CarvalhoMartins
-from ._laws import ConstantDamping as ConstantDamping
-from ._laws import Damped as Damped
-from ._laws import EnergyLoss as EnergyLoss
-from ._laws import ExactRestitution as ExactRestitution
-from ._laws import Flores as Flores
-from ._laws import Gonthier as Gonthier
-from ._laws import HerbertMcWhannell as HerbertMcWhannell
-from ._laws import Hertz as Hertz
-from ._laws import HuGuo as HuGuo
-from ._laws import HuntCrossley as HuntCrossley
-from ._laws import Jankowski as Jankowski
-from ._laws import KelvinVoigt as KelvinVoigt
-from ._laws import KuwabaraKono as KuwabaraKono
-from ._laws import LankaraniNikravesh as LankaraniNikravesh
-from ._laws import LeeWang as LeeWang
-from ._laws import MarhefkaOrin as MarhefkaOrin
-from ._laws import PowerDamping as PowerDamping
-from ._laws import Thornton as Thornton
-from ._laws import Tsuji as Tsuji
-from ._laws import ZhiyingQishao as ZhiyingQishao
-from ._laws import get_law as get_law
-from ._laws import list_laws as list_laws
-from ._laws import register_law as register_law
-from ._measurements import Recording as Recording
-from ._measurements import RecordingError as RecordingError
-from ._measurements import read_recording as read_recording
-from ._scene import Box as Box
-from ._scene import Ending as Ending
-from ._scene import Impacts as Impacts
-from ._scene import Margin as Margin
-from ._scene import Moment as Moment
-from ._scene import Plane as Plane
-from ._scene import Prescribed as Prescribed
-from ._scene import Run as Run
-from ._scene import Scene as Scene
-from ._scene import Shell as Shell
-from ._scene import Sphere as Sphere
-from ._scene import Steady as Steady
-from ._scene import Vibration as Vibration
-from ._scene import Way as Way
-from ._scene import random_spheres as random_spheres
-from ._scene import read_scene as read_scene
-from ._scene import simulate as simulate
-from ._sweep import Sweep as Sweep
-from ._sweep import sweep as sweep
+if _TYPE_CHECKING:
+    # For readers and type checkers. A name is loaded when it is first used, with its room and what
+    # that needs: who follows one impact does not wait for scenes and fits.
+    from ._bounce import Bounce as Bounce
+    from ._bounce import bounce as bounce
+    from ._calibration import AbstractShape as AbstractShape
+    from ._calibration import Calibration as Calibration
+    from ._calibration import CalibrationSummary as CalibrationSummary
+    from ._calibration import LawChoice as LawChoice
+    from ._calibration import Network as Network
+    from ._calibration import Rational as Rational
+    from ._calibration import Spline as Spline
+    from ._calibration import VelocityProfile as VelocityProfile
+    from ._calibration import calibrate as calibrate
+    from ._calibration import choose_law as choose_law
+    from ._calibration import fit_bounces as fit_bounces
+    from ._calibration import fit_damping as fit_damping
+    from ._calibration import fit_energy_loss as fit_energy_loss
+    from ._calibration import fit_impacts as fit_impacts
+    from ._calibration import fit_record as fit_record
+    from ._calibration import fit_velocity_profile as fit_velocity_profile
+    from ._calibration import learn_law as learn_law
+    from ._calibration import load_calibration as load_calibration
+    from ._contact import Contact as Contact
+    from ._contact import Material as Material
+    from ._elementary import power as power
+    from ._export import Export as Export
+    from ._export import export as export
+    from ._fit import Between as Between
+    from ._fit import Fit as Fit
+    from ._fit import Fixed as Fixed
+    from ._fit import Free as Free
+    from ._fit import Huber as Huber
+    from ._fit import Positive as Positive
+    from ._fit import compare_fits as compare_fits
+    from ._fit import fit as fit
+    from ._flight import Drag as Drag
+    from ._forms import AbstractForm as AbstractForm
+    from ._forms import ScaledImpact as ScaledImpact
+    from ._forms import exact_damping_factor as exact_damping_factor
+    from ._impact import AbstractMethod as AbstractMethod
+    from ._impact import Event as Event
+    from ._impact import Exact as Exact
+    from ._impact import Impact as Impact
+    from ._impact import Phase as Phase
+    from ._impact import Status as Status
+    from ._impact import Trajectory as Trajectory
+    from ._impact import impact as impact
+    from ._impact import restitution as restitution
+    from ._impact import trajectory as trajectory
+    from ._laws import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
+    from ._laws import AbstractHuntCrossley as AbstractHuntCrossley
+    from ._laws import AbstractLaw as AbstractLaw
+    from ._laws import AntypovElliott as AntypovElliott
+    from ._laws import CarvalhoMartins as CarvalhoMartins
+    from ._laws import ConstantDamping as ConstantDamping
+    from ._laws import Damped as Damped
+    from ._laws import EnergyLoss as EnergyLoss
+    from ._laws import ExactRestitution as ExactRestitution
+    from ._laws import Flores as Flores
+    from ._laws import Gonthier as Gonthier
+    from ._laws import HerbertMcWhannell as HerbertMcWhannell
+    from ._laws import Hertz as Hertz
+    from ._laws import HuGuo as HuGuo
+    from ._laws import HuntCrossley as HuntCrossley
+    from ._laws import Jankowski as Jankowski
+    from ._laws import KelvinVoigt as KelvinVoigt
+    from ._laws import KuwabaraKono as KuwabaraKono
+    from ._laws import LankaraniNikravesh as LankaraniNikravesh
+    from ._laws import LeeWang as LeeWang
+    from ._laws import MarhefkaOrin as MarhefkaOrin
+    from ._laws import PowerDamping as PowerDamping
+    from ._laws import Thornton as Thornton
+    from ._laws import Tsuji as Tsuji
+    from ._laws import ZhiyingQishao as ZhiyingQishao
+    from ._laws import get_law as get_law
+    from ._laws import list_laws as list_laws
+    from ._laws import register_law as register_law
+    from ._measurements import Recording as Recording
+    from ._measurements import RecordingError as RecordingError
+    from ._measurements import read_recording as read_recording
+    from ._scene import Box as Box
+    from ._scene import Ending as Ending
+    from ._scene import Impacts as Impacts
+    from ._scene import Margin as Margin
+    from ._scene import Moment as Moment
+    from ._scene import Plane as Plane
+    from ._scene import Prescribed as Prescribed
+    from ._scene import Run as Run
+    from ._scene import Scene as Scene
+    from ._scene import Shell as Shell
+    from ._scene import Sphere as Sphere
+    from ._scene import Steady as Steady
+    from ._scene import Vibration as Vibration
+    from ._scene import Way as Way
+    from ._scene import random_spheres as random_spheres
+    from ._scene import read_scene as read_scene
+    from ._scene import simulate as simulate
+    from ._sweep import Sweep as Sweep
+    from ._sweep import sweep as sweep
 
 __version__ = "0.1.0"
 
+_ROOMS = {
+    "_bounce": "Bounce bounce",
+    "_calibration": (
+        "AbstractShape Calibration CalibrationSummary LawChoice Network Rational Spline "
+        "VelocityProfile calibrate choose_law fit_bounces fit_damping fit_energy_loss "
+        "fit_impacts fit_record fit_velocity_profile learn_law load_calibration"
+    ),
+    "_contact": "Contact Material",
+    "_elementary": "power",
+    "_export": "Export export",
+    "_fit": "Between Fit Fixed Free Huber Positive compare_fits fit",
+    "_flight": "Drag",
+    "_forms": "AbstractForm ScaledImpact exact_damping_factor",
+    "_impact": (
+        "AbstractMethod Event Exact Impact Phase Status Trajectory impact restitution trajectory"
+    ),
+    "_laws": (
+        "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AntypovElliott CarvalhoMartins "
+        "ConstantDamping Damped EnergyLoss ExactRestitution Flores Gonthier HerbertMcWhannell "
+        "Hertz HuGuo HuntCrossley Jankowski KelvinVoigt KuwabaraKono LankaraniNikravesh LeeWang "
+        "MarhefkaOrin PowerDamping Thornton Tsuji ZhiyingQishao get_law list_laws register_law"
+    ),
+    "_measurements": "Recording RecordingError read_recording",
+    "_scene": (
+        "Box Ending Impacts Margin Moment Plane Prescribed Run Scene Shell Sphere Steady "
+        "Vibration Way random_spheres read_scene simulate"
+    ),
+    "_sweep": "Sweep sweep",
+}
+"""The rooms that the names above live in."""
+_HOME = {name: room for room, names in _ROOMS.items() for name in names.split()}
+_MODULES = ("paper", "plot")
+
+# One list of the names is enough.
+__all__ = [*sorted(_HOME), *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
+
 
 def __getattr__(name: str) -> _Any:
-    # matplotlib is loaded by those who plot.
-    if name in ("plot", "paper"):
+    if name in _MODULES:
         return _import_module(f".{name}", __name__)
-    raise AttributeError(f"module 'jaxcontact' has no attribute {name!r}")
+    if name not in _HOME:
+        raise AttributeError(f"module 'jaxcontact' has no attribute {name!r}")
+    found = getattr(_import_module(f".{_HOME[name]}", __name__), name)
+    # The next time it is there.
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -9,8 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
-from scipy import stats
-from scipy.interpolate import PchipInterpolator
+from scipy.special import ndtri, stdtrit
 
 from .._parameter import (
     FRACTION,
@@ -52,9 +51,12 @@ class Profile:
 
         An end beyond the profiled values is infinite.
         """
+        # Interpolation brings half of SciPy with it, for which no other user should wait.
+        from scipy.interpolate import PchipInterpolator
+
         level = require_number("level", level, FRACTION)
         tail = (1 + level) / 2
-        wanted = stats.norm.ppf(tail) if self.absolute else stats.t.ppf(tail, self.dof)
+        wanted = ndtri(tail) if self.absolute else stdtrit(self.dof, tail)
         good = np.isfinite(self.deviation)
         y, order = np.unique([*self.deviation[good], 0.0], return_index=True)
         x = np.array([*self.values[good], self.best])[order]

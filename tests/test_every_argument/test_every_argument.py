@@ -111,7 +111,9 @@ def public():
     """Every public callable with its name: functions, constructors and methods."""
     for where in (jc, jc.plot, jc.paper):
         prefix = "" if where is jc else where.__name__.removeprefix("jaxcontact.") + "."
-        for name, value in vars(where).items():
+        for name in dir(where):
+            # Names of the package are loaded when they are used.
+            value = getattr(where, name)
             if name.startswith("_") or not (inspect.isclass(value) or inspect.isfunction(value)):
                 continue
             yield prefix + name, value
