@@ -9,8 +9,6 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
-from ._parameter import as_flag, rendered
-
 _PATIENCE = 1.0
 """Seconds: work that ends sooner shows no bar."""
 _TERMINAL, _FILE = 0.2, 10.0
@@ -41,6 +39,8 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
         listener: Any = wanted
         yield lambda done, total=None, note="", /: listener(done, total)
         return
+    from ._parameter import as_flag
+
     shows = as_flag(wanted)
     watched = sys.stderr.isatty() or in_notebook()
     if not (watched if shows is None else shows):
@@ -69,6 +69,9 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
 
 def require_progress(wanted: bool | Listener | None) -> None:
     """Raise ValueError for what `progress_of` does not take."""
+    # Not at the top: the command line has stages, and its --help need not wait for JAX.
+    from ._parameter import as_flag, rendered
+
     if not callable(wanted) and wanted is not None and as_flag(wanted) is None:
         raise ValueError(
             "Argument `progress` must be True, False, None or a function of two numbers, "
@@ -99,6 +102,8 @@ def stages_of(wanted: bool | Callable[[str], None]) -> Callable[[str], None]:
     """
     if callable(wanted):
         return wanted
+    from ._parameter import as_flag, rendered
+
     shows = as_flag(wanted)
     if shows is None:
         raise ValueError(

@@ -8,7 +8,6 @@ import math
 import pathlib
 from typing import TYPE_CHECKING, Any
 
-from .._impact._result import NUMBERS
 from .._progress import Stages
 from .._text_table import text_table
 from .._units import meaning, quantity
@@ -79,6 +78,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
 
 def _numbers(hit: Impact) -> dict[str, float]:
+    from .._impact._result import NUMBERS
+
     return {name: float(getattr(hit, name)) for name in NUMBERS}
 
 
@@ -108,16 +109,17 @@ def _dict(
     status: Status,
 ) -> dict[str, Any]:
     contact = {name: getattr(arguments, name) for name in ("mass", "stiffness")}
+    numbers = _numbers(hit)
     return {
         "law": arguments.law,
         "parameters": given,
         "contact": {**contact, "exponent": exponent},
         "velocity": arguments.velocity,
-        **{name: x if math.isfinite(x) else None for name, x in _numbers(hit).items()},
+        **{name: x if math.isfinite(x) else None for name, x in numbers.items()},
         "status": status.name,
         "method": hit.method,
         "units": {
-            name: unit for name in (*contact, "velocity", *NUMBERS) if (unit := meaning(name)[1])
+            name: unit for name in (*contact, "velocity", *numbers) if (unit := meaning(name)[1])
         },
     }
 

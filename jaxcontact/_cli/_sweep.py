@@ -10,9 +10,6 @@ import pathlib
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-import numpy as np
-
-from .._impact._result import NUMBERS
 from .._progress import Stages
 from .._whole_files import write_all
 from ._files import FIGURES, drawn, output_path
@@ -20,6 +17,7 @@ from ._law import add_law_and_contact, exponent_asked, parameters_asked
 from ._options import InputError, number
 
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.figure import Figure
 
     from .._impact import Impact
@@ -63,6 +61,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def span(text: str) -> float | np.ndarray:
     """A number, or the numbers of FROM:TO:COUNT or FROM:TO:COUNT:log; for argparse."""
+    import numpy as np
+
     parts = text.split(":")
     if len(parts) == 1:
         return number(text)
@@ -82,6 +82,8 @@ def span(text: str) -> float | np.ndarray:
 
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Sweep over the ranges given and write the table. Raises InputError, OSError."""
+    import numpy as np
+
     out = output_path("--out", arguments.out, (".nc", ".csv"))
     if out.suffix.lower() == ".nc" and importlib.util.find_spec("xarray") is None:
         raise InputError(
@@ -123,7 +125,10 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
 def _beyond(table: Sweep) -> int:
     """How many contacts separated but have no number for one of their fields."""
+    import numpy as np
+
     from .._impact import Status
+    from .._impact._result import NUMBERS
 
     fields = (name for name in NUMBERS if name in table.fields)
     lost = functools.reduce(np.logical_or, (~np.isfinite(table[name]) for name in fields))
@@ -131,6 +136,10 @@ def _beyond(table: Sweep) -> int:
 
 
 def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path | None:
+    import numpy as np
+
+    from .._impact._result import NUMBERS
+
     if arguments.plot is None:
         return None
     plot = output_path("--plot", arguments.plot, FIGURES)
