@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._cluster_end import APART, AT_REST, TIME_IS_UP
+from ._cluster_end import APART, AT_REST, PAUSED, TIME_IS_UP
 from ._cluster_end import NOT_CONVERGED as FAILED
 from ._company import company_of, pace_of
 from ._coupled import Call, as_numbers, at_once, call, masses, meets, touching, work_of_walls
@@ -89,7 +89,8 @@ def called(
     until = jnp.minimum(jnp.minimum(jnp.min(expected), jnp.min(waiting)), now + company.alone)
     sooner = until < end
     until = jnp.minimum(until, end)
-    decided = Call(coupling.starts, coupling.choice, seats, change, closed, until)
+    no = jnp.asarray(False)
+    decided = Call(coupling.starts, coupling.choice, seats, change, closed, until, no)
     began, done = call(
         layout, numbers, members, spheres, support, held, coupling.state,
         decided.where(needed & calls_first(state)), tolerance, rules.v0,
@@ -120,7 +121,6 @@ def called(
     motion = [jnp.sum(jnp.square(x.velocity[:members]), axis=-1) for x in (began, after)]
     missing = jnp.sum(mass * (motion[0] - motion[1])) / 2 + jnp.maximum(done.work, 0)
     reserve = jnp.maximum(jnp.where(coupling.starts, 0, coupling.reserve) + missing, 0)
-    no = jnp.asarray(False)
     state = state._replace(
         position=settled(state.position, position),
         velocity=settled(state.velocity, after.velocity[:members]),
@@ -148,7 +148,7 @@ def called(
     work = work_of_walls(layout, numbers, seats, began, done)
     together = Together(spheres, held, as_numbers(began), as_numbers(after), work, done.error)
     blank = jnp.full(2, -1)
-    called = Called(jnp.asarray(True), support, decided, ends, rest)
+    called = Called(jnp.asarray(True), support, decided, ends, rest, status == PAUSED)
     figures = Figures(nobody, outcome, together)
     facts = Facts(coupling.choice, blank, no, jnp.full_like(zero, jnp.inf), called)
     return state, figures, facts, ~company.crowded

@@ -20,6 +20,8 @@ from ._cluster_solve import solve_cluster
 from ._side import side
 from ._touching import ClusterState, Drive, Pairs, PerBody
 
+MOST_STEPS = 4096
+
 
 def cluster(
     law: AbstractLaw,
@@ -35,7 +37,8 @@ def cluster(
     until_change: bool = False,
     drive: Drive | None = None,
     in_line: bool = False,
-    max_steps: int = 4096,
+    to_the_end: Bool[Array, ""] | bool = False,
+    max_steps: int = MOST_STEPS,
 ) -> ClusterEnd:
     """Follow a cluster of touching bodies until all its pairs are open, or until a time in s.
 
@@ -47,7 +50,7 @@ def cluster(
     "touch", the speed at touch; a number, the least speed in m/s at touch. With `until_change` the
     solve also ends where a pair touches or opens. `drive` says which prescribed bodies are
     accelerated; None where none is. `in_line` allows for a shorter way in one dimension, where
-    there are no shells.
+    there are no shells. With `to_the_end` it goes on where it comes to rest.
 
     One lane; batch it with `vmap`. Differentiable in both modes: the solve carries the
     sensitivities to all that varies. Nothing is raised; see `ClusterEnd.status`.
@@ -72,6 +75,7 @@ def cluster(
         tolerance=jax.lax.stop_gradient(tolerance),
         floor=jnp.asarray(0.0 if isinstance(v0, str) else v0, dtype),
         drive=drive,
+        to_the_end=jnp.asarray(to_the_end),
     )
     rules = Rules(v0 == "peak", until_change, max_steps, in_line)
     return _with_sensitivity(solve_cluster, rules)(problem)

@@ -6,13 +6,15 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ._touching import ClusterState, Drive, Pairs, PerBody, Units
 
 
 class Problem(NamedTuple):
-    """A cluster with its start, in SI units; every float of it may be differentiated."""
+    """A cluster with its start, in SI units; every float of it may be differentiated. `to_the_end`:
+    whether it goes on where it comes to rest.
+    """
 
     law: Any
     contact: Any
@@ -24,6 +26,7 @@ class Problem(NamedTuple):
     tolerance: Float[Array, ""]
     floor: Float[Array, ""]
     drive: Drive | None
+    to_the_end: Bool[Array, ""]
 
 
 class Rules(NamedTuple):

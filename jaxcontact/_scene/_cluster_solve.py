@@ -254,7 +254,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         speed = layout.velocity(y) + frame / units.speed
         pace = layout.velocity(toward) / (2 * now_w)
         resting = rest_of(system, closed, (now.rate, now.second), (speed, pace), tolerance)
-        status = jnp.where(taken & ~event, resting, -1)
+        status = jnp.where(taken & ~event & ~problem.to_the_end, resting, -1)
         changed = jnp.any(touches | opens) & rules.until_change
         status = jnp.where(changed, CHANGED, status)
         status = jnp.where(~jnp.any(closed & pairs.used), APART, status)

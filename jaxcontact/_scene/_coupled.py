@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._cluster import cluster, touched
+from ._cluster import MOST_STEPS, cluster, touched
 from ._cluster_end import TIME_IS_UP, ClusterEnd
 from ._hit import Choice, Flying, accelerations, meeting_of, two_that_meet
 from ._overlap import ROUNDINGS
@@ -29,7 +29,8 @@ MOST = 8
 class Call(NamedTuple):
     """The decisions about one call: `starts` a solve at the touch of `choice`, or goes on; who is
     in it and who has come; `closed` (P,): the pairs of those that come which are in contact at
-    once. It ends at the time `until` in s, if nothing happens before.
+    once. It ends at the time `until` in s, if nothing happens before; `to_the_end`: rest is
+    nothing.
     """
 
     starts: Bool[Array, ""]
@@ -38,6 +39,7 @@ class Call(NamedTuple):
     change: Change
     closed: Bool[Array, " P"]
     until: Float[Array, ""]
+    to_the_end: Bool[Array, ""]
 
     def where(self, needed: Bool[Array, ""]) -> Call:
         """The call, without a step where it is not `needed`: in a batch another lane needs one."""
@@ -129,6 +131,7 @@ def call(
     decided: Call,
     rtol: Float[Array, ""],
     v0: Any,
+    max_steps: int = MOST_STEPS,
 ) -> tuple[ClusterState, ClusterEnd]:
     """One call of the coupled solve: the state that it starts from, and how it ends.
 
@@ -198,7 +201,7 @@ def call(
     end = cluster(
         law, contact, pairs, inverse, pull, begin, decided.until,
         rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, members, begin.time),
-        in_line=in_line(layout),
+        in_line=in_line(layout), to_the_end=decided.to_the_end, max_steps=max_steps,
     )  # fmt: skip
     # Without rounding, so that no other call is needed.
     over = jnp.where(end.status == TIME_IS_UP, decided.until, end.state.time)

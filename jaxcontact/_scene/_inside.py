@@ -78,7 +78,7 @@ def in_contacts(
 
         change = joining(layout, members, seats.present)
         closed = meets(layout, members, seats, choice)
-        decided = Call(yes, choice, seats, change, closed, until)
+        decided = Call(yes, choice, seats, change, closed, until, ~yes)
         spheres = jax.tree.map(seated, before)
         blank = blank_state(layout, members, numbers.dtype)
         held = jnp.zeros(members, numbers.dtype)

@@ -31,7 +31,7 @@ class Together(NamedTuple):
 
 class Called(NamedTuple):
     """The decisions about a call: whether the row is one, what its spheres rested on before it, and
-    whether the bodies are apart after it, or at `rest`.
+    whether the bodies are apart after it, or at `rest`, or whether it was only `paused`.
     """
 
     is_call: Any
@@ -39,6 +39,7 @@ class Called(NamedTuple):
     decided: Call
     ends: Any
     rest: Any
+    paused: Any
 
 
 class Figures(NamedTuple):
@@ -103,9 +104,9 @@ def blank_calls(layout: Layout, members: int, dtype: Any) -> tuple[Together, Cal
     pairs = jnp.zeros(places(layout, members)[0].shape, bool)
     whole = jnp.zeros(members, int)
     seats, change = Seats(whole, whole > 0, vector), unchanged(layout, members)
-    decided = Call(no, choice, seats, change, pairs, none)
+    decided = Call(no, choice, seats, change, pairs, none, no)
     together = Together(Flying(vector, vector, each), each, state, state, none, none)
-    return together, Called(no, whole - 1, decided, no, no)
+    return together, Called(no, whole - 1, decided, no, no, no)
 
 
 def last_call(

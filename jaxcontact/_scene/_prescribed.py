@@ -15,13 +15,34 @@ from ._entry import one_number
 from ._motion import AbstractMotion, Along, Own, still
 
 
+class _Told:
+    """The function with all of `args` that is no array, which is compared by value, as a program
+    that was compiled for it is.
+    """
+
+    def __init__(self, function: Callable[[Any, Any], Any], rest: list[Any], structure: Any):
+        self.function = function
+        self.known = (function, tuple(rest), structure)
+
+    def __call__(self, time: Array, arrays: Any) -> Any:
+        _, rest, structure = self.known
+        return self.function(time, eqx.combine(arrays, jax.tree.unflatten(structure, rest)))
+
+    def __hash__(self) -> int:
+        return hash(self.known)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Told) and self.known == other.known
+
+
 class Prescribed(AbstractMotion):
     """A wall that moves as a function says: displacement d(t) from the place it is given at.
 
     Arguments: `displacement(t, args)`, a JAX function of the time in s with two derivatives, which
     returns the displacement in m, as many numbers as the scene has dimensions, or for a plane one
     number, along its normal; `max_acceleration` b > 0 in m/s², a bound |d''(t)| ≤ b, which the
-    search for touches relies on; `args`, what the function takes besides: numbers in it are leaves.
+    search for touches relies on; `args`, what the function takes besides, as a network of equinox:
+    numbers in it are leaves, all else must be hashable.
     The function is static: define it once, and give what changes in `args`. A run is flagged
     (`Ending.WALL_TOO_ABRUPT`) from the moment at which the bound does not hold, looked for at 4097
     times of the run. Raises ValueError for what is no function, returns no displacement, or is out
@@ -74,8 +95,9 @@ class Prescribed(AbstractMotion):
 
     def _own(self, normal: Array) -> Own:
         one = jnp.ones((), self._began.dtype)
-        numbers = (self.args, self._began, normal, self.max_acceleration, one, one)
-        return Own(self.displacement, *numbers)
+        arrays, rest = eqx.partition(self.args, eqx.is_array)
+        told = _Told(self.displacement, *jax.tree.flatten(rest))
+        return Own(told, arrays, self._began, normal, self.max_acceleration, one, one)
 
     def start(self, normal: Array) -> Array:
         return self._own(normal).place(jnp.zeros_like(self._began))

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ._cluster import MOST_STEPS
 from ._coupled import as_flags, as_numbers, call, work_of_walls
 from ._hit import Flying, Outcome, hit, two_that_meet
 from ._log import Facts, Figures, Log, Together
@@ -124,7 +125,7 @@ def _tangents(
             numbers = eqx.combine(leaves, rest)
             began, done = call(
                 layout, numbers, members, spheres, called.support, held, as_flags(before),
-                decided.where(counts), tolerance, rules.v0,
+                decided.where(counts), tolerance, rules.v0, max_steps=2 * MOST_STEPS,
             )  # fmt: skip
             work = work_of_walls(layout, numbers, seats, began, done)
             place = done.state.position[:members] + seats.shift * numbers.period[None]
@@ -132,7 +133,14 @@ def _tangents(
 
         # At the places of this call, in which it began; they may be those of other bodies before.
         before = rearranged(carry.coupled, called.decided.change, members)
-        decided = called.decided._replace(change=in_place(called.decided.change))
+        # Rest, and the last of all steps, come at a time that rounding decides, so that this solve
+        # would stop at another one: it goes to the time that is known.
+        stops = called.rest | called.paused
+        decided = called.decided._replace(
+            change=in_place(called.decided.change),
+            until=jnp.where(stops, at.end.time, called.decided.until),
+            to_the_end=stops,
+        )
         spheres, held = jax.tree.map(lambda x: x[who], (carry.spheres, carry.held))
         given = (leaves, at.spheres, at.held, at.began)
         slopes = (along, spheres, held, before)

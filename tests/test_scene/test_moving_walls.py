@@ -324,6 +324,21 @@ def test_a_soft_ball_on_a_table_that_moves_as_a_function_says():
     assert abs(run.position[-1, 0, 0] - RADIUS - height) < SOFT * fastest * 0.08
 
 
+def test_arguments_of_a_function_that_are_no_numbers():
+    """A network has functions among its leaves; a table of names has text."""
+
+    def named(t, args):
+        return args["amplitude"] * args["form"](RATE * t) if args["on"] == "yes" else 0 * t
+
+    law = jc.ExactRestitution(e=0.8)
+    args = {"amplitude": 1e-4, "form": jnp.sin, "on": "yes"}
+    motion = jc.Prescribed(named, 1e-4 * RATE**2, args)
+    run = jc.simulate(over(motion, 0.02, law), 0.1, instantaneous=True)
+    touches, _, velocity = bounces(sine(1e-4, 0.0), 0.02, 0.8, 0.1)
+    assert len(run.impacts) == len(touches) > 0
+    assert abs(run.velocity[-1, 0, 0] - velocity) < EXACT
+
+
 def test_a_wall_that_exceeds_its_acceleration_is_flagged():
     """d = c t³ has the acceleration 6 c t; a jerk within an interval is seen by what it moved."""
 
