@@ -124,7 +124,7 @@ FAULTS = {
         "radius = 0.1\nposition",
         "raduis = 0.1\nposition",
         "[[sphere]] number 1: a key must be one of radius, mass, position, velocity, material, "
-        "name, fixed, but is 'raduis'; did you mean 'radius'?",
+        "name, fixed, motion, but is 'raduis'; did you mean 'radius'?",
     ),
     "missing": (
         "normal = [0.0, 1.0]",
