@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._parameter import POSITIVE, as_parameter, is_plain, rendered, require_function
@@ -15,24 +17,17 @@ from ._entry import one_number
 from ._motion import AbstractMotion, Along, Own, still
 
 
+@dataclasses.dataclass(frozen=True)
 class _Told:
-    """The function with all of `args` that is no array, which is compared by value, as a program
-    that was compiled for it is.
-    """
+    """The function with all of `args` that is no array; it is compared by value."""
 
-    def __init__(self, function: Callable[[Any, Any], Any], rest: list[Any], structure: Any):
-        self.function = function
-        self.known = (function, tuple(rest), structure)
+    function: Callable[[Any, Any], Any]
+    rest: tuple[Any, ...]
+    structure: Any
 
     def __call__(self, time: Array, arrays: Any) -> Any:
-        _, rest, structure = self.known
-        return self.function(time, eqx.combine(arrays, jax.tree.unflatten(structure, rest)))
-
-    def __hash__(self) -> int:
-        return hash(self.known)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Told) and self.known == other.known
+        rest = jax.tree.unflatten(self.structure, self.rest)
+        return self.function(time, eqx.combine(arrays, rest))
 
 
 class Prescribed(AbstractMotion):
@@ -62,7 +57,12 @@ class Prescribed(AbstractMotion):
     ):
         self.displacement = require_function("displacement", displacement)
         self.max_acceleration = one_number(max_acceleration, "max_acceleration", POSITIVE)
-        self.args = jax.tree.map(lambda x: as_parameter(x, "args") if is_plain(x) else x, args)
+
+        def read(leaf: Any) -> Any:
+            is_number = is_plain(leaf) or isinstance(leaf, np.ndarray | np.generic)
+            return as_parameter(leaf, "args") if is_number else leaf
+
+        self.args = jax.tree.map(read, args)
         self._began = jnp.zeros_like(self.max_acceleration)
         try:
             shape = self._shape()
@@ -96,7 +96,8 @@ class Prescribed(AbstractMotion):
     def _own(self, normal: Array) -> Own:
         one = jnp.ones((), self._began.dtype)
         arrays, rest = eqx.partition(self.args, eqx.is_array)
-        told = _Told(self.displacement, *jax.tree.flatten(rest))
+        leaves, structure = jax.tree.flatten(rest)
+        told = _Told(self.displacement, tuple(leaves), structure)
         return Own(told, arrays, self._began, normal, self.max_acceleration, one, one)
 
     def start(self, normal: Array) -> Array:

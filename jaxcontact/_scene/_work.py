@@ -72,4 +72,4 @@ def _carried(
     total = total + of(who, facts.choice.support, passed, impacts)
     last = looked_up(layout, numbers, log, written, reached[None], soft)
     everyone = jnp.arange(layout.spheres)[None]
-    return total + of(everyone, last.support, reached - last.began, jnp.isfinite(last.began))
+    return total + of(everyone, last.support, reached - last.began, jnp.asarray(True))

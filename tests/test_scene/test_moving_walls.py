@@ -6,15 +6,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 
 import jaxcontact as jc
-
-GRAVITY = 9.81
-FREQUENCY = 50.0
-RATE = 2 * math.pi * FREQUENCY
-RADIUS, MASS, STIFFNESS = 0.01, 0.03, 1e8
+from tests.oracle.moving_table import (
+    FREQUENCY,
+    GRAVITY,
+    MASS,
+    RADIUS,
+    RATE,
+    STIFFNESS,
+    bounces,
+    over,
+    pressed,
+    sine,
+)
 
 EXACT = 1e-11
 """Ten impacts on a table that shakes, whose errors grow a hundredfold: measured 1e-12."""
@@ -29,51 +34,8 @@ REST = 1e-8
 """Ten times `rtol`: of places in m, speeds in m/s, and work."""
 
 
-def over(motion, height, law):
-    """A ball over a table that moves."""
-    return jc.Scene(
-        bodies=[
-            jc.Sphere(RADIUS, MASS, position=[height + RADIUS]),
-            jc.Plane([0.0], [1.0], motion=motion),
-        ],
-        law=law,
-        stiffness=STIFFNESS,
-        gravity=[-GRAVITY],
-    )
-
-
 def on_a_table(amplitude, phase, height, law):
     return over(jc.Vibration(amplitude, FREQUENCY, phase), height, law)
-
-
-def sine(amplitude, phase):
-    """The place of a table and its velocity, at any times."""
-    return (
-        lambda t: amplitude * np.sin(RATE * t + phase),
-        lambda t: amplitude * RATE * np.cos(RATE * t + phase),
-    )
-
-
-def bounces(table, height, e, duration):
-    """Touches (time, closing speed) of a ball on a table, and its end, by sampling and Brent."""
-    place, speed = table
-    t, z, v, touches = 0.0, height, 0.0, []
-    while True:
-
-        def gap(s, t=t, z=z, v=v):
-            fall = z + v * (s - t) - GRAVITY / 2 * (s - t) ** 2
-            return fall - place(s)
-
-        grid = np.linspace(t, duration, 200_001)[1:]
-        gaps = gap(grid)
-        where = np.flatnonzero((gaps[1:] <= 0) & (gaps[:-1] > 0))
-        if where.size == 0:
-            left = duration - t
-            return np.array(touches), z + v * left - GRAVITY / 2 * left**2, v - GRAVITY * left
-        s = brentq(gap, grid[where[0]], grid[where[0] + 1], xtol=1e-16, rtol=1e-15)
-        moves, ball = speed(s), v - GRAVITY * (s - t)
-        touches.append((s, moves - ball))
-        z, v, t = place(s), moves + e * (moves - ball), s
 
 
 def test_a_ball_on_a_table_that_shakes():
@@ -216,43 +178,13 @@ def test_a_lift_carries_what_rests_on_it(instantaneous):
     np.testing.assert_allclose(more.wall_work, MASS * GRAVITY * speed * 0.5, rtol=REST)
 
 
-def _pressed(table, height, duration, alpha, rtol=1e-12):
-    """A soft ball on a table that shakes: Newton's equation, restarted at touches and openings."""
-    t, y, in_contact, speed = 0.0, np.array([height, 0.0]), False, 1.0
-    place, moving = table
-
-    def force(t, y):
-        if not in_contact:
-            return 0.0
-        depth, rate = place(t) - y[0], moving(t) - y[1]
-        return max(STIFFNESS * max(depth, 0.0) ** 1.5 * (1 + alpha * rate / speed), 0.0)
-
-    def gap(t, y):
-        return y[0] - place(t)
-
-    gap.terminal = True
-    while t < duration:
-        gap.direction = 1 if in_contact else -1
-        found = solve_ivp(
-            lambda t, y: [y[1], force(t, y) / MASS - GRAVITY],
-            (t, duration), y, "DOP853", events=gap, rtol=rtol, atol=1e-16,
-            max_step=1e-5 if in_contact else 1e-4,
-        )  # fmt: skip
-        t, y = found.t[-1], found.y[:, -1]
-        if found.status == 1:
-            in_contact = not in_contact
-            if in_contact:
-                speed = moving(t) - y[1]
-    return y
-
-
 def test_a_soft_ball_on_a_table_that_shakes():
     law = jc.HuGuo(e=0.7)
     scene = on_a_table(1e-4, 0.3, 0.002, law)
     run = jc.simulate(scene, 0.08, v0="touch")
     assert len(run.impacts) >= 2
     alpha = float(law.damping_factor())
-    height, velocity = _pressed(sine(1e-4, 0.3), 0.002, 0.08, alpha)
+    height, velocity = pressed(sine(1e-4, 0.3), 0.002, 0.08, alpha)
     fastest = np.max(run.impacts.closing_speed)
     assert abs(run.velocity[-1, 0, 0] - velocity) < SOFT * fastest
     assert abs(run.position[-1, 0, 0] - RADIUS - height) < SOFT * fastest * 0.08
@@ -260,113 +192,6 @@ def test_a_soft_ball_on_a_table_that_shakes():
     missing = run.energy[0] + run.wall_work - lost - run.energy[-1]
     assert abs(missing) < 100 * 1e-9 * run.energy[0]
     assert abs(run.wall_work) > 1e-3 * run.energy[0]
-
-
-def two_tones(t, args):
-    """A table that shakes with its frequency and three times that."""
-    amplitude, other = args
-    return amplitude * jnp.sin(RATE * t) + other * jnp.sin(3 * RATE * t + 1.0)
-
-
-A, B = 1e-4, 2e-5
-TWO_TONES = (
-    lambda t: A * np.sin(RATE * t) + B * np.sin(3 * RATE * t + 1),
-    lambda t: RATE * (A * np.cos(RATE * t) + 3 * B * np.cos(3 * RATE * t + 1)),
-)
-STRONGEST = RATE**2 * (A + 9 * B)
-
-
-def test_a_table_that_moves_as_a_function_says():
-    law = jc.ExactRestitution(e=0.8)
-    motion = jc.Prescribed(two_tones, STRONGEST, (A, B))
-    run = jc.simulate(over(motion, 0.02, law), 0.4, instantaneous=True)
-    touches, height, velocity = bounces(TWO_TONES, 0.02, 0.8, 0.4)
-    assert run.status == jc.Ending.COMPLETED
-    assert len(run.impacts) == len(touches) > 6
-    np.testing.assert_allclose(run.impacts.time, touches[:, 0], rtol=EXACT)
-    np.testing.assert_allclose(run.impacts.closing_speed, touches[:, 1], rtol=EXACT)
-    assert abs(run.position[-1, 0, 0] - RADIUS - height) < EXACT
-    assert abs(run.velocity[-1, 0, 0] - velocity) < EXACT
-    # From halfway the function goes on at the time it had.
-    half = jc.simulate(over(motion, 0.02, law), 0.2, instantaneous=True)
-    rest = jc.simulate(half.final, 0.2, instantaneous=True)
-    np.testing.assert_allclose(rest.velocity[-1], run.velocity[-1], atol=EXACT)
-    np.testing.assert_allclose(half.wall_work + rest.wall_work, run.wall_work, atol=EXACT)
-
-    def end(numbers):
-        motion = jc.Prescribed(two_tones, STRONGEST, (numbers[0], numbers[1]))
-        run = jc.simulate(over(motion, 0.02, law), 0.2, instantaneous=True, max_impacts=8)
-        return run.velocity[-1, 0, 0]
-
-    along = jnp.array([1e-5, 2e-6])
-    found = jax.jit(lambda x: jax.jvp(end, (x,), (along,))[1])(jnp.array([A, B]))
-    step, ends = 1e-4, []
-    for sign in (1, -1):
-        first, third = np.array([A, B]) + sign * step * along
-        table = (
-            lambda t, a=first, b=third: a * np.sin(RATE * t) + b * np.sin(3 * RATE * t + 1),
-            lambda t, a=first, b=third: (
-                RATE * (a * np.cos(RATE * t) + 3 * b * np.cos(3 * RATE * t + 1))
-            ),
-        )
-        ends.append(bounces(table, 0.02, 0.8, 0.2)[2])
-    np.testing.assert_allclose(found, (ends[0] - ends[1]) / (2 * step), rtol=1e-5)
-
-
-def test_a_soft_ball_on_a_table_that_moves_as_a_function_says():
-    law = jc.HuGuo(e=0.7)
-    motion = jc.Prescribed(two_tones, STRONGEST, (A, B))
-    run = jc.simulate(over(motion, 0.002, law), 0.08, v0="touch")
-    assert len(run.impacts) >= 2
-    height, velocity = _pressed(TWO_TONES, 0.002, 0.08, float(law.damping_factor()))
-    fastest = np.max(run.impacts.closing_speed)
-    assert abs(run.velocity[-1, 0, 0] - velocity) < SOFT * fastest
-    assert abs(run.position[-1, 0, 0] - RADIUS - height) < SOFT * fastest * 0.08
-
-
-def test_arguments_of_a_function_that_are_no_numbers():
-    """A network has functions among its leaves; a table of names has text."""
-
-    def named(t, args):
-        return args["amplitude"] * args["form"](RATE * t) if args["on"] == "yes" else 0 * t
-
-    law = jc.ExactRestitution(e=0.8)
-    args = {"amplitude": 1e-4, "form": jnp.sin, "on": "yes"}
-    motion = jc.Prescribed(named, 1e-4 * RATE**2, args)
-    run = jc.simulate(over(motion, 0.02, law), 0.1, instantaneous=True)
-    touches, _, velocity = bounces(sine(1e-4, 0.0), 0.02, 0.8, 0.1)
-    assert len(run.impacts) == len(touches) > 0
-    assert abs(run.velocity[-1, 0, 0] - velocity) < EXACT
-
-
-def test_a_wall_that_exceeds_its_acceleration_is_flagged():
-    """d = c t³ has the acceleration 6 c t; a jerk within an interval is seen by what it moved."""
-
-    def cubic(t, c):
-        return -c * t**3
-
-    law = jc.ExactRestitution(e=0.8)
-    motion = jc.Prescribed(cubic, 1.2, 1.0)
-    times = np.array([0.0, 0.1, 0.19, 0.3])
-    run = jc.simulate(over(motion, 0.5, law), 0.4, times=times, instantaneous=True)
-    assert run.status == jc.Ending.WALL_TOO_ABRUPT
-    assert 0.2 <= run.reached < 0.2 + 2 * 0.4 / 4096
-    np.testing.assert_allclose(
-        run.position[:3, 0, 0], 0.5 + RADIUS - GRAVITY / 2 * times[:3] ** 2, rtol=EXACT
-    )
-    assert np.all(np.isnan(run.position[3])) and "wall too abrupt" in str(run)
-    slower = jc.simulate(
-        over(jc.Prescribed(cubic, 1.2, 0.4), 0.5, law), 0.4, times=times, instantaneous=True
-    )
-    assert slower.status == jc.Ending.COMPLETED
-
-    def kick(t, width):
-        return -1e-3 * jax.nn.sigmoid((t - 0.1234567) / width)
-
-    # The times that are looked at are 1e-4 s apart.
-    run = jc.simulate(over(jc.Prescribed(kick, 1e3, 1e-7), 0.5, law), 0.4, instantaneous=True)
-    assert run.status == jc.Ending.WALL_TOO_ABRUPT
-    assert abs(run.reached - 0.1234567) < 0.4 / 4096
 
 
 def test_a_box_that_is_moved_carries_its_balls():
@@ -386,13 +211,6 @@ def test_what_moves_wrongly_is_refused():
         jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady([1.0]))
     with pytest.raises(ValueError, match=r"`motion` of a box must have a list of numbers"):
         jc.Box([0.0], [1.0], motion=shake)
-    for wrong in (lambda t, args: 1, lambda t, args: (t, t), lambda t, args: jnp.zeros(4)):
-        with pytest.raises(ValueError, match=r"`displacement` must be a function that returns one"):
-            jc.Prescribed(wrong, 1.0)
-    with pytest.raises(ValueError, match=r"`displacement` must be a function of the time and of"):
-        jc.Prescribed(lambda t: t, 1.0)
-    with pytest.raises(ValueError, match=r"`motion` must have 2 numbers"):
-        jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Prescribed(lambda t, args: t[None], 1.0))
     with pytest.raises(ValueError, match=r"`frequency` must be in \(0, inf\)"):
         jc.Vibration(0.1, 0.0)
     ball = jc.Sphere(0.1, 1.0, [1.0])

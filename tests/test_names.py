@@ -1,0 +1,49 @@
+"""Public names are loaded when they are first used, and all of them are listed."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import jaxcontact
+
+ROOT = Path(jaxcontact.__file__).parent
+
+
+def test_names_load_on_first_use():
+    """Each with its room and what that needs, and all of them where they are listed."""
+    code = """
+import sys, jaxcontact as jc, jaxcontact._cli
+assert not {"jax", "numpy", "matplotlib"} & set(sys.modules), "--help would wait"
+loaded = lambda: {name.split(".")[1] for name in sys.modules if name.startswith("jaxcontact.")}
+jc.HuGuo, jc.Contact, jc.impact, jc.fit
+assert not loaded() & {"_scene", "_sweep", "_calibration", "_export", "_bounce", "plot"}, loaded()
+assert not {"scipy.stats", "scipy.optimize", "scipy.interpolate", "optax"} & set(sys.modules)
+names = {}
+exec("from jaxcontact import *", names)
+assert set(jc.__all__) <= set(names) and set(jc.__all__) <= set(dir(jc))
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT.parent)
+
+
+def test_names_are_listed_where_they_live():
+    """The list that checkers read and the one that is used are the same."""
+    tree = ast.parse((ROOT / "__init__.py").read_text())
+    (block,) = [node for node in tree.body if isinstance(node, ast.If)]
+    imported = {
+        alias.name: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.asname == alias.name
+    }
+    assert imported == jaxcontact._HOME
+
+
+def test_pictures_load_on_first_use():
+    code = """
+import jaxcontact as jc
+assert not hasattr(jc, "nonsense")
+assert jc.plot.fit.__module__.startswith("jaxcontact.plot") and callable(jc.paper.fig6)
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT.parent)
