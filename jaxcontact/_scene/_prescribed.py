@@ -59,8 +59,9 @@ class Prescribed(AbstractMotion):
         self.max_acceleration = one_number(max_acceleration, "max_acceleration", POSITIVE)
 
         def read(leaf: Any) -> Any:
-            is_number = is_plain(leaf) or isinstance(leaf, np.ndarray | np.generic)
-            return as_parameter(leaf, "args") if is_number else leaf
+            is_number: bool = is_plain(leaf) or isinstance(leaf, np.ndarray | np.generic)
+            given: Any = leaf
+            return as_parameter(given, "args") if is_number else leaf
 
         self.args = jax.tree.map(read, args)
         self._began = jnp.zeros_like(self.max_acceleration)
