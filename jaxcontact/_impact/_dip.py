@@ -2,43 +2,69 @@
 
 from __future__ import annotations
 
+import functools
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from .._implicit import bracketed_root
-from ._motion import Motion, Number, State
+from ._motion import Moment, Motion, Number, State
 
 
-def dip(
-    motion: Motion, moments: Float[Array, " steps"], states: State, steps: Int[Array, ""]
-) -> tuple[Bool[Array, ""], Int[Array, ""], Number]:
-    """Whether the force vanished and came back within a step of a way out; which step; when.
+class Dip(NamedTuple):
+    """Where the force of a way out first had a minimum within a step, if it was `found`.
 
     A force that may not pull ends the contact where it vanishes. Under a push the bodies may slow
-    down so much that it would soon be positive again. The moment is one in between, no event yet.
+    down so much that it would soon be positive again. The step begins at `start`, is of the given
+    `size` and has `slopes` at its ends. `gap` and `slope` are those of the force at the last state.
     """
-    motion, moments, states = jax.lax.stop_gradient((motion, moments, states._replace(loss=None)))
-    taken = jnp.arange(moments.size) <= steps
-    # Unused entries hold infinities: the first state replaces them.
-    states = jax.tree.map(lambda leaf: jnp.where(taken, leaf, leaf[0]), states)
-    out = jnp.asarray(False)
 
-    def gap(state: State) -> tuple[Number, Number]:
-        return jax.jvp(motion.gap_of_force, (state,), (motion.rate(state, out),))
+    gap: Number
+    slope: Number
+    found: Bool[Array, ""]
+    start: Moment
+    size: Number
+    slopes: Float[Array, "2"]
 
-    gaps, slopes = jax.vmap(gap)(states)
-    turns = (slopes[:-1] < 0) & (slopes[1:] > 0) & (gaps[:-1] > 0) & (gaps[1:] > 0) & taken[1:]
-    index = jnp.argmax(turns)
-    found = turns[index]
-    start = jax.tree.map(lambda leaf: leaf[index], states)
-    size = jnp.where(found, moments[index + 1] - moments[index], 1)
+    @staticmethod
+    def begin(start: Moment) -> Dip:
+        """Nothing seen yet of a motion from `start` on."""
+        zero = jnp.zeros_like(start.tau)
+        return Dip(zero, zero, jnp.isnan(zero), start, zero, jnp.zeros(2, zero.dtype))
 
-    def rise(fraction: Number) -> Number:
-        slope = gap(motion.later(start, fraction * size, out))[1]
-        return jnp.where(found, -slope, 0.5 - fraction)
+    def seen(self, motion: Motion, last: Moment, now: Moment) -> Dip:
+        """With the state `now`, which followed on `last`."""
+        gap, slope = _gap(*jax.lax.stop_gradient((motion, now.state)))
+        turns = ~self.found & (self.slope < 0) & (slope > 0) & (self.gap > 0) & (gap > 0)
+        size = jax.lax.stop_gradient(now.tau - last.tau)
+        return Dip(
+            gap=gap,
+            slope=slope,
+            found=self.found | turns,
+            start=jax.tree.map(functools.partial(jnp.where, turns), last, self.start),
+            size=jnp.where(turns, size, self.size),
+            slopes=jnp.where(turns, jnp.stack([self.slope, slope]), self.slopes),
+        )
 
-    ends = [jnp.where(found, -slopes[index + k], 0.5 - k) for k in (0, 1)]
-    lowest = bracketed_root(rise, *ends, iterations=60) * size
-    closes = gap(motion.later(start, lowest, out))[0] <= 0
-    return found & closes, index, moments[index] + lowest
+    def bottom(self, motion: Motion) -> tuple[Bool[Array, ""], Moment]:
+        """Whether the force vanishes at its minimum, and when, which is no event yet."""
+        motion, start = jax.lax.stop_gradient((motion, self.start.state))
+        size = jnp.where(self.found, self.size, 1)
+
+        def rise(fraction: Number) -> Number:
+            slope = _gap(motion, motion.later(start, fraction * size, jnp.asarray(False)))[1]
+            return jnp.where(self.found, -slope, 0.5 - fraction)
+
+        ends = [jnp.where(self.found, -self.slopes[k], 0.5 - k) for k in (0, 1)]
+        lowest = bracketed_root(rise, *ends, iterations=60) * size
+        state = motion.later(start, lowest, jnp.asarray(False))
+        closes = _gap(motion, state)[0] <= 0
+        return self.found & closes, Moment(self.start.tau + lowest, state)
+
+
+def _gap(motion: Motion, state: State) -> tuple[Number, Number]:
+    """What vanishes with the force, and its slope."""
+    state = state._replace(loss=None)
+    return jax.jvp(motion.gap_of_force, (state,), (motion.rate(state, jnp.asarray(False)),))

@@ -4,31 +4,34 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import operator
 from collections.abc import Callable
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar, cast
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._forms import AbstractForm, Flag, ScaledImpact
 from .._parameter import require_kind
 from .._varying import varying
 from ._balance import Balance, balance_of
-from ._dip import dip
 from ._ending import at_end
 from ._event_in_step import event_in_step
 from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
+from ._lean_dopri8 import LeanDopri8
 from ._method import AbstractMethod, count_field, tolerance_field
-from ._motion import Motion, Number, State
-from ._peak import Path, is_rising, largest_force
+from ._motion import Moment, Motion, Number, State
+from ._peak import is_rising, largest_near
 from ._stiff import Followed, follow_on
 from ._under_push import end_is_sharp, is_spent, turn_is_sharp
+from ._watch import Nearest, Watch, Watching
 
 Out = TypeVar("Out")
 
@@ -37,6 +40,8 @@ _FAR = 1e12
 # The controller bounds the error of a step. Measured, the outcome is up to twenty times worse.
 _SAFETY = 0.02
 
+# For so many lanes the stages of a step are written out, which takes longer to compile.
+_MANY = 1000
 # The rtol from which on somebody wants derivatives: for values alone more powers of w cost steps.
 _FOR_SLOPES = 1e-10
 # Energies that differ by more than this, in units of rtol, come from a solve that missed something:
@@ -81,8 +86,9 @@ class Event(AbstractMethod):
         return self.over(lanes.motion(), solve_event)
 
     def over(self, motion: Motion, solve_lane: Callable[..., Out]) -> Out:
-        """`solve_lane(motion, how=self)` for every different lane, with derivatives."""
-        lane = eqx.Partial(solve_lane, how=self)
+        """`solve_lane(motion, how=self, many=)` for every different lane, with derivatives."""
+        shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(motion)))
+        lane = eqx.Partial(solve_lane, how=self, many=math.prod(shape) >= _MANY)
         rtol, _ = self.tolerances(jax.tree.leaves(motion)[0].dtype)
         motion = dataclasses.replace(motion, smooth=rtol <= _FOR_SLOPES)
         # An adjoint of the user's brings its own derivatives.
@@ -96,17 +102,40 @@ class Event(AbstractMethod):
         return rtol, max(self.atol or rtol, floor)
 
 
+class Steps(NamedTuple):
+    """All accepted states of a leg, and when, in regularised time; which of them are real."""
+
+    moments: Float[Array, " steps"]
+    states: State
+    taken: Bool[Array, " steps"]
+
+
 class Leg(eqx.Module):
-    """One half of an impact: last state, accepted states, and whether its event ended it."""
+    """One half of an impact: its last state, whether its event ended it, and its number of steps.
+
+    `nearest`: the states around the largest force. `creeps`: whether a state showed that the bodies
+    creep to rest. `path`: all states, None where nobody asked for them.
+    """
 
     end: State
-    path: Path
     arrived: Bool[Array, ""]
     steps: Int[Array, ""]
+    nearest: Nearest
+    creeps: Bool[Array, ""] | None
+    path: Steps | None
 
 
-def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Leg:
+class Solve(NamedTuple):
+    """How a leg is solved: the method, whether for many lanes, and whether all states are kept."""
+
+    how: Event
+    many: bool
+    keep: bool = False
+
+
+def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> Leg:
     """From touch to the turn if `compressing`, from the turn to the end otherwise."""
+    how = solve.how
 
     def rate(t: object, state: State, args: tuple[Motion, Flag]) -> State:
         motion, compressing = args
@@ -125,57 +154,72 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, how: Event) -> Le
     ending, speed = jax.lax.stop_gradient(motion.smallness())
     rtol, atol = jnp.maximum(rtol * ending, finest), atol * ending * speed
     term = diffrax.ODETerm(rate)
-    solver = diffrax.Dopri8() if how.solver is None else how.solver
+    solver = LeanDopri8(solve.many) if how.solver is None else how.solver
+    solver = _ready(solver, rtol, atol, how.adjoint is not None)
+    at_end = diffrax.SubSaveAt(t1=True)
+    all_states = [diffrax.SubSaveAt(t0=True, steps=True)] if solve.keep else []
     # Python numbers would give the time the default precision, and the state with it. A first step
     # given as an array would be checked at run time, by a callback: the controller chooses it. A
     # root finder of diffrax would bring a callback into the derivative: the event's moment is found
     # below, and the solve ends with the step that contains it.
     solution = diffrax.diffeqsolve(
         term,
-        solver,
+        Watching(solver),
         t0=varying(start.w, jnp.zeros((), dtype)),
         t1=jnp.asarray(_FAR, dtype),
         dt0=None,
         y0=start,
         args=(motion, compressing),
-        saveat=diffrax.SaveAt(t0=True, steps=True),
+        saveat=diffrax.SaveAt(subs=[at_end, *all_states], solver_state=True),
         stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
         event=diffrax.Event(tuple(map(gap, range(count))), direction=(False,) * count),
         adjoint=diffrax.ForwardMode() if how.adjoint is None else how.adjoint,
         max_steps=how.max_steps,
         throw=False,
     )
-    assert solution.ts is not None and solution.ys is not None
     steps = solution.stats["num_accepted_steps"]
     arrived = jnp.asarray(solution.result == diffrax.RESULTS.event_occurred)
-
-    def at(index: Int[Array, ""]) -> tuple[Number, State]:
-        return jax.tree.map(lambda leaf: leaf[index], (solution.ts, solution.ys))
-
-    bottom = None
-    if motion.may_dip:
-        dipped, index, bottom = dip(motion, solution.ts, solution.ys, steps)
-        dipped = dipped & ~compressing
-        steps, arrived = jnp.where(dipped, index + 1, steps), arrived | dipped
-    before = at(jnp.maximum(steps - 1, 0))
+    moments, states = cast(Any, solution.ts), cast(Any, solution.ys)
+    watch: Watch = cast(Any, solution.solver_state)[1]
     # Where no step was accepted the last one has no length, which would make its lane NaN: the leg
     # stays where it started.
-    after = jnp.where(steps > 0, at(steps)[0], 1)
-    if bottom is not None:
-        after = jnp.where(dipped, bottom, after)
-    solver = _ready(solver, rtol, atol, how.adjoint is not None)
+    moved = steps > 0
+    after = Moment(*jax.tree.map(lambda leaf: leaf[-1], (moments[0], states[0])))
+    after = after._replace(tau=jnp.where(moved, after.tau, 1))
+    before, dipped = watch.last, None
+    if watch.dip is not None:
+        dip = watch.dip.seen(motion, before, after)
+        closes, bottom = dip.bottom(motion)
+        dipped = closes & ~compressing
+        before, after = (
+            jax.tree.map(functools.partial(jnp.where, dipped), *both)
+            for both in ((dip.start, before), (bottom, after))
+        )
+        arrived = arrived | dipped
     found = event_in_step(term, solver, before, after, motion, compressing, arrived)
-    moment, end = jax.tree.map(functools.partial(jnp.where, steps > 0), found, before)
-    is_last = jnp.arange(solution.ts.size) == steps
+    end = jax.tree.map(functools.partial(jnp.where, moved), found, before)
+    watch = watch.seen(motion, compressing, end)
+    path = None
+    if solve.keep:
+        path = _kept(moments[1], states[1], end, before.tau)
     return Leg(
-        end=end,
-        path=Path(
-            jnp.where(is_last, moment, solution.ts),
-            jax.tree.map(functools.partial(jnp.where, is_last), end, solution.ys),
-            jnp.arange(solution.ts.size) <= steps,
-        ),
+        end=end.state,
         arrived=arrived,
         steps=steps,
+        nearest=watch.nearest,
+        creeps=watch.creeps,
+        path=path,
+    )
+
+
+def _kept(moments: Float[Array, " steps"], states: State, end: Moment, last: Number) -> Steps:
+    """All states until `last`, the moment of the last but one, and the end after it."""
+    steps = jnp.sum(moments <= last)
+    is_end = jnp.arange(moments.size) == steps
+    return Steps(
+        jnp.where(is_end, end.tau, moments),
+        jax.tree.map(functools.partial(jnp.where, is_end), end.state, states),
+        jnp.arange(moments.size) <= steps,
     )
 
 
@@ -195,14 +239,14 @@ def _ready(solver: Any, rtol: Number, atol: Number | float, backwards: bool) -> 
     return solver
 
 
-def solve_legs(motion: Motion, how: Event) -> tuple[Leg, Bool[Array, "2"]]:
+def solve_legs(motion: Motion, solve: Solve) -> tuple[Leg, Bool[Array, "2"]]:
     """Both legs of an impact, stacked, and whether each is the compression.
 
     They run through the same compiled solve.
     """
 
     def run(state: State, compressing: Flag) -> tuple[State, Leg]:
-        leg = solve_leg(motion, state, compressing, how)
+        leg = solve_leg(motion, state, compressing, solve)
         # The event puts the velocity at the turn within its tolerance of zero: now it is zero.
         return motion.still(leg.end), leg
 
@@ -225,14 +269,6 @@ def was_followed(
     return good
 
 
-def creeps_on_the_way(motion: Motion, legs: Leg) -> Bool[Array, ""]:
-    """Whether a state of the way in shows that the bodies creep to rest."""
-    if motion.push is None:
-        return jnp.asarray(False)
-    into = jax.tree.map(operator.itemgetter(0), legs.path)
-    return jnp.any(jax.vmap(motion.creeps_to_rest)(into.states) & into.taken)
-
-
 def follow(motion: Motion, legs: Leg, creeps: Bool[Array, ""], how: Event) -> Followed:
     """Both legs to their ends, those that are too stiff for explicit steps by implicit ones."""
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
@@ -244,17 +280,19 @@ def follow(motion: Motion, legs: Leg, creeps: Bool[Array, ""], how: Event) -> Fo
     return follow_on(motion, followed, _finest(how.tolerances(dtype)[0], dtype))
 
 
-def solve_event(motion: Motion, how: Event) -> ScaledImpact:
-    """The outcome of one lane."""
+def solve_event(motion: Motion, how: Event, many: bool) -> ScaledImpact:
+    """The outcome of one lane, of `many` or of few."""
     motion = motion.ready()
-    legs, flags = solve_legs(motion, how)
-    creeps_early = creeps_on_the_way(motion, legs)
+    legs, flags = solve_legs(motion, Solve(how, many))
+    creeps_early = jnp.asarray(False) if legs.creeps is None else legs.creeps[0]
     followed = follow(motion, legs, creeps_early, how)
     turn, creeps = followed.turn, followed.creeps
     max_indentation = turn.w**motion.order
     end = at_end(motion, followed.end, followed.arrived[1], max_indentation)
     # Apart from the solve, so that it is removed where the largest force is not used.
-    forces = jax.vmap(lambda leg, flag: largest_force(motion, leg, flag))(legs.path, flags)
+    forces = jax.vmap(
+        lambda near, flag: largest_near(motion, near.before, near.at, near.after, flag)
+    )(legs.nearest, flags)
     # With so much damping that implicit steps are taken the force is largest in the beginning.
     max_force = jnp.maximum(jnp.max(forces), motion.force(turn, flags[0]))
     compression_time = turn.t

@@ -3,29 +3,32 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from .._forms import Flag
 from .._implicit import bracketed_root, ratio, with_implicit_derivative
 from .._varying import varying
-from ._motion import Motion, Number, State
+from ._motion import Moment, Motion, Number, State
 
-# Of a regula falsi over the last step. Rounding is mostly reached after about ten, and later at a
+# Of the correction in the last step. Rounding is mostly reached after about ten, and later at a
 # corner of the gap, where a contact ends at a creeping speed.
 _ITERATIONS = 60
+# Of a regula falsi for the guess, which is no better than its polynomial.
+_GUESSES = 8
 
 
 class _LastStep(NamedTuple):
     """The step in which an event lies; `moving`: the arrays of its solver."""
 
-    t: Number
-    state: State
-    after: Number
+    before: Moment
+    after: Moment
     motion: Motion
     compressing: Flag
     moving: Any
@@ -34,51 +37,53 @@ class _LastStep(NamedTuple):
 def event_in_step(
     term: diffrax.ODETerm,
     solver: Any,
-    before: tuple[Number, State],
-    after: Number,
+    before: Moment,
+    after: Moment,
     motion: Motion,
     compressing: Flag,
     arrived: Flag,
-) -> tuple[Number, State]:
+) -> Moment:
     """The moment of the event in the last step, and its state; the end of the step without one.
 
-    The step is taken again for its interpolant, by the same solver. Between the ends of a long step
-    the interpolant is the poorer method: its root is corrected by steps that end there.
+    A polynomial through the ends of the step gives the first guess. It is corrected by steps of the
+    same solver that end there.
     """
     moving, still = eqx.partition(solver, eqx.is_array)
 
-    def stepped(fraction: Number, inputs: _LastStep) -> tuple[State, Any]:
-        t, state, after, motion, compressing, moving = inputs
-        solver, end = eqx.combine(moving, still), t + fraction * (after - t)
+    def stepped(fraction: Number, inputs: _LastStep) -> Moment:
+        (t, state), after, motion, compressing, moving = inputs
+        solver, end = eqx.combine(moving, still), t + fraction * (after.tau - t)
         args = (motion, compressing)
         memory = solver.init(term, t, end, state, args)
-        found, _, dense, _, _ = solver.step(term, t, end, state, args, memory, made_jump=False)
-        return found, solver.interpolation_cls(t0=t, t1=end, **dense)
+        found, *_ = solver.step(term, t, end, state, args, memory, made_jump=False)
+        return Moment(end, found)
 
     def gap(fraction: Number, inputs: _LastStep, closing: tuple, arrived: Flag) -> Number:
-        found, _ = stepped(fraction, inputs)
+        found = stepped(fraction, inputs).state
         gaps = inputs.motion.gaps(found, inputs.compressing)
         return jnp.where(arrived, _nearest(closing, gaps), 1 - fraction)
 
     def find(inputs: _LastStep, closing: tuple, arrived: Flag) -> Number:
-        t, _, after, motion, compressing, _ = inputs
-        _, interpolant = stepped(jnp.ones_like(inputs.t), inputs)
+        before, after, motion, compressing, _ = inputs
+        size = after.tau - before.tau
 
-        def between(fraction: Number) -> Number:
-            gaps = motion.gaps(interpolant.evaluate(t + fraction * (after - t)), compressing)
-            return jnp.where(arrived, _nearest(closing, gaps), 1 - fraction)
+        def nearest(state: State) -> Number:
+            return _nearest(closing, motion.gaps(state, compressing))
 
-        first, last = jax.vmap(between)(jnp.arange(2, dtype=t.dtype))
+        def rate(state: State) -> State:
+            return motion.rate(state, compressing)
+
+        between = _through(rate, before.state, after.state, size)
+
+        def guess(fraction: Number) -> Number:
+            return jnp.where(arrived, nearest(between(fraction)), 1 - fraction)
 
         def corrected(carry: tuple[Number, ...]) -> tuple[Number, ...]:
             count, _, fraction, low, high = carry
-            found, _ = stepped(fraction, inputs)
-            rate = motion.rate(found, compressing)
-            value, slope = jax.jvp(
-                lambda state: _nearest(closing, motion.gaps(state, compressing)), (found,), (rate,)
-            )
+            found = stepped(fraction, inputs).state
+            value, slope = jax.jvp(nearest, (found,), (rate(found),))
             low, high = jnp.where(value > 0, fraction, low), jnp.where(value > 0, high, fraction)
-            newton = fraction - ratio(value, slope * (after - t))
+            newton = fraction - ratio(value, slope * size)
             # One that moves nothing stands on an end of its own bracket, and has arrived.
             inside = (newton >= low) & (newton <= high) & (slope != 0)
             better = jnp.where(inside, newton, (low + high) / 2)
@@ -98,21 +103,54 @@ def event_in_step(
             return (count < _ITERATIONS) & (moved > close * fraction)
 
         # The step of Newton's after this one would move only rounding.
-        close = jnp.sqrt(jnp.finfo(t.dtype).eps)
-        root = bracketed_root(between, first, last, _ITERATIONS)
-        low, high = jnp.zeros_like(root), jnp.ones_like(root)
-        start = varying(root, (low, high, root, low, high))
+        close = jnp.sqrt(jnp.finfo(size.dtype).eps)
+        zero = jnp.zeros_like(size)
+        first = jnp.where(arrived, nearest(before.state), 1)
+        last = jnp.where(arrived, nearest(after.state), 0)
+        root = bracketed_root(guess, first, last, _GUESSES)
+        root = jnp.where((root > 0) & (root <= 1), root, 0.5)
+        start = varying(root, (zero, zero + 1, root, zero, zero + 1))
         return jax.lax.while_loop(unsettled, corrected, start)[2]
 
-    t, state = before
-    inputs = _LastStep(t, state, after, motion, compressing, moving)
-    end, _ = stepped(jnp.ones_like(t), inputs)
+    inputs = _LastStep(before, after, motion, compressing, moving)
     # Those that change sign in the step: a way out starts at a turn, which is not the next one, and
     # the corner between two gaps would slow the search for the one that closes.
-    gaps = zip(motion.gaps(state, compressing), motion.gaps(end, compressing), strict=True)
-    closing = tuple((opened > 0) & (closed <= 0) for opened, closed in gaps)
+    ends = (motion.gaps(at.state, compressing) for at in (before, after))
+    closing = tuple((opened > 0) & (closed <= 0) for opened, closed in zip(*ends, strict=True))
     fraction = with_implicit_derivative(find, gap)(inputs, closing, arrived)
-    return t + fraction * (after - t), stepped(fraction, inputs)[0]
+    return stepped(fraction, inputs)
+
+
+def _through(
+    rate: Callable[[State], State], start: State, end: State, size: Number
+) -> Callable[[Number], State]:
+    """The motion of a step as a function of the fraction of it that has passed.
+
+    The polynomial of degree 5 with its first and second derivatives at both ends.
+    """
+
+    def derivatives(state: State) -> tuple[State, State]:
+        return jax.jvp(rate, (state,), (rate(state),))
+
+    (first, first_bend), (last, last_bend) = map(derivatives, (start, end))
+
+    def polynomial(*at: Array) -> Array:
+        x0, x1, v0, v1, a0, a1 = at
+        v0, v1, a0, a1 = size * v0, size * v1, jnp.square(size) * a0 / 2, jnp.square(size) * a1 / 2
+        moved, turned, bent = x1 - x0 - v0 - a0, v1 - v0 - 2 * a0, a1 - a0
+        return jnp.stack(
+            [
+                x0,
+                v0,
+                a0,
+                10 * moved - 4 * turned + bent,
+                7 * turned - 15 * moved - 2 * bent,
+                6 * moved - 3 * turned + bent,
+            ]
+        )
+
+    coefficients = jax.tree.map(polynomial, start, end, first, last, first_bend, last_bend)
+    return lambda fraction: jax.tree.map(lambda c: jnp.polyval(c[::-1], fraction), coefficients)
 
 
 def _nearest(closing: tuple[Flag, ...], gaps: tuple[Number, ...]) -> Number:

@@ -49,6 +49,13 @@ class State(NamedTuple):
     loss: Number | None = None
 
 
+class Moment(NamedTuple):
+    """A regularised time, and the state then."""
+
+    tau: Number
+    state: State
+
+
 class Motion(eqx.Module):
     """One lane of an impact: a form, an exponent and a scaled external force Γ (None for none).
 

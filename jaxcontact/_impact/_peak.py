@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -9,52 +10,59 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._implicit import bracketed_root, ratio
-from ._motion import Motion, Number, State
+from ._motion import Moment, Motion, Number, State
 
 
 class Path(NamedTuple):
-    """States along a stretch of motion, when (in regularised time), and which of them are real."""
+    """States along a stretch of motion, and when, in regularised time."""
 
     moments: Float[Array, " steps"]
     states: State
-    taken: Bool[Array, " steps"]
 
 
 def largest_force(motion: Motion, path: Path, compressing: Bool[Array, ""]) -> Number:
-    """The largest force among the taken states and between them, to the accuracy of a step.
+    """The largest force among the states of a path and between them."""
+    moments, states = path.moments, path.states._replace(loss=None)
+    forces = jax.vmap(lambda state: motion.force(state, compressing))(states)
+    best = jnp.argmax(jax.lax.stop_gradient(forces))
+    near = jnp.clip(best + jnp.arange(-1, 2), 0, moments.size - 1)
+    before, at, after = (Moment(moments[index], _at(states, index)) for index in near)
+    return largest_near(motion, before, at, after, compressing)
+
+
+def largest_near(
+    motion: Motion, before: Moment, best: Moment, after: Moment, compressing: Bool[Array, ""]
+) -> Number:
+    """The largest force near the best of three neighbouring states, to the accuracy of a step.
 
     The step that holds the maximum is taken again by one Runge-Kutta step of a fraction θ, chosen
     so that the force is stationary. A stationary value does not move with θ to first order, so θ
     may be a constant to the derivative.
     """
-    moments, states, taken = path
-    states = states._replace(loss=None)
-    # Unused entries hold infinities: the state at touch replaces them.
-    states = jax.tree.map(lambda leaf: jnp.where(taken, leaf, leaf[0]), states)
-    forces = jax.vmap(lambda state: motion.force(state, compressing))(states)
-    best = jnp.argmax(jax.lax.stop_gradient(jnp.where(taken, forces, -jnp.inf)))
-    frozen, fixed, moments = jax.lax.stop_gradient(
-        (motion, states, jnp.where(taken, moments, moments[0]))
-    )
+    frozen, fixed = jax.lax.stop_gradient((motion, (before, best, after)))
 
     def slope(state: State) -> Number:
         return _steepness(frozen, state, compressing)
 
+    slopes = jax.vmap(slope)(
+        jax.tree.map(lambda *leaves: jnp.stack(leaves), *(m.state for m in fixed))
+    )
     # From the best state to the next one, or to it from the one before.
-    near = jnp.clip(best + jnp.arange(-1, 2), 0, jnp.sum(taken) - 1)
-    slopes = jax.vmap(lambda index: slope(_at(fixed, index)))(near)
-    first = jnp.where(slopes[1] > 0, 1, 0)
-    left, before, after = near[first], slopes[first], slopes[first + 1]
-    size = moments[near[first + 1]] - moments[left]
+    rising = slopes[1] > 0
+    chosen = functools.partial(jnp.where, rising)
+    left = jax.tree.map(chosen, fixed[1], fixed[0])
+    size = chosen(fixed[2].tau, fixed[1].tau) - left.tau
+    first, last = chosen(slopes[1], slopes[0]), chosen(slopes[2], slopes[1])
 
     def later(fraction: Number) -> Number:
-        return slope(frozen.later(_at(fixed, left), fraction * size, compressing))
+        return slope(frozen.later(left.state, fraction * size, compressing))
 
     # Without a change of sign the maximum is at an end, at touch for a law that jumps there.
-    inside = (before > 0) & (after < 0)
-    theta = jnp.where(inside, bracketed_root(later, before, after, iterations=100), 0)
-    between = motion.force(motion.later(_at(states, left), theta * size, compressing), compressing)
-    return jnp.maximum(between, forces[best])
+    inside = (first > 0) & (last < 0)
+    theta = jnp.where(inside, bracketed_root(later, first, last, iterations=100), 0)
+    start = jax.tree.map(chosen, best.state, before.state)
+    between = motion.force(motion.later(start, theta * size, compressing), compressing)
+    return jnp.maximum(between, motion.force(best.state, compressing))
 
 
 def _at(states: State, index: Int[Array, ""]) -> State:

@@ -133,8 +133,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
 
     def peak(indices: Int[Array, " nodes"], flag: Flag) -> Number:
         part = jax.tree.map(lambda leaf: leaf[indices], states)
-        taken = jnp.ones(half + 1, dtype=bool)
-        return largest_force(motion, Path(polars.tau[indices], part, taken), flag)
+        return largest_force(motion, Path(polars.tau[indices], part), flag)
 
     legs = jnp.asarray(np.arange(half + 1) + np.array([[0], [half]]))
     forces = jax.vmap(peak)(legs, jnp.array([True, False]))

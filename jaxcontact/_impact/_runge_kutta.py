@@ -70,22 +70,23 @@ def _put(index: Array, buffer: Array, slope: Array) -> Array:
     return jax.lax.dynamic_update_index_in_dim(buffer, slope, index, 0)
 
 
-def step_with_error(
-    rate: Callable[[int, State], tuple[State, Array]], state: State, size: float, always: Array
-) -> tuple[State, State, Array]:
-    """The state one step of `size` later, how far the embedded method of order 7 is from it, and
-    whether all stages were good.
+def step_written_out(
+    rate: Callable[[int, State], State], state: State, size: Array | float
+) -> tuple[State, State]:
+    """The state one step of `size` later, and how far the embedded method of order 7 is from it.
 
-    `rate(j, state)` is the derivative at stage j, and whether it is good. The stages are unrolled.
-    `always` is a flag that is true, but not known to be while compiling; see `_computed_once`.
+    `rate(j, state)` is the derivative at stage j. The stages are written one after another.
     """
     slopes: list[State] = []
-    good = always
+    # A number known beforehand costs nothing in the weights.
+    within, outside = (size, 1.0) if isinstance(size, float) else (1.0, size)
 
     def change(weights: np.ndarray) -> State:
-        chosen = [(size * float(w), s) for w, s in zip(weights, slopes, strict=False) if w != 0]
+        chosen = [(within * float(w), s) for w, s in zip(weights, slopes, strict=False) if w != 0]
         return jax.tree.map(
-            lambda *leaves: sum(w * leaf for (w, _), leaf in zip(chosen, leaves, strict=True)),
+            lambda *leaves: (
+                outside * sum(w * leaf for (w, _), leaf in zip(chosen, leaves, strict=True))
+            ),
             *(slope for _, slope in chosen),
         )
 
@@ -93,10 +94,27 @@ def step_with_error(
         return jax.tree.map(operator.add, state, change(weights))
 
     for row in range(_STAGES):
-        slope, fine = _computed_once(rate(row, moved(_MATRIX[row]) if row else state), always)
-        slopes.append(slope)
-        good = good & fine
-    return moved(_TABLEAU.b_sol), change(_TABLEAU.b_error), good
+        slopes.append(rate(row, moved(_MATRIX[row]) if row else state))
+    return moved(_TABLEAU.b_sol), change(_TABLEAU.b_error)
+
+
+def step_with_error(
+    rate: Callable[[int, State], tuple[State, Array]], state: State, size: float, always: Array
+) -> tuple[State, State, Array]:
+    """A step that is written out, its error, and whether all stages were good.
+
+    `rate(j, state)` is the derivative at stage j, and whether it is good. `always` is a flag that
+    is true, but not known to be while compiling; see `_computed_once`.
+    """
+    good = [always]
+
+    def slope(stage: int, state: State) -> State:
+        change, fine = _computed_once(rate(stage, state), always)
+        good.append(fine)
+        return change
+
+    after, error = step_written_out(slope, state, size)
+    return after, error, functools.reduce(operator.and_, good)
 
 
 def _computed_once(values: Computed, always: Array) -> Computed:

@@ -15,7 +15,7 @@ from .._implicit import bracketed_root, ratio
 from .._laws import AbstractLaw
 from .._parameter import require_count
 from ._balance import balance_of
-from ._event import Event, Leg, solve_legs, was_followed
+from ._event import Event, Solve, Steps, solve_legs, was_followed
 from ._front_door import Problem, lanes_of, problem_of
 from ._method import AbstractMethod
 from ._methods import stepping_method
@@ -133,17 +133,17 @@ def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
     )
 
 
-def _path(motion: Motion, how: Event, samples: int) -> _Path:
+def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     motion = motion.ready()
-    legs, _ = solve_legs(motion, how)
+    legs, _ = solve_legs(motion, Solve(how, many, keep=True))
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
     fractions = jnp.linspace(0, 1, samples, dtype=end.t.dtype)
 
     def sample(fraction: Number) -> tuple[State, Number, Number]:
         moment = fraction * end.t
         on_way_in = moment <= turn.t
-        leg = jax.tree.map(lambda leaf: jnp.where(on_way_in, leaf[0], leaf[1]), legs)
-        state = _state_at(motion, leg, jax.lax.stop_gradient(moment), moment, on_way_in)
+        path = jax.tree.map(lambda leaf: jnp.where(on_way_in, leaf[0], leaf[1]), legs.path)
+        state = _state_at(motion, path, jax.lax.stop_gradient(moment), moment, on_way_in)
         # Touch and separation are known: no sample may lie outside the contact by its rounding.
         inside = state._replace(w=jnp.maximum(state.w, 0))
         return state, motion.force(state, on_way_in), motion.stored(inside)
@@ -164,19 +164,19 @@ def _path(motion: Motion, how: Event, samples: int) -> _Path:
 
 
 def _state_at(
-    motion: Motion, leg: Leg, frozen_moment: Number, moment: Number, compressing: Array
+    motion: Motion, path: Steps, frozen_moment: Number, moment: Number, compressing: Array
 ) -> State:
     """The state at a time, one step of the right size after the last accepted state before it."""
-    before = leg.path.taken & (leg.path.states.t <= frozen_moment)
-    left = jnp.clip(jnp.sum(before) - 1, 0, jnp.sum(leg.path.taken) - 2)
-    moments = jax.lax.stop_gradient(leg.path.moments)
+    before = path.taken & (path.states.t <= frozen_moment)
+    left = jnp.clip(jnp.sum(before) - 1, 0, jnp.sum(path.taken) - 2)
+    moments = jax.lax.stop_gradient(path.moments)
     size = moments[left + 1] - moments[left]
-    start = jax.tree.map(lambda leaf: leaf[left], leg.path.states)
+    start = jax.tree.map(lambda leaf: leaf[left], path.states)
     frozen, frozen_start = jax.lax.stop_gradient((motion, start))
     fraction = bracketed_root(
         lambda fraction: frozen_moment - frozen.later(frozen_start, fraction * size, compressing).t,
         frozen_moment - frozen_start.t,
-        frozen_moment - jax.lax.stop_gradient(leg.path.states.t[left + 1]),
+        frozen_moment - jax.lax.stop_gradient(path.states.t[left + 1]),
         iterations=20,
     )
     fraction = jax.lax.stop_gradient(jnp.clip(fraction, 0, 1))
