@@ -10,6 +10,7 @@ from ._parameter import (
     POSITIVE,
     Range,
     Specialised,
+    as_number,
     as_parameter,
     is_plain,
     parameter,
@@ -90,7 +91,7 @@ class Contact(eqx.Module):
     def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
         self.mass = as_parameter(mass, "mass", POSITIVE)
         self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
-        value = as_parameter(exponent, "exponent", EXPONENT)
+        value = as_number(exponent, "exponent", EXPONENT)
         plain = is_plain(exponent)
         self._exponent = Specialised(float(exponent)) if plain else Specialised(None, value)
 

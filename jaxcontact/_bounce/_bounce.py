@@ -9,7 +9,15 @@ from jaxtyping import Array, ArrayLike
 
 from .. import _flight as flight
 from .._contact import EXPONENT, Contact, require_contact
-from .._impact import AbstractMethod, Status, impact, method_of, problem_of, restitution_is_constant
+from .._impact import (
+    AbstractMethod,
+    Status,
+    impact,
+    method_of,
+    problem_of,
+    restitution_is_constant,
+    uniform,
+)
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
 from .._parameter import (
     POSITIVE,
@@ -126,7 +134,7 @@ def _run(
     height, gravity = jnp.where(valid, height, 1), jnp.where(valid, gravity, 1)
     speed = flight.speed_after_drop(height, gravity, None)
     # The shape and the precision that `impact` will answer in.
-    problem = problem_of(law, contact, speed)
+    problem = uniform(problem_of(law, contact, speed))
     shape, dtype = problem.shape, problem.velocity.dtype
     if rest is not None:
         shape = np.broadcast_shapes(shape, rest.shape)

@@ -16,7 +16,7 @@ from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
 from .._parameter import (
     Range,
     Specialised,
-    as_parameter,
+    as_number,
     is_plain,
     is_valid,
     require_broadcast,
@@ -29,17 +29,17 @@ FORCE = Range(inside=0.0)
 
 
 class Problem(eqx.Module):
-    """An impact to solve: converted to one precision, its leaves of one rank or scalar."""
+    """An impact to solve, as it was given: `lanes_of` brings it to one precision and rank."""
 
     law: AbstractLaw
     contact: Contact
-    velocity: Float[Array, "..."]
-    external_force: Float[Array, "..."] | None
+    velocity: float | Float[Array, "..."]
+    external_force: float | Float[Array, "..."] | None
 
     @property
     def shape(self) -> tuple[int, ...]:
         """The broadcast shape of everything."""
-        return np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(self)))
+        return np.broadcast_shapes(*map(np.shape, jax.tree.leaves(self)))
 
 
 def problem_of(
@@ -48,7 +48,7 @@ def problem_of(
     velocity: ArrayLike,
     external_force: ArrayLike | None = None,
 ) -> Problem:
-    """Convert and check what can be checked without looking into arrays.
+    """Check what can be checked without looking into arrays.
 
     Raises ValueError for what is no law, contact or number, for a Python or NumPy scalar out of
     range, an exponent that the law is not made for, and shapes that do not broadcast.
@@ -57,7 +57,7 @@ def problem_of(
     require_contact(contact)
     push = None
     if external_force is not None:
-        push = as_parameter(external_force, "external_force", FORCE)
+        push = as_number(external_force, "external_force", FORCE)
         if is_plain(external_force) and external_force == 0:
             push = None
     n = contact.exponent
@@ -67,9 +67,9 @@ def problem_of(
             f"Argument `contact` must have the exponent {allowed} for `{type(law).__name__}`, "
             f"but has {n:g}."
         )
-    speed = as_parameter(velocity, "velocity", SPEED)
+    speed = as_number(velocity, "velocity", SPEED)
     require_broadcast(law=law, contact=contact, velocity=speed, external_force=push)
-    return uniform(Problem(law, contact, speed, push))
+    return Problem(law, contact, speed, push)
 
 
 def uniform(tree: Any) -> Any:
@@ -97,7 +97,8 @@ class Lanes(eqx.Module):
     """A problem in scaled units, and which lanes of it are valid.
 
     `form` and the exponent `n`, the external force `push` in scaled units (None without one) and
-    the `scale`, unbroadcast: a number that is the same in all lanes is a scalar.
+    the `scale`, unbroadcast: a number that is the same in all lanes is a scalar. `shape`: that of
+    the problem.
     """
 
     form: AbstractForm
@@ -105,6 +106,7 @@ class Lanes(eqx.Module):
     push: Float[Array, "..."] | None
     scale: Scale
     valid: Bool[Array, "..."]
+    shape: tuple[int, ...] = eqx.field(static=True)
 
     @property
     def n(self) -> float | Float[Array, "..."]:
@@ -121,6 +123,7 @@ class Lanes(eqx.Module):
 
 def lanes_of(problem: Problem) -> Lanes:
     """The scaled problem; in lanes with invalid input valid numbers replace it."""
+    problem = uniform(problem)
     contact = problem.contact
     n = contact.exponent
     valid = is_valid(problem.law) & is_valid(contact) & SPEED.holds(problem.velocity)
@@ -146,4 +149,5 @@ def lanes_of(problem: Problem) -> Lanes:
         push=None if push is None else push / scale.force,
         scale=scale,
         valid=valid & good_form,
+        shape=problem.shape,
     )

@@ -7,7 +7,6 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -15,7 +14,8 @@ from jaxtyping import Array, ArrayLike, Float
 from .._contact import Contact, require_contact
 from .._forms import scale_of
 from .._laws import AbstractLaw, require_law
-from .._parameter import as_parameter, is_valid, require_broadcast, sanitised
+from .._parameter import as_number, is_valid, require_broadcast, sanitised
+from .._program import program
 from ._front_door import (
     SPEED,
     Lanes,
@@ -64,17 +64,17 @@ def impact(
 
 def _impact(problem: Problem, method: AbstractMethod) -> Impact:
     # Two programs: a small one that knows the law, and the solve of its form, which laws share.
-    return _solved(_lanes(problem), method, problem.shape)
+    return _solved(_lanes(problem), method)
 
 
-_lanes = eqx.filter_jit(lanes_of)
+_lanes = program(lanes_of)
 
 
-@eqx.filter_jit
-def _solved(lanes: Lanes, method: AbstractMethod, shape: tuple[int, ...]) -> Impact:
+@program
+def _solved(lanes: Lanes, method: AbstractMethod) -> Impact:
     method = method.chosen(lanes.form, lanes.push is not None)
     scaled = method.solve(lanes)
-    scale, fill = lanes.scale, functools.partial(jnp.broadcast_to, shape=shape)
+    scale, fill = lanes.scale, functools.partial(jnp.broadcast_to, shape=lanes.shape)
     # Of these two alone: what is not used must stay dead code. A force that is not finite shows.
     # What stays has neither, wherever the solve of its way out came to.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)
@@ -132,10 +132,9 @@ def restitution(
     how = method_of(method)
     if contact is not None and velocity is not None:
         return _restitution(problem_of(law, contact, velocity), how)
-    speed = None if velocity is None else as_parameter(velocity, "velocity", SPEED)
+    speed = None if velocity is None else as_number(velocity, "velocity", SPEED)
     require_broadcast(law=law, contact=contact, velocity=speed)
-    law, contact, speed = uniform((law, contact, speed))
-    e = _restitution_alone(law, contact, speed, how)
+    e = _restitution_alone((law, contact, speed), how)
     if e is None:
         missing = "contact" if contact is None else "velocity"
         raise ValueError(
@@ -145,13 +144,12 @@ def restitution(
     return e
 
 
-@eqx.filter_jit
+@program
 def _restitution_alone(
-    law: AbstractLaw,
-    contact: Contact | None,
-    velocity: Float[Array, "..."] | None,
+    given: tuple[AbstractLaw, Contact | None, float | Float[Array, "..."] | None],
     method: AbstractMethod,
 ) -> Float[Array, "..."] | None:
+    law, contact, velocity = uniform(given)
     valid = is_valid(law)
     scale = None
     if contact is not None:
@@ -165,7 +163,7 @@ def _restitution_alone(
     return None if e is None else jnp.where(good & valid, e, jnp.nan)
 
 
-@eqx.filter_jit
+@program
 def _restitution(problem: Problem, method: AbstractMethod) -> Float[Array, "..."]:
     lanes = lanes_of(problem)
     e = method.chosen(lanes.form, pushed=False).restitution(lanes.form)

@@ -14,6 +14,7 @@ from .._contact import Contact
 from .._implicit import bracketed_root, ratio
 from .._laws import AbstractLaw
 from .._parameter import require_count
+from .._program import program
 from ._balance import balance_of
 from ._event import Event, Solve, Steps, solve_legs, was_followed
 from ._front_door import Problem, lanes_of, problem_of
@@ -94,7 +95,7 @@ class _Path(NamedTuple):
     settled: Array
 
 
-@eqx.filter_jit
+@program
 def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
     lanes = lanes_of(problem)
     path = how.over(lanes.motion(), eqx.Partial(_path, samples=samples))

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Int
 from .._contact import Contact
 from .._forms import ScaledImpact
 from .._impact import Status
-from .._impact._front_door import lanes_of, problem_of
+from .._impact._front_door import lanes_of, problem_of, uniform
 from .._impact._lanes import with_sensitivity
 from .._laws import AbstractLaw
 from ._radial import Number, Radial, RadialOutcome, solve_radial
@@ -74,7 +74,7 @@ def oblique(
     problem is solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve
     carries its sensitivities. Nothing is raised; see `Rebound.status`.
     """
-    problem = problem_of(law, contact, normal_speed)
+    problem = uniform(problem_of(law, contact, normal_speed))
     lanes = lanes_of(problem)
     scale, dtype = lanes.scale, problem.velocity.dtype
     given = (jnp.asarray(value, dtype) for value in (tangential_speed, distance, pull))
