@@ -91,9 +91,11 @@ class Contact(eqx.Module):
     def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
         self.mass = as_parameter(mass, "mass", POSITIVE)
         self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
-        value = as_number(exponent, "exponent", EXPONENT)
-        plain = is_plain(exponent)
-        self._exponent = Specialised(float(exponent)) if plain else Specialised(None, value)
+        as_number(exponent, "exponent", EXPONENT)
+        if is_plain(exponent):
+            self._exponent = Specialised(float(exponent))
+        else:
+            self._exponent = Specialised(None, as_parameter(exponent, "exponent", EXPONENT))
 
     def __repr__(self) -> str:
         return (

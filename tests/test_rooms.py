@@ -28,6 +28,7 @@ FLOORS = [
     {
         "_elementary",
         "_implicit",
+        "_program",
         "_units",
         "_progress",
         "_text_table",
