@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -58,12 +59,12 @@ def event_in_step(
         found, *_ = solver.step(term, t, end, state, args, memory, made_jump=False)
         return Moment(end, found)
 
-    def gap(fraction: Number, inputs: _LastStep, closing: tuple, arrived: Flag) -> Number:
+    def gap(fraction: Number, inputs: _LastStep, closing: tuple, *rest: Any) -> Number:
         found = stepped(fraction, inputs).state
         gaps = inputs.motion.gaps(found, inputs.compressing)
-        return jnp.where(arrived, _nearest(closing, gaps), 1 - fraction)
+        return jnp.where(rest[0], _nearest(closing, gaps), 1 - fraction)
 
-    def find(inputs: _LastStep, closing: tuple, arrived: Flag) -> Number:
+    def find(inputs: _LastStep, closing: tuple, arrived: Flag, until: Number) -> Number:
         before, after, motion, compressing, _ = inputs
         size = after.tau - before.tau
 
@@ -75,8 +76,8 @@ def event_in_step(
 
         between = _through(rate, before.state, after.state, size)
 
-        def guess(fraction: Number) -> Number:
-            return jnp.where(arrived, nearest(between(fraction)), 1 - fraction)
+        def guess(part: Number) -> Number:
+            return jnp.where(arrived, nearest(between(part * until)), 1 - part)
 
         def corrected(carry: tuple[Number, ...]) -> tuple[Number, ...]:
             count, _, fraction, low, high = carry
@@ -106,19 +107,48 @@ def event_in_step(
         close = jnp.sqrt(jnp.finfo(size.dtype).eps)
         zero = jnp.zeros_like(size)
         first = jnp.where(arrived, nearest(before.state), 1)
-        last = jnp.where(arrived, nearest(after.state), 0)
-        root = bracketed_root(guess, first, last, _GUESSES)
-        root = jnp.where((root > 0) & (root <= 1), root, 0.5)
-        start = varying(root, (zero, zero + 1, root, zero, zero + 1))
+        last = jnp.where(until < 1, nearest(between(until)), nearest(after.state))
+        root = until * bracketed_root(guess, first, jnp.where(arrived, last, 0), _GUESSES)
+        root = jnp.where((root > 0) & (root <= 1), root, until / 2)
+        start = varying(root, (zero, zero + 1, root, zero, until))
         return jax.lax.while_loop(unsettled, corrected, start)[2]
 
     inputs = _LastStep(before, after, motion, compressing, moving)
-    # Those that change sign in the step: a way out starts at a turn, which is not the next one, and
-    # the corner between two gaps would slow the search for the one that closes.
-    ends = (motion.gaps(at.state, compressing) for at in (before, after))
-    closing = tuple((opened > 0) & (closed <= 0) for opened, closed in zip(*ends, strict=True))
-    fraction = with_implicit_derivative(find, gap)(inputs, closing, arrived)
+    closing, until = _closing(*jax.lax.stop_gradient((motion, before, after, compressing)))
+    fraction = with_implicit_derivative(find, gap)(inputs, closing, arrived, until)
     return stepped(fraction, inputs)
+
+
+def _closing(
+    motion: Motion, before: Moment, after: Moment, compressing: Flag
+) -> tuple[tuple[Flag, ...], Number]:
+    """Which gaps close in a step, and a fraction of it at which the first one has closed.
+
+    Those that change sign: a way out starts at a turn, which is not the next one, and the corner
+    between two gaps would slow the search for the one that closes. Under a push the bodies may part
+    and come back within the step, which their turn shows.
+    """
+    first, last = (motion.gaps(at.state, compressing) for at in (before, after))
+    closing = [(opened > 0) & (closed <= 0) for opened, closed in zip(first, last, strict=True)]
+    until = jnp.ones_like(after.tau)
+    if motion.push is None:
+        return tuple(closing), until
+    size = after.tau - before.tau
+    between = _through(
+        lambda state: motion.rate(state, compressing), before.state, after.state, size
+    )
+
+    def turning(fraction: Number) -> Number:
+        speed = motion.gaps(between(fraction), compressing)[0]
+        return jnp.where(closing[0], speed, 1 - fraction)
+
+    ends = jnp.where(closing[0], first[0], 1), jnp.where(closing[0], last[0], 0)
+    turn = bracketed_root(turning, *ends, _GUESSES)
+    there = motion.gaps(between(turn), compressing)
+    apart = [(gap > 0) & (parted <= 0) for gap, parted in zip(first[1:], there[1:], strict=True)]
+    until = jnp.where(closing[0] & functools.reduce(operator.or_, apart), turn, until)
+    apart = [old | new for old, new in zip(closing[1:], apart, strict=True)]
+    return (closing[0], *apart), until
 
 
 def _through(

@@ -3,6 +3,8 @@
 Truths are those of the stability map's oracle, in 80 bits.
 """
 
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -50,8 +52,11 @@ def test_a_push_does_no_work_on_what_rounding_leaves_of_x():
     """At the end x is 0, not 1e-7 of the largest x, times a push that is 1e2 times the energy."""
     alpha, push = single(1.20127e-9, 1e-6), single(69.15487, 69.15487)
     hit = pushed(jc.Damped(alpha=alpha, tension=True), 2.0, push)
-    # The other one may be flagged.
-    assert hit.restitution[1] == pytest.approx(0.9563783, abs=RESTITUTION)
+    # The last step jumps over the parting and the turn that would follow, back to x > 0. What weak
+    # damping takes is proportional to it.
+    lost = (1 - 0.9563783**2) * 1.20127e-9 / 1e-6
+    expected = [math.sqrt(1 - lost), 0.9563783]
+    assert hit.restitution == pytest.approx(expected, abs=RESTITUTION)
 
 
 def test_a_pull_holds_nothing():
