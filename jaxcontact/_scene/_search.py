@@ -242,10 +242,12 @@ def among_others(
     layout: Layout, numbers: Numbers, coupling: Coupling, events: Events, now: Float[Array, ""]
 ) -> Events:
     """Events without those with spheres in the coupled solve, which fly on another way: others
-    search again when their second best event would be.
+    search again when their second best event would be. A fixed one is where it would be anyway.
     """
+    seats = coupling.seats
+    moves = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)] > 0
     # The partner of an empty place is none.
-    who = jnp.where(coupling.seats.present & coupling.active, coupling.seats.who, layout.spheres)
+    who = jnp.where(seats.present & coupling.active & moves, seats.who, layout.spheres)
     is_sphere = events.partner < layout.spheres
     off = is_sphere & jnp.any(events.partner[:, None] == who[None], axis=1)
     later = now + simultaneous(numbers, now) + jnp.finfo(numbers.dtype).eps * coupling.pace
