@@ -41,8 +41,8 @@ class Choice(NamedTuple):
 class Outcome(NamedTuple):
     """What an impact does: the two bodies after it, each at its own time, and its numbers.
 
-    `wall_work` in J is what a moving wall does to the body. `way` and `status` (a `Status`) are
-    whole numbers.
+    `wall_work` in J is what a wall or a fixed sphere that moves does to the body. `way` and
+    `status` (a `Status`) are whole numbers.
     """
 
     after: Flying
