@@ -17,9 +17,10 @@ import numpy as np
 import jaxcontact as jc
 from jaxcontact._scene._grid import grid_of
 from jaxcontact._scene._log import Log, blank_log
+from jaxcontact._scene._numbers import numbers_of
 from jaxcontact._scene._progress import Rules, State
 from jaxcontact._scene._schedule import advance, begun
-from jaxcontact._scene._system import layout_of, numbers_of
+from jaxcontact._scene._system import layout_of
 
 
 def best(function: Callable, repeats: int = 5) -> tuple[float, float, np.ndarray]:

@@ -260,6 +260,10 @@ def test_shells():
     (solid,) = (p for p in animation.figure.axes[0].patches if not isinstance(p, Circle))
     animation.to_jshtml()
     assert solid.get_path().contains_point([-0.42, 0.5])
+    # One that shakes is followed.
+    shakes = jc.Shell([0.0, 0.5], 1.0, motion=jc.Vibration([0.3, 0.0], 1.0))
+    quarter = shakes.centre_at(np.array([0.0, 0.25]))
+    np.testing.assert_allclose(quarter, [[0.0, 0.5], [0.3, 0.5]], atol=EXACT)
     bodies = [jc.Shell([0.5], 0.5), jc.Sphere(0.1, 1.0, [0.5], [1.0])]
     line = jc.plot.scene(jc.simulate(jc.Scene(bodies, law), 2.0, instantaneous=True))
     levels = {float(x.get_ydata()[0]) for x in line.get_lines() if len(x.get_xdata()) == 200}

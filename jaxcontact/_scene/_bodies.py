@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .._contact import Material
 from .._parameter import POSITIVE, rendered, require_flag, require_kind
 from ._entry import one_number, vector
-from ._motion import AbstractMotion, Along, Steady
+from ._motion import AbstractMotion, Along, begun, checked, in_space, later
 
 
 class Wall(NamedTuple):
@@ -69,9 +69,10 @@ class Sphere(AbstractBody):
     Arguments: `radius` R > 0 in m; `position` of the centre in m, one to three numbers, whose count
     is the dimension of the scene; `velocity` in m/s, zero if not given; `mass` m > 0 in kg, which
     wins over the density of the `material` (a `Material`); `name`, for tables by pair and messages.
-    With `fixed=True` the mass is infinite: a mass or a velocity beside it is an error, and `motion`
-    may be a `Steady`, at whose velocity it goes on whoever it hits. Numbers are leaves. Raises
-    ValueError for what is out of range or not finite, and where no mass is known.
+    With `fixed=True` the mass is infinite: a mass or a velocity beside it is an error, and it may
+    have a `motion`, whoever it hits: a `Steady`, or a `Vibration` or a `Prescribed` of vectors, by
+    which it is displaced from its `position`. Numbers are leaves. Raises ValueError for what is out
+    of range or not finite, and where no mass is known.
     """
 
     radius: Float[Array, ""]
@@ -79,7 +80,7 @@ class Sphere(AbstractBody):
     position: Float[Array, " D"]
     velocity: Float[Array, " D"] | None
     material: Material | None
-    motion: Steady | None
+    motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
     fixed: bool = eqx.field(static=True)
 
@@ -93,7 +94,7 @@ class Sphere(AbstractBody):
         name: str | None = None,
         *,
         fixed: bool = False,
-        motion: Steady | None = None,
+        motion: AbstractMotion | None = None,
     ):
         self.name = _name(name)
         self.material = _material(material)
@@ -109,7 +110,7 @@ class Sphere(AbstractBody):
                 f"{self.position.shape[0]}, but is {rendered(velocity)}."
             )
         self.mass = None if mass is None else one_number(mass, "mass", POSITIVE)
-        self.motion = _steady(motion, self.dimensions)
+        self.motion = in_space(motion, self.dimensions, "fixed sphere")
         if self.motion is not None and not self.fixed:
             raise ValueError(
                 "Argument `motion` must be None for a sphere without `fixed=True`, which moves as "
@@ -131,6 +132,18 @@ class Sphere(AbstractBody):
     @property
     def dimensions(self) -> int:
         return self.position.shape[0]
+
+    @property
+    def place(self) -> Array:
+        """The centre at time zero."""
+        return begun(self.position, self.motion)
+
+    def after(self, time: Array) -> Sphere:
+        """The same sphere at a later time, if its motion is prescribed."""
+        if self.motion is None:
+            return self
+        moved = later(self.position, self.motion, time)
+        return eqx.tree_at(lambda body: (body.position, body.motion), self, moved)
 
     def moved_to(self, position: Array, velocity: Array) -> Sphere:
         """The same sphere at another place."""
@@ -188,7 +201,7 @@ class Plane(AbstractBody):
             )
         if not isinstance(self.normal, Tracer) and not np.any(np.asarray(self.normal)):
             raise ValueError(f"Argument `normal` must not be zero, but is {rendered(normal)}.")
-        self.motion = _motion(motion, self.dimensions)
+        self.motion = checked(motion, self.dimensions)
 
     @property
     def dimensions(self) -> int:
@@ -202,9 +215,8 @@ class Plane(AbstractBody):
         """The same plane at a later time."""
         if self.motion is None:
             return self
-        moved, motion = self.motion.after(time)
-        point = self.point if moved is None else self.point + moved
-        return eqx.tree_at(lambda body: (body.point, body.motion), self, (point, motion))
+        moved = later(self.point, self.motion, time)
+        return eqx.tree_at(lambda body: (body.point, body.motion), self, moved)
 
 
 class Box(AbstractBody):
@@ -246,12 +258,7 @@ class Box(AbstractBody):
             raise ValueError(
                 f"Argument `high` must be above `low` = {rendered(low)}, but is {rendered(high)}."
             )
-        self.motion = _motion(motion, self.dimensions)
-        if self.motion is not None and self.motion.dimensions is None:
-            raise ValueError(
-                f"Argument `motion` of a box must have a list of numbers as its amplitude or its "
-                f"displacement, but is {rendered(motion)}."
-            )
+        self.motion = in_space(motion, self.dimensions, "box")
 
     @property
     def dimensions(self) -> int:
@@ -287,14 +294,15 @@ class Shell(AbstractBody):
     """The inside of a fixed sphere (of a circle in two dimensions, an interval in one).
 
     Arguments: `centre` in m, one to three numbers; `radius` R > 0 in m; `material`, None for a
-    rigid shell; `name`; `motion`, a `Steady`, None for a shell that stands. Spheres are inside of
-    it. Numbers are leaves. Raises ValueError for what is out of range or not finite.
+    rigid shell; `name`; `motion`, a `Steady`, or a `Vibration` or a `Prescribed` of vectors, None
+    for a shell that stands. Spheres are inside of it. Numbers are leaves. Raises ValueError for
+    what is out of range or not finite.
     """
 
     centre: Float[Array, " D"]
     radius: Float[Array, ""]
     material: Material | None
-    motion: Steady | None
+    motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
 
     def __init__(
@@ -304,32 +312,36 @@ class Shell(AbstractBody):
         material: Material | None = None,
         name: str | None = None,
         *,
-        motion: Steady | None = None,
+        motion: AbstractMotion | None = None,
     ):
         self.name = _name(name)
         self.material = _material(material)
         self.centre = vector(centre, "centre")
         self.radius = one_number(radius, "radius", POSITIVE)
-        self.motion = _steady(motion, self.dimensions)
+        self.motion = in_space(motion, self.dimensions, "shell")
 
     @property
     def dimensions(self) -> int:
         return self.centre.shape[0]
 
+    @property
+    def place(self) -> Array:
+        """The centre at time zero."""
+        return begun(self.centre, self.motion)
+
     def centre_at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """The centre at some times in s, (T, D) in m, of a shell whose numbers are known."""
-        centre = np.broadcast_to(np.asarray(self.centre, float), (*time.shape, self.dimensions))
         if self.motion is None:
-            return centre
-        return centre + np.asarray(self.motion.velocity, float) * time[:, None]
+            return np.broadcast_to(np.asarray(self.centre, float), (*time.shape, self.dimensions))
+        places = jax.vmap(lambda t: begun(*later(self.centre, self.motion, t)))
+        return np.asarray(places(jnp.asarray(time)), float)
 
     def after(self, time: Array) -> Shell:
         """The same shell at a later time."""
         if self.motion is None:
             return self
-        return eqx.tree_at(
-            lambda body: body.centre, self, self.centre + self.motion.velocity * time
-        )
+        moved = later(self.centre, self.motion, time)
+        return eqx.tree_at(lambda body: (body.centre, body.motion), self, moved)
 
 
 def words(bodies: Sequence[AbstractBody], k: int) -> str:
@@ -343,29 +355,6 @@ def _wall(face: int, normal: Array, offset: Array, motion: AbstractMotion | None
     if motion is None:
         return Wall(face, normal, offset, None, False)
     return Wall(face, normal, offset + motion.start(normal), motion.along(normal), motion.vibrates)
-
-
-def _motion(value: Any, dimensions: int) -> AbstractMotion | None:
-    if value is None:
-        return None
-    motion = require_kind(
-        "motion", value, AbstractMotion, "a `Steady`, a `Vibration`, a `Prescribed` or None"
-    )
-    if motion.dimensions not in (None, dimensions):
-        raise ValueError(
-            f"Argument `motion` must have {dimensions} numbers, as the body has, but is "
-            f"{rendered(value)}."
-        )
-    return motion
-
-
-def _steady(value: Any, dimensions: int) -> Steady | None:
-    """The motion of what is curved."""
-    if value is None:
-        return None
-    require_kind("motion", value, Steady, "a `Steady` or None")
-    _motion(value, dimensions)
-    return value
 
 
 def _name(value: Any) -> str | None:

@@ -9,8 +9,9 @@ from jaxtyping import Array, Bool, Float
 from ._cluster_end import APART, AT_REST, PAUSED, TIME_IS_UP
 from ._cluster_end import NOT_CONVERGED as FAILED
 from ._company import company_of, pace_of
-from ._coupled import Call, as_numbers, at_once, call, masses, meets, touching, work_of_walls
-from ._hit import Choice, Flying, Outcome
+from ._coupled import Call, as_numbers, call, masses, meets, touching, work_of_walls
+from ._flying import Flying, at_once
+from ._hit import Choice, Outcome
 from ._log import Called, Facts, Figures, Together
 from ._progress import (
     ACCUMULATED,
@@ -74,7 +75,7 @@ def called(
     who, index = jnp.minimum(seats.who, count - 1), index_of(layout, seats)
     spheres = jax.tree.map(lambda x: x[who], Flying(state.position, state.velocity, state.time))
     support, held = state.support[who], state.held[who]
-    there = at_once(layout, numbers, who, spheres, support, now)
+    there = at_once(layout, numbers, who, spheres, support, now)[0]
     closed = touching(layout, numbers, members, seats, there, support, now)
     closed = closed | (coupling.touches & meets(layout, members, seats, coupling.choice))
 

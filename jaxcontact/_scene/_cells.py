@@ -181,19 +181,29 @@ def shifted(cells: Cells, i: Int[Array, ""], shift: Shift) -> Cells:
     return Cells(cells.grid, cells.lattice, cell, table, cells.full | shift.full)
 
 
+def everywhere(layout: Layout) -> tuple[int, ...]:
+    """What is met from any cell: shells, and fixed spheres that move, which search for no one, so
+    that those in the cells that they come to would not know of them.
+    """
+    shells = range(layout.visible, layout.spheres)
+    return tuple(sorted({*shells, *layout.driven} - {*layout.shaken}))
+
+
 def neighbours(
     layout: Layout, cells: Cells, who: Int[Array, " M"]
 ) -> tuple[Int[Array, "M C"], Bool[Array, "M C"]]:
-    """The spheres of the cells around some spheres, and which entries are any; shells are last."""
+    """The spheres of the cells around some spheres, and which entries are any; after them come all
+    that are met `everywhere`.
+    """
     ranges = [(-1, 0, 1) if cut else (0,) for cut in cells.grid.axes]
     steps = np.array(list(itertools.product(*ranges)), float)
     dtype, dimensions = cells.cell.dtype, layout.dimensions
     around = cells.cell[who][:, None] + jnp.asarray(steps, dtype)[None]
     row = row_of(cells.lattice, layout, cells.grid, around.reshape(-1, dimensions))
     found = cells.table[row].reshape(who.shape[0], -1)
-    shells = jnp.arange(layout.visible, layout.spheres)[None]
-    shells = jnp.broadcast_to(shells, (who.shape[0], shells.shape[1]))
-    found = jnp.concatenate([found, shells], axis=1)
+    more = jnp.asarray(everywhere(layout), found.dtype)[None]
+    more = jnp.broadcast_to(more, (who.shape[0], more.shape[1]))
+    found = jnp.concatenate([found, more], axis=1)
     return jnp.maximum(found, 0), found >= 0
 
 

@@ -63,7 +63,7 @@ def units_of(problem: Problem) -> Units:
 def scaled(drive: Drive | None, units: Units) -> Drive | None:
     if drive is None:
         return None
-    own = (None if one is None else one.scaled(units.length, units.time) for one in drive.own)
+    own = ((one.scaled(units.length, units.time), body) for one, body in drive.own)
     return drive._replace(
         strength=drive.strength / (units.speed / units.time),
         rate=drive.rate * units.time,

@@ -12,10 +12,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ._coupled import at_once
-from ._hit import Choice, Flying
+from ._flying import Flying, at_once
+from ._hit import Choice
 from ._progress import Coupling, State
 from ._search import simultaneous
 from ._side import side
@@ -61,7 +62,7 @@ def company_of(
         no = jnp.asarray(False)
         return Company(Seats(who, ready[who], shift), jnp.full_like(now, jnp.inf), no)
     spheres = Flying(state.position, state.velocity, state.time)
-    there = at_once(layout, numbers, jnp.arange(count), spheres, state.support, now)
+    there = at_once(layout, numbers, jnp.arange(count), spheres, state.support, now)[0]
     core = _core(layout, coupling)
     moves = numbers.inverse_mass[:count] > 0
     mass = jnp.where(moves, 1 / jnp.where(moves, numbers.inverse_mass[:count], 1), 0)
@@ -73,8 +74,13 @@ def company_of(
         # A wall gives a body at most twice its own velocity.
         walls = numbers.motion.fastest(now, coupling.pace)
         more = more + jnp.where(moves, 2 * jnp.max(walls), 0)
+    gain = jnp.zeros_like(flying)
+    if numbers.shaking is not None:
+        gain = gain.at[np.array(layout.shaken)].set(numbers.shaking.strongest * coupling.pace)
     if layout.driven:
-        more = more + jnp.where(moves, 2 * jnp.max(jnp.where(moves, 0, flying)), 0)
+        # As does a fixed sphere that moves.
+        fast = jnp.where(moves, 0, flying + gain)
+        more = jnp.where(moves, more + 2 * jnp.max(fast), gain)
 
     def fastest(who: Array, filled: Array) -> Array:
         """How fast those that have a place may become."""
@@ -99,7 +105,8 @@ def company_of(
         speed = fast[:, None] + (flying + more)[None]
         reached = after[:, None] + gap / jnp.where(speed > 0, speed, 1)
         rate = there.velocity[sure][:, None] - there.velocity[None]
-        bend = (more[sure][:, None] + more[None]) if layout.gravity else jnp.zeros_like(gap)
+        bent = layout.gravity or layout.shaken
+        bend = (more[sure][:, None] + more[None]) if bent else jnp.zeros_like(gap)
         meeting = jnp.sqrt(jnp.sum(jnp.square(rate), axis=-1)) + bend
         closes = (side(distance) * jnp.sum(apart * rate, axis=-1) < 0) | (bend > 0)
         closes = closes & ~core[sure][:, None] & (meeting > 0)

@@ -14,10 +14,12 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._cluster import MOST_STEPS, cluster, touched
 from ._cluster_end import TIME_IS_UP, ClusterEnd
-from ._hit import Choice, Flying, accelerations, meeting_of, two_that_meet
+from ._flying import Flying, accelerations, at_once
+from ._hit import Choice, meeting_of, two_that_meet
+from ._motion import Own
 from ._overlap import ROUNDINGS
 from ._side import side
-from ._slots import Change, Seats, bodies_of, in_line, pairs_of, places, rearranged
+from ._slots import Change, Seats, bodies_of, in_line, pairs_of, places, put, rearranged
 from ._stored import stored_in
 from ._system import Layout, Numbers, known_contact_of, law_of
 from ._touching import ClusterState, Drive, Pairs
@@ -56,17 +58,6 @@ def placed(
     position = jnp.concatenate([image, walls.offset[:, None] * numbers.normal])
     driven = walls.velocity[:, None] * numbers.normal
     return position, jnp.concatenate([spheres.velocity, driven])
-
-
-def at_once(
-    layout: Layout, numbers: Numbers, who: Array, spheres: Flying, support: Array, time: Array
-) -> Flying:
-    """Spheres in flight at one time."""
-    pull = accelerations(layout, numbers, who, support)
-    passed = (time - spheres.time)[:, None]
-    velocity = spheres.velocity + pull * passed
-    position = spheres.position + (spheres.velocity + velocity) / 2 * passed
-    return Flying(position, velocity, jnp.broadcast_to(time, spheres.time.shape))
 
 
 def meets(layout: Layout, members: int, seats: Seats, choice: Choice) -> Bool[Array, " P"]:
@@ -152,7 +143,7 @@ def call(
     before = rearranged(before, change, members)
 
     # Those that come, by their formulas; their pairs are fresh.
-    there = at_once(layout, numbers, who, spheres, support, time)
+    there = at_once(layout, numbers, who, spheres, support, time)[0]
     joined = jnp.concatenate([change.joined, jnp.zeros(layout.walls, bool)])
     came = (joined | decided.starts)[:, None]
     position, velocity = placed(layout, numbers, seats, there, time)
@@ -200,7 +191,7 @@ def call(
     law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
     end = cluster(
         law, contact, pairs, inverse, pull, begin, decided.until,
-        rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, members, begin.time),
+        rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, seats, begin.time),
         in_line=in_line(layout), to_the_end=decided.to_the_end, max_steps=max_steps,
     )  # fmt: skip
     # Without rounding, so that no other call is needed.
@@ -208,24 +199,42 @@ def call(
     return begin, end._replace(state=end.state._replace(time=over))
 
 
-def _drive(layout: Layout, numbers: Numbers, members: int, time: Array) -> Drive | None:
-    """How the slots are driven from a time on; None where no wall moves."""
-    motion = numbers.motion
-    if motion is None:
+def _drive(layout: Layout, numbers: Numbers, seats: Seats, time: Array) -> Drive | None:
+    """How the slots are driven from a time on; None where no wall moves and no sphere is shaken."""
+    walls, spheres = numbers.motion, numbers.shaking
+    if walls is None and spheres is None:
         return None
-    still = jnp.zeros(members, numbers.dtype)
-    strength = motion.amplitude * jnp.square(motion.rate)
-    none = jnp.zeros((members, layout.dimensions), numbers.dtype)
+    members, slots = seats.who.shape[0], seats.who.shape[0] + layout.walls
+    strength = jnp.zeros((slots, layout.dimensions), numbers.dtype)
+    rate, phase = jnp.zeros(slots, numbers.dtype), jnp.zeros(slots, numbers.dtype)
+    moves = jnp.asarray((False,) * members + layout.moving)
+    shakes = jnp.asarray((False,) * members + layout.vibrating)
+    own: list[tuple[Own, Any]] = []
+    if walls is not None:
+        push = walls.amplitude * jnp.square(walls.rate)
+        strength = strength.at[members:].set(push[:, None] * numbers.normal)
+        rate = rate.at[members:].set(walls.rate)
+        phase = phase.at[members:].set(walls.rate * time + walls.phase)
+        own += [(one, members + w) for w, one in enumerate(walls.own) if one is not None]
+    if spheres is not None:
+        # Where each of them sits, beyond all slots if it is not there.
+        named = jnp.asarray(layout.shaken)
+        sits = (seats.who[None] == named[:, None]) & seats.present[None]
+        nowhere = slots + jnp.arange(len(layout.shaken))
+        slot = jnp.where(jnp.any(sits, axis=1), jnp.argmax(sits, axis=1), nowhere)
+        push = spheres.amplitude * jnp.square(spheres.rate)[:, None]
+        strength = put(strength, slot, push)
+        rate = put(rate, slot, spheres.rate)
+        phase = put(phase, slot, spheres.rate * time + spheres.phase)
+        moves, shakes = (put(flags, slot, jnp.ones(slot.shape, bool)) for flags in (moves, shakes))
+        own += [(one, slot[k]) for k, one in enumerate(spheres.own) if one is not None]
     return Drive(
-        strength=jnp.concatenate([none, strength[:, None] * numbers.normal]),
-        rate=jnp.concatenate([still, motion.rate]),
-        phase=jnp.concatenate([still, motion.rate * time + motion.phase]),
-        moves=jnp.asarray((False,) * members + layout.moving),
-        shakes=jnp.asarray((False,) * members + layout.vibrating),
-        own=(
-            *[None] * members,
-            *(None if own is None else own.later(time) for own in motion.own),
-        ),
+        strength=strength,
+        rate=rate,
+        phase=phase,
+        moves=moves,
+        shakes=shakes,
+        own=tuple((one.later(time), at) for one, at in own),
     )
 
 

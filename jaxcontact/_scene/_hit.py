@@ -14,22 +14,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ._flying import Flying, at_once
 from ._result import Way
 from ._side import side
 from ._system import Layout, Numbers, restitution_of
 
 Lane = Float[Array, "..."]
-
-
-class Flying(NamedTuple):
-    """The two bodies of an impact in flight, each at its own `time` (2,); a wall repeats the first.
-
-    `position` and `velocity` (2, D).
-    """
-
-    position: Lane
-    velocity: Lane
-    time: Lane
 
 
 class Choice(NamedTuple):
@@ -51,8 +41,8 @@ class Choice(NamedTuple):
 class Outcome(NamedTuple):
     """What an impact does: the two bodies after it, each at its own time, and its numbers.
 
-    `wall_work` in J is what a moving wall does to the body. `way` and `status` (a `Status`) are
-    whole numbers.
+    `wall_work` in J is what a wall or a fixed sphere that moves does to the body. `way` and
+    `status` (a `Status`) are whole numbers.
     """
 
     after: Flying
@@ -67,27 +57,6 @@ class Outcome(NamedTuple):
     wall_work: Lane
     way: Lane
     status: Lane
-
-
-def accelerations(
-    layout: Layout, numbers: Numbers, who: Int[Array, " M"], support: Int[Array, " M"]
-) -> Float[Array, "M D"]:
-    """Gravity of free spheres, less what the walls that they rest on hold."""
-    free = (numbers.inverse_mass[who] > 0)[:, None]
-    pull = jnp.broadcast_to(numbers.gravity, (who.shape[0], layout.dimensions))
-    if layout.walls:
-        normal = numbers.normal[jnp.maximum(support, 0)]
-        held = jnp.sum(pull * normal, axis=-1, keepdims=True) * normal
-        pull = pull - jnp.where((support >= 0)[:, None], held, 0)
-    return jnp.where(free, pull, 0)
-
-
-def moved(flying: Flying, acceleration: Lane, time: Lane) -> Flying:
-    """Both bodies at a later `time`."""
-    passed = (time - flying.time)[:, None]
-    velocity = flying.velocity + acceleration * passed
-    position = flying.position + (flying.velocity + velocity) / 2 * passed
-    return Flying(position, velocity, jnp.broadcast_to(time, flying.time.shape))
 
 
 def two_that_meet(layout: Layout, time: Lane) -> Flying:
@@ -132,8 +101,11 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
     count = layout.spheres
     second = jnp.minimum(choice.second, count - 1)
     who = jnp.stack([choice.first, second])
-    pull = accelerations(layout, numbers, who, choice.support)
-    there = moved(before, pull, choice.time)
+    if layout.shaken:
+        # Where there is no impact both are one body, which must not be put in the same place twice.
+        nobody = choice.first == choice.second
+        who = jnp.where(nobody, layout.fixed.index(False), who)
+    there, pull = at_once(layout, numbers, who, before, choice.support, choice.time)
     apart = there.position[0] - there.position[1] - choice.image * numbers.period
     rate = there.velocity[0] - there.velocity[1]
     half = (pull[0] - pull[1]) / 2
@@ -149,6 +121,9 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
 
     def relative(delay: Lane) -> tuple[Lane, Lane]:
         away, rates = apart + (rate + half * delay) * delay, rate + 2 * half * delay
+        if layout.shaken:
+            bent, turned = numbers.bent_at(layout, who[1], choice.time, delay)
+            away, rates = away - bent, rates - turned
         if layout.walls:
             # A wall is met as a point of it would be, below the body along the normal.
             moving = numbers.walls_at(choice.time + delay, wall)
@@ -167,7 +142,8 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
     time = time + jax.lax.stop_gradient(jnp.maximum(late, 0))
     if any(layout.moving):
         driven = jnp.where(is_wall, numbers.walls_at(time, wall).velocity, 0)
-    return Meeting(moved(there, pull, time), normal, closing, time, driven)
+    met = at_once(layout, numbers, who, there, choice.support, time)[0]
+    return Meeting(met, normal, closing, time, driven)
 
 
 def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Outcome:
@@ -208,7 +184,7 @@ def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Out
 def driven_work(
     layout: Layout, numbers: Numbers, choice: Choice, meeting: Meeting, after: Lane
 ) -> Lane:
-    """What a fixed sphere that moves does to the one that it hits: m (v' - v)·V, in J."""
+    """What a fixed sphere that moves at V does to the one that it hits: m (v' - v)·V, in J."""
     if not layout.driven:
         return jnp.zeros_like(meeting.closing)
     second = jnp.minimum(choice.second, layout.spheres - 1)

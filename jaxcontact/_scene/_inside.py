@@ -10,7 +10,8 @@ from jaxtyping import Array, Float, Int
 
 from ._cluster import cluster, touched
 from ._coupled import Call, as_flags, blank_state, call, meets, stored_energy
-from ._hit import Choice, Flying, accelerations, meeting_of
+from ._flying import Flying, accelerations
+from ._hit import Choice, meeting_of
 from ._log import Log, last_call
 from ._progress import Rules
 from ._slots import Seats, empty_seats, everyone, in_line, index_of, joining, put, unchanged

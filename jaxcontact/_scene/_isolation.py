@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ._hit import Choice, Outcome, accelerations
+from ._flying import Flying, at_once
+from ._hit import Choice, Outcome
 from ._progress import Rules, State
 from ._side import side
 from ._system import Layout, Numbers, nearest_image
@@ -27,17 +29,16 @@ def isolated(
     """Whether two bodies meet without a third one, by forces that the pair's own solution knows.
 
     No body is faster than all the energy there is would make it; during the impact, none can come
-    as far as a quarter of its distance. A wall that shakes changes its velocity meanwhile by less
-    than a tenth of `tolerance`.
+    as far as a quarter of its distance. What shakes changes its velocity meanwhile by less than a
+    tenth of `tolerance`.
     """
     count = layout.spheres
     inverse = numbers.inverse_mass[:count]
     moves = inverse > 0
     everyone = jnp.arange(count)
-    pull = accelerations(layout, numbers, everyone, state.support)
-    passed = (now - state.time)[:, None]
-    velocity = state.velocity + pull * passed
-    position = state.position + (state.velocity + velocity) / 2 * passed
+    flying = Flying(state.position, state.velocity, state.time)
+    there, pull = at_once(layout, numbers, everyone, flying, state.support, now)
+    position, velocity = there.position, there.velocity
     mass = jnp.where(moves, 1 / jnp.where(moves, inverse, 1), 0)
     energy = jnp.sum(mass * jnp.sum(jnp.square(velocity), axis=-1)) / 2
     energy = energy + jnp.sum(jnp.where(state.time > now, state.owed, 0))
@@ -56,6 +57,11 @@ def isolated(
     if layout.driven:
         # As does a fixed sphere that moves.
         driven = jnp.where(moves, 0, jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)))
+        if numbers.shaking is not None:
+            gain = numbers.shaking.strongest * last
+            driven = driven.at[np.array(layout.shaken)].add(gain)
+            change = jnp.concatenate([gain, jnp.zeros(1, gain.dtype)])[layout.shaken_row(second)]
+            alone = alone & (is_wall | (10 * change <= tolerance * outcome.closing))
         fastest = fastest + jnp.where(moves, 2 * jnp.max(driven), driven)
     if any(layout.vibrating):
         assert motion is not None

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ._coupled import Call, as_numbers, blank_state
-from ._hit import Choice, Flying, Outcome
+from ._flying import Flying
+from ._hit import Choice, Outcome
 from ._slots import Seats, places, unchanged
 from ._system import Layout
 from ._touching import ClusterState

@@ -27,9 +27,9 @@ def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | Non
     """
     found = [(k, body) for k, body in enumerate(bodies) if isinstance(body, Sphere)]
     spheres = [k for k, _ in found]
-    parts = [(sphere.position, sphere.radius) for _, sphere in found]
+    parts = [(sphere.place, sphere.radius) for _, sphere in found]
     walls = [(k, *wall[1:3]) for k, body in enumerate(bodies) for wall in body.walls()]
-    shells = [(k, b.centre, b.radius) for k, b in enumerate(bodies) if isinstance(b, Shell)]
+    shells = [(k, b.place, b.radius) for k, b in enumerate(bodies) if isinstance(b, Shell)]
     given = [*(x for part in parts for x in part), *(x for one in walls + shells for x in one[1:])]
     if any(isinstance(x, Tracer) for x in (*given, *periodic)):
         return

@@ -1,4 +1,4 @@
-"""Walls that move as a function of the user's says."""
+"""Bodies that move as a function of the user's says."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ class _Told:
 
 
 class Prescribed(AbstractMotion):
-    """A wall that moves as a function says: displacement d(t) from the place it is given at.
+    """A wall, a fixed sphere or a shell that moves as a function says: displacement d(t) from the
+    place it is given at.
 
     Arguments: `displacement(t, args)`, a JAX function of the time in s with two derivatives, which
     returns the displacement in m, as many numbers as the scene has dimensions, or for a plane one
@@ -94,17 +95,17 @@ class Prescribed(AbstractMotion):
     def vibrates(self) -> bool:
         return True
 
-    def _own(self, normal: Array) -> Own:
+    def _own(self, normal: Array | None) -> Own:
         one = jnp.ones((), self._began.dtype)
         arrays, rest = eqx.partition(self.args, eqx.is_array)
         leaves, structure = jax.tree.flatten(rest)
         told = _Told(self.displacement, tuple(leaves), structure)
         return Own(told, arrays, self._began, normal, self.max_acceleration, one, one)
 
-    def start(self, normal: Array) -> Array:
+    def start(self, normal: Array | None) -> Array:
         return self._own(normal).place(jnp.zeros_like(self._began))
 
-    def along(self, normal: Array) -> Along:
+    def along(self, normal: Array | None) -> Along:
         return still()._replace(own=self._own(normal))
 
     def after(self, time: Array) -> tuple[None, Prescribed]:

@@ -17,7 +17,8 @@ from jaxtyping import Array, Float, Int
 
 from ._cluster import MOST_STEPS
 from ._coupled import as_flags, as_numbers, call, work_of_walls
-from ._hit import Flying, Outcome, hit, two_that_meet
+from ._flying import Flying
+from ._hit import Outcome, hit, two_that_meet
 from ._log import Facts, Figures, Log, Together
 from ._progress import Rules
 from ._slots import in_place, index_of, places, put, rearranged

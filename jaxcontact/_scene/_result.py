@@ -34,7 +34,7 @@ class Ending(enum.IntEnum):
     """Too many bodies came together for `max_cluster`, or in a way that is left out
     (docs/scenes.md): what comes after is NaN."""
     WALL_TOO_ABRUPT = 6
-    """A wall exceeds its `max_acceleration`: what comes after is NaN."""
+    """A wall, a fixed sphere or a shell exceeds its `max_acceleration`: what comes after is NaN."""
 
 
 class Way(enum.IntEnum):

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
-from ._bodies import Box, Plane, Shell
+from ._bodies import Box, Plane, Shell, Sphere
 from ._columns import write_csv
 from ._dataset import dataset
 from ._end import end_of
@@ -33,9 +33,10 @@ class Run(eqx.Module):
     `time` (T,) in s; `position` (T, N, D) in m and `velocity` (T, N, D) in m/s of the N spheres in
     the order given, fixed ones too; `energy` (T,) in J, kinetic, weight and stored in contacts;
     `impacts`, see `Impacts`; `margin`, see `Margin`; `status`, see `Ending`; `reached` in s, up to
-    which the values hold; `wall_work` in J, what moving walls did to the spheres, so that the
-    energy at the end is that at the start and `wall_work` less what the impacts lost. `at(times)`
-    gives the state at any times; `final` is the scene at the end, from which another run goes on.
+    which the values hold; `wall_work` in J, what moving walls, fixed spheres and shells did to the
+    others, so that the energy at the end is that at the start and `wall_work` less what the impacts
+    lost. `at(times)` gives the state at any times; `final` is the scene at the end, from which
+    another run goes on.
     """
 
     time: Float[Array, " T"]
@@ -116,9 +117,10 @@ class Run(eqx.Module):
         bodies = list(self.scene.bodies)
         for k, sphere in enumerate(self.scene.spheres):
             place = self._layout.body[k]
-            bodies[place] = sphere.moved_to(position[0, k], end.velocity[0, k])
+            if sphere.motion is None:
+                bodies[place] = sphere.moved_to(position[0, k], end.velocity[0, k])
         for k, body in enumerate(bodies):
-            if isinstance(body, Plane | Box | Shell):
+            if isinstance(body, Sphere | Plane | Box | Shell):
                 bodies[k] = body.after(self.duration)
         if known and not bool(start.needed):
             start = None

@@ -20,7 +20,8 @@ from ._cells import Grid
 from ._coupled import blank_state
 from ._due import Due, expecting, in_branch, up_to_date
 from ._end import going_on
-from ._hit import Choice, Flying, Outcome, accelerations, hit
+from ._flying import Flying, at_once
+from ._hit import Choice, Outcome, hit
 from ._isolation import isolated
 from ._log import Facts, Figures, Log, blank_calls
 from ._progress import (
@@ -278,10 +279,8 @@ def _choice(
     time. Where the next bounce is lower than `tolerance` radii its time is summed.
     """
     support = state.support[who]
-    pull = accelerations(layout, numbers, who, support)
-    passed = (now - before.time)[:, None]
-    velocity = before.velocity + pull * passed
-    position = before.position + (before.velocity + velocity) / 2 * passed
+    there = at_once(layout, numbers, who, before, support, now)[0]
+    position, velocity = there.position, there.velocity
     image = nearest_image(layout, numbers, (position[0] - position[1])[None])[1][0]
     tail = jnp.asarray(False)
     if layout.walls and layout.gravity and any(layout.constant):

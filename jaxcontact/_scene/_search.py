@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._cells import leaving, neighbours
-from ._hit import accelerations
+from ._cells import everywhere, leaving, neighbours
+from ._flying import Flying, at_once
 from ._progress import Coupling, Events, State
+from ._shaking_touch import shaking_sphere_time, shaking_wall_time
 from ._slots import index_of, put
 from ._system import Layout, Numbers, nearest_image
-from ._touch import (
-    curved_time,
-    image_horizon,
-    shaking_wall_time,
-    sphere_time,
-    wall_time,
-)
+from ._touch import curved_time, image_horizon, sphere_time, wall_time
 
 NOISE = 16
 """Roundings of a speed below which bodies that touch neither close nor part."""
@@ -65,7 +62,8 @@ def searched(
     distance = numbers.radius[who][:, None] + _of(numbers.radius, others).reshape(-1, size[1])
     noise = NOISE * eps * (speeds[:, None] + all_speeds.reshape(-1, size[1]))
     straight = sphere_time(apart, rate, distance, noise, shells=layout.spheres > layout.visible)
-    if layout.gravity and (layout.walls or any(layout.fixed)):
+    stand = sum(layout.fixed) > len(layout.shaken)
+    if layout.gravity and (layout.walls or stand):
         bent = jnp.any(bend != 0, axis=-1)
         horizon = jnp.maximum(end - now, 0)
 
@@ -76,6 +74,9 @@ def searched(
     else:
         times = straight
     other = valid & (names != who[:, None])
+    if layout.shaken:
+        # Those have columns of their own.
+        other = other & (layout.shaken_row(names) == len(layout.shaken))
     other = other & (all_move.reshape(-1, size[1]) | moves[:, None])
     times = jnp.where(other, times, jnp.inf)
     reached = jnp.where(jnp.isfinite(times), times, 0)[..., None]
@@ -84,46 +85,30 @@ def searched(
 
     horizon = jnp.full(who.shape, jnp.inf, numbers.dtype)
     for axis in range(layout.dimensions):
-        if layout.periodic[axis] and (state.cells is None or not state.cells.grid.axes[axis]):
-            bound = image_horizon(
-                apart[..., axis], rate[..., axis], bend[..., axis], distance, numbers.period[axis]
-            )
-            horizon = jnp.minimum(horizon, jnp.min(jnp.where(other, bound, jnp.inf), axis=-1))
+        # Of spheres in cells beside each other one image is nearest.
+        cut = state.cells is not None and state.cells.grid.axes[axis]
+        near = size[1] - len(everywhere(layout)) if cut else 0
+        if layout.periodic[axis] and near < size[1]:
+            away, fast, falls = (x[:, near:, axis] for x in (apart, rate, bend))
+            bound = image_horizon(away, fast, falls, distance[:, near:], numbers.period[axis])
+            bound = jnp.where(other[:, near:], bound, jnp.inf)
+            horizon = jnp.minimum(horizon, jnp.min(bound, axis=-1))
     leaves = jnp.full(who.shape, jnp.inf, numbers.dtype)
     if state.cells is not None:
         leaves = leaving(layout, state.cells, who, position, velocity, pull)
+        if layout.shaken:
+            leaves = jnp.where(layout.shaken_row(who) < len(layout.shaken), jnp.inf, leaves)
 
+    columns = [_Columns(times, closing, jnp.broadcast_to(names, size))]
+    if layout.shaken:
+        flying = (who, position, velocity, pull)
+        found, bound = _of_shaken(layout, numbers, *flying, moves, now, end)
+        columns.append(found)
+        horizon = jnp.minimum(horizon, bound)
     if layout.walls:
-        height = jnp.sum(position[:, None] * numbers.normal[None], axis=-1)
-        walls = numbers.walls_at(now)
-        gap = height - walls.offset[None] - numbers.radius[who][:, None]
-        fall = jnp.sum(velocity[:, None] * numbers.normal[None], axis=-1)
-        weight = jnp.sum(pull[:, None] * numbers.normal[None], axis=-1)
-        noise = NOISE * eps * speeds[:, None]
-        motion = None if numbers.motion is None else numbers.motion.in_rows()
-        if motion is not None:
-            fall = fall - motion.speed
-            noise = noise + NOISE * eps * motion.fastest(now, jnp.zeros_like(now))
-        wall = wall_time(gap, fall, weight, noise)
-        if any(layout.vibrating):
-            assert motion is not None
-            shaking = jnp.asarray(layout.vibrating)[None]
-            left = jnp.maximum(end - now, 0)
-            found = shaking_wall_time(gap, fall, weight, noise, motion, now, left)
-            wall = jnp.where(shaking, found, wall)
-        resting = jnp.arange(layout.walls)[None] == state.support[who][:, None]
-        wall = jnp.where(resting | ~moves[:, None], jnp.inf, wall)
-        reached = jnp.where(jnp.isfinite(wall), wall, 0)
-        rises = fall + weight * reached
-        if any(layout.vibrating):
-            assert motion is not None
-            swing = motion.velocity(now + reached) - motion.speed
-            rises = rises - jnp.where(jnp.asarray(layout.vibrating)[None], swing, 0)
-        times = jnp.concatenate([times, wall], axis=-1)
-        closing = jnp.concatenate([closing, -rises], axis=-1)
-        walls = jnp.arange(count, count + layout.walls)[None]
-        names = jnp.broadcast_to(names, size)
-        names = jnp.concatenate([names, jnp.broadcast_to(walls, wall.shape)], axis=-1)
+        flying = (who, position, velocity, pull)
+        columns.append(_of_walls(layout, numbers, state, *flying, moves, now, end))
+    times, closing, names = jax.tree.map(lambda *x: jnp.concatenate(x, axis=-1), *columns)
     # A fixed sphere is found by those that move.
     times = jnp.where(moves[:, None], times, jnp.inf)
 
@@ -155,14 +140,114 @@ def searched(
     )
 
 
+class _Columns(NamedTuple):
+    """Of bodies that spheres may meet: the `times` from now, how fast they close then, and their
+    numbers, (M, C) each.
+    """
+
+    times: Float[Array, "M C"]
+    closing: Float[Array, "M C"]
+    names: Int[Array, "M C"]
+
+
+def _of_walls(
+    layout: Layout,
+    numbers: Numbers,
+    state: State,
+    who: Int[Array, " M"],
+    position: Float[Array, "M D"],
+    velocity: Float[Array, "M D"],
+    pull: Float[Array, "M D"],
+    moves: Bool[Array, " M"],
+    now: Float[Array, ""],
+    end: Float[Array, ""],
+) -> _Columns:
+    """When spheres touch the walls that they do not rest on."""
+    count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
+    height = jnp.sum(position[:, None] * numbers.normal[None], axis=-1)
+    walls = numbers.walls_at(now)
+    gap = height - walls.offset[None] - numbers.radius[who][:, None]
+    fall = jnp.sum(velocity[:, None] * numbers.normal[None], axis=-1)
+    weight = jnp.sum(pull[:, None] * numbers.normal[None], axis=-1)
+    noise = NOISE * eps * jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1))[:, None]
+    motion = None if numbers.motion is None else numbers.motion.in_rows()
+    if motion is not None:
+        fall = fall - motion.speed
+        noise = noise + NOISE * eps * motion.fastest(now, jnp.zeros_like(now))
+    resting = jnp.arange(layout.walls)[None] == state.support[who][:, None]
+    free = ~resting & moves[:, None]
+    wall = wall_time(gap, fall, weight, noise)
+    if any(layout.vibrating):
+        assert motion is not None
+        shaking = jnp.asarray(layout.vibrating)[None]
+        left = jnp.maximum(end - now, 0)
+        noise = jnp.broadcast_to(noise, gap.shape)
+        found = shaking_wall_time(gap, fall, weight, noise, motion, now, left, free & shaking)
+        wall = jnp.where(shaking, found, wall)
+    wall = jnp.where(free, wall, jnp.inf)
+    reached = jnp.where(jnp.isfinite(wall), wall, 0)
+    rises = fall + weight * reached
+    if any(layout.vibrating):
+        assert motion is not None
+        swing = motion.velocity(now + reached) - motion.speed
+        rises = rises - jnp.where(jnp.asarray(layout.vibrating)[None], swing, 0)
+    names = jnp.arange(count, count + layout.walls)[None]
+    return _Columns(wall, -rises, jnp.broadcast_to(names, wall.shape))
+
+
+def _of_shaken(
+    layout: Layout,
+    numbers: Numbers,
+    who: Int[Array, " M"],
+    position: Float[Array, "M D"],
+    velocity: Float[Array, "M D"],
+    pull: Float[Array, "M D"],
+    moves: Bool[Array, " M"],
+    now: Float[Array, ""],
+    end: Float[Array, ""],
+) -> tuple[_Columns, Float[Array, " M"]]:
+    """When spheres touch the fixed ones that are accelerated, wherever these are, and the time
+    before which they meet no other image of these.
+    """
+    assert numbers.shaking is not None
+    motion, eps = numbers.shaking.in_rows(), jnp.finfo(numbers.dtype).eps
+    shaken = jnp.asarray(layout.shaken)
+    place, speed = numbers.shaken_at(layout, now)
+    shape = (who.shape[0], shaken.shape[0])
+    apart = (position[:, None] - place[None]).reshape(-1, layout.dimensions)
+    apart = nearest_image(layout, numbers, apart)[0].reshape(*shape, layout.dimensions)
+    rate, bend = (jnp.broadcast_to(x[:, None], apart.shape) for x in (velocity, pull))
+    distance = numbers.radius[who][:, None] + numbers.radius[shaken][None]
+    fast = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1))[:, None]
+    noise = NOISE * eps * (fast + motion.fastest(now, jnp.zeros_like(now)))
+    wanted = jnp.broadcast_to(moves[:, None], shape)
+    left = jnp.maximum(end - now, 0)
+    times = shaking_sphere_time(apart, rate, bend, distance, noise, motion, now, left, wanted)
+    reached = jnp.where(jnp.isfinite(times), times, 0)
+    passed, (high, swings) = reached[..., None], motion.swing(now, reached)
+    at, closes = apart + (rate + bend / 2 * passed) * passed - high, rate + bend * passed - swings
+    closing = -jnp.sum(at * closes, axis=-1) / distance
+    bound = jnp.full(who.shape, jnp.inf, numbers.dtype)
+    rate = rate - speed[None]
+    for axis in range(layout.dimensions):
+        if layout.periodic[axis]:
+            most = jnp.abs(bend[..., axis]) + motion.strongest
+            given = (apart[..., axis], rate[..., axis], most, distance, numbers.period[axis])
+            bound = jnp.minimum(bound, jnp.min(image_horizon(*given), axis=-1))
+    names = jnp.broadcast_to(shaken[None], shape)
+    return _Columns(times, closing, names), jnp.where(moves, bound, jnp.inf)
+
+
 def among_others(
     layout: Layout, numbers: Numbers, coupling: Coupling, events: Events, now: Float[Array, ""]
 ) -> Events:
     """Events without those with spheres in the coupled solve, which fly on another way: others
-    search again when their second best event would be.
+    search again when their second best event would be. A fixed one is where it would be anyway.
     """
+    seats = coupling.seats
+    moves = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)] > 0
     # The partner of an empty place is none.
-    who = jnp.where(coupling.seats.present & coupling.active, coupling.seats.who, layout.spheres)
+    who = jnp.where(seats.present & coupling.active & moves, seats.who, layout.spheres)
     is_sphere = events.partner < layout.spheres
     off = is_sphere & jnp.any(events.partner[:, None] == who[None], axis=1)
     later = now + simultaneous(numbers, now) + jnp.finfo(numbers.dtype).eps * coupling.pace
@@ -187,14 +272,10 @@ def flown(
     now: Float[Array, ""],
 ) -> tuple[Float[Array, "M D"], Float[Array, "M D"], Float[Array, "M D"]]:
     """Where some spheres, or all, are now; their velocities and accelerations."""
-    began, velocity = _of(state.position, who), _of(state.velocity, who)
-    passed = (now - _of(state.time, who))[:, None]
-    pull, later = jnp.zeros_like(velocity), velocity
-    if layout.gravity:
-        named = jnp.arange(layout.spheres) if who is None else who
-        pull = accelerations(layout, numbers, named, _of(state.support, who))
-        later = velocity + pull * passed
-    return began + (velocity + later) / 2 * passed, later, pull
+    flying = Flying(_of(state.position, who), _of(state.velocity, who), _of(state.time, who))
+    named = jnp.arange(layout.spheres) if who is None else who
+    there, pull = at_once(layout, numbers, named, flying, _of(state.support, who), now)
+    return there.position, there.velocity, pull
 
 
 def _of(all: Array, who: Int[Array, "..."] | None) -> Array:

@@ -29,6 +29,8 @@ from ._due import expecting
 from ._entry import one_number
 from ._grid import grid_of
 from ._log import Log, blank_log
+from ._movers import Movers
+from ._numbers import numbers_of, replaced
 from ._overlap import require_clear_of_each_other
 from ._progress import CROWDED, NOT_CONVERGED, OVER, RUNNING, Rules, State
 from ._replay import differentiable
@@ -38,9 +40,8 @@ from ._scene import Scene
 from ._schedule import advance, begun, with_places
 from ._search import flown
 from ._slots import everyone
-from ._system import Layout, Numbers, first_overlap, layout_of, numbers_of, replaced
+from ._system import Layout, Numbers, first_overlap, layout_of
 from ._table import table_of
-from ._wall_motion import WallMotion
 from ._work import work_of
 
 ROOM = 256
@@ -119,9 +120,9 @@ def simulate(
     given = (numbers, length, asked)
     within = jnp.asarray(tolerance, numbers.dtype)
     last = length
-    if numbers.motion is not None:
-        kept = _kept_until(numbers.motion, length)
-        last = jnp.minimum(length, kept)
+    for movers in (numbers.motion, numbers.shaking):
+        if movers is not None:
+            last = jnp.minimum(last, _kept_until(movers, length))
     names = tuple(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
         for k, body in enumerate(scene.bodies)
@@ -283,7 +284,7 @@ def _ending(state: State, more: Array, valid: Array, end: Array) -> tuple[Array,
     return status, jax.lax.stop_gradient(reached)
 
 
-_kept_until = eqx.filter_jit(WallMotion.kept_until)
+_kept_until = eqx.filter_jit(Movers.kept_until)
 _begun = eqx.filter_jit(begun)
 _expecting = eqx.filter_jit(expecting)
 _advance = eqx.filter_jit(advance)

@@ -10,7 +10,8 @@ from jaxtyping import Array, Bool, Float
 
 from .._impact import Status
 from .._laws import VELOCITY_THRESHOLD
-from ._hit import Choice, Flying, Outcome, accelerations, driven_work, meeting_of
+from ._flying import Flying, accelerations
+from ._hit import Choice, Outcome, driven_work, meeting_of
 from ._oblique import oblique
 from ._result import Way
 from ._system import Layout, Numbers, known_contact_of, laws_of

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ._hit import accelerations
+from ._flying import accelerations
 from ._inside import Entries, States, at_rest, in_contacts, in_pairs
 from ._log import Log, last_call
 from ._progress import Rules
@@ -38,7 +40,7 @@ def states_at(
     velocity = found.velocity + pull * since
     position = found.position + (found.velocity + velocity) / 2 * since
     stored = jnp.zeros_like(times)
-    here = States(position, velocity, stored)
+    here = _prescribed(layout, numbers, times, States(position, velocity, stored))
     if not rules.soft or not (inside or rules.members):
         return here
     if not inside:
@@ -46,7 +48,22 @@ def states_at(
             stored=at_rest(layout, numbers, found, here, times, found.support < -1)
         )
     given = (layout, numbers, rules, log, times, tolerance, found, here)
-    return in_contacts(*given, written) if rules.members else in_pairs(*given)
+    there = in_contacts(*given, written) if rules.members else in_pairs(*given)
+    return _prescribed(layout, numbers, times, there)
+
+
+def _prescribed(
+    layout: Layout, numbers: Numbers, times: Float[Array, " T"], states: States
+) -> States:
+    """The states, with fixed spheres that are accelerated where their motion says."""
+    if not layout.shaken:
+        return states
+    place, rate = jax.vmap(lambda time: numbers.shaken_at(layout, time))(times)
+    rows = np.array(layout.shaken)
+    return states._replace(
+        position=states.position.at[:, rows].set(place),
+        velocity=states.velocity.at[:, rows].set(rate),
+    )
 
 
 def any_inside(

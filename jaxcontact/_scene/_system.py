@@ -10,21 +10,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from .._contact import Contact, Material
 from .._impact import restitution, restitution_is_constant
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw
-from .._parameter import POSITIVE, Specialised, is_valid, sanitised
-from ._bodies import Shell, Sphere, Wall
+from .._parameter import Specialised
+from ._bodies import Shell, Sphere
 from ._mixed_law import MixedLaw, one_of_each
-from ._motion import still
+from ._movers import Movers
 from ._overlap import ROUNDINGS
 from ._scene import Scene
 from ._side import side
 from ._start import Start
-from ._wall_motion import WallMotion
 
 Lane = Float[Array, "..."]
 
@@ -36,8 +34,8 @@ class Layout(eqx.Module):
     the N the first `visible` are none), then the walls: `body` and `face` say which body
     of the scene each of them is. `laws` and `stiffnesses` are tables by kind, () where one law or
     stiffness serves all; `constant` says of which laws e is the same at all speeds. Of the walls:
-    which are `moving`, and which of these are accelerated (`vibrating`). `driven`: whether any of
-    the fixed spheres moves.
+    which are `moving`, and which of these are accelerated (`vibrating`). Of the fixed spheres, by
+    their numbers: which are `driven`, and which of these are accelerated (`shaken`).
     """
 
     spheres: int = eqx.field(static=True)
@@ -55,12 +53,19 @@ class Layout(eqx.Module):
     periodic: tuple[bool, ...] = eqx.field(static=True)
     moving: tuple[bool, ...] = eqx.field(static=True)
     vibrating: tuple[bool, ...] = eqx.field(static=True)
-    driven: bool = eqx.field(static=True)
+    driven: tuple[int, ...] = eqx.field(static=True)
+    shaken: tuple[int, ...] = eqx.field(static=True)
 
     def chosen(self, table: tuple[tuple[int, ...], ...], i: Array, j: Array) -> Array:
         """The entry of a table for bodies i and j."""
         kinds = jnp.asarray(self.kinds)
         return jnp.asarray(table)[kinds[i], kinds[j]]
+
+    def shaken_row(self, who: Int[Array, "..."]) -> Int[Array, "..."]:
+        """Which of those that are `shaken` some spheres are; how many there are for all others."""
+        rows = np.full(self.spheres, len(self.shaken))
+        rows[list(self.shaken)] = np.arange(len(self.shaken))
+        return jnp.asarray(rows)[who]
 
 
 class Walls(NamedTuple):
@@ -75,8 +80,9 @@ class Numbers(eqx.Module):
 
     Of the B = N + W bodies: `inverse_mass` (0 where fixed), `curvature` 1/R (0 of walls) and
     `compliance` (Hertz), None where not needed. `restitution` by law where it is constant, else 0.
-    `offset` of walls at time zero; their `motion`, None where all of them stand. `start`: what
-    rests or is in contact at time zero, None where nothing is.
+    `offset` of walls at time zero; their `motion`, None where all of them stand; the `shaking` of
+    fixed spheres that are accelerated, None where none is. `start`: what rests or is in contact at
+    time zero, None where nothing is.
     """
 
     position: Float[Array, "N D"]
@@ -85,7 +91,8 @@ class Numbers(eqx.Module):
     inverse_mass: Float[Array, " B"]
     normal: Float[Array, "W D"]
     offset: Float[Array, " W"]
-    motion: WallMotion | None
+    motion: Movers | None
+    shaking: Movers | None
     gravity: Float[Array, " D"]
     period: Float[Array, " D"]
     restitution: Float[Array, " L"]
@@ -110,6 +117,28 @@ class Numbers(eqx.Module):
             shift, velocity = shift[which], velocity[which]
         return Walls(offset + shift, velocity)
 
+    def shaken_at(
+        self, layout: Layout, time: Float[Array, ""]
+    ) -> tuple[Float[Array, "K D"], Float[Array, "K D"]]:
+        """Where the fixed spheres that are accelerated are at a time, and how fast."""
+        assert self.shaking is not None
+        start = self.position[np.array(layout.shaken)]
+        return start + self.shaking.shift(time), self.shaking.velocity(time)
+
+    def bent_at(
+        self, layout: Layout, who: Int[Array, ""], now: Float[Array, ""], time: Float[Array, ""]
+    ) -> tuple[Float[Array, " D"], Float[Array, " D"]]:
+        """By how much a sphere departs until `time` later from going on at the velocity that it
+        has `now`, and its velocity; zeros for one that is not `shaken`.
+        """
+        assert self.shaking is not None
+        row = layout.shaken_row(who)
+        high, fast = self.shaking.swing(now, time)
+        velocity = self.shaking.velocity(now)
+        bent, turned = high - velocity * time, fast - velocity
+        bent, turned = (jnp.concatenate([x, jnp.zeros_like(x[:1])])[row] for x in (bent, turned))
+        return bent, turned
+
 
 def layout_of(scene: Scene) -> Layout:
     """The static part of a scene."""
@@ -118,6 +147,7 @@ def layout_of(scene: Scene) -> Layout:
     visible, spheres = len(spheres), spheres + shells
     walls = [(k, wall) for k, body in enumerate(scene.bodies) for wall in body.walls()]
     order = [*spheres, *(k for k, _ in walls)]
+    motions = [body.motion for body in curved(scene)]
     table = scene.stiffness
     return Layout(
         spheres=len(spheres),
@@ -135,8 +165,15 @@ def layout_of(scene: Scene) -> Layout:
         periodic=tuple(length is not None for length in scene.periodic),
         moving=tuple(wall.motion is not None for _, wall in walls),
         vibrating=tuple(wall.vibrates for _, wall in walls),
-        driven=any(isinstance(b, Sphere | Shell) and b.motion is not None for b in scene.bodies),
+        driven=tuple(k for k, motion in enumerate(motions) if motion is not None),
+        shaken=tuple(k for k, m in enumerate(motions) if m is not None and m.vibrates),
     )
+
+
+def curved(scene: Scene) -> list[Sphere | Shell]:
+    """Spheres and shells, as the engine numbers them."""
+    shells = [body for body in scene.bodies if isinstance(body, Shell)]
+    return [*scene.spheres, *shells]
 
 
 def _is_constant(law: AbstractLaw) -> bool:
@@ -151,143 +188,6 @@ def _is_constant_by_kind(structure: Any, kinds: tuple[Any, ...]) -> bool:
     leaves = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
     law = jax.tree.unflatten(structure, leaves)
     return restitution_is_constant(law, None)
-
-
-def numbers_of(scene: Scene, layout: Layout, *, contacts: bool) -> tuple[Numbers, Bool[Array, ""]]:
-    """The numbers of a scene, and whether they are valid; benign ones replace invalid ones.
-
-    `contacts`: whether a stiffness is needed for every pair. Raises ValueError where one is and
-    none is known.
-    """
-    dtype = _precision(scene)
-    spheres, dimensions = scene.spheres, scene.dimensions
-    shells = [body for body in scene.bodies if isinstance(body, Shell)]
-    walls = [wall for body in scene.bodies for wall in body.walls()]
-    still = np.zeros(dimensions)
-    radius = _stack([*(s.radius for s in spheres), *(-s.radius for s in shells)], dtype)
-    inverse = [*(None if s.fixed else s.inertia() for s in spheres), *(None for _ in shells)]
-    mass = _stack([np.ones(()) if m is None else m for m in inverse], dtype)
-    free = np.array([m is not None for m in inverse])
-    none = jnp.zeros((0,), dtype)
-    gravity = jnp.zeros(dimensions, dtype) if scene.gravity is None else scene.gravity
-    valid_laws, laws = _sound_laws(scene.law.values, dtype)
-    constant = [
-        jnp.asarray(restitution(law), dtype) if alike else jnp.zeros((), dtype)
-        for law, alike in zip(laws, layout.constant, strict=True)
-    ]
-    numbers = Numbers(
-        position=_stack([*(s.position for s in spheres), *(s.centre for s in shells)], dtype),
-        velocity=_stack(
-            [
-                *(_velocity(body, still) for body in (*spheres, *shells)),
-            ],
-            dtype,
-        ),
-        radius=radius,
-        inverse_mass=jnp.concatenate(
-            [jnp.where(jnp.asarray(free), 1 / mass, 0), jnp.zeros(len(walls), dtype)]
-        ),
-        normal=_stack([wall.normal for wall in walls], dtype)
-        if walls
-        else none.reshape(0, dimensions),
-        offset=_stack([wall.offset for wall in walls], dtype) if walls else none,
-        motion=_motion(walls, dtype),
-        gravity=jnp.asarray(gravity, dtype),
-        period=_stack([np.ones(()) if p is None else p for p in scene.periodic], dtype),
-        restitution=jnp.stack(constant),
-        laws=laws,
-        stiffness=None if scene.stiffness is None else _stack(scene.stiffness.values, dtype),
-        compliance=_compliance(scene, layout, dtype, contacts),
-        exponent=jax.tree.map(lambda x: jnp.asarray(x, dtype), scene._exponent),
-        start=jax.tree.map(
-            lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, scene._start
-        ),
-    )
-    valid = valid_laws & jnp.all(mass > 0) & jnp.all(radius[: len(spheres)] > 0)
-    valid = valid & jnp.all(radius[len(spheres) :] < 0)
-    for leaf in (numbers.position, numbers.velocity, radius, mass, numbers.gravity, numbers.period):
-        valid = valid & jnp.all(jnp.isfinite(leaf))
-    valid = valid & jnp.all(jnp.isfinite(numbers.normal)) & jnp.all(jnp.isfinite(numbers.offset))
-    if numbers.motion is not None:
-        for leaf in jax.tree.leaves(eqx.filter(numbers.motion, eqx.is_inexact_array)):
-            valid = valid & jnp.all(jnp.isfinite(leaf))
-        valid = valid & jnp.all(numbers.motion.rate >= 0)
-    if numbers.stiffness is not None:
-        valid = valid & jnp.all(POSITIVE.holds(numbers.stiffness))
-    if numbers.compliance is not None:
-        valid = valid & jnp.all(numbers.compliance >= 0)
-    for k, length in enumerate(scene.periodic):
-        if length is not None:
-            valid = valid & (numbers.period[k] > 4 * jnp.max(radius))
-    return numbers, valid
-
-
-def _velocity(body: Sphere | Shell, still: Any) -> Any:
-    if body.motion is not None:
-        return body.motion.velocity
-    own = body.velocity if isinstance(body, Sphere) else None
-    return still if own is None else own
-
-
-def replaced(numbers: Numbers, valid: Bool[Array, ""]) -> Numbers:
-    """The numbers, each replaced by 1 in a scene that is not valid."""
-    return jax.tree.map(lambda x: jnp.where(valid, x, jnp.ones_like(x)), numbers)
-
-
-def _precision(scene: Scene) -> Any:
-    """The highest precision among the numbers of a scene."""
-    leaves = [leaf for leaf in jax.tree.leaves(scene) if eqx.is_inexact_array(leaf)]
-    strong = [leaf.dtype for leaf in leaves if not leaf.weak_type]
-    return jax.dtypes.canonicalize_dtype(max(strong, key=lambda d: d.itemsize, default=float))
-
-
-def _stack(values: Sequence[Any], dtype: Any) -> Array:
-    # Thousands of bodies are stacked by NumPy, in no time, unless something is traced.
-    if any(isinstance(value, Tracer) for value in values):
-        return jnp.stack([jnp.asarray(value, dtype) for value in values])
-    return jnp.asarray(np.stack([np.asarray(value) for value in values]), dtype)
-
-
-def _sound_laws(laws: Sequence[Any], dtype: Any) -> tuple[Bool[Array, ""], tuple[Any, ...]]:
-    valid = jnp.asarray(True)
-    for law in laws:
-        valid = valid & is_valid(law)
-
-    def convert(leaf: Any) -> Any:
-        leaf = jnp.asarray(leaf) if isinstance(leaf, float) else leaf
-        return leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf
-
-    return valid, tuple(jax.tree.map(convert, sanitised(law)) for law in laws)
-
-
-def _motion(walls: Sequence[Wall], dtype: Any) -> WallMotion | None:
-    if all(wall.motion is None for wall in walls):
-        return None
-    motions = [still() if wall.motion is None else wall.motion for wall in walls]
-    own = tuple(motion.own for motion in motions)
-    return WallMotion(
-        speed=_stack([motion.speed for motion in motions], dtype),
-        amplitude=_stack([motion.amplitude for motion in motions], dtype),
-        rate=_stack([motion.rate for motion in motions], dtype),
-        phase=_stack([motion.phase for motion in motions], dtype),
-        own=jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, own),
-    )
-
-
-def _compliance(scene: Scene, layout: Layout, dtype: Any, needed: bool) -> Array | None:
-    if scene.stiffness is not None:
-        return None
-    materials = [scene.bodies[k].material for k in layout.body]
-    for k in range(layout.visible):
-        if materials[k] is None:
-            if needed:
-                raise ValueError(
-                    "Argument `stiffness` of the scene must be given where a sphere has no "
-                    f"material (number {layout.body[k]} of `bodies`), but is None."
-                )
-            return None
-    made = {id(m): np.zeros(()) if m is None else m.compliance for m in materials}
-    return _stack([made[id(m)] for m in materials], dtype)
 
 
 def contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact | None:

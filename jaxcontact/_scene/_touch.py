@@ -15,7 +15,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._side import side
-from ._wall_motion import WallMotion
 
 Lane = Float[Array, "..."]
 
@@ -39,70 +38,6 @@ def wall_time(gap: Lane, rate: Lane, acceleration: Lane, noise: Lane) -> Lane:
     back = (rate + root) / jnp.where(falls, -2 * half, 1)
     time = jnp.where(meets, first, jnp.where(falls, back, jnp.inf))
     return jnp.maximum(time, 0)
-
-
-def shaking_wall_time(
-    gap: Lane,
-    rate: Lane,
-    acceleration: Lane,
-    noise: Lane,
-    motion: WallMotion,
-    now: Lane,
-    horizon: Lane,
-) -> Lane:
-    """As `wall_time` for walls that vibrate, up to `horizon`; rows of bodies, columns of walls.
-
-    `gap` and `rate` are those to a wall that would go on at its mean velocity from where it is
-    `now`. No step passes a touch: from a gap g that changes at the rate r nothing is touched before
-    g + r τ - ½ b τ² = 0, where b is the largest acceleration there can be, nor before the mean
-    position is as near as the amplitude. Near a touch these steps are Newton's.
-    """
-
-    def there(t: Lane) -> tuple[Lane, Lane]:
-        high, fast = motion.swing(now, t)
-        return gap + (rate + acceleration / 2 * t) * t - high, rate + acceleration * t - fast
-
-    bend = jnp.maximum(motion.strongest - acceleration, 0)
-    shakes = motion.accelerated
-    period = 1 / jnp.where(motion.rate > 0, motion.rate, 1)
-    envelope = motion.above(now)
-
-    def step(t: Lane) -> Lane:
-        room, slope = there(t)
-        room = jnp.maximum(room, 0)
-        root = jnp.sqrt(jnp.square(slope) + 2 * bend * room)
-        # No cancellation where it closes; where nothing bends and nothing closes, never.
-        closes = slope < 0
-        ahead = 2 * room / jnp.where(closes, root - slope, 1)
-        away = (slope + root) / jnp.where(bend > 0, bend, 1)
-        safe = jnp.where(closes, ahead, jnp.where(bend > 0, away, jnp.inf))
-        mean = gap + (rate + acceleration / 2 * t) * t - envelope
-        outside = wall_time(mean, rate + acceleration * t, acceleration, jnp.zeros_like(t))
-        return jnp.where(mean > 0, jnp.maximum(safe, outside), safe)
-
-    def unfinished(carry: tuple[Lane, Lane]) -> Array:
-        return jnp.any(carry[1])
-
-    def march(carry: tuple[Lane, Lane]) -> tuple[Lane, Lane]:
-        t, on = carry
-        room, slope = there(t)
-        by, finest = step(t), 2 * jnp.finfo(t.dtype).eps * (now + t + period)
-        found = (slope < 0) & ((room <= 0) | (by <= finest))
-        # Past a graze that rounding made a touch the first steps would be none.
-        t = jnp.where(on & ~found, t + jnp.maximum(by, finest), t)
-        return t, on & ~found & (t <= horizon)
-
-    start = jnp.zeros_like(gap)
-    room, slope = there(start)
-    touching = room <= 0
-    second = acceleration - motion.acceleration(now)
-    still = touching & (jnp.abs(slope) <= noise)
-    meets = touching & jnp.where(still, second < 0, slope < 0)
-    # From a touch that parts, or rests, a first step leads away.
-    none = still & (second >= 0)
-    time, _ = jax.lax.while_loop(unfinished, march, (start, shakes & ~meets & ~none))
-    time = jnp.where(meets, 0, time)
-    return jnp.where(none | (time > horizon), jnp.inf, time)
 
 
 def sphere_time(

@@ -50,7 +50,8 @@ class Drive(NamedTuple):
     """The accelerations -a sin(ω t + φ) of prescribed bodies, t from the start.
 
     `strength` a (M, D), `rate` ω and `phase` φ (M,); whether a body `moves` (M,), and whether it is
-    accelerated, `shakes`. Of some bodies a function of the user's `own` beside.
+    accelerated, `shakes`. Functions of the user's `own`, each with the body that it accelerates
+    beside, of a number from M on where that is not there.
     """
 
     strength: Float[Array, "bodies dim"]
@@ -58,7 +59,7 @@ class Drive(NamedTuple):
     phase: Float[Array, " bodies"]
     moves: Bool[Array, " bodies"]
     shakes: Bool[Array, " bodies"]
-    own: tuple[Own | None, ...]
+    own: tuple[tuple[Own, Int[Array, ""] | int], ...]
 
 
 class ClusterState(NamedTuple):
@@ -206,10 +207,8 @@ class Touching(eqx.Module):
         if self.drive is not None:
             swing = jnp.sin(self.drive.rate * time + self.drive.phase)
             acceleration = acceleration - swing[:, None] * self.drive.strength
-            for k, own in enumerate(self.drive.own):
-                if own is not None:
-                    by_itself = own.acceleration(time) * own.normal
-                    acceleration = acceleration.at[k].add(by_itself)
+            for own, body in self.drive.own:
+                acceleration = acceleration.at[body].add(own.push(time), mode="drop")
         return acceleration, pushed
 
     def on_planes(self, closed: Bool[Array, " pairs"]) -> Bool[Array, ""]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from matplotlib.patches import Polygon
 
-from .._scene import Run, Shell
+from .._scene import Run, Shell, Sphere
 from ._path import radii, rows_of_spheres
 
 if TYPE_CHECKING:
@@ -99,8 +99,11 @@ def edges(run: Run, time: np.ndarray) -> list[Edge]:
 
 
 def fine_times(run: Run) -> np.ndarray:
-    """Times at which every vibration of a wall is seen, if it has not too many periods."""
-    motions = [wall.motion for body in run.scene.bodies for wall in body.walls()]
+    """Times at which every vibration of a body is seen, if it has not too many periods."""
+    bodies = run.scene.bodies
+    motions = [wall.motion for body in bodies for wall in body.walls()]
+    curved = [body.motion for body in bodies if isinstance(body, Sphere | Shell)]
+    motions += [None if motion is None else motion.along(None) for motion in curved]
     fastest = max((float(m.rate) for m in motions if m is not None), default=0.0)
     periods = fastest * float(run.reached) / (2 * np.pi)
     least = 2000 if any(m is not None and m.own is not None for m in motions) else 200

@@ -10,7 +10,8 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._scene import _simulate
 from jaxcontact._scene._grid import grid_of
-from jaxcontact._scene._system import layout_of, numbers_of
+from jaxcontact._scene._numbers import numbers_of
+from jaxcontact._scene._system import layout_of
 
 SAME = 1e-10
 """Times of impact against the search among all pairs, relative to the run."""

@@ -1,12 +1,13 @@
 """Coupled solves of some of ten discs, from Python: against Newton's equations of those that touch.
 
-All runs share their programs: ten discs, two walls, places for five.
+Runs of the oracle share their programs: ten discs, two walls, places for five.
 """
 
 import numpy as np
 
 import jaxcontact as jc
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
+from tests.oracle.shaken_spheres import pressed, sine
 
 RTOL = 1e-6
 ALPHA = 0.5
@@ -61,3 +62,24 @@ def test_two_touch_in_a_corner():
         for k, place in enumerate(places)
     ]
     agrees(balls, 2, 1e6, [0.07, 0.6], 1.4)
+
+
+def test_two_press_a_disc_that_shakes_one_after_the_other():
+    """The second comes to it while the first is in the solve; neither knows of the other."""
+    amplitude, frequency, law = [0.004, 0.006], 5.0, jc.HuGuo(e=0.8)
+    starts = [([-0.3, 0.02], [1.0, 0.0]), ([0.29, 0.01], [-1.0, 0.1]), ([0.0, 5.0], [0.0, 0.0])]
+    discs = [jc.Sphere(0.05, 1.0, *start) for start in starts]
+    motion = jc.Vibration(amplitude, frequency)
+    shaken = jc.Sphere(0.1, None, [0.0, 0.0], fixed=True, motion=motion)
+    scene = jc.Scene([*discs, shaken], law, stiffness=1e4)
+    found = jc.simulate(scene, 0.4, v0="touch", max_cluster=3)
+    assert found.status == jc.Ending.COMPLETED
+    hits = found.impacts.to_dict()
+    assert list(hits["first"]) == [1, 0] and np.all(hits["way"] == jc.Way.COUPLED)
+    assert hits["time"][1] < hits["time"][0] + hits["duration"][0]
+    mover = sine([0.0, 0.0], amplitude, frequency, 0.0, 0.15)
+    for k, start in enumerate(starts[:2]):
+        given = (1e4, float(law.damping_factor()), 0.4)
+        known = pressed([mover], *start, [0.0, 0.0], *given)[-1]
+        np.testing.assert_allclose(found.position[-1, k], known[:2], atol=1e-8)
+        np.testing.assert_allclose(found.velocity[-1, k], known[2:], atol=1e-8)

@@ -92,5 +92,30 @@ def test_what_is_driven_wrongly_is_refused():
         jc.Sphere(0.1, 1.0, [0.0, 0.0], motion=steady)
     with pytest.raises(ValueError, match=r"`motion` must have 1 numbers, as the body has"):
         jc.Sphere(0.1, None, [0.0], fixed=True, motion=steady)
-    with pytest.raises(ValueError, match="`motion` must be a `Steady` or None, but is Vibration"):
-        jc.Shell([0.0, 0.0], 1.0, motion=jc.Vibration([0.1, 0.0], 1.0))
+    with pytest.raises(ValueError, match="`motion` of a shell must have a list of numbers as its"):
+        jc.Shell([0.0, 0.0], 1.0, motion=jc.Vibration(0.1, 1.0))
+    with pytest.raises(ValueError, match="`motion` of a fixed sphere must have a list of numbers"):
+        jc.Sphere(0.1, None, [0.0], fixed=True, motion=jc.Prescribed(lambda t, args: t, 1.0))
+    with pytest.raises(ValueError, match=r"`motion` must have 2 numbers, as the body has"):
+        jc.Shell([0.0, 0.0], 1.0, motion=jc.Vibration([0.1], 1.0))
+    with pytest.raises(ValueError, match="`motion` must be a `Steady`, a `Vibration`, a"):
+        jc.Shell([0.0, 0.0], 1.0, motion=[0.1, 0.0])
+
+
+@pytest.mark.parametrize("motion", [jc.Steady([1.0, 0.0]), jc.Vibration([12.0, 0.0], 0.02)])
+def test_a_driven_disc_goes_through_all_cells(motion):
+    """It meets what lies on its way, wherever that was when the run began; out of reach of its row
+    there are so many discs, or too few, that there are cells, or none.
+    """
+    driven = jc.Sphere(0.1, None, [-1.0, 2.1], fixed=True, motion=motion)
+    near = [[float(x), float(y)] for x in range(20) for y in range(5)]
+    far = [[float(x), float(-y)] for x in range(20) for y in range(4, 13)]
+
+    def impacts(places):
+        discs = [jc.Sphere(0.1, 1.0, place) for place in places]
+        scene = jc.Scene([*discs, driven], jc.ExactRestitution(e=0.5))
+        return jc.simulate(scene, 6.0, instantaneous=True).impacts
+
+    among_few, among_many = impacts(near), impacts(near + far)
+    assert len(among_few) > 10
+    np.testing.assert_allclose(among_many.time, among_few.time, rtol=1e-12)

@@ -240,8 +240,16 @@ def test_a_shell_and_its_ball(tmp_path):
         duration = 1.0
         law = { name = "exact", e = 0.5 }
         sphere = [{ radius = 0.1, mass = 1.0, position = [0.0, 0.0] }]
-        shell = [{ centre = [0.0, 0.0], radius = 1.0, name = "bowl" }]
+
+        [[shell]]
+        centre = [0.0, 0.0]
+        radius = 1.0
+        name = "bowl"
+        motion = { kind = "vibration", amplitude = [0.02, 0.0], frequency = 5.0 }
         """
     )
     scene, _ = jc.read_scene(file)
-    assert isinstance(scene.bodies[1], jc.Shell) and scene.bodies[1].name == "bowl"
+    bowl = scene.bodies[1]
+    assert isinstance(bowl, jc.Shell) and bowl.name == "bowl"
+    shakes = jc.Vibration([0.02, 0.0], 5.0)
+    assert all(map(np.array_equal, jax.tree.leaves(bowl.motion), jax.tree.leaves(shakes)))

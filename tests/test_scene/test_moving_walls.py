@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import jaxcontact as jc
 from tests.oracle.moving_table import (
@@ -50,6 +51,19 @@ def test_a_ball_on_a_table_that_shakes():
     assert abs(run.velocity[-1, 0, 0] - velocity) < EXACT
     lost = jnp.sum(run.impacts.energy_loss)
     assert abs(run.energy[0] + run.wall_work - lost - run.energy[1]) < 1e-14 * run.energy[0]
+
+
+def test_what_a_table_leaves_behind_meets_it_again():
+    """A ball at rest on a table that is at its highest, and falls faster than the ball."""
+    amplitude = 1e-3
+    scene = on_a_table(amplitude, np.pi / 2, amplitude, jc.ExactRestitution(e=0.8))
+    run = jc.simulate(scene, 0.02, instantaneous=True)
+
+    def gap(t):
+        return amplitude - GRAVITY / 2 * t**2 - amplitude * np.cos(RATE * t)
+
+    touch = brentq(gap, 0.005, 0.02, xtol=1e-16, rtol=1e-15)
+    np.testing.assert_allclose(run.impacts.time, [touch], rtol=EXACT)
 
 
 def test_a_run_on_a_moving_table_can_be_continued():
