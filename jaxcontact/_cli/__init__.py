@@ -10,6 +10,7 @@ from typing import Any
 
 from .._progress import Stages
 from . import _calibrate, _impact, _laws, _paper, _scene, _sweep
+from ._cache import VARIABLE, keep_programs
 from ._options import InputError
 
 # Each has SUMMARY, DESCRIPTION and EPILOG, `add_options(parser)` and `run(arguments, progress)`.
@@ -22,8 +23,11 @@ _COMMANDS = {
     "paper": _paper,
 }
 
-_EPILOG = """\
+_EPILOG = f"""\
 exit codes: 0 done; 1 done, but something did not converge; 2 bad input, and nothing was written.
+
+Compiled programs are kept for the next command in the user's cache folder; {VARIABLE}
+names another one, and switches it off where it is empty, as --no-cache does.
 
 `jaxcontact COMMAND --help` tells everything about a command.
 """
@@ -47,6 +51,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         texts = {"description": command.DESCRIPTION, "epilog": command.EPILOG}
         own = commands.add_parser(name, help=command.SUMMARY, **texts, **style)
         own.add_argument("--quiet", action="store_true", help="no progress on stderr")
+        own.add_argument(
+            "--no-cache", action="store_true", help="keep no compiled programs for the next command"
+        )
         command.add_options(own)
         own.set_defaults(run=command.run)
     arguments = parser.parse_args(argv)
@@ -55,6 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+    if not arguments.no_cache:
+        keep_programs()
     try:
         code = arguments.run(arguments, Stages(quiet=arguments.quiet))
         sys.stdout.flush()
