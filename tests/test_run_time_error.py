@@ -1,4 +1,4 @@
-"""The benchmark of run time against error in its small form: it runs, goes on, and writes a page."""
+"""The benchmark of run time against error in its small form: it runs, goes on, makes a page."""
 
 import json
 
