@@ -116,6 +116,11 @@ def kernel(
     return scope["batch"]
 
 
+def in_parallel(lanes: np.ndarray) -> bool:
+    """Whether threads pay: not for one lane."""
+    return lanes.size > 1 and len(os.sched_getaffinity(0)) > 1
+
+
 def solver(
     problem: Problem,
     lanes: np.ndarray,
@@ -125,8 +130,7 @@ def solver(
     fastmath: bool = False,
 ) -> Solve:
     """One lane by one thread; a batch by all."""
-    parallel = lanes.size > 1 and len(os.sched_getaffinity(0)) > 1
-    run = kernel(problem.acceleration, "p", pair, regularised, parallel, fastmath)
+    run = kernel(problem.acceleration, "p", pair, regularised, in_parallel(lanes), fastmath)
     table = np.ascontiguousarray(lanes[:, None])
     return lambda rtol: run(table, rtol)
 

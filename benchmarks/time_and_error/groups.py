@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import impacts
+from . import derivatives, fits, impacts
 from .page import write
 from .store import Store
 
-GROUPS: dict[str, Callable[[Store, str, bool], None]] = {"impacts": impacts.run}
+GROUPS: dict[str, Callable[[Store, str, bool], None]] = {
+    "impacts": impacts.run,
+    "derivatives": derivatives.run,
+    "fits": fits.run,
+}
 
 __all__ = ["GROUPS", "Store", "write"]

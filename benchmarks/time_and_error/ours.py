@@ -33,7 +33,8 @@ def exact(problem: Problem, lanes: np.ndarray) -> Solve:
 
 
 def phase(problem: Problem, lanes: np.ndarray) -> Solve:
-    return _jitted(problem, lanes, lambda steps: jc.Phase(steps=int(steps)), 32)
+    # With the tolerance that comes by default few steps would be flagged, and not seen here.
+    return _jitted(problem, lanes, lambda steps: jc.Phase(int(steps), tolerance=0.1), 32)
 
 
 def event(problem: Problem, lanes: np.ndarray) -> Solve:

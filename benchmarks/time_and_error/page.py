@@ -7,6 +7,7 @@ from typing import Any
 
 from .pictures import draw
 from .reading import Row, batches_of, cheapest, closest, problems_of, some, ways_of
+from .running import GOOD
 from .sections import SECTIONS, Section
 from .store import Store
 from .verdict import when_to_use_what
@@ -39,7 +40,8 @@ def write(store: Store, docs: Path, name: str) -> None:
         if rows:
             picture = f"{name}_{section.group}.png"
             draw(rows, section.titles, docs / picture, section.unit, section.title)
-            parts.append(_section(section, rows, list(store.group("options").values()), picture))
+            swept = list(store.group(section.options).values())
+            parts.append(_section(section, rows, swept, picture))
         else:
             parts.append(f"## {section.title}\n\nNot yet.\n")
     measured = {s.group: list(store.group(s.group).values()) for s in SECTIONS}
@@ -84,15 +86,15 @@ def _caption(rows: list[Row], options: list[Row]) -> str:
         variants = list(dict.fromkeys(row["options"] for row in some(options, way=way)))
         others = []
         for variant in variants:
-            row = cheapest(some(options, way=way, options=variant), 1e-6)
-            others.append(f"{variant} {_number(row['us_per_impact']) if row else 'not reached'}")
-        among = f" (µs at 1e-6: {'; '.join(others)})" if len(others) > 1 else ""
+            row = cheapest(some(options, way=way, options=variant), GOOD)
+            others.append(f"{variant} {_number(row['cost']) if row else 'not reached'}")
+        among = f" (µs at an error of {GOOD:g}: {'; '.join(others)})" if len(others) > 1 else ""
         told.append(f"{way}: {', '.join(sorted(used))}{among}")
     if not told:
         return ""
     return (
-        "Options of each way, chosen by a sweep over them on the Hunt-Crossley law in the largest "
-        "batch: " + ". ".join(told) + "."
+        "Options of each way, chosen by a sweep over them in the largest batch (of impacts, on the "
+        "Hunt-Crossley law): " + ". ".join(told) + "."
     )
 
 
@@ -110,9 +112,9 @@ def _table(section: Section, rows: list[Row], error: float) -> list[str]:
 def _cell(rows: list[Row], error: float) -> str:
     row = cheapest(rows, error)
     if row:
-        return _number(row["us_per_impact"])
+        return _number(row["cost"])
     row = closest(rows)
-    return f"({row['error']:.0e}: {_number(row['us_per_impact'])})" if row else "–"
+    return f"({row['error']:.0e}: {_number(row['cost'])})" if row else "–"
 
 
 def _costs(rows: list[Row]) -> list[str]:

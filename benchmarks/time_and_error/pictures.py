@@ -64,5 +64,5 @@ def _style(rows: list[Row], way: str) -> dict[str, Any]:
 
 
 def _line(ax: Any, points: list[Row], style: dict[str, Any]) -> Any:
-    times, errors = zip(*((row["us_per_impact"], row["error"]) for row in points), strict=True)
+    times, errors = zip(*((row["cost"], row["error"]) for row in points), strict=True)
     return ax.plot(times, errors, **style)[0]

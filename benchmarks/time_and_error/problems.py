@@ -44,6 +44,8 @@ class Problem:
     truth: Callable[[float], tuple[Any, Any]]
     exponent: float = 1.5
     pushed: bool = False
+    whole: bool = False
+    """Times are told for one impact."""
 
     def lanes(self, count: int) -> np.ndarray:
         """`count` numbers p, of which the first are those with a known truth; one is the middle.
@@ -55,6 +57,14 @@ class Problem:
         others = np.random.default_rng(SEED).uniform(0, 1, max(count - CHECKED, 0))
         places = np.concatenate([np.array(_SPREAD) / (CHECKED - 1), others])[:count]
         return np.array([self.number(u) for u in places])
+
+    def errors(self, lanes: np.ndarray, answer: Any) -> dict[str, float]:
+        """Of e and of the duration."""
+        want = truth(self.name, tuple(lanes[:CHECKED].tolist()))
+        return {
+            "error_e": worst(answer[0], want[0]),
+            "error_duration": worst(answer[1], want[1]),
+        }
 
     def impact(self, p: jax.Array, **how: Any) -> jc.Impact:
         """The package's answer."""

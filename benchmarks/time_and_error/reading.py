@@ -31,7 +31,7 @@ def batches_of(rows: Iterable[Row]) -> list[int]:
 def cheapest(rows: Iterable[Row], error: float) -> Row | None:
     """The fastest row within an error; None where no row is."""
     good = [row for row in rows if row.get("error", 1e9) <= error]
-    return min(good, key=lambda row: row["us_per_impact"], default=None)
+    return min(good, key=lambda row: row["cost"], default=None)
 
 
 def closest(rows: Iterable[Row]) -> Row | None:

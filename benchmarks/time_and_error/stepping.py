@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 from typing import Any
 
 import numpy as np
 
-from .by_numba import FAST
+from .by_numba import FAST, in_parallel
 from .problems import Problem
 from .way import Solve, Way
 
@@ -78,8 +77,7 @@ def kernel(acceleration: str, rule: str, straight: bool, parallel: bool) -> Any:
 
 
 def solver(problem: Problem, lanes: np.ndarray, *, rule: str, straight: bool) -> Solve:
-    parallel = lanes.size > 1 and len(os.sched_getaffinity(0)) > 1
-    run = kernel(problem.acceleration, rule, straight, parallel)
+    run = kernel(problem.acceleration, rule, straight, in_parallel(lanes))
     return lambda steps: run(lanes, CONTACT / steps)
 
 

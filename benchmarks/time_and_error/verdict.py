@@ -15,7 +15,7 @@ def fastest(rows: list[Row], error: float) -> dict[str, Row]:
         for family in FAMILIES
         if (row := cheapest(some(rows, family=family), error)) is not None
     }
-    return dict(sorted(families.items(), key=lambda pair: pair[1]["us_per_impact"]))
+    return dict(sorted(families.items(), key=lambda pair: pair[1]["cost"]))
 
 
 def when_to_use_what(measured: dict[str, list[Row]]) -> str:
@@ -49,13 +49,13 @@ def _cell(found: dict[str, Row]) -> str:
     if not found:
         return "none"
     first, *rest = found
-    best = found[first]["us_per_impact"]
+    best = found[first]["cost"]
     other = rest[0] if first == "ours" and rest else "ours"
     told = found[first]["way"]
     if other not in found or other == first:
         return f"{told}; no other" if first == "ours" else f"{told}; jaxcontact does not reach it"
     name = FAMILIES[other] if first != "ours" else found[other]["way"]
-    return f"{told}; {name} × {found[other]['us_per_impact'] / best:.2g}"
+    return f"{told}; {name} × {found[other]['cost'] / best:.2g}"
 
 
 def _sentences(won: dict[str, list[str]], cells: int) -> list[str]:

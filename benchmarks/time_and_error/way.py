@@ -10,16 +10,15 @@ from typing import Any
 import numpy as np
 
 from .measure import NotPossibleError
-from .problems import Problem
 
 Solve = Callable[[float], Any]
-"""From a setting (a tolerance, a number of steps) to e and duration of all lanes."""
+"""From a setting (a tolerance, a number of steps) to the answer for all lanes."""
 LADDER = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
 
 @dataclass(frozen=True)
 class Way:
-    """`build(problem, lanes, **options)` prepares a batch and returns its solver.
+    """`build(task, lanes, **options)` prepares a batch and returns its solver.
 
     `family`: who answers ("ours", "diffrax", "scipy", "numba", "stepping"). `settings`: the ladder,
     named by `word`. `variants`: its options by name, of which a sweep chooses; the first one is the
@@ -38,13 +37,15 @@ class Way:
     compiled: bool = True
     batches: tuple[int, ...] | None = None
     """Batches it is meant for; None for all."""
+    files: tuple[str, ...] = ()
+    """Files of its own, beside those of its family."""
 
-    def prepared(self, problem: Problem, lanes: np.ndarray, variant: str) -> Solve:
+    def prepared(self, task: Any, lanes: np.ndarray, variant: str) -> Solve:
         """The solver of a batch; NotPossibleError with the reason where there is none."""
         if self.needs and importlib.util.find_spec(self.needs) is None:
             raise NotPossibleError(f"{self.needs} is not installed")
         try:
-            return self.build(problem, lanes, **self.variants[variant])
+            return self.build(task, lanes, **self.variants[variant])
         except ValueError as error:
             # The package says what a law or a motion does not have.
             raise NotPossibleError(str(error).split(": ", 1)[-1]) from error
