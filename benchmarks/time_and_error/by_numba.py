@@ -53,6 +53,9 @@ def lane(rtol, {numbers}):
                     if abs(change) <= 1e-15 * h + 1e-16:
                         break
                 return -vn, {duration}
+            if v < 0 < vn:
+                # It turned a second time, and stays.
+                return 0.0, inf
             {states} = {news}
             {rates} = {ends}
             time += h
@@ -101,7 +104,8 @@ def kernel(
         "row": ", ".join(f"table[i, {k}]" for k in range(count)),
     }
     scope: dict[str, Any] = {
-        "sqrt": math.sqrt, "nan": math.nan, "empty": np.empty, "prange": numba.prange
+        "sqrt": math.sqrt, "nan": math.nan, "inf": math.inf, "empty": np.empty,
+        "prange": numba.prange,
     }  # fmt: skip
     sources = {
         "rate": (_REGULARISED if regularised else _PLAIN).format(**words),

@@ -203,7 +203,7 @@ WAYS = (
     ),
 )
 # A whole fit by SciPy, point after point in Python, is scaled from fewer points.
-FEWER = {"scipy": 50}
+FEWER = {"scipy": 20}
 TASKS = ((Table(), 20), (Table(), 1000), (Record(), 2000))
 """Tasks with their numbers of points."""
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import derivatives, fits, impacts
+from . import derivatives, fits, impacts, scenes
 from .page import write
 from .store import Store
 
 GROUPS: dict[str, Callable[[Store, str, bool], None]] = {
     "impacts": impacts.run,
     "derivatives": derivatives.run,
+    "scenes": scenes.run,
     "fits": fits.run,
 }
 

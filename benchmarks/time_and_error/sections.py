@@ -8,6 +8,7 @@ from .derivatives import CHECKED as CHECKED_SLOPES
 from .derivatives import Slopes
 from .fit_tasks import Record, Table
 from .problems import CHECKED, PROBLEMS
+from .scenes import SCENES
 
 
 class Section(NamedTuple):
@@ -51,6 +52,16 @@ tolerance). Errors are relative, of the worst number. All start at seven tenths 
 (DOP853; of the table point after point, on as many points as the column says, in proportion)
 and over numba (8(5,3); of the table regularised). A batch is the number of points."""
 
+_SCENES = """\
+Whole runs from start to end. Soft balls, whose impacts take time and overlap: five unequal ones in
+a line, ten equal ones that touch (Hertz, a blow at the end), and a pair that passes (ε: how far it
+slides in an impact, of its diameter); final velocities, beside SciPy at its least tolerance. A ball
+that bounces to rest, with its weight in the contact: the time of rest, beside 40 digits. Out of
+time: a ball on a shaking table, beside sampling and Brent's method, and a gas of 32 discs in a
+periodic cell, beside a search in extended precision; final velocities. SciPy and diffrax restart at
+touches and openings; diffrax has a longest step, found by trial, without which it misses contacts.
+By hand means numba code for this scene and no other."""
+
 SECTIONS = (
     Section(
         "impacts",
@@ -71,7 +82,14 @@ SECTIONS = (
         "slope options",
     ),
     Section("engines", "Engines", "", {}, "", ()),
-    Section("scenes", "Scenes", "", {}, "", ()),
+    Section(
+        "scenes",
+        "Scenes",
+        _SCENES,
+        {scene.name: scene.title for scene in SCENES},
+        "ms a run",
+        (1e-4, 1e-9),
+    ),
     Section(
         "fits",
         "Fits",
