@@ -147,8 +147,8 @@ def numba_differences(task: Slopes, lanes: np.ndarray, *, power: float, pair: st
 _STEPS = {"steps of rtol^(1/3)": {"power": 1 / 3}, "steps of rtol^(1/4)": {"power": 1 / 4}}
 _OURS = {
     "exact": (lambda setting: "exact", (0.0,), "", 100_000),
-    "phase": (lambda s: jc.Phase(int(s), tolerance=0.1), (32, 64), "steps", 20_000),
-    "event": (lambda rtol: jc.Event(rtol=rtol), (1e-9, 1e-11), "rtol", 5_000),
+    "phase": (lambda s: jc.Phase(int(s), tolerance=0.1), (32, 64), "steps", 5_000),
+    "event": (lambda rtol: jc.Event(rtol=rtol), (1e-9, 1e-11), "rtol", 1_000),
 }
 _MODES = {"forward": jax.jacfwd, "reverse": jax.jacrev}
 _ADJOINTS = {
@@ -199,7 +199,7 @@ WAYS = (
             functools.partial(numba_differences, pair=pair),
             settings=(*LADDER, 1e-13),
             variants=_STEPS,
-            most=20_000,
+            most=5_000,
             needs="numba",
             files=_HERE,
         )
