@@ -41,6 +41,16 @@ def event(problem: Problem, lanes: np.ndarray) -> Solve:
     return _jitted(problem, lanes, lambda rtol: jc.Event(rtol=rtol), 1e-9)
 
 
+def restitution(problem: Problem, lanes: np.ndarray) -> Solve:
+    """e without its times."""
+    if problem.pushed:
+        raise ValueError("a push has a place in `jc.impact` alone")
+    contact = jc.Contact(mass=1.0, stiffness=1.0, exponent=problem.exponent)
+    run = jax.jit(lambda p: jc.restitution(problem.law(p), contact, 1.0))
+    p = jnp.asarray(lanes)
+    return lambda setting: (run(p), None)
+
+
 def called(problem: Problem, lanes: np.ndarray) -> Solve:
     """`jc.impact` as a user types it, without a jit of the user's."""
     p = lanes[0] if lanes.size == 1 else lanes
@@ -56,5 +66,7 @@ OURS = (
     Way("exact", "ours", exact, settings=(0.0,), word=""),
     Way("phase", "ours", phase, settings=(16, 32, 64), word="steps"),
     Way("event", "ours", event, settings=(1e-6, 1e-9, 1e-12), most=20_000),
+    # It answers less than the others, and is compared with none.
+    Way("jc.restitution, e alone", "alone", restitution, settings=(0.0,), word=""),
     Way("jc.impact, not jitted", "ours", called, settings=(0.0,), word="", batches=(1,)),
 )

@@ -22,9 +22,9 @@ Made by `python benchmarks/run_time_error.py`, numbers and words, from
 has a column of its own (the first call less the best, the largest of a ladder). **Errors** are the
 worst over the lanes whose truth is known to 40 digits (`tests/oracle`), relative, of whatever is
 asked. **Memory** is what a call adds to the memory of the process at its peak, by Linux's count,
-of the largest batch, for as many lanes as were measured. A number in brackets is the least error
-of a way that does not reach the one asked for, with its time. What cannot be had is a dash, and
-its reason stands below.
+for as many lanes as were measured (the last column), in the largest of a ladder. A cell has a time
+for every error asked for; brackets hold the least error of a way that does not reach the last ones,
+and its time. What cannot be had is a dash, and its reason stands below.
 
 What counts are ratios: the times belong to this machine.
 """
@@ -63,20 +63,21 @@ def _machine(known: dict[str, Any]) -> str:
 
 def _section(section: Section, rows: list[Row], options: list[Row], picture: str) -> str:
     lines = [f"## {section.title}", "", section.words, "", f"![{section.title}]({picture})", ""]
-    lines += [_caption(rows, options), ""]
+    caption = _caption(section, rows, options)
+    lines += [caption, ""] if caption else []
+    asked = " / ".join(f"{error:g}" for error in section.errors)
     for batch in batches_of(rows):
         here = some(rows, batch=batch)
-        for error in section.errors:
-            what = f"{section.unit}, error ≤ {error:g}"
-            several = f"Batch of {batch:,}: " if len(batches_of(rows)) > 1 else ""
-            lines += [f"**{several}{what}**", "", *_table(section, here, error), ""]
+        what = f"{section.unit}, within an error of {asked}"
+        several = f"{section.batch} {batch:,}: " if len(batches_of(rows)) > 1 else ""
+        lines += [f"**{several}{what}**".capitalize(), "", *_table(section, here), ""]
     reasons = _reasons(section, rows)
     if reasons:
         lines += ["What could not be had:", "", *reasons, ""]
     return "\n".join(lines)
 
 
-def _caption(rows: list[Row], options: list[Row]) -> str:
+def _caption(section: Section, rows: list[Row], options: list[Row]) -> str:
     """By which options every peer was run, and what the others cost."""
     told = []
     for way in ways_of(rows):
@@ -88,33 +89,36 @@ def _caption(rows: list[Row], options: list[Row]) -> str:
         for variant in variants:
             row = cheapest(some(options, way=way, options=variant), GOOD)
             others.append(f"{variant} {_number(row['cost']) if row else 'not reached'}")
-        among = f" (µs at an error of {GOOD:g}: {'; '.join(others)})" if len(others) > 1 else ""
+        unit = section.unit.split()[0]
+        among = f" ({unit} at an error of {GOOD:g}: {'; '.join(others)})" if len(others) > 1 else ""
         told.append(f"{way}: {', '.join(sorted(used))}{among}")
     if not told:
         return ""
-    return (
-        "Options of each way, chosen by a sweep over them in the largest batch (of impacts, on the "
-        "Hunt-Crossley law): " + ". ".join(told) + "."
-    )
+    return f"Options, chosen by a sweep over them ({section.swept}): " + ". ".join(told) + "."
 
 
-def _table(section: Section, rows: list[Row], error: float) -> list[str]:
+def _table(section: Section, rows: list[Row]) -> list[str]:
+    """A line a way; a cell has the time for every error asked for."""
     problems = problems_of(rows)
     names = [section.titles[p] for p in problems]
-    lines = _head("way", *names, "compile/s", "peak/MiB", "lanes measured")
+    lines = _head("way", *names, "compile/s", "peak/MiB", "measured")
     for way in ways_of(rows):
         ours = some(rows, way=way)
-        cells = [_cell(some(ours, problem=p), error) for p in problems]
+        cells = [_cell(some(ours, problem=p), section.errors) for p in problems]
         lines.append(_row(way, *cells, *_costs(ours)))
     return lines
 
 
-def _cell(rows: list[Row], error: float) -> str:
-    row = cheapest(rows, error)
-    if row:
-        return _number(row["cost"])
-    row = closest(rows)
-    return f"({row['error']:.0e}: {_number(row['cost'])})" if row else "–"
+def _cell(rows: list[Row], errors: tuple[float, ...]) -> str:
+    """Times; in brackets, once, the least error where it is larger than what is asked for."""
+    best = closest(rows)
+    if best is None:
+        return "–"
+    found = [cheapest(rows, error) for error in errors]
+    words = [_number(row["cost"]) for row in found if row]
+    if len(words) < len(errors):
+        words.append(f"({best['error']:.0e}: {_number(best['cost'])})")
+    return " / ".join(words)
 
 
 def _costs(rows: list[Row]) -> list[str]:

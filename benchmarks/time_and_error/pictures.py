@@ -11,6 +11,7 @@ from .reading import Row, batches_of, problems_of, some, ways_of
 
 COLOURS = {
     "ours": "tab:red",
+    "alone": "tab:pink",
     "numba": "tab:blue",
     "diffrax": "tab:green",
     "scipy": "tab:orange",

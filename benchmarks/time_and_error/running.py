@@ -17,6 +17,7 @@ GOOD = 1e-6
 """The error at which options are compared."""
 FAMILY_FILES = {
     "ours": ("ours.py",),
+    "alone": ("ours.py",),
     "diffrax": ("by_diffrax.py",),
     "scipy": ("by_scipy.py",),
     "numba": ("by_numba.py", "pairs.py"),
@@ -38,7 +39,9 @@ class Task(Protocol):
 
 
 def code(way: Way) -> str:
-    return code_of(("way.py", *FAMILY_FILES[way.family], *way.files), way.family == "ours")
+    return code_of(
+        ("way.py", *FAMILY_FILES[way.family], *way.files), way.family in ("ours", "alone")
+    )
 
 
 def sweep(store: Store, group: str, task: Task, ways: Iterable[Way], batch: int) -> None:
@@ -127,4 +130,4 @@ def _finite(errors: dict[str, float]) -> dict[str, Any]:
     if not all(np.isfinite(list(errors.values()))):
         return {"reason": "flagged, or no end found, in some lanes"}
     found = {name: float(f"{error:.3g}") for name, error in errors.items()}
-    return {**found, "error": max(*found.values(), 1e-16)}
+    return {**found, "error": max([*found.values(), 1e-16])}

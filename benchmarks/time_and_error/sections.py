@@ -22,6 +22,10 @@ class Section(NamedTuple):
     errors: tuple[float, ...]
     options: str = ""
     """The group of rows that its options were chosen by."""
+    swept: str = ""
+    """On what they were swept."""
+    batch: str = "batch of"
+    """What its numbers of lanes mean."""
 
 
 _IMPACTS = f"""\
@@ -50,7 +54,7 @@ tolerance). Errors are relative, of the worst number. All start at seven tenths 
 `jc.fit_damping`, which finds its own start, and the touch, which all find alike. Peers: SciPy's
 `least_squares` and lmfit, by differences with steps that the tolerance allows, over `solve_ivp`
 (DOP853; of the table point after point, on as many points as the column says, in proportion)
-and over numba (8(5,3); of the table regularised). A batch is the number of points."""
+and over numba (8(5,3); of the table regularised)."""
 
 _SCENES = """\
 Whole runs from start to end. Soft balls, whose impacts take time and overlap: five unequal ones in
@@ -69,8 +73,9 @@ SECTIONS = (
         _IMPACTS,
         {name: problem.title for name, problem in PROBLEMS.items()},
         "µs an impact",
-        (1e-4, 1e-9),
+        (1e-4, 1e-6, 1e-9, 1e-12),
         "options",
+        "the Hunt-Crossley law, in the largest batch",
     ),
     Section(
         "derivatives",
@@ -80,6 +85,7 @@ SECTIONS = (
         "µs an impact",
         (1e-4, 1e-7, 1e-10),
         "slope options",
+        "the largest batch",
     ),
     Section("engines", "Engines", "", {}, "", ()),
     Section(
@@ -98,5 +104,7 @@ SECTIONS = (
         "ms a fit",
         (1e-4, 1e-8),
         "fit options",
+        "the table of 20 points",
+        "points:",
     ),
 )

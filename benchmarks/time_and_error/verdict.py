@@ -2,10 +2,53 @@
 
 from __future__ import annotations
 
+import itertools
+
 from .reading import FAMILIES, Row, batches_of, cheapest, problems_of, some
-from .sections import SECTIONS
+from .sections import SECTIONS, Section
 
 ERRORS = (1e-3, 1e-6, 1e-9, 1e-12)
+_ALWAYS = """\
+What no time shows: only the package flags a lane that is not right, and gives derivatives without a
+line of the user's. SciPy compiles nothing. A kernel in numba has to be written, with its step
+control, its end and its derivatives, for every kind of motion.
+"""
+
+
+def when_to_use_what(measured: dict[str, list[Row]]) -> str:
+    """A table and sentences for every group that has rows."""
+    parts = [_verdict(section, measured[section.group]) for section in SECTIONS]
+    return "\n".join(["## When to use what\n", *filter(None, parts), _ALWAYS])
+
+
+def _verdict(section: Section, rows: list[Row]) -> str:
+    if not rows:
+        return ""
+    problems = problems_of(rows)
+    head = [section.batch.rstrip(":"), "error", *(section.titles[p] for p in problems)]
+    lines = [
+        f"**{section.title}**: the fastest within an error, and how many times as long the package "
+        "takes, or, where it is the fastest, the next one.",
+        "",
+        "| " + " | ".join(head) + " |",
+        "|" + "---|" * len(head),
+    ]
+    ratios: dict[str, dict[str, list[float]]] = {}
+    for batch, error in itertools.product(batches_of(rows), ERRORS):
+        cells = []
+        for problem in problems:
+            here = some(rows, batch=batch, problem=problem)
+            found = fastest(here, error)
+            cells.append(_cell(found) if here else "")
+            if len(found) > 1 and "ours" in found:
+                where = section.titles[problem]
+                if len(batches_of(some(rows, problem=problem))) > 1:
+                    where += f", {section.batch} {batch:,}"
+                first, other = _against(found)
+                times = found[other]["cost"] / found[first]["cost"]
+                ratios.setdefault(first, {}).setdefault(where, []).append(times)
+        lines.append("| " + " | ".join([f"{batch:,}", f"{error:g}", *cells]) + " |")
+    return "\n".join([*lines, "", *_sentences(ratios), ""])
 
 
 def fastest(rows: list[Row], error: float) -> dict[str, Row]:
@@ -18,55 +61,38 @@ def fastest(rows: list[Row], error: float) -> dict[str, Row]:
     return dict(sorted(families.items(), key=lambda pair: pair[1]["cost"]))
 
 
-def when_to_use_what(measured: dict[str, list[Row]]) -> str:
-    lines = ["## When to use what", ""]
-    for section in SECTIONS:
-        rows = measured[section.group]
-        if not rows:
-            continue
-        lines += [f"**{section.title}**: the fastest within an error, and how many times as long"]
-        lines += ["the package (or, where it is the fastest, the next one) takes.", ""]
-        batches, problems = batches_of(rows), problems_of(rows)
-        head = ["batch", "error", *(section.titles[p] for p in problems)]
-        lines += ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-        won: dict[str, list[str]] = {}
-        for batch in batches:
-            for error in ERRORS:
-                cells = []
-                for problem in problems:
-                    found = fastest(some(rows, batch=batch, problem=problem), error)
-                    cells.append(_cell(found))
-                    if found:
-                        where = f"{section.titles[problem]}, batch {batch:,}, {error:g}"
-                        won.setdefault(next(iter(found)), []).append(where)
-                lines.append("| " + " | ".join([f"{batch:,}", f"{error:g}", *cells]) + " |")
-        lines += ["", *_sentences(won, len(batches) * len(ERRORS) * len(problems)), ""]
-    lines += _ALWAYS
-    return "\n".join(lines) + "\n"
+def _against(found: dict[str, Row]) -> tuple[str, str]:
+    """The fastest family, and whom it is told beside: the package, or the next one."""
+    first, second = list(found)[:2]
+    return first, second if first == "ours" else "ours"
 
 
 def _cell(found: dict[str, Row]) -> str:
     if not found:
         return "none"
-    first, *rest = found
-    best = found[first]["cost"]
-    other = rest[0] if first == "ours" and rest else "ours"
-    told = found[first]["way"]
-    if other not in found or other == first:
-        return f"{told}; no other" if first == "ours" else f"{told}; jaxcontact does not reach it"
-    name = FAMILIES[other] if first != "ours" else found[other]["way"]
-    return f"{told}; {name} × {found[other]['cost'] / best:.2g}"
+    told = next(iter(found.values()))["way"]
+    if "ours" not in found:
+        return f"{told}; jaxcontact does not reach it"
+    if len(found) == 1:
+        return f"{told}; no other"
+    first, other = _against(found)
+    name = found[other]["way"] if first == "ours" else FAMILIES["ours"]
+    return f"{told}; {name} × {found[other]['cost'] / found[first]['cost']:.2g}"
 
 
-def _sentences(won: dict[str, list[str]], cells: int) -> list[str]:
-    return [
-        f"- {FAMILIES[family]} is the fastest in {len(where)} of {cells} cells."
-        for family, where in sorted(won.items(), key=lambda pair: -len(pair[1]))
-    ]
+def _sentences(ratios: dict[str, dict[str, list[float]]]) -> list[str]:
+    """For every family where it is the fastest of those that reach the error, and by how much."""
+    lines = []
+    for family in (family for family in FAMILIES if family in ratios):
+        than = "the next one" if family == "ours" else FAMILIES["ours"]
+        where = "; ".join(f"{name} {_span(times)}" for name, times in ratios[family].items())
+        lines.append(
+            f"- {FAMILIES[family]} is the better choice (how many times as fast as {than}): "
+            f"{where}."
+        )
+    return lines
 
 
-_ALWAYS = [
-    "What no time shows: only the package flags a lane that is not right, and gives derivatives",
-    "without a line of the user's; SciPy needs no compiler; numba's kernel has to be written, with",
-    "its step control, its end and its derivatives, for every kind of motion.",
-]
+def _span(times: list[float]) -> str:
+    low, high = f"{min(times):.2g}", f"{max(times):.2g}"
+    return f"({low})" if low == high else f"({low} to {high})"
