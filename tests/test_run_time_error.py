@@ -6,7 +6,9 @@ import pytest
 
 from benchmarks.run_time_error import main
 from benchmarks.time_and_error.problems import PROBLEMS, truth, worst
+from benchmarks.time_and_error.running import measure
 from benchmarks.time_and_error.store import Store
+from benchmarks.time_and_error.way import Way
 
 # What every way must reach by the finest setting of the small form.
 REACHED = {"ours": 1e-12, "numba": 1e-4, "diffrax": 1e-3, "scipy": 1e-4, "stepping": 1e-1}
@@ -34,7 +36,7 @@ def test_every_way_answers_or_says_why(results):
         assert row["seconds"] > 0 and row["compile_s"] >= 0 and row["calls"] > 0
         key = row["group"], row["way"]
         best[key] = min(best.get(key, (1, "")), (row["error"], row["family"]))
-    assert {group for group, _ in best} >= {"impacts"}
+    assert {group for group, _ in best} == {"impacts", "derivatives", "scenes", "fits"}
     for way, (error, family) in best.items():
         assert error <= REACHED[family], way
 
@@ -50,6 +52,22 @@ def test_a_run_goes_on_where_it_was(results, capsys):
     main(["--small", "--into", str(results)])
     assert capsys.readouterr().out == ""
     assert (results / "run_time_error.json").read_text() == before
+
+
+def test_what_is_not_installed_and_what_raises_stay_in_the_table(tmp_path):
+    store, task = Store(tmp_path / "rows.json"), PROBLEMS["hunt_crossley"]
+
+    def raises(setting):
+        raise ArithmeticError("no number")
+
+    ways = (
+        Way("absent", "scipy", lambda task, lanes: raises, (1.0,), needs="no_such_library"),
+        Way("refused", "scipy", lambda task, lanes: raises, (1.0,)),
+    )
+    for way in ways:
+        measure(store, "impacts", task, way, "", 1, "")
+    reasons = [row["reason"] for row in Store(tmp_path / "rows.json").rows.values()]
+    assert reasons == ["no_such_library is not installed", "ArithmeticError: no number"]
 
 
 def test_a_row_of_other_code_counts_as_missing(tmp_path):

@@ -53,7 +53,7 @@ def restitution(problem: Problem, lanes: np.ndarray) -> Solve:
 
 def called(problem: Problem, lanes: np.ndarray) -> Solve:
     """`jc.impact` as a user types it, without a jit of the user's."""
-    p = lanes[0] if lanes.size == 1 else lanes
+    p = float(lanes[0]) if lanes.size == 1 else lanes
 
     def run(setting: float) -> tuple[Any, Any]:
         hit = problem.impact(p)

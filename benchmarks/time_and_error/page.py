@@ -19,7 +19,7 @@ Made by `python benchmarks/run_time_error.py`, numbers and words, from
 [run_time_error.json](../benchmarks/run_time_error.json); a setting a row. {machine}
 
 **Times** are the best of several calls, in float64, on all cores that a way can use; compile time
-has a column of its own (the first call less the best, the largest of a ladder). **Errors** are the
+has a column of its own (the first call less the best, the largest of a group). **Errors** are the
 worst over the lanes whose truth is known to 40 digits (`tests/oracle`), relative, of whatever is
 asked. **Memory** is what a call adds to the memory of the process at its peak, by Linux's count,
 for as many lanes as were measured (the last column), in the largest of a ladder. A cell has a time
@@ -70,11 +70,16 @@ def _section(section: Section, rows: list[Row], options: list[Row], picture: str
         here = some(rows, batch=batch)
         what = f"{section.unit}, within an error of {asked}"
         several = f"{section.batch} {batch:,}: " if len(batches_of(rows)) > 1 else ""
-        lines += [f"**{several}{what}**".capitalize(), "", *_table(section, here), ""]
+        table = _table(section, here, [*rows, *options])
+        lines += [f"**{_capital(several + what)}**", "", *table, ""]
     reasons = _reasons(section, rows)
     if reasons:
         lines += ["What could not be had:", "", *reasons, ""]
     return "\n".join(lines)
+
+
+def _capital(words: str) -> str:
+    return words[0].upper() + words[1:]
 
 
 def _caption(section: Section, rows: list[Row], options: list[Row]) -> str:
@@ -97,7 +102,7 @@ def _caption(section: Section, rows: list[Row], options: list[Row]) -> str:
     return f"Options, chosen by a sweep over them ({section.swept}): " + ". ".join(told) + "."
 
 
-def _table(section: Section, rows: list[Row]) -> list[str]:
+def _table(section: Section, rows: list[Row], everywhere: list[Row]) -> list[str]:
     """A line a way; a cell has the time for every error asked for."""
     problems = problems_of(rows)
     names = [section.titles[p] for p in problems]
@@ -105,7 +110,7 @@ def _table(section: Section, rows: list[Row]) -> list[str]:
     for way in ways_of(rows):
         ours = some(rows, way=way)
         cells = [_cell(some(ours, problem=p), section.errors) for p in problems]
-        lines.append(_row(way, *cells, *_costs(ours)))
+        lines.append(_row(way, *cells, *_costs(ours, some(everywhere, way=way))))
     return lines
 
 
@@ -121,9 +126,12 @@ def _cell(rows: list[Row], errors: tuple[float, ...]) -> str:
     return " / ".join(words)
 
 
-def _costs(rows: list[Row]) -> list[str]:
-    """Compile time, memory and lanes of a way."""
-    compiles = [row["compile_s"] for row in rows if "compile_s" in row]
+def _costs(rows: list[Row], everywhere: list[Row]) -> list[str]:
+    """Compile time, memory and lanes of a way.
+
+    Compile time from wherever it was: numba's code of one batch serves the next.
+    """
+    compiles = [row["compile_s"] for row in everywhere if "compile_s" in row]
     peaks = [row["peak_mib"] for row in rows if row.get("peak_mib") is not None]
     lanes = max(row["measured"] for row in rows)
     return [

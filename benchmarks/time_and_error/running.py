@@ -102,7 +102,15 @@ def measure(
         return
     unit = "ms" if task.whole else "µs"
     for key, setting in wanted.items():
-        row, answer = timed(lambda s=setting: solve(s), way.compiled)
+        try:
+            row, answer = timed(lambda s=setting: solve(s), way.compiled)
+        except (
+            Exception
+        ) as error:  # What a peer or the package raises is told, and the run goes on.
+            reason = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+            store.keep(key, base | {"setting": setting, "reason": reason})
+            print(f"{title}, {way.word} {setting:g}: {reason}", flush=True)
+            continue
         row["cost"] = _cost(task, row["seconds"], batch, len(lanes))
         row |= _finite(task.errors(lanes, answer))
         store.keep(key, base | {"setting": setting} | row)

@@ -141,7 +141,7 @@ WAYS = {
     "scipy": _way("scipy DOP853, restarted", "scipy", "scipy", LADDER, compiled=False),
     "numba": _way("numba, by hand", "numba", "numba", LADDER, needs="numba"),
 }
-SMALL = (("rest", "numba"), ("rest", "scipy"), ("table", "numba"))
+SMALL = (("rest", "scipy"), ("table", "numba"))
 
 
 def run(store: Store, only: str = "", small: bool = False) -> None:
