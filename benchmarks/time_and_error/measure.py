@@ -15,8 +15,8 @@ import jax
 ENOUGH = 0.15
 """Seconds of repeats after which the best counts."""
 MOST, FEWEST = 500, 3
-SLOW = 2.0
-"""Seconds from which a call is not repeated."""
+SLOW = 4.0
+"""Seconds from which a call is not repeated, nor its memory measured."""
 
 
 class NotPossibleError(Exception):

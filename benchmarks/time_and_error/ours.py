@@ -65,7 +65,7 @@ def called(problem: Problem, lanes: np.ndarray) -> Solve:
 OURS = (
     Way("exact", "ours", exact, settings=(0.0,), word=""),
     Way("phase", "ours", phase, settings=(16, 32, 64), word="steps"),
-    Way("event", "ours", event, settings=(1e-6, 1e-9, 1e-12), most=20_000),
+    Way("event", "ours", event, settings=(1e-6, 1e-9, 1e-12)),
     # It answers less than the others, and is compared with none.
     Way("jc.restitution, e alone", "alone", restitution, settings=(0.0,), word=""),
     Way("jc.impact, not jitted", "ours", called, settings=(0.0,), word="", batches=(1,)),

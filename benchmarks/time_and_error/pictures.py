@@ -42,9 +42,9 @@ def draw(rows: list[Row], titles: dict[str, str], path: Path, unit: str, head: s
             ax.tick_params(labelsize=7)
             title = titles[problem] + (f", batch of {batch:,}" if len(batches) > 1 else "")
             ax.set_title(title, fontsize=8)
-    fig.supxlabel(unit, fontsize=9)
     fig.supylabel("relative error", fontsize=9)
-    fig.suptitle(head, fontsize=10)
+    # The legend takes the place of a label of the axis.
+    fig.suptitle(f"{head}: relative error over {unit}", fontsize=10)
     fig.legend(
         lines.values(), lines.keys(), loc="outside lower center", ncols=len(problems), fontsize=7
     )
@@ -65,5 +65,7 @@ def _style(rows: list[Row], way: str) -> dict[str, Any]:
 
 
 def _line(ax: Any, points: list[Row], style: dict[str, Any]) -> Any:
+    # Whichever of them was measured first.
+    points = sorted(points, key=lambda row: row["setting"])
     times, errors = zip(*((row["cost"], row["error"]) for row in points), strict=True)
     return ax.plot(times, errors, **style)[0]
