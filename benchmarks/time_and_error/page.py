@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from .pictures import draw
-from .reading import Row, batches_of, cheapest, closest, problems_of, some, ways_of
+from .reading import Row, batches_of, cheapest, closest, number, problems_of, some, ways_of
 from .running import GOOD
 from .sections import SECTIONS, Section
 from .store import Store
@@ -93,7 +93,7 @@ def _caption(section: Section, rows: list[Row], options: list[Row]) -> str:
         others = []
         for variant in variants:
             row = cheapest(some(options, way=way, options=variant), GOOD)
-            others.append(f"{variant} {_number(row['cost']) if row else 'not reached'}")
+            others.append(f"{variant} {number(row['cost']) if row else 'not reached'}")
         unit = section.unit.split()[0]
         among = f" ({unit} at an error of {GOOD:g}: {'; '.join(others)})" if len(others) > 1 else ""
         told.append(f"{way}: {', '.join(sorted(used))}{among}")
@@ -120,9 +120,9 @@ def _cell(rows: list[Row], errors: tuple[float, ...]) -> str:
     if best is None:
         return "–"
     found = [cheapest(rows, error) for error in errors]
-    words = [_number(row["cost"]) for row in found if row]
+    words = [number(row["cost"]) for row in found if row]
     if len(words) < len(errors):
-        words.append(f"({best['error']:.0e}: {_number(best['cost'])})")
+        words.append(f"({best['error']:.0e}: {number(best['cost'])})")
     return " / ".join(words)
 
 
@@ -163,10 +163,3 @@ def _head(*names: str) -> list[str]:
 
 def _row(*cells: Any) -> str:
     return "| " + " | ".join(map(str, cells)) + " |"
-
-
-def _number(x: float) -> str:
-    """Two digits."""
-    if x >= 100:
-        return f"{round(x, -(len(str(int(x))) - 2)):,.0f}"
-    return f"{x:.2g}"

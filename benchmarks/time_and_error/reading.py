@@ -42,3 +42,10 @@ def closest(rows: Iterable[Row]) -> Row | None:
 def some(rows: Iterable[Row], **wanted: Any) -> list[Row]:
     """The rows that have these values."""
     return [row for row in rows if all(row.get(k) == v for k, v in wanted.items())]
+
+
+def number(x: float) -> str:
+    """Two digits."""
+    if x >= 100:
+        return f"{round(x, -(len(str(int(x))) - 2)):,.0f}"
+    return f"{x:.2g}"

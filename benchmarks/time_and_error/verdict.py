@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 
-from .reading import FAMILIES, Row, batches_of, cheapest, problems_of, some
+from .reading import FAMILIES, Row, batches_of, cheapest, number, problems_of, some
 from .sections import SECTIONS, Section
 
 ERRORS = (1e-3, 1e-6, 1e-9, 1e-12)
@@ -77,7 +77,7 @@ def _cell(found: dict[str, Row]) -> str:
         return f"{told}; no other"
     first, other = _against(found)
     name = found[other]["way"] if first == "ours" else FAMILIES["ours"]
-    return f"{told}; {name} × {found[other]['cost'] / found[first]['cost']:.2g}"
+    return f"{told}; {name} × {number(found[other]['cost'] / found[first]['cost'])}"
 
 
 def _sentences(ratios: dict[str, dict[str, list[float]]]) -> list[str]:
@@ -94,5 +94,5 @@ def _sentences(ratios: dict[str, dict[str, list[float]]]) -> list[str]:
 
 
 def _span(times: list[float]) -> str:
-    low, high = f"{min(times):.2g}", f"{max(times):.2g}"
+    low, high = number(min(times)), number(max(times))
     return f"({low})" if low == high else f"({low} to {high})"
