@@ -1,0 +1,1 @@
+"""Run time against error: the parts of `benchmarks/run_time_error.py`."""

@@ -1,0 +1,43 @@
+"""One impact, in batches of 1, 100 and 100,000: five problems by all ways."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import jax
+
+from .by_diffrax import DIFFRAX
+from .by_numba import NUMBA
+from .by_scipy import SCIPY
+from .ours import OURS
+from .problems import PROBLEMS
+from .running import chosen, measure, sweep
+from .stepping import STEPPING
+from .store import Store
+
+WAYS = (*OURS, *DIFFRAX, *SCIPY, *NUMBA, *STEPPING)
+BATCHES = (1, 100, 100_000)
+SWEPT = "hunt_crossley"
+"""The problem on which a way's options are chosen, in the largest batch."""
+SMALL = ("exact", "diffrax Tsit5", "scipy DOP853", "numba 8(5,3), regularised", "velocity Verlet")
+SMALL_BATCH = 20
+
+
+def run(store: Store, only: str = "", small: bool = False) -> None:
+    """Measure what the store lacks: the sweep over options first, then every row."""
+    ways = [way for way in WAYS if only.lower() in way.name.lower()]
+    problems = [PROBLEMS[SWEPT]] if small else list(PROBLEMS.values())
+    batches = (SMALL_BATCH,) if small else BATCHES
+    if small:
+        ways = [dataclasses.replace(w, settings=w.settings[:2]) for w in ways if w.name in SMALL]
+    else:
+        sweep(store, "options", PROBLEMS[SWEPT], ways, BATCHES[-1])
+    for count, (problem, way) in enumerate(itertools.product(problems, ways), 1):
+        head = f"[{count}/{len(problems) * len(ways)}]"
+        for batch in batches:
+            if way.batches is None or batch in way.batches:
+                options = chosen(store, "options", way)
+                measure(store, "impacts", problem, way, options, batch, head)
+        # A process has room for a few hundred programs.
+        jax.clear_caches()

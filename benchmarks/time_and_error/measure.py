@@ -1,0 +1,77 @@
+"""One row: best time, time of the first call, memory."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+
+ENOUGH = 0.15
+"""Seconds of repeats after which the best counts."""
+MOST, FEWEST = 500, 3
+SLOW = 4.0
+"""Seconds from which a call is not repeated, nor its memory measured."""
+
+
+class NotPossibleError(Exception):
+    """A way that a row cannot be had by, with the reason that the table gives."""
+
+
+def timed(call: Callable[[], Any], compiled: bool) -> tuple[dict[str, Any], Any]:
+    """Best seconds of several calls, those of compiling before, MiB at the peak; and the answer.
+
+    `compiled`: whether the first call compiles, and so does not count.
+    """
+    start = time.perf_counter()
+    answer = jax.block_until_ready(call())
+    first = time.perf_counter() - start
+    times = [] if compiled else [first]
+    spent = 0.0
+    while len(times) < MOST and (len(times) < FEWEST or spent < ENOUGH):
+        if times and min(times) > SLOW:
+            break
+        start = time.perf_counter()
+        answer = jax.block_until_ready(call())
+        times.append(time.perf_counter() - start)
+        spent += times[-1]
+    best = min(times)
+    return {
+        "seconds": _short(best),
+        "calls": len(times),
+        "compile_s": _short(max(first - best, 0)) if compiled else 0.0,
+        "peak_mib": _peak(call) if best < SLOW else None,
+    }, answer
+
+
+def _short(x: float) -> float:
+    return float(f"{x:.4g}")
+
+
+def _peak(call: Callable[[], Any]) -> float | None:
+    """MiB by which a call raises the memory of the process, at its highest; Linux only.
+
+    What the allocator holds back is given up before, and Linux forgets the mark it had.
+    """
+    if sys.platform != "linux":
+        return None
+    gc.collect()
+    try:
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
+        Path("/proc/self/clear_refs").write_text("5")
+    except OSError:
+        return None
+    before = _status("VmRSS")
+    jax.block_until_ready(call())
+    return round(max(_status("VmHWM") - before, 0) / 1024, 2)
+
+
+def _status(name: str) -> int:
+    """KiB by Linux's count."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(name + ":"))

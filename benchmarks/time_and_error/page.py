@@ -1,0 +1,165 @@
+"""docs/run_time_error.md and its figures, from the rows; no number in it is typed by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from .pictures import draw
+from .reading import Row, batches_of, cheapest, closest, number, problems_of, some, ways_of
+from .running import GOOD
+from .sections import SECTIONS, Section
+from .store import Store
+from .verdict import when_to_use_what
+
+_HEAD = """\
+# Run time against error
+
+Made by `python benchmarks/run_time_error.py`, numbers and words, from
+[run_time_error.json](../benchmarks/run_time_error.json); a setting a row. {machine}
+
+**Times** are the best of several calls, in float64, on all cores that a way can use; compile time
+has a column of its own (the first call less the best, the largest of a group). **Errors** are the
+worst over the lanes whose truth is known to 40 digits (`tests/oracle`), relative, of whatever is
+asked. **Memory** is what a call adds to the memory of the process at its peak, by Linux's count,
+for as many lanes as were measured (the last column), in the largest of a ladder. A cell has a time
+for every error asked for; brackets hold the least error of a way that does not reach the last ones,
+and its time. What cannot be had is a dash, and its reason stands below.
+
+What counts are ratios: the times belong to this machine.
+"""
+
+
+def write(store: Store, docs: Path, name: str) -> None:
+    """The page, and a figure for every group that has rows."""
+    parts = [_HEAD.format(machine=_machine(store.machine))]
+    titles: dict[str, str] = {}
+    for section in SECTIONS:
+        rows = list(store.group(section.group).values())
+        titles |= section.titles
+        if rows:
+            picture = f"{name}_{section.group}.png"
+            draw(rows, section.titles, docs / picture, section.unit, section.title)
+            swept = list(store.group(section.options).values())
+            parts.append(_section(section, rows, swept, picture))
+        else:
+            parts.append(f"## {section.title}\n\nNot yet.\n")
+    measured = {s.group: list(store.group(s.group).values()) for s in SECTIONS}
+    parts.append(when_to_use_what(measured))
+    (docs / f"{name}.md").write_text("\n".join(parts))
+
+
+def _machine(known: dict[str, Any]) -> str:
+    libraries = ", ".join(
+        f"{k} {known[k]}"
+        for k in ("python", "numpy", "scipy", "jax", "diffrax", "numba", "lmfit")
+        if known[k]
+    )
+    return (
+        f"{known['processor']}, {known['cores']} cores, {known['memory_gib']} GiB, "
+        f"{known['system']}; {libraries}; commit {known['commit']}, seed {known['seed']}."
+    )
+
+
+def _section(section: Section, rows: list[Row], options: list[Row], picture: str) -> str:
+    lines = [f"## {section.title}", "", section.words, "", f"![{section.title}]({picture})", ""]
+    caption = _caption(section, rows, options)
+    lines += [caption, ""] if caption else []
+    asked = " / ".join(f"{error:g}" for error in section.errors)
+    for batch in batches_of(rows):
+        here = some(rows, batch=batch)
+        what = f"{section.unit}, within an error of {asked}"
+        several = f"{section.batch} {batch:,}: " if len(batches_of(rows)) > 1 else ""
+        table = _table(section, here, [*rows, *options])
+        lines += [f"**{_capital(several + what)}**", "", *table, ""]
+    reasons = _reasons(section, rows)
+    if reasons:
+        lines += ["What could not be had:", "", *reasons, ""]
+    return "\n".join(lines)
+
+
+def _capital(words: str) -> str:
+    return words[0].upper() + words[1:]
+
+
+def _caption(section: Section, rows: list[Row], options: list[Row]) -> str:
+    """By which options every peer was run, and what the others cost."""
+    told = []
+    for way in ways_of(rows):
+        used = {row["options"] for row in some(rows, way=way)} - {""}
+        if not used:
+            continue
+        variants = list(dict.fromkeys(row["options"] for row in some(options, way=way)))
+        others = []
+        for variant in variants:
+            row = cheapest(some(options, way=way, options=variant), GOOD)
+            others.append(f"{variant} {number(row['cost']) if row else 'not reached'}")
+        unit = section.unit.split()[0]
+        among = f" ({unit} at an error of {GOOD:g}: {'; '.join(others)})" if len(others) > 1 else ""
+        told.append(f"{way}: {', '.join(sorted(used))}{among}")
+    if not told:
+        return ""
+    return f"Options, chosen by a sweep over them ({section.swept}): " + ". ".join(told) + "."
+
+
+def _table(section: Section, rows: list[Row], everywhere: list[Row]) -> list[str]:
+    """A line a way; a cell has the time for every error asked for."""
+    problems = problems_of(rows)
+    names = [section.titles[p] for p in problems]
+    lines = _head("way", *names, "compile/s", "peak/MiB", "measured")
+    for way in ways_of(rows):
+        ours = some(rows, way=way)
+        cells = [_cell(some(ours, problem=p), section.errors) for p in problems]
+        lines.append(_row(way, *cells, *_costs(ours, some(everywhere, way=way))))
+    return lines
+
+
+def _cell(rows: list[Row], errors: tuple[float, ...]) -> str:
+    """Times; in brackets, once, the least error where it is larger than what is asked for."""
+    best = closest(rows)
+    if best is None:
+        return "–"
+    found = [cheapest(rows, error) for error in errors]
+    words = [number(row["cost"]) for row in found if row]
+    if len(words) < len(errors):
+        words.append(f"({best['error']:.0e}: {number(best['cost'])})")
+    return " / ".join(words)
+
+
+def _costs(rows: list[Row], everywhere: list[Row]) -> list[str]:
+    """Compile time, memory and lanes of a way.
+
+    Compile time from wherever it was: numba's code of one batch serves the next.
+    """
+    compiles = [row["compile_s"] for row in everywhere if "compile_s" in row]
+    peaks = [row["peak_mib"] for row in rows if row.get("peak_mib") is not None]
+    lanes = max(row["measured"] for row in rows)
+    return [
+        f"{max(compiles):.1f}" if compiles else "–",
+        f"{max(peaks):.1f}" if peaks else "–",
+        f"{lanes:,}",
+    ]
+
+
+def _reasons(section: Section, rows: list[Row]) -> list[str]:
+    """Why rows are missing, each reason once."""
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    for row in rows:
+        if "reason" in row:
+            where = found.setdefault((row["way"], row["reason"]), {})
+            where.setdefault(section.titles[row["problem"]], set()).add(row["setting"])
+    lines = []
+    for (way, reason), where in found.items():
+        settings = {s for settings in where.values() for s in settings}
+        whole = settings >= {row["setting"] for row in some(rows, way=way)}
+        at = "" if whole else f" at {', '.join(f'{s:g}' for s in sorted(settings))}"
+        lines.append(f"- {way}, {', '.join(where)}{at}: {reason}")
+    return lines
+
+
+def _head(*names: str) -> list[str]:
+    return [_row(*names), "|" + "---|" * len(names)]
+
+
+def _row(*cells: Any) -> str:
+    return "| " + " | ".join(map(str, cells)) + " |"

@@ -1,0 +1,71 @@
+"""Error against time, a panel for each problem and batch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import matplotlib.pyplot as plt
+
+from .reading import Row, batches_of, problems_of, some, ways_of
+
+COLOURS = {
+    "ours": "tab:red",
+    "alone": "tab:pink",
+    "numba": "tab:blue",
+    "diffrax": "tab:green",
+    "scipy": "tab:orange",
+    "stepping": "0.5",
+}
+_STROKES = ("-", "--", ":", "-.")
+_MARKS = "osD^v"
+
+
+def draw(rows: list[Row], titles: dict[str, str], path: Path, unit: str, head: str) -> None:
+    """One figure of a group; the better is down and left."""
+    problems, batches = problems_of(rows), batches_of(rows)
+    shape = (len(batches), len(problems))
+    size = (2.8 * len(problems) + 0.6, 2.5 * len(batches) + 1.8)
+    fig, axes = plt.subplots(
+        *shape, figsize=size, sharey=True, sharex="row", layout="constrained", squeeze=False
+    )
+    lines: dict[str, Any] = {}
+    for line, batch in zip(axes, batches, strict=True):
+        for ax, problem in zip(line, problems, strict=True):
+            here = some(rows, batch=batch, problem=problem)
+            for way in ways_of(rows):
+                points = [row for row in some(here, way=way) if "error" in row]
+                if points:
+                    lines[way] = _line(ax, points, _style(rows, way))
+            ax.set(xscale="log", yscale="log")
+            ax.grid(alpha=0.3)
+            ax.tick_params(labelsize=7)
+            title = titles[problem] + (f", batch of {batch:,}" if len(batches) > 1 else "")
+            ax.set_title(title, fontsize=8)
+    fig.supylabel("relative error", fontsize=9)
+    # The legend takes the place of a label of the axis.
+    fig.suptitle(f"{head}: relative error over {unit}", fontsize=10)
+    fig.legend(
+        lines.values(), lines.keys(), loc="outside lower center", ncols=len(problems), fontsize=7
+    )
+    fig.savefig(path, dpi=110)
+    plt.close(fig)
+
+
+def _style(rows: list[Row], way: str) -> dict[str, Any]:
+    family = some(rows, way=way)[0]["family"]
+    place = ways_of(some(rows, family=family)).index(way)
+    return {
+        "color": COLOURS[family],
+        "linestyle": _STROKES[place % len(_STROKES)],
+        "marker": _MARKS[place % len(_MARKS)],
+        "markersize": 3.5,
+        "linewidth": 1.0,
+    }
+
+
+def _line(ax: Any, points: list[Row], style: dict[str, Any]) -> Any:
+    # Whichever of them was measured first.
+    points = sorted(points, key=lambda row: row["setting"])
+    times, errors = zip(*((row["cost"], row["error"]) for row in points), strict=True)
+    return ax.plot(times, errors, **style)[0]

@@ -1,0 +1,141 @@
+"""Measuring a way on a task, setting after setting, each row stored at once; and its options."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any, Protocol
+
+import jax
+import numpy as np
+
+from .measure import NotPossibleError, timed
+from .store import Store, code_of
+from .way import Way
+
+GOOD = 1e-6
+"""The error at which options are compared."""
+FAMILY_FILES = {
+    "ours": ("ours.py",),
+    "alone": ("ours.py",),
+    "diffrax": ("by_diffrax.py",),
+    "scipy": ("by_scipy.py",),
+    "numba": ("by_numba.py", "pairs.py"),
+    "stepping": ("stepping.py",),
+}
+
+
+class Task(Protocol):
+    """What is solved: a name, a title, numbers of each lane, and the errors of an answer."""
+
+    name: str
+    title: str
+    whole: bool
+    """Whether a row's cost is ms of the whole batch, and not µs a lane."""
+
+    def lanes(self, count: int) -> np.ndarray: ...
+
+    def errors(self, lanes: np.ndarray, answer: Any) -> dict[str, float]: ...
+
+
+def code(way: Way) -> str:
+    return code_of(
+        ("way.py", *FAMILY_FILES[way.family], *way.files), way.family in ("ours", "alone")
+    )
+
+
+def sweep(store: Store, group: str, task: Task, ways: Iterable[Way], batch: int) -> None:
+    """Every option of every way that has some, at the middle of its ladder."""
+    asked = [way for way in ways if len(way.variants) > 1]
+    for count, way in enumerate(asked, 1):
+        middle = dataclasses.replace(way, settings=way.settings[1:4])
+        for variant in way.variants:
+            head = f"[options {count}/{len(asked)}]"
+            measure(store, group, task, middle, variant, batch, head)
+        # A process has room for a few hundred programs.
+        jax.clear_caches()
+
+
+def chosen(store: Store, group: str, way: Way) -> str:
+    """The options by which a way is fastest at a good error; its default before a sweep."""
+    rows = [
+        row
+        for row in store.group(group).values()
+        if row["way"] == way.name and row["options"] in way.variants and "error" in row
+    ]
+    # Where none is that good, the fastest of the best.
+    bar = max(GOOD, min((row["error"] for row in rows), default=0.0))
+    good = [row for row in rows if row["error"] <= bar]
+    if not good:
+        return next(iter(way.variants))
+    return min(good, key=lambda row: row["cost"])["options"]
+
+
+def measure(
+    store: Store, group: str, task: Task, way: Way, variant: str, batch: int, head: str
+) -> None:
+    """All settings of a way on one batch, those that the store lacks."""
+    stem = f"{group}/{task.name}/{batch}/{way.name}/{variant}"
+    wanted = {f"{stem}/{setting:g}": setting for setting in way.settings}
+    wanted = {key: s for key, s in wanted.items() if store.lacks(key, code(way))}
+    lanes = task.lanes(min(batch, way.most))
+    base = {
+        "group": group, "problem": task.name, "batch": batch, "way": way.name,
+        "family": way.family, "options": variant, "measured": len(lanes), "code": code(way),
+    }  # fmt: skip
+    # A loop over lanes costs the same in every batch: what was measured is not measured again.
+    for key, setting in list(wanted.items()):
+        twin = _twin(store, base | {"setting": setting})
+        if twin:
+            cost = _cost(task, twin["seconds"], batch, len(lanes))
+            store.keep(key, twin | base | {"setting": setting, "cost": cost})
+            del wanted[key]
+    if not wanted:
+        return
+    title = f"{head} {task.title}, {batch:,} by {way.name}"
+    try:
+        solve = way.prepared(task, lanes, variant)
+    except NotPossibleError as reason:
+        for key, setting in wanted.items():
+            store.keep(key, base | {"setting": setting, "reason": str(reason)})
+        print(f"{title}: {reason}", flush=True)
+        return
+    unit = "ms" if task.whole else "µs"
+    for key, setting in wanted.items():
+        try:
+            row, answer = timed(lambda s=setting: solve(s), way.compiled)
+        except (
+            Exception
+        ) as error:  # What a peer or the package raises is told, and the run goes on.
+            reason = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+            store.keep(key, base | {"setting": setting, "reason": reason})
+            print(f"{title}, {way.word} {setting:g}: {reason}", flush=True)
+            continue
+        row["cost"] = _cost(task, row["seconds"], batch, len(lanes))
+        row |= _finite(task.errors(lanes, answer))
+        store.keep(key, base | {"setting": setting} | row)
+        told = f"{row['error']:.0e}" if "error" in row else row["reason"]
+        print(f"{title}, {way.word} {setting:g}: {row['cost']:.3g} {unit}, {told}", flush=True)
+
+
+def _cost(task: Task, seconds: float, batch: int, measured: int) -> float:
+    """µs a lane; ms of the whole batch where that is what one asks for."""
+    cost = 1e3 * seconds * batch / measured if task.whole else 1e6 * seconds / measured
+    return float(f"{cost:.4g}")
+
+
+def _twin(store: Store, base: dict[str, Any]) -> dict[str, Any] | None:
+    """The same measurement, made for another batch or for the choice of options."""
+    names = ("problem", "way", "options", "measured", "code", "setting")
+    for row in store.rows.values():
+        if all(row.get(name) == base[name] for name in names) and "cost" in row:
+            return row
+    return None
+
+
+def _finite(errors: dict[str, float]) -> dict[str, Any]:
+    """Errors, or the reason why there is no number."""
+    if not all(np.isfinite(list(errors.values()))):
+        return {"reason": "flagged, or no end found, in some lanes"}
+    found = {name: float(f"{error:.3g}") for name, error in errors.items()}
+    return {**found, "error": max([*found.values(), 1e-16])}

@@ -1,0 +1,110 @@
+"""What the page says of each group, and which errors its tables ask for."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from .derivatives import CHECKED as CHECKED_SLOPES
+from .derivatives import Slopes
+from .fit_tasks import Record, Table
+from .problems import CHECKED, PROBLEMS
+from .scenes import SCENES
+
+
+class Section(NamedTuple):
+    """A group of rows: its title, words, the titles of its problems, unit, and errors asked for."""
+
+    group: str
+    title: str
+    words: str
+    titles: dict[str, str]
+    unit: str
+    errors: tuple[float, ...]
+    options: str = ""
+    """The group of rows that its options were chosen by."""
+    swept: str = ""
+    """On what they were swept."""
+    batch: str = "batch of"
+    """What its numbers of lanes mean."""
+
+
+_IMPACTS = f"""\
+Restitution and duration of one impact, solved in batches of 1, 100 and 100,000: the laws of
+Hunt-Crossley, of a linear spring and dashpot, of Kuwabara and Kono, one of a user's own
+(δ^1.5 + δ^2.5 + c δ δ', written as `force` and nothing else), and Hertz's with a constant push.
+Damping or push differ from lane to lane; {CHECKED} lanes spread over the whole range have a known
+truth. Where fewer lanes were measured than are in the batch, time is in proportion. The peers solve
+the scaled problem, so that units are no trouble to them. *exact*, *phase* and *event* are
+`jc.impact` in a `jax.jit`; its other results are not asked for. diffrax ends by an event on its
+interpolant, SciPy likewise. numba repeats the last step until it ends at zero; *regularised* is
+what an expert would write, in w = √δ and dτ = dt/w. Verlet and Euler make steps of one length."""
+
+_DERIVATIVES = f"""\
+All six derivatives of restitution and duration by e, K and n, a law of Hunt and Crossley with
+Hu and Guo's relation between e and damping, e from 0.1 to 0.95. Truth: differences of the
+oracle of 40 digits, which keep 20 of them, on {CHECKED_SLOPES} lanes; errors relative to the
+largest derivative of that result. Forward: `jax.jacfwd`, reverse: `jax.jacrev`. Differences are
+central, six solves."""
+
+_FITS = """\
+Numbers from data without noise, so that what is missing to the truth is the way's: c of the law
+of Hunt and Crossley from 20 and 1000 restitutions (of 40 digits) over speed; c, K, the moment of
+touch and the zero error from a force of 2000 samples (by SciPy from sample to sample at its least
+tolerance). Errors are relative, of the worst number. All start at seven tenths of the truth, but
+`jc.fit_damping`, which finds its own start, and the touch, which all find alike. Peers: SciPy's
+`least_squares` and lmfit, by differences with steps that the tolerance allows, over `solve_ivp`
+(DOP853; of the table point after point, on as many points as the column says, in proportion)
+and over numba (8(5,3); of the table regularised)."""
+
+_SCENES = """\
+Whole runs from start to end. Soft balls, whose impacts take time and overlap: five unequal ones in
+a line, ten equal ones that touch (Hertz, a blow at the end), and a pair that passes (ε: how far it
+slides in an impact, of its diameter); final velocities, beside SciPy at its least tolerance. A ball
+that bounces to rest, with its weight in the contact: the time of rest, beside 40 digits. Out of
+time: a ball on a shaking table, beside sampling and Brent's method, and a gas of 32 discs in a
+periodic cell, beside a search in extended precision; final velocities. SciPy and diffrax restart at
+touches and openings; diffrax has a longest step, found by trial, without which it misses contacts.
+By hand means numba code for this scene and no other."""
+
+SECTIONS = (
+    Section(
+        "impacts",
+        "One impact",
+        _IMPACTS,
+        {name: problem.title for name, problem in PROBLEMS.items()},
+        "µs an impact",
+        (1e-4, 1e-6, 1e-9, 1e-12),
+        "options",
+        "the Hunt-Crossley law, in the largest batch",
+    ),
+    Section(
+        "derivatives",
+        "Derivatives",
+        _DERIVATIVES,
+        {Slopes.name: Slopes.title},
+        "µs an impact",
+        (1e-4, 1e-7, 1e-10),
+        "slope options",
+        "the largest batch",
+    ),
+    Section("engines", "Engines", "", {}, "", ()),
+    Section(
+        "scenes",
+        "Scenes",
+        _SCENES,
+        {scene.name: scene.title for scene in SCENES},
+        "ms a run",
+        (1e-4, 1e-9),
+    ),
+    Section(
+        "fits",
+        "Fits",
+        _FITS,
+        {task.name: task.title for task in (Table(), Record())},
+        "ms a fit",
+        (1e-4, 1e-8),
+        "fit options",
+        "the table of 20 points",
+        "points:",
+    ),
+)

@@ -1,0 +1,98 @@
+"""When to use what: who is fastest where, counted from the rows."""
+
+from __future__ import annotations
+
+import itertools
+
+from .reading import FAMILIES, Row, batches_of, cheapest, number, problems_of, some
+from .sections import SECTIONS, Section
+
+ERRORS = (1e-3, 1e-6, 1e-9, 1e-12)
+_ALWAYS = """\
+What no time shows: only the package flags a lane that is not right, and gives derivatives without a
+line of the user's. SciPy compiles nothing. A kernel in numba has to be written, with its step
+control, its end and its derivatives, for every kind of motion.
+"""
+
+
+def when_to_use_what(measured: dict[str, list[Row]]) -> str:
+    """A table and sentences for every group that has rows."""
+    parts = [_verdict(section, measured[section.group]) for section in SECTIONS]
+    return "\n".join(["## When to use what\n", *filter(None, parts), _ALWAYS])
+
+
+def _verdict(section: Section, rows: list[Row]) -> str:
+    if not rows:
+        return ""
+    problems = problems_of(rows)
+    head = [section.batch.rstrip(":"), "error", *(section.titles[p] for p in problems)]
+    lines = [
+        f"**{section.title}**: the fastest within an error, and how many times as long the package "
+        "takes, or, where it is the fastest, the next one.",
+        "",
+        "| " + " | ".join(head) + " |",
+        "|" + "---|" * len(head),
+    ]
+    ratios: dict[str, dict[str, list[float]]] = {}
+    for batch, error in itertools.product(batches_of(rows), ERRORS):
+        cells = []
+        for problem in problems:
+            here = some(rows, batch=batch, problem=problem)
+            found = fastest(here, error)
+            cells.append(_cell(found) if here else "")
+            if len(found) > 1 and "ours" in found:
+                where = section.titles[problem]
+                if len(batches_of(some(rows, problem=problem))) > 1:
+                    where += f", {section.batch} {batch:,}"
+                first, other = _against(found)
+                times = found[other]["cost"] / found[first]["cost"]
+                ratios.setdefault(first, {}).setdefault(where, []).append(times)
+        lines.append("| " + " | ".join([f"{batch:,}", f"{error:g}", *cells]) + " |")
+    return "\n".join([*lines, "", *_sentences(ratios), ""])
+
+
+def fastest(rows: list[Row], error: float) -> dict[str, Row]:
+    """The cheapest row of every family within an error, fastest first."""
+    families = {
+        family: row
+        for family in FAMILIES
+        if (row := cheapest(some(rows, family=family), error)) is not None
+    }
+    return dict(sorted(families.items(), key=lambda pair: pair[1]["cost"]))
+
+
+def _against(found: dict[str, Row]) -> tuple[str, str]:
+    """The fastest family, and whom it is told beside: the package, or the next one."""
+    first, second = list(found)[:2]
+    return first, second if first == "ours" else "ours"
+
+
+def _cell(found: dict[str, Row]) -> str:
+    if not found:
+        return "none"
+    told = next(iter(found.values()))["way"]
+    if "ours" not in found:
+        return f"{told}; jaxcontact does not reach it"
+    if len(found) == 1:
+        return f"{told}; no other"
+    first, other = _against(found)
+    name = found[other]["way"] if first == "ours" else FAMILIES["ours"]
+    return f"{told}; {name} × {number(found[other]['cost'] / found[first]['cost'])}"
+
+
+def _sentences(ratios: dict[str, dict[str, list[float]]]) -> list[str]:
+    """For every family where it is the fastest of those that reach the error, and by how much."""
+    lines = []
+    for family in (family for family in FAMILIES if family in ratios):
+        than = "the next one" if family == "ours" else FAMILIES["ours"]
+        where = "; ".join(f"{name} {_span(times)}" for name, times in ratios[family].items())
+        lines.append(
+            f"- {FAMILIES[family]} is the better choice (how many times as fast as {than}): "
+            f"{where}."
+        )
+    return lines
+
+
+def _span(times: list[float]) -> str:
+    low, high = number(min(times)), number(max(times))
+    return f"({low})" if low == high else f"({low} to {high})"
