@@ -236,6 +236,8 @@ def require_path(name: str, value: Any) -> pathlib.Path:
 
 def require_broadcast(**given: Any) -> tuple[int, ...]:
     """The shape to which all numbers in some arguments broadcast; ValueError if there is none."""
+    if all(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(list(given.values()))):
+        return ()
     shapes = {name: [np.shape(leaf) for leaf in jax.tree.leaves(v)] for name, v in given.items()}
     try:
         return np.broadcast_shapes(*(shape for one in shapes.values() for shape in one))
