@@ -20,7 +20,7 @@ EXEMPT = {
     r"Abstract(Law|HuntCrossley|Form|Method|Shape)(\..*)?\(.*\)": "an interface to fill in",
     r"Sweep\.(coordinates|taken)\(.*\)": "called by the library",
     r"Sphere\.moved_to\(.*\)|Shell\.centre_at\(.*\)": "called by the library",
-    r"(Plane|Box|Shell)\.after\(.*\)": "called by the library",
+    r"(Sphere|Plane|Box|Shell)\.after\(.*\)": "called by the library",
     r"Prescribed\(args\)": "whatever the function takes",
     r"(Steady|Vibration|Prescribed)\.(start|along|after)\(.*\)": "called by the library",
     r".*\.(form|chosen|solve|over|tolerances|damping_ratio)\(.*\)": "called by the library",
