@@ -75,7 +75,21 @@ def _section(section: Section, rows: list[Row], options: list[Row], picture: str
     reasons = _reasons(section, rows)
     if reasons:
         lines += ["What could not be had:", "", *reasons, ""]
+    missing = _missing(section, rows)
+    if missing:
+        lines += [f"Not measured yet: {'; '.join(missing)}.", ""]
     return "\n".join(lines)
+
+
+def _missing(section: Section, rows: list[Row]) -> list[str]:
+    """Which ways are in no row of which problems."""
+    found = []
+    for way in section.ways:
+        there = problems_of(some(rows, way=way))
+        absent = [title for problem, title in section.titles.items() if problem not in there]
+        where = "" if len(absent) == len(section.titles) else f" ({', '.join(absent)})"
+        found += [way + where] if absent else []
+    return found
 
 
 def _capital(words: str) -> str:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from .derivatives import CHECKED as CHECKED_SLOPES
 from .derivatives import Slopes
 from .fit_tasks import Record, Table
+from .impacts import WAYS as IMPACT_WAYS
 from .problems import CHECKED, PROBLEMS
 from .scenes import SCENES
 
@@ -26,6 +27,8 @@ class Section(NamedTuple):
     """On what they were swept."""
     batch: str = "batch of"
     """What its numbers of lanes mean."""
+    ways: tuple[str, ...] = ()
+    """All that it compares, so that the page can say what is not measured yet."""
 
 
 _IMPACTS = f"""\
@@ -76,6 +79,7 @@ SECTIONS = (
         (1e-4, 1e-6, 1e-9, 1e-12),
         "options",
         "the Hunt-Crossley law, in the largest batch",
+        ways=tuple(way.name for way in IMPACT_WAYS),
     ),
     Section(
         "derivatives",
