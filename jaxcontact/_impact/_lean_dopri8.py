@@ -14,8 +14,8 @@ from ._runge_kutta import step_in_loop, step_written_out
 class LeanDopri8(diffrax.AbstractAdaptiveSolver):
     """The same steps as `diffrax.Dopri8`, without its dense output.
 
-    `written_out`: the stages one after another, each with the coefficients that are not zero: a
-    third of the time for many lanes, and compiled several times as long as a loop over them.
+    `written_out`: the stages one after another, each with the coefficients that are not zero: six
+    tenths of the time for many lanes, and compiled 1.4 times as long as a loop over them.
     Source: Prince and Dormand (1981), doi 10.1016/0771-050X(81)90010-3.
     """
 

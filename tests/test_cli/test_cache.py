@@ -44,7 +44,7 @@ def test_programs_are_kept_and_damaged_ones_made_again(tmp_path):
 
 
 @pytest.fixture
-def no_store(monkeypatch):
+def no_store():
     """JAX without a store, until the end of a test."""
     before = getattr(jax.config, OWN), jax.config.jax_persistent_cache_min_compile_time_secs
     jax.config.update(OWN, None)
