@@ -186,7 +186,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
     moved = steps > 0
     after = Moment(*jax.tree.map(lambda leaf: leaf[-1], (moments[0], states[0])))
     after = after._replace(tau=jnp.where(moved, after.tau, 1))
-    before, dipped = watch.last, None
+    before = watch.last
     if watch.dip is not None:
         dip = watch.dip.seen(motion, before, after)
         closes, bottom = dip.bottom(motion)
@@ -324,10 +324,11 @@ def solve_event(motion: Motion, how: Event, many: bool) -> ScaledImpact:
         converged = converged | (settled & followed.arrived[0])
     # Where explicit steps were left before the force was largest nobody has seen how large it was.
     left = jax.tree.map(operator.itemgetter(0), legs.end)
-    # What creeps to rest slows down in the end: then its force is more than the push.
+    # What creeps to rest slows down in the end: then its force is more than the push. The largest
+    # one among the states will do, so that the one between them is computed only where it is used.
     rtol, _ = how.tolerances(turn.w.dtype)
     above = creeps_early & (
-        forces[0] >= (1 - 10 * rtol) * (0 if motion.push is None else motion.push)
+        legs.nearest.force[0] >= (1 - 10 * rtol) * (0 if motion.push is None else motion.push)
     )
     seen = legs.arrived[0] | above | ~is_rising(motion, left, flags[0])
     converged = converged & seen
