@@ -17,12 +17,10 @@ from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, REAL, parameter, require_number
 from ._checks import column, measured
 from ._impacts import transforms_of
+from ._record_start import near, touch_in, without_a_contact_elsewhere
 
 _SAMPLES = 128
 """Moments of the motion between which a cubic is laid: its error is below 1e-7 of the largest."""
-
-_TOUCHED = 0.05
-"""Of the largest reading: where a record rises above it, a start for the moment of touch."""
 
 
 class RecordModel(eqx.Module):
@@ -98,14 +96,16 @@ def fit_record(
     standard deviation for each or for none (then both count alike, relative to their largest
     reading). The moment of touch and the zero errors of the instruments are unknown and fitted,
     too: `start_time` in s is where to begin, by default where a reading first exceeds 5 % of the
-    largest. Before and after the contact the force is zero and the indentation that of free flight.
-    `fixed`: numbers that stay, by name, the mass by default ("velocity" if it was measured). What
-    else `fit` takes: `loss=Huber()`, say.
+    largest. A stiffness by which the contact would last over three times as long as the record
+    shows, or under a third, is replaced by one that fits, for the start. Before and after the
+    contact the force is zero and the indentation that of free flight. `fixed`: numbers that stay,
+    by name, the mass by default ("velocity" if it was measured). What else `fit` takes:
+    `loss=Huber()`, say.
 
     A force alone determines the mass only if the speed is known, an indentation alone determines
     only K/m: hold what is not identifiable, or read it in `unidentified`. Returns a `Fit` whose
-    params have `.law`, `.contact`, `.velocity`, `.start_time` and the offsets. Raises ValueError
-    for columns that do not match.
+    params have `.law`, `.contact`, `.velocity`, `.start_time` and the offsets; it has not converged
+    where its contact misses that of the record. Raises ValueError for columns that do not match.
     """
     require_law(law)
     require_contact(contact)
@@ -116,12 +116,14 @@ def fit_record(
         "indentation": (indentation, sigma_indentation, REAL),
     }
     table = measured(columns, ("time", moments), weight=lambda c: np.abs(c).max() ** -2.0)
+    reading = next(iter(table["data"].values()))
     if start_time is None:
-        reading = next(iter(table["data"].values()))
-        start_time = float(moments[np.argmax(reading > _TOUCHED * reading.max())])
+        start_time = touch_in(moments, reading)
     start_time = require_number("start_time", start_time)
     numbers: Any = velocity, start_time
     offsets = (jnp.zeros(()) if name in table["data"] else None for name in columns)
     start = RecordModel(law, contact, *numbers, *offsets)
     transforms = transforms_of(start, fixed)
-    return fit(Recorded(), start=start, x=moments, transforms=transforms, **table, **how)
+    start = near(start, moments, reading, fixed)
+    found = fit(Recorded(), start=start, x=moments, transforms=transforms, **table, **how)
+    return without_a_contact_elsewhere(found, table["data"])

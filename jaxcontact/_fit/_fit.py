@@ -23,7 +23,7 @@ from .._parameter import (
 )
 from .._progress import progress_of
 from ._checks import listed
-from ._found import Found, compiled_step, find, find_all
+from ._found import Found, compiled_step, find, find_all, start_scale
 from ._inference import infer
 from ._loss import Huber
 from ._problem import Problem, place_of, shapes_of
@@ -89,9 +89,10 @@ def fit(
     the influence of outliers; without `sigma` its scale is the median of |residuals|, found in turn
     with the fit. `optimizer`: "levenberg-marquardt" or an optax optimiser, which stops after
     `patience` steps that gain nothing. `starts`: the number of starts, the given one and normal
-    ones of standard deviation `spread` around it in the free coordinates (logarithms, logits),
-    drawn from `seed`; the lowest loss is kept. `max_steps`: by default 200, 10000 for optax.
-    `reverse`: take the Jacobian in reverse mode, for predictions without a forward mode.
+    ones around it, drawn from `seed`, whose standard deviation is `spread` in a logarithm or logit
+    and `spread` times a number without bounds (from zero: times the change that moves the
+    prediction by the size of the data); the lowest loss is kept. `max_steps`: by default 200, 10000
+    for optax. `reverse`: take the Jacobian in reverse mode, for predictions without a forward mode.
     `progress`: True shows step and loss on stderr, a function is called with them.
 
     `converged` does not depend on the optimizer: the remaining Gauss-Newton step must be below
@@ -137,6 +138,7 @@ def fit(
         rough, ends = theta, np.zeros(0)
         if starts > 1:
             away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
+            away *= start_scale(problem, theta)
             rough, ends = _best_start(problem, np.stack([theta, *(theta + away)]), options)
         found = _search(problem, rough, options)
         _check_start(problem, theta, found)
@@ -235,7 +237,7 @@ def _result(
     at_bound = at_bound_of(space, found, start, used)
     if at_bound.any():
         free = np.where(at_bound, 0, found.jacobian)
-        found = _in_numpy(compiled_step(problem, found, free, start, options.rtol))
+        found = _in_numpy(compiled_step(problem, found, free, options.rtol))
     converged, reason = verdict(found, at_bound, space, options.max_steps)
     inference = infer(problem, found, at_bound, target.absolute, groups)
     if converged and (falls := falling(problem, found, start, inference.unidentified)) is not None:

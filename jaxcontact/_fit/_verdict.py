@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from ._found import Found, losses
+from ._found import Found, losses, start_scale
 from ._inference import Direction
 from ._problem import Problem
 from ._space import Space
@@ -54,8 +54,7 @@ def falling(
     if not directions:
         return None
     theta, space = found.theta, problem.space
-    size = np.where(space.has_unit, 1, np.maximum(np.abs(theta), np.abs(start)))
-    size = np.where(size > 0, size, 1)
+    size = np.maximum(np.where(space.has_unit, 1, np.abs(theta)), start_scale(problem, start))
     change = np.array([[one.components.get(name, 0) for name in space.names] for one in directions])
     change *= _ASIDE / np.max(np.abs(change) / size, axis=1, keepdims=True)
     aside = np.asarray(

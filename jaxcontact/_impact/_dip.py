@@ -17,8 +17,8 @@ class Dip(NamedTuple):
     """Where the force of a way out first had a minimum within a step, if it was `found`.
 
     A force that may not pull ends the contact where it vanishes. Under a push the bodies may slow
-    down so much that it would soon be positive again. The step begins at `start` and is of the given
-    `size`. `gap` and `slope` are those of the force at the last state.
+    down so much that it would soon be positive again. The step begins at `start` and is of `size`;
+    `gap` and `slope` are those of the force at the last state.
     """
 
     gap: Number

@@ -111,3 +111,30 @@ def test_a_force_alone_needs_the_speed(clean):
 def test_bad_records_are_named(columns, message):
     with pytest.raises(ValueError, match=message):
         jc.fit_record(TIME, *start(), **columns)
+
+
+@pytest.mark.parametrize("far", [1e-6, 1e6])
+def test_a_stiffness_far_off_is_no_start(clean, far):
+    columns = {"force": clean[0], "indentation": clean[1]}
+    near = jc.fit_record(TIME, *start(), **columns)
+    law, contact, speed = start()
+    # The damping as it would be beside such a stiffness, and as it was.
+    for c in (3e6, 3e6 * far):
+        contact = jc.Contact(mass=MASS, stiffness=4e7 * far)
+        found = jc.fit_record(TIME, jc.ConstantDamping(c=c), contact, speed, **columns)
+        assert found.converged, found.reason
+        np.testing.assert_allclose(found.values, near.values, rtol=CLEAN, atol=1e-9)
+    law = jc.HuGuo(e=0.5)
+    found = jc.fit_record(TIME, law, contact, SPEED, fixed=("mass", "velocity"), **columns)
+    # Another law, whose damping is nearly the same.
+    assert found.converged and found.params.contact.stiffness == pytest.approx(STIFFNESS, rel=0.05)
+
+
+def test_a_contact_beside_that_of_the_record_is_no_fit(clean):
+    law, _, speed = start()
+    contact = jc.Contact(mass=MASS, stiffness=4e13)
+    held = ("mass", "velocity", "stiffness")
+    found = jc.fit_record(TIME, law, contact, speed, force=clean[0], fixed=held)
+    assert not found.converged
+    assert "misses that of the record" in found.reason
+    assert np.isnan(found.covariance).all()

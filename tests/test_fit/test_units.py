@@ -1,0 +1,125 @@
+"""A fit does not change under units: of parameters, of data, of x; nor with a start far away."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jaxcontact as jc
+
+X = np.linspace(0, 1, 20)
+Y = 2 + 3 * X + 0.1 * np.random.default_rng(0).normal(size=20)
+CURVED = 2 * np.exp(-3 * X) + 0.02 * np.random.default_rng(1).normal(size=20)
+
+SAME = 1e-8
+"""Of a value, or 1e-5 of its error."""
+ERRORS = 1e-6
+"""Standard errors follow from a Jacobian, whose singular values are accurate to rounding."""
+
+units = st.integers(-12, 12).map(lambda k: 10.0**k)
+
+
+def straight(p, x):
+    a, b = p["a"] / p["unit"], p["b"] / p["unit"]
+    return (a + b * x / p["across"]) * p["out"]
+
+
+def decay(p, x):
+    a, b = p["a"] / p["unit"], p["b"] / p["unit"]
+    return a * jnp.exp(-b * x / p["across"]) * p["out"]
+
+
+HELD = {name: jc.Fixed() for name in ("unit", "out", "across")}
+
+
+def fitted(predict, y, start, unit=1.0, out=1.0, across=1.0, **how):
+    """Parameters and standard errors without their unit."""
+    a, b = (unit * s for s in start)
+    begin = {"a": a, "b": b, "unit": unit, "out": out, "across": across}
+    found = jc.fit(predict, y * out, begin, x=X * across, transforms=HELD, **how)
+    assert found.converged, found.reason
+    assert found.loss / out**2 == pytest.approx(jc_loss[predict], rel=1e-6)
+    return found.values / unit, found.errors / unit
+
+
+def line_by_numpy():
+    columns = np.stack([np.ones(20), X], axis=1)
+    best, square, *_ = np.linalg.lstsq(columns, Y, rcond=None)
+    spread = np.linalg.inv(columns.T @ columns) * square / 18
+    return best, np.sqrt(np.diag(spread)), float(square[0]) / 2
+
+
+BEST, ERROR, LOSS = line_by_numpy()
+
+
+def curve_by_scipy():
+    from scipy.optimize import curve_fit
+
+    best, spread = curve_fit(
+        lambda x, a, b: a * np.exp(-b * x), X, CURVED, (2, 3), xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
+    left = best[0] * np.exp(-best[1] * X) - CURVED
+    return best, np.sqrt(np.diag(spread)), float(left @ left) / 2
+
+
+BENT, BENT_ERROR, BENT_LOSS = curve_by_scipy()
+jc_loss = {straight: LOSS, decay: BENT_LOSS}
+
+
+def assert_same(got, best, error):
+    values, errors = got
+    assert (np.abs(values - best) <= np.maximum(SAME * np.abs(best), 1e-5 * error)).all()
+    np.testing.assert_allclose(errors, error, rtol=ERRORS)
+
+
+@settings(max_examples=30)
+@given(units, units, units)
+def test_a_line_in_any_units(unit, out, across):
+    # From zero, whose scale only the data know.
+    assert_same(fitted(straight, Y, (0.0, 0.0), unit, out, across), BEST, ERROR)
+
+
+@settings(max_examples=30)
+@given(units, units, st.sampled_from([1e-6, 1.0, 1e6, -1e6]))
+def test_a_line_from_far_away(unit, out, far):
+    assert_same(fitted(straight, Y, (2 * far, 3 * far), unit, out), BEST, ERROR)
+
+
+@settings(max_examples=30)
+@given(units, units, units)
+def test_a_curve_in_any_units(unit, out, across):
+    assert_same(fitted(decay, CURVED, (1.0, 1.0), unit, out, across), BENT, BENT_ERROR)
+
+
+def test_other_starts_have_no_unit_either():
+    ends = [
+        fitted(decay, CURVED, (1.0, 1.0), unit, out, starts=4)[0]
+        for unit, out in ((1.0, 1.0), (1e-9, 1e6))
+    ]
+    np.testing.assert_allclose(*ends, rtol=1e-7)
+
+
+@pytest.mark.parametrize("start", [0.0, 1.0, 1e7, 3e13, -1e14])
+def test_a_large_offset_in_the_data(start):
+    found = jc.fit(offset, 3e7 * X + 5e6, start, x=X)
+    assert found.converged
+    assert found.params == pytest.approx(3e7, rel=SAME)
+
+
+def offset(p, x):
+    return p * x + 5e6
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (1e-9, 1e9)])
+@pytest.mark.parametrize("level", [0.0, 2.0])
+def test_a_parameter_whose_true_value_is_zero(start, level):
+    data = np.full(20, level)
+    found = jc.fit(straight_alone, data, dict(zip("ab", start, strict=True)), x=X)
+    assert found.converged, found.reason
+    size = max(*start, level) if level == 0 else level
+    np.testing.assert_allclose(found.values, [level, 0], atol=SAME * size)
+
+
+def straight_alone(p, x):
+    return p["a"] + p["b"] * x
