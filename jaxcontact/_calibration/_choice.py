@@ -43,7 +43,9 @@ class LawFit:
     it. `errors_by`: "group" for standard errors by trial, "point" where pairs count as independent.
     `identifiable`: whether the data determine every parameter; `unidentified`, what e(v) leaves
     open. `rms` is the root mean square of e_measured - e(v), `reduced_chi2` Σ z²/(n-k) of the
-    residuals z of ln e over their noise. `converged`, the `reason`, and the `steps` taken.
+    residuals z of ln e over their noise. `adequate`, whether the law describes the data (None where
+    that cannot be told), and its `grounds`, the tests in words. `converged`, the `reason`, and the
+    `steps` taken.
     """
 
     kind: str
@@ -54,6 +56,8 @@ class LawFit:
     unidentified: str
     rms: float
     reduced_chi2: float
+    adequate: bool | None
+    grounds: str
     converged: bool
     reason: str
     steps: int
@@ -325,6 +329,8 @@ def _law_fit(
         unidentified=kind.unidentified,
         rms=float(np.sqrt(np.mean((measured - at_pairs) ** 2))),
         reduced_chi2=2 * found.loss / max(found.dof, 1),
+        adequate=found.adequate,
+        grounds=found.adequacy.grounds,
         converged=found.converged,
         reason=found.reason,
         steps=found.steps,

@@ -56,12 +56,12 @@ def near(start: Model, time: Column, reading: Column, fixed: tuple[str, ...]) ->
     if abs(math.log(better / stiffness)) <= (n + 1) * math.log(_FAR):
         return start
     start = eqx.tree_at(lambda s: s.contact.stiffness, start, jnp.asarray(better))
-    law = start.law
-    if isinstance(law, AbstractHuntCrossley) and hasattr(law, "c") and "c" not in fixed:
+    law, c = start.law, getattr(start.law, "c", None)
+    if isinstance(law, AbstractHuntCrossley) and c is not None and "c" not in fixed:
         # A damping factor in units means another damping with another stiffness.
         alpha = float(law.damping_factor(start.contact, speed))
         if alpha > 0:
-            c = law.c * (min(max(alpha, _DAMPING[0]), _DAMPING[1]) / alpha)
+            c = c * (min(max(alpha, _DAMPING[0]), _DAMPING[1]) / alpha)
             start = eqx.tree_at(lambda s: s.law.c, start, c)
     return start
 

@@ -119,6 +119,9 @@ def _fits(s: CalibrationSummary, layout: Layout) -> list[str]:
             f"    {'residual':<16}rms of e {law.rms:.4f}; reduced chi² {law.reduced_chi2:.2f}; "
             f"AICc {aicc[law.kind]:.1f}"
         )
+        if law.converged:
+            word = {True: "yes", False: "NO", None: "cannot be told"}[law.adequate]
+            lines += wrapped("describes them", f"{word}: {law.grounds}", indent=20, lead="    ")
         answer = "yes" if law.converged else "NO"
         lines.append(f"    {'converged':<16}{answer}, in {law.steps} steps: {law.reason}")
         if law.converged and not law.identifiable:

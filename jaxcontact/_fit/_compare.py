@@ -15,9 +15,11 @@ from jaxtyping import ArrayLike, Bool
 
 from .._parameter import rendered, require_count
 from .._text_table import text_table
+from ._adequacy import shown
 from ._data import FitData
 from ._found import find
 from ._inference import LEAST_GROUPS
+from ._result import Fit
 from ._solve import Options
 from ._target import groups_of
 
@@ -36,7 +38,8 @@ class Candidate:
     standardised residuals of points that were left out (plain residuals without `sigma`), None
     where a fit without them did not converge; `behind`, the advantage of the fit of lowest AICc
     over this one, summed over groups of points, in its standard errors (Vuong's test; None for that
-    fit itself, and with fewer than 8 groups).
+    fit itself, and with fewer than 8 groups); `adequate`, whether it describes the data, and `p`,
+    the probability of such residuals if it does (None where that cannot be told).
     """
 
     name: str
@@ -47,6 +50,8 @@ class Candidate:
     held_out: float | None
     behind: float | None
     converged: bool
+    adequate: bool | None
+    p: float | None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,7 +60,8 @@ class Comparison:
 
     `best` is the simplest of those that describe the data equally well: whose AICc is less than 2
     above the lowest, or whose disadvantage is below two of its standard errors by group; of equally
-    simple ones, the one given first. None where no fit converged.
+    simple ones, the one given first. Those that do not describe the data are taken only if none of
+    them does, and the verdict says so. None where no fit converged.
     """
 
     candidates: tuple[Candidate, ...]
@@ -86,12 +92,19 @@ def table(
         for c in candidates
     ]
     lines = text_table(rows, header=head, align="<>>>>><")
-    notes = ["", *("" if c.converged else "  not converged" for c in candidates)]
-    return [line + note for line, note in zip(lines, notes, strict=True)]
+    notes = ["", *map(_note, candidates)]
+    wrong = ["* does not describe the data"] if "  *" in notes else []
+    return [line + note for line, note in zip(lines, notes, strict=True)] + wrong
+
+
+def _note(c: Candidate) -> str:
+    if not c.converged:
+        return "  not converged"
+    return "  *" if c.adequate is False else ""
 
 
 def compare_fits(
-    fits: Mapping[str, FitData], *, folds: int = 5, groups: ArrayLike | None = None, seed: int = 0
+    fits: Mapping[str, Fit], *, folds: int = 5, groups: ArrayLike | None = None, seed: int = 0
 ) -> Comparison:
     """Compare fits to the same data: AICc, BIC, and the error at points that were left out.
 
@@ -114,7 +127,7 @@ def compare_fits(
 
 
 def compared(
-    fits: Mapping[str, FitData],
+    fits: Mapping[str, Fit],
     parts: Bool[np.ndarray, "folds n"],
     *,
     parameters: Callable[[str], str] | None = None,
@@ -168,9 +181,9 @@ def advantage(fit: FitData, other: FitData) -> float | None:
     return float(np.sum(gain)) / spread if spread > 0 else None
 
 
-def _check(fits: Mapping[str, FitData]) -> None:
+def _check(fits: Mapping[str, Fit]) -> None:
     held = fits.values() if isinstance(fits, Mapping) else [None]
-    if not all(isinstance(one, FitData) for one in held):
+    if not all(isinstance(one, Fit) for one in held):
         raise ValueError(f"Argument `fits` must be a dict of fits, but is {rendered(fits)}.")
     if len(fits) < 2:
         raise ValueError(f"Argument `fits` must hold at least two fits, but holds {len(fits)}.")
@@ -202,14 +215,14 @@ def _parts(
     return (fold[number] == np.arange(folds)[:, None]) & used
 
 
-def _candidate(
-    name: str, fit: FitData, first: FitData, parts: Bool[np.ndarray, "folds n"]
-) -> Candidate:
+def _candidate(name: str, fit: Fit, first: Fit, parts: Bool[np.ndarray, "folds n"]) -> Candidate:
     k, aicc, bic = criteria(fit)
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         held_out = _held_out(fit, parts)
     behind = None if fit is first else advantage(first, fit)
-    return Candidate(name, k, fit.loss, aicc, bic, held_out, behind, fit.converged)
+    told = fit.adequacy
+    criterion = fit.loss, aicc, bic, held_out, behind
+    return Candidate(name, k, *criterion, fit.converged, told.adequate, told.p)
 
 
 def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
@@ -244,10 +257,19 @@ def _verdict(
         for c in good
         if c.aicc - first.aicc < CLEAR_AICC or (c.behind is not None and c.behind < CLEAR_ADVANTAGE)
     ]
-    best = min(equal, key=lambda c: (c.k, order.index(c.name)))
-    how = "best" if len(equal) == 1 else "as well as any"
+    best = min(equal, key=lambda c: (c.adequate is False, c.k, order.index(c.name)))
     values = f": {parameters(best.name)}" if parameters else ""
-    text = f"Use {best.name}, which describes the data {how}{values}."
+    if best.adequate is not False:
+        how = "best" if len(equal) == 1 else "as well as any"
+        text = f"Use {best.name}, which describes the data {how}{values}."
+    else:
+        them = [c.name for c in good if c.adequate is not False]
+        rest = f"; {' or '.join(them)} may" if them else ", and none of these does"
+        assert best.p is not None  # for the type checker
+        text = (
+            f"The best is {best.name}{values}. But it does not describe the data "
+            f"({shown(best.p)}){rest}."
+        )
     others = [_distance(c, first, group) for c in equal if c is not best]
     if others:
         text += f" The data do not distinguish it from {' or '.join(others)}."

@@ -50,6 +50,7 @@ class FitData:
     groups: np.ndarray | None = dataclasses.field(repr=False)
     problem: Problem = dataclasses.field(repr=False)
     theta: np.ndarray = dataclasses.field(repr=False)
+    jacobian: np.ndarray = dataclasses.field(repr=False)
     absolute: bool = dataclasses.field(repr=False)
     rtol: float = dataclasses.field(repr=False)
 

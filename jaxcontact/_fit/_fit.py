@@ -265,6 +265,7 @@ def _result(
         groups=groups,
         problem=problem,
         theta=found.theta,
+        jacobian=np.where(at_bound | ~np.isfinite(found.jacobian), 0, found.jacobian),
         absolute=target.absolute,
         rtol=float(options.rtol),
     )

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 import numpy as np
 
+from ._adequacy import Adequacy, adequacy_of
 from ._bootstrap import bootstrap
 from ._data import FitData
 from ._profile import profile
@@ -18,6 +20,16 @@ class Fit(FitData):
     bootstrap = bootstrap
     profile = profile
 
+    @functools.cached_property
+    def adequacy(self) -> Adequacy:
+        """Whether the model describes the data, by which tests; computed where it is asked for."""
+        return adequacy_of(self)
+
+    @property
+    def adequate(self) -> bool | None:
+        """Whether the model describes the data; None where that cannot be told."""
+        return self.adequacy.adequate
+
     def summary(self) -> str:
         """The fit in words, a line for each parameter."""
         good = "converged" if self.converged else "NOT CONVERGED"
@@ -26,6 +38,12 @@ class Fit(FitData):
             f"Fit: {good} in {self.steps} steps, {self.reason}",
             f"  loss {self.loss:.6g}, {points} points, {self.dof} degrees of freedom",
         ]
+        if self.converged:
+            verdict = str(self.adequacy)
+            first = self.adequate is False
+            lines.insert(
+                0 if first else 2, verdict[0].upper() + verdict[1:] if first else f"  {verdict}"
+            )
         width = max(map(len, self.names))
         lines += [
             f"  {name:{width}}  {value:.9g}{self._certainty(name)}"
@@ -41,7 +59,7 @@ class Fit(FitData):
             return "  at its bound"
         error = self.standard_errors[name]
         if not np.isnan(error):
-            return f"  ± {error:.2g}"
+            return f"  ± {error:.2g}" + (", were the model right" if self.adequate is False else "")
         if self.dof < 1 and not self.absolute:
             return "  without a standard error: no degree of freedom is left"
         return "  not identifiable"

@@ -1,0 +1,181 @@
+"""How often a right and a wrong model is called inadequate: `python benchmarks/fit_adequacy.py`.
+
+Levels: models that are right, false alarms at 5 %. Power: a smooth misfit of known size is added to
+a line or a parabola,
+
+    λ = Σ (misfit left after the best fit / σ)²,
+
+and the share of fits that are called inadequate is counted. Every draw is a call of `jc.fit`, as a
+user makes it. Writes benchmarks/fit_adequacy.json, which docs/trust.md shows. `--draws` sets the
+number of draws, `--into` another folder.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import platform
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+import jaxcontact as jc
+
+HERE = Path(__file__).parent
+RESULT = HERE / "fit_adequacy.json"
+SEED = 1
+SIGMA = 0.1
+LEVELS = {8: 2000, 25: 2000, 200: 2000, 2000: 2000}
+"""Draws by number of points."""
+MISFITS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+    "square": np.square,
+    "cube": lambda x: x**3,
+    "sine": lambda x: np.sin(np.pi * x),
+    "cosine": lambda x: np.cos(np.pi * x),
+    "kink": lambda x: np.abs(x - 0.3),
+    "exponential": lambda x: np.exp(2 * x),
+}
+"""Of x from -1 to 1: none slower than half a period, none faster than one."""
+WANTED = (
+    (12, 60, False),
+    (25, 60, False),
+    (50, 60, False),
+    (100, 60, False),
+    (400, 120, False),
+    (25, 35, True),
+    (100, 60, True),
+)
+"""Points, λ, and whether σ is known: 95 % wanted."""
+CURVE = (0, 5, 10, 15, 20, 25, 30, 35, 45, 60, 80, 120)
+
+
+def line(p, x):
+    return p["a"] + p["b"] * x
+
+
+def parabola(p, x):
+    return p["a"] + p["b"] * x + p["c"] * x**2
+
+
+def decay(p, x):
+    return p["a"] * jnp.exp(-p["b"] * (x + 1))
+
+
+MODELS: dict[str, tuple[Callable, dict[str, float]]] = {
+    "line": (line, {"a": 1.0, "b": 2.0}),
+    "parabola": (parabola, {"a": 1.0, "b": 2.0, "c": 0.5}),
+    "decay": (decay, {"a": 3.0, "b": 1.2}),
+}
+
+
+def found(model: str, x: np.ndarray, y: np.ndarray, **how: Any) -> jc.Fit:
+    predict, start = MODELS[model]
+    return jc.fit(predict, y, start, x=x, **how)
+
+
+def truth(model: str, x: np.ndarray) -> np.ndarray:
+    predict, start = MODELS[model]
+    return np.asarray(predict(start, x))
+
+
+def level(random: np.random.Generator, kind: str, n: int, draws: int) -> float:
+    """The share of right models that are called inadequate."""
+    model = "decay" if kind == "decay" else "line"
+    how: dict[str, Any] = {"sigma": {"sigma": SIGMA}, "huber": {"loss": jc.Huber()}}.get(kind, {})
+    x = np.linspace(-1, 1, n)
+    if kind == "repeated":
+        x = np.repeat(np.linspace(-1, 1, n // 4), 4)
+    groups = None
+    if kind == "trials":
+        x, groups = np.tile(np.linspace(-1, 1, 4), n // 4), np.repeat(np.arange(n // 4), 4)
+    clean, bad = truth(model, x), 0
+    for _ in range(draws):
+        noise = random.normal(size=n)
+        if groups is not None:
+            noise += 2 * random.normal(size=n // 4)[groups]
+        bad += found(model, x, clean + SIGMA * noise, groups=groups, **how).adequate is False
+    return bad / draws
+
+
+def power(
+    random: np.random.Generator,
+    model: str,
+    misfit: str,
+    n: int,
+    size: float,
+    known: bool,
+    draws: int,
+) -> float:
+    """The share of fits that are called inadequate with a misfit of λ = `size`."""
+    x = np.linspace(-1, 1, n)
+    columns = np.vander(x, 2 if model == "line" else 3)
+    left = MISFITS[misfit](x)
+    left = left - columns @ np.linalg.lstsq(columns, left, rcond=None)[0]
+    left *= SIGMA * math.sqrt(size) / np.linalg.norm(left)
+    how = {"sigma": SIGMA} if known else {}
+    clean, seen = truth(model, x) + left, 0
+    for _ in range(draws):
+        seen += found(model, x, clean + SIGMA * random.normal(size=n), **how).adequate is False
+    return seen / draws
+
+
+def cells(model: str) -> list[str]:
+    """The misfits that a model does not describe."""
+    return [name for name in MISFITS if (model, name) != ("parabola", "square")]
+
+
+def study(draws: int, into: Path) -> None:
+    random = np.random.default_rng(SEED)
+    result: dict[str, Any] = {
+        "seed": SEED,
+        "python": platform.python_version(),
+        "levels": {},
+        "power": [],
+        "curves": {},
+    }
+
+    def write() -> None:
+        into.mkdir(parents=True, exist_ok=True)
+        (into / RESULT.name).write_text(json.dumps(result, indent=1) + "\n")
+
+    few = max(draws // 5, 1)
+    for n, known in ((25, False), (100, False), (25, True), (100, True)):
+        curve = [power(random, "line", "square", n, size, known, few) for size in CURVE]
+        result["curves"][f"{n} points, σ {'known' if known else 'unknown'}"] = curve
+        print(n, known, curve, flush=True)
+    for n, size, known in WANTED:
+        shares = {
+            f"{model} + {name}": power(random, model, name, n, size, known, few)
+            for model in ("line", "parabola")
+            for name in cells(model)
+        }
+        worst = min(shares, key=shares.__getitem__)
+        row = {"points": n, "lambda": size, "known": known, "draws": few, "shares": shares}
+        result["power"].append(row)
+        print(n, size, known, worst, shares[worst], flush=True)
+        write()
+    for kind in ("unknown", "sigma", "huber", "repeated", "trials", "decay"):
+        sizes = [n for n in LEVELS if n < 2000 or kind == "unknown"]
+        if kind in ("repeated", "trials"):
+            sizes = [32, 200]
+        for n in sizes:
+            share = level(random, kind, n, draws)
+            result["levels"].setdefault(kind, {})[str(n)] = {"share": share, "draws": draws}
+            print(kind, n, share, flush=True)
+            write()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--draws", type=int, default=2000, help="fits a cell; power: a fifth")
+    parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
+    arguments = parser.parse_args()
+    study(arguments.draws, arguments.into)
+
+
+if __name__ == "__main__":
+    main()

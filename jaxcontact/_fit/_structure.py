@@ -1,0 +1,187 @@
+"""Whether residuals follow the order of their points: statistics that noise alone knows too."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+DRAWS = 1999
+"""Of simulated noise; a probability cannot come out below one in `DRAWS + 1`."""
+
+_NUMBERS = 4_000_000
+"""That are held at once while noise is simulated."""
+
+_ORDERS = 2, 4
+"""Numbers of slow waves for which a share of the residuals is asked. With fewer, a wave of one
+period is missed in 12 points; with more, one that is slower than that (see docs/trust.md)."""
+
+_NEW = 0.3
+"""Of a wave what the model and slower waves must leave, for it to count as another."""
+
+_LEAST = 2
+"""Degrees of freedom that a statistic must leave to the noise."""
+
+_ROUNDING = 1e-9
+"""Of a statistic or a sum of squares, relative."""
+
+_REPLICATED = 4
+"""Degrees of freedom between points of one place from which their scatter is told."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Column:
+    """Points that were measured along one variable: their indices in its order, and which of them
+    share a value of it.
+    """
+
+    order: Int[np.ndarray, " m"]
+    level: Int[np.ndarray, " m"]
+
+
+class Statistics:
+    """What grows where residuals (draws, n) follow their order, whatever their size.
+
+    Shares of slow waves, F = (Σ_waves (zᵀq)²/m)/(rest/(ν-m)); the correlation of neighbours,
+    Σ_l w_l Σ_i z_i z_(i+l) / Σ z²; and, where points were repeated, the scatter between places over
+    that within.
+    """
+
+    def __init__(
+        self, columns: Sequence[Column], model: Float[np.ndarray, "n k"], factor: np.ndarray
+    ) -> None:
+        self._columns, n = columns, len(model)
+        self._dof = n - model.shape[1]
+        self._waves = [
+            waves
+            for count in _ORDERS
+            if (waves := _slow_waves(columns, model, count)) is not None
+            and self._dof - waves.shape[1] >= _LEAST
+        ]
+        self._places = _places(columns, factor)
+        self.pure = n - self._places.shape[1]
+        lacking = self._dof - self.pure
+        self.repeated = self.pure >= _REPLICATED and lacking > 0
+
+    def __bool__(self) -> bool:
+        return bool(self._waves)
+
+    def __call__(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, "kinds draws"]:
+        z = z / self._sizes(z)
+        total = np.sum(z**2, axis=1)
+        found = [self._share(z @ waves, total) for waves in self._waves]
+        found.append(sum(_of_neighbours(z[:, c.order]) for c in self._columns) / total)
+        if self.repeated:
+            found.append(self.lack_of_fit(z))
+        return np.stack(found)
+
+    def lack_of_fit(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, " draws"]:
+        """The scatter between places over that within, each per degree of freedom.
+
+        0 where repeated points are the same to rounding, which tells nothing of their noise.
+        """
+        total = np.sum(z**2, axis=1)
+        between = np.sum((z @ self._places) ** 2, axis=1)
+        within = total - between
+        told = within > _ROUNDING * total
+        within = np.where(told, within, 1) / self.pure
+        return np.where(told, between / (self._dof - self.pure) / within, 0)
+
+    def _share(self, parts: Float[np.ndarray, "draws m"], total: np.ndarray) -> np.ndarray:
+        m = parts.shape[1]
+        waves = np.sum(parts**2, axis=1)
+        return (waves / m) / ((total - waves) / (self._dof - m))
+
+    def _sizes(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, "draws n"]:
+        """Root mean squares, of each column by itself: instruments differ in their noise."""
+        sizes = np.ones_like(z)
+        for c in self._columns:
+            size = np.sqrt(np.mean(z[:, c.order] ** 2, axis=1, keepdims=True))
+            sizes[:, c.order] = np.where(size > 0, size, 1)
+        return sizes
+
+
+def _slow_waves(
+    columns: Sequence[Column], model: Float[np.ndarray, "n k"], count: int
+) -> Float[np.ndarray, "n m"] | None:
+    """The slowest waves along each column that the model does not describe, orthonormal.
+
+    None where that many do not exist.
+    """
+    n, k = model.shape
+    found: list[np.ndarray] = []
+    for column in columns:
+        m, new = len(column.order), 0
+        place = (np.arange(m) + 0.5) / m
+        for turns in range(1, min(count + k + 2, m)):
+            wave = np.zeros(n)
+            wave[column.order] = np.cos(np.pi * turns * place) * np.sqrt(2 / m)
+            for known in (model, *(q[:, None] for q in found)):
+                wave -= known @ (known.T @ wave)
+            size = np.linalg.norm(wave)
+            if size > _NEW:
+                found.append(wave / size)
+                new += 1
+            if new == count:
+                break
+        if new < count:
+            return None
+    return np.stack(found, axis=1)
+
+
+def _places(columns: Sequence[Column], factor: np.ndarray) -> Float[np.ndarray, "n places"]:
+    """What is the same for all points of one place, as orthonormal columns."""
+    parts, n = [], len(factor)
+    for column in columns:
+        part = np.zeros((n, column.level.max() + 1))
+        part[column.order, column.level] = factor[column.order]
+        parts.append(part)
+    places = np.concatenate(parts, axis=1)
+    return places / np.linalg.norm(places, axis=0)
+
+
+def _of_neighbours(z: Float[np.ndarray, "draws m"]) -> Float[np.ndarray, " draws"]:
+    """Products of neighbours, next ones with the largest weight, over about half of √m of them."""
+    m = z.shape[1]
+    far = max(1, min(round(m**0.5 / 2), m - 1))
+    return sum(
+        ((1 - (lag - 1) / far) * np.sum(z[:, lag:] * z[:, :-lag], axis=1))
+        for lag in range(1, far + 1)
+    ) + np.zeros(len(z))
+
+
+def chance(
+    statistics: Statistics,
+    z: Float[np.ndarray, " n"],
+    model: Float[np.ndarray, "n k"],
+    noise: Callable[[int], Float[np.ndarray, "draws n"]],
+) -> float:
+    """The probability that noise alone shows as much structure as z: of the smallest of the
+    probabilities of all statistics, by what the fit leaves of `noise(draws)`.
+    """
+    null = np.concatenate([statistics(part) for part in _left(model, noise)], axis=1)
+    ranked = np.sort(null, axis=1)
+    got = _rank(ranked, statistics(z[None, :])).min(axis=0)[0]
+    usual = _rank(ranked, null).min(axis=0)
+    return float(1 + np.sum(usual <= got)) / (DRAWS + 1)
+
+
+def _left(
+    model: Float[np.ndarray, "n k"], noise: Callable[[int], np.ndarray]
+) -> Iterator[np.ndarray]:
+    """What the fit leaves of noise, some draws at a time."""
+    done, at_once = 0, max(1, _NUMBERS // len(model))
+    while done < DRAWS:
+        draws = noise(min(at_once, DRAWS - done))
+        yield draws - (draws @ model) @ model.T
+        done += len(draws)
+
+
+def _rank(ranked: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Of each statistic the share of draws that are as large, but for rounding."""
+    # Drawn signs repeat the residuals themselves, and leave some statistics as they are.
+    least = values - _ROUNDING * np.abs(values)
+    below = [np.searchsorted(row, value) for row, value in zip(ranked, least, strict=True)]
+    return (1 + ranked.shape[1] - np.stack(below)) / (ranked.shape[1] + 1)

@@ -1,0 +1,172 @@
+"""Whether a model describes its data: levels, power, and the probabilities that can be known."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+
+import jaxcontact as jc
+
+DRAWS = 200
+ALARMS = (3, 19)
+"""Of 200 at a level of 5 %: fewer or more come in .6 % of all cases on either side. The studies of
+2000 draws are in benchmarks/fit_adequacy.py."""
+SEEN = 0.9
+"""A reduced form of the 95 % that benchmarks/fit_adequacy.py counts: 200 draws leave 1.5 %."""
+X = np.linspace(-1, 1, 25)
+START = {"a": 0.0, "b": 0.0}
+SIGMA = 0.1
+
+
+def line(p, x):
+    return p["a"] + p["b"] * x
+
+
+def both(p, x):
+    return {"first": p["a"] + p["b"] * x, "second": p["a"] - p["b"] * x}
+
+
+def decay(p, x):
+    return p["a"] * jnp.exp(-p["b"] * x)
+
+
+def drawn(n, seed):
+    return SIGMA * np.random.default_rng(seed).normal(size=(DRAWS, n))
+
+
+@pytest.mark.parametrize("n", [8, 25, 200])
+@pytest.mark.parametrize("how", [{}, {"sigma": SIGMA}, {"loss": jc.Huber()}], ids=str)
+def test_a_right_model_is_called_wrong_in_five_per_cent(n, how):
+    x = np.linspace(-1, 1, n)
+    fits = (jc.fit(line, 1 + 2 * x + noise, START, x=x, **how) for noise in drawn(n, n))
+    assert ALARMS[0] <= sum(fit.adequate is False for fit in fits) <= ALARMS[1]
+
+
+def test_points_of_a_trial_may_be_correlated():
+    trial = np.repeat(np.arange(10), 4)
+    x = np.sort(np.random.default_rng(1).uniform(-1, 1, 40))
+    random, alarms, blind = np.random.default_rng(0), 0, 0
+    for noise in drawn(40, 7):
+        y = x + noise + 3 * SIGMA * random.normal(size=10)[trial]
+        alarms += jc.fit(line, y, START, x=x, groups=trial).adequate is False
+        blind += jc.fit(line, y, START, x=x).adequate is False
+    assert ALARMS[0] <= alarms <= ALARMS[1] < blind
+
+
+def misfit(x, size):
+    """What a line leaves of a parabola, with λ = `size`."""
+    left = x**2 - np.mean(x**2)
+    return SIGMA * np.sqrt(size) * left / np.linalg.norm(left)
+
+
+@pytest.mark.parametrize(
+    ("n", "size", "how"),
+    [(12, 60, {}), (100, 60, {}), (400, 120, {}), (25, 35, {"sigma": SIGMA})],
+    ids=str,
+)
+def test_a_wrong_model_is_seen(n, size, how):
+    x = np.linspace(-1, 1, n)
+    y = 1 + 2 * x + misfit(x, size)
+    # The order of the points is that of x, not the one in which they were given.
+    order = np.random.default_rng(1).permutation(n)
+    fits = (jc.fit(line, (y + z)[order], START, x=x[order], **how) for z in drawn(n, n))
+    assert np.mean([fit.adequate is False for fit in fits]) > SEEN
+
+
+def test_chi_squared_is_scipys():
+    y = 1 + 2 * X + drawn(25, 3)[0]
+    for sigma in (SIGMA, 0.7 * SIGMA, SIGMA / 30):
+        told = jc.fit(line, y, START, x=X, sigma=sigma).adequacy
+        best = np.polynomial.Polynomial.fit(X, y, 1)
+        square = np.sum(((best(X) - y) / sigma) ** 2)
+        assert told.chi2_per_dof == pytest.approx(square / 23, rel=1e-8)
+        assert told.chi2_p == pytest.approx(stats.chi2.sf(square, 23), rel=1e-6)
+        ends = [told.chi2_p, told.structure_p]
+        if told.chi2_p > 0:
+            assert told.p == pytest.approx(stats.combine_pvalues(ends).pvalue, rel=1e-8)
+    assert told.p == 0 and told.adequate is False
+
+
+def test_repeated_points_tell_the_noise():
+    x = np.repeat(np.linspace(-1, 1, 6), 4)
+    y = 1 + 2 * x + drawn(24, 5)[0]
+    told = jc.fit(line, y, START, x=x).adequacy
+    level = np.repeat(y.reshape(6, 4).mean(axis=1), 4)
+    best = np.polynomial.Polynomial.fit(x, y, 1)(x)
+    ratio = (np.sum((level - best) ** 2) / 4) / (np.sum((y - level) ** 2) / 18)
+    assert told.chi2_per_dof == pytest.approx(ratio, rel=1e-8)
+    assert told.chi2_p == pytest.approx(stats.f.sf(ratio, 4, 18), rel=1e-8)
+    # The same to the last bit tells nothing.
+    same = jc.fit(line, np.repeat(np.linspace(-1, 1, 6) ** 2, 4), START, x=x).adequacy
+    assert same.chi2_per_dof is None and same.adequate is False
+
+
+def test_the_verdict_has_no_unit():
+    y = 1 + 2 * X + misfit(X, 20) + drawn(25, 9)[0]
+    plain = jc.fit(line, y, START, x=X)
+    scaled = jc.fit(line, 1e9 * y, START, x=1e-9 * X)
+    assert scaled.adequacy.structure_p == plain.adequacy.structure_p
+    reverse = jc.fit(line, y[::-1], START, x=-X[::-1])
+    assert reverse.adequate == plain.adequate
+
+
+def test_points_without_weight_do_not_count():
+    y = 1 + 2 * X + drawn(25, 9)[0]
+    y[::5] += 100
+    weights = np.ones(25)
+    weights[::5] = 0
+    some = jc.fit(line, y, START, x=X, weights=weights)
+    few = jc.fit(line, y[weights > 0], START, x=X[weights > 0])
+    assert some.adequacy.structure_p == pytest.approx(few.adequacy.structure_p)
+
+
+def test_each_column_has_an_order_and_a_noise_of_its_own():
+    alarms, seen = 0, 0
+    for first, second in zip(drawn(25, 11), drawn(25, 12), strict=True):
+        # The noise of the second moves the fit, which the first column shows.
+        y = {"first": 1 + 2 * X + first, "second": 1 - 2 * X + 50 * second}
+        alarms += jc.fit(both, y, START, x=X).adequate is False
+        y = {"first": 1 + 2 * X + first + misfit(X, 60), "second": 1 - 2 * X + second}
+        seen += jc.fit(both, y, START, x=X).adequate is False
+    assert alarms <= ALARMS[1]
+    assert seen > SEEN * DRAWS
+
+
+def test_what_cannot_be_told_is_said():
+    two = jc.fit(line, np.array([1.0, 2.0]), START, x=np.arange(2.0))
+    assert two.adequate is None and "no degree of freedom" in two.adequacy.reason
+    few = jc.fit(line, np.array([1.0, 2.0, 3.1]), START, x=np.arange(3.0))
+    assert few.adequate is None and "cannot be told: one degree of freedom" in repr(few)
+    trials = [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
+    y = np.arange(10.0) + drawn(10, 1)[0]
+    some = jc.fit(line, y, START, x=np.arange(10.0), groups=trials)
+    assert some.adequate is None and "too few groups" in str(some)
+    stopped = jc.fit(decay, 1 + X, {"a": 1.0, "b": 9.0}, x=X, max_steps=1)
+    assert stopped.adequate is None and not stopped.converged
+
+
+def test_data_without_noise_are_met():
+    exact = jc.fit(decay, 3 * np.exp(-X), {"a": 1.0, "b": 0.5}, x=X)
+    assert exact.adequate and "meets them" in str(exact.adequacy)
+
+
+def test_a_warning_comes_first():
+    y = 1 + 2 * X + 5 * X**2 + drawn(25, 2)[0]
+    text = str(jc.fit(line, y, START, x=X, sigma=1e-3)).splitlines()
+    assert text[0].startswith("The model does not describe the data: χ²/dof = ")
+    assert "p < 1e-300; residuals follow x, p < 1e-03" in text[0]
+    assert text[-1].endswith(", were the model right")
+    good = str(jc.fit(line, 1 + 2 * X + drawn(25, 3)[0], START, x=X, sigma=SIGMA)).splitlines()
+    assert good[0].startswith("Fit: converged") and "describes the data: χ²/dof" in good[2]
+
+
+def test_the_best_of_wrong_fits_is_called_so():
+    y = np.sin(3 * X) + 0.01 * drawn(25, 4)[0]
+    fits = {
+        "line": jc.fit(line, y, START, x=X),
+        "decay": jc.fit(decay, y, {"a": 1.0, "b": 0.5}, x=X),
+    }
+    found = jc.compare_fits(fits)
+    assert found.verdict.startswith("The best is line. But it does not describe the data (p < ")
+    assert "none of these does" in found.verdict
+    assert str(found).count("*") == 3
