@@ -6,13 +6,15 @@ a line or a parabola,
     λ = Σ (misfit left after the best fit / σ)²,
 
 and the share of fits that are called inadequate is counted. Every draw is a call of `jc.fit`, as a
-user makes it. Writes benchmarks/fit_adequacy.json, which docs/trust.md shows. `--draws` sets the
-number of draws, `--into` another folder.
+user makes it. Writes benchmarks/fit_adequacy.json; `--page` writes docs/trust.md from it.
+`--draws` sets the number of draws, `--into` another folder.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import json
 import math
 import platform
@@ -27,6 +29,7 @@ import jaxcontact as jc
 
 HERE = Path(__file__).parent
 RESULT = HERE / "fit_adequacy.json"
+PAGE = HERE.parent / "docs" / "trust.md"
 SEED = 1
 SIGMA = 0.1
 LEVELS = {8: 2000, 25: 2000, 200: 2000, 2000: 2000}
@@ -169,12 +172,81 @@ def study(draws: int, into: Path) -> None:
             write()
 
 
-def main() -> None:
+def page(result: dict[str, Any]) -> str:
+    """docs/trust.md: words from fit_adequacy.md, and the tables of a result."""
+    kinds = {
+        "unknown": "σ unknown",
+        "sigma": "σ known",
+        "huber": "Huber's loss",
+        "repeated": "four points at each x",
+        "trials": "trials of four points, correlated",
+        "decay": "a decay instead of a line",
+    }
+    sizes = sorted({int(n) for row in result["levels"].values() for n in row})
+    levels = table(
+        ["false alarms in %", *(f"n = {n}" for n in sizes)],
+        [
+            [name, *(percent(result["levels"][kind].get(str(n), {}).get("share")) for n in sizes)]
+            for kind, name in kinds.items()
+        ],
+    )
+    rows = []
+    for one in result["power"]:
+        shares = one["shares"]
+        worst = min(shares, key=shares.__getitem__)
+        low = [f"{name} {percent(share)}" for name, share in shares.items() if share < 0.95]
+        noise = "known" if one["known"] else "unknown"
+        mean = percent(sum(shares.values()) / len(shares))
+        least = f"{percent(shares[worst])} ({worst})"
+        rows.append([str(one["points"]), str(one["lambda"]), noise, mean, least, ", ".join(low)])
+    power = table(["points", "λ", "σ", "mean, %", "least, %", "below 95 %"], rows)
+    curves = table(
+        ["seen in %, λ =", *map(str, CURVE)],
+        [[name, *map(percent, shares)] for name, shares in result["curves"].items()],
+    )
+    draws = {row["draws"] for kind in result["levels"].values() for row in kind.values()}
+    words = (HERE / "fit_adequacy.md").read_text()
+    numbers = {
+        "LEVELS": levels,
+        "POWER": power,
+        "CURVES": curves,
+        "DRAWS": f"{max(draws):,}",
+        "FEW": f"{result['power'][0]['draws']:,}",
+        "SEED": str(result["seed"]),
+        "EXAMPLE": printed(words.split("```python\n")[1].split("```")[0]),
+    }
+    for name, text in numbers.items():
+        words = words.replace("{" + name + "}", text)
+    return words
+
+
+def printed(code: str) -> str:
+    """What a piece of code prints."""
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        exec(code, {})
+    return out.getvalue().rstrip()
+
+
+def percent(share: float | None) -> str:
+    return "" if share is None else f"{100 * share:.1f}"
+
+
+def table(header: list[str], rows: list[list[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def main(given: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=2000, help="fits a cell; power: a fifth")
     parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
-    arguments = parser.parse_args()
-    study(arguments.draws, arguments.into)
+    parser.add_argument("--page", action="store_true", help="only the page, from the result")
+    arguments = parser.parse_args(given)
+    if arguments.page:
+        result = json.loads((arguments.into / RESULT.name).read_text())
+        (PAGE if arguments.into == HERE else arguments.into / PAGE.name).write_text(page(result))
+    else:
+        study(arguments.draws, arguments.into)
 
 
 if __name__ == "__main__":

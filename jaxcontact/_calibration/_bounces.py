@@ -25,7 +25,7 @@ from .._flight import (
 from .._impact import AbstractMethod, method_of, restitution
 from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, require_choice
-from ._checks import column
+from ._checks import column, with_transforms
 from ._impacts import transforms_of
 
 # The speed of landing from the first reading, and the second reading from the speed of launch.
@@ -117,4 +117,4 @@ def fit_bounces(
             transforms["drag_coefficient"] = Positive()
         model = NextFlight(jnp.asarray(flight.gravity), slowing, kind, method)
     transforms |= transforms_of(start, fixed)
-    return fit(model, np.log(after), start, x=before, transforms=transforms, **how)
+    return fit(model, np.log(after), start, x=before, **with_transforms(transforms, how))

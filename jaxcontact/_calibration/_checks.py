@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from .._parameter import RESTITUTION, Range, as_numbers, rendered
+from .._measurements import in_percent
+from .._parameter import MEASURED_RESTITUTION, RESTITUTION, Range, as_numbers, rendered
 
 Column = Float[np.ndarray, " n"]
 
@@ -45,8 +46,15 @@ def column(
         i = int(np.argmax(bad))
         raise ValueError(
             f"Argument `{name}` must be in {allowed}, but is {array[i]:g} at point {i}."
+            f"{_guess(array, allowed)}"
         )
     return array
+
+
+def _guess(array: Column, allowed: Range) -> str:
+    """What a column of restitutions may be instead; nothing where that is not clear."""
+    percent = allowed.high == MEASURED_RESTITUTION.high and in_percent(array[array == array])
+    return " Is it in percent? Then divide by 100." if percent else ""
 
 
 def asked_and_delivered(e_in: ArrayLike, e_out: ArrayLike | None) -> tuple[Column, Column]:
@@ -97,6 +105,26 @@ def measured(
         return {"data": data, "sigma": _filled(data, sigmas, np.inf)}
     weights = {name: weight(values) for name, values in data.items()}
     return {"data": data, "weights": _filled(data, weights, 0.0)}
+
+
+def with_transforms(own: Mapping[str, Any], how: dict[str, Any]) -> dict[str, Any]:
+    """The arguments of `fit` with the transforms that a ready-made problem brings itself.
+
+    Raises ValueError for a user's `transforms` that are no dict by name, or name one of its own.
+    """
+    given = how.get("transforms")
+    if given is not None and not isinstance(given, dict):
+        raise ValueError(
+            "Argument `transforms` must be a dict of transforms by name beside those of this "
+            f"problem, but is {rendered(given)}."
+        )
+    twice = [name for name in given or {} if name in own]
+    if twice:
+        raise ValueError(
+            "Argument `transforms` must not name what this problem transforms or fixes itself, "
+            f"{', '.join(own)}, but names {', '.join(twice)}."
+        )
+    return how | {"transforms": {**own, **(given or {})}}
 
 
 def _filled(

@@ -18,7 +18,14 @@ from .._laws import AbstractLaw
 from .._measurements import Pairs, make_pairs, read_recording
 from .._measurements._noise import Noise, estimate_noise
 from .._measurements._outliers import Outliers, find_outliers
-from .._parameter import POSITIVE, RESTITUTION, as_weights, require_choice, require_flag
+from .._parameter import (
+    MEASURED_RESTITUTION,
+    POSITIVE,
+    as_weights,
+    rendered,
+    require_choice,
+    require_flag,
+)
 from ._asked import Asked, asked_of
 from ._checks import column, for_each
 from ._estimate import Estimate
@@ -188,15 +195,15 @@ def choose_law(
     Σ ((ln e_k - ln e(v_k))/σ_k)². It is the calibration that `jaxcontact calibrate` and `calibrate`
     make of the same table.
 
-    Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1], both (points,); the
-    `contact`, whose mass and stiffness are taken as known (e(v) determines only c/K and
-    A (K/m)^(2/5)); `law`, "all" or the name of one law, as in `calibrate`; `sigma`, standard
-    deviations of e, or `weights`, relative ones; `groups` (points,), the trial of each point, by
-    default one for each: with at least 8, standard errors and the comparison allow for correlation
-    inside a trial; `mark_outliers`, whether points more than 6 robust standard deviations off the
-    trend are left out; what else `fit` takes (`optimizer`, `starts`, ...), for all of them. The
-    held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits, groups=...)`
-    leaves out other groups.
+    Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may bring a
+    measured one above 1), both (points,); the `contact`, whose mass and stiffness are taken as
+    known (e(v) determines only c/K and A (K/m)^(2/5)); `law`, "all" or the name of one law, as in
+    `calibrate`; `sigma`, standard deviations of e, or `weights`, relative ones; `groups` (points,),
+    the trial of each point, by default one for each: with at least 8, standard errors and the
+    comparison allow for correlation inside a trial; `mark_outliers`, whether points more than 6
+    robust standard deviations off the trend are left out; what else `fit` takes (`optimizer`,
+    `starts`, ...), for all of them. The held-out error leaves out four bands of speed in turn;
+    `compare_fits(choice.fits, groups=...)` leaves out other groups.
 
     Returns a `LawChoice`, which prints as a table with a verdict, and which `jc.plot.choice` draws.
     Raises ValueError for columns that do not match or leave their range, fewer than 4 points, and
@@ -205,8 +212,13 @@ def choose_law(
     require_contact(contact)
     kinds = kinds_of(law, contact.exponent)
     mark_outliers = require_flag("mark_outliers", mark_outliers)
+    if how.get("transforms") is not None:
+        raise ValueError(
+            "Argument `transforms` must be None: each law has its own, but it is "
+            f"{rendered(how['transforms'])}."
+        )
     v = column(velocity, "velocity", POSITIVE)
-    measured = column(e, "e", RESTITUTION, ("velocity", v))
+    measured = column(e, "e", MEASURED_RESTITUTION, ("velocity", v))
     pairs = make_pairs(read_recording(velocity=v, restitution=measured), Flight())
     pairs.needs_enough()
     word = "row"

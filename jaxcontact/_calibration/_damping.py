@@ -13,8 +13,8 @@ from .._contact import Contact, require_contact
 from .._fit import Fit, Positive, fit
 from .._impact import AbstractMethod, method_of, restitution
 from .._laws import ConstantDamping, PowerDamping
-from .._parameter import POSITIVE, RESTITUTION, require_choice
-from ._checks import column
+from .._parameter import MEASURED_RESTITUTION, POSITIVE, require_choice
+from ._checks import column, with_transforms
 
 
 class DeliveredByDamping(eqx.Module):
@@ -45,11 +45,11 @@ def fit_damping(
 ) -> Fit:
     """The hysteresis damping factor c for which a contact delivers e(v0): F = K δⁿ + c δⁿ δ'.
 
-    Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1], both (points,); the
-    contact; `form` "constant", one c in N s/m^(n+1), or "power", c(v0) = c (v0/v_r)^power with v_r
-    the geometric mean of the speeds; `method` of the impacts, as in `impact`; what else `fit`
-    takes (`sigma`, `loss`, ...). With a constant c, e falls with speed, since α = c v0/K. A
-    power of -1 is a constant α, and so a constant e.
+    Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may bring a
+    measured one above 1), both (points,); the contact; `form` "constant", one c in N s/m^(n+1), or
+    "power", c(v0) = c (v0/v_r)^power with v_r the geometric mean of the speeds; `method` of the
+    impacts, as in `impact`; what else `fit` takes (`sigma`, `loss`, ...). With a constant c, e
+    falls with speed, since α = c v0/K. A power of -1 is a constant α, and so a constant e.
 
     Returns a `Fit` whose params are a dict with "c" (and "power"), and whose `predict(v)` is e(v).
     Raises ValueError for columns that do not match or leave their range.
@@ -58,7 +58,7 @@ def fit_damping(
     require_choice("form", form, ("constant", "power"))
     require_contact(contact)
     v = column(velocity, "velocity", POSITIVE)
-    measured = column(e, "e", RESTITUTION, ("velocity", v))
+    measured = column(e, "e", MEASURED_RESTITUTION, ("velocity", v))
     # Near the middle of the data Hu and Guo's relation gives an α that is close enough.
     middle, typical = float(np.exp(np.mean(np.log(v)))), min(float(np.median(measured)), 0.999)
     alpha = 1.5 * (1 - typical) / typical
@@ -66,4 +66,4 @@ def fit_damping(
     if form == "power":
         start["power"] = 0.0
     model = DeliveredByDamping(contact, jnp.asarray(middle), method)
-    return fit(model, measured, start, x=v, transforms={"c": Positive()}, **how)
+    return fit(model, measured, start, x=v, **with_transforms({"c": Positive()}, how))

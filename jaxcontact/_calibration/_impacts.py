@@ -14,8 +14,8 @@ from .._contact import EXPONENT, Contact, require_contact
 from .._fit import AbstractTransform, Between, Fit, Fixed, fit
 from .._impact import AbstractMethod, impact, method_of
 from .._laws import AbstractLaw, require_law
-from .._parameter import POSITIVE, RESTITUTION_FROM_ZERO, rendered
-from ._checks import column, measured
+from .._parameter import MEASURED_RESTITUTION_FROM_ZERO, POSITIVE, rendered
+from ._checks import column, measured, with_transforms
 
 
 class ImpactModel(eqx.Module):
@@ -54,7 +54,7 @@ def fit_impacts(
 
     Arguments: the `law` and the `contact` to start from, all of whose numbers are fitted but the
     `fixed` ones ("mass" by default: times determine only K/m; n is fitted if the contact's exponent
-    is an array); `velocity` in m/s; `e` in [0, 1] and `duration` in s, at least one of them, NaN
+    is an array); `velocity` in m/s; `e` in [0, 1.2] and `duration` in s, at least one of them, NaN
     where a speed was not measured, all (points,). `sigma_e`, and `sigma_duration` relative to the
     duration (one number, or one for each point), are standard deviations; give both or none, if
     both columns are there. `method` as in `impact`; what else `fit` takes.
@@ -66,15 +66,16 @@ def fit_impacts(
     require_contact(contact)
     v = column(velocity, "velocity", POSITIVE)
     columns = {
-        "e": (e, sigma_e, RESTITUTION_FROM_ZERO),
+        "e": (e, sigma_e, MEASURED_RESTITUTION_FROM_ZERO),
         "duration": (duration, sigma_duration, POSITIVE),
     }
     table = measured(columns, ("velocity", v), gaps=True)
     if duration is not None:
         table["data"]["duration"] = np.log(table["data"]["duration"])
     start = ImpactModel(law, contact)
-    model, transforms = Outcome(method, tuple(table["data"])), transforms_of(start, fixed)
-    return fit(model, start=start, x=v, transforms=transforms, **table, **how)
+    how = with_transforms(transforms_of(start, fixed), how)
+    model = Outcome(method, tuple(table["data"]))
+    return fit(model, start=start, x=v, **table, **how)
 
 
 def _holds(owner: Any, name: Any) -> bool:

@@ -15,7 +15,7 @@ from .._fit import Fit, fit
 from .._impact import trajectory
 from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, REAL, parameter, require_number
-from ._checks import column, measured
+from ._checks import column, measured, with_transforms
 from ._impacts import transforms_of
 from ._record_start import near, touch_in, without_a_contact_elsewhere
 
@@ -123,7 +123,7 @@ def fit_record(
     numbers: Any = velocity, start_time
     offsets = (jnp.zeros(()) if name in table["data"] else None for name in columns)
     start = RecordModel(law, contact, *numbers, *offsets)
-    transforms = transforms_of(start, fixed)
+    how = with_transforms(transforms_of(start, fixed), how)
     start = near(start, moments, reading, fixed)
-    found = fit(Recorded(), start=start, x=moments, transforms=transforms, **table, **how)
+    found = fit(Recorded(), start=start, x=moments, **table, **how)
     return without_a_contact_elsewhere(found, table["data"])

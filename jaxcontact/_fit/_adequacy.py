@@ -185,7 +185,8 @@ def _noise(
     z: np.ndarray, columns: list[Column], absolute: bool
 ) -> Callable[[int], Float[np.ndarray, "draws n"]]:
     """Normal noise; where its size is not known, in each column what neighbours differ by: the
-    fit carries the noise of a column to others, where it is smooth."""
+    fit carries the noise of a column to others, where it is smooth.
+    """
     random, size = np.random.default_rng(0), np.ones_like(z)
     if not absolute and len(columns) > 1:
         for column in columns:

@@ -11,6 +11,7 @@ from ._recording import Recording as Recording
 from ._recording import read_recording as read_recording
 from ._sheet import RecordingError as RecordingError
 from ._single import Heights, Table
+from ._single import in_percent as in_percent
 
 for _layout_class in (Intervals, Heights, Table):
     register_layout(_layout_class())

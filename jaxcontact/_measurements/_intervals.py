@@ -9,13 +9,16 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .._flight import Flight, landing_speed, launch_speed
+from .._flight import STANDARD_GRAVITY, Flight, landing_speed, launch_speed
 from ._layout import Layout, Paired, ReadingError, Record, span
 from ._sheet import Row
 
 _TOLERANCE = 0.06
 _LATE_TOLERANCE = 0.25  # of the deviation that a late trigger would explain
 _MOST_MERGED = 5
+
+_LONG = 20.0
+"""Of an interval in s: a ball that is so long in the air came from half a kilometre."""
 
 Group = tuple[str, float | None, str]
 
@@ -72,6 +75,13 @@ class Intervals(Layout[Interval]):
             first = seen.setdefault((group, bounce), number)
             if first != number:
                 row.refuse("bounce", f"bounce {bounce} of this trial is in row {first} already")
+        seconds = [record.seconds for record in records]
+        if seconds and (typical := float(np.median(seconds))) > _LONG:
+            rows[0].refuse(
+                "interval_s",
+                f"half of the intervals are longer than {typical:g} s, in which a ball rises "
+                f"{STANDARD_GRAVITY * typical**2 / 8:.0f} m; are they in ms? then divide by 1000",
+            )
         return records
 
     def facts(self, records: Sequence[Interval]) -> Mapping[str, str]:

@@ -7,9 +7,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .._flight import Flight, speed_after_drop, speed_to_reach
+from .._flight import Flight, Floats, speed_after_drop, speed_to_reach
+from .._parameter import MEASURED_RESTITUTION
 from ._layout import Layout, Paired, ReadingError, Record, span
 from ._sheet import Row
+
+
+def in_percent(e: Floats) -> bool:
+    """Whether restitutions look as if they were written in percent."""
+    return bool(e.size) and float(np.median(e)) > 2 and float(e.max()) <= 120
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,7 +96,13 @@ class Table(Layout[Point]):
     errors_words = "by row (sandwich), which allows for scatter that differs from row to row"
 
     def read(self, rows: Sequence[Row]) -> list[Point]:
-        return [Point(*row.place, *map(row.positive, self.columns)) for row in rows]
+        points = [Point(*row.place, *map(row.positive, self.columns)) for row in rows]
+        e = np.array([point.restitution for point in points])
+        if (high := e > MEASURED_RESTITUTION.high).any():
+            i = int(np.argmax(high))
+            guess = "; is it in percent? then divide by 100" if in_percent(e) else ""
+            rows[i].refuse("restitution", f"{e[i]:g} cannot be, above 1.2{guess}")
+        return points
 
     def facts(self, records: Sequence[Point]) -> Mapping[str, str]:
         return {

@@ -89,7 +89,7 @@ def test_the_rule_has_no_edge_at_one():
     _, moved = outliers_of(
         "velocity,restitution\n"
         + "".join(
-            f"{v:.9g},{1.5 * e:.9g}\n"
+            f"{v:.9g},{1.15 * e:.9g}\n"
             for v, e in zip(pairs.velocity, pairs.restitution, strict=True)
         )
     )

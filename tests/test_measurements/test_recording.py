@@ -217,7 +217,7 @@ BAD_COLUMNS = [
         "rebound_height_m: is missing; the layout 'heights' needs the columns drop_height",
     ),
     (
-        {"velocity": ROW, "restitution": ROW, "ball": ["a", "b"]},
+        {"velocity": ROW, "restitution": [0.5, 0.6], "ball": ["a", "b"]},
         "ball: holds several balls (a, b); give the columns as a dict and choose one with `ball=`",
     ),
 ]
@@ -232,7 +232,7 @@ def test_bad_columns_are_named(columns, message):
 
 
 def test_a_frame_may_have_other_columns():
-    frame = pd.DataFrame({"velocity": ROW, "restitution": ROW, 3: [object(), [1]]})
+    frame = pd.DataFrame({"velocity": ROW, "restitution": [0.5, 0.6], 3: [object(), [1]]})
     assert len(jc.read_recording(frame)) == 2
     twice = pd.concat([frame, frame], axis=1)
     assert "the data frame, column velocity: is there twice" in str(fault(jc.read_recording, twice))
