@@ -52,9 +52,6 @@ NOT_NEGATIVE = Range(low=0.0, inside=0.0)
 REAL = Range(inside=0.0)
 RESTITUTION = Range(low=0.0, high=1.0, low_open=True, inside=0.5)
 RESTITUTION_FROM_ZERO = Range(low=0.0, high=1.0, inside=0.5)
-MEASURED_RESTITUTION = Range(low=0.0, high=1.2, low_open=True, inside=0.5)
-"""Of a measured e, which noise may bring above 1."""
-MEASURED_RESTITUTION_FROM_ZERO = Range(low=0.0, high=1.2, inside=0.5)
 FRACTION = Range(low=0.0, high=1.0, low_open=True, high_open=True, inside=0.5)
 
 

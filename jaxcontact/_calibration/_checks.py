@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from .._measurements import in_percent
-from .._parameter import MEASURED_RESTITUTION, RESTITUTION, Range, as_numbers, rendered
+from .._measurements import MEASURED_RESTITUTION, in_percent
+from .._parameter import RESTITUTION, Range, as_numbers, rendered
 
 Column = Float[np.ndarray, " n"]
 

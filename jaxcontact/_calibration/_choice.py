@@ -15,11 +15,10 @@ from .._contact import Contact, require_contact
 from .._fit import Candidate, Fit, FitData, compared, criteria, fit, groups_of, table
 from .._flight import Flight, Floats
 from .._laws import AbstractLaw
-from .._measurements import Pairs, make_pairs, read_recording
+from .._measurements import MEASURED_RESTITUTION, Pairs, make_pairs, read_recording
 from .._measurements._noise import Noise, estimate_noise
 from .._measurements._outliers import Outliers, find_outliers
 from .._parameter import (
-    MEASURED_RESTITUTION,
     POSITIVE,
     as_weights,
     rendered,

@@ -13,7 +13,8 @@ from .._contact import Contact, require_contact
 from .._fit import Fit, Positive, fit
 from .._impact import AbstractMethod, method_of, restitution
 from .._laws import ConstantDamping, PowerDamping
-from .._parameter import MEASURED_RESTITUTION, POSITIVE, require_choice
+from .._measurements import MEASURED_RESTITUTION
+from .._parameter import POSITIVE, require_choice
 from ._checks import column, with_transforms
 
 

@@ -14,7 +14,8 @@ from .._contact import EXPONENT, Contact, require_contact
 from .._fit import AbstractTransform, Between, Fit, Fixed, fit
 from .._impact import AbstractMethod, impact, method_of
 from .._laws import AbstractLaw, require_law
-from .._parameter import MEASURED_RESTITUTION_FROM_ZERO, POSITIVE, rendered
+from .._measurements import MEASURED_RESTITUTION_FROM_ZERO
+from .._parameter import POSITIVE, rendered
 from ._checks import column, measured, with_transforms
 
 

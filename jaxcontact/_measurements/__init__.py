@@ -9,9 +9,11 @@ from ._pairs import Pairs as Pairs
 from ._pairs import make_pairs as make_pairs
 from ._recording import Recording as Recording
 from ._recording import read_recording as read_recording
+from ._restitution import MEASURED_RESTITUTION as MEASURED_RESTITUTION
+from ._restitution import MEASURED_RESTITUTION_FROM_ZERO as MEASURED_RESTITUTION_FROM_ZERO
+from ._restitution import in_percent as in_percent
 from ._sheet import RecordingError as RecordingError
 from ._single import Heights, Table
-from ._single import in_percent as in_percent
 
 for _layout_class in (Intervals, Heights, Table):
     register_layout(_layout_class())

@@ -7,15 +7,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from .._flight import Flight, Floats, speed_after_drop, speed_to_reach
-from .._parameter import MEASURED_RESTITUTION
+from .._flight import Flight, speed_after_drop, speed_to_reach
 from ._layout import Layout, Paired, ReadingError, Record, span
+from ._restitution import MEASURED_RESTITUTION, in_percent
 from ._sheet import Row
-
-
-def in_percent(e: Floats) -> bool:
-    """Whether restitutions look as if they were written in percent."""
-    return bool(e.size) and float(np.median(e)) > 2 and float(e.max()) <= 120
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from .._parameter import require_kind
+import numpy as np
+
+from .._parameter import rendered, require_kind
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,3 +21,20 @@ def axes_of(given: Axes | None, *, figsize: tuple[float, float] | None = None) -
     from matplotlib import axes
 
     return require_kind("ax", given, axes.Axes, "axes of matplotlib or None")
+
+
+def axes_for(given: Any, count: int) -> list[Axes]:
+    """Axes for each of some columns: those given, or new ones side by side."""
+    if count == 1:
+        return [axes_of(given)]
+    if given is None:
+        from matplotlib import pyplot
+
+        return list(pyplot.subplots(ncols=count, figsize=(5 * count, 4), layout="constrained")[1])
+    chosen = list(np.ravel(np.asarray(given, object)))
+    if len(chosen) != count:
+        raise ValueError(
+            f"Argument `ax` must be {count} axes of matplotlib, one for each column of the data, "
+            f"or None, but is {rendered(given)}."
+        )
+    return [axes_of(one) for one in chosen]

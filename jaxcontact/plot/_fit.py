@@ -2,39 +2,42 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
 from .._fit import Fit, FitData
 from .._parameter import as_numbers, rendered, require_kind
-from ._axes import axes_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from ._axes import axes_for
 
 _FINE = 200
 
 
-def fit(result: Fit, *, x: ArrayLike | None = None, ax: Axes | None = None, **line: Any) -> Axes:
-    """Draw the data of a fit, its prediction, and the band of two standard errors around it.
+def fit(result: Fit, *, x: ArrayLike | None = None, ax: Any = None, **line: Any) -> Any:
+    """Draw the data of a fit, its prediction, and two bands around it of two standard errors.
 
-    Arguments: the fit, of one list of numbers over a one-dimensional `x`; the `x` (m,) where the
-    prediction is drawn, by default 200 between the ends of the data's, evenly spaced, or by a
-    factor where the data's span decades; the axes to draw on, new ones if None; `line`, for the
-    line of the prediction. The band is Laplace's, of what the data determine; it is left out where
-    there are no standard errors. Returns the axes. Raises ValueError for a fit without such an `x`,
-    and for what is no fit, no such numbers and no axes.
+    The inner band is that of the prediction, Laplace's, of what the data determine; the outer one
+    is for a point like those of the data, with their scatter. Both are left out where there are no
+    standard errors.
+
+    Arguments: the fit, of numbers over a one-dimensional `x`, one column or several ("force" and
+    "indentation", say), each of which has axes of its own; the `x` (m,) where the prediction is
+    drawn, by default 200 between the ends of the data's, evenly spaced, or by a factor where the
+    data's span decades; the axes to draw on, as many as there are columns, new ones if None;
+    `line`, for the line of the prediction. Returns the axes, an array of them for several columns.
+    Raises ValueError for a fit without such an `x`, and for what is no fit, no such numbers and no
+    axes.
     """
     require_kind("result", result, FitData, "a `Fit`")
     given = result.problem.x
-    if given is None or np.ndim(given) != 1 or np.shape(given) != result.data.shape:
+    size, shapes = np.size(given), result.problem.shapes
+    if given is None or np.ndim(given) != 1 or any(shape != (size,) for shape in shapes):
         raise ValueError(
             "Argument `result` must be a fit over a one-dimensional `x`, one number for each point "
             "of the data, but is none."
         )
-    ax = axes_of(ax)
     place = np.asarray(given)
     wide = bool(np.all(place > 0)) and place.max() > 100 * place.min()
     if x is None:
@@ -44,14 +47,36 @@ def fit(result: Fit, *, x: ArrayLike | None = None, ax: Axes | None = None, **li
         raise ValueError(
             f"Argument `x` must have the shape (m,), but has {x.shape}: it is {rendered(x)}."
         )
-    curve, error = result.predict_with_error(x)
-    ax.plot(place, result.data, ".", color="0.4", label="data", zorder=2)
+    all_axes = axes_for(ax, len(shapes))
+    columns = (part.reshape(len(shapes), -1) for part in result.predict_with_error(x))
+    data, scatter = (part.reshape(len(shapes), -1) for part in (result.data, _scatter(result)))
+    names = _names(result, x)
     style = {"label": "fit" if result.converged else "not converged", "zorder": 3} | line
-    (drawn,) = ax.plot(x, curve, **style)
-    if np.isfinite(error).all() and error.any():
-        ax.fill_between(
-            x, curve - 2 * error, curve + 2 * error, color=drawn.get_color(), alpha=0.2, lw=0
-        )
-    if wide:
-        ax.set_xscale("log")
-    return ax
+    for axes, name, y, own, curve, error in zip(
+        all_axes, names, data, scatter, *columns, strict=True
+    ):
+        axes.plot(place, y, ".", color="0.4", label="data", zorder=2)
+        (drawn,) = axes.plot(x, curve, **style)
+        if np.isfinite(error).all() and error.any():
+            for wider, alpha in ((0, 0.2), (np.nanmedian(own), 0.1)):
+                half = 2 * np.hypot(error, wider)
+                shade = {"color": drawn.get_color(), "alpha": alpha, "lw": 0}
+                axes.fill_between(x, curve - half, curve + half, **shade)
+        if wide:
+            axes.set_xscale("log")
+        if len(shapes) > 1:
+            axes.set_ylabel(name)
+    return np.array(all_axes) if len(shapes) > 1 else all_axes[0]
+
+
+def _scatter(result: Fit) -> np.ndarray:
+    """The standard deviation of each point; NaN without weight."""
+    factor = np.asarray(result.problem.factor)
+    used = factor > 0
+    return np.where(used, np.sqrt(result.noise) / np.where(used, factor, 1), np.nan)
+
+
+def _names(result: Fit, x: np.ndarray) -> list[str]:
+    """What the columns are called in the tree of the prediction."""
+    paths = jax.tree_util.tree_leaves_with_path(result.predict(x))
+    return [jax.tree_util.keystr(path, simple=True) for path, _ in paths]
