@@ -7,18 +7,18 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Float
 
+from .._implicit import bracketed_root
 from ._motion import Moment, Motion, Number, State
-from ._root_in_step import StepTaken, root_in_step
 
 
 class Dip(NamedTuple):
     """Where the force of a way out first had a minimum within a step, if it was `found`.
 
     A force that may not pull ends the contact where it vanishes. Under a push the bodies may slow
-    down so much that it would soon be positive again. The step begins at `start` and is of `size`;
-    `gap` and `slope` are those of the force at the last state.
+    down so much that it would soon be positive again. The step begins at `start`, is of the given
+    `size` and has `slopes` at its ends. `gap` and `slope` are those of the force at the last state.
     """
 
     gap: Number
@@ -26,12 +26,13 @@ class Dip(NamedTuple):
     found: Bool[Array, ""]
     start: Moment
     size: Number
+    slopes: Float[Array, "2"]
 
     @staticmethod
     def begin(start: Moment) -> Dip:
         """Nothing seen yet of a motion from `start` on."""
         zero = jnp.zeros_like(start.tau)
-        return Dip(zero, zero, jnp.isnan(zero), start, zero)
+        return Dip(zero, zero, jnp.isnan(zero), start, zero, jnp.zeros(2, zero.dtype))
 
     def seen(self, motion: Motion, last: Moment, now: Moment) -> Dip:
         """With the state `now`, which followed on `last`."""
@@ -44,20 +45,21 @@ class Dip(NamedTuple):
             found=self.found | turns,
             start=jax.tree.map(functools.partial(jnp.where, turns), last, self.start),
             size=jnp.where(turns, size, self.size),
+            slopes=jnp.where(turns, jnp.stack([self.slope, slope]), self.slopes),
         )
 
     def bottom(self, motion: Motion) -> tuple[Bool[Array, ""], Moment]:
         """Whether the force vanishes at its minimum, and when, which is no event yet."""
         motion, start = jax.lax.stop_gradient((motion, self.start.state))
-        size, out = jnp.where(self.found, self.size, 1), jnp.asarray(False)
+        size = jnp.where(self.found, self.size, 1)
 
-        def later(fraction: Number) -> State:
-            return motion.later(start, fraction * size, out)
+        def rise(fraction: Number) -> Number:
+            slope = _gap(motion, motion.later(start, fraction * size, jnp.asarray(False)))[1]
+            return jnp.where(self.found, -slope, 0.5 - fraction)
 
-        end = later(jnp.ones_like(size))
-        step = StepTaken(start, end, size, lambda state: motion.rate(state, out), later)
-        lowest = root_in_step(lambda state: -_gap(motion, state)[1], step, self.found) * size
-        state = motion.later(start, lowest, out)
+        ends = [jnp.where(self.found, -self.slopes[k], 0.5 - k) for k in (0, 1)]
+        lowest = bracketed_root(rise, *ends, iterations=60) * size
+        state = motion.later(start, lowest, jnp.asarray(False))
         closes = _gap(motion, state)[0] <= 0
         return self.found & closes, Moment(self.start.tau + lowest, state)
 

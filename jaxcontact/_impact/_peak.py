@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from .._implicit import bracketed_root, ratio
 from ._motion import Moment, Motion, Number, State
-from ._root_in_step import StepTaken, root_in_step
 
 
 class Path(NamedTuple):
@@ -42,7 +42,7 @@ def largest_near(
     frozen, fixed = jax.lax.stop_gradient((motion, (before, best, after)))
 
     def slope(state: State) -> Number:
-        return _slope(frozen, state, compressing)[0]
+        return _steepness(frozen, state, compressing)
 
     slopes = jax.vmap(slope)(
         jax.tree.map(lambda *leaves: jnp.stack(leaves), *(m.state for m in fixed))
@@ -54,16 +54,12 @@ def largest_near(
     size = chosen(fixed[2].tau, fixed[1].tau) - left.tau
     first, last = chosen(slopes[1], slopes[0]), chosen(slopes[2], slopes[1])
 
+    def later(fraction: Number) -> Number:
+        return slope(frozen.later(left.state, fraction * size, compressing))
+
     # Without a change of sign the maximum is at an end, at touch for a law that jumps there.
     inside = (first > 0) & (last < 0)
-    step = StepTaken(
-        start=left.state,
-        end=jax.tree.map(chosen, fixed[2].state, fixed[1].state),
-        size=size,
-        rate=lambda state: frozen.rate(state, compressing),
-        later=lambda fraction: frozen.later(left.state, fraction * size, compressing),
-    )
-    theta = jnp.where(inside, root_in_step(slope, step, inside), 0)
+    theta = jnp.where(inside, bracketed_root(later, first, last, iterations=100), 0)
     start = jax.tree.map(chosen, best.state, before.state)
     between = motion.force(motion.later(start, theta * size, compressing), compressing)
     return jnp.maximum(between, motion.force(best.state, compressing))
@@ -73,20 +69,21 @@ def _at(states: State, index: Int[Array, ""]) -> State:
     return jax.tree.map(lambda leaf: leaf[index], states)
 
 
-def _slope(motion: Motion, state: State, compressing: Bool[Array, ""]) -> tuple[Number, Number]:
-    """w dF/dτ along the motion, and F dw/dτ beside it.
+def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Number:
+    """w dF/dτ beside F dw/dτ along the motion: from -1 to 1, of the sign of dF/dτ.
 
-    The first is positive at touch, where a force that is a power of x has no slope of its own.
+    Positive at touch, where a force that is a power of x has no slope of its own; bounded, because
+    regula falsi crawls where one end is much steeper than the other.
     """
     rate = motion.rate(state, compressing)
     force, change = jax.jvp(lambda s: motion.force(s, compressing), (state,), (rate,))
     pushing = (state.w > 0) & (force > 0)
     alone = jnp.where(force == 0, rate.w, change)
     slope = jnp.where(pushing, state.w * change, alone)
-    return slope, rate.w * jnp.where(pushing, force, 1)
+    speed = jnp.abs(rate.w) * jnp.where(pushing, force, 1)
+    return ratio(slope, jnp.abs(slope) + speed)
 
 
 def is_rising(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Bool[Array, ""]:
     """Whether the force rises with x, by more than the nearly constant one of creeping bodies."""
-    slope, speed = _slope(motion, state, compressing)
-    return slope > 0.01 * (jnp.abs(slope) + jnp.abs(speed))
+    return _steepness(motion, state, compressing) > 0.01
