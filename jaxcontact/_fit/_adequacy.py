@@ -23,6 +23,9 @@ _EXACT = 1e-6
 """Residuals that are smaller than this part of the data's scatter are no noise of a measurement:
 what they follow is rounding, or the accuracy of a solver."""
 
+_SAME = 1e-12
+"""Scatter below this part of the data is rounding."""
+
 _FOLLOWED = 1e-3
 """Of the variance of a trial the fit must leave so much for its size to be told."""
 
@@ -158,9 +161,10 @@ def _is_exact(fit: FitData, z: np.ndarray) -> bool:
     factor = np.asarray(fit.problem.factor)
     used = factor > 0
     y = fit.data[used]
-    spread = np.linalg.norm((y - y.mean()) * factor[used])
-    size = spread if spread > 0 else np.linalg.norm(y * factor[used])
-    return bool(np.linalg.norm(z) <= _EXACT * size)
+    spread, size = (np.linalg.norm(part * factor[used]) for part in (y - y.mean(), y))
+    # Data that are the same to rounding have no scatter of their own.
+    scale = spread if spread > _SAME * size else size
+    return bool(np.linalg.norm(z) <= _EXACT * scale)
 
 
 def _basis(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n rank"]:

@@ -60,8 +60,8 @@ class Comparison:
 
     `best` is the simplest of those that describe the data equally well: whose AICc is less than 2
     above the lowest, or whose disadvantage is below two of its standard errors by group; of equally
-    simple ones, the one given first. Those that do not describe the data are taken only if none of
-    them does, and the verdict says so. None where no fit converged.
+    simple ones, the one given first. If it does not describe the data the verdict says so, and
+    which others may. None where no fit converged.
     """
 
     candidates: tuple[Candidate, ...]
@@ -257,7 +257,7 @@ def _verdict(
         for c in good
         if c.aicc - first.aicc < CLEAR_AICC or (c.behind is not None and c.behind < CLEAR_ADVANTAGE)
     ]
-    best = min(equal, key=lambda c: (c.adequate is False, c.k, order.index(c.name)))
+    best = min(equal, key=lambda c: (c.k, order.index(c.name)))
     values = f": {parameters(best.name)}" if parameters else ""
     if best.adequate is not False:
         how = "best" if len(equal) == 1 else "as well as any"

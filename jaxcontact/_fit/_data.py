@@ -27,7 +27,8 @@ class FitData:
     identifiable. `unidentified`: the changes of parameters that leave the prediction unchanged.
     `at_bound`: the names of parameters that ran to a bound; they have no standard error. `dof` are
     the degrees of freedom, `noise` is the variance of z that Laplace's standard errors assume.
-    `starts` (lanes,) are the losses at which other starts ended.
+    `starts` (lanes,) are the losses at which other starts ended. `adequate`: whether the model
+    describes the data, None where that cannot be told, and `adequacy`, the tests of it.
     """
 
     params: Any

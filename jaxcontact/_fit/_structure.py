@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -15,8 +16,8 @@ _NUMBERS = 4_000_000
 """That are held at once while noise is simulated."""
 
 _ORDERS = 2, 4
-"""Numbers of slow waves for which a share of the residuals is asked. With fewer, a wave of one
-period is missed in 12 points; with more, one that is slower than that (see docs/trust.md)."""
+"""Numbers of slow waves for which a share of the residuals is asked: two for what bends once or
+twice, four for what turns back within the data, too."""
 
 _NEW = 0.3
 """Of a wave what the model and slower waves must leave, for it to count as another."""
@@ -41,6 +42,25 @@ class Column:
     level: Int[np.ndarray, " m"]
 
 
+@dataclasses.dataclass(frozen=True)
+class _Places:
+    """Points of a column whose places are one after another, and where each place starts."""
+
+    order: Int[np.ndarray, " m"]
+    start: Int[np.ndarray, " places"]
+    factor: Float[np.ndarray, " m"]
+
+    @staticmethod
+    def of(column: Column, factor: Float[np.ndarray, " n"]) -> _Places:
+        start = np.flatnonzero(np.diff(column.level, prepend=-1))
+        return _Places(column.order, start, factor[column.order])
+
+    def between(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, " draws"]:
+        """The sum of squares of what is the same for all points of a place."""
+        shared = np.add.reduceat(z[:, self.order] * self.factor, self.start, axis=1)
+        return np.sum(shared**2 / np.add.reduceat(self.factor**2, self.start), axis=1)
+
+
 class Statistics:
     """What grows where residuals (draws, n) follow their order, whatever their size.
 
@@ -60,10 +80,9 @@ class Statistics:
             if (waves := _slow_waves(columns, model, count)) is not None
             and self._dof - waves.shape[1] >= _LEAST
         ]
-        self._places = _places(columns, factor)
-        self.pure = n - self._places.shape[1]
-        lacking = self._dof - self.pure
-        self.repeated = self.pure >= _REPLICATED and lacking > 0
+        self._places = [_Places.of(column, factor) for column in columns]
+        self.pure = n - sum(places.start.size for places in self._places)
+        self.repeated = self.pure >= _REPLICATED and self._dof > self.pure
 
     def __bool__(self) -> bool:
         return bool(self._waves)
@@ -83,7 +102,7 @@ class Statistics:
         0 where repeated points are the same to rounding, which tells nothing of their noise.
         """
         total = np.sum(z**2, axis=1)
-        between = np.sum((z @ self._places) ** 2, axis=1)
+        between = sum(places.between(z) for places in self._places)
         within = total - between
         told = within > _ROUNDING * total
         within = np.where(told, within, 1) / self.pure
@@ -131,21 +150,10 @@ def _slow_waves(
     return np.stack(found, axis=1)
 
 
-def _places(columns: Sequence[Column], factor: np.ndarray) -> Float[np.ndarray, "n places"]:
-    """What is the same for all points of one place, as orthonormal columns."""
-    parts, n = [], len(factor)
-    for column in columns:
-        part = np.zeros((n, column.level.max() + 1))
-        part[column.order, column.level] = factor[column.order]
-        parts.append(part)
-    places = np.concatenate(parts, axis=1)
-    return places / np.linalg.norm(places, axis=0)
-
-
 def _of_neighbours(z: Float[np.ndarray, "draws m"]) -> Float[np.ndarray, " draws"]:
     """Products of neighbours, next ones with the largest weight, over about half of √m of them."""
     m = z.shape[1]
-    far = max(1, min(round(m**0.5 / 2), m - 1))
+    far = max(1, min(round(math.sqrt(m) / 2), m - 1))
     return sum(
         ((1 - (lag - 1) / far) * np.sum(z[:, lag:] * z[:, :-lag], axis=1))
         for lag in range(1, far + 1)

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import functools
 import operator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array
 
 from .._forms import Flag
-from .._implicit import bracketed_root, with_implicit_derivative
+from .._implicit import bracketed_root, ratio, with_implicit_derivative
+from .._varying import varying
 from ._motion import Moment, Motion, Number, State
-from ._root_in_step import GUESSES, StepTaken, polynomial_through, root_in_step
+
+# Of the correction in the last step. Rounding is mostly reached after about ten, and later at a
+# corner of the gap, where a contact ends at a creeping speed.
+_ITERATIONS = 60
+# Of a regula falsi for the guess, which is no better than its polynomial.
+_GUESSES = 8
 
 
 class _LastStep(NamedTuple):
@@ -38,7 +46,8 @@ def event_in_step(
 ) -> Moment:
     """The moment of the event in the last step, and its state; the end of the step without one.
 
-    It is found by steps of the same solver that end there.
+    A polynomial through the ends of the step gives the first guess. It is corrected by steps of the
+    same solver that end there.
     """
     moving, still = eqx.partition(solver, eqx.is_array)
 
@@ -57,18 +66,52 @@ def event_in_step(
 
     def find(inputs: _LastStep, closing: tuple, arrived: Flag, until: Number) -> Number:
         before, after, motion, compressing, _ = inputs
-        step = StepTaken(
-            start=before.state,
-            end=after.state,
-            size=after.tau - before.tau,
-            rate=lambda state: motion.rate(state, compressing),
-            later=lambda fraction: stepped(fraction, inputs).state,
-        )
+        size = after.tau - before.tau
 
         def nearest(state: State) -> Number:
             return _nearest(closing, motion.gaps(state, compressing))
 
-        return root_in_step(nearest, step, arrived, until)
+        def rate(state: State) -> State:
+            return motion.rate(state, compressing)
+
+        between = _through(rate, before.state, after.state, size)
+
+        def guess(part: Number) -> Number:
+            return jnp.where(arrived, nearest(between(part * until)), 1 - part)
+
+        def corrected(carry: tuple[Number, ...]) -> tuple[Number, ...]:
+            count, _, fraction, low, high = carry
+            found = stepped(fraction, inputs).state
+            value, slope = jax.jvp(nearest, (found,), (rate(found),))
+            low, high = jnp.where(value > 0, fraction, low), jnp.where(value > 0, high, fraction)
+            newton = fraction - ratio(value, slope * size)
+            # One that moves nothing stands on an end of its own bracket, and has arrived.
+            inside = (newton >= low) & (newton <= high) & (slope != 0)
+            better = jnp.where(inside, newton, (low + high) / 2)
+            # A step of Newton's squares its error; one to the middle is as wrong as it is long.
+            moved = jnp.where(inside, jnp.abs(newton - fraction), (high - low) / close)
+            done = ~arrived | (value == 0)
+            return (
+                count + 1,
+                jnp.where(done, 0, moved),
+                jnp.where(done, fraction, better),
+                low,
+                high,
+            )
+
+        def unsettled(carry: tuple[Number, ...]) -> Flag:
+            count, moved, fraction, *_ = carry
+            return (count < _ITERATIONS) & (moved > close * fraction)
+
+        # The step of Newton's after this one would move only rounding.
+        close = jnp.sqrt(jnp.finfo(size.dtype).eps)
+        zero = jnp.zeros_like(size)
+        first = jnp.where(arrived, nearest(before.state), 1)
+        last = jnp.where(until < 1, nearest(between(until)), nearest(after.state))
+        root = until * bracketed_root(guess, first, jnp.where(arrived, last, 0), _GUESSES)
+        root = jnp.where((root > 0) & (root <= 1), root, until / 2)
+        start = varying(root, (zero, zero + 1, root, zero, until))
+        return jax.lax.while_loop(unsettled, corrected, start)[2]
 
     inputs = _LastStep(before, after, motion, compressing, moving)
     closing, until = _closing(*jax.lax.stop_gradient((motion, before, after, compressing)))
@@ -91,7 +134,7 @@ def _closing(
     if motion.push is None:
         return tuple(closing), until
     size = after.tau - before.tau
-    between = polynomial_through(
+    between = _through(
         lambda state: motion.rate(state, compressing), before.state, after.state, size
     )
 
@@ -100,12 +143,44 @@ def _closing(
         return jnp.where(closing[0], speed, 1 - fraction)
 
     ends = jnp.where(closing[0], first[0], 1), jnp.where(closing[0], last[0], 0)
-    turn = bracketed_root(turning, *ends, GUESSES)
+    turn = bracketed_root(turning, *ends, _GUESSES)
     there = motion.gaps(between(turn), compressing)
     apart = [(gap > 0) & (parted <= 0) for gap, parted in zip(first[1:], there[1:], strict=True)]
     until = jnp.where(closing[0] & functools.reduce(operator.or_, apart), turn, until)
     apart = [old | new for old, new in zip(closing[1:], apart, strict=True)]
     return (closing[0], *apart), until
+
+
+def _through(
+    rate: Callable[[State], State], start: State, end: State, size: Number
+) -> Callable[[Number], State]:
+    """The motion of a step as a function of the fraction of it that has passed.
+
+    The polynomial of degree 5 with its first and second derivatives at both ends.
+    """
+
+    def derivatives(state: State) -> tuple[State, State]:
+        return jax.jvp(rate, (state,), (rate(state),))
+
+    (first, first_bend), (last, last_bend) = map(derivatives, (start, end))
+
+    def polynomial(*at: Array) -> Array:
+        x0, x1, v0, v1, a0, a1 = at
+        v0, v1, a0, a1 = size * v0, size * v1, jnp.square(size) * a0 / 2, jnp.square(size) * a1 / 2
+        moved, turned, bent = x1 - x0 - v0 - a0, v1 - v0 - 2 * a0, a1 - a0
+        return jnp.stack(
+            [
+                x0,
+                v0,
+                a0,
+                10 * moved - 4 * turned + bent,
+                7 * turned - 15 * moved - 2 * bent,
+                6 * moved - 3 * turned + bent,
+            ]
+        )
+
+    coefficients = jax.tree.map(polynomial, start, end, first, last, first_bend, last_bend)
+    return lambda fraction: jax.tree.map(lambda c: jnp.polyval(c[::-1], fraction), coefficients)
 
 
 def _nearest(closing: tuple[Flag, ...], gaps: tuple[Number, ...]) -> Number:

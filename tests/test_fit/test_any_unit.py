@@ -39,7 +39,7 @@ def fitted(predict, y, start, unit=1.0, out=1.0, across=1.0, **how):
     begin = {"a": a, "b": b, "unit": unit, "out": out, "across": across}
     found = jc.fit(predict, y * out, begin, x=X * across, transforms=HELD, **how)
     assert found.converged, found.reason
-    assert found.loss / out**2 == pytest.approx(jc_loss[predict], rel=1e-6)
+    assert found.loss / out**2 == pytest.approx(LOSSES[predict], rel=1e-6)
     return found.values / unit, found.errors / unit
 
 
@@ -64,7 +64,7 @@ def curve_by_scipy():
 
 
 BENT, BENT_ERROR, BENT_LOSS = curve_by_scipy()
-jc_loss = {straight: LOSS, decay: BENT_LOSS}
+LOSSES = {straight: LOSS, decay: BENT_LOSS}
 
 
 def assert_same(got, best, error):
