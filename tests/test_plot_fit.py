@@ -1,8 +1,9 @@
-"""Pictures of a fit: data, prediction, and the band of its standard errors."""
+"""Pictures of a fit: data, prediction and its bands; residuals; profiles."""
 
 import numpy as np
 import pytest
 from matplotlib import pyplot
+from scipy import stats
 
 import jaxcontact as jc
 
@@ -36,7 +37,8 @@ def test_data_line_and_band(fitted):
     error = noise * np.sqrt(1 / 20 + (X - X.mean()) ** 2 / np.sum((X - X.mean()) ** 2))
     for band, half in zip(ax.collections, (error, np.hypot(error, noise)), strict=True):
         corners = band.get_paths()[0].vertices
-        for x, wide, middle in zip(X, 2 * half, np.asarray(fitted.predict()), strict=True):
+        students = stats.t.ppf(0.975, 18)
+        for x, wide, middle in zip(X, students * half, np.asarray(fitted.predict()), strict=True):
             edge = corners[np.isclose(corners[:, 0], x)][:, 1]
             ends = middle - wide, middle + wide
             assert (edge.min(), edge.max()) == pytest.approx(ends, rel=1e-6)
@@ -69,3 +71,44 @@ def test_several_columns_have_axes_of_their_own():
         assert np.allclose(axes.lines[1].get_ydata(), found.predict()[name])
     with pytest.raises(ValueError, match="Argument `ax` must be 2 axes of matplotlib"):
         jc.plot.fit(found, ax=[first])
+
+
+def test_residuals_over_x_in_order_and_against_normal_ones(fitted):
+    axes = jc.plot.residuals(fitted)
+    z = fitted.residuals / np.sqrt(fitted.noise)
+    over_x, in_order, quantiles = (one.lines[0] for one in axes)
+    assert np.array_equal(over_x.get_xdata(), X) and np.allclose(over_x.get_ydata(), z)
+    assert np.array_equal(in_order.get_xdata(), np.arange(20))
+    # As scipy draws them, which takes other quantiles at the ends.
+    theirs = stats.probplot(z, fit=False)
+    assert np.array_equal(quantiles.get_ydata(), theirs[1])
+    assert np.allclose(quantiles.get_xdata(), theirs[0], atol=0.15)
+    lone = jc.fit(lambda p: p * np.ones(3), np.arange(3.0), 1.0)
+    assert len(jc.plot.residuals(lone)) == 2
+    with pytest.raises(ValueError, match="3 axes of matplotlib, one for each picture"):
+        jc.plot.residuals(fitted, ax=axes[:2])
+
+
+def test_columns_of_residuals_have_names():
+    def both(p, x):
+        return {"e": p[0] + p[1] * x, "time": p[0] - p[1] * x}
+
+    axes = jc.plot.residuals(jc.fit(both, {"e": Y, "time": -Y}, [0.0, 1.0], x=X))
+    assert [text.get_text() for text in axes[2].get_legend().get_texts()] == ["e", "time"]
+    assert np.array_equal(axes[1].lines[1].get_xdata(), np.arange(20, 40))
+
+
+def test_profiles_of_a_line_are_parabolas(fitted):
+    axes = jc.plot.profile(fitted, level=0.9)
+    assert [one.get_xlabel() for one in axes] == list(fitted.names)
+    for one, name in zip(axes, fitted.names, strict=True):
+        normal, curve, best = one.lines[:3]
+        assert np.allclose(normal.get_ydata(), curve.get_ydata(), rtol=1e-6, atol=1e-6)
+        assert best.get_xdata()[0] == fitted.params[int(name[1])]
+        low, high = fitted.interval(0.9)[name]
+        box = one.patches[0].get_extents().transformed(one.transData.inverted())
+        assert (box.x0, box.x1) == pytest.approx((low, high))
+    alone = jc.plot.profile(fitted, "[0]")
+    assert alone.get_xlabel() == "[0]"
+    with pytest.raises(ValueError, match="Argument `names` must be some of"):
+        jc.plot.profile(fitted, 3)

@@ -93,14 +93,13 @@ def fit_record(
 
     Arguments: `time` in s; the `law`, the `contact` and the closing `velocity` in m/s to start
     from; the columns `force` in N and `indentation` in m, at least one, all (samples,), with a
-    standard deviation for each or for none (then both count alike, relative to their largest
-    reading). The moment of touch and the zero errors of the instruments are unknown and fitted,
-    too: `start_time` in s is where to begin, by default where a reading first exceeds 5 % of the
-    largest. A stiffness by which the contact would last over three times as long as the record
-    shows, or under a third, is replaced by one that fits, for the start. Before and after the
-    contact the force is zero and the indentation that of free flight. `fixed`: numbers that stay,
-    by name, the mass by default ("velocity" if it was measured). What else `fit` takes:
-    `loss=Huber()`, say.
+    standard deviation for each or for none (then the fit finds the noise of each column). The
+    moment of touch and the zero errors of the instruments are unknown and fitted, too: `start_time`
+    in s is where to begin, by default where a reading first exceeds 5 % of the largest. A stiffness
+    by which the contact would last over three times as long as the record shows, or under a third,
+    is replaced by one that fits, for the start. Before and after the contact the force is zero and
+    the indentation that of free flight. `fixed`: numbers that stay, by name, the mass by default
+    ("velocity" if it was measured). What else `fit` takes: `loss=Huber()`, say.
 
     A force alone determines the mass only if the speed is known, an indentation alone determines
     only K/m: hold what is not identifiable, or read it in `unidentified`. Returns a `Fit` whose
@@ -125,5 +124,7 @@ def fit_record(
     start = RecordModel(law, contact, *numbers, *offsets)
     how = with_transforms(transforms_of(start, fixed), how)
     start = near(start, moments, reading, fixed)
+    if "sigma" not in table:
+        how = {"noise": "by column"} | how
     found = fit(Recorded(), start=start, x=moments, **table, **how)
     return without_a_contact_elsewhere(found, table["data"])

@@ -12,8 +12,7 @@ from jaxtyping import Float
 from scipy.special import fdtrc, gammaincc
 
 from ._data import FitData
-from ._found import SINGULAR
-from ._inference import LEAST_GROUPS
+from ._inference import LEAST_GROUPS, basis_of
 from ._structure import DRAWS, Column, Statistics, chance
 
 LEVEL = 0.05
@@ -103,7 +102,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
     if _is_exact(fit, z):
         reason = f"it meets them to {_EXACT:.0e} of their scatter"
         return dataclasses.replace(unknown, adequate=True, reason=reason)
-    model = _basis(fit.jacobian[used])
+    model = basis_of(fit.jacobian[used])
     statistics = Statistics(columns, model, factor[used])
     trial = _trials(fit, used)
     ratio, chi2_p = None, None
@@ -165,16 +164,6 @@ def _is_exact(fit: FitData, z: np.ndarray) -> bool:
     # Data that are the same to rounding have no scatter of their own.
     scale = spread if spread > _SAME * size else size
     return bool(np.linalg.norm(z) <= _EXACT * scale)
-
-
-def _basis(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n rank"]:
-    """What the parameters can move, as orthonormal columns."""
-    length = np.linalg.norm(jacobian, axis=0)
-    scaled = jacobian[:, length > 0] / length[length > 0]
-    if not scaled.size:
-        return np.zeros((len(jacobian), 0))
-    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
-    return u[:, s > SINGULAR * s.max()]
 
 
 def _trials(fit: FitData, used: np.ndarray) -> np.ndarray | None:

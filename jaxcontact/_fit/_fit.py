@@ -6,7 +6,6 @@ import contextlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +15,7 @@ from .._parameter import (
     POSITIVE,
     as_flag,
     rendered,
+    require_choice,
     require_count,
     require_flag,
     require_function,
@@ -26,20 +26,13 @@ from ._checks import listed
 from ._found import Found, compiled_step, find, find_all, start_scale
 from ._inference import infer
 from ._loss import Huber
+from ._noise import BY_COLUMN, COMMON, columns_of, with_noise
 from ._problem import Problem, place_of, shapes_of
 from ._result import Fit
 from ._solve import MOST_STEPS, PATIENCE, Options
 from ._space import space_of
 from ._target import Target, groups_of, target_of
-from ._verdict import at_bound_of, falling, verdict
-
-_SCALE_ROUNDS = 8
-_SAME_SCALE = 1e-3
-"""A relative change of the scale of a robust fit that counts as none."""
-
-_MEDIAN_OF_NORMAL = 0.6744897501960817
-_OUTWARD = 3.0
-"""With a larger remaining step of a logarithm or logit, the search creeps to a bound."""
+from ._verdict import at_bound_of, creeping, falling, verdict
 
 _END = 40.0
 """The logit of what rounds to 1 in double precision, where the slope is 0."""
@@ -59,6 +52,7 @@ def fit(
     groups: ArrayLike | None = None,
     transforms: Any = None,
     loss: str | Huber = "squares",
+    noise: str = COMMON,
     optimizer: Any = LEVENBERG_MARQUARDT,
     starts: int = 1,
     spread: float = 1.0,
@@ -87,13 +81,15 @@ def fit(
     `start`, with None for the default. By default a number keeps to the range that its law or
     contact declares, and is free elsewhere. `loss`: "squares" or `Huber(threshold)`, which bounds
     the influence of outliers; without `sigma` its scale is the median of |residuals|, found in turn
-    with the fit. `optimizer`: "levenberg-marquardt" or an optax optimiser, which stops after
-    `patience` steps that gain nothing. `starts`: the number of starts, the given one and normal
-    ones around it, drawn from `seed`, whose standard deviation is `spread` in a logarithm or logit
-    and `spread` times a number without bounds (from zero: times the change that moves the
-    prediction by the size of the data); the lowest loss is kept. `max_steps`: by default 200, 10000
-    for optax. `reverse`: take the Jacobian in reverse mode, for predictions without a forward mode.
-    `progress`: True shows step and loss on stderr, a function is called with them.
+    with the fit. `noise`: one size for all points, "common", times the weights; or one for each
+    leaf of the tree of `data`, "by column", found in turn with the fit where readings of several
+    instruments are fitted together. `optimizer`: "levenberg-marquardt" or an optax optimiser, which
+    stops after `patience` steps that gain nothing. `starts`: the number of starts, the given one
+    and normal ones around it, drawn from `seed`, whose standard deviation is `spread` in a
+    logarithm or logit and `spread` times a number without bounds (from zero: times the change that
+    moves the prediction by the size of the data); the lowest loss is kept. `max_steps`: by default
+    200, 10000 for optax. `reverse`: take the Jacobian in reverse mode, for predictions without a
+    forward mode. `progress`: True shows step and loss on stderr, a function is called with them.
 
     `converged` does not depend on the optimizer: the remaining Gauss-Newton step must be below
     `rtol` of each parameter (of its logarithm, of its logit), or a thousandth of its standard
@@ -107,6 +103,8 @@ def fit(
     """
     require_function("predict", predict)
     _check(loss, optimizer)
+    if require_choice("noise", noise, (COMMON, BY_COLUMN)) == BY_COLUMN and sigma is not None:
+        raise ValueError("Argument `noise` must be 'common' with `sigma`, but is 'by column'.")
     starts, seed = require_count("starts", starts, 1), require_count("seed", seed, 0)
     spread = require_number("spread", spread, POSITIVE)
     patience = require_count("patience", patience, 1)
@@ -143,9 +141,13 @@ def fit(
         found = _search(problem, rough, options)
         _check_start(problem, theta, found)
         found = _set_to_bound(problem, found, theta, options)
-        if isinstance(loss, Huber) and sigma is None:
-            problem, found = _with_scale(problem, found, options)
-        return _result(problem, found, theta, target, ends, names, options)
+        settled = True
+        if sigma is None and (isinstance(loss, Huber) or noise == BY_COLUMN):
+            columns = columns_of(problem, noise)
+            problem, found, settled = with_noise(
+                problem, found, columns, lambda p, at: _search(p, at, options)
+            )
+        return _result(problem, found, theta, target, ends, names, options, settled)
 
 
 def _check(loss: Any, optimizer: Any) -> None:
@@ -198,29 +200,12 @@ def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
 def _set_to_bound(problem: Problem, found: Found, start: np.ndarray, options: Options) -> Found:
     """The fit with a parameter that creeps to a bound set there, if that is no worse."""
     space = problem.space
-    # A logarithm has a bound on one side only.
-    bounded = space.bounded_above | (space.has_unit & (found.step < 0))
-    out = (np.abs(found.step) > _OUTWARD) & bounded
+    out = creeping(space, found.step)
     if not out.any() or not np.isfinite(found.loss):
         return found
     bound = np.where(space.bounded_above, np.sign(found.step) * _END, start - _END)
     there = _search(problem, np.where(out, bound, found.theta), options)
     return there if there.loss <= found.loss else found
-
-
-def _with_scale(problem: Problem, found: Found, options: Options) -> tuple[Problem, Found]:
-    """The robust fit and the scale of its residuals, found in turn."""
-    relative = problem.factor
-    used = np.asarray(relative) > 0
-    scale = 1.0
-    for turn in range(_SCALE_ROUNDS):
-        new = scale * float(np.median(np.abs(found.z[used]))) / _MEDIAN_OF_NORMAL
-        if new == 0 or (turn and abs(new - scale) <= _SAME_SCALE * new):
-            break
-        scale = new
-        problem = eqx.tree_at(lambda p: p.factor, problem, relative / scale)
-        found = _search(problem, found.theta, options)
-    return problem, found
 
 
 def _result(
@@ -231,6 +216,7 @@ def _result(
     ends: np.ndarray,
     groups: np.ndarray | None,
     options: Options,
+    settled: bool,
 ) -> Fit:
     space = problem.space
     used = target.factor > 0
@@ -239,6 +225,8 @@ def _result(
         free = np.where(at_bound, 0, found.jacobian)
         found = _in_numpy(compiled_step(problem, found, free, options.rtol))
     converged, reason = verdict(found, at_bound, space, options.max_steps)
+    if converged and not settled:
+        converged, reason = False, "the noise of the data did not settle"
     inference = infer(problem, found, at_bound, target.absolute, groups)
     if converged and (falls := falling(problem, found, start, inference.unidentified)) is not None:
         converged = False

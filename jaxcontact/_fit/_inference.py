@@ -6,6 +6,7 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from ._found import SINGULAR, Found
 from ._problem import Problem
@@ -116,6 +117,16 @@ def infer(
     covariance[:, lost] = np.nan
     ran = tuple(name for name, there in zip(space.names, at_bound, strict=True) if there)
     return Inference(covariance, tuple(directions), ran, dof, noise, by_group)
+
+
+def basis_of(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n rank"]:
+    """What the parameters can move, as orthonormal columns."""
+    length = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian[:, length > 0] / length[length > 0]
+    if not scaled.size:
+        return np.zeros((len(jacobian), 0))
+    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    return u[:, s > SINGULAR * s.max()]
 
 
 def _direction(parts: dict[int, float], space: Space) -> Direction:

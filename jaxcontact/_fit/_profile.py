@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import equinox as eqx
 import jax
@@ -24,7 +25,7 @@ from ._data import FitData
 from ._found import found_from
 from ._problem import Problem
 from ._solve import Options
-from ._transforms import HELD
+from ._verdict import creeping
 
 _STEPS = 100
 
@@ -54,9 +55,7 @@ class Profile:
         # Interpolation brings half of SciPy with it, for which no other user should wait.
         from scipy.interpolate import PchipInterpolator
 
-        level = require_number("level", level, FRACTION)
-        tail = (1 + level) / 2
-        wanted = ndtri(tail) if self.absolute else stdtrit(self.dof, tail)
+        wanted = self.quantile(level)
         good = np.isfinite(self.deviation)
         y, order = np.unique([*self.deviation[good], 0.0], return_index=True)
         x = np.array([*self.values[good], self.best])[order]
@@ -64,9 +63,21 @@ class Profile:
         low, high = float(curve(-wanted)), float(curve(wanted))
         return (-np.inf if np.isnan(low) else low, np.inf if np.isnan(high) else high)
 
+    def quantile(self, level: float) -> float:
+        """The deviation at the ends of an interval."""
+        return quantile_of(self.absolute, self.dof, require_number("level", level, FRACTION))
+
     def __repr__(self) -> str:
         low, high = self.interval()
         return f"Profile of {self.name}: {self.best:.9g}, 95 % in [{low:.6g}, {high:.6g}]"
+
+
+def quantile_of(absolute: bool, dof: int, level: float) -> float:
+    """Of a normal where the noise is known, else of Student's t; NaN without degrees of freedom."""
+    tail = (1 + level) / 2
+    if absolute:
+        return float(ndtri(tail))
+    return float(stdtrit(dof, tail)) if dof > 0 else math.nan
 
 
 def profile(
@@ -102,10 +113,28 @@ def profile(
                 f"Argument `values` must be finite and in ({low:g}, {high:g}), at least one, but "
                 f"is {rendered(values)}."
             )
-    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-        options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)
-        theta, held = jnp.asarray(fit.theta), jnp.asarray(at)
-        loss, converged = _profile(fit.problem, theta, held, place, options)
+    rows = np.full((at.size, fit.values.size), np.nan)
+    rows[:, place] = at
+    deviation, loss = held_at(fit, rows, np.tile(fit.theta, (at.size, 1)))
+    deviation *= np.sign(at - best)
+    return Profile(name, best, at, loss, deviation, fit.dof, fit.absolute)
+
+
+def held_at(
+    fit: FitData, held: Float[np.ndarray, "lanes k"], starts: Float[np.ndarray, "lanes k"]
+) -> tuple[Float[np.ndarray, " lanes"], Float[np.ndarray, " lanes"]]:
+    """√(2 (loss - best)/s²) and the lowest loss with some numbers `held`, NaN where they are free.
+
+    Both are NaN where the fit of the others did not converge.
+    """
+    loss, converged, step = _refitted(fit, held, starts)
+    out = creeping(fit.problem.space, step) & np.isnan(held) & ~converged[:, None]
+    if out.any():
+        bound = np.where(step > 0, fit.problem.space.high, fit.problem.space.low)
+        there, met, _ = _refitted(fit, np.where(out, bound, held), starts)
+        # Lanes from which nothing creeps are the same again.
+        better = met & (there <= loss)
+        loss, converged = np.where(better, there, loss), better | converged
     loss = np.where(converged, loss, np.nan)
     # The rise of twice the loss at one standard error. The curvature of Huber's loss is mean ψ'
     # times that of squares.
@@ -113,25 +142,28 @@ def profile(
     if threshold is not None:
         unit *= float(np.mean(np.abs(fit.z) <= float(threshold)))
     with np.errstate(invalid="ignore"):
-        deviation = np.sign(at - best) * np.sqrt(2 * np.maximum(loss - fit.loss, 0) / unit)
-    return Profile(name, best, at, loss, deviation, fit.dof, fit.absolute)
+        return np.sqrt(2 * np.maximum(loss - fit.loss, 0) / unit), loss
+
+
+def _refitted(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)
+        found = _held(fit.problem, jnp.asarray(held), jnp.asarray(starts), options)
+    return tuple(map(np.asarray, found))
 
 
 @eqx.filter_jit
-def _profile(
+def _held(
     problem: Problem,
-    theta: Float[Array, " k"],
-    held: Float[Array, " points"],
-    place: int,
+    held: Float[Array, "lanes k"],
+    starts: Float[Array, "lanes k"],
     options: Options,
-) -> tuple[Float[Array, " points"], Bool[Array, " points"]]:
-    space = problem.space
-    coordinates = (*space.coordinates[:place], HELD, *space.coordinates[place + 1 :])
+) -> tuple[Float[Array, " lanes"], Bool[Array, " lanes"], Float[Array, "lanes k"]]:
+    """The losses, which of them have converged, and the steps that are left."""
 
-    def one(held: Float[Array, ""]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
-        low = space.low.at[place].set(held)
-        reduced = dataclasses.replace(space, low=low, coordinates=coordinates)
-        found = found_from(dataclasses.replace(problem, space=reduced), theta, options)
-        return found.loss, jnp.all(found.still) & jnp.isfinite(found.loss)
+    def one(held: Float[Array, " k"], start: Float[Array, " k"]) -> tuple[Array, Array, Array]:
+        found = found_from(eqx.tree_at(lambda p: p.space.held, problem, held), start, options)
+        good = jnp.all(found.still) & jnp.isfinite(found.loss)
+        return found.loss, good, found.step
 
-    return jax.vmap(one)(held)
+    return jax.vmap(one)(held, starts)

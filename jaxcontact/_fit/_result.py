@@ -10,6 +10,7 @@ import numpy as np
 from ._adequacy import Adequacy, adequacy_of
 from ._bootstrap import bootstrap
 from ._data import FitData
+from ._interval import confidence_band, interval, prediction_band
 from ._profile import profile
 
 
@@ -18,6 +19,9 @@ class Fit(FitData):
     __doc__ = FitData.__doc__
 
     bootstrap = bootstrap
+    confidence_band = confidence_band
+    interval = interval
+    prediction_band = prediction_band
     profile = profile
 
     @functools.cached_property

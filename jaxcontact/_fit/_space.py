@@ -19,11 +19,13 @@ from ._transforms import AbstractTransform, Coordinate, Fixed, Free, of_range
 class Space(eqx.Module):
     """Free coordinates θ (k,) of the fitted numbers in a pytree of parameters.
 
-    `coordinates`, one for each number, select code; bounds and the other leaves are data.
+    `coordinates`, one for each number, select code; bounds and the other leaves are data. A number
+    stays at `held` whatever its coordinate is, unless that is NaN.
     """
 
     low: Float[Array, " k"]
     high: Float[Array, " k"]
+    held: Float[Array, " k"]
     others: list[Any]
     structure: Any = eqx.field(static=True)
     coordinates: tuple[Coordinate, ...] = eqx.field(static=True)
@@ -33,7 +35,8 @@ class Space(eqx.Module):
     def values(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
         """The fitted numbers themselves, in the order of their names."""
         columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
-        return jnp.stack([coordinate.to_value(*column) for coordinate, *column in columns])
+        moved = jnp.stack([coordinate.to_value(*column) for coordinate, *column in columns])
+        return jnp.where(jnp.isnan(self.held), moved, self.held)
 
     def tree_of(self, values: Float[Array, " k"]) -> Any:
         """The pytree that holds the fitted numbers `values`."""
@@ -113,7 +116,8 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
         raise ValueError(f"Argument `start` must hold a number to fit, but is {rendered(start)}.")
     low, high = jnp.asarray(ends, float).T
     keys = tuple(coordinates), tuple(shapes), tuple(names)
-    return Space(low, high, others, structure, *keys), np.array(theta)
+    held = jnp.full(len(names), jnp.nan)
+    return Space(low, high, held, others, structure, *keys), np.array(theta)
 
 
 def _name_of(path: tuple[Any, ...]) -> str:

@@ -53,8 +53,6 @@ LOGIT = Coordinate(
     to_value=lambda free, low, high: low + (high - low) * jax.nn.sigmoid(free),
     slope=lambda value, low, high: (value - low) * (high - value) / (high - low),
 )
-HELD = IDENTITY._replace(to_value=lambda free, low, high: low)
-"""A value that stays at `low` whatever the free number is."""
 
 
 class AbstractTransform:

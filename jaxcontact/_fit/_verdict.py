@@ -16,6 +16,9 @@ _AT_BOUND = 1e-6
 _FAR = 18.0
 """A logarithm that has fallen by more than this (to 1.5e-8 of its start) has run to 0."""
 
+_OUTWARD = 3.0
+"""With a larger remaining step of a logarithm or logit, the search creeps to a bound."""
+
 _ASIDE = 1e-2
 """How far a direction without slope is followed to see whether the loss falls there, relative to
 the parameter, absolute for a logarithm or a logit."""
@@ -45,6 +48,13 @@ def at_bound_of(space: Space, found: Found, start: np.ndarray, used: np.ndarray)
     outwards = (below & (found.step < 0)) | (above & (found.step > 0))
     creeps = ~found.still & outwards & found.stopped
     return (below | above) & (~noticeable | creeps)
+
+
+def creeping(space: Space, step: np.ndarray) -> np.ndarray:
+    """Which logarithms and logits a search moves to a bound, where its remaining step is large."""
+    # A logarithm has a bound on one side only.
+    bounded = space.bounded_above | (space.has_unit & (step < 0))
+    return (np.abs(step) > _OUTWARD) & bounded
 
 
 def falling(

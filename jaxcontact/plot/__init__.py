@@ -5,6 +5,8 @@ from ._calibration import calibration as calibration
 from ._choice import choice as choice
 from ._energy import energy as energy
 from ._fit import fit as fit
+from ._profile import profile as profile
+from ._residuals import residuals as residuals
 from ._scene import scene as scene
 from ._sweep import sweep as sweep
 from ._trajectory import trajectory as trajectory

@@ -23,18 +23,21 @@ def axes_of(given: Axes | None, *, figsize: tuple[float, float] | None = None) -
     return require_kind("ax", given, axes.Axes, "axes of matplotlib or None")
 
 
-def axes_for(given: Any, count: int) -> list[Axes]:
-    """Axes for each of some columns: those given, or new ones side by side."""
+def axes_for(given: Any, count: int, each: str = "column of the data") -> list[Axes]:
+    """Axes for each of some columns or other things: those given, or new ones side by side."""
     if count == 1:
         return [axes_of(given)]
     if given is None:
         from matplotlib import pyplot
 
         return list(pyplot.subplots(ncols=count, figsize=(5 * count, 4), layout="constrained")[1])
-    chosen = list(np.ravel(np.asarray(given, object)))
-    if len(chosen) != count:
+    from matplotlib import axes
+
+    chosen = list(given.flat) if isinstance(given, np.ndarray) else given
+    several = isinstance(chosen, list | tuple) and all(isinstance(x, axes.Axes) for x in chosen)
+    if not several or len(chosen) != count:
         raise ValueError(
-            f"Argument `ax` must be {count} axes of matplotlib, one for each column of the data, "
-            f"or None, but is {rendered(given)}."
+            f"Argument `ax` must be {count} axes of matplotlib, one for each {each}, or None, but "
+            f"is {rendered(given)}."
         )
-    return [axes_of(one) for one in chosen]
+    return list(chosen)

@@ -9,18 +9,25 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._fit import Fit, FitData
-from .._parameter import as_numbers, rendered, require_kind
+from .._parameter import FRACTION, as_numbers, rendered, require_kind, require_number
 from ._axes import axes_for
 
 _FINE = 200
 
 
-def fit(result: Fit, *, x: ArrayLike | None = None, ax: Any = None, **line: Any) -> Any:
-    """Draw the data of a fit, its prediction, and two bands around it of two standard errors.
+def fit(
+    result: Fit,
+    *,
+    x: ArrayLike | None = None,
+    level: float = 0.95,
+    ax: Any = None,
+    **line: Any,
+) -> Any:
+    """Draw the data of a fit, its prediction, and two bands around it.
 
-    The inner band is that of the prediction, Laplace's, of what the data determine; the outer one
-    is for a point like those of the data, with their scatter. Both are left out where there are no
-    standard errors.
+    The inner one holds the true curve, the outer one a new reading like those of the data, each
+    with the probability `level`: `confidence_band` and `prediction_band`. They are left out where
+    there are no standard errors.
 
     Arguments: the fit, of numbers over a one-dimensional `x`, one column or several ("force" and
     "indentation", say), each of which has axes of its own; the `x` (m,) where the prediction is
@@ -31,6 +38,7 @@ def fit(result: Fit, *, x: ArrayLike | None = None, ax: Any = None, **line: Any)
     axes.
     """
     require_kind("result", result, FitData, "a `Fit`")
+    level = require_number("level", level, FRACTION)
     given = result.problem.x
     size, shapes = np.size(given), result.problem.shapes
     if given is None or np.ndim(given) != 1 or any(shape != (size,) for shape in shapes):
@@ -48,32 +56,26 @@ def fit(result: Fit, *, x: ArrayLike | None = None, ax: Any = None, **line: Any)
             f"Argument `x` must have the shape (m,), but has {x.shape}: it is {rendered(x)}."
         )
     all_axes = axes_for(ax, len(shapes))
-    columns = (part.reshape(len(shapes), -1) for part in result.predict_with_error(x))
-    data, scatter = (part.reshape(len(shapes), -1) for part in (result.data, _scatter(result)))
+    shape = len(shapes), x.size
+    curves = np.concatenate([np.ravel(leaf) for leaf in jax.tree.leaves(result.predict(x))])
+    bands = ()
+    if result.converged and np.isfinite(result.errors).any():
+        of = result.confidence_band, result.prediction_band
+        bands = [np.reshape(band(x, level=level), (2, *shape)) for band in of]
     names = _names(result, x)
     style = {"label": "fit" if result.converged else "not converged", "zorder": 3} | line
-    for axes, name, y, own, curve, error in zip(
-        all_axes, names, data, scatter, *columns, strict=True
-    ):
+    rows = zip(all_axes, names, result.data.reshape(len(shapes), -1), strict=True)
+    for column, (axes, name, y) in enumerate(rows):
         axes.plot(place, y, ".", color="0.4", label="data", zorder=2)
-        (drawn,) = axes.plot(x, curve, **style)
-        if np.isfinite(error).all() and error.any():
-            for wider, alpha in ((0, 0.2), (np.nanmedian(own), 0.1)):
-                half = 2 * np.hypot(error, wider)
-                shade = {"color": drawn.get_color(), "alpha": alpha, "lw": 0}
-                axes.fill_between(x, curve - half, curve + half, **shade)
+        (drawn,) = axes.plot(x, curves.reshape(shape)[column], **style)
+        for band, alpha in zip(bands, (0.2, 0.1), strict=False):
+            shade = {"color": drawn.get_color(), "alpha": alpha, "lw": 0}
+            axes.fill_between(x, *band[:, column], **shade)
         if wide:
             axes.set_xscale("log")
         if len(shapes) > 1:
             axes.set_ylabel(name)
     return np.array(all_axes) if len(shapes) > 1 else all_axes[0]
-
-
-def _scatter(result: Fit) -> np.ndarray:
-    """The standard deviation of each point; NaN without weight."""
-    factor = np.asarray(result.problem.factor)
-    used = factor > 0
-    return np.where(used, np.sqrt(result.noise) / np.where(used, factor, 1), np.nan)
 
 
 def _names(result: Fit, x: np.ndarray) -> list[str]:

@@ -61,6 +61,7 @@ def cases() -> dict[str, Case]:
                 "groups": NONE,
                 "transforms": NONE | {"dict"},
                 "loss": NOTHING,
+                "noise": NOTHING,
                 "optimizer": NOTHING,
                 "starts": COUNT,
                 "spread": POSITIVE,
@@ -91,11 +92,23 @@ def cases() -> dict[str, Case]:
                 "span": POSITIVE,
             },
         ),
+        "Fit.interval": Case(fitted.interval, {}, {"level": INSIDE}),
+        "Fit.confidence_band": Case(
+            fitted.confidence_band, {}, {"x": REALS | NONE, "level": INSIDE}
+        ),
+        "Fit.prediction_band": Case(
+            fitted.prediction_band,
+            {"x": V},
+            {"x": REALS | NONE, "level": INSIDE, "sigma": POSITIVE | NONE},
+        ),
         "Bootstrap.interval": Case(
             Bootstrap(("a",), np.ones((3, 1)), np.ones(3, bool)).interval, {}, {"level": INSIDE}
         ),
         "Profile.interval": Case(
             Profile("a", 1.0, V, V, V - 1.75, 4, False).interval, {}, {"level": INSIDE}
+        ),
+        "Profile.quantile": Case(
+            Profile("a", 1.0, V, V, V - 1.75, 4, False).quantile, {}, {"level": INSIDE}
         ),
         "compare_fits": Case(
             jc.compare_fits,

@@ -93,8 +93,17 @@ def cases() -> dict[str, Case]:
             {
                 "result": NOTHING,
                 "x": NUMBERS_3 | NONE | {"shape (1,)", "jax shape (1,)", "with nan"},
+                "level": INSIDE,
                 "ax": NONE,
             },
+        ),
+        "plot.residuals": Case(
+            jc.plot.residuals, {"result": fitted}, {"result": NOTHING, "ax": NONE}
+        ),
+        "plot.profile": Case(
+            jc.plot.profile,
+            {"result": fitted, "names": ["a", "b"]},
+            {"result": NOTHING, "names": NONE, "level": INSIDE, "ax": NONE},
         ),
         "sweep": Case(
             jc.sweep,

@@ -32,7 +32,7 @@ def nothing_is_compiled(monkeypatch, tmp_path):
         ("_fit._fit", "find_all"),
         ("_fit._compare", "find"),
         ("_fit._bootstrap", "_refits"),
-        ("_fit._profile", "_profile"),
+        ("_fit._profile", "_held"),
     ]:
         monkeypatch.setattr(importlib.import_module(f"jaxcontact.{module}"), name, reached)
     with (

@@ -1,0 +1,158 @@
+"""How often intervals hold the truth: `python benchmarks/fit_coverage.py`.
+
+Data are simulated from a known truth and fitted as a user would; counted is how often the 95 %
+interval of each parameter, and the bands of the prediction, hold what is true. Every cell is
+written to benchmarks/fit_coverage.json when it is done, and a run goes on where the last one was
+stopped; `--fresh` starts over. `--draws` sets the number of draws, `--only` runs the cells whose
+name contains a text, `--into` another folder. `python benchmarks/fit_adequacy.py --page` writes
+docs/trust.md from the result.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+from fit_truths import records
+
+import jaxcontact as jc
+
+HERE = Path(__file__).parent
+RESULT = HERE / "fit_coverage.json"
+SEED = 1
+WANTED = 0.93, 0.97
+
+Draw = Callable[[np.random.Generator], dict[str, bool | None]]
+"""One simulated measurement: for each quantity, whether its interval holds the truth; None where
+the fit did not converge.
+"""
+
+
+def decay(p, x):
+    return p["a"] * jnp.exp(-p["b"] * x) + p["c"]
+
+
+def slowing(p, v):
+    """The restitution 1 - b v^p."""
+    return 1 - p["b"] * v ** p["p"]
+
+
+def curves() -> Iterator[tuple[str, Draw]]:
+    """Small samples: two curves, at 5, 8 and 20 points, with the noise known and unknown."""
+    models = {
+        "decay": (decay, {"a": 2.5, "b": 1.3, "c": 0.5}, (0.0, 4.0), 0.05, None),
+        "1 - b v^p": (slowing, {"b": 0.2, "p": 0.25}, (0.05, 5.0), 0.004, jc.Positive()),
+    }
+    for name, (model, truth, ends, sigma, transforms) in models.items():
+        for n in (5, 8, 20):
+            for known in (False, True):
+                noise = "known" if known else "unknown"
+                draw = curve_of(model, truth, ends, sigma, transforms, n, known)
+                yield f"{name}, {n} points, σ {noise}", draw
+
+
+def curve_of(model, truth, ends, sigma, transforms, n, known) -> Draw:
+    x = np.geomspace(*ends, n) if ends[0] > 0 else np.linspace(*ends, n)
+    places = np.quantile(x, (0.1, 0.5, 0.9))
+    clean, there = np.asarray(model(truth, x)), np.asarray(model(truth, places))
+    start = {name: 0.8 * value for name, value in truth.items()}
+    how = {"sigma": sigma} if known else {}
+
+    def draw(random: np.random.Generator) -> dict[str, bool | None]:
+        y = clean + sigma * random.normal(size=n)
+        found = jc.fit(model, y, start, x=x, transforms=transforms, **how)
+        new = there + sigma * random.normal(size=places.size)
+        if not found.converged:
+            return dict.fromkeys([*truth, "curve", "new reading"])
+        held = holds(found, truth)
+        for name, band, value in (
+            ("curve", found.confidence_band, there),
+            ("new reading", found.prediction_band, new),
+        ):
+            low, high = band(places)
+            # One place a draw, so that the draws are independent.
+            i = int(random.integers(places.size))
+            held[name] = bool(low[i] <= value[i] <= high[i])
+        return held
+
+    return draw
+
+
+def holds(found: jc.Fit, truth: dict[str, float]) -> dict[str, bool | None]:
+    ends = found.interval()
+    return {name: bool(ends[name][0] <= value <= ends[name][1]) for name, value in truth.items()}
+
+
+def record_cells() -> Iterator[tuple[str, Draw]]:
+    for name, simulate, truth in records():
+
+        def draw(random: np.random.Generator, simulate=simulate, truth=truth):
+            found = simulate(random)
+            if not found.converged:
+                return dict.fromkeys(truth)
+            # Whether an end lies beyond the truth needs no search for the end.
+            profiles = [found.profile(name, [value]) for name, value in truth.items()]
+            return {one.name: bool(abs(one.deviation[0]) <= one.quantile(0.95)) for one in profiles}
+
+        yield f"record, {name}", draw
+
+
+def cells() -> dict[str, Draw]:
+    return dict([*curves(), *record_cells()])
+
+
+def run(name: str, draw: Draw, draws: int, seed: int) -> dict:
+    """The share of draws in which each quantity is held, of those that converged."""
+    random = np.random.default_rng([seed, zlib.crc32(name.encode())])
+    begun = time.perf_counter()
+    found = [draw(random) for _ in range(draws)]
+    good = [one for one in found if None not in one.values()]
+    shares = {key: float(np.mean([one[key] for one in good])) for key in found[0]} if good else {}
+    return {
+        "draws": draws,
+        "converged": len(good) / draws,
+        "shares": shares,
+        "seconds": round(time.perf_counter() - begun, 1),
+    }
+
+
+def shown(cell: dict) -> str:
+    # Two standard deviations of a share of the draws.
+    blur = 2 * math.sqrt(0.95 * 0.05 / cell["draws"])
+    parts = []
+    for name, share in cell["shares"].items():
+        off = "" if WANTED[0] <= share <= WANTED[1] else " !" if abs(share - 0.95) > blur else " ?"
+        parts.append(f"{name} {100 * share:.1f}{off}")
+    return f"converged {100 * cell['converged']:.1f}; " + ", ".join(parts)
+
+
+def main(given: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--draws", type=int, default=2000)
+    parser.add_argument("--only", default="")
+    parser.add_argument("--fresh", action="store_true")
+    parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
+    arguments = parser.parse_args(given)
+    path = arguments.into / RESULT.name
+    result = {"seed": SEED, "cells": {}}
+    if path.exists() and not arguments.fresh:
+        result = json.loads(path.read_text())
+    for name, draw in cells().items():
+        done = result["cells"].get(name, {}).get("draws") == arguments.draws
+        if arguments.only not in name or done:
+            continue
+        result["cells"][name] = cell = run(name, draw, arguments.draws, SEED)
+        print(f"{name}: {shown(cell)}", flush=True)
+        arguments.into.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+
+
+if __name__ == "__main__":
+    main()

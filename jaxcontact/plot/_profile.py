@@ -1,0 +1,60 @@
+"""Pictures of the likelihood of each parameter."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .._fit import Fit, FitData
+from .._parameter import FRACTION, rendered, require_kind, require_number
+from .._units import label
+from ._axes import axes_for
+
+_POINTS = 25
+
+
+def profile(
+    result: Fit, names: Sequence[str] | None = None, *, level: float = 0.95, ax: Any = None
+) -> Any:
+    """Draw how the loss rises when a parameter is held elsewhere and the others are fitted anew.
+
+    Drawn is 2 (loss - best)/s², by which intervals are found: that of `interval(level)` lies where
+    the curve is below the horizontal line, and is shaded. The dashed parabola is the normal
+    approximation of the standard error: where the two differ, trust the curve.
+
+    Arguments: the fit; the `names` of parameters, by default all that have a standard error; axes,
+    one for each of them, new ones if None. Returns an array of axes, or the axes of a lone one.
+    Raises ValueError for a fit that did not converge, names without a standard error, and what is
+    no fit and no such axes.
+    """
+    require_kind("result", result, FitData, "a `Fit`")
+    level = require_number("level", level, FRACTION)
+    known = [name for name, error in result.standard_errors.items() if math.isfinite(error)]
+    if not known:
+        raise ValueError(
+            "Argument `result` must have a parameter with a standard error, but has none."
+        )
+    chosen = known if names is None else [names] if isinstance(names, str) else names
+    if not isinstance(chosen, list | tuple) or not chosen or not all(x in known for x in chosen):
+        raise ValueError(
+            f"Argument `names` must be some of {', '.join(known)}, but is {rendered(names)}."
+        )
+    all_axes = axes_for(ax, len(chosen), "parameter")
+    intervals = result.interval(level)
+    curves = [result.profile(name, points=_POINTS) for name in chosen]
+    for axes, curve in zip(all_axes, curves, strict=True):
+        error = result.standard_errors[curve.name]
+        axes.plot(curve.values, np.square((curve.values - curve.best) / error), "--", color="0.6")
+        axes.plot(curve.values, np.square(curve.deviation))
+        axes.plot(curve.best, 0, ".", color="k", clip_on=False, zorder=3)
+        low, high = intervals[curve.name]
+        axes.axhline(curve.quantile(level) ** 2, color="0.6", lw=1)
+        axes.axvspan(low, high, alpha=0.1, lw=0)
+        axes.set_ylim(0)
+        axes.set_xlim(curve.values[0], curve.values[-1])
+        axes.set_xlabel(label(curve.name.rpartition(".")[2], curve.name))
+    all_axes[0].set_ylabel("2 (loss - best)/s²")
+    return np.array(all_axes) if len(curves) > 1 else all_axes[0]
