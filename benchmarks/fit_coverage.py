@@ -20,7 +20,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from fit_truths import records
+from fit_truths import bounces, records
 
 import jaxcontact as jc
 
@@ -105,7 +105,7 @@ def record_cells() -> Iterator[tuple[str, Draw]]:
 
 
 def cells() -> dict[str, Draw]:
-    return dict([*curves(), *record_cells()])
+    return dict([*curves(), *record_cells(), *((f"bounces, {n}", draw) for n, draw in bounces())])
 
 
 def run(name: str, draw: Draw, draws: int, seed: int) -> dict:
@@ -145,10 +145,11 @@ def main(given: list[str] | None = None) -> None:
     if path.exists() and not arguments.fresh:
         result = json.loads(path.read_text())
     for name, draw in cells().items():
-        done = result["cells"].get(name, {}).get("draws") == arguments.draws
+        draws = arguments.draws // 4 if name.startswith("bounces") else arguments.draws
+        done = result["cells"].get(name, {}).get("draws") == draws
         if arguments.only not in name or done:
             continue
-        result["cells"][name] = cell = run(name, draw, arguments.draws, SEED)
+        result["cells"][name] = cell = run(name, draw, draws, SEED)
         print(f"{name}: {shown(cell)}", flush=True)
         arguments.into.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")

@@ -74,3 +74,75 @@ def record_fit(random: np.random.Generator, columns: tuple[str, ...], known: boo
     law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7)
     with jax.enable_x64(True):
         return jc.fit_record(TIME, law, contact, 1.2, **table, **sigma)
+
+
+GRAVITY = 9.80665
+BOUNCES, TRIALS = 10, 12
+JITTER, SCATTER = 3e-4, 0.004
+CONTACT = jc.Contact(mass=0.05, stiffness=1e7)
+BALLS = {
+    "constant e": ("law.e", 0.85, jc.ExactRestitution(e=0.6), np.linspace(0.3, 0.999, 700)),
+    "constant c": ("law.c", 1.2e6, jc.ConstantDamping(c=5e5), np.geomspace(1e4, 1e8, 700)),
+}
+"""A parameter, its truth, the law to start from, and a dense grid of the parameter."""
+
+
+@functools.cache
+def _delivered() -> tuple[np.ndarray, np.ndarray]:
+    """ln(1 + α) and the restitution of a damping factor α."""
+    alpha = np.concatenate([[0], np.geomspace(1e-5, 1e3, 4000)])
+    with jax.enable_x64(True):
+        return np.log1p(alpha), np.asarray(jc.restitution(jc.Damped(alpha=alpha)))
+
+
+def e_of(ball: str, value: float, speed: np.ndarray) -> np.ndarray:
+    """The restitution of a ball whose parameter is `value`."""
+    if ball == "constant e":
+        return np.full_like(speed, value)
+    return np.interp(np.log1p(value * speed / CONTACT.stiffness), *_delivered())
+
+
+def triggers(random: np.random.Generator, ball: str, wrong: float) -> np.ndarray:
+    """The times in s of one trial, of which a share `wrong` is missed or spurious, half each."""
+    truth = BALLS[ball][1]
+    speed, times = np.array(random.uniform(2.0, 4.5)), [0.0]
+    for _ in range(BOUNCES):
+        times.append(times[-1] + 2 * float(speed) / GRAVITY)
+        speed = speed * e_of(ball, truth, speed) * np.exp(SCATTER * random.normal())
+    times = np.array(times) + JITTER * random.normal(size=len(times))
+    kept = times[random.random(len(times)) > wrong / 2]
+    extra = random.uniform(times[0], times[-1], random.binomial(len(times), wrong / 2))
+    return np.sort(np.concatenate([kept, extra]))
+
+
+def bounces() -> Iterator[tuple[str, Callable[[np.random.Generator], dict[str, bool | None]]]]:
+    """Recordings with wrong triggers: whether the truth is held, and no grid point is better."""
+    for ball in BALLS:
+        for wrong in (0.0, 0.05, 0.1, 0.2):
+            name = f"{ball}, {100 * wrong:.0f} % of the triggers wrong"
+            yield name, functools.partial(bounces_fit, ball=ball, wrong=wrong)
+
+
+def bounces_fit(random: np.random.Generator, ball: str, wrong: float) -> dict[str, bool | None]:
+    name, truth, start, grid = BALLS[ball]
+    flights = [np.diff(triggers(random, ball, wrong)) for _ in range(TRIALS)]
+    first = np.concatenate([t[:-1] for t in flights])
+    second = np.concatenate([t[1:] for t in flights])
+    trial = np.repeat(np.arange(TRIALS), [len(t) - 1 for t in flights])
+    found = jc.fit_bounces(
+        start, CONTACT, first, second, gravity=GRAVITY, loss=jc.Huber(), groups=trial
+    )
+    if not found.converged:
+        return {name: None, "no better grid point": None}
+    low, high = found.interval()[name]
+    factor, speed = np.asarray(found.problem.factor), GRAVITY * first / 2
+
+    def loss(value: float) -> float:
+        z = factor * (np.log(first * e_of(ball, value, speed)) - np.log(second))
+        k = jc.Huber().threshold
+        return float(np.sum(np.where(abs(z) < k, z**2 / 2, k * abs(z) - k**2 / 2)))
+
+    best = loss(float(found.values[0]))
+    # Interpolated restitutions blur a loss by less.
+    better = min(map(loss, grid)) < best * (1 - 1e-6)
+    return {name: bool(low <= truth <= high), "no better grid point": not better}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -11,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact, require_contact
-from .._fit import Fit, Positive, fit
+from .._fit import Fit, Huber, Positive, fit
 from .._flight import (
     STANDARD_GRAVITY,
     Drag,
@@ -21,17 +22,33 @@ from .._flight import (
     landing_speed,
     launch_speed,
     speed_after_drop,
+    speed_to_reach,
 )
 from .._impact import AbstractMethod, method_of, restitution
 from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, require_choice
 from ._checks import column, with_transforms
 from ._impacts import transforms_of
+from ._wrong_pairs import Readings, without_wrong_pairs
 
-# The speed of landing from the first reading, and the second reading from the speed of launch.
+
+def _landing_after(time: Any, gravity: Any, b: Any) -> Any:
+    return landing_speed(launch_speed(time, gravity, b), gravity, b)
+
+
+class _Kind(NamedTuple):
+    """The speed of landing from the first reading, and that of launch and the second reading from
+    each other.
+    """
+
+    landing: Callable[..., Any]
+    launch: Callable[..., Any]
+    second: Callable[..., Any]
+
+
 _KINDS = {
-    "intervals": (lambda t, g, b: landing_speed(launch_speed(t, g, b), g, b), duration),
-    "heights": (speed_after_drop, height_reached),
+    "intervals": _Kind(_landing_after, launch_speed, duration),
+    "heights": _Kind(speed_after_drop, speed_to_reach, height_reached),
 }
 
 
@@ -57,10 +74,10 @@ class NextFlight(eqx.Module):
     def __call__(self, model: BounceModel, first: Float[Array, " n"]) -> Float[Array, " n"]:
         g, c_d = self.gravity, model.drag_coefficient
         b = None if self.slowing is None or c_d is None else self.slowing * c_d
-        landing, second = _KINDS[self.kind]
-        approach = landing(first, g, b)
+        kind = _KINDS[self.kind]
+        approach = kind.landing(first, g, b)
         launch = approach * restitution(model.law, model.contact, approach, method=self.method)
-        return jnp.log(second(launch, g, b))
+        return jnp.log(kind.second(launch, g, b))
 
 
 def fit_bounces(
@@ -99,6 +116,11 @@ def fit_bounces(
     several times for long trials. The command `calibrate` weights both readings, finds spurious
     triggers and counts a trial as one cluster, but holds C_d.
 
+    With `loss=Huber()` pairs that a spurious or missed trigger has spoilt are left out: those that
+    lie more than six robust standard deviations off the fit, found in turn with it from a trend
+    that knows no law. `reason` says how many; with more than 40 % of them the recording cannot be
+    used, and the fit has not converged.
+
     Returns a `Fit` whose params have `.law`, `.contact` and `.drag_coefficient` (None in vacuum),
     and whose `predict(first)` is ln T₂ or ln h₂. Raises ValueError for columns that do not match
     or are not positive, and arguments out of range.
@@ -117,4 +139,13 @@ def fit_bounces(
             transforms["drag_coefficient"] = Positive()
         model = NextFlight(jnp.asarray(flight.gravity), slowing, kind, method)
     transforms |= transforms_of(start, fixed)
-    return fit(model, np.log(after), start, x=before, **with_transforms(transforms, how))
+    how = with_transforms(transforms, how)
+
+    def fitted(**how: Any) -> Fit:
+        return fit(model, np.log(after), start, x=before, **how)
+
+    if not isinstance(how.get("loss"), Huber):
+        return fitted(**how)
+    velocity = flight.evaluate(_KINDS[kind].landing, before)[0]
+    launch = flight.evaluate(_KINDS[kind].launch, after)[0]
+    return without_wrong_pairs(fitted, how, Readings(before, after, velocity, launch / velocity))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,35 +61,48 @@ class Outliers:
     noise: Noise
 
 
+class Marked(NamedTuple):
+    """Which of n pairs are marked, how far each lies off, the trend, and the noise about it."""
+
+    flagged: NDArray[np.bool_]
+    deviation: Floats
+    trend: Trend
+    noise: Noise
+
+
 def find_outliers(pairs: Pairs) -> Outliers:
+    """Mark pairs as `mark` does, and guess what happened to them."""
+    found = mark(pairs.velocity, pairs.restitution, pairs.reading_factor)
+    usual = float(np.exp(np.median(found.trend(pairs.velocity[~found.flagged]))))
+    told = pairs.layout.guess(pairs.records, found.flagged, usual)
+    guess = {k: told.get(k, "unclear") for k in map(int, np.flatnonzero(found.flagged))}
+    return Outliers(found.flagged, found.deviation, guess, found.trend, found.noise)
+
+
+def mark(velocity: Floats, restitution: Floats, reading_factor: Floats) -> Marked:
     """Mark the pairs that lie more than `THRESHOLD` robust standard deviations off the trend.
 
     The trend (constant, or a Theil-Sen line in speed or in its logarithm, whichever leaves the
     least scatter) and the noise are estimated, pairs marked, and both estimated again from the
     unmarked pairs, until the marks stay the same.
     """
-    y = np.log(pairs.restitution)
-    keep = np.ones(len(pairs), dtype=bool)
+    y = np.log(restitution)
+    keep = np.ones(len(y), dtype=bool)
     # The first round includes all outliers and so uses the median alone, which holds while fewer
     # than half the pairs are wrong; later rounds, without the gross ones, fit slopes too.
     kinds: Iterable[str] = ["constant"]
     seen: set[bytes] = set()
     while True:
-        trend = _robust_trend(kinds, pairs.velocity[keep], y[keep])
-        residual = y - trend(pairs.velocity)
-        noise = estimate_noise(residual[keep], pairs.reading_factor[keep], robust=True)
-        deviation = residual / noise.sigma(pairs.reading_factor)
+        trend = _robust_trend(kinds, velocity[keep], y[keep])
+        residual = y - trend(velocity)
+        noise = estimate_noise(residual[keep], reading_factor[keep], robust=True)
+        deviation = residual / noise.sigma(reading_factor)
         keep = np.abs(deviation) <= THRESHOLD
         # The marks may alternate between two sets: stop when a set comes up again.
         if keep.tobytes() in seen:
-            break
+            return Marked(~keep, deviation, trend, noise)
         seen.add(keep.tobytes())
         kinds = _AXES if keep.sum() >= _LINE_POINTS else ["constant"]
-    flagged = ~keep
-    usual = float(np.exp(np.median(trend(pairs.velocity[keep]))))
-    told = pairs.layout.guess(pairs.records, flagged, usual)
-    guess = {k: told.get(k, "unclear") for k in map(int, np.flatnonzero(flagged))}
-    return Outliers(flagged, deviation, guess, trend, noise)
 
 
 def _robust_trend(kinds: Iterable[str], velocity: Floats, y: Floats) -> Trend:

@@ -305,6 +305,44 @@ def test_single_precision_outside_changes_nothing():
     assert found.converged and found.values == pytest.approx([0.9, 0.45], rel=1e-9)
 
 
+def flights(wrong):
+    """Twenty trials of a ball with e = 0.85, of whose triggers a share is missed or spurious."""
+    random, first, second, trial = np.random.default_rng(7), [], [], []
+    for number in range(20):
+        times = np.concatenate([[0], np.cumsum(0.8 * 0.85 ** np.arange(10))])
+        times += 2e-4 * random.normal(size=11)
+        kept = times[random.random(11) > wrong / 2]
+        extra = random.uniform(0, times[-1], random.binomial(11, wrong / 2))
+        t = np.diff(np.sort([*kept, *extra]))
+        first, second = [*first, *t[:-1]], [*second, *t[1:]]
+        trial += [number] * (len(t) - 1)
+    return {"first": np.array(first), "second": np.array(second), "groups": trial}
+
+
+def test_wrong_triggers_are_left_out():
+    law = jc.ExactRestitution(e=0.3)
+    data = flights(0.1)
+    found = jc.fit_bounces(law, CONTACT, **data, loss=jc.Huber())
+    assert found.converged, found.reason
+    left = int(found.reason.split("; ")[1].split(" of ")[0])
+    spoilt = np.abs(data["second"] / data["first"] / 0.85 - 1) > 0.1
+    assert spoilt.sum() <= left <= 1.2 * spoilt.sum() and left > 25
+    assert np.isnan(found.residuals[spoilt]).all() and found.residuals.size == spoilt.size
+    low, high = found.interval()["law.e"]
+    assert low < 0.85 < high and high - low < 2e-3
+    # Others' weights count beside the marks.
+    given = jc.fit_bounces(law, CONTACT, **data, loss=jc.Huber(), weights=np.full(spoilt.size, 3.0))
+    assert float(given.params.law.e) == pytest.approx(float(found.params.law.e), abs=1e-6)
+    known = jc.fit_bounces(law, CONTACT, **data, loss=jc.Huber(), sigma=1e-3)
+    assert np.array_equal(np.isnan(known.residuals), np.isnan(found.residuals))
+
+
+def test_a_recording_of_wrong_triggers_cannot_be_used():
+    found = jc.fit_bounces(jc.ExactRestitution(e=0.3), CONTACT, **flights(0.3), loss=jc.Huber())
+    assert not found.converged and "the recording cannot be used" in found.reason
+    assert np.isnan(found.standard_errors["law.e"])
+
+
 TIMES = [0.5, 0.4]
 
 
