@@ -115,6 +115,9 @@ def fit_record(
         "indentation": (indentation, sigma_indentation, REAL),
     }
     table = measured(columns, ("time", moments), weight=lambda c: np.abs(c).max() ** -2.0)
+    for name, readings in table["data"].items():
+        if np.ptp(readings) == 0:
+            raise ValueError(f"Argument `{name}` must vary, but is {readings[0]:g} everywhere.")
     reading = next(iter(table["data"].values()))
     if start_time is None:
         start_time = touch_in(moments, reading)

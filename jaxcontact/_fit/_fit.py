@@ -32,6 +32,7 @@ from ._result import Fit
 from ._solve import MOST_STEPS, PATIENCE, Options
 from ._space import space_of
 from ._target import Target, groups_of, target_of
+from ._unused import refuse_unused
 from ._verdict import at_bound_of, creeping, falling, verdict
 
 _END = 40.0
@@ -98,8 +99,9 @@ def fit(
     lambda written anew is another function and does.
 
     Returns a `Fit`. Raises ValueError for data that are not finite where they count (the points are
-    named), a start outside its bounds or without a finite prediction, and arguments that do not
-    match. Source: Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030.
+    named), a start outside its bounds, without a finite prediction or with a number that the
+    prediction does not use, and arguments that do not match. Source: Levenberg (1944), doi
+    10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030.
     """
     require_function("predict", predict)
     _check(loss, optimizer)
@@ -140,6 +142,7 @@ def fit(
             rough, ends = _best_start(problem, np.stack([theta, *(theta + away)]), options)
         found = _search(problem, rough, options)
         _check_start(problem, theta, found)
+        refuse_unused(problem, found)
         found = _set_to_bound(problem, found, theta, options)
         settled = True
         if sigma is None and (isinstance(loss, Huber) or noise == BY_COLUMN):

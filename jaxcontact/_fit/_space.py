@@ -13,6 +13,7 @@ from jax.tree_util import DictKey, FlattenedIndexKey, GetAttrKey, SequenceKey
 from jaxtyping import Array, Float
 
 from .._parameter import Range, as_numbers, ranges, rendered
+from ._checks import listed
 from ._transforms import AbstractTransform, Coordinate, Fixed, Free, of_range
 
 
@@ -114,6 +115,12 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             theta.append(transform.coordinate.to_free(value, *bounds))
     if not names:
         raise ValueError(f"Argument `start` must hold a number to fit, but is {rendered(start)}.")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(
+            f"Argument `start` must hold numbers of different names, but holds {listed(twice)} "
+            "twice."
+        )
     low, high = jnp.asarray(ends, float).T
     keys = tuple(coordinates), tuple(shapes), tuple(names)
     held = jnp.full(len(names), jnp.nan)

@@ -11,6 +11,7 @@ import numpy as np
 
 from .._flight import STANDARD_GRAVITY, Flight, landing_speed, launch_speed
 from ._layout import Layout, Paired, ReadingError, Record, span
+from ._restitution import MEASURED_RESTITUTION, length_guess
 from ._sheet import Row
 
 _TOLERANCE = 0.06
@@ -19,6 +20,10 @@ _MOST_MERGED = 5
 
 _LONG = 20.0
 """Of an interval in s: a ball that is so long in the air came from half a kilometre."""
+
+_CONTRADICTS = 30.0
+"""Shares of height that a ball keeps at its first impact and at its second do not differ by this
+factor, of five in e; even bounces that were not recorded before them do not make it."""
 
 Group = tuple[str, float | None, str]
 
@@ -82,7 +87,28 @@ class Intervals(Layout[Interval]):
                 f"half of the intervals are longer than {typical:g} s, in which a ball rises "
                 f"{STANDARD_GRAVITY * typical**2 / 8:.0f} m; are they in ms? then divide by 1000",
             )
+        self._check_drops(rows, records)
         return records
+
+    def _check_drops(self, rows: Sequence[Row], records: Sequence[Interval]) -> None:
+        """Refuse drop heights to which the flights after the first impact do not fit."""
+        seconds = {(record.group, record.bounce): record.seconds for record in records}
+        rises = [
+            (STANDARD_GRAVITY * t1**2 / 8 / group[1], (t2 / t1) ** 2)
+            for (group, bounce), t1 in seconds.items()
+            if bounce == 1 and group[1] and (t2 := seconds.get((group, 2)))
+        ]
+        if not rises:
+            return
+        # Both are e², of the first impact and of the second.
+        rise, usual = np.median(rises, axis=0)
+        if rise > usual / _CONTRADICTS and rise <= MEASURED_RESTITUTION.high**2:
+            return
+        rows[0].refuse(
+            "drop_height_m",
+            f"after the first impact balls rise to {rise:.3g} of this height (the median), after "
+            f"the second to {usual:.3g} of the one before{length_guess(usual / rise)}",
+        )
 
     def facts(self, records: Sequence[Interval]) -> Mapping[str, str]:
         return {

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._flight import Flight, speed_after_drop, speed_to_reach
 from ._layout import Layout, Paired, ReadingError, Record, span
-from ._restitution import MEASURED_RESTITUTION, in_percent
+from ._restitution import MEASURED_RESTITUTION, in_percent, length_guess
 from ._sheet import Row
 
 
@@ -37,10 +37,15 @@ class Heights(Layout[Rebound]):
     errors_words = "by drop height (cluster-robust sandwich): drops from one height share its error"
 
     def read(self, rows: Sequence[Row]) -> list[Rebound]:
-        return [
+        records = [
             Rebound(*row.place, row.text("trial", "1"), *map(row.positive, self.measured))
             for row in rows
         ]
+        rise = np.median([one.height / one.drop_height for one in records]) if records else 0.0
+        if rise > MEASURED_RESTITUTION.high**2:
+            told = f"balls rise to {rise:.3g} times the height they fell from (the median)"
+            rows[0].refuse("rebound_height_m", told + length_guess(rise))
+        return records
 
     def facts(self, records: Sequence[Rebound]) -> Mapping[str, str]:
         dropped = [record.drop_height for record in records]
