@@ -12,6 +12,7 @@ if _TYPE_CHECKING:
     from ._calibration import AbstractShape as AbstractShape
     from ._calibration import Calibration as Calibration
     from ._calibration import CalibrationSummary as CalibrationSummary
+    from ._calibration import Design as Design
     from ._calibration import LawChoice as LawChoice
     from ._calibration import Network as Network
     from ._calibration import Rational as Rational
@@ -19,6 +20,7 @@ if _TYPE_CHECKING:
     from ._calibration import VelocityProfile as VelocityProfile
     from ._calibration import calibrate as calibrate
     from ._calibration import choose_law as choose_law
+    from ._calibration import design as design
     from ._calibration import fit_bounces as fit_bounces
     from ._calibration import fit_damping as fit_damping
     from ._calibration import fit_energy_loss as fit_energy_loss
@@ -110,8 +112,8 @@ __version__ = "0.1.0"
 _ROOMS = {
     "_bounce": "Bounce bounce",
     "_calibration": (
-        "AbstractShape Calibration CalibrationSummary LawChoice Network Rational Spline "
-        "VelocityProfile calibrate choose_law fit_bounces fit_damping fit_energy_loss "
+        "AbstractShape Calibration CalibrationSummary Design LawChoice Network Rational Spline "
+        "VelocityProfile calibrate choose_law design fit_bounces fit_damping fit_energy_loss "
         "fit_impacts fit_record fit_velocity_profile learn_law load_calibration"
     ),
     "_contact": "Contact Material",

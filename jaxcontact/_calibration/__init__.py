@@ -6,6 +6,8 @@ from ._calibrate import calibrate as calibrate
 from ._choice import LawChoice as LawChoice
 from ._choice import choose_law as choose_law
 from ._damping import fit_damping as fit_damping
+from ._design import Design as Design
+from ._design import design as design
 from ._energy_loss import fit_energy_loss as fit_energy_loss
 from ._file import load_calibration as load_calibration
 from ._impacts import fit_impacts as fit_impacts

@@ -70,16 +70,17 @@ def measured(
     gaps: bool = False,
     weight: Callable[[Column], float] = lambda values: 1.0,
 ) -> dict[str, Any]:
-    """The arguments `data` and `sigma` or `weights` of `fit`, from two columns by name.
+    """The arguments `data` and `sigma` or `weights` of `fit`, from some columns by name.
 
     `given` holds values, standard deviations and range of each; None where there are none. Without
     standard deviations a column counts with its `weight`. Raises ValueError without a column, for
-    bad ones, and for standard deviations of only one of them.
+    bad ones, and for standard deviations of only some of them.
     """
     there = {name: one for name, one in given.items() if one[0] is not None}
     if not there:
         either = " or ".join(f"`{name}`" for name in given)
-        raise ValueError(f"Argument {either} must be given, but both are None.")
+        none = "both" if len(given) == 2 else "all"
+        raise ValueError(f"Argument {either} must be given, but {none} are None.")
     data = {
         name: column(values, name, allowed, beside, gaps=gaps)
         for name, (values, _, allowed) in there.items()
@@ -95,10 +96,11 @@ def measured(
                 f"Argument `sigma_{name}` must be None without `{name}`, but is {rendered(sigma)}."
             )
     if sigmas and len(sigmas) < len(data):
-        both = " and ".join(f"`sigma_{name}`" for name in given)
+        both = " and ".join(f"`sigma_{name}`" for name in data)
+        every = "both columns" if len(data) == 2 else "all columns"
         missing = next(name for name in data if name not in sigmas)
         raise ValueError(
-            f"Arguments {both} must be given for both columns or for none, but `sigma_{missing}` "
+            f"Arguments {both} must be given for {every} or for none, but `sigma_{missing}` "
             "is None."
         )
     if sigmas:

@@ -1,4 +1,4 @@
-"""Contact and law from measured outcomes of single impacts: e(v) and t_c(v)."""
+"""Contact and law from measured outcomes of single impacts: e(v), t_c(v) and F_max(v)."""
 
 from __future__ import annotations
 
@@ -27,15 +27,21 @@ class ImpactModel(eqx.Module):
 
 
 class Outcome(eqx.Module):
-    """Those in `fields` of e and the logarithm of the duration, whose error is relative."""
+    """Those in `fields` of e and the logarithms of duration and largest force, whose errors are
+    relative.
+    """
 
     method: AbstractMethod = eqx.field(converter=method_of)
     fields: tuple[str, ...] = eqx.field(static=True)
 
     def __call__(self, model: ImpactModel, velocity: Float[Array, " n"]) -> dict[str, Array]:
         hit = impact(model.law, model.contact, velocity, method=self.method)
-        outcome = {"e": hit.restitution, "duration": jnp.log(hit.duration)}
-        return {field: outcome[field] for field in self.fields}
+        outcome = {
+            "e": lambda: hit.restitution,
+            "duration": lambda: jnp.log(hit.duration),
+            "max_force": lambda: jnp.log(hit.max_force),
+        }
+        return {field: outcome[field]() for field in self.fields}
 
 
 def fit_impacts(
@@ -45,20 +51,23 @@ def fit_impacts(
     *,
     e: ArrayLike | None = None,
     duration: ArrayLike | None = None,
+    max_force: ArrayLike | None = None,
     sigma_e: ArrayLike | None = None,
     sigma_duration: ArrayLike | None = None,
+    sigma_max_force: ArrayLike | None = None,
     fixed: tuple[str, ...] = ("mass",),
     method: str | AbstractMethod = "auto",
     **how: Any,
 ) -> Fit:
-    """A law and a contact from tables of restitution and of contact time over the closing speed.
+    """A law and a contact from restitutions, contact times and peak forces over the closing speed.
 
     Arguments: the `law` and the `contact` to start from, all of whose numbers are fitted but the
     `fixed` ones ("mass" by default: times determine only K/m; n is fitted if the contact's exponent
-    is an array); `velocity` in m/s; `e` in [0, 1.2] and `duration` in s, at least one of them, NaN
-    where a speed was not measured, all (points,). `sigma_e`, and `sigma_duration` relative to the
-    duration (one number, or one for each point), are standard deviations; give both or none, if
-    both columns are there. `method` as in `impact`; what else `fit` takes.
+    is an array); `velocity` in m/s; `e` in [0, 1.2], `duration` in s and `max_force` in N, at least
+    one of them, NaN where a speed was not measured, all (points,). `sigma_e`, and `sigma_duration`
+    and `sigma_max_force` relative to their column (one number, or one for each point), are standard
+    deviations; give those of all columns or of none. `method` as in `impact`; what else `fit` takes
+    (`noise="by column"`, say).
 
     Returns a `Fit` whose params have `.law` and `.contact`. Raises ValueError for columns that do
     not match or leave their range.
@@ -69,17 +78,18 @@ def fit_impacts(
     columns = {
         "e": (e, sigma_e, MEASURED_RESTITUTION_FROM_ZERO),
         "duration": (duration, sigma_duration, POSITIVE),
+        "max_force": (max_force, sigma_max_force, POSITIVE),
     }
     table = measured(columns, ("velocity", v), gaps=True)
-    if duration is not None:
-        table["data"]["duration"] = np.log(table["data"]["duration"])
+    for name in table["data"].keys() - {"e"}:
+        table["data"][name] = np.log(table["data"][name])
     start = ImpactModel(law, contact)
     how = with_transforms(transforms_of(start, fixed), how)
     model = Outcome(method, tuple(table["data"]))
     return fit(model, start=start, x=v, **table, **how)
 
 
-def _holds(owner: Any, name: Any) -> bool:
+def holds(owner: Any, name: Any) -> bool:
     """Whether a model, law or contact has a field of this name."""
     fields = {field.name.lstrip("_") for field in dataclasses.fields(owner)}
     return isinstance(name, str) and name in fields and name != "tension"
@@ -101,7 +111,7 @@ def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTrans
         )
     owners = {"": start, "contact.": start.contact, "law.": start.law}
     for name in fixed:
-        places = [prefix for prefix, owner in owners.items() if _holds(owner, name)]
+        places = [prefix for prefix, owner in owners.items() if holds(owner, name)]
         if not places:
             raise ValueError(
                 "Argument `fixed` must name numbers of the law or the contact, but holds "

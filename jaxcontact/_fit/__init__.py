@@ -14,6 +14,8 @@ from ._inference import Direction as Direction
 from ._loss import Huber as Huber
 from ._profile import Profile as Profile
 from ._result import Fit as Fit
+from ._space import Space as Space
+from ._space import space_of as space_of
 from ._target import groups_of as groups_of
 from ._transforms import AbstractTransform as AbstractTransform
 from ._transforms import Between as Between

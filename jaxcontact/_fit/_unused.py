@@ -35,7 +35,7 @@ def refuse_unused(problem: Problem, found: Found) -> None:
     for step in reversed(jaxpr.eqns):
         if any(id(one) in used for one in step.outvars):
             used |= {id(one) for one in step.invars}
-    counts = [int(np.prod(problem.space.shapes[i])) for i in fitted]
+    counts = [np.size(leaves[i]) for i in fitted]
     enters = np.repeat([id(one) in used for one in jaxpr.invars], counts)
     names = [problem.space.names[i] for i in without if not enters[i]]
     if names:

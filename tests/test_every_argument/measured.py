@@ -35,6 +35,7 @@ from tests.test_every_argument.kinds import (
     E,
 )
 
+DESIGNED = {"e": 0.1, "duration": 0.1, "max_force": 0.1}
 MEASURED = jc.read_recording(velocity=V, restitution=OUT)
 LIST_OF_NUMBERS = frozenset({"tuple", "list of text", "shape (1,)", "jax shape (1,)", "Series"})
 """Text may be a number there, as it is in a file."""
@@ -113,6 +114,30 @@ def cases() -> dict[str, Case]:
             jc.fit_impacts,
             {"law": LAW, "contact": CONTACT, "velocity": V, "duration": OUT},
             {"sigma_duration": POSITIVE | NONE},
+        ),
+        "fit_impacts, peak forces": Case(
+            jc.fit_impacts,
+            {"law": LAW, "contact": CONTACT, "velocity": V, "max_force": OUT},
+            {"sigma_max_force": POSITIVE | NONE, "max_force": NOTHING},
+        ),
+        "design": Case(
+            jc.design,
+            {"law": LAW, "contact": CONTACT, "noise": DESIGNED, "candidates": V},
+            {
+                "law": LAWS,
+                "contact": CONTACTS,
+                "noise": NOTHING,
+                "candidates": NUMBERS_3 - {"range"} | {"shape (1,)", "jax shape (1,)"},
+                "n": COUNT,
+                "goal": {"law"},
+                "fixed": EMPTY,
+                "method": METHODS,
+            },
+        ),
+        "Design.readings_for": Case(
+            jc.Design(V, ("e",) * len(V), noncentrality=1.0).readings_for,
+            {},
+            {"noncentrality": POSITIVE},
         ),
         "fit_bounces": Case(
             jc.fit_bounces,

@@ -10,7 +10,7 @@ def cases() -> dict[str, Case]:
 
 EXEMPT = {
     # Results, which the library makes
-    r"(Bounce|Calibration|CalibrationSummary|Export|Fit|Impact|Impacts|LawChoice|Margin|Moment|"
+    r"(Bounce|Calibration|CalibrationSummary|Design|Export|Fit|Impact|Impacts|LawChoice|Margin|Moment|"
     r"Recording|Run|ScaledImpact|Sweep|Trajectory|VelocityProfile)\(.*\)": "a result, made by the "
     "library",
     r"RecordingError\(.*\)": "an error, raised by the library",
