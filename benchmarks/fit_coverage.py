@@ -20,7 +20,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from fit_truths import bounces, records
+from fit_truths import bounces, records, trials
 
 import jaxcontact as jc
 
@@ -105,7 +105,9 @@ def record_cells() -> Iterator[tuple[str, Draw]]:
 
 
 def cells() -> dict[str, Draw]:
-    return dict([*curves(), *record_cells(), *((f"bounces, {n}", draw) for n, draw in bounces())])
+    wrong = ((f"bounces, {name}", draw) for name, draw in bounces())
+    shared = ((f"triggers, {name}", draw) for name, draw in trials())
+    return dict([*curves(), *record_cells(), *wrong, *shared])
 
 
 def run(name: str, draw: Draw, draws: int, seed: int) -> dict:

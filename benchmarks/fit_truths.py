@@ -146,3 +146,36 @@ def bounces_fit(random: np.random.Generator, ball: str, wrong: float) -> dict[st
     # Interpolated restitutions blur a loss by less.
     better = min(map(loss, grid)) < best * (1 - 1e-6)
     return {name: bool(low <= truth <= high), "no better grid point": not better}
+
+
+NOISES = {"mixed": (3e-4, 0.004), "triggers": (1e-3, 0.001), "scatter": (1e-4, 0.01)}
+"""Errors of triggers in s, and the relative scatter of a bounce."""
+
+
+def trials() -> Iterator[tuple[str, Callable[[np.random.Generator], dict[str, bool | None]]]]:
+    """Recordings of one and of some trials, whose intervals share triggers."""
+    for count, length in ((1, 10), (1, 20), (5, 8), (12, 10)):
+        for kind, noise in NOISES.items():
+            times = "trial" if count == 1 else "trials"
+            name = f"{count} {times} of {length} bounces, {kind}"
+            yield name, functools.partial(trials_fit, count=count, length=length, noise=noise)
+
+
+def trials_fit(
+    random: np.random.Generator, count: int, length: int, noise: tuple[float, float]
+) -> dict[str, bool | None]:
+    name, truth, start, _ = BALLS["constant e"]
+    jitter, scatter = noise
+    first, second = [], []
+    for _ in range(count):
+        ratios = truth * np.exp(scatter * random.normal(size=length - 1))
+        flights = 2 * random.uniform(2.0, 4.5) / GRAVITY * np.cumprod([1, *ratios])
+        times = np.cumsum([0, *flights]) + jitter * random.normal(size=length + 1)
+        first.append(np.diff(times)[:-1])
+        second.append(np.diff(times)[1:])
+    columns = np.concatenate(first), np.concatenate(second)
+    found = jc.fit_bounces(start, CONTACT, *columns, gravity=GRAVITY)
+    if not found.converged:
+        return {name: None}
+    low, high = found.interval()[name]
+    return {name: bool(low <= truth <= high)}

@@ -29,6 +29,7 @@ from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, require_choice
 from ._checks import column, with_transforms
 from ._impacts import transforms_of
+from ._triggers import with_shared_triggers
 from ._wrong_pairs import Readings, without_wrong_pairs
 
 
@@ -50,6 +51,10 @@ _KINDS = {
     "intervals": _Kind(_landing_after, launch_speed, duration),
     "heights": _Kind(speed_after_drop, speed_to_reach, height_reached),
 }
+
+
+_OWN_ERRORS = "sigma", "weights", "groups", "correlation"
+"""Arguments of `fit` with which the user says what the errors are like."""
 
 
 class BounceModel(eqx.Module):
@@ -109,16 +114,17 @@ def fit_bounces(
     law whose damping grows with speed: the assumed law shifts C_d by far more than its standard
     error. `method` as in `impact`; what else `fit` takes (`sigma`, `loss=Huber()`, ...).
 
-    Errors of `first` are not modelled. They change the logarithm of `second` by nearly as much, so
-    count them in `sigma`, the root of the sum of both squares; there is no bias while they are
-    small compared with the range of the data. Successive intervals share a trigger, whose error
-    enters them with opposite signs: where trigger errors dominate, standard errors are too large,
-    several times for long trials. The command `calibrate` weights both readings, finds spurious
-    triggers and counts a trial as one cluster, but holds C_d.
+    Errors of `first` change the logarithm of `second` by nearly as much, so count them in `sigma`,
+    the root of the sum of both squares; there is no bias while they are small compared with the
+    range of the data. Successive intervals share a trigger, whose error enters them with opposite
+    signs: unless `sigma`, `weights`, `groups` or `correlation` is given, the size of these errors
+    and the scatter of the bounces are found by restricted likelihood, in one trial too (pairs
+    follow each other where the second interval of one is the first of the next), and stand in
+    `notes`. How much trials differ, one trial cannot tell. `calibrate` holds C_d.
 
     With `loss=Huber()` pairs that a spurious or missed trigger has spoilt are left out: those that
     lie more than six robust standard deviations off the fit, found in turn with it from a trend
-    that knows no law. `reason` says how many; with more than 40 % of them the recording cannot be
+    that knows no law. `notes` say how many; with more than 40 % of them the recording cannot be
     used, and the fit has not converged.
 
     Returns a `Fit` whose params have `.law`, `.contact` and `.drag_coefficient` (None in vacuum),
@@ -141,11 +147,16 @@ def fit_bounces(
     transforms |= transforms_of(start, fixed)
     how = with_transforms(transforms, how)
 
-    def fitted(**how: Any) -> Fit:
-        return fit(model, np.log(after), start, x=before, **how)
+    def fitted(**other: Any) -> Fit:
+        return fit(model, np.log(after), start, x=before, **(how | other))
 
-    if not isinstance(how.get("loss"), Huber):
-        return fitted(**how)
-    velocity = flight.evaluate(_KINDS[kind].landing, before)[0]
-    launch = flight.evaluate(_KINDS[kind].launch, after)[0]
-    return without_wrong_pairs(fitted, how, Readings(before, after, velocity, launch / velocity))
+    if isinstance(how.get("loss"), Huber):
+        velocity = flight.evaluate(_KINDS[kind].landing, before)[0]
+        launch = flight.evaluate(_KINDS[kind].launch, after)[0]
+        readings = Readings(before, after, velocity, launch / velocity)
+        found = without_wrong_pairs(fitted, how, readings)
+    else:
+        found = fitted()
+    if kind == "heights" or any(how.get(name) is not None for name in _OWN_ERRORS):
+        return found
+    return with_shared_triggers(fitted, found, before, after)

@@ -62,10 +62,10 @@ def _only(keep: Bool[np.ndarray, " n"], how: dict[str, Any]) -> dict[str, Any]:
     """The arguments of `fit` with the weight of other pairs zero."""
     if how.get("sigma") is not None:
         sigma = for_each(how["sigma"], "sigma", keep.size)
-        return how | {"sigma": np.where(keep, sigma, np.inf)}
+        return {"sigma": np.where(keep, sigma, np.inf)}
     given = how.get("weights")
     weights = 1.0 if given is None else for_each(given, "weights", keep.size, zero=True)
-    return how | {"weights": np.where(keep, weights, 0.0)}
+    return {"weights": np.where(keep, weights, 0.0)}
 
 
 def _told(found: Fit, wrong: int, count: int) -> Fit:
@@ -73,7 +73,7 @@ def _told(found: Fit, wrong: int, count: int) -> Fit:
         return found
     pairs = f"{wrong} of {count} pairs lie more than {THRESHOLD:g} standard deviations off"
     if wrong <= _MOST_WRONG * count:
-        return dataclasses.replace(found, reason=f"{found.reason}; {pairs}, and are left out")
+        return dataclasses.replace(found, notes=(*found.notes, f"{pairs}, and are left out"))
     reason = f"{pairs}: the recording cannot be used"
     unknown = np.full_like(found.covariance, np.nan)
     return dataclasses.replace(

@@ -11,6 +11,7 @@ from ._data import FitData as FitData
 from ._fit import fit as fit
 from ._inference import LEAST_GROUPS as LEAST_GROUPS
 from ._inference import Direction as Direction
+from ._inference import basis_of as basis_of
 from ._loss import Huber as Huber
 from ._profile import Profile as Profile
 from ._result import Fit as Fit

@@ -82,6 +82,8 @@ def _refits(
     clean = problem.prediction(theta)
 
     def one(noise: Float[Array, " n"]) -> Found:
+        if problem.whitener is not None:
+            noise = jax.scipy.linalg.solve_triangular(problem.whitener, noise, lower=True)
         y = clean + jnp.where(used, noise / jnp.where(used, problem.factor, 1), 0)
         return found_from(eqx.tree_at(lambda p: p.y, problem, y), theta, options)
 

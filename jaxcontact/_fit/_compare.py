@@ -116,7 +116,7 @@ def compare_fits(
 
     Arguments: the `fits` by name, with the same data and weights. Returns a `Comparison`, which
     prints as a table with a verdict. Raises ValueError for fewer than two fits, fits to other data,
-    and robust fits that found their own scale, which cannot be compared.
+    robust fits that found their own scale and fits with a `correlation`, which cannot be compared.
     Source: Burnham & Anderson (2002), doi 10.1007/b97636; Vuong (1989), doi 10.2307/1912557.
     """
     folds = require_count("folds", folds, 2)
@@ -189,6 +189,11 @@ def _check(fits: Mapping[str, Fit]) -> None:
         raise ValueError(f"Argument `fits` must hold at least two fits, but holds {len(fits)}.")
     first = next(iter(fits.values())).problem
     for name, fit in fits.items():
+        if fit.problem.whitener is not None:
+            raise ValueError(
+                f"Argument `fits` must hold fits to independent points, but {name!r} has a "
+                "`correlation`."
+            )
         robust = fit.problem.threshold is not None and not fit.absolute
         pairs = (fit.problem.y, first.y), (fit.problem.factor, first.factor)
         if robust or not all(np.array_equal(*pair) for pair in pairs):

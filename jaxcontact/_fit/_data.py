@@ -28,7 +28,8 @@ class FitData:
     `at_bound`: the names of parameters that ran to a bound; they have no standard error. `dof` are
     the degrees of freedom, `noise` is the variance of z that Laplace's standard errors assume.
     `starts` (lanes,) are the losses at which other starts ended. `adequate`: whether the model
-    describes the data, None where that cannot be told, and `adequacy`, the tests of it.
+    describes the data, None where that cannot be told, and `adequacy`, the tests of it. `notes`:
+    what else a ready-made problem found, in words.
     """
 
     params: Any
@@ -54,6 +55,7 @@ class FitData:
     jacobian: np.ndarray = dataclasses.field(repr=False)
     absolute: bool = dataclasses.field(repr=False)
     rtol: float = dataclasses.field(repr=False)
+    notes: tuple[str, ...] = ()
 
     @property
     def errors(self) -> np.ndarray:
@@ -73,9 +75,10 @@ class FitData:
 
     @property
     def z(self) -> np.ndarray:
-        """The standardised residuals of the points with weight, in their order."""
-        factor = np.asarray(self.problem.factor)
-        return (self.residuals * factor)[factor > 0]
+        """The standardised residuals of the points with weight, in their order; whitened."""
+        factor, whitener = np.asarray(self.problem.factor), self.problem.whitener
+        z = np.where(factor > 0, self.residuals, 0) * factor
+        return (z if whitener is None else np.asarray(whitener) @ z)[factor > 0]
 
     @property
     def correlation(self) -> np.ndarray:

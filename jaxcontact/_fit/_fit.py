@@ -31,7 +31,7 @@ from ._problem import Problem, place_of, shapes_of
 from ._result import Fit
 from ._solve import MOST_STEPS, PATIENCE, Options
 from ._space import space_of
-from ._target import Target, groups_of, target_of
+from ._target import Target, groups_of, target_of, whitener_of
 from ._unused import refuse_unused
 from ._verdict import at_bound_of, creeping, falling, verdict
 
@@ -51,6 +51,7 @@ def fit(
     sigma: Any = None,
     weights: Any = None,
     groups: ArrayLike | None = None,
+    correlation: ArrayLike | None = None,
     transforms: Any = None,
     loss: str | Huber = "squares",
     noise: str = COMMON,
@@ -76,6 +77,8 @@ def fit(
     are absolute, else they are scaled by the residuals. `groups` (points,): the name of the trial
     that each point belongs to, where points of one trial are correlated; with at least 8 trials
     standard errors are the sandwich over trials, which such a correlation does not bias.
+    `correlation` (points, points): of the errors of the points, 1 on its diagonal, where it is
+    known: then they are made independent before they are squared.
 
     `transforms`: `Free()`, `Positive()`, `Between(low, high)` or `Fixed()`, for all numbers; or a
     dict of them by name ("contact.mass", or "contact" for all in it); or a prefix of the tree of
@@ -105,8 +108,12 @@ def fit(
     """
     require_function("predict", predict)
     _check(loss, optimizer)
-    if require_choice("noise", noise, (COMMON, BY_COLUMN)) == BY_COLUMN and sigma is not None:
-        raise ValueError("Argument `noise` must be 'common' with `sigma`, but is 'by column'.")
+    if require_choice("noise", noise, (COMMON, BY_COLUMN)) == BY_COLUMN:
+        for name, given in (("sigma", sigma), ("correlation", correlation)):
+            if given is not None:
+                raise ValueError(
+                    f"Argument `noise` must be 'common' with `{name}`, but is 'by column'."
+                )
     starts, seed = require_count("starts", starts, 1), require_count("seed", seed, 0)
     spread = require_number("spread", spread, POSITIVE)
     patience = require_count("patience", patience, 1)
@@ -123,6 +130,7 @@ def fit(
     ):
         target = target_of(data, sigma, weights)
         names = groups_of(groups, target.y.size)
+        whitener = whitener_of(correlation, target.factor > 0)
         space, theta = space_of(start, transforms)
         problem = Problem(
             predict,
@@ -133,6 +141,7 @@ def fit(
             jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None,
             reverse,
             shapes_of(data),
+            whitener if whitener is None else jnp.asarray(whitener),
         )
         options = Options(jnp.asarray(rtol), by_gradient, most, patience, tell)
         rough, ends = theta, np.zeros(0)
@@ -238,7 +247,7 @@ def _result(
         unknown = np.full_like(inference.covariance, np.nan)
         inference = inference._replace(covariance=unknown, unidentified=())
     with np.errstate(divide="ignore", invalid="ignore"):
-        residuals = np.where(used, found.z / np.asarray(problem.factor), np.nan)
+        residuals = np.where(used, found.prediction - target.y, np.nan)
     steps = int(found.steps)
     return Fit(
         params=space.tree_of(jnp.asarray(found.values)),

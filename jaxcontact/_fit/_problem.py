@@ -28,7 +28,7 @@ class Problem(eqx.Module):
     """What is fitted: the prediction, the space of its parameters, the data.
 
     Numbers are leaves, so that new ones do not compile anew; the prediction is compared by
-    identity, unless it is a pytree itself.
+    identity, unless it is a pytree itself. `whitener` (n, n) makes correlated errors independent.
     """
 
     predict: Callable[..., Any]
@@ -39,6 +39,7 @@ class Problem(eqx.Module):
     threshold: Float[Array, ""] | None
     reverse: bool = eqx.field(static=True)
     shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    whitener: Float[Array, "n n"] | None = None
 
     def prediction(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
         """What the parameters predict, as one vector.
@@ -55,9 +56,10 @@ class Problem(eqx.Module):
         return flattened(got)
 
     def standardised(self, prediction: Float[Array, " n"]) -> Float[Array, " n"]:
-        """z = (prediction - data)/σ, zero where a point has no weight."""
+        """z = (prediction - data)/σ, zero where a point has no weight; whitened."""
         used = self.factor > 0
-        return jnp.where(used, jnp.where(used, prediction - self.y, 0) * self.factor, 0)
+        z = jnp.where(used, jnp.where(used, prediction - self.y, 0) * self.factor, 0)
+        return z if self.whitener is None else self.whitener @ z
 
     def residual(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
         """What is squared and summed."""

@@ -54,6 +54,7 @@ class Fit(FitData):
             for name, value in zip(self.names, self.values, strict=True)
         ]
         lines += [f"  not identifiable: a change of {d}" for d in self.unidentified]
+        lines += [f"  {note}" for note in self.notes]
         return "\n".join(lines)
 
     def _certainty(self, name: str) -> str:

@@ -6,9 +6,12 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from .._parameter import as_array, as_numbers, as_weights, concrete, rendered
 from ._checks import listed
+
+_ROUNDED = 1e-9
 
 
 class Target(NamedTuple):
@@ -75,6 +78,31 @@ def groups_of(names: Any, count: int) -> np.ndarray | None:
     except TypeError as error:
         # Texts and numbers together have no order.
         raise _no_names(names, count) from error
+
+
+def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
+    """The inverse (n, n) of the lower factor of a correlation, of the points that are `used`.
+
+    Raises ValueError for what is no correlation: symmetric, 1 on the diagonal, positive definite.
+    """
+    if correlation is None:
+        return None
+    given, n = as_numbers(correlation, "correlation"), used.size
+    good = given.shape == (n, n) and np.isfinite(given).all()
+    good = good and np.allclose(given, given.T, rtol=0, atol=_ROUNDED)
+    if not good or not np.allclose(np.diag(given), 1, rtol=0, atol=_ROUNDED):
+        raise ValueError(
+            f"Argument `correlation` must be a symmetric matrix of shape ({n}, {n}) with 1 on its "
+            f"diagonal, but is {rendered(correlation)}."
+        )
+    whole = np.where(used[:, None] & used, given, np.eye(n))
+    try:
+        factor = np.linalg.cholesky(whole)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(
+            f"Argument `correlation` must be positive definite, but is {rendered(correlation)}."
+        ) from error
+    return solve_triangular(factor, np.eye(n), lower=True)
 
 
 def _no_names(names: Any, count: int) -> ValueError:

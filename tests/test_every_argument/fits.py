@@ -59,6 +59,7 @@ def cases() -> dict[str, Case]:
                 "sigma": POSITIVE | NONE,
                 "weights": POSITIVE | NONE,
                 "groups": NONE,
+                "correlation": NONE,
                 "transforms": NONE | {"dict"},
                 "loss": NOTHING,
                 "noise": NOTHING,

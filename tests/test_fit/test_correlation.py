@@ -1,0 +1,75 @@
+"""Correlated errors: generalised least squares against its closed form."""
+
+import numpy as np
+import pytest
+from scipy.linalg import toeplitz
+
+import jaxcontact as jc
+
+X = np.linspace(0, 4, 20)
+SIGMA = 0.2 + X / 8
+CORRELATION = toeplitz(0.6 ** np.arange(20))
+COVARIANCE = CORRELATION * np.outer(SIGMA, SIGMA)
+Y = 2 * X - 1 + np.random.default_rng(2).multivariate_normal(np.zeros(20), COVARIANCE)
+START = {"slope": 0.0, "offset": 0.0}
+DESIGN = np.stack([np.ones(20), X], axis=1)
+
+
+def line(p, x):
+    return p["slope"] * x + p["offset"]
+
+
+def closed_form(rows=slice(None)):
+    design, y = DESIGN[rows], Y[rows]
+    weight = np.linalg.inv(COVARIANCE[rows][:, rows])
+    covariance = np.linalg.inv(design.T @ weight @ design)
+    return covariance @ design.T @ weight @ y, covariance, weight
+
+
+def test_known_errors():
+    found = jc.fit(line, Y, START, x=X, sigma=SIGMA, correlation=CORRELATION)
+    values, covariance, weight = closed_form()
+    assert np.allclose(found.values, values, rtol=1e-9)
+    assert np.allclose(found.covariance, covariance, rtol=1e-9)
+    left = DESIGN @ values - Y
+    assert found.loss == pytest.approx(left @ weight @ left / 2)
+    assert np.allclose(found.residuals, left) and np.sum(found.z**2) == pytest.approx(
+        2 * found.loss
+    )
+    assert found.adequate is not None
+
+
+def test_errors_of_unknown_size_and_a_point_without_weight():
+    keep = np.arange(20) != 7
+    weights = np.where(keep, SIGMA**-2.0, 0)
+    found = jc.fit(line, Y, START, x=X, weights=weights, correlation=CORRELATION)
+    values, covariance, _ = closed_form(keep)
+    assert np.allclose(found.values, values, rtol=1e-9)
+    assert np.allclose(found.covariance, found.noise * covariance, rtol=1e-9)
+    assert found.noise == pytest.approx(2 * found.loss / 17) and np.isnan(found.residuals[7])
+
+
+SCATTER = 0.15
+"""Of the standard deviation of 200 draws, which is known to 5 per cent."""
+
+
+def test_draws_of_the_bootstrap_are_correlated():
+    found = jc.fit(line, Y, START, x=X, sigma=SIGMA, correlation=CORRELATION)
+    again = found.bootstrap(200)
+    for name, error in again.standard_errors.items():
+        assert error == pytest.approx(found.standard_errors[name], rel=SCATTER)
+    independent = jc.fit(line, Y, START, x=X, sigma=SIGMA)
+    assert independent.standard_errors["offset"] < 0.8 * found.standard_errors["offset"]
+
+
+def test_what_is_no_correlation():
+    for bad in (CORRELATION[:3], 2 * CORRELATION, CORRELATION + np.triu(CORRELATION, 1)):
+        with pytest.raises(ValueError, match="Argument `correlation` must be a symmetric matrix"):
+            jc.fit(line, Y, START, x=X, correlation=bad)
+    with pytest.raises(ValueError, match="Argument `correlation` must be positive definite"):
+        jc.fit(line, Y, START, x=X, correlation=np.ones((20, 20)))
+    with pytest.raises(ValueError, match="Argument `noise` must be 'common' with `correlation`"):
+        jc.fit(line, Y, START, x=X, correlation=CORRELATION, noise="by column")
+    found = jc.fit(line, Y, START, x=X, correlation=CORRELATION)
+    with pytest.raises(ValueError, match="independent points, but 'one' has a `correlation`"):
+        jc.compare_fits({"one": found, "two": found})
