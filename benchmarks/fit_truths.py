@@ -61,15 +61,24 @@ def records() -> Iterator[tuple[str, Simulate, dict[str, float]]]:
             name = f"{' and '.join(columns)}, noise {'known' if known else 'unknown'}"
             own = truth | {f"{c}_offset": offsets[c] for c in columns}
             yield name, functools.partial(record_fit, columns=columns, known=known), own
+    own = truth | {"force_offset": FORCE_ZERO}
+    for part in (0.7, 0.9):
+        name = f"force cut at {100 * part:.0f} % of its maximum"
+        fit = functools.partial(record_fit, columns=("force",), known=False, cut=part)
+        yield name, fit, own
 
 
-def record_fit(random: np.random.Generator, columns: tuple[str, ...], known: bool) -> jc.Fit:
+def record_fit(
+    random: np.random.Generator, columns: tuple[str, ...], known: bool, cut: float | None = None
+) -> jc.Fit:
     clean = clean_record()
     size = {c: NOISE[c] * np.ptp(clean[c][(TIME > TOUCH)]) for c in columns}
     if "indentation" in columns:
         # The flight before and after is part of the column, not of its largest indentation.
         size["indentation"] = NOISE["indentation"] * clean["indentation"].max()
     table = {c: clean[c] + size[c] * random.normal(size=TIME.size) for c in columns}
+    if cut is not None:
+        table["force"] = np.minimum(table["force"], cut * clean["force"].max())
     sigma = {f"sigma_{c}": size[c] for c in columns} if known else {}
     law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7)
     with jax.enable_x64(True):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -17,6 +19,7 @@ from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, REAL, parameter, require_number
 from ._checks import column, measured, with_transforms
 from ._impacts import transforms_of
+from ._limits import left_out, limits_of, met_limits, said
 from ._record_start import near, touch_in, without_a_contact_elsewhere
 
 _SAMPLES = 128
@@ -39,7 +42,10 @@ class RecordModel(eqx.Module):
 
 
 class Recorded(eqx.Module):
-    """What an instrument reads at given times."""
+    """What instruments read at given times, each between its limits."""
+
+    low: Mapping[str, Array]
+    high: Mapping[str, Array]
 
     def __call__(self, model: RecordModel, time: Float[Array, " n"]) -> dict[str, Array]:
         path = trajectory(model.law, model.contact, model.velocity, samples=_SAMPLES)
@@ -55,7 +61,10 @@ class Recorded(eqx.Module):
             # Before and after the contact the bodies fly: a gap is a negative indentation.
             gap = jnp.where(since < end, model.velocity * since, path.velocity[-1] * (since - end))
             readings["indentation"] = jnp.where(inside, depth, gap) + model.indentation_offset
-        return readings
+        return {
+            name: jnp.clip(values, self.low[name], self.high[name])
+            for name, values in readings.items()
+        }
 
 
 def _between(
@@ -129,5 +138,21 @@ def fit_record(
     start = near(start, moments, reading, fixed)
     if "sigma" not in table:
         how = {"noise": "by column"} | how
-    found = fit(Recorded(), start=start, x=moments, **table, **how)
+    # The zero before and after a contact is no limit of a force.
+    limits = {
+        name: limits_of(readings, two_sided=name == "indentation")
+        for name, readings in table["data"].items()
+    }
+    with jax.enable_x64(True):
+        low = {name: jnp.asarray(one.low) for name, one in limits.items()}
+        high = {name: jnp.asarray(one.high) for name, one in limits.items()}
+    instruments = Recorded(low, high)
+    found = fit(instruments, start=start, x=moments, **table, **how)
+    if found.converged and any(one.at_limit.any() for one in limits.values()):
+        met = met_limits(found, limits)
+        rest = {name: values for name, values in table.items() if name != "data"}
+        without = {name: left_out(values, met, name) for name, values in rest.items()}
+        how = how | {"start": found.params}
+        found = fit(instruments, table["data"], x=moments, **without, **how)
+        found = dataclasses.replace(found, notes=(*found.notes, *said(limits)))
     return without_a_contact_elsewhere(found, table["data"])

@@ -5,6 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from jaxcontact._calibration._limits import limits_of
 
 MASS, STIFFNESS, DAMPING, SPEED = 0.2, 5e7, 6e6, 1.5
 TOUCH, FORCE_ZERO, DEPTH_ZERO = 3.1e-4, 12.0, 4e-6
@@ -138,3 +139,41 @@ def test_a_contact_beside_that_of_the_record_is_no_fit(clean):
     assert not found.converged
     assert "misses that of the record" in found.reason
     assert np.isnan(found.covariance).all()
+
+
+def test_a_force_that_is_cut_counts_as_at_least_that(clean):
+    """At 70 % of its maximum K is held; taken as it is read, it is wrong by many errors."""
+    random, limit = np.random.default_rng(3), 0.7 * clean[0].max()
+    force = np.minimum(clean[0] + NOISE_FORCE * random.normal(size=TIME.size), limit)
+    found = jc.fit_record(TIME, *start(), force=force)
+    assert found.converged, found.reason
+    cut = int(np.sum(force == limit))
+    said = f"{cut} of 150 readings of force are at a limit of the instrument"
+    assert said in found.notes[0] and cut > 20
+    off = (found.values - [TRUE[name] for name in found.names]) / found.errors
+    assert np.abs(off).max() < 3.5
+    assert float(found.predict()["force"].max()) == pytest.approx(limit)
+    # The noise is that of the readings which are not cut: 5 N, known to 7 per cent.
+    noise = np.sqrt(found.noise) / np.max(found.problem.factor)
+    assert noise == pytest.approx(NOISE_FORCE, rel=0.25)
+
+
+@pytest.mark.parametrize("step", [0.0, 0.5, 3.0])
+def test_a_peak_in_steps_is_no_limit(step):
+    time = np.linspace(-1, 1, 81)
+    peak = 10 * (1 - time**2)
+    peak = np.round(peak / step) * step if step else peak
+    for two_sided in (False, True):
+        assert not limits_of(peak, two_sided=two_sided).at_limit.any()
+    cut = limits_of(np.minimum(peak, 6.0), two_sided=True)
+    if step < 1:
+        assert np.array_equal(cut.at_limit, peak >= 6) and cut.high == 6 and cut.low == -np.inf
+
+
+def test_an_indentation_that_ends_at_the_lower_limit(clean):
+    depth = clean[1] + NOISE_DEPTH * np.random.default_rng(5).normal(size=TIME.size)
+    low = -2e-4
+    found = jc.fit_record(TIME, *start(), indentation=np.maximum(depth, low))
+    assert found.converged, found.reason
+    off = (found.values - [TRUE[name] for name in found.names]) / found.errors
+    assert np.abs(off).max() < 3.5 and "readings of indentation are at a limit" in str(found)
