@@ -12,6 +12,8 @@ from ._fit import fit as fit
 from ._inference import LEAST_GROUPS as LEAST_GROUPS
 from ._inference import Direction as Direction
 from ._loss import Huber as Huber
+from ._posterior import Posterior as Posterior
+from ._posterior import posterior as posterior
 from ._profile import Profile as Profile
 from ._result import Fit as Fit
 from ._target import groups_of as groups_of
