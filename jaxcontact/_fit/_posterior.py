@@ -139,8 +139,8 @@ def posterior(
     threshold, a definite distribution, while the fit's standard errors assume none; σ is relative
     to the scale that the fit used.
 
-    Arguments: the fit; `samples`, how many draws of all chains together, as many of each; `chains`,
-    at least 2, and `warmup`, draws of each that are thrown away; `seed`. `prior`: None is flat in
+    Arguments: the fit; `samples`, the draws of each chain that are kept, and `warmup`, those before
+    them that are not; `chains`, at least 2; `seed`. `prior`: None is flat in
     the fit's free coordinates θ, that is in ln c for a `Positive` c, in logit e for an e
     `Between` bounds, and in the others themselves. A dict {"e": (0.7, 0.05)} of means and
     standard deviations gives these parameters normal densities, cut at their bounds. A function of
@@ -176,7 +176,7 @@ def posterior(
         _require_blackjax()
         density = Density(fit.problem, known, not fit.absolute)
         mode = _mode_of(fit, density) if prior is None else _mode_with_prior(fit, density)
-        drawn = draw(density, mode, chains, warmup, -(-samples // chains), seed)
+        drawn = draw(density, mode, chains, warmup, samples, seed)
         return _result(fit, density, mode, drawn)
 
 
