@@ -57,7 +57,7 @@ def _ratio(draws: np.ndarray) -> float:
 
 def _independent(draws: np.ndarray) -> float:
     """The number of draws over the sum of their autocorrelations, cut by Geyer's monotone pairs."""
-    chains, n = draws.shape
+    n = draws.shape[1]
     off = draws - draws.mean(axis=1, keepdims=True)
     wave = np.fft.rfft(off, 2 * n)
     lagged = np.fft.irfft(np.abs(wave) ** 2, 2 * n)[:, :n].mean(axis=0) / n
@@ -67,7 +67,7 @@ def _independent(draws: np.ndarray) -> float:
     whole = lagged[0] + draws.mean(axis=1).var(ddof=1)
     rho = 1 - (within - lagged) / whole
     rho[0] = 1
-    pairs = rho[0 : n - n % 2 : 2] + rho[1 : n : 2]
+    pairs = rho[0 : n - n % 2 : 2] + rho[1:n:2]
     end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
     kept = np.minimum.accumulate(pairs[:end])
     # The first even term behind the cut belongs to an odd one that is not known to be positive.

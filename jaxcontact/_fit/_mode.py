@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -69,8 +69,8 @@ def _height(density: Density, at: Float[np.ndarray, " m"]) -> tuple[Height, np.n
     return jax.tree.map(np.asarray, height(density, jnp.asarray(at)))
 
 
-def _sum(information: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    whole = information.copy()
+def _sum(information: Any, prior: np.ndarray) -> np.ndarray:
+    whole = np.array(information)
     k = len(prior)
     whole[:k, :k] += np.where(np.isfinite(prior), prior, 0)
     return whole

@@ -11,7 +11,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._parameter import FRACTION, require_choice, require_count, require_kind, require_number
+from .._parameter import (
+    FRACTION,
+    rendered,
+    require_choice,
+    require_count,
+    require_kind,
+    require_number,
+)
 from .._text_table import text_table
 from ._adequacy import adequacy_of
 from ._checks import listed
@@ -34,6 +41,7 @@ _FAR = 18.0
 _ROUNDING = 16 * float(np.finfo(float).eps)
 """Residuals below this part of the data are rounding."""
 
+_PLACES = 5
 _SHOWN = 1e-3
 """Smaller components of a direction are left out of its words."""
 
@@ -108,14 +116,16 @@ class Posterior:
         ]
         adequacy = adequacy_of(self.fit)
         if adequacy.adequate is False:
-            lines.insert(int(not self.converged), str(adequacy).capitalize())
+            words = str(adequacy)
+            lines.insert(int(not self.converged), words[0].upper() + words[1:])
         means, widths = self.means, self.standard_deviations
         rows = []
         for name in self.names:
-            low, high = self.interval(name)
-            ends = f"[{low:.6g}, {high:.6g}]"
-            trust = f"{self.r_hat[name]:.3f}", f"{self.effective_samples[name]:.0f}"
-            rows.append((name, f"{means[name]:.6g}", f"± {widths[name]:.2g}", ends, *trust))
+            places = _places(means[name], widths[name])
+            mean, low, high = (f"{x:.{places}g}" for x in (means[name], *self.interval(name)))
+            trust = _ratio(self.r_hat[name]), f"{self.effective_samples[name]:.0f}"
+            width = f"± {widths[name]:.2g}"
+            rows.append((name, mean, width, f"[{low}, {high}]", *trust))
         header = ("", "mean", "", "95 % in", "R-hat", "effective")
         return "\n".join(lines + text_table(rows, header=header, align="<><<>>", indent=2))
 
@@ -172,10 +182,10 @@ def posterior(
     ):
         known = prior_of(prior, fit.problem.space)
         if prior is None:
-            _refuse_open(fit, np.zeros((len(fit.names),) * 2))
+            _refuse_open(fit, np.zeros((len(fit.names),) * 2), prior)
         _require_blackjax()
         density = Density(fit.problem, known, not fit.absolute)
-        mode = _mode_of(fit, density) if prior is None else _mode_with_prior(fit, density)
+        mode = _mode_of(fit, density) if prior is None else _mode_with_prior(fit, density, prior)
         drawn = draw(density, mode, chains, warmup, samples, seed)
         return _result(fit, density, mode, drawn)
 
@@ -237,42 +247,39 @@ def _mode_of(fit: FitData, density: Density) -> Mode:
     return Mode(centre, root_of(information), np.zeros((k, k)))
 
 
-def _mode_with_prior(fit: FitData, density: Density) -> Mode:
+def _mode_with_prior(fit: FitData, density: Density, prior: Any) -> Mode:
     start, space = _start(fit, density).copy(), fit.problem.space
     for name in fit.at_bound:
         place = fit.names.index(name)
         if density.prior.given[place]:
             start[place] = centre_of(density.prior, space, place)
     mode = find_mode(density, start)
-    _refuse_open(fit, mode.prior)
+    _refuse_open(fit, mode.prior, prior)
     return mode
 
 
-def _refuse_open(fit: FitData, curvature: np.ndarray) -> None:
+def _refuse_open(fit: FitData, curvature: np.ndarray, prior: Any) -> None:
     """Raise ValueError where neither data nor the curvature of a prior decide a direction."""
     names, labels = fit.names, dict(zip(fit.names, fit.problem.space.labels, strict=True))
-    columns = [Direction({name: 1.0}, labels) for name in fit.at_bound] + list(fit.unidentified)
-    if not columns:
+    open_ = [Direction({name: 1.0}, labels) for name in fit.at_bound] + list(fit.unidentified)
+    if not open_:
         return
-    basis = np.array([[one.components.get(name, 0.0) for name in names] for one in columns]).T
-    # The prior's own units: a parameter counts by how closely it is known.
-    width = np.sqrt(np.abs(np.diag(curvature)))
-    basis /= np.linalg.norm(basis, axis=0)
-    scaled = basis * width[:, None]
-    length = np.linalg.norm(scaled, axis=0)
-    form = basis.T @ np.where(np.isfinite(curvature), curvature, 0) @ basis
-    form /= np.outer(*[np.where(length > 0, length, 1)] * 2)
-    values, vectors = np.linalg.eigh(form)
+    basis = np.array([[one.components.get(name, 0.0) for one in open_] for name in names])
+    # Each direction in the unit in which the prior knows it; nothing is known of one of length 0.
+    curvature = np.where(np.isfinite(curvature), curvature, 0)
+    length = np.sqrt(np.abs(np.diag(curvature)) @ basis**2)
+    basis /= np.where(length > 0, length, np.linalg.norm(basis, axis=0))
+    values, vectors = np.linalg.eigh(basis.T @ curvature @ basis)
     if values[0] > SINGULAR:
         return
-    change = basis @ (vectors[:, 0] / np.where(length > 0, length, 1))
+    change = basis @ vectors[:, 0]
     change /= change[np.argmax(np.abs(change))]
     parts = {name: float(x) for name, x in zip(names, change, strict=True) if abs(x) > _SHOWN}
     bound = next((name for name in parts if name in fit.at_bound), None)
     what = f"{bound}, which is at its bound" if bound else f"a change of {Direction(parts, labels)}"
     raise ValueError(
-        f"Argument `prior` must decide {what}, of which the data say nothing: give the mean and "
-        f"standard deviation of {' or '.join(parts)}."
+        f"Argument `prior` must decide {what}, as the data do not: give mean and standard "
+        f"deviation of {' or '.join(parts)}. It is {rendered(prior)}."
     )
 
 
@@ -296,14 +303,14 @@ def _result(fit: FitData, density: Density, mode: Mode, drawn: Any) -> Posterior
     if lost:
         faults.append(f"{listed(lost)} ran to a bound that the data do not exclude: give a `prior`")
     if mixed:
-        worst = max(ratio[n] for n in mixed)
-        faults.append(f"chains differ in {listed(mixed)}, R-hat up to {worst:.3f}")
+        worst = float(np.max([ratio[n] for n in mixed]))
+        faults.append(f"chains differ in {listed(mixed)}, R-hat up to {_ratio(worst)}")
     if drawn.divergences:
-        faults.append(f"{drawn.divergences} draws diverged")
+        faults.append(f"{drawn.divergences} of {drawn.phi[..., 0].size} draws diverged")
     if few:
-        least = min(count[n] for n in few)
+        least = float(np.min([count[n] for n in few]))
         faults.append(f"{least:.0f} effective samples of {listed(few)}, of {FEWEST_EFFECTIVE}")
-    fine = f"R-hat up to {max(ratio.values()):.3f}, {min(count.values()):.0f} effective samples"
+    fine = f"R-hat up to {_ratio(max(ratio.values()))}, {min(count.values()):.0f} effective samples"
     return Posterior(
         samples=samples,
         r_hat=ratio,
@@ -314,6 +321,17 @@ def _result(fit: FitData, density: Density, mode: Mode, drawn: Any) -> Posterior
         reason="; ".join(faults) or fine,
         fit=fit,
     )
+
+
+def _places(value: float, width: float) -> int:
+    """Places in which a number shows what it is known to."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        known = np.log10(np.abs(value) / width)
+    return int(np.clip(np.ceil(known) + 2, _PLACES, 15)) if np.isfinite(known) else _PLACES
+
+
+def _ratio(x: float) -> str:
+    return f"{x:.3f}" if x < 10 else f"{x:.1g}"
 
 
 @eqx.filter_jit
