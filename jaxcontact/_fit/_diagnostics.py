@@ -22,16 +22,16 @@ def r_hat(draws: Float[np.ndarray, "chains draws"]) -> float:
     if draws.shape[1] < _FEWEST or not np.isfinite(draws).all():
         return np.nan
     halves = _halves(draws)
-    return float(max(map(_ratio, (_normal(halves), _normal(np.abs(halves - np.median(halves)))))))
+    folded = np.abs(halves - np.median(halves))
+    return float(np.max([_ratio(_normal(x)) for x in (halves, folded)]))
 
 
 def effective(draws: Float[np.ndarray, "chains draws"]) -> float:
     """The smaller of the bulk's and the tails' effective number of draws; NaN as for `r_hat`."""
     if draws.shape[1] < _FEWEST or not np.isfinite(draws).all():
         return np.nan
-    halves = _halves(draws)
-    tails = [(halves <= end).astype(float) for end in np.quantile(halves, _TAILS)]
-    return min(_independent(x) for x in (_normal(halves), *tails))
+    tails = [_halves(draws <= end).astype(float) for end in np.quantile(draws, _TAILS)]
+    return float(np.min([_independent(x) for x in (_normal(_halves(draws)), *tails)]))
 
 
 def _halves(draws: np.ndarray) -> np.ndarray:
@@ -67,10 +67,10 @@ def _independent(draws: np.ndarray) -> float:
     whole = lagged[0] + draws.mean(axis=1).var(ddof=1)
     rho = 1 - (within - lagged) / whole
     rho[0] = 1
-    pairs = rho[0 : n - n % 2 : 2] + rho[1:n:2]
-    end = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
-    kept = np.minimum.accumulate(pairs[:end])
-    # The first even term behind the cut belongs to an odd one that is not known to be positive.
-    rest = max(rho[2 * end], 0) if 2 * end < n else 0
-    tau = -1 + 2 * kept.sum() + rest
+    last = (n - 1) // 2
+    pairs = rho[0 : 2 * last : 2] + rho[1 : 2 * last : 2]
+    low = np.flatnonzero(pairs <= 0)
+    end = int(low[0]) if low.size else max(last - 1, 0)
+    # The even term behind the cut may count, its odd neighbour is noise.
+    tau = -1 + 2 * np.minimum.accumulate(pairs[:end]).sum() + max(rho[2 * end], 0)
     return float(draws.size / max(tau, 1 / np.log10(draws.size)))

@@ -55,9 +55,13 @@ class Chains(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """φ (chains, draws, m); divergences and, with warm-up, evaluations of the density."""
+    """q and φ (chains, draws, m), the parameters (chains, draws, k), divergences and evaluations of
+    the density.
+    """
 
+    q: Float[np.ndarray, "chains draws m"]
     phi: Float[np.ndarray, "chains draws m"]
+    values: Float[np.ndarray, "chains draws k"]
     divergences: int
     evaluations: int
 
@@ -75,15 +79,14 @@ def draw(density: Density, mode: Mode, chains: int, warmup: int, draws: int, see
     for part in _WINDOWS:
         count = round(part * warmup) - done
         done += count
-        now, q, _, cost = _many(density, frame, now, key, count, True)
-        evaluations += cost
-        if 0 < done < warmup and part == _WINDOWS[1]:
-            frame, now = _reframed(frame, now, q.reshape(-1, q.shape[-1]))
+        now, drawn = _many(density, frame, now, key, count, True)
+        evaluations += drawn.evaluations
+        if part == _WINDOWS[1] and drawn.q.size:
+            frame, now = _reframed(frame, now, drawn.q.reshape(-1, drawn.q.shape[-1]))
         if done < warmup:
             now = now._replace(step=jax.tree.map(_number, init(final(now.step))))
-    now, q, divergences, cost = _many(density, frame, now, key, draws, False)
-    phi = np.asarray(frame.centre) + q @ np.asarray(frame.root).T
-    return Draws(phi, divergences, evaluations + cost)
+    _, drawn = _many(density, frame, now, key, draws, False)
+    return drawn._replace(evaluations=evaluations + drawn.evaluations)
 
 
 def _averaging() -> Any:
@@ -98,19 +101,21 @@ def _number(x: Any) -> Array:
 
 def _many(
     density: Density, frame: Frame, now: Chains, key: Array, count: int, adapting: bool
-) -> tuple[Chains, np.ndarray, int, int]:
-    """So many draws q (chains, count, m), some at a time, divergences and evaluations."""
-    parts, divergences, evaluations = [], 0, 0
+) -> tuple[Chains, Draws]:
+    """So many draws of each chain, some at a time, and where the chains then stand."""
+    chains, m = now.state.position.shape
+    k = len(density.problem.space.names)
+    parts = [[np.zeros((0, chains, size))] for size in (m, m, k)]
+    counts = np.zeros(2, int)
     for begin in range(0, count, _AT_ONCE):
         some = min(_AT_ONCE, count - begin)
         flags = jnp.asarray(some), jnp.asarray(adapting)
-        now, q, bad, steps = _some(density, frame, now, key, *flags)
-        parts.append(np.asarray(q)[:some])
-        divergences += int(bad)
-        evaluations += int(steps)
-    chains, m = now.state.position.shape
-    together = np.concatenate([np.zeros((0, chains, m)), *parts])
-    return now, together.swapaxes(0, 1), divergences, evaluations
+        now, new, counted = _some(density, frame, now, key, *flags)
+        counts += np.asarray(counted)
+        for part, more in zip(parts, new, strict=True):
+            part.append(np.asarray(more)[:some])
+    together = (np.concatenate(part).swapaxes(0, 1) for part in parts)
+    return now, Draws(*together, *counts.tolist())
 
 
 @eqx.filter_jit
@@ -131,7 +136,8 @@ def _begun(density: Density, frame: Frame, key: Array, chains: int) -> Any:
 @eqx.filter_jit
 def _some(
     density: Density, frame: Frame, now: Chains, key: Array, count: Array, adapting: Array
-) -> tuple[Chains, Array, Array, Array]:
+) -> tuple[Chains, tuple[Array, Array, Array], Array]:
+    """The next `count` draws, at most `_AT_ONCE`: q, φ and values, divergences and evaluations."""
     import blackjax
 
     kernel, log_density = blackjax.nuts.build_kernel(), _in(density, frame)
@@ -140,7 +146,7 @@ def _some(
     unit = jnp.ones(m)
 
     def advance(i: Array, carry: tuple) -> tuple:
-        now, q, divergences, evaluations = carry
+        now, q, counted = carry
         keys = jax.random.split(jax.random.fold_in(key, now.number + 1), chains)
         size = jnp.where(adapting, jnp.exp(now.step.log_step_size), final(now.step))
 
@@ -153,12 +159,16 @@ def _some(
         step = jax.tree.map(lambda new, old: jnp.where(adapting, new, old), step, now.step)
         now = Chains(state, step, now.number + 1)
         # Chains wait for the longest trajectory.
-        evaluations += chains * jnp.max(info.num_integration_steps)
-        divergences += jnp.sum(info.is_divergent)
-        return now, q.at[i].set(state.position), divergences, evaluations
+        cost = chains * jnp.max(info.num_integration_steps)
+        counted += jnp.stack([jnp.sum(info.is_divergent), cost])
+        return now, q.at[i].set(state.position), counted
 
-    zero = jnp.zeros((), int)
-    return jax.lax.fori_loop(0, count, advance, (now, jnp.zeros((_AT_ONCE, chains, m)), zero, zero))
+    start = now, jnp.zeros((_AT_ONCE, chains, m)), jnp.zeros(2, int)
+    now, q, counted = jax.lax.fori_loop(0, count, advance, start)
+    phi = frame.centre + q @ frame.root.T
+    space = density.problem.space
+    values = jax.vmap(jax.vmap(space.values))(phi[..., : len(space.names)])
+    return now, (q, phi, values), counted
 
 
 def _in(density: Density, frame: Frame) -> Any:

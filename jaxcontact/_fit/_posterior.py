@@ -28,7 +28,7 @@ from ._diagnostics import effective, r_hat
 from ._found import SINGULAR
 from ._inference import Direction
 from ._mode import Mode, find_mode, root_of
-from ._nuts import draw
+from ._nuts import Draws, draw
 from ._prior import centre_of, prior_of
 
 LARGEST_R_HAT = 1.01
@@ -283,10 +283,9 @@ def _refuse_open(fit: FitData, curvature: np.ndarray, prior: Any) -> None:
     )
 
 
-def _result(fit: FitData, density: Density, mode: Mode, drawn: Any) -> Posterior:
+def _result(fit: FitData, density: Density, mode: Mode, drawn: Draws) -> Posterior:
     space, k = fit.problem.space, len(fit.names)
-    values = np.asarray(_values(space, jnp.asarray(drawn.phi[..., :k])))
-    samples = {name: values[..., i] for i, name in enumerate(fit.names)}
+    samples = {name: drawn.values[..., i] for i, name in enumerate(fit.names)}
     if density.free:
         name = "noise"
         while name in samples:
@@ -332,8 +331,3 @@ def _places(value: float, width: float) -> int:
 
 def _ratio(x: float) -> str:
     return f"{x:.3f}" if x < 10 else f"{x:.1g}"
-
-
-@eqx.filter_jit
-def _values(space: Any, theta: jax.Array) -> jax.Array:
-    return jax.vmap(jax.vmap(space.values))(theta)

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scipy.special import ndtri
 
 from .._fit import Fit, FitData, Posterior
-from .._parameter import FRACTION, rendered, require_choice, require_number
+from .._parameter import FRACTION, as_array, rendered, require_choice, require_number
 from .._units import meaning
 from ._axes import axes_of
 
@@ -172,8 +172,8 @@ def _grid(given: Any, k: int) -> np.ndarray:
         side = _PANEL * k + 0.6
         figure = {"figsize": (side, side), "layout": "constrained"}
         return pyplot.subplots(k, k, squeeze=False, **figure)[1]
-    grid = np.asarray(given, object)
-    if grid.size != k * k:
+    grid = as_array(given, object)
+    if grid is None or grid.size != k * k:
         raise ValueError(
             f"Argument `ax` must be {k} x {k} axes of matplotlib or None, but is {rendered(given)}."
         )
