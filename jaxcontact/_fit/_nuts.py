@@ -114,8 +114,8 @@ def _many(
         counts += np.asarray(counted)
         for part, more in zip(parts, new, strict=True):
             part.append(np.asarray(more)[:some])
-    together = (np.concatenate(part).swapaxes(0, 1) for part in parts)
-    return now, Draws(*together, *counts.tolist())
+    q, phi, values = (np.concatenate(part).swapaxes(0, 1) for part in parts)
+    return now, Draws(q, phi, values, int(counts[0]), int(counts[1]))
 
 
 @eqx.filter_jit

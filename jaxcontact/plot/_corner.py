@@ -180,12 +180,12 @@ def _grid(given: Any, k: int) -> np.ndarray:
     return np.array([axes_of(one) for one in grid.ravel()]).reshape(k, k)
 
 
-def _region(draws: Float[np.ndarray, "2 n"], level: float) -> tuple[np.ndarray, ...]:
-    """x, y and the smoothed counts of draws on a grid, and the count around those of the level.
+def _region(draws: Float[np.ndarray, "2 n"], level: float) -> tuple[Any, Any, Any, float]:
+    """x, y and the smoothed counts of draws on a grid, and the count that `level` of them exceed.
 
     Along the axes of their scatter, where smoothing does not widen a narrow ellipse.
     """
-    from scipy.ndimage import gaussian_filter
+    from scipy.ndimage import gaussian_filter, map_coordinates
 
     centre, size = draws.mean(axis=1), draws.std(axis=1)
     scaled = (draws - centre[:, None]) / size[:, None]
@@ -195,11 +195,11 @@ def _region(draws: Float[np.ndarray, "2 n"], level: float) -> tuple[np.ndarray, 
     box = [(v.min() - 0.1 * np.ptp(v), v.max() + 0.1 * np.ptp(v)) for v in along]
     count, *ends = np.histogram2d(along[0], along[1], _BINS, box)
     count = gaussian_filter(count, _SMOOTH)
-    ranked = np.sort(count.ravel())[::-1]
-    edge = ranked[np.searchsorted(np.cumsum(ranked), level * ranked.sum())]
+    bins = [(v - one[0]) / (one[1] - one[0]) - 0.5 for v, one in zip(along, ends, strict=True)]
+    edge = np.quantile(map_coordinates(count, bins, order=1), 1 - level)
     middles = np.meshgrid(*((one[1:] + one[:-1]) / 2 for one in ends), indexing="ij")
     x, y = np.tensordot(turn, np.stack(middles), 1) * size[:, None, None] + centre[:, None, None]
-    return x, y, count, edge
+    return x, y, count, float(edge)
 
 
 def _correlation(covariance: np.ndarray, i: int, j: int) -> np.ndarray:
