@@ -157,7 +157,8 @@ def posterior(
     the params (a law, a contact, a dict, as in the fit) returns the logarithm of their joint
     density. Both are densities of the parameters themselves: the change of variables |dx/dθ| is
     added here. A flat prior of a logarithm or a logit is improper, and where the data do not
-    exclude the bound so is the posterior: chains run there, and the result says so.
+    exclude the bound so is the posterior: chains run there, and the result says so. Chains begin
+    around the fit: a mode that none of them reaches stays unknown.
 
     Computes in double precision whatever JAX is set to, and is not for use under `jit`. The same
     `predict` over data of the same shapes does not compile again, whatever `samples`, `warmup` and

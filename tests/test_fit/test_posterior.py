@@ -7,9 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy import integrate, stats
+from scipy import integrate, optimize, stats
 
 import jaxcontact as jc
+from jaxcontact._fit._density import Density
+from jaxcontact._fit._mode import find_mode
+from jaxcontact._fit._prior import prior_of
 
 OFF = 4.0
 """Monte Carlo standard errors: 48 numbers are compared, one of them is beyond 4 by chance once in
@@ -96,11 +99,11 @@ def test_unknown_noise_gives_students_t(unknown):
     assert stats.kstest(chi2[:, ::20].ravel(), stats.chi2(5).cdf).pvalue > 1e-3
 
 
-def on_a_grid(weight):
+def on_a_grid(weight, sigma):
     """Means of c, e and their squares and product by integration over (ln c, logit e)."""
     u, v = np.meshgrid(np.linspace(-8, 3, 801), np.linspace(-6, 14, 801), indexing="ij")
     c, e = np.exp(u), 1 / (1 + np.exp(-v))
-    z = (e[..., None] * np.exp(-c[..., None] * SPEEDS) - DECAYED) / 0.03
+    z = (e[..., None] * np.exp(-c[..., None] * SPEEDS) - DECAYED) / sigma
     density = np.exp(-np.sum(z**2, axis=-1) / 2) * weight(c, e)
     total = integrate.simpson(integrate.simpson(density))
     return {
@@ -110,26 +113,50 @@ def on_a_grid(weight):
 
 
 PRIORS = {
-    # Flat in the free coordinates leaves e = 1 open: e has one here in any case.
-    "one": ({"e": (0.9, 0.1)}, lambda c, e: np.exp(-(((e - 0.9) / 0.1) ** 2) / 2) * e * (1 - e)),
+    # With a prior flat in ln c the data must exclude c = 0.
+    "one": (
+        {"e": (0.9, 0.1)},
+        lambda c, e: np.exp(-(((e - 0.9) / 0.1) ** 2) / 2) * e * (1 - e),
+        0.03,
+    ),
     "both": (
         {"e": (0.9, 0.1), "c": (0.0, 0.3)},
         lambda c, e: np.exp(-(((e - 0.9) / 0.1) ** 2) / 2 - (c / 0.3) ** 2 / 2) * e * (1 - e) * c,
+        0.08,
     ),
-    "function": (lambda p: -p["c"] + 0 * p["e"], lambda c, e: np.exp(-c) * c * e * (1 - e)),
+    "function": (lambda p: -p["c"], lambda c, e: np.exp(-c) * c * e * (1 - e), 0.1),
 }
 
 
 @pytest.mark.parametrize("name", PRIORS)
 def test_bounded_parameters_as_on_a_grid(name):
-    prior, weight = PRIORS[name]
-    result = jc.posterior(decay_fit(sigma=0.03), prior=prior)
+    prior, weight, sigma = PRIORS[name]
+    result = jc.posterior(decay_fit(sigma=sigma), prior=prior)
     assert result.converged, result.reason
     c, e = result.samples["c"], result.samples["e"]
     assert (c > 0).all() and (e > 0).all() and (e < 1).all()
-    wanted = on_a_grid(weight)
+    wanted = on_a_grid(weight, sigma)
     for key, moment in {"c": c, "e": e, "cc": c * c, "ee": e * e, "ce": c * e}.items():
         assert within(result, key[0], moment, wanted[key]), key
+
+
+def test_the_search_for_the_mode_ends_where_scipys_does():
+    """The chains begin there, but would find their way from elsewhere, too."""
+    found = decay_fit(sigma=0.08)
+
+    def fall(at):
+        c, e = np.exp(at[0]), 1 / (1 + np.exp(-at[1]))
+        z = (e * np.exp(-c * SPEEDS) - DECAYED) / 0.08
+        before = ((e - 0.9) / 0.01) ** 2 / 2 + (c / 0.01) ** 2 / 2
+        return np.sum(z**2) / 2 + before - np.log(c * e * (1 - e))
+
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        prior = prior_of({"e": (0.9, 0.01), "c": (0.0, 0.01)}, found.problem.space)
+        mode = find_mode(Density(found.problem, prior, False), found.theta)
+    wanted = optimize.minimize(fall, found.theta, tol=1e-10)
+    # A step that gains less than 1e-6 counts as none: √2e-6 of a width.
+    assert np.abs(np.linalg.solve(mode.root, mode.centre - wanted.x)).max() < 2e-3
+    assert np.abs(found.theta[0] - wanted.x[0]) > 2
 
 
 def test_a_prior_pins_what_the_data_leave_open():
@@ -185,6 +212,10 @@ def test_what_has_no_posterior_is_refused(known, unknown):
     for match, (fit, change) in refused.items():
         with pytest.raises(ValueError, match=match):
             jc.posterior(dataclasses.replace(fit, **change))
+    # A prior decides one of two.
+    both = dataclasses.replace(known, at_bound=("offset", "slope"))
+    with pytest.raises(ValueError, match="must decide offset, which is at its bound"):
+        jc.posterior(both, prior={"slope": (1e8, 1e7)})
     with pytest.raises(ValueError, match=r"must name fitted numbers, offset, slope, but .* 'c'"):
         jc.posterior(known, prior={"c": (1.0, 1.0)})
     with pytest.raises(ValueError, match=r"\(mean, standard deviation\) for slope, but holds 1.0"):
