@@ -36,7 +36,7 @@ FEWEST_EFFECTIVE = 400
 """What Vehtari et al. (2021) ask of draws that are to be trusted."""
 
 _FAR = 18.0
-"""A logarithm or logit that is farther than this from the most probable one has run to a bound."""
+"""A logarithm or logit that is farther than this from the most probable one is at a bound."""
 
 _ROUNDING = 16 * float(np.finfo(float).eps)
 """Residuals below this part of the data are rounding."""
@@ -53,9 +53,9 @@ class Posterior:
     `samples`: (chains, draws) by the name of a parameter, and "noise", σ of the standardised
     residuals, where it is not known. `r_hat` and `effective_samples` (the smaller of the bulk's and
     the tails') by name; `divergences` among the draws; `evaluations` of the prediction with its
-    derivatives, warm-up included and those too that chains made while they waited for each other.
-    `converged`: every R-hat below 1.01, at least 400 effective samples, no divergence and no
-    parameter that ran to its bound; `reason` in words. `fit` is what was sampled.
+    derivatives by the chains, in warm-up too, and while they waited for each other.
+    `converged`: every R-hat below 1.01, at least 400 effective samples, no divergence and no bound
+    that a flat prior leaves open; `reason` in words. `fit` is what was sampled.
     Source: Vehtari et al. (2021), doi 10.1214/20-BA1221.
     """
 
@@ -150,15 +150,15 @@ def posterior(
     to the scale that the fit used.
 
     Arguments: the fit; `samples`, the draws of each chain that are kept, and `warmup`, those before
-    them that are not; `chains`, at least 2; `seed`. `prior`: None is flat in
-    the fit's free coordinates θ, that is in ln c for a `Positive` c, in logit e for an e
-    `Between` bounds, and in the others themselves. A dict {"e": (0.7, 0.05)} of means and
+    them that are not; `chains`, at least 2; `seed`. `prior`: None is flat in the fit's free
+    coordinates θ, that is in ln c for a `Positive` c, in logit e for an e `Between` bounds, and in
+    the others themselves. A dict {"e": (0.7, 0.05)} of means and
     standard deviations gives these parameters normal densities, cut at their bounds. A function of
     the params (a law, a contact, a dict, as in the fit) returns the logarithm of their joint
     density. Both are densities of the parameters themselves: the change of variables |dx/dθ| is
     added here. A flat prior of a logarithm or a logit is improper, and where the data do not
-    exclude the bound so is the posterior: chains run there, and the result says so. Chains begin
-    around the fit: a mode that none of them reaches stays unknown.
+    exclude the bound so is the posterior, which the result says. Chains begin around the fit: a
+    mode that none of them reaches stays unknown.
 
     Computes in double precision whatever JAX is set to, and is not for use under `jit`. The same
     `predict` over data of the same shapes does not compile again, whatever `samples`, `warmup` and
@@ -285,7 +285,7 @@ def _refuse_open(fit: FitData, curvature: np.ndarray, prior: Any) -> None:
 
 
 def _result(fit: FitData, density: Density, mode: Mode, drawn: Draws) -> Posterior:
-    space, k = fit.problem.space, len(fit.names)
+    k = len(fit.names)
     samples = {name: drawn.values[..., i] for i, name in enumerate(fit.names)}
     if density.free:
         name = "noise"
@@ -294,14 +294,12 @@ def _result(fit: FitData, density: Density, mode: Mode, drawn: Draws) -> Posteri
         samples[name] = np.exp(drawn.phi[..., k])
     ratio = {name: r_hat(x) for name, x in samples.items()}
     count = {name: effective(x) for name, x in samples.items()}
-    decided = np.asarray(density.prior.given) | (density.prior.density is not None)
-    far = np.any(np.abs(drawn.phi[..., :k] - mode.centre[:k]) > _FAR, axis=(0, 1))
-    lost = [space.labels[i] for i in np.flatnonzero(far & space.has_unit & ~decided)]
+    lost = _open_bounds(density, mode, drawn)
     mixed = [n for n in samples if not ratio[n] < LARGEST_R_HAT]
     few = [n for n in samples if not count[n] >= FEWEST_EFFECTIVE]
     faults = []
     if lost:
-        faults.append(f"{listed(lost)} ran to a bound that the data do not exclude: give a `prior`")
+        faults.append(f"the data do not exclude the bound of {listed(lost)}: give a `prior`")
     if mixed:
         worst = float(np.max([ratio[n] for n in mixed]))
         faults.append(f"chains differ in {listed(mixed)}, R-hat up to {_ratio(worst)}")
@@ -321,6 +319,30 @@ def _result(fit: FitData, density: Density, mode: Mode, drawn: Draws) -> Posteri
         reason="; ".join(faults) or fine,
         fit=fit,
     )
+
+
+def _open_bounds(density: Density, mode: Mode, drawn: Draws) -> list[str]:
+    """The coordinates whose flat prior goes on where the data hold nothing against it.
+
+    Towards a bound the density of a logarithm or logit becomes level. Chains run there, or would
+    have by chance: where one unit of it holds more than a draw, the other parameters at their best.
+    """
+    prior, space = density.prior, density.problem.space
+    places = np.flatnonzero(space.has_unit & ~np.asarray(prior.given))
+    if prior.density is not None or not len(places):
+        return []
+    draws = drawn.phi.reshape(-1, drawn.phi.shape[-1])
+    least = find_mode(density, mode.centre).value - np.log(len(draws))
+    found = []
+    for i in places:
+        far = np.abs(draws[:, i] - mode.centre[i]).max() > _FAR
+        for side in (-1, 1) if space.bounded_above[i] else (-1,):
+            start = mode.centre.copy()
+            start[i] += side * _FAR
+            far |= find_mode(density, start, int(i)).value > least
+        if far:
+            found.append(space.labels[i])
+    return found
 
 
 def _places(value: float, width: float) -> int:
