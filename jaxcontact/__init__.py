@@ -40,8 +40,10 @@ if _TYPE_CHECKING:
     from ._fit import Free as Free
     from ._fit import Huber as Huber
     from ._fit import Positive as Positive
+    from ._fit import Posterior as Posterior
     from ._fit import compare_fits as compare_fits
     from ._fit import fit as fit
+    from ._fit import posterior as posterior
     from ._flight import Drag as Drag
     from ._forms import AbstractForm as AbstractForm
     from ._forms import ScaledImpact as ScaledImpact
@@ -119,7 +121,7 @@ _ROOMS = {
     "_contact": "Contact Material",
     "_elementary": "power",
     "_export": "Export export",
-    "_fit": "Between Fit Fixed Free Huber Positive compare_fits fit",
+    "_fit": "Between Fit Fixed Free Huber Positive Posterior compare_fits fit posterior",
     "_flight": "Drag",
     "_forms": "AbstractForm ScaledImpact exact_damping_factor",
     "_impact": (

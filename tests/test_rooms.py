@@ -57,6 +57,7 @@ ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
     "optimistix": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
     "matplotlib": ({"plot", "paper", "_cli"}, {"plot"}),
     "optax": ({"_fit"}, set()),
+    "blackjax": ({"_fit"}, set()),
     "xarray": (None, set()),
     "zarr": (None, set()),
     "tqdm": ({"_progress"}, set()),

@@ -13,6 +13,8 @@ from ._inference import LEAST_GROUPS as LEAST_GROUPS
 from ._inference import Direction as Direction
 from ._inference import basis_of as basis_of
 from ._loss import Huber as Huber
+from ._posterior import Posterior as Posterior
+from ._posterior import posterior as posterior
 from ._profile import Profile as Profile
 from ._result import Fit as Fit
 from ._space import Space as Space

@@ -39,6 +39,11 @@ class Space(eqx.Module):
         moved = jnp.stack([coordinate.to_value(*column) for coordinate, *column in columns])
         return jnp.where(jnp.isnan(self.held), moved, self.held)
 
+    def log_slopes(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
+        """ln dx/dθ (k,), of each number by its own coordinate."""
+        columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
+        return jnp.stack([coordinate.log_slope(*column) for coordinate, *column in columns])
+
     def tree_of(self, values: Float[Array, " k"]) -> Any:
         """The pytree that holds the fitted numbers `values`."""
         leaves, others, at = [], iter(self.others), 0

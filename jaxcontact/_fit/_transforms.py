@@ -18,7 +18,8 @@ class Coordinate(NamedTuple):
 
     `label` stands before the name of a parameter in this coordinate. `has_unit`: a change of 1
     means the same everywhere, as it does for a logarithm or a logit. The functions are of
-    (value, low, high), or (free number, low, high); `slope` is dvalue/dfree at a value.
+    (value, low, high), or (free number, low, high); `slope` is dvalue/dfree at a value, `log_slope`
+    its logarithm at a free number.
     """
 
     label: str
@@ -27,6 +28,7 @@ class Coordinate(NamedTuple):
     to_free: Callable[[float, float, float], float]
     to_value: Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
     slope: Callable[[float, float, float], float]
+    log_slope: Callable[[jax.Array, jax.Array, jax.Array], jax.Array]
 
 
 IDENTITY = Coordinate(
@@ -36,6 +38,7 @@ IDENTITY = Coordinate(
     to_free=lambda value, low, high: value,
     to_value=lambda free, low, high: free,
     slope=lambda value, low, high: 1.0,
+    log_slope=lambda free, low, high: jnp.zeros_like(free),
 )
 LOGARITHM = Coordinate(
     label="ln ",
@@ -44,6 +47,7 @@ LOGARITHM = Coordinate(
     to_free=lambda value, low, high: math.log(value),
     to_value=lambda free, low, high: jnp.exp(free),
     slope=lambda value, low, high: value,
+    log_slope=lambda free, low, high: free,
 )
 LOGIT = Coordinate(
     label="logit ",
@@ -52,6 +56,9 @@ LOGIT = Coordinate(
     to_free=lambda value, low, high: math.log((value - low) / (high - value)),
     to_value=lambda free, low, high: low + (high - low) * jax.nn.sigmoid(free),
     slope=lambda value, low, high: (value - low) * (high - value) / (high - low),
+    log_slope=lambda free, low, high: (
+        jnp.log(high - low) + jax.nn.log_sigmoid(free) + jax.nn.log_sigmoid(-free)
+    ),
 )
 
 

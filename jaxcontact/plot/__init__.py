@@ -3,6 +3,7 @@
 from ._animate import animate as animate
 from ._calibration import calibration as calibration
 from ._choice import choice as choice
+from ._corner import corner as corner
 from ._energy import energy as energy
 from ._fit import fit as fit
 from ._profile import profile as profile

@@ -30,6 +30,11 @@ def a_fit():
     return jc.fit(_line, 1 + 2 * x + 0.1 * np.cos(40 * x), {"a": 0.5, "b": 1.0}, x=x)
 
 
+def a_posterior():
+    samples = {name: np.ones((2, 4)) for name in ("a", "b")}
+    return jc.Posterior(samples, {}, {}, 0, 0, False, "", a_fit())
+
+
 FIT = {"data": V, "start": {"a": 1.0, "b": 0.5}, "x": V, "predict": _line}
 
 
@@ -110,6 +115,21 @@ def cases() -> dict[str, Case]:
         ),
         "Profile.quantile": Case(
             Profile("a", 1.0, V, V, V - 1.75, 4, False).quantile, {}, {"level": INSIDE}
+        ),
+        "posterior": Case(
+            jc.posterior,
+            {"fit": fitted},
+            {
+                "fit": NOTHING,
+                "samples": COUNT,
+                "chains": COUNT,
+                "warmup": COUNT,
+                "prior": NONE | {"dict", "function"},
+                "seed": SEED,
+            },
+        ),
+        "Posterior.interval": Case(
+            a_posterior().interval, {"name": "a"}, {"name": NOTHING, "level": INSIDE}
         ),
         "compare_fits": Case(
             jc.compare_fits,

@@ -105,6 +105,11 @@ def cases() -> dict[str, Case]:
             {"result": fitted, "names": ["a", "b"]},
             {"result": NOTHING, "names": NONE, "level": INSIDE, "ax": NONE},
         ),
+        "plot.corner": Case(
+            jc.plot.corner,
+            {"result": fitted, "ax": plt.figure().subplots(2, 2)},
+            {"result": NOTHING, "names": NONE, "level": INSIDE, "ax": NONE},
+        ),
         "sweep": Case(
             jc.sweep,
             {"fn": _doubled, "e": np.linspace(0, 1, 3), "progress": False},

@@ -10,9 +10,10 @@ def cases() -> dict[str, Case]:
 
 EXEMPT = {
     # Results, which the library makes
-    r"(Bounce|Calibration|CalibrationSummary|Design|Export|Fit|Impact|Impacts|LawChoice|Margin|Moment|"
-    r"Recording|Run|ScaledImpact|Sweep|Trajectory|VelocityProfile)\(.*\)": "a result, made by the "
-    "library",
+    r"(Bounce|Calibration|CalibrationSummary|Design|Export|Fit|Impact|Impacts|LawChoice|Margin|"
+    r"Moment|Posterior|Recording|Run|ScaledImpact|Sweep|Trajectory|VelocityProfile)\(.*\)": (
+        "a result, made by the library"
+    ),
     r"RecordingError\(.*\)": "an error, raised by the library",
     r"paper\.(Number|Published|Reproduction)\(.*\)": "a result, made by the library",
     r"(Status|Ending|Way)\(.*\)": "an enumeration of Python",

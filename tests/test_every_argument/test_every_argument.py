@@ -33,6 +33,8 @@ def nothing_is_compiled(monkeypatch, tmp_path):
         ("_fit._compare", "find"),
         ("_fit._bootstrap", "_refits"),
         ("_fit._profile", "_held"),
+        ("_fit._posterior", "find_mode"),
+        ("_fit._posterior", "draw"),
     ]:
         monkeypatch.setattr(importlib.import_module(f"jaxcontact.{module}"), name, reached)
     with (

@@ -1,0 +1,272 @@
+"""The picture of several parameters: each alone, and each pair."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtri
+
+from .._fit import Fit, FitData, Posterior
+from .._parameter import FRACTION, as_array, rendered, require_choice, require_number
+from .._units import meaning
+from ._axes import axes_of
+
+_PANEL = 1.9
+"""The side of a panel in inches."""
+
+_BINS = 40
+_SMOOTH = 1.2
+"""Bins of a pair, and the width in bins by which counts are smoothed for a contour."""
+
+_SPAN = 3.5
+"""Standard errors to each side of a normal density."""
+
+_FINE = 200
+_MOST_POINTS = 2000
+_CLOSE = 1e-3
+"""Ticks that span less than this part of their numbers count from the middle one."""
+
+_NORMAL, _DRAWN = "#D55E00", "#0072B2"
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+class _Normal(NamedTuple):
+    """The normal approximation of a fit."""
+
+    names: tuple[str, ...]
+    values: Float[np.ndarray, " k"]
+    covariance: Float[np.ndarray, "k k"]
+
+    def alone(self, ax: Any, i: int, level: float) -> None:
+        value, error = self.values[i], math.sqrt(self.covariance[i, i])
+        u = np.linspace(-_SPAN, _SPAN, _FINE)
+        density = np.exp(-(u**2) / 2) / (error * math.sqrt(2 * math.pi))
+        ax.plot(value + error * u, density, color=_NORMAL)
+        half = error * ndtri((1 + level) / 2)
+        _ends(ax, value - half, value + half, _NORMAL)
+
+    def pair(self, ax: Any, i: int, j: int, level: float) -> None:
+        # χ² with two degrees of freedom: 1 - exp(-r²/2).
+        radius = math.sqrt(-2 * math.log1p(-level))
+        values, vectors = np.linalg.eigh(_correlation(self.covariance, i, j))
+        turn = np.linspace(0, 2 * math.pi, _FINE)
+        circle = np.sqrt(np.maximum(values, 0))[:, None] * np.stack([np.cos(turn), np.sin(turn)])
+        x, y = radius * (vectors @ circle)
+        error = np.sqrt(np.diag(self.covariance))
+        ax.plot(self.values[i] + error[i] * x, self.values[j] + error[j] * y, color=_NORMAL)
+        ax.plot(self.values[i], self.values[j], "+", color=_NORMAL)
+
+
+class _Drawn(NamedTuple):
+    """The draws of a posterior."""
+
+    names: tuple[str, ...]
+    draws: Float[np.ndarray, "k n"]
+
+    def alone(self, ax: Any, i: int, level: float) -> None:
+        low, high = np.quantile(self.draws[i], [(1 - level) / 2, (1 + level) / 2])
+        ax.hist(self.draws[i], _BINS, density=True, histtype="step", color=_DRAWN)
+        _ends(ax, low, high, _DRAWN)
+
+    def pair(self, ax: Any, i: int, j: int, level: float) -> None:
+        x, y = self.draws[i], self.draws[j]
+        some = slice(None, None, max(1, x.size // _MOST_POINTS))
+        dots = {"ms": 1.5, "alpha": 0.25, "mew": 0, "rasterized": True, "zorder": 1}
+        ax.plot(x[some], y[some], ".", color=_DRAWN, **dots)
+        if min(np.ptp(x), np.ptp(y)) > 0:
+            *place, edge = _region(np.stack([x, y]), level)
+            ax.contour(*place, levels=[edge], colors=_DRAWN, linewidths=1.5)
+
+
+def corner(
+    result: Fit | Posterior,
+    *,
+    names: Sequence[str] | None = None,
+    level: float = 0.95,
+    ax: Any = None,
+) -> np.ndarray:
+    """Draw each parameter alone on the diagonal, and each pair below it.
+
+    Of a `Fit` the normal approximation: densities, and the ellipses that hold the probability
+    `level`. Of a `Posterior` histograms, draws, and the contours of the most probable region that
+    holds `level` of them, smoothed. Dotted lines on the diagonal end the interval of `level`.
+
+    Arguments: the fit or posterior; the `names` of the parameters to draw, by default all that were
+    sampled, of a fit all with a standard error; the `level`, in (0, 1); the axes (k, k), new ones
+    if None: those of one picture given to another put both in one. Returns the axes; those above
+    the diagonal are not shown. Raises ValueError for a fit that did not converge, an unknown name,
+    one without a standard error, and axes of another number.
+    """
+    level = require_number("level", level, FRACTION)
+    shown = _shown(result, names)
+    k = len(shown.names)
+    grid = _grid(ax, k)
+    for (row, column), axes in np.ndenumerate(grid):
+        if row < column:
+            axes.set_visible(False)
+            continue
+        if row == column:
+            shown.alone(axes, row, level)
+            axes.set_ylim(bottom=0)
+            axes.set_yticks([])
+        else:
+            shown.pair(axes, column, row, level)
+    _align(grid)
+    for row, column in np.ndindex(k, k):
+        if row >= column:
+            _label(grid[row, column], shown.names, row, column)
+    if isinstance(result, Posterior) and not result.converged:
+        grid[0, 0].set_title("not converged", loc="left")
+    return grid
+
+
+def _shown(result: Any, names: Any) -> _Normal | _Drawn:
+    """What is drawn of the result; ValueError for what has nothing to draw."""
+    if isinstance(result, Posterior):
+        chosen = _names(names, result.names, result.names)
+        return _Drawn(chosen, np.stack([result.samples[name].ravel() for name in chosen]))
+    if not isinstance(result, FitData):
+        raise ValueError(
+            f"Argument `result` must be a `Fit` or a `Posterior`, but is {rendered(result)}."
+        )
+    if not result.converged:
+        raise ValueError(
+            f"Argument `result` must be a fit that converged, but is none: {result.reason}."
+        )
+    certain = tuple(n for n, error in result.standard_errors.items() if np.isfinite(error))
+    if names is None and not certain:
+        raise ValueError(
+            "Argument `result` must be a fit with standard errors, but no parameter has one."
+        )
+    chosen = _names(names, result.names, certain)
+    for name in chosen:
+        if name not in certain:
+            raise ValueError(
+                f"Argument `names` must name parameters with a standard error, but names {name}, "
+                "which has none."
+            )
+    place = [result.names.index(name) for name in chosen]
+    return _Normal(chosen, result.values[place], result.covariance[np.ix_(place, place)])
+
+
+def _names(given: Any, known: tuple[str, ...], usual: tuple[str, ...]) -> tuple[str, ...]:
+    if given is None:
+        return usual
+    if not isinstance(given, list | tuple) or not given:
+        raise ValueError(
+            f"Argument `names` must be a list of names of parameters or None, but is "
+            f"{rendered(given)}."
+        )
+    return tuple(require_choice("names", name, known) for name in given)
+
+
+def _grid(given: Any, k: int) -> np.ndarray:
+    """The axes (k, k) given, or new ones."""
+    if given is None:
+        from matplotlib import pyplot
+
+        side = _PANEL * k + 0.6
+        figure = {"figsize": (side, side), "layout": "constrained"}
+        return pyplot.subplots(k, k, squeeze=False, **figure)[1]
+    grid = as_array(given, object)
+    if grid is None or grid.size != k * k:
+        raise ValueError(
+            f"Argument `ax` must be {k} x {k} axes of matplotlib or None, but is {rendered(given)}."
+        )
+    return np.array([axes_of(one) for one in grid.ravel()]).reshape(k, k)
+
+
+def _region(draws: Float[np.ndarray, "2 n"], level: float) -> tuple[Any, Any, Any, float]:
+    """x, y and the smoothed counts of draws on a grid, and the count that `level` of them exceed.
+
+    Along the axes of their scatter, where smoothing does not widen a narrow ellipse.
+    """
+    from scipy.ndimage import gaussian_filter, map_coordinates
+
+    centre, size = draws.mean(axis=1), draws.std(axis=1)
+    scaled = (draws - centre[:, None]) / size[:, None]
+    _, turn = np.linalg.eigh(scaled @ scaled.T)
+    along = turn.T @ scaled
+    # Room around the draws, so that the contour closes.
+    box = [(v.min() - 0.1 * np.ptp(v), v.max() + 0.1 * np.ptp(v)) for v in along]
+    count, *ends = np.histogram2d(along[0], along[1], _BINS, box)
+    count = gaussian_filter(count, _SMOOTH)
+    bins = [(v - one[0]) / (one[1] - one[0]) - 0.5 for v, one in zip(along, ends, strict=True)]
+    edge = np.quantile(map_coordinates(count, bins, order=1), 1 - level)
+    middles = np.meshgrid(*((one[1:] + one[:-1]) / 2 for one in ends), indexing="ij")
+    x, y = np.tensordot(turn, np.stack(middles), 1) * size[:, None, None] + centre[:, None, None]
+    return x, y, count, float(edge)
+
+
+def _correlation(covariance: np.ndarray, i: int, j: int) -> np.ndarray:
+    pair = covariance[np.ix_([i, j], [i, j])]
+    error = np.sqrt(np.diag(pair))
+    return pair / np.outer(error, error)
+
+
+def _ends(ax: Any, low: float, high: float, color: str) -> None:
+    for end in (low, high):
+        ax.axvline(end, color=color, ls=":", lw=1)
+
+
+def _align(grid: np.ndarray) -> None:
+    """A parameter has the same ends wherever it stands, those of its diagonal and of its pairs."""
+    k = len(grid)
+    for i in range(k):
+        ends = [grid[row, i].get_xlim() for row in range(i, k)]
+        ends += [grid[i, column].get_ylim() for column in range(i)]
+        low, high = min(low for low, _ in ends), max(high for _, high in ends)
+        for row in range(i, k):
+            grid[row, i].set_xlim(low, high)
+        for column in range(i):
+            grid[i, column].set_ylim(low, high)
+
+
+def _label(ax: Any, names: Sequence[str], row: int, column: int) -> None:
+    """Few ticks, in a unit in which they are short; words where the grid ends."""
+    last = row == len(names) - 1
+    sides = [(ax.xaxis, names[column], last)]
+    if row != column:
+        sides.append((ax.yaxis, names[row], column == 0))
+    for axis, name, outer in sides:
+        _ticks(axis, name, outer)
+    for tick in ax.get_xticklabels():
+        tick.set(rotation=45, ha="right", rotation_mode="anchor")
+
+
+def _ticks(axis: Any, name: str, outer: bool) -> None:
+    from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
+
+    low, high = sorted(axis.get_view_interval())
+    ticks = MaxNLocator(3, steps=[1, 2, 5, 10]).tick_values(low, high)
+    ticks = ticks[(ticks >= low) & (ticks <= high)]
+    largest = max(abs(low), abs(high))
+    origin = ticks[len(ticks) // 2] if len(ticks) and high - low < _CLOSE * largest else 0.0
+    size = max(high - low, 0.0) if origin else largest
+    power = math.floor(math.log10(size)) if size > 0 else 0
+    power = 0 if -3 < power < 4 else power
+    axis.set_major_locator(FixedLocator(ticks))
+    if not outer:
+        axis.set_major_formatter(FuncFormatter(lambda x, place: ""))
+        return
+    axis.set_major_formatter(FuncFormatter(lambda x, place: f"{(x - origin) / 10.0**power:.4g}"))
+    axis.label.set_text(_words(name, origin, power))
+
+
+def _words(name: str, origin: float, power: int) -> str:
+    """The name of a parameter and the unit of its ticks: "contact.stiffness / (10⁸ N/m^n)"."""
+    last = name.split(".")[-1]
+    unit = meaning(last)[1]
+    ten = f"10{str(power).translate(_SUPERSCRIPTS)}" if power else ""
+    whole = f"{ten} {unit}".strip()
+    text = f"{name} - {origin:.9g}" if origin else name
+    if origin and whole:
+        text = f"({text})"
+    if not whole:
+        return text
+    # A long name and its unit do not stand beside a panel.
+    return f"{text}\n/ ({whole})" if " " in whole or "/" in whole else f"{text}\n/ {whole}"
