@@ -6,7 +6,8 @@ a line or a parabola,
     λ = Σ (misfit left after the best fit / σ)²,
 
 and the share of fits that are called inadequate is counted. Every draw is a call of `jc.fit`, as a
-user makes it. Writes benchmarks/fit_adequacy.json; `--page` writes docs/trust.md from it.
+user makes it. Writes benchmarks/fit_adequacy.json; `--page` writes docs/trust.md from it
+and from the results of fit_coverage.py and fit_design.py.
 `--draws` sets the number of draws, `--into` another folder.
 """
 
@@ -30,6 +31,7 @@ import jaxcontact as jc
 HERE = Path(__file__).parent
 RESULT = HERE / "fit_adequacy.json"
 PAGE = HERE.parent / "docs" / "trust.md"
+OTHERS = "coverage", "design"
 SEED = 1
 SIGMA = 0.1
 LEVELS = {8: 2000, 25: 2000, 200: 2000, 2000: 2000}
@@ -206,6 +208,7 @@ def page(result: dict[str, Any]) -> str:
     )
     draws = {row["draws"] for kind in result["levels"].values() for row in kind.values()}
     words = (HERE / "fit_adequacy.md").read_text()
+    coverage, plans = (json.loads((HERE / f"fit_{name}.json").read_text()) for name in OTHERS)
     numbers = {
         "LEVELS": levels,
         "POWER": power,
@@ -213,11 +216,38 @@ def page(result: dict[str, Any]) -> str:
         "DRAWS": f"{max(draws):,}",
         "FEW": f"{result['power'][0]['draws']:,}",
         "SEED": str(result["seed"]),
+        "COVERAGE_SEED": str(coverage["seed"]),
+        "COVERAGE": coverage_table(coverage),
+        "DESIGN": design_table(plans),
+        "DESIGN_DRAWS": str(plans["draws"]),
         "EXAMPLE": printed(words.split("```python\n")[1].split("```")[0]),
     }
     for name, text in numbers.items():
         words = words.replace("{" + name + "}", text)
     return words
+
+
+def coverage_table(result: dict[str, Any]) -> str:
+    rows = []
+    for name, cell in result["cells"].items():
+        held = []
+        for what, share in cell["shares"].items():
+            wanted = share >= 0.99 if what == "no better grid point" else 0.93 <= share <= 0.97
+            text = percent(share) if wanted else f"**{percent(share)}**"
+            held.append(f"{what} {text}")
+        rows.append([name, f"{cell['draws']:,}", percent(cell["converged"]), ", ".join(held)])
+    return table(["data", "fits", "converged, %", "held, %"], rows)
+
+
+def design_table(result: dict[str, Any]) -> str:
+    rows = []
+    for name, plan in result["plans"].items():
+        for parameter, expected in plan["expected"].items():
+            seen, even = plan["seen"][parameter], plan["even"][parameter]
+            ratio = f"{seen / expected:.2f}"
+            rows.append([name, parameter, f"{expected:.3g}", ratio, f"{even:.3g}"])
+    header = ["plan", "parameter", "± expected", "seen/expected", "± spread evenly"]
+    return table(header, rows)
 
 
 def printed(code: str) -> str:

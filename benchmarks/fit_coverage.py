@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import sys
 import time
 import zlib
 from collections.abc import Callable, Iterator
@@ -20,9 +21,12 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from fit_truths import bounces, records, trials
+
+# From another folder, too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
+from benchmarks.fit_truths import bounces, records, trials
 
 HERE = Path(__file__).parent
 RESULT = HERE / "fit_coverage.json"

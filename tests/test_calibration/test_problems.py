@@ -210,7 +210,10 @@ def test_tables_may_have_gaps():
             "`intervals` must be a whole number of at least 4",
         ),
         (lambda: jc.Spline(low=1.0), "`low` must be a number in"),
-        (lambda: jc.fit_impacts(jc.Hertz(), CONTACT, [1.0]), "`e` or `duration` or `max_force` must be given"),
+        (
+            lambda: jc.fit_impacts(jc.Hertz(), CONTACT, [1.0]),
+            "`e` or `duration` or `max_force` must be given",
+        ),
         (
             lambda: jc.fit_impacts(jc.Hertz(), CONTACT, [1.0], e=[0.5], fixed=("c",)),
             "`fixed` must name numbers",

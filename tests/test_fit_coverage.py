@@ -1,0 +1,37 @@
+"""The studies of intervals and of plans, in a form that takes seconds."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks import fit_coverage, fit_design
+
+HERE = Path(fit_coverage.__file__).parent
+DRAWS = 200
+LEAST = 0.904
+"""Three standard deviations of a share of 200 draws below 95 %."""
+
+
+@pytest.mark.parametrize("name", ["decay, 8 points, σ unknown", "1 - b v^p, 5 points, σ known"])
+def test_intervals_and_bands_hold_the_truth(name):
+    cell = fit_coverage.run(name, fit_coverage.cells()[name], DRAWS, seed=3)
+    assert cell["converged"] == 1
+    assert all(share >= LEAST for share in cell["shares"].values()), cell["shares"]
+
+
+def test_a_cell_of_each_kind_runs(tmp_path):
+    for name in ("record, force, noise unknown", "bounces, constant e, 10", "triggers, 5 trials"):
+        fit_coverage.main(["--draws", "4", "--only", name, "--into", str(tmp_path)])
+    found = json.loads((tmp_path / "fit_coverage.json").read_text())["cells"]
+    assert len(found) == 5 and all(cell["converged"] > 0 for cell in found.values())
+    assert set(json.loads((HERE / "fit_coverage.json").read_text())["cells"]) <= set(
+        fit_coverage.cells()
+    )
+
+
+def test_a_plan_is_simulated(tmp_path, monkeypatch):
+    monkeypatch.setattr(fit_design, "PLANS", dict([*fit_design.PLANS.items()][:1]))
+    fit_design.main(["--draws", "3", "--into", str(tmp_path)])
+    (plan,) = json.loads((tmp_path / "fit_design.json").read_text())["plans"].values()
+    assert plan["converged"] == 1 and set(plan["seen"]) == set(plan["expected"])
