@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact, require_contact
-from .._fit import Candidate, Fit, FitData, compared, criteria, fit, groups_of, table
+from .._fit import Candidate, Fit, FitData, compared, criteria, fit, groups_of, table, undecided
 from .._flight import Flight, Floats
 from .._laws import AbstractLaw
 from .._measurements import MEASURED_RESTITUTION, Pairs, make_pairs, read_recording
@@ -36,6 +36,7 @@ from ._kinds import (
     kinds_of,
     padded,
 )
+from ._undecided import what_settles
 
 _BANDS = 4
 """Bands of speed that are left out in turn; each holds at least one pair."""
@@ -96,7 +97,8 @@ class ChoiceData:
     `count` of pairs; `candidates`, the comparison in the order of AICc (see `compare_fits`);
     `best`, the kind to use, None where no fit converged; `verdict`, the same in words; `laws`, the
     fits in the order in which they were made, a constant e first; `line`, the trend without a law;
-    `asked`, the e to set in each law of constant e so that it delivers the constant e found.
+    `asked`, the e to set in each law of constant e so that it delivers the constant e found;
+    `next_measurement`, in words, what would settle an undecided choice.
     """
 
     count: int
@@ -106,6 +108,7 @@ class ChoiceData:
     laws: tuple[LawFit, ...]
     line: Line
     asked: tuple[Asked, ...]
+    next_measurement: str
 
     def law_fit(self, kind: str) -> LawFit:
         """The fit of a kind of law, by its name; ValueError for an unknown one."""
@@ -171,6 +174,8 @@ class LawChoice(ChoiceData):
             e = self.laws[0].estimates[-1].value
             lines.append(f"Laws that deliver e = {e:.5f}, and the e to set in each:")
             lines += [f"  {asked.sentence}" for asked in self.asked]
+        if self.next_measurement:
+            lines.append(f"{self.next_measurement[0].upper()}{self.next_measurement[1:]}.")
         return "\n".join(lines)
 
 
@@ -280,6 +285,8 @@ def choose(
     bands = _bands(pairs, use, len(data["x"]))
     comparison = compared(fits, bands, parameters=said.__getitem__, left_out="speeds", group=group)
     found = laws[0].estimates[-1]
+    rivals = [c.name for c in undecided(comparison.candidates) if c.name != comparison.best]
+    ends = float(v.min()), float(v.max())
     return LawChoice(
         count=int(use.sum()),
         candidates=comparison.candidates,
@@ -288,6 +295,7 @@ def choose(
         laws=laws,
         line=_line_of(line),
         asked=asked_of(found.value, found.standard_error),
+        next_measurement=what_settles(fits, comparison.best, rivals, ends),
         fits=fits,
         kinds=kinds,
         contact=contact,

@@ -26,6 +26,7 @@ def report(summary: CalibrationSummary) -> str:
         _equivalents(summary.choice),
         _side_by_side(summary),
         _open_questions(summary),
+        wrapped("Next", summary.choice.next_measurement) if summary.choice.next_measurement else [],
     ]
     return "\n\n".join("\n".join(lines) for lines in parts if lines) + "\n"
 

@@ -7,11 +7,13 @@ from ._compare import compare_fits as compare_fits
 from ._compare import compared as compared
 from ._compare import criteria as criteria
 from ._compare import table as table
+from ._compare import undecided as undecided
 from ._data import FitData as FitData
 from ._fit import fit as fit
 from ._inference import LEAST_GROUPS as LEAST_GROUPS
 from ._inference import Direction as Direction
 from ._inference import basis_of as basis_of
+from ._interval import scatter as scatter
 from ._loss import Huber as Huber
 from ._posterior import Posterior as Posterior
 from ._posterior import posterior as posterior

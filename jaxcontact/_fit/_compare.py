@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -245,6 +245,17 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
     return math.sqrt(square / np.count_nonzero(parts))
 
 
+def undecided(found: Sequence[Candidate]) -> list[Candidate]:
+    """Those that the data do not distinguish from the one with the lowest AICc, which is first."""
+    good = [c for c in found if c.converged]
+    return [
+        c
+        for c in good
+        if c.aicc - good[0].aicc < CLEAR_AICC
+        or (c.behind is not None and c.behind < CLEAR_ADVANTAGE)
+    ]
+
+
 def _verdict(
     found: tuple[Candidate, ...],
     order: list[str],
@@ -256,12 +267,7 @@ def _verdict(
     good = [c for c in found if c.converged]
     if not good:
         return None, "No fit converged."
-    first = good[0]
-    equal = [
-        c
-        for c in good
-        if c.aicc - first.aicc < CLEAR_AICC or (c.behind is not None and c.behind < CLEAR_ADVANTAGE)
-    ]
+    first, equal = good[0], undecided(found)
     best = min(equal, key=lambda c: (c.k, order.index(c.name)))
     values = f": {parameters(best.name)}" if parameters else ""
     if best.adequate is not False:

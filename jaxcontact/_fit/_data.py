@@ -96,12 +96,17 @@ class FitData:
 
         Parameters without a standard error count as known.
         """
-        with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
-            values = jnp.asarray(self.values)
-            slope, curve = map(np.asarray, _linearised(self.problem, values, self._place(x)))
+        curve, slope = self.linearised(x)
         known = np.isfinite(np.diag(self.covariance))
         part = slope[:, known] @ self.covariance[np.ix_(known, known)]
         return curve, np.sqrt(np.sum(part * slope[:, known], axis=1))
+
+    def linearised(self, x: Any = None) -> tuple[np.ndarray, np.ndarray]:
+        """The prediction (n,), flattened, and its derivative by the parameters (n, k)."""
+        with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+            values = jnp.asarray(self.values)
+            slope, curve = _linearised(self.problem, values, self._place(x))
+        return np.asarray(curve), np.asarray(slope)
 
     def _place(self, x: Any) -> Any:
         return self.problem.x if x is None else place_like(x, self.problem.x)

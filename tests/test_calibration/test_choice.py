@@ -208,3 +208,28 @@ def test_the_error_of_what_is_asked_for():
     for low, middle, high in zip(below, at, above, strict=True):
         slope = (high.e - low.e) / (2 * step)
         assert middle.standard_error == pytest.approx(0.01 * slope, rel=1e-5), middle.law
+
+
+def test_what_would_settle_it_is_said_where_the_choice_is_open(choices):
+    """A constant lies halfway between the ends of the other law's curve, where λ is earned."""
+    found = choices["constant e"]
+    said = found.next_measurement
+    assert "do not distinguish it from c as a power of v" in found.verdict
+    assert said.startswith("to tell constant e from c as a power of v, measure e at")
+    curve = np.log(found.curve("c as a power of v", [SPEED.min(), SPEED.max()])[0])
+    power = found.fits["c as a power of v"]
+    scatter = np.sqrt(power.noise) / np.max(power.problem.factor)
+    count = int(np.ceil(40 * (scatter / (np.ptp(curve) / 2)) ** 2))
+    assert f"at {SPEED.min():.3g} and {SPEED.max():.3g} m/s, equally often: about {count} " in said
+    assert repr(found).endswith(f"{said[1:]}.")
+    # A power that was found to be next to none would take more readings than anyone makes.
+    assert "differ too little" in choices["constant c"].next_measurement
+
+
+def test_nothing_is_said_where_the_choice_is_clear():
+    law = jc.PowerDamping(c=5e4, power=-0.6, reference=2.0)
+    clear = jc.choose_law(SPEED, np.asarray(jc.restitution(law, CONTACT, SPEED)) + SCATTER, CONTACT)
+    assert clear.best == "c as a power of v"
+    assert clear.next_measurement == "" and "do not distinguish" not in clear.verdict
+    one_speed = jc.choose_law(np.full(8, 2.0), 0.8 + SCATTER[:8], CONTACT)
+    assert "measure e at other speeds than 2 m/s" in one_speed.next_measurement

@@ -87,6 +87,7 @@ def cases() -> dict[str, Case]:
         ),
         "Fit.predict": Case(fitted.predict, {}, {"x": REALS | NONE}),
         "Fit.predict_with_error": Case(fitted.predict_with_error, {}, {"x": REALS | NONE}),
+        "Fit.linearised": Case(fitted.linearised, {}, {"x": REALS | NONE}),
         "Fit.bootstrap": Case(fitted.bootstrap, {}, {"draws": COUNT, "seed": SEED}),
         "Fit.profile": Case(
             fitted.profile,
