@@ -76,8 +76,11 @@ def with_shared_triggers(
     if not found.converged:
         return found
     wider = {"covariance": found.covariance * noise.wider, "noise": found.noise * noise.wider}
-    trigger = 1e3 * math.sqrt(found.noise * noise.share / noise.unit)
-    scatter = 100 * math.sqrt(found.noise * (1 - noise.share))
+    # A robust fit has put the scale that it found into its weights.
+    factor = np.asarray(found.problem.factor)[used]
+    size = found.noise * float(np.median(factor**-2.0 / noise.variance[used]))
+    trigger = 1e3 * math.sqrt(size * noise.share / noise.unit)
+    scatter = 100 * math.sqrt(size * (1 - noise.share))
     told = f"errors of triggers {trigger:.2g} ms, scatter of ln e {scatter:.2g} %"
     runs = 1 + np.count_nonzero(second[:-1] != first[1:])
     alone = "one trial does not tell how much trials differ: that is not in the standard errors"

@@ -2,13 +2,21 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from benchmarks.fit_truths import (
+    DAMPING,
+    DEPTH_ZERO,
+    FORCE_ZERO,
+    MASS,
+    SPEED,
+    STIFFNESS,
+    TIME,
+    TOUCH,
+    clean_record,
+)
 from jaxcontact._calibration._limits import limits_of
 
-MASS, STIFFNESS, DAMPING, SPEED = 0.2, 5e7, 6e6, 1.5
-TOUCH, FORCE_ZERO, DEPTH_ZERO = 3.1e-4, 12.0, 4e-6
 NOISE_FORCE, NOISE_DEPTH = 5.0, 2e-6
 TRUE = {
     "law.c": DAMPING,
@@ -18,35 +26,13 @@ TRUE = {
     "force_offset": FORCE_ZERO,
     "indentation_offset": DEPTH_ZERO,
 }
-TIME = np.linspace(0, 2.2e-3, 150)
-
-
-def force_of(depth, speed):
-    power = np.maximum(depth, 0) ** 1.5
-    return STIFFNESS * power + DAMPING * power * speed
 
 
 @pytest.fixture(scope="module")
 def clean():
     """Force and indentation at TIME, by scipy, with free flight before and after."""
-
-    def rate(t, y):
-        return [y[1], -force_of(y[0], y[1]) / MASS]
-
-    def apart(t, y):
-        return y[0]
-
-    apart.terminal, apart.direction = True, -1
-    run = solve_ivp(
-        rate, (0, 1), (0, SPEED), "DOP853", events=apart, dense_output=True, rtol=1e-12, atol=1e-14
-    )
-    end, last = run.t[-1], run.y[1, -1]
-    since = TIME - TOUCH
-    depth, speed = run.sol(np.clip(since, 0, end))
-    inside = (since > 0) & (since < end)
-    gap = np.where(since < end, SPEED * since, last * (since - end))
-    force = np.where(inside, force_of(depth, speed), 0)
-    return force + FORCE_ZERO, np.where(inside, depth, gap) + DEPTH_ZERO
+    record = clean_record()
+    return record["force"], record["indentation"]
 
 
 def start():
