@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg import solve_triangular
 
 from .._fit import Fit, basis_of
 
@@ -127,7 +126,7 @@ def shared_noise(
     logs, moved, spread = [], [], []
     for share in _SHARES:
         factor = np.linalg.cholesky((1 - share) * np.eye(n) + share * shape)
-        r, x = (solve_triangular(factor, part, lower=True) for part in (residual, slope))
+        r, x = (np.linalg.solve(factor, part) for part in (residual, slope))
         q, corner = np.linalg.qr(x)
         inverse = np.linalg.inv(corner)
         left = r - q @ (q.T @ r)

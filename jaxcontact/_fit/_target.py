@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from .._parameter import as_array, as_numbers, as_weights, concrete, rendered
 from ._checks import listed
@@ -102,7 +101,7 @@ def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
         raise ValueError(
             f"Argument `correlation` must be positive definite, but is {rendered(correlation)}."
         ) from error
-    return solve_triangular(factor, np.eye(n), lower=True)
+    return np.linalg.solve(factor, np.eye(n))
 
 
 def _no_names(names: Any, count: int) -> ValueError:
