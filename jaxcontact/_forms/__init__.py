@@ -12,6 +12,7 @@ from ._hunt_crossley import exact_damping_factor as exact_damping_factor
 from ._hunt_crossley import rebound_exponent as rebound_exponent
 from ._hunt_crossley import restitution_of as restitution_of
 from ._oscillator import OscillatorForm as OscillatorForm
+from ._scale import Change as Change
 from ._scale import ContactLike as ContactLike
 from ._scale import Scale as Scale
 from ._scale import ScaledImpact as ScaledImpact

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from .._elementary import contraction, power
-from ._scale import ScaledImpact
+from ._scale import Change, ScaledImpact
 
 Lane = Float[Array, "..."]
 Flag = Bool[Array, "..."]
@@ -55,7 +55,7 @@ class AbstractForm(eqx.Module):
     A subclass declares its numbers as fields (at least one array; all broadcast), a static field
     `tension` (whether the contact may pull; without, it ends where the force vanishes) and `force`.
     The other members have defaults that mean "not available", and a subclass replaces those it can
-    provide: `solve`; `restitution`; `never_pulls`; `damping`; `momentum`; `phase_unit`;
+    provide: `solve`; `weakly_pushed`; `restitution`; `never_pulls`; `damping`; `momentum`; `phase_unit`;
     `static_indentation`; `sound`. Source of the scaling: the energy integral of Hunt & Crossley
     (1975), doi 10.1115/1.3423596.
     """
@@ -90,6 +90,18 @@ class AbstractForm(eqx.Module):
     def closed_form(self) -> bool:
         """Whether the class has a `solve` of its own, so that method "exact" applies."""
         return type(self).solve is not AbstractForm.solve
+
+    def weakly_pushed(
+        self, n: Exponent, push: Lane, swirl: Lane, ratio: Lane
+    ) -> tuple[Change, Change] | None:
+        """How the free impact changes under the force Γ - c/(1-κx)³, which is small, with bounds on
+        the errors; None where no formula is known.
+
+        `push` Γ presses the bodies together, `swirl` c is what their angular momentum adds, with
+        the `ratio` κ of the unit of length to their distance. Where the formula is not to be
+        trusted a bound is infinite. Only beside a `solve`.
+        """
+        return None
 
     def restitution(self) -> Lane | None:
         """The e of a free impact where it needs neither n nor the time; None where it does."""

@@ -32,8 +32,9 @@ from .._implicit import expanded_root, implicit_root
 from .._parameter import RESTITUTION, as_parameter
 from ._base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power, sound_damping
 from ._quadrature import integrate, to_power
-from ._scale import ScaledImpact
+from ._scale import Change, ScaledImpact
 from ._sensitivity import lanewise
+from ._weak_push import weak_push
 
 
 class HuntCrossleyForm(AbstractForm):
@@ -98,6 +99,23 @@ class HuntCrossleyForm(AbstractForm):
             max_force=_max_force(alpha, n),
             energy_loss=_energy_lost(alpha, e),
         )
+
+    def weakly_pushed(
+        self, n: Exponent, push: Lane, swirl: Lane, ratio: Lane
+    ) -> tuple[Change, Change] | None:
+        """By the series of `_weak_push`, for exponents that are known and for α up to 5."""
+        if not isinstance(n, float):
+            return None
+        found = weak_push(self.alpha, n, self.order(n), push, swirl, ratio)
+        if found is None or self.tension:
+            return found
+        # The series knows a force without a clamp. That is met where 1 + αv falls below zero, which
+        # a motion that is pulled apart does at its end, if at all.
+        change, doubt = found
+        fastest = restitution_of(self.alpha) + jnp.abs(change.restitution) + doubt.restitution
+        met = self.alpha * fastest >= 1
+        return change, doubt._replace(restitution=jnp.where(met, jnp.inf, doubt.restitution))
+
 
 
 def _rebound_expansion(rho: Lane, alpha: Lane) -> tuple[Lane, Lane, Lane, Lane]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, cast
+from typing import Any, NamedTuple, Protocol, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -72,3 +72,17 @@ class ScaledImpact(eqx.Module):
     energy_loss: Float[Array, "..."] | None = None
     error_estimate: Float[Array, "..."] | None = None
     steps: Int[Array, "..."] | None = None
+
+
+class Change(NamedTuple):
+    """What a weak push adds to a free impact, in the units of the scaled problem; or bounds on the
+    errors of that.
+
+    `turning`: by how much the angle θ, ∫ dt/(1-κx)² until separation, exceeds the duration.
+    """
+
+    restitution: Float[Array, "..."]
+    duration: Float[Array, "..."]
+    turning: Float[Array, "..."]
+    max_indentation: Float[Array, "..."]
+    max_force: Float[Array, "..."]

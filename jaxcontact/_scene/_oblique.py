@@ -1,4 +1,4 @@
-"""One isolated soft impact of two bodies: by the closed form, or by the radial problem."""
+"""One isolated soft impact of two bodies: by a formula, or by the radial problem."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from .._contact import Contact
-from .._forms import ScaledImpact
+from .._forms import Change, ScaledImpact
 from .._impact import Status
 from .._impact._front_door import lanes_of, problem_of, uniform
 from .._impact._lanes import with_sensitivity
 from .._laws import AbstractLaw
 from ._radial import Number, Radial, RadialOutcome, solve_radial
 
-CLOSED_FORM, RADIAL = 0, 1
+CLOSED_FORM, CORRECTED, RADIAL = range(3)
 """How an impact was solved: `Rebound.way`."""
 
 
@@ -28,7 +28,7 @@ class Rebound(NamedTuple):
     `turn` ψ in rad of the line of centres; `elapsed` in s until the indentation is zero again,
     `duration` in s until the force ends (the same but for clamped laws); `max_force` in N;
     `max_indentation` in m; `energy_loss` in J; `error_estimate` of the velocities, relative to the
-    normal speed; `way`, CLOSED_FORM or RADIAL; `status`, a `jaxcontact._impact.Status`. Numbers
+    normal speed; `way`, CLOSED_FORM, CORRECTED or RADIAL; `status`, a `jaxcontact._impact.Status`. Numbers
     are NaN where the status is neither SEPARATED nor SETTLED; a settled contact has e' = 0 and
     infinite times.
     """
@@ -70,8 +70,9 @@ def oblique(
     velocities relative to `normal_speed`; in float32 no less than 1e-5 is reached. Where it is not
     `needed`, as in some lanes of a batch, no step is made, and the outcome means nothing.
 
-    The closed form is taken where turning and pull change less than rtol/10, else the radial
-    problem is solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve
+    The closed form is taken where turning and pull change less than rtol/10, else a formula that
+    corrects it where the form has one and what that leaves out is less, else the radial problem is
+    solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve
     carries its sensitivities. Nothing is raised; see `Rebound.status`.
     """
     problem = uniform(problem_of(law, contact, normal_speed))
@@ -93,11 +94,17 @@ def oblique(
         lambda x: jnp.asarray(x, dtype) if eqx.is_inexact_array(x) else x, lanes.form
     )
     closed = form.solve(lanes.n) if form.closed_form else None
-    skip, free = jnp.zeros_like(swirl), jnp.zeros_like(swirl)
+    way, formula = jnp.full(swirl.shape, RADIAL), None
     if closed is not None:
         free = (jnp.abs(push) + jnp.abs(swirl)) * (1 + closed.duration)
-        skip = jnp.where(2 * free < rtol / 10, 1, skip)
-    skip = jnp.where(needed, skip, 1)
+        formula, unbent = _free(closed), 2 * free < rtol / 10
+        pushed = form.weakly_pushed(lanes.n, push, swirl, ratio)
+        if pushed is not None:
+            formula = _corrected(formula, *pushed, ratio, across / scale.speed)
+            way = jnp.where(formula.error < rtol / 10, CORRECTED, way)
+            formula = formula._replace(error=jnp.where(unbent, 2 * free, formula.error))
+        way = jnp.where(unbent, CLOSED_FORM, way)
+    skip = jnp.where((way != RADIAL) | ~jnp.asarray(needed), jnp.ones_like(swirl), 0)
     tolerance = _tolerance(rtol)
     numbers = (form, lanes.exponent, push, swirl, ratio)
     radial = Radial(
@@ -107,10 +114,11 @@ def oblique(
     )
     out = with_sensitivity(solve_radial)(radial)
     credible = out.error <= jnp.maximum(100 * rtol, 1e3 * tolerance)
-    converged = out.done & (out.settled | credible)
-    way = jnp.where(skip > 0, CLOSED_FORM, RADIAL)
-    if closed is not None:
-        out, converged = _closed_where(skip > 0, closed, 2 * free, out, converged)
+    out = out._replace(done=out.done & (out.settled | credible))
+    if formula is not None:
+        # A contact that stays has no numbers to select.
+        out = jax.tree.map(lambda a, b: jnp.where(way == RADIAL, b, a), formula, out)
+    converged = out.done
     settled = converged & out.settled
     status = jnp.where(settled, int(Status.SETTLED), int(Status.SEPARATED))
     status = jnp.where(converged, status, int(Status.NOT_CONVERGED))
@@ -140,17 +148,10 @@ def oblique(
     )
 
 
-def _closed_where(
-    chosen: Bool[Array, ""],
-    closed: ScaledImpact,
-    doubt: Number,
-    out: RadialOutcome,
-    converged: Bool[Array, ""],
-) -> tuple[RadialOutcome, Bool[Array, ""]]:
-    """The closed form in the lanes that chose it."""
-    loss = closed.energy_loss
-    e = closed.restitution
-    formula = RadialOutcome(
+def _free(closed: ScaledImpact) -> RadialOutcome:
+    """The free impact."""
+    loss, e = closed.energy_loss, closed.restitution
+    return RadialOutcome(
         restitution=e,
         elapsed=closed.duration,
         theta=closed.duration,
@@ -158,10 +159,37 @@ def _closed_where(
         max_force=closed.max_force,
         max_indentation=closed.max_indentation,
         energy_loss=(1 - e) * (1 + e) if loss is None else loss,
-        error=doubt,
+        error=jnp.zeros_like(e),
         done=jnp.asarray(closed.converged),
         settled=jnp.asarray(closed.settled),
     )
-    # A contact that stays has no numbers to select.
-    either = jax.tree.map(lambda a, b: jnp.where(chosen, a, b), formula, out)
-    return either, jnp.where(chosen, jnp.asarray(closed.converged), converged)
+
+
+def _corrected(
+    free: RadialOutcome, change: Change, doubt: Change, ratio: Number, sliding: Number
+) -> RadialOutcome:
+    """The free impact under a weak push and turning; `sliding` is v_t/v_n.
+
+    The error of velocities is that of e and of the direction, that of positions, relative to v_n T,
+    comes from how long it takes and how far the line of centres turns.
+    """
+    # Where the bound is infinite the numbers mean nothing, and are not taken.
+    trusted = jnp.isfinite(doubt.restitution)
+    change = jax.tree.map(lambda x: jnp.where(trusted, x, 0), change)
+    e = free.restitution + change.restitution
+    late, turned = doubt.duration, doubt.duration + doubt.turning
+    along = jnp.hypot(jax.lax.stop_gradient(free.restitution), sliding)
+    aside = jnp.abs(sliding) * turned * (jnp.abs(ratio) * along + 1 / free.duration)
+    error = doubt.restitution + aside + (1 + free.restitution) * late / free.duration
+    peaks = doubt.max_force / free.max_force + doubt.max_indentation / free.max_indentation
+    return free._replace(
+        restitution=e,
+        elapsed=free.elapsed + change.duration,
+        theta=free.theta + change.duration + change.turning,
+        duration=free.duration + change.duration,
+        max_force=free.max_force + change.max_force,
+        max_indentation=free.max_indentation + change.max_indentation,
+        # Push and turning take as much energy on the way out as they bring in.
+        energy_loss=free.energy_loss - change.restitution * (e + free.restitution),
+        error=jax.lax.stop_gradient(error + peaks),
+    )

@@ -46,9 +46,12 @@ class Way(enum.IntEnum):
     """The last of a series of bounces on a wall, whose time is summed: the ball rests there."""
     CLOSED_FORM = 2
     """Soft, head-on: by the law's own solution."""
-    RADIAL = 3
+    CORRECTED = 3
+    """Soft, slightly oblique or under a weak force: the law's own solution, and a series for what
+    that changes."""
+    RADIAL = 4
     """Soft, oblique: the radial equation with its angular momentum."""
-    COUPLED = 4
+    COUPLED = 5
     """Soft, with others in contact or under forces: the coupled equations of motion."""
 
 
