@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import functools
 import itertools
+import math
 from typing import NamedTuple
 
 import jax
@@ -64,7 +65,7 @@ def weak_push(
     table = table_of(n, order)
     dtype = alpha.dtype
     small = jnp.minimum(alpha, _MOST_DAMPING)
-    place = 2 * jnp.log1p(small) / np.log1p(_MOST_DAMPING) - 1
+    place = 2 * jnp.log1p(small) / math.log1p(_MOST_DAMPING) - 1
     rows = chebyshev(jnp.asarray(table.coefficients, dtype), place[..., None])
     # Elastic bodies part as fast as they met, whatever holds them or drives them apart.
     loses = (small / (1 + small))[..., None]

@@ -96,13 +96,15 @@ def oblique(
     closed = form.solve(lanes.n) if form.closed_form else None
     way, formula = jnp.full(swirl.shape, RADIAL), None
     if closed is not None:
-        free = (jnp.abs(push) + jnp.abs(swirl)) * (1 + closed.duration)
-        formula, unbent = _free(closed), 2 * free < rtol / 10
+        sliding = across / scale.speed
+        bent = jnp.abs(push) + jnp.abs(swirl) + jnp.abs(sliding) * jnp.square(ratio)
+        bent = 2 * bent * (1 + closed.duration)
+        formula, unbent = _free(closed, bent), bent < rtol / 10
         pushed = form.weakly_pushed(lanes.n, push, swirl, ratio)
         if pushed is not None:
-            formula = _corrected(formula, *pushed, ratio, across / scale.speed)
+            formula = _corrected(formula, *pushed, ratio, sliding)
             way = jnp.where(formula.error < rtol / 10, CORRECTED, way)
-            formula = formula._replace(error=jnp.where(unbent, 2 * free, formula.error))
+            formula = formula._replace(error=jnp.minimum(bent, formula.error))
         way = jnp.where(unbent, CLOSED_FORM, way)
     skip = jnp.where((way != RADIAL) | ~jnp.asarray(needed), jnp.ones_like(swirl), 0)
     tolerance = _tolerance(rtol)
@@ -148,8 +150,8 @@ def oblique(
     )
 
 
-def _free(closed: ScaledImpact) -> RadialOutcome:
-    """The free impact."""
+def _free(closed: ScaledImpact, error: Number) -> RadialOutcome:
+    """The free impact, in place of one that it is so far from."""
     loss, e = closed.energy_loss, closed.restitution
     return RadialOutcome(
         restitution=e,
@@ -159,7 +161,7 @@ def _free(closed: ScaledImpact) -> RadialOutcome:
         max_force=closed.max_force,
         max_indentation=closed.max_indentation,
         energy_loss=(1 - e) * (1 + e) if loss is None else loss,
-        error=jnp.zeros_like(e),
+        error=error,
         done=jnp.asarray(closed.converged),
         settled=jnp.asarray(closed.settled),
     )
