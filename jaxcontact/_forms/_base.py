@@ -55,9 +55,9 @@ class AbstractForm(eqx.Module):
     A subclass declares its numbers as fields (at least one array; all broadcast), a static field
     `tension` (whether the contact may pull; without, it ends where the force vanishes) and `force`.
     The other members have defaults that mean "not available", and a subclass replaces those it can
-    provide: `solve`; `weakly_pushed`; `restitution`; `never_pulls`; `damping`; `momentum`; `phase_unit`;
-    `static_indentation`; `sound`. Source of the scaling: the energy integral of Hunt & Crossley
-    (1975), doi 10.1115/1.3423596.
+    provide: `solve`; `weakly_pushed`; `restitution`; `never_pulls`; `damping`; `momentum`;
+    `phase_unit`; `static_indentation`; `sound`. Source of the scaling: the energy integral of Hunt
+    & Crossley (1975), doi 10.1115/1.3423596.
     """
 
     tension: eqx.AbstractVar[bool]

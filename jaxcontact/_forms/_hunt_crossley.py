@@ -117,7 +117,6 @@ class HuntCrossleyForm(AbstractForm):
         return change, doubt._replace(restitution=jnp.where(met, jnp.inf, doubt.restitution))
 
 
-
 def _rebound_expansion(rho: Lane, alpha: Lane) -> tuple[Lane, Lane, Lane, Lane]:
     # Of ρ² ψ(z) - L(α) with z = -αρ. By ψ's definition the derivatives are ρ κ(z), e^z and -α e^z;
     # to write κ by ψ, or e^z by κ, would lose all digits at strong damping.

@@ -135,9 +135,7 @@ def _outcome(
     one = series.constant(np.ones_like(alpha))
     gamma = series.variable((1, 0, 0), one)
     # -c/(1-κx)³ = -c - 3 c κ x - 6 c κ² x² - ...
-    swirls = [
-        (m + 1) * (m + 2) / 2 * series.variable((0, 1, m), one) for m in range(1, _ORDER + 1)
-    ]
+    swirls = [(m + 1) * (m + 2) / 2 * series.variable((0, 1, m), one) for m in range(1, _ORDER + 1)]
 
     class Now(NamedTuple):
         w: Series
@@ -186,7 +184,7 @@ def _outcome(
         ends = [series.sine_and_cosine(angle, share * by) for share in (0.0, 0.5, 1.0)]
 
         def further(share: float, slope: Series) -> Series:
-            return np.stack([one_ + share * times(by, s) for one_, s in zip(state, slope, strict=True)])
+            return state + np.stack([share * times(by, change) for change in slope])
 
         first = rate(*ends[0], state)
         second = rate(*ends[1], further(0.5, first))
@@ -205,7 +203,8 @@ def _outcome(
     deepest = along(strongest, peak, turn)
     end = along(deepest, turn, 2 * turn)
     tiny = series.constant(np.full_like(alpha, 1e-4))
-    slope = (falls(moved(strongest, peak, tiny))[0] - falls(moved(strongest, peak, -tiny))[0]) / 2e-4
+    sides = [falls(moved(strongest, peak, sign * tiny))[0] for sign in (1, -1)]
+    slope = (sides[0] - sides[1]) / 2e-4
     later = np.zeros_like(one)
     # Each of them makes one more order right; of the force, which is stationary, two.
     for _ in range(2):

@@ -10,11 +10,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
 from .._contact import Contact
-from .._forms import Change, ScaledImpact
+from .._forms import AbstractForm, Change, ScaledImpact
 from .._impact import Status
 from .._impact._front_door import lanes_of, problem_of, uniform
 from .._impact._lanes import with_sensitivity
 from .._laws import AbstractLaw
+from .._parameter import Specialised
 from ._radial import Number, Radial, RadialOutcome, solve_radial
 
 CLOSED_FORM, CORRECTED, RADIAL = range(3)
@@ -28,9 +29,9 @@ class Rebound(NamedTuple):
     `turn` ψ in rad of the line of centres; `elapsed` in s until the indentation is zero again,
     `duration` in s until the force ends (the same but for clamped laws); `max_force` in N;
     `max_indentation` in m; `energy_loss` in J; `error_estimate` of the velocities, relative to the
-    normal speed; `way`, CLOSED_FORM, CORRECTED or RADIAL; `status`, a `jaxcontact._impact.Status`. Numbers
-    are NaN where the status is neither SEPARATED nor SETTLED; a settled contact has e' = 0 and
-    infinite times.
+    normal speed; `way`, CLOSED_FORM, CORRECTED or RADIAL; `status`, a `jaxcontact._impact.Status`.
+    Numbers are NaN where the status is neither SEPARATED nor SETTLED; a settled contact has e' = 0
+    and infinite times.
     """
 
     restitution: Number
@@ -45,9 +46,12 @@ class Rebound(NamedTuple):
     status: Int[Array, ""]
 
 
-def _tolerance(rtol: Number) -> Number:
-    """Of a step: the outcome is some ten times worse, and a tenth of `rtol` is wanted."""
-    return jnp.maximum(rtol / 100, 20 * float(jnp.finfo(rtol.dtype).eps))
+def _goal(rtol: Number, share: float) -> Number:
+    """A share of `rtol`, no less than what the precision holds.
+
+    A tenth is wanted of a formula; a hundredth of a step, as its outcome is some ten times worse.
+    """
+    return jnp.maximum(share * rtol, 20 * float(jnp.finfo(rtol.dtype).eps))
 
 
 def oblique(
@@ -60,6 +64,7 @@ def oblique(
     *,
     rtol: float | Number,
     needed: bool | Bool[Array, ""] = True,
+    free: bool = False,
 ) -> Rebound:
     """One isolated impact of two bodies: how fast they part, when, and how far they have turned.
 
@@ -68,7 +73,9 @@ def oblique(
     the centres in m, infinite for a plane, negative inside of a shell; a constant `pull` in N along
     the normal, positive when it presses the bodies together. `rtol` bounds the estimated error of
     velocities relative to `normal_speed`; in float32 no less than 1e-5 is reached. Where it is not
-    `needed`, as in some lanes of a batch, no step is made, and the outcome means nothing.
+    `needed`, as in some lanes of a batch, no step is made, and the outcome means nothing. `free`
+    says that the bodies are known to meet head-on without a pull: a closed form is then all there
+    is in the program.
 
     The closed form is taken where turning and pull change less than rtol/10, else a formula that
     corrects it where the form has one and what that leaves out is less, else the radial problem is
@@ -94,32 +101,11 @@ def oblique(
         lambda x: jnp.asarray(x, dtype) if eqx.is_inexact_array(x) else x, lanes.form
     )
     closed = form.solve(lanes.n) if form.closed_form else None
-    way, formula = jnp.full(swirl.shape, RADIAL), None
-    if closed is not None:
-        sliding = across / scale.speed
-        bent = jnp.abs(push) + jnp.abs(swirl) + jnp.abs(sliding) * jnp.square(ratio)
-        bent = 2 * bent * (1 + closed.duration)
-        formula, unbent = _free(closed, bent), bent < rtol / 10
-        pushed = form.weakly_pushed(lanes.n, push, swirl, ratio)
-        if pushed is not None:
-            formula = _corrected(formula, *pushed, ratio, sliding)
-            way = jnp.where(formula.error < rtol / 10, CORRECTED, way)
-            formula = formula._replace(error=jnp.minimum(bent, formula.error))
-        way = jnp.where(unbent, CLOSED_FORM, way)
-    skip = jnp.where((way != RADIAL) | ~jnp.asarray(needed), jnp.ones_like(swirl), 0)
-    tolerance = _tolerance(rtol)
     numbers = (form, lanes.exponent, push, swirl, ratio)
-    radial = Radial(
-        *jax.tree.map(jax.lax.optimization_barrier, numbers),
-        skip=jax.lax.stop_gradient(skip),
-        tolerance=tolerance,
-    )
-    out = with_sensitivity(solve_radial)(radial)
-    credible = out.error <= jnp.maximum(100 * rtol, 1e3 * tolerance)
-    out = out._replace(done=out.done & (out.settled | credible))
-    if formula is not None:
-        # A contact that stays has no numbers to select.
-        out = jax.tree.map(lambda a, b: jnp.where(way == RADIAL, b, a), formula, out)
+    if free and closed is not None:
+        out, way = _free(closed, jnp.zeros_like(swirl)), jnp.full(swirl.shape, CLOSED_FORM)
+    else:
+        out, way = _solved(numbers, closed, across / scale.speed, rtol, needed)
     converged = out.done
     settled = converged & out.settled
     status = jnp.where(settled, int(Status.SETTLED), int(Status.SEPARATED))
@@ -150,6 +136,42 @@ def oblique(
     )
 
 
+def _solved(
+    numbers: tuple[AbstractForm, Specialised, Number, Number, Number],
+    closed: ScaledImpact | None,
+    sliding: Number,
+    rtol: Number,
+    needed: bool | Bool[Array, ""],
+) -> tuple[RadialOutcome, Int[Array, ""]]:
+    """By the cheapest way that is good enough, and which it is; `sliding` is v_t/v_n."""
+    form, exponent, push, swirl, ratio = numbers
+    way, formula, goal = jnp.full(swirl.shape, RADIAL), None, _goal(rtol, 0.1)
+    if closed is not None:
+        bent = jnp.abs(push) + jnp.abs(swirl) + jnp.abs(sliding) * jnp.square(ratio)
+        bent = 2 * bent * (1 + closed.duration)
+        formula, unbent = _free(closed, bent), bent < goal
+        pushed = form.weakly_pushed(exponent.value, push, swirl, ratio)
+        if pushed is not None:
+            formula = _corrected(formula, *pushed, ratio, sliding)
+            way = jnp.where(formula.error < goal, CORRECTED, way)
+            formula = formula._replace(error=jnp.minimum(bent, formula.error))
+        way = jnp.where(unbent, CLOSED_FORM, way)
+    skip = jnp.where((way != RADIAL) | ~jnp.asarray(needed), jnp.ones_like(swirl), 0)
+    tolerance = _goal(rtol, 0.01)
+    radial = Radial(
+        *jax.tree.map(jax.lax.optimization_barrier, numbers),
+        skip=jax.lax.stop_gradient(skip),
+        tolerance=tolerance,
+    )
+    out = with_sensitivity(solve_radial)(radial)
+    credible = out.error <= jnp.maximum(100 * rtol, 1e3 * tolerance)
+    out = out._replace(done=out.done & (out.settled | credible))
+    if formula is not None:
+        # A contact that stays has no numbers to select.
+        out = jax.tree.map(lambda a, b: jnp.where(way == RADIAL, b, a), formula, out)
+    return out, way
+
+
 def _free(closed: ScaledImpact, error: Number) -> RadialOutcome:
     """The free impact, in place of one that it is so far from."""
     loss, e = closed.energy_loss, closed.restitution
@@ -170,7 +192,7 @@ def _free(closed: ScaledImpact, error: Number) -> RadialOutcome:
 def _corrected(
     free: RadialOutcome, change: Change, doubt: Change, ratio: Number, sliding: Number
 ) -> RadialOutcome:
-    """The free impact under a weak push and turning; `sliding` is v_t/v_n.
+    """The free impact under a weak push and turning.
 
     The error of velocities is that of e and of the direction, that of positions, relative to v_n T,
     comes from how long it takes and how far the line of centres turns.

@@ -66,9 +66,10 @@ def soft(
         pressing * contact.mass,
     )
     # Each kind of law has solutions of its own.
+    free = layout.dimensions == 1 and not layout.gravity
     laws, kind = laws_of(layout, numbers, choice.first, choice.second)
     solves = [
-        functools.partial(oblique, law, rtol=rtol, needed=needed & (kind == number))
+        functools.partial(oblique, law, rtol=rtol, needed=needed & (kind == number), free=free)
         for number, law in enumerate(laws)
     ]
     rebound = solves[0](*given) if len(laws) == 1 else jax.lax.switch(kind, solves, *given)

@@ -77,7 +77,8 @@ def test_single_precision():
     lanes = np.array([HEAD_ON, OBLIQUE, TOGETHER])
     found, ways, status = jax.jit(jax.vmap(collision))(*lanes.astype(np.float32).T)
     assert found.dtype == jnp.float32 and np.all(status == jc.Ending.COMPLETED)
-    assert ways[:, 0].tolist() == [jc.Way.CLOSED_FORM, jc.Way.RADIAL, jc.Way.COUPLED]
+    # A formula serves where its error is below rounding.
+    assert ways[:, 0].tolist() == [jc.Way.CLOSED_FORM, jc.Way.CORRECTED, jc.Way.COUPLED]
     for velocity, (offset, gap) in zip(found, lanes, strict=True):
         places = [[0.0, 0.5], [0.5, 0.5 + offset], [0.7001 + gap, 0.5 + offset]]
         speeds = [[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]]
