@@ -153,11 +153,16 @@ class Touching(eqx.Module):
         zero = jnp.zeros((), self.depth.dtype)
         return jnp.where(used & first, zero + 1, zero) - jnp.where(used & second, zero + 1, zero)
 
+    def _between(self, vectors: PerBody) -> Float[Array, "pairs dim"]:
+        """Those of the first bodies less those of the second."""
+        pairs = self.pairs
+        first, second = (vectors.at[k].get(mode="clip") for k in (pairs.first, pairs.second))
+        return jnp.where(pairs.used[:, None], first - second, 0)
+
     def geometry(self, moved: PerBody, velocity: PerBody) -> Geometry:
         """Of all pairs, once the bodies have `moved` from the start."""
         pairs = self.pairs
-        both = jnp.concatenate([moved, velocity], axis=1)
-        both = contraction(self._incidence, both)
+        both = self._between(jnp.concatenate([moved, velocity], axis=1))
         dim = moved.shape[1]
         change, relative = both[:, :dim], both[:, dim:]
         # A pair that is none, or a plane, gets a length that divides.
@@ -202,7 +207,8 @@ class Touching(eqx.Module):
         self, geometry: Geometry, force: PerPair, time: Float[Array, ""]
     ) -> tuple[PerBody, PerBody]:
         """Of the bodies under the forces of the pairs, and the sums of those forces."""
-        pushed = contraction(self._incidence.T, force[:, None] * geometry.normal)
+        along = (force[:, None] * geometry.normal)[:, None]
+        pushed = jnp.sum(self._incidence[..., None] * along, axis=0)
         acceleration = self.acceleration + self.inverse_mass[:, None] * pushed
         if self.drive is not None:
             swing = jnp.sin(self.drive.rate * time + self.drive.phase)
@@ -220,7 +226,7 @@ class Touching(eqx.Module):
 
     def second(self, geometry: Geometry, acceleration: PerBody) -> PerPair:
         """δ'' of the pairs."""
-        relative = contraction(self._incidence, acceleration)
+        relative = self._between(acceleration)
         return -jnp.sum(geometry.normal * relative, axis=1) - geometry.swirl
 
     def motion(
