@@ -155,9 +155,7 @@ class Touching(eqx.Module):
 
     def _between(self, vectors: PerBody) -> Float[Array, "pairs dim"]:
         """Those of the first bodies less those of the second."""
-        pairs = self.pairs
-        first, second = (vectors.at[k].get(mode="clip") for k in (pairs.first, pairs.second))
-        return jnp.where(pairs.used[:, None], first - second, 0)
+        return jnp.sum(self._incidence[..., None] * vectors[None], axis=1)
 
     def geometry(self, moved: PerBody, velocity: PerBody) -> Geometry:
         """Of all pairs, once the bodies have `moved` from the start."""
@@ -235,9 +233,8 @@ class Touching(eqx.Module):
         """The accelerations, the power that the damping of each pair takes, and the power that
         weight and prescribed bodies bring in.
         """
-        # One evaluation of the law for both, which is compiled once.
-        rates = jnp.stack([at.rate, jnp.zeros_like(at.rate)])
-        force, still = jax.vmap(lambda rate: self.force(at.depth, rate, modes))(rates)
+        force = self.force(at.depth, at.rate, modes)
+        still = self.force(at.depth, jnp.zeros_like(at.rate), modes)
         acceleration, pushed = self.accelerations(at, force, time)
         free = (self.inverse_mass > 0)[:, None]
         weight = self.acceleration / jnp.where(free, self.inverse_mass[:, None], 1)
