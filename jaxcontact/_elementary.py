@@ -173,6 +173,44 @@ def contraction(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, 
     return jnp.tensordot(a, b, 1, precision=jax.lax.Precision.HIGHEST)
 
 
+_SMALL = 1024
+"""Multiplications up to which a product is faster without a call of a library."""
+
+
+@jax.custom_jvp
+def small_product(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
+    """`contraction(a, b)`, for loops over few numbers.
+
+    A library of matrix products takes a microsecond to call, and keeps the compiler from making one
+    piece of what comes before and after. In a batch, and for the tangents of a derivative, which
+    are many, it is called.
+    """
+    if a.size * (b.size // b.shape[0]) > _SMALL:
+        return contraction(a, b)
+    return _alone(a, b)
+
+
+@jax.custom_batching.custom_vmap
+def _alone(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
+    return jnp.sum(a.reshape(*a.shape, *[1] * (b.ndim - 1)) * b, axis=a.ndim - 1)
+
+
+@_alone.def_vmap
+def _in_a_batch(
+    size: int, batched: list[bool], a: Float[Array, "..."], b: Float[Array, "..."]
+) -> tuple[Float[Array, "..."], bool]:
+    axes = tuple(0 if along else None for along in batched)
+    return jax.vmap(contraction, in_axes=axes)(a, b), True
+
+
+@functools.partial(small_product.defjvp, symbolic_zeros=True)
+def _small_product_jvp(primals: tuple, tangents: tuple) -> tuple:
+    (a, b), (da, db) = primals, tangents
+    changes = [] if isinstance(da, SymbolicZero) else [contraction(da, b)]
+    changes += [] if isinstance(db, SymbolicZero) else [contraction(a, db)]
+    return small_product(a, b), functools.reduce(operator.add, changes)
+
+
 def power(x: ArrayLike, exponent: ArrayLike) -> Float[Array, "..."]:
     """`x^exponent` for x ≥ 0 and zero for x < 0, with a finite derivative everywhere.
 

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from .._elementary import small_product
 from .._varying import varying
 
 State = TypeVar("State")
@@ -47,7 +48,7 @@ def step_in_loop(
 
     def changed(weights: np.ndarray | Array, slopes: State) -> State:
         return jax.tree.map(
-            lambda slope: size * _weighted(jnp.asarray(weights, slope.dtype), slope), slopes
+            lambda slope: size * small_product(jnp.asarray(weights, slope.dtype), slope), slopes
         )
 
     def moved(weights: np.ndarray | Array, slopes: State) -> State:
@@ -62,14 +63,6 @@ def step_in_loop(
     error = changed(_TABLEAU.b_error[:_STAGES], slopes)
     first = jax.tree.map(lambda slope: slope[0], slopes)
     return moved(_TABLEAU.b_sol[:_STAGES], slopes), error, first
-
-
-def _weighted(weights: Array, slopes: Array) -> Array:
-    """Σ w k over the stages: not by a matrix product, which is a call of a library.
-
-    Without a call a loop of few numbers is one piece of code for processors.
-    """
-    return jnp.sum(weights.reshape(-1, *[1] * (slopes.ndim - 1)) * slopes, axis=0)
 
 
 def _put(index: Array, buffer: Array, slope: Array) -> Array:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._contact import Contact
-from .._elementary import contraction
+from .._elementary import contraction, small_product
 from .._laws import AbstractLaw
 from ._motion import Own
 from ._side import side
@@ -155,7 +155,7 @@ class Touching(eqx.Module):
 
     def _between(self, vectors: PerBody) -> Float[Array, "pairs dim"]:
         """Those of the first bodies less those of the second."""
-        return jnp.sum(self._incidence[..., None] * vectors[None], axis=1)
+        return small_product(self._incidence, vectors)
 
     def geometry(self, moved: PerBody, velocity: PerBody) -> Geometry:
         """Of all pairs, once the bodies have `moved` from the start."""
@@ -205,8 +205,7 @@ class Touching(eqx.Module):
         self, geometry: Geometry, force: PerPair, time: Float[Array, ""]
     ) -> tuple[PerBody, PerBody]:
         """Of the bodies under the forces of the pairs, and the sums of those forces."""
-        along = (force[:, None] * geometry.normal)[:, None]
-        pushed = jnp.sum(self._incidence[..., None] * along, axis=0)
+        pushed = small_product(self._incidence.T, force[:, None] * geometry.normal)
         acceleration = self.acceleration + self.inverse_mass[:, None] * pushed
         if self.drive is not None:
             swing = jnp.sin(self.drive.rate * time + self.drive.phase)
