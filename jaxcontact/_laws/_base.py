@@ -54,6 +54,13 @@ class AbstractLaw(eqx.Module):
     exponents: ClassVar[tuple[float, ...] | None] = None
     """The contact exponents n the law is made for; None if any will do."""
 
+    @property
+    def damped(self) -> bool:
+        """Whether the force depends on the velocity, for any parameters. Where a law says that it
+        does not, solves leave out what damping alone needs.
+        """
+        return True
+
     @abc.abstractmethod
     def force(
         self,

@@ -75,6 +75,10 @@ class Hertz(AbstractHuntCrossley):
     Source: Hertz (1882), J. reine angew. Math. 92:156, doi 10.1515/crll.1882.92.156.
     """
 
+    @property
+    def damped(self) -> bool:
+        return False
+
     def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
         return jnp.asarray(0.0)
 

@@ -75,7 +75,8 @@ class _Carry(NamedTuple):
 def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     state, units, stop = problem.state, units_of(problem), jax.lax.stop_gradient
     pairs, (bodies, dim) = problem.pairs, state.position.shape
-    layout, tolerance = Parts(bodies, dim, pairs.used.shape[0]), problem.tolerance
+    layout = Parts(bodies, dim, pairs.used.shape[0], problem.law.damped)
+    tolerance = problem.tolerance
     dtype = state.position.dtype
     finest = float(jnp.finfo(dtype).eps)
     together, near = finest**_TOGETHER, finest**_NEAR

@@ -22,6 +22,10 @@ class MixedLaw(AbstractLaw):
     laws: tuple[AbstractLaw, ...]
     kind: Float[Array, "..."]
 
+    @property
+    def damped(self) -> bool:
+        return any(law.damped for law in self.laws)
+
     def force(
         self,
         indentation: ArrayLike,

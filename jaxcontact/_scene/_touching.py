@@ -189,6 +189,8 @@ class Touching(eqx.Module):
         units = self.units
         speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
         depth = jnp.maximum(depth, 0)
+        if not self.law.damped:
+            rate = jnp.zeros_like(rate)
         given = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
         force = self.law.force(*given) / units.force
         return jnp.where(modes.closed & self.pairs.used, force, 0)
@@ -233,12 +235,15 @@ class Touching(eqx.Module):
         weight and prescribed bodies bring in.
         """
         force = self.force(at.depth, at.rate, modes)
-        still = self.force(at.depth, jnp.zeros_like(at.rate), modes)
+        lost = jnp.zeros_like(force)
+        if self.law.damped:
+            still = self.force(at.depth, lost, modes)
+            lost = (force - still) * at.rate
         acceleration, pushed = self.accelerations(at, force, time)
         free = (self.inverse_mass > 0)[:, None]
         weight = self.acceleration / jnp.where(free, self.inverse_mass[:, None], 1)
         work = jnp.sum(jnp.where(free, weight, -pushed) * velocity)
-        return acceleration, (force - still) * at.rate, work
+        return acceleration, lost, work
 
     def kinetic(self, velocity: PerBody) -> Float[Array, ""]:
         """½ Σ m v² of the bodies that are free."""
