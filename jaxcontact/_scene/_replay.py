@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 
 from ._cluster import MOST_STEPS
 from ._coupled import as_flags, as_numbers, call, work_of_walls
-from ._flying import Flying
+from ._flying import Flying, where_each
 from ._hit import Outcome, hit, two_that_meet
 from ._log import Facts, Figures, Log, Together
 from ._progress import Rules
@@ -178,6 +178,10 @@ def _tangents(
 
     time = jnp.zeros(layout.spheres, along.position.dtype)
     start = Flying(along.position, along.velocity, time)
+    if rest.start is not None and rest.start.underway is not None:
+        began, moves = rest.start.underway, along.start.underway
+        led = Flying(moves.position, moves.velocity, moves.time)
+        start = where_each(began.counts, led, start)
     coupled, held = None, time
     if log.figures.coupled is not None:
         coupled = jax.tree.map(lambda x: jnp.zeros_like(x[0]), log.figures.coupled.end)
