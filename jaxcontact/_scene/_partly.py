@@ -60,7 +60,7 @@ def booked(
         )
 
         def energy(state: Flying) -> Array:
-            weight = jnp.sum(state.position * numbers.gravity, axis=-1)
+            weight = jnp.sum(state.position * numbers.gravity[None], axis=-1)
             return jnp.sum(mass * (jnp.sum(jnp.square(state.velocity), axis=-1) / 2 - weight))
 
         drives = jnp.where(is_wall, meeting.driven * meeting.normal, touch.velocity[1])

@@ -58,7 +58,7 @@ def test_a_run_goes_on_from_contacts_with_their_derivatives():
     parts = [eqx.partition(scene, eqx.is_inexact_array) for scene in ends]
     rest = parts[2][1]
     moves = jax.tree.map(lambda a, b: (a - b) / (2 * STEP), parts[0][0], parts[1][0])
-    assert float(moves._start.contacts.state.indentation[0]) != 0
+    assert np.any(moves._start.contacts.state.indentation != 0)
     assert ends[2]._start.underway.partner.tolist() == [-1, 2, 1]
 
     @jax.jit
@@ -69,7 +69,7 @@ def test_a_run_goes_on_from_contacts_with_their_derivatives():
     expected, first = _whole(0.03)
     np.testing.assert_allclose(value, expected, rtol=GOES_ON)
     # Both contacts are in both parts, each with what it lost there.
-    assert expected.shape == (12,) and np.all(expected[-2:] < 0)
+    assert np.all(expected[-2:] < 0)
     lost = np.sum(first.impacts.energy_loss)
     missing = first.energy[0] + first.wall_work - lost - first.energy[-1]
     assert abs(missing) < GOES_ON * first.energy[0]
