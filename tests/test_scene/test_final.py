@@ -31,11 +31,11 @@ def _ends(scale, duration=UNTIL):
     ]
     lift = jc.Plane([0.0], [1.0], motion=jc.Steady([SPEED * scale]))
     scene = jc.Scene([*balls, lift], jc.HuGuo(e=0.5), stiffness=1e6 * scale, gravity=[-9.81])
-    return jc.simulate(scene, duration)
+    return jc.simulate(scene, duration, rtol=1e-11)
 
 
 def _end(scene, duration):
-    run = jc.simulate(scene, duration, max_impacts=8)
+    run = jc.simulate(scene, duration, rtol=1e-11, max_impacts=8)
     lost = jnp.where(run.impacts.valid, run.impacts.energy_loss, 0)
     numbers = [run.position[-1, 0], run.velocity[-1, 0], run.wall_work[None], run.position[-1, 1:]]
     numbers += [run.velocity[-1, 1:], run.energy[-1:], jnp.sum(lost)[None], run.impacts.time[:2]]
