@@ -5,14 +5,15 @@ from __future__ import annotations
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 
 from ._company import pace_of
 from ._coupled import as_flags, stored_energy
+from ._inside import Entries
 from ._log import Log
 from ._progress import Coupling, Rules
 from ._slots import Seats
-from ._start import Contacts, Start
+from ._start import Contacts, Start, Underway
 from ._states import looked_up
 from ._system import Layout, Numbers
 
@@ -20,19 +21,17 @@ from ._system import Layout, Numbers
 @eqx.filter_jit
 def end_of(
     layout: Layout, numbers: Numbers, rules: Rules, log: Log, written: Int[Array, ""], time: Array
-) -> tuple[Start, Bool[Array, ""]]:
-    """What a run ends with, for another run to go on from; whether an isolated impact is on then,
-    from which none can.
-    """
+) -> Start:
+    """What a run ends with, for another run to go on from."""
     figures, facts = log
     counts = jnp.arange(facts.tied.shape[0]) < written
-    late = jnp.where(counts, jnp.max(figures.outcome.after.time, axis=1), 0)
     last = jax.tree.map(
         lambda x: x[0], looked_up(layout, numbers, log, written, time[None], rules.soft)
     )
-    start = Start(last.support, last.held, None, rules.soft)
+    underway = _underway(layout, log, last, time) if rules.soft else None
+    start = Start(last.support, last.held, None, underway, rules.soft)
     if facts.call is None or figures.coupled is None:
-        return start, rules.soft & jnp.any(late > time)
+        return start
     called = facts.call.is_call & counts
     row = jnp.max(jnp.where(called, jnp.arange(counts.shape[0]), -1))
     place = jnp.maximum(row, 0)
@@ -56,8 +55,27 @@ def end_of(
             lost=zero,
         ),
     )
-    start = Start(last.support, last.held, contacts, rules.soft)
-    return start, jnp.any(late > time)
+    return Start(last.support, last.held, contacts, underway, rules.soft)
+
+
+def _underway(layout: Layout, log: Log, last: Entries, time: Array) -> Underway:
+    """The isolated impacts that are on at a time: what led to them, from which another run takes
+    them once more.
+    """
+    inside = (last.row >= 0) & (last.began > time)
+    row = jnp.maximum(last.row, 0)
+    choice, before = jax.tree.map(lambda x: x[row], (log.facts.choice, log.figures.before))
+    everyone = jnp.arange(layout.spheres)
+    is_first = choice.first == everyone
+    partner = jnp.where(is_first, choice.second, choice.first)
+    mine = jax.tree.map(lambda x: x[everyone, jnp.where(is_first, 0, 1)], before)
+    return Underway(
+        partner=jnp.where(inside, partner, -1),
+        touch=jnp.where(inside, choice.time - time, 0),
+        position=mine.position,
+        velocity=mine.velocity,
+        time=jnp.where(inside, mine.time - time, 0),
+    )
 
 
 def going_on(coupling: Coupling, start: Start | None) -> Coupling:

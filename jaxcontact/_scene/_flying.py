@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ._system import Layout, Numbers
 
@@ -21,6 +22,13 @@ class Flying(NamedTuple):
     position: Lane
     velocity: Lane
     time: Lane
+
+
+def where_each(counts: Bool[Array, " M"], one: Flying, other: Flying) -> Flying:
+    """Of every body the one state where it `counts`, else the other."""
+    return jax.tree.map(
+        lambda a, b: jnp.where(counts.reshape(-1, *(1,) * (a.ndim - 1)), a, b), one, other
+    )
 
 
 def accelerations(

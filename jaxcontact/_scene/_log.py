@@ -119,8 +119,8 @@ def last_call(
     number = jnp.arange(called.is_call.shape[0])
     is_call = called.is_call & (number < written)
     began = jnp.where(is_call, together.began.time, jnp.inf)
-    # What a run began in is there from the first moment.
-    at_once = is_call & (number == 0) & ~called.decided.starts
+    # What a run began in is there from the first moment, after impacts that were on before.
+    at_once = is_call & (number == jnp.argmax(is_call)) & ~called.decided.starts
     earlier = (began[None] < times[:, None]) | (at_once & (began == 0))[None]
     # Of calls that began at the same time, the last one.
     row = jnp.max(jnp.where(earlier, number[None], -1), axis=1)

@@ -122,18 +122,31 @@ def _largest(course: Course, inside: bool = False) -> Array:
     if free.size == 0:
         return flagged(jnp.ones_like(end), course.status == int(Ending.COMPLETED))
 
+    amid = None if numbers.start is None else numbers.start.underway
+
     def outcome(start: Array) -> Array:
         there = dataclasses.replace(
             numbers,
             position=numbers.position.at[free].set(start[0]),
             velocity=numbers.velocity.at[free].set(start[1] / end),
         )
+        if amid is not None:
+            # What is in an impact at the start varies with what led to it.
+            led = amid._replace(
+                position=amid.position.at[free].set(start[0]),
+                velocity=amid.velocity.at[free].set(start[1] / end),
+            )
+            there = eqx.tree_at(lambda numbers: numbers.start.underway, there, led)
         known = differentiable(layout, there, rules, log, written, course.tolerance)
         given = (layout, there, rules, known, written, end[None], course.tolerance, inside)
         states = states_at(*given)
         return jnp.stack([states.position[0, free], states.velocity[0, free] * end])
 
-    start = jnp.stack([numbers.position[free], numbers.velocity[free] * end])
+    place, speed = numbers.position, numbers.velocity
+    if amid is not None:
+        on = amid.counts[:, None]
+        place, speed = jnp.where(on, amid.position, place), jnp.where(on, amid.velocity, speed)
+    start = jnp.stack([place[free], speed[free] * end])
     _, push = jax.linearize(outcome, start)
     pull = jax.linear_transpose(push, start)
 

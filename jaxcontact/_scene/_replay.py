@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ._cluster import MOST_STEPS
 from ._coupled import as_flags, as_numbers, call, work_of_walls
-from ._flying import Flying
+from ._flying import Flying, where_each
 from ._hit import Outcome, hit, two_that_meet
 from ._log import Facts, Figures, Log, Together
 from ._progress import Rules
@@ -37,15 +37,20 @@ def differentiable(
 ) -> Log:
     """The log, whose figures have the derivatives by `numbers`."""
     leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
+    # What is traced, and no number, is an argument of the rule.
+    underway = None if numbers.start is None else numbers.start.underway
+    amid = None if underway is None else underway.counts
 
     @jax.custom_jvp
-    def figures(leaves: Any, log: Log, written: Array, tolerance: Array) -> Figures:
+    def figures(
+        leaves: Any, log: Log, amid: Array | None, written: Array, tolerance: Array
+    ) -> Figures:
         return log.figures
 
     @figures.defjvp
     def rule(primals: tuple, tangents: tuple) -> tuple[Figures, Figures]:
-        leaves, log, written, tolerance = primals
-        known = figures(leaves, log, written, tolerance)
+        leaves, log, amid, written, tolerance = primals
+        known = figures(leaves, log, amid, written, tolerance)
         found = _tangents(
             layout,
             rest,
@@ -53,12 +58,13 @@ def differentiable(
             leaves,
             tangents[0],
             log._replace(figures=known),
+            amid,
             written,
             tolerance,
         )
         return known, found
 
-    return log._replace(figures=figures(leaves, log, written, tolerance))
+    return log._replace(figures=figures(leaves, log, amid, written, tolerance))
 
 
 class _Carry(NamedTuple):
@@ -76,6 +82,7 @@ def _tangents(
     leaves: Any,
     along: Any,
     log: Log,
+    amid: Bool[Array, " N"] | None,
     written: Int[Array, ""],
     tolerance: Float[Array, ""],
 ) -> Figures:
@@ -178,6 +185,10 @@ def _tangents(
 
     time = jnp.zeros(layout.spheres, along.position.dtype)
     start = Flying(along.position, along.velocity, time)
+    if amid is not None:
+        moves = along.start.underway
+        led = Flying(moves.position, moves.velocity, moves.time)
+        start = where_each(amid, led, start)
     coupled, held = None, time
     if log.figures.coupled is not None:
         coupled = jax.tree.map(lambda x: jnp.zeros_like(x[0]), log.figures.coupled.end)

@@ -6,7 +6,6 @@ import os
 from typing import TYPE_CHECKING, BinaryIO, TextIO
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
@@ -20,6 +19,7 @@ from ._margin import Course, Margin
 from ._progress import Rules
 from ._result import Impacts, Moment, ending_words, flagged, traced
 from ._scene import Scene
+from ._start import Start
 from ._states import any_inside, energy_of, states_at
 from ._system import Layout, Numbers
 
@@ -99,21 +99,14 @@ class Run(eqx.Module):
     def final(self) -> Scene:
         """The scene at the end of the run: its spheres where they are then, with their speeds.
 
-        What rests goes on to rest, and a coupled solve goes on: another run of this scene has its
-        contacts, with the time of their touch before zero, and what they lose from now on. Raises
-        ValueError at a time inside of an isolated impact; under tracing positions are NaN then.
+        What rests goes on to rest, and what is in contact goes on: another run of this scene has
+        its contacts, with the time of their touch before zero, and what they lose from now on. An
+        isolated impact is taken from its touch once more.
         """
         given = (self._layout, self._numbers, self._rules, self._log, self._written)
-        start, touching = end_of(*given, self.duration)
-        known = not traced(self.status)
-        if known and bool(touching):
-            raise ValueError(
-                "Argument `duration` of the run must be a time outside of isolated impacts, for "
-                f"`final` to go on from, but is {shown(self.duration)} s."
-            )
+        start: Start | None = end_of(*given, self.duration)
         end = self.at(self.duration)
-        # Traced, no error can be raised: a run from there is flagged.
-        position = jnp.where(touching, jnp.nan, end.position)
+        position = end.position
         bodies = list(self.scene.bodies)
         for k, sphere in enumerate(self.scene.spheres):
             place = self._layout.body[k]
@@ -122,8 +115,8 @@ class Run(eqx.Module):
         for k, body in enumerate(bodies):
             if isinstance(body, Sphere | Plane | Box | Shell):
                 bodies[k] = body.after(self.duration)
-        if known and not bool(start.needed):
-            start = None
+        if not traced(self.status):
+            start = start.as_needed()
         return eqx.tree_at(
             lambda scene: (scene.bodies, scene._start),
             self.scene,
@@ -194,11 +187,11 @@ def moment_at(
     times = times.astype(numbers.dtype)
     inside = rules.soft
     if inside and not traced((numbers, log, written, times)):
-        inside = bool(_any_inside(layout, numbers, log, written, times))
+        inside = bool(inside_of_any(layout, numbers, log, written, times))
     return _moment(layout, numbers, rules, log, written, reached, times, tolerance, inside)
 
 
-_any_inside = eqx.filter_jit(any_inside)
+inside_of_any = eqx.filter_jit(any_inside)
 
 
 @eqx.filter_jit

@@ -20,7 +20,7 @@ from ._cells import Grid
 from ._coupled import blank_state
 from ._due import Due, expecting, in_branch, up_to_date
 from ._end import going_on
-from ._flying import Flying, at_once
+from ._flying import Flying, at_once, where_each
 from ._hit import Choice, Outcome, hit
 from ._isolation import isolated
 from ._log import Facts, Figures, Log, blank_calls
@@ -38,6 +38,7 @@ from ._progress import (
 from ._search import NOISE, searched, seated, simultaneous
 from ._slots import empty_seats
 from ._soft import soft
+from ._start import Underway
 from ._system import Layout, Numbers, nearest_image
 
 SLOW = 2.0**14
@@ -57,15 +58,58 @@ def begun(
     zero = jnp.zeros(count, numbers.dtype)
     whole = jnp.zeros(count, int)
     none = whole - 1
-    start = jnp.zeros((), numbers.dtype)
+    now = jnp.zeros((), numbers.dtype)
     state = State(
         numbers.position, numbers.velocity, zero, none, whole,
-        Events(zero, none, whole, zero, zero), start, jnp.zeros((), int), jnp.zeros((), int),
+        Events(zero, none, whole, zero, zero), now, jnp.zeros((), int), jnp.zeros((), int),
         zero, zero, None, None,
     )  # fmt: skip
     given = numbers.start
     if given is not None:
         state = state._replace(support=given.support, held=given.held)
+        if given.underway is not None:
+            return _amid(layout, numbers, rules, state, end, grid, given.underway)
+    return _expecting(layout, numbers, rules, state, end, grid)
+
+
+def _amid(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    end: Float[Array, ""],
+    grid: Grid | None,
+    underway: Underway,
+) -> State:
+    """A start in the middle of isolated impacts: their touch, before time zero, is the next event
+    of the bodies that are in them.
+    """
+    on, spheres = underway.counts, Flying(state.position, state.velocity, state.time)
+    led = Flying(underway.position, underway.velocity, underway.time)
+    spheres = where_each(on, led, spheres)
+    state = state._replace(position=spheres.position, velocity=spheres.velocity, time=spheres.time)
+    state = _expecting(layout, numbers, rules, state, end, grid)
+    events = state.events
+    events = events._replace(
+        time=jnp.where(on, underway.touch, events.time),
+        partner=jnp.where(on, underway.partner, events.partner),
+        count=jnp.where(on, 0, events.count),
+        speed=jnp.where(on, 0, events.speed),
+        second=jnp.where(on, jnp.inf, events.second),
+    )
+    return state._replace(events=events, now=jnp.minimum(jnp.min(underway.touch), 0))
+
+
+def _expecting(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    end: Float[Array, ""],
+    grid: Grid | None,
+) -> State:
+    """The start with the contacts that the run begins in, and the first events of all."""
+    start, given = jnp.zeros((), numbers.dtype), numbers.start
     if rules.members:
         state = with_places(layout, numbers, rules.members, state)
         assert state.coupling is not None
@@ -231,6 +275,9 @@ def _met(
         choice = choice._replace(tail=jnp.asarray(False))
         outcome = soft(layout, numbers, before, choice, tolerance, needed)
         alone = isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
+        if numbers.start is not None:
+            # Of what was on before the run it is known.
+            alone = alone | ((now < 0) & (outcome.status == 0))
         support, crowded = choice.support, jnp.asarray(False)
     else:
         outcome = hit(layout, numbers, before, choice)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._cells import everywhere, leaving, neighbours
 from ._flying import Flying, at_once
+from ._overlap import ROUNDINGS
 from ._progress import Coupling, Events, State
 from ._shaking_touch import shaking_sphere_time, shaking_wall_time
 from ._slots import index_of, put
@@ -182,7 +183,10 @@ def _of_walls(
         shaking = jnp.asarray(layout.vibrating)[None]
         left = jnp.maximum(end - now, 0)
         noise = jnp.broadcast_to(noise, gap.shape)
-        found = shaking_wall_time(gap, fall, weight, noise, motion, now, left, free & shaking)
+        size = jnp.max(jnp.abs(position), axis=-1)[:, None] + numbers.radius[who][:, None]
+        rounding = ROUNDINGS * eps * (size + jnp.zeros_like(gap))
+        given = (noise, rounding, motion, now, left)
+        found = shaking_wall_time(gap, fall, weight, *given, free & shaking)
         wall = jnp.where(shaking, found, wall)
     wall = jnp.where(free, wall, jnp.inf)
     reached = jnp.where(jnp.isfinite(wall), wall, 0)
@@ -222,7 +226,9 @@ def _of_shaken(
     noise = NOISE * eps * (fast + motion.fastest(now, jnp.zeros_like(now)))
     wanted = jnp.broadcast_to(moves[:, None], shape)
     left = jnp.maximum(end - now, 0)
-    times = shaking_sphere_time(apart, rate, bend, distance, noise, motion, now, left, wanted)
+    size = jnp.max(jnp.abs(position), axis=-1)[:, None] + jnp.max(jnp.abs(place), axis=-1)[None]
+    given = (noise, ROUNDINGS * eps * (size + jnp.abs(distance)), motion, now, left)
+    times = shaking_sphere_time(apart, rate, bend, distance, *given, wanted)
     reached = jnp.where(jnp.isfinite(times), times, 0)
     passed, (high, swings) = reached[..., None], motion.swing(now, reached)
     at, closes = apart + (rate + bend / 2 * passed) * passed - high, rate + bend * passed - swings

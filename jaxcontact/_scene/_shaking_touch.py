@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._movers import Movers
+from ._movers import CHECKED, Movers
 from ._side import side
 from ._touch import wall_time
 
@@ -57,38 +57,50 @@ def _marched(
     step: Callable[[Lane], Lane],
     curve: Lane,
     noise: Lane,
+    rounding: Lane,
     finest: Callable[[Lane], Lane],
     horizon: Lane,
     wanted: Bool[Array, "..."],
 ) -> Lane:
     """The time of the touch up to a `horizon`, infinite where there is none; `curve`: g'' now.
 
-    A rate of at most `noise`, a few roundings of the speeds it comes from, is none. Bodies that
-    touch, and neither close nor part by speed or acceleration, go on so.
+    A rate of at most `noise`, a few roundings of the speeds it comes from, is none; nor is a gap of
+    at most `rounding`. Bodies that touch, and neither close nor part by speed or acceleration, wait
+    until one of them moves, which is looked for at `CHECKED` times.
     """
     here = gap(jnp.zeros_like(noise))
-    touching = here.room <= 0
-    still = touching & (jnp.abs(here.slope) <= noise)
-    meets = touching & jnp.where(still, curve < 0, here.slope < 0)
+    slow = jnp.abs(here.slope) <= noise
+    still = (here.room <= rounding) & slow
+    meets = jnp.where(still, curve < 0, (here.room <= 0) & (here.slope < 0))
     parts = still & (curve > _PARTS * here.bend)
-    none = still & ~parts & ~meets
+    waits = wanted & still & ~parts & ~meets
     # From a touch that parts a first step leads away, to where that is no rounding any more.
     start = jnp.where(parts, _AWAY * noise / jnp.where(parts, curve, 1), 0)
+    deep = jnp.minimum(here.room, 0) - rounding
 
-    def unfinished(carry: tuple[Lane, Lane]) -> Array:
+    def unfinished(carry: tuple[Lane, Lane, Lane, Lane]) -> Array:
         return jnp.any(carry[1])
 
-    def march(carry: tuple[Lane, Lane]) -> tuple[Lane, Lane]:
-        t, on = carry
-        there, by, least = gap(t), step(t), finest(t)
-        found = (there.slope < 0) & ((there.room <= 0) | (by <= least))
+    def march(carry: tuple[Lane, Lane, Lane, Lane]) -> tuple[Lane, Lane, Lane, Lane]:
+        t, on, waits, stride = carry
+        at = jnp.where(waits, t + stride, t)
+        there, by, least = gap(at), step(at), finest(at)
+        # What waits goes on where nothing has moved, is away where it parts, or was met before.
+        away = waits & (there.slope > noise) & (there.room > rounding)
+        met = waits & (there.room < deep)
+        begins = met & (stride <= least)
+        found = ~waits & (there.slope < 0) & ((there.room <= 0) | (by <= least))
         # Past a graze that rounding made a touch the first steps would be none.
-        t = jnp.where(on & ~found, t + jnp.maximum(by, least), t)
-        return t, on & ~found & (t <= horizon)
+        flies = jnp.where(on & ~found, t + jnp.maximum(by, least), t)
+        t = jnp.where(waits, jnp.where(met & ~begins, t, at), flies)
+        on = on & ~found & ~begins & (t <= horizon)
+        return t, on, waits & ~away, jnp.where(met, stride / 2, stride)
 
-    time, _ = jax.lax.while_loop(unfinished, march, (start, wanted & ~meets & ~none))
+    stride = jnp.broadcast_to(horizon / CHECKED, noise.shape)
+    carry = (start, wanted & ~meets, waits, stride)
+    time, _, _, _ = jax.lax.while_loop(unfinished, march, carry)
     time = jnp.where(meets, 0, time)
-    return jnp.where(none | ~wanted | (time > horizon), jnp.inf, time)
+    return jnp.where(~wanted | (time > horizon), jnp.inf, time)
 
 
 def _finest(motion: Movers, now: Lane) -> Callable[[Lane], Lane]:
@@ -102,6 +114,7 @@ def shaking_wall_time(
     rate: Lane,
     acceleration: Lane,
     noise: Lane,
+    rounding: Lane,
     motion: Movers,
     now: Lane,
     horizon: Lane,
@@ -128,7 +141,7 @@ def shaking_wall_time(
         return jnp.where(mean > 0, jnp.maximum(safe, outside), safe)
 
     curve, wanted = acceleration - motion.acceleration(now), wanted & motion.accelerated
-    return _marched(there, step, curve, noise, _finest(motion, now), horizon, wanted)
+    return _marched(there, step, curve, noise, rounding, _finest(motion, now), horizon, wanted)
 
 
 def shaking_sphere_time(
@@ -137,6 +150,7 @@ def shaking_sphere_time(
     acceleration: Lane,
     distance: Lane,
     noise: Lane,
+    rounding: Lane,
     motion: Movers,
     now: Lane,
     horizon: Lane,
@@ -174,9 +188,8 @@ def shaking_sphere_time(
     curve, noise = sign * (drawn + across) / length, noise + jnp.zeros_like(distance)
     # Of the gap of squares in a shell.
     times = jnp.where(sign > 0, 1, 2 * length)
-    return _marched(
-        there, step, times * curve, times * noise, _finest(motion, now), horizon, wanted
-    )
+    given = (times * curve, times * noise, times * rounding)
+    return _marched(there, step, *given, _finest(motion, now), horizon, wanted)
 
 
 def _gap(apart: Lane, rate: Lane, distance: Lane, bend: Lane) -> _Gap:

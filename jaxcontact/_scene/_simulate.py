@@ -32,10 +32,11 @@ from ._log import Log, blank_log
 from ._movers import Movers
 from ._numbers import numbers_of, replaced
 from ._overlap import require_clear_of_each_other
+from ._partly import booked
 from ._progress import CROWDED, NOT_CONVERGED, OVER, RUNNING, Rules, State
 from ._replay import differentiable
-from ._result import Ending, traced
-from ._run import Run, moment_at
+from ._result import Ending, Moment, traced
+from ._run import Run, inside_of_any, moment_at
 from ._scene import Scene
 from ._schedule import advance, begun, with_places
 from ._search import flown
@@ -142,10 +143,11 @@ def simulate(
     numbers, log, written, status, reached = outcome
     abrupt = (last < length) & (status == int(Ending.COMPLETED))
     status = jnp.where(abrupt, int(Ending.WALL_TOO_ABRUPT), status)
-    impacts, nearest, total = table_of(layout, numbers, names, log, written, status, room)
+    given = (layout, numbers, rules, log, written, reached)
+    now, book = _moments(*given, asked, jnp.stack([jnp.zeros_like(length), length]), within)
+    impacts, nearest, total = table_of(layout, numbers, names, book, written, status, room)
     if room is None:
         impacts = jax.tree.map(lambda x: x[: int(total)], impacts)
-    now = moment_at(layout, numbers, rules, log, written, reached, asked, within)
     return Run(
         time=now.time,
         position=now.position,
@@ -154,7 +156,7 @@ def simulate(
         impacts=impacts,
         status=status,
         reached=reached,
-        wall_work=work_of(layout, numbers, log, written, status, reached, rules.soft),
+        wall_work=work_of(layout, numbers, book, written, status, reached, rules.soft),
         duration=length,
         scene=scene,
         _nearest=nearest,
@@ -165,6 +167,37 @@ def simulate(
         _rules=rules,
         _tolerance=within,
     )
+
+
+def _moments(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    written: Array,
+    reached: Array,
+    asked: Array,
+    ends: Array,
+    tolerance: Array,
+) -> tuple[Moment, Log]:
+    """The states at the times `asked`, and the log with what happened between the `ends`."""
+    given = (layout, numbers, rules, log, written)
+    if not rules.soft:
+        return moment_at(*given, reached, asked, tolerance), log
+    if not traced((numbers, log, asked, ends)):
+        now = moment_at(*given, reached, asked, tolerance)
+        if not bool(inside_of_any(layout, numbers, log, written, ends)):
+            return now, log
+        there = moment_at(*given, reached, ends, tolerance)
+    else:
+        # One program for all times.
+        every = moment_at(*given, reached, jnp.concatenate([asked, ends]), tolerance)
+        count = asked.shape[0]
+        now, there = (
+            jax.tree.map(lambda x, cut=cut: x[cut], every)
+            for cut in (slice(count), slice(count, None))
+        )
+    return now, booked(layout, numbers, log, written, there, reached)
 
 
 def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
@@ -308,7 +341,7 @@ def _piece_by_piece(
     is one without, until one is needed. Returns the rules that it ended with.
     """
     given = rules
-    within = numbers.start is not None and bool(numbers.start.needed)
+    within = numbers.start is not None and bool(numbers.start.leans)
     if not everyone(layout, rules.members) and not within:
         rules = Rules(rules.soft, rules.v0, 0)
     numbers = replaced(numbers, valid)

@@ -25,18 +25,49 @@ class Contacts(NamedTuple):
     state: ClusterState
 
 
+class Underway(NamedTuple):
+    """The isolated impacts that are on at time zero: of every sphere the body that it meets,
+    `partner`, or -1, and when they touched, `touch` < 0 in s; its `position` and `velocity` after
+    what it met before that, at the `time` of that.
+    """
+
+    partner: Int[Array, " N"]
+    touch: Float[Array, " N"]
+    position: Float[Array, "N D"]
+    velocity: Float[Array, "N D"]
+    time: Float[Array, " N"]
+
+    @property
+    def counts(self) -> Bool[Array, " N"]:
+        """Which spheres are in one."""
+        return self.partner >= 0
+
+
 class Start(eqx.Module):
     """Of every sphere the wall that it rests on, `support`, or -1, and the v0 `held` in m/s; the
-    `contacts` in progress. `soft`: whether impacts took time in the run that ended so.
+    `contacts` in progress, and the isolated impacts that are `underway`. `soft`: whether impacts
+    took time in the run that ended so.
     """
 
     support: Int[Array, " N"]
     held: Float[Array, " N"]
     contacts: Contacts | None
+    underway: Underway | None
     soft: bool = eqx.field(static=True)
 
     @property
-    def needed(self) -> Bool[Array, ""]:
-        """Whether places and velocities do not say it all."""
+    def leans(self) -> Bool[Array, ""]:
+        """Whether anything rests, or is in a coupled solve."""
         rests = jnp.any(self.support >= 0)
         return rests if self.contacts is None else rests | self.contacts.active
+
+    def as_needed(self) -> Start | None:
+        """What places and velocities do not say; None where they say it all."""
+        contacts, underway = self.contacts, self.underway
+        if contacts is not None and not bool(contacts.active):
+            contacts = None
+        if underway is not None and not bool(jnp.any(underway.counts)):
+            underway = None
+        if underway is None and not bool(self.leans):
+            return None
+        return Start(self.support, self.held, contacts, underway, self.soft)

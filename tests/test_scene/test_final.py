@@ -1,4 +1,4 @@
-"""The derivative of a run that begins inside of a contact."""
+"""Runs that begin inside of contacts: they go on as one run would, and so does their derivative."""
 
 import equinox as eqx
 import jax
@@ -14,39 +14,65 @@ AT_REST = 1e-8
 """Of places, speeds and work, beside statics; a solve whose end in time has a derivative of its own
 is 1e-4 off."""
 
-SPEED = 0.2
+GOES_ON = 1e-10
+"""Of a run in two parts, relative."""
+
+SPEED, UNTIL = 0.2, 0.016
 
 
-def _final(scale):
-    """A ball on a lift, amid its contact, in which stiffness and speed vary together."""
+def _ends(scale, duration=UNTIL):
+    """A ball on a lift, amid its contact, and two high above it amid theirs, which is isolated;
+    stiffness and speeds vary together.
+    """
+    balls = [
+        jc.Sphere(0.1, 1.0, [0.11], [-0.5]),
+        jc.Sphere(0.1, 1.0, [5.0], [20.0 + scale]),
+        jc.Sphere(0.1, 2.0, [5.21], [20.0]),
+    ]
     lift = jc.Plane([0.0], [1.0], motion=jc.Steady([SPEED * scale]))
-    scene = jc.Scene(
-        [jc.Sphere(0.1, 1.0, [0.11], [-0.5]), lift],
-        jc.HuGuo(e=0.5),
-        stiffness=1e6 * scale,
-        gravity=[-9.81],
-    )
-    return jc.simulate(scene, 0.016).final
+    scene = jc.Scene([*balls, lift], jc.HuGuo(e=0.5), stiffness=1e6 * scale, gravity=[-9.81])
+    return jc.simulate(scene, duration, rtol=1e-11)
 
 
 def _end(scene, duration):
-    run = jc.simulate(scene, duration, max_impacts=8)
-    return jnp.stack([run.position[-1, 0, 0], run.velocity[-1, 0, 0], run.wall_work])
+    run = jc.simulate(scene, duration, rtol=1e-11, max_impacts=8)
+    lost = jnp.where(run.impacts.valid, run.impacts.energy_loss, 0)
+    numbers = [run.position[-1, 0], run.velocity[-1, 0], run.wall_work[None], run.position[-1, 1:]]
+    numbers += [run.velocity[-1, 1:], run.energy[-1:], jnp.sum(lost)[None], run.impacts.time[:2]]
+    return jnp.concatenate([jnp.ravel(x) for x in numbers])
 
 
-def test_derivatives_by_the_contact_that_a_run_begins_in():
+def _whole(duration):
+    """The same of a run in one part, less what the first part did, and with its energies."""
+    first, run = _ends(1.0), _ends(1.0, UNTIL + duration)
+    lost = jnp.sum(run.impacts.energy_loss) - jnp.sum(first.impacts.energy_loss)
+    work = run.wall_work - first.wall_work
+    numbers = [run.position[-1, 0], run.velocity[-1, 0], work[None], run.position[-1, 1:]]
+    numbers += [run.velocity[-1, 1:], run.energy[-1:], lost[None], run.impacts.time[:2] - UNTIL]
+    return jnp.concatenate([jnp.ravel(x) for x in numbers]), first
+
+
+def test_a_run_goes_on_from_contacts_with_their_derivatives():
     """All that a run goes on from varies, the indentation and v0 as well; to flight and to rest."""
-    ends = [_final(1 + sign * STEP) for sign in (1, -1, 0)]
+    ends = [_ends(1 + sign * STEP).final for sign in (1, -1, 0)]
     parts = [eqx.partition(scene, eqx.is_inexact_array) for scene in ends]
     rest = parts[2][1]
     moves = jax.tree.map(lambda a, b: (a - b) / (2 * STEP), parts[0][0], parts[1][0])
-    assert float(moves._start.contacts.state.indentation[0]) != 0
+    assert np.any(moves._start.contacts.state.indentation != 0)
+    assert ends[2]._start.underway.partner.tolist() == [-1, 2, 1]
 
     @jax.jit
     def both(numbers, along, duration):
         return jax.jvp(lambda x: _end(eqx.combine(x, rest), duration), (numbers,), (along,))
 
     value, found = both(parts[2][0], moves, 0.03)
+    expected, first = _whole(0.03)
+    np.testing.assert_allclose(value, expected, rtol=GOES_ON)
+    # Both contacts are in both parts, each with what it lost there.
+    assert np.all(expected[-2:] < 0)
+    lost = np.sum(first.impacts.energy_loss)
+    missing = first.energy[0] + first.wall_work - lost - first.energy[-1]
+    assert abs(missing) < GOES_ON * first.energy[0]
     # It is up again.
     assert float(value[1]) > SPEED + 0.05
     after = [both(numbers, moves, 0.03)[0] for numbers, _ in parts[:2]]
@@ -56,7 +82,7 @@ def test_derivatives_by_the_contact_that_a_run_begins_in():
     value, found = both(parts[2][0], moves, duration)
     np.testing.assert_allclose(value[1], SPEED, atol=AT_REST)
     sinks = 2 / 3 * (9.81 / 1e6) ** (2 / 3)
-    np.testing.assert_allclose(found[0], SPEED * (0.016 + duration) + sinks, rtol=AT_REST)
+    np.testing.assert_allclose(found[0], SPEED * (UNTIL + duration) + sinks, rtol=AT_REST)
     np.testing.assert_allclose(found[1], SPEED, rtol=AT_REST)
     start = [_end_of_first(1 + sign * STEP) for sign in (1, -1, 0)]
     slope = (start[0] - start[1]) / (2 * STEP)
@@ -67,4 +93,4 @@ def test_derivatives_by_the_contact_that_a_run_begins_in():
 
 
 def _end_of_first(scale):
-    return float(_final(scale).spheres[0].velocity[0])
+    return float(_ends(scale).velocity[-1, 0, 0])

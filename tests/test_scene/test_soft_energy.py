@@ -77,15 +77,6 @@ def test_what_a_run_cannot_go_on_from():
         jc.simulate(ends, 1.0, instantaneous=True)
     with pytest.raises(ValueError, match=r"`max_cluster` must be that of the run .*, 2, but is 1"):
         jc.simulate(eqx.tree_at(lambda s: s.bodies, ends, ends.bodies[1:]), 1.0)
-    gas = jc.simulate(a_gas(3e6), 2.0)
-    isolated = np.flatnonzero(gas.impacts.way == jc.Way.CLOSED_FORM)[0]
-    inside = gas.impacts.time[isolated] + gas.impacts.duration[isolated] / 2
-    run = jc.simulate(a_gas(3e6), inside)
-    with pytest.raises(ValueError, match="outside of isolated impacts, for `final` to go on from"):
-        _ = run.final
-    # Traced, nothing can be raised: a run that goes on from there is flagged.
-    ends = eqx.filter_jit(lambda run: [ball.position for ball in run.final.spheres])(run)
-    assert np.all(np.isnan(ends))
 
 
 def test_a_ball_comes_to_rest_on_another():
