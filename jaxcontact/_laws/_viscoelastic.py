@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._elementary import power
-from .._forms import AbstractForm, OscillatorForm, ViscoelasticForm
+from .._forms import AbstractForm, OscillatorForm, ViscoelasticForm, ViscoelasticSpheresForm
 from .._parameter import NOT_NEGATIVE, parameter
 from ._base import AbstractLaw, force_arguments, needed
 from ._registry import register_law
@@ -46,4 +46,6 @@ class KuwabaraKono(AbstractLaw):
         if isinstance(exponent, float) and exponent == 1:
             # The linear spring and dashpot, which has a closed form.
             return OscillatorForm(zeta=a / 2, tension=self.tension, approach_only=False)
+        if isinstance(exponent, float) and exponent == 1.5:
+            return ViscoelasticSpheresForm(a=a, tension=self.tension)
         return ViscoelasticForm(a=a, tension=self.tension)
