@@ -237,7 +237,7 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
         # Other weights share the compiled search of the fit itself.
         weights = jnp.where(jnp.asarray(out), 0, fit.problem.factor)
         fewer = eqx.tree_at(lambda p: p.factor, fit.problem, weights)
-        found = find(fewer, jnp.asarray(fit.theta), Options(jnp.asarray(fit.rtol)))
+        found = find(fewer, fit.theta, Options(jnp.asarray(fit.rtol)))
         if not np.all(found.still):
             return None
         z = np.asarray(fit.problem.standardised(found.prediction))
