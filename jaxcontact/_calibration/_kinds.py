@@ -31,7 +31,6 @@ from .._laws import (
 )
 from .._parameter import rendered
 from ._estimate import Estimate
-from ._viscous import viscous_restitution
 
 Params = Mapping[str, Any]
 
@@ -205,8 +204,9 @@ class Viscoelastic(AbstractKind):
     def restitution(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Float[Array, " n"]:
-        """e by a polynomial in the strength of the damping, which stays within its range."""
-        return viscous_restitution(params["A"] * _frequency(contact) * velocity**0.2)
+        """e by the series of the law's form."""
+        e = restitution(self.law_of(params, contact, reference), contact, velocity)
+        return jnp.broadcast_to(e, velocity.shape)
 
 
 def _frequency(contact: Contact) -> Array:
