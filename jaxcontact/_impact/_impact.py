@@ -44,8 +44,8 @@ def impact(
     when it pushes the bodies together (the weight of a falling ball).
 
     `method`: a name, or an object that holds the options of a method. "exact" (`jc.Exact`), the
-    closed form of the Hunt-Crossley family and of the oscillator laws; "event" (`jc.Event`), an
-    adaptive solve that ends with the contact, for every law and with an external force; "phase"
+    closed form of the Hunt-Crossley family, the oscillator laws and viscoelastic spheres; "event"
+    (`jc.Event`), an adaptive solve that ends with the contact, for every law and with a push; "phase"
     (`jc.Phase`), fixed steps over the phase angle with an error estimate, for laws that follow the
     contact to δ = 0; "auto", the cheapest that is right: "exact" where there is a closed form,
     "event" elsewhere. `Impact.method` says which it was. Derivatives of event solves are best at

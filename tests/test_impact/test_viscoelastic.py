@@ -111,7 +111,7 @@ def test_new_cases_of_the_oracle(a, tension):
     assert_within(found, EXACT)
 
 
-@pytest.mark.parametrize("tension", [True, False])
+@pytest.mark.parametrize("tension", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_an_event_solve_knows_nothing_of_the_series(tension):
     a = jnp.asarray(np.append(0.0, np.geomspace(1e-4, 30, 63)))
     event = solved(a, tension, method=jc.Event(rtol=1e-12))
@@ -122,9 +122,9 @@ def test_the_limits_of_strong_damping():
     a = jnp.array([10.0, 1e3, 1e6, 1e12, 1e20])
     pulling, clamped = program(True)(a)[0], program(False)(a)[0]
     # The creep back forgets the impact: e a^5 and (duration/a - 5 ln a) become constants.
-    np.testing.assert_allclose(pulling["e"] * a**5, 0.67929306393648530, rtol=3e-14)
-    rest = pulling["duration"] / a - 5 * jnp.log(a)
-    assert np.ptp(rest[2:]) < 1e-7 and rest[3] == pytest.approx(rest[4], abs=1e-11)
+    np.testing.assert_allclose(pulling["e"] * a**5, 0.67929306393648530, rtol=1e-12)
+    rest = np.asarray(pulling["duration"] / a - 5 * jnp.log(a))
+    assert np.ptp(rest[2:]) < 1e-7 and rest[4] == pytest.approx(-0.35936705665442545, abs=1e-12)
     for name in ("max_indentation", "compression_time", "max_force"):
         np.testing.assert_array_equal(pulling[name], clamped[name])
     np.testing.assert_allclose(clamped["max_indentation"][2:] * a[2:] ** (2 / 3), 1, rtol=1e-8)
