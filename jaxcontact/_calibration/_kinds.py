@@ -193,13 +193,13 @@ class Viscoelastic(AbstractKind):
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v^(1/5), capped where it is too much."""
         strength = min((1 - e) / 1.73, 0.4) / reference**0.2
-        return {"A": strength / float(_frequency(contact))}
+        return {"A": strength / _frequency(contact)}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
         return KuwabaraKono(A=params["A"])
 
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
-        return (("A", "A (K/m)^(2/5)", float(_frequency(contact)), "(m/s)^(-1/5)"),)
+        return (("A", "A (K/m)^(2/5)", _frequency(contact), "(m/s)^(-1/5)"),)
 
     def restitution(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
@@ -209,8 +209,8 @@ class Viscoelastic(AbstractKind):
         return jnp.broadcast_to(e, velocity.shape)
 
 
-def _frequency(contact: Contact) -> Array:
-    return (contact.stiffness / contact.mass) ** 0.4
+def _frequency(contact: Contact) -> float:
+    return (float(contact.stiffness) / float(contact.mass)) ** 0.4
 
 
 class LogRestitution(eqx.Module):

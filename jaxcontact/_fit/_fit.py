@@ -242,7 +242,7 @@ def _result(
         residuals = np.where(used, found.prediction - target.y, np.nan)
     steps = int(found.steps)
     return Fit(
-        params=space.tree_of(jnp.asarray(found.values)),
+        params=space.tree_of(found.values),
         names=space.names,
         values=found.values,
         loss=float(found.loss),
