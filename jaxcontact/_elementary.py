@@ -8,9 +8,11 @@ of the one that is.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import operator
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +46,7 @@ def horner(coefficients: Sequence[float], x: Float[Array, "..."]) -> Float[Array
 
 
 def chebyshev(
-    coefficients: Sequence[float] | Float[Array, " degree_plus_1"], x: Float[Array, "..."]
+    coefficients: Sequence[Any] | Float[Array, " degree_plus_1"], x: Float[Array, "..."]
 ) -> Float[Array, "..."]:
     """The series `sum_k coefficients[k] T_k(x)` for x in [-1, 1], by Clenshaw's recurrence.
 
@@ -54,6 +56,31 @@ def chebyshev(
     for k in range(len(coefficients) - 1, 0, -1):
         last, before = coefficients[k] + 2 * x * last - before, last
     return coefficients[0] + x * last - before
+
+
+def chebyshev_by_piece(
+    ends: Sequence[float], rows: Sequence[Sequence[float]], x: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """Chebyshev series on the intervals between `ends`, and the last one's tangent beyond it.
+
+    A row holds the coefficient of one degree, on each interval. Which one holds is chosen by
+    comparisons, which vectors do; to fetch coefficients by an index takes several times longer.
+    """
+    passed = [x >= end for end in ends[1:-1]]
+
+    def chosen(values: Sequence[float]) -> Any:
+        found: Any = values[0]
+        for flag, value in zip(passed, values[1:], strict=True):
+            found = jnp.where(flag, value, found)
+        return found
+
+    pieces = list(itertools.pairwise(ends))
+    middle = chosen([(low + high) / 2 for low, high in pieces])
+    stretches = [2 / (high - low) for low, high in pieces]
+    inside = jnp.minimum((x - middle) * chosen(stretches), 1)
+    slope = stretches[-1] * sum(k * k * row[-1] for k, row in enumerate(rows))
+    beyond = jnp.maximum(x - ends[-1], 0)
+    return chebyshev([chosen(row) for row in rows], inside) + slope * beyond
 
 
 def psi(z: Float[Array, "..."]) -> Float[Array, "..."]:

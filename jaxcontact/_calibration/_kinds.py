@@ -31,7 +31,6 @@ from .._laws import (
 )
 from .._parameter import rendered
 from ._estimate import Estimate
-from ._viscous import viscous_restitution
 
 Params = Mapping[str, Any]
 
@@ -194,23 +193,24 @@ class Viscoelastic(AbstractKind):
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v^(1/5), capped where it is too much."""
         strength = min((1 - e) / 1.73, 0.4) / reference**0.2
-        return {"A": strength / float(_frequency(contact))}
+        return {"A": strength / _frequency(contact)}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
         return KuwabaraKono(A=params["A"])
 
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
-        return (("A", "A (K/m)^(2/5)", float(_frequency(contact)), "(m/s)^(-1/5)"),)
+        return (("A", "A (K/m)^(2/5)", _frequency(contact), "(m/s)^(-1/5)"),)
 
     def restitution(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Float[Array, " n"]:
-        """e by a polynomial in the strength of the damping, which stays within its range."""
-        return viscous_restitution(params["A"] * _frequency(contact) * velocity**0.2)
+        """e by the series of the law's form."""
+        e = restitution(self.law_of(params, contact, reference), contact, velocity)
+        return jnp.broadcast_to(e, velocity.shape)
 
 
-def _frequency(contact: Contact) -> Array:
-    return (contact.stiffness / contact.mass) ** 0.4
+def _frequency(contact: Contact) -> float:
+    return (float(contact.stiffness) / float(contact.mass)) ** 0.4
 
 
 class LogRestitution(eqx.Module):

@@ -9,7 +9,6 @@ from collections.abc import Callable
 import jax
 import numpy as np
 from jaxtyping import Float
-from scipy.special import fdtrc, gammaincc
 
 from ._data import FitData
 from ._inference import LEAST_GROUPS, basis_of
@@ -109,11 +108,11 @@ def adequacy_of(fit: FitData) -> Adequacy:
     if fit.absolute and problem.threshold is None:
         ratio = float(z @ z) / fit.dof
         # Correlated points have no χ² distribution.
-        chi2_p = float(gammaincc(fit.dof / 2, ratio * fit.dof / 2)) if trial is None else None
+        chi2_p = _above_chi2(fit.dof, ratio * fit.dof) if trial is None else None
     elif statistics.repeated and problem.threshold is None and trial is None:
         ratio = float(statistics.lack_of_fit(z[None, :])[0]) or None
         if ratio is not None:
-            chi2_p = float(fdtrc(fit.dof - statistics.pure, statistics.pure, ratio))
+            chi2_p = _above_f(fit.dof - statistics.pure, statistics.pure, ratio)
     structure_p = None
     if statistics and (trial is None or trial.max() + 1 >= LEAST_GROUPS):
         if trial is None and problem.threshold is not None:
@@ -212,4 +211,17 @@ def _combined(p: list[float]) -> float | None:
     if len(p) == 1 or 0 in p:
         return min(p)
     half = -sum(math.log(one) for one in p)
-    return float(gammaincc(len(p), half))
+    return math.exp(-half) * sum(half**k / math.factorial(k) for k in range(len(p)))
+
+
+# SciPy takes half a second to load, so that only those wait for it who need it.
+def _above_chi2(dof: int, chi2: float) -> float:
+    from scipy.special import gammaincc
+
+    return float(gammaincc(dof / 2, chi2 / 2))
+
+
+def _above_f(upper: int, lower: int, ratio: float) -> float:
+    from scipy.special import fdtrc
+
+    return float(fdtrc(upper, lower, ratio))

@@ -17,7 +17,7 @@ from .._parameter import rendered, require_count
 from .._text_table import text_table
 from ._adequacy import shown
 from ._data import FitData
-from ._found import find
+from ._found import find, in_numpy
 from ._inference import LEAST_GROUPS
 from ._result import Fit
 from ._solve import Options
@@ -232,15 +232,15 @@ def _candidate(name: str, fit: Fit, first: Fit, parts: Bool[np.ndarray, "folds n
 
 def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
     """√(mean z²) of points, each by the fit without its part; None where one did not converge."""
-    square = 0.0
+    square, whole = 0.0, in_numpy(fit.problem)
     for out in parts:
         # Other weights share the compiled search of the fit itself.
-        weights = jnp.where(jnp.asarray(out), 0, fit.problem.factor)
-        fewer = eqx.tree_at(lambda p: p.factor, fit.problem, weights)
-        found = find(fewer, jnp.asarray(fit.theta), Options(jnp.asarray(fit.rtol)))
+        weights = np.where(out, 0, np.asarray(fit.problem.factor))
+        fewer = eqx.tree_at(lambda p: p.factor, fit.problem, jnp.asarray(weights))
+        found = find(fewer, fit.theta, Options(jnp.asarray(fit.rtol)))
         if not np.all(found.still):
             return None
-        z = np.asarray(fit.problem.standardised(found.prediction))
+        z = whole.standardised(found.prediction, np)
         square += float(np.sum(z[out] ** 2))
     return math.sqrt(square / np.count_nonzero(parts))
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtri
 
 _TAILS = 0.05, 0.95
 _FEWEST = 4
@@ -44,6 +43,8 @@ def _normal(draws: np.ndarray) -> np.ndarray:
     """Normal quantiles of the ranks; equal draws share theirs."""
     _, place, count = np.unique(draws, return_inverse=True, return_counts=True)
     rank = np.cumsum(count) - (count - 1) / 2
+    from scipy.special import ndtri
+
     return ndtri((rank[place] - 3 / 8) / (draws.size + 1 / 4)).reshape(draws.shape)
 
 

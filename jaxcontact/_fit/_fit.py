@@ -23,7 +23,7 @@ from .._parameter import (
 )
 from .._progress import progress_of
 from ._checks import listed
-from ._found import Found, compiled_step, find, find_all, start_scale
+from ._found import Found, find, find_all, in_numpy, start_scale, with_step
 from ._inference import infer
 from ._loss import Huber
 from ._noise import BY_COLUMN, COMMON, columns_of, with_noise
@@ -149,7 +149,7 @@ def fit(
             away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
             away *= start_scale(problem, theta)
             rough, ends = _best_start(problem, np.stack([theta, *(theta + away)]), options)
-        found = _search(problem, rough, options)
+        found = find(problem, rough, options)
         _check_start(problem, theta, found)
         refuse_unused(problem, found)
         found = _set_to_bound(problem, found, theta, options)
@@ -157,7 +157,7 @@ def fit(
         if sigma is None and (isinstance(loss, Huber) or noise == BY_COLUMN):
             columns = columns_of(problem, noise)
             problem, found, settled = with_noise(
-                problem, found, columns, lambda p, at: _search(p, at, options)
+                problem, found, columns, lambda p, at: find(p, at, options)
             )
         return _result(problem, found, theta, target, ends, names, options, settled)
 
@@ -178,19 +178,11 @@ def _check(loss: Any, optimizer: Any) -> None:
         )
 
 
-def _search(problem: Problem, start: Any, options: Options) -> Found:
-    return _in_numpy(find(problem, jnp.asarray(start), options))
-
-
-def _in_numpy(found: Found) -> Found:
-    return jax.tree.map(np.asarray, found)
-
-
 def _best_start(
     problem: Problem, lanes: np.ndarray, options: Options
 ) -> tuple[np.ndarray, np.ndarray]:
     """The best end of many starts, and the loss at which each start ended."""
-    found = _in_numpy(find_all(problem, jnp.asarray(lanes), options._replace(tell=None)))
+    found = find_all(problem, lanes, options._replace(tell=None))
     ends = np.where(np.isfinite(found.loss), found.loss, np.inf)
     best = int(np.argmin(ends))
     return found.theta[best] if np.isfinite(ends[best]) else lanes[0], ends
@@ -216,7 +208,7 @@ def _set_to_bound(problem: Problem, found: Found, start: np.ndarray, options: Op
     if not out.any() or not np.isfinite(found.loss):
         return found
     bound = np.where(space.bounded_above, np.sign(found.step) * _END, start - _END)
-    there = _search(problem, np.where(out, bound, found.theta), options)
+    there = find(problem, np.where(out, bound, found.theta), options)
     return there if there.loss <= found.loss else found
 
 
@@ -235,7 +227,7 @@ def _result(
     at_bound = at_bound_of(space, found, start, used)
     if at_bound.any():
         free = np.where(at_bound, 0, found.jacobian)
-        found = _in_numpy(compiled_step(problem, found, free, options.rtol))
+        found = with_step(in_numpy(problem), found, free, np.asarray(options.rtol), np)
     converged, reason = verdict(found, at_bound, space, options.max_steps)
     if converged and not settled:
         converged, reason = False, "the noise of the data did not settle"
@@ -250,7 +242,7 @@ def _result(
         residuals = np.where(used, found.prediction - target.y, np.nan)
     steps = int(found.steps)
     return Fit(
-        params=space.tree_of(jnp.asarray(found.values)),
+        params=space.tree_of(found.values),
         names=space.names,
         values=found.values,
         loss=float(found.loss),

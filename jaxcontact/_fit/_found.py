@@ -57,18 +57,42 @@ class Found(NamedTuple):
 
 def found_from(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
     """Search from `start`, and the distance of its end from a minimum."""
+    return _judged(problem, _searched(problem, start, options), options.rtol, jnp)
+
+
+def _searched(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
     path, end = search(problem, start, options)
-    loss = jnp.sum(jnp.square(shortened(end.z, problem.threshold))) / 2
     values = problem.space.values(path.theta)
-    found = Found(*path, loss, end.z, end.jacobian, values, end.prediction)
-    return with_step(problem, found, end.jacobian, options.rtol)
+    return Found(*path, path.theta[0], end.z, end.jacobian, values, end.prediction)
 
 
-find = eqx.filter_jit(found_from)
-"""`found_from`, compiled."""
+def _judged(problem: Problem, found: Found, rtol: Float[Numbers, ""], xp: Any) -> Found:
+    loss = xp.sum(xp.square(shortened(found.z, problem.threshold, xp))) / 2
+    return with_step(problem, found._replace(loss=loss), found.jacobian, rtol, xp)
 
-find_all = eqx.filter_jit(eqx.filter_vmap(found_from, in_axes=(None, 0, None)))
-"""`find` from many starts (lanes, k) at once."""
+
+_compiled = eqx.filter_jit(_searched)
+_compiled_all = eqx.filter_jit(eqx.filter_vmap(_searched, in_axes=(None, 0, None)))
+
+
+def find(problem: Problem, start: Float[np.ndarray, " k"], options: Options) -> Found:
+    """`found_from`, compiled but for what judges its end, which is little work for NumPy."""
+    found = in_numpy(_compiled(problem, jnp.asarray(start), options))
+    with np.errstate(all="ignore"):
+        return _judged(in_numpy(problem), found, np.asarray(options.rtol), np)
+
+
+def find_all(problem: Problem, starts: Float[np.ndarray, "lanes k"], options: Options) -> Found:
+    """The ends of searches from many starts at once, not judged but for their loss."""
+    found = in_numpy(_compiled_all(problem, jnp.asarray(starts), options))
+    with np.errstate(all="ignore"):
+        r = shortened(found.z, in_numpy(problem.threshold), np)
+        return found._replace(loss=np.sum(np.square(r), axis=1) / 2)
+
+
+def in_numpy(tree: Any) -> Any:
+    """A tree with its arrays in NumPy."""
+    return jax.tree.map(lambda x: np.asarray(x) if isinstance(x, jax.Array) else x, tree)
 
 
 @eqx.filter_jit
@@ -91,43 +115,51 @@ def losses(problem: Problem, thetas: Float[Array, "lanes k"]) -> Float[Array, " 
 
 
 def with_step(
-    problem: Problem, found: Found, jacobian: Float[Numbers, "n k"], rtol: Float[Array, ""]
+    problem: Problem,
+    found: Found,
+    jacobian: Float[Numbers, "n k"],
+    rtol: Float[Numbers, ""],
+    xp: Any,
 ) -> Found:
-    """`found` with its remaining step by a Jacobian, in which columns of zeros hold coordinates."""
-    r = shortened(found.z, problem.threshold)
-    usable = shortened_slope(found.z, jacobian, problem.threshold)
+    """`found` with its remaining step by a Jacobian, in which columns of zeros hold coordinates.
+
+    `xp` is JAX while it is compiled, else NumPy.
+    """
+    r = shortened(found.z, problem.threshold, xp)
+    usable = shortened_slope(found.z, jacobian, problem.threshold, xp)
     used = problem.factor > 0
     data, terms = (
-        jnp.linalg.norm(jnp.where(used & jnp.isfinite(x), x, 0))
+        xp.linalg.norm(xp.where(used & xp.isfinite(x), x, 0))
         for x in (problem.factor * problem.y, problem.factor * found.prediction)
     )
     # Data of zeros are met to the last bit of whatever the search began with.
-    blur = _ROUNDING * jnp.where(data > 0, data + terms, jnp.sqrt(2 * found.history[0]))
-    r = jnp.where(jnp.isfinite(r), r, 0)
-    step, error, resolution = _gauss_newton(usable, r, jnp.sum(used), blur)
+    blur = _ROUNDING * xp.where(data > 0, data + terms, xp.sqrt(2 * found.history[0]))
+    r = xp.where(xp.isfinite(r), r, 0)
+    step, error, resolution = _gauss_newton(usable, r, xp.sum(used), blur, xp)
     # Steps of a logarithm or a logit are absolute.
-    size = jnp.where(problem.space.has_unit, 1, jnp.maximum(jnp.abs(found.theta), error))
-    allowed = jnp.maximum(jnp.maximum(rtol * size, NEGLIGIBLE * error), resolution)
+    size = xp.where(problem.space.has_unit, 1, xp.maximum(xp.abs(found.theta), error))
+    allowed = xp.maximum(xp.maximum(rtol * size, NEGLIGIBLE * error), resolution)
     return found._replace(step=step, allowed=allowed)
 
 
-compiled_step = eqx.filter_jit(with_step)
-
-
 def _gauss_newton(
-    jacobian: Float[Array, "n k"], r: Float[Array, " n"], used: Int[Array, ""], blur: Array
-) -> tuple[Float[Array, " k"], Float[Array, " k"], Float[Array, " k"]]:
+    jacobian: Float[Numbers, "n k"],
+    r: Float[Numbers, " n"],
+    used: Int[Numbers, ""],
+    blur: Numbers,
+    xp: Any,
+) -> tuple[Float[Numbers, " k"], Float[Numbers, " k"], Float[Numbers, " k"]]:
     """The step to the minimum of |r + J p|, the standard error of each coordinate, and the change
     of it that a rounding of the residuals by `blur` makes.
     """
-    length = jnp.linalg.norm(jacobian, axis=0)
+    length = xp.linalg.norm(jacobian, axis=0)
     known = length > 0
-    scale = jnp.where(known, length, 1)
-    u, s, vt = jnp.linalg.svd(jacobian / scale[None, :], full_matrices=False)
-    kept = s > SINGULAR * jnp.max(s)
-    inverse = jnp.where(kept, 1 / jnp.where(kept, s, 1), 0)
+    scale = xp.where(known, length, 1)
+    u, s, vt = xp.linalg.svd(jacobian / scale[None, :], full_matrices=False)
+    kept = s > SINGULAR * xp.max(s)
+    inverse = xp.where(kept, 1 / xp.where(kept, s, 1), 0)
     step = -(vt.T @ (inverse * (u.T @ r))) / scale
-    freedom = jnp.maximum(used - jnp.sum(kept), 1)
-    noise = jnp.linalg.norm(r) / jnp.sqrt(freedom)
-    spread = jnp.sqrt(jnp.sum(jnp.square(vt.T * inverse[None, :]), axis=1)) / scale
-    return jnp.where(known, step, 0), noise * spread, blur * spread
+    freedom = xp.maximum(used - xp.sum(kept), 1)
+    noise = xp.linalg.norm(r) / xp.sqrt(freedom)
+    spread = xp.sqrt(xp.sum(xp.square(vt.T * inverse[None, :]), axis=1)) / scale
+    return xp.where(known, step, 0), noise * spread, blur * spread

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -26,26 +27,31 @@ class Huber:
         object.__setattr__(self, "threshold", threshold)
 
 
-def shortened(z: Float[Array, " n"], threshold: Float[Array, ""] | None) -> Float[Array, " n"]:
-    """Residuals whose squares are twice the loss: z itself, or ±√(2ρ(z))."""
+def shortened(
+    z: Float[Array, " n"], threshold: Float[Array, ""] | None, xp: Any = jnp
+) -> Float[Array, " n"]:
+    """Residuals whose squares are twice the loss: z itself, or ±√(2ρ(z)); `xp` is JAX or NumPy."""
     if threshold is None:
         return z
-    far = jnp.abs(z) > threshold
-    size = jnp.where(far, jnp.abs(z), 2 * threshold)
-    return jnp.where(far, jnp.sign(z) * jnp.sqrt(threshold * (2 * size - threshold)), z)
+    far = xp.abs(z) > threshold
+    size = xp.where(far, xp.abs(z), 2 * threshold)
+    return xp.where(far, xp.sign(z) * xp.sqrt(threshold * (2 * size - threshold)), z)
 
 
 def shortened_slope(
-    z: Float[Array, " n"], jacobian: Float[Array, "n k"], threshold: Float[Array, ""] | None
+    z: Float[Array, " n"],
+    jacobian: Float[Array, "n k"],
+    threshold: Float[Array, ""] | None,
+    xp: Any = jnp,
 ) -> Float[Array, "n k"]:
     """The derivative of `shortened` residuals from that of z, 0 where that is not finite.
 
     Zeros hide no failure: where the prediction is not finite, the loss is not finite either.
     """
-    usable = jnp.where(jnp.isfinite(jacobian), jacobian, 0)
+    usable = xp.where(xp.isfinite(jacobian), jacobian, 0)
     if threshold is None:
         return usable
     # d√(2ρ)/dz = ψ/r, which is 1 where ρ is a square.
-    far = jnp.abs(z) > threshold
-    r = jnp.where(far, jnp.abs(shortened(z, threshold)), 1)
-    return usable * jnp.where(far, threshold / r, 1)[:, None]
+    far = xp.abs(z) > threshold
+    r = xp.where(far, xp.abs(shortened(z, threshold, xp)), 1)
+    return usable * xp.where(far, threshold / r, 1)[:, None]

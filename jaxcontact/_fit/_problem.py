@@ -55,10 +55,13 @@ class Problem(eqx.Module):
             )
         return flattened(got)
 
-    def standardised(self, prediction: Float[Array, " n"]) -> Float[Array, " n"]:
-        """z = (prediction - data)/σ, zero where a point has no weight; whitened."""
+    def standardised(self, prediction: Float[Array, " n"], xp: Any = jnp) -> Float[Array, " n"]:
+        """z = (prediction - data)/σ, zero where a point has no weight; whitened.
+
+        `xp` is JAX, or NumPy for a problem whose arrays are in it.
+        """
         used = self.factor > 0
-        z = jnp.where(used, jnp.where(used, prediction - self.y, 0) * self.factor, 0)
+        z = xp.where(used, xp.where(used, prediction - self.y, 0) * self.factor, 0)
         return z if self.whitener is None else self.whitener @ z
 
     def residual(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import statistics
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
-from scipy.special import ndtri, stdtrit
 
 from .._parameter import (
     FRACTION,
@@ -76,7 +76,10 @@ def quantile_of(absolute: bool, dof: int, level: float) -> float:
     """Of a normal where the noise is known, else of Student's t; NaN without degrees of freedom."""
     tail = (1 + level) / 2
     if absolute:
-        return float(ndtri(tail))
+        return statistics.NormalDist().inv_cdf(tail)
+    # SciPy takes half a second to load.
+    from scipy.special import stdtrit
+
     return float(stdtrit(dof, tail)) if dof > 0 else math.nan
 
 

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from ._loss import shortened, shortened_slope
@@ -121,6 +120,9 @@ class _Round(NamedTuple):
 def _levenberg_marquardt(
     problem: Problem, start: Float[Array, " k"], options: Options
 ) -> tuple[Path, Point]:
+    # Loaded here, as it takes long: who looks at a fit needs none.
+    import optimistix as optx
+
     solver = optx.LevenbergMarquardt(rtol=_TOLERANCE, atol=_TOLERANCE)
 
     # Value and Jacobian come together and are kept, so that the solver's own linearisation is a

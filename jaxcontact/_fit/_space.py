@@ -52,7 +52,7 @@ class Space(eqx.Module):
                 leaves.append(next(others))
                 continue
             end = at + math.prod(shape)
-            leaves.append(values[at:end].reshape(shape))
+            leaves.append(jnp.asarray(values[at:end].reshape(shape)))
             at = end
         return jax.tree.unflatten(self.structure, leaves)
 
@@ -126,9 +126,10 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             f"Argument `start` must hold numbers of different names, but holds {listed(twice)} "
             "twice."
         )
-    low, high = jnp.asarray(ends, float).T
+    # Put together in NumPy: each operation of JAX outside a compiled function is a program.
+    low, high = (jnp.asarray(end) for end in np.asarray(ends, float).T)
     keys = tuple(coordinates), tuple(shapes), tuple(names)
-    held = jnp.full(len(names), jnp.nan)
+    held = jnp.asarray(np.full(len(names), np.nan))
     return Space(low, high, held, others, structure, *keys), np.array(theta)
 
 

@@ -19,3 +19,4 @@ from ._scale import ScaledImpact as ScaledImpact
 from ._scale import scale_of as scale_of
 from ._sensitivity import slopes_along as slopes_along
 from ._viscoelastic import ViscoelasticForm as ViscoelasticForm
+from ._viscoelastic import ViscoelasticSpheresForm as ViscoelasticSpheresForm

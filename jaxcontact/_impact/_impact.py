@@ -44,12 +44,12 @@ def impact(
     when it pushes the bodies together (the weight of a falling ball).
 
     `method`: a name, or an object that holds the options of a method. "exact" (`jc.Exact`), the
-    closed form of the Hunt-Crossley family and of the oscillator laws; "event" (`jc.Event`), an
-    adaptive solve that ends with the contact, for every law and with an external force; "phase"
-    (`jc.Phase`), fixed steps over the phase angle with an error estimate, for laws that follow the
-    contact to δ = 0; "auto", the cheapest that is right: "exact" where there is a closed form,
-    "event" elsewhere. `Impact.method` says which it was. Derivatives of event solves are best at
-    `jc.Event(rtol=1e-11)`.
+    closed form of the Hunt-Crossley family, the oscillator laws and viscoelastic spheres; "event"
+    (`jc.Event`), an adaptive solve that ends with the contact, for every law and under a push;
+    "phase" (`jc.Phase`), fixed steps over the phase angle with an error estimate, for laws that
+    follow the contact to δ = 0; "auto", the cheapest that is right: "exact" where there is a closed
+    form, "event" elsewhere. `Impact.method` says which it was. Derivatives of event solves are best
+    at `jc.Event(rtol=1e-11)`.
 
     Returns an `Impact` in the broadcast shape. Bad lanes are flagged in `.status`, their numbers
     NaN, their neighbours untouched. Raises ValueError for a Python scalar out of range, an exponent

@@ -16,7 +16,8 @@ class Exact(AbstractMethod):
     """The closed form, for free impacts of laws that have one; no options.
 
     These are the Hunt-Crossley family, the oscillator laws (Kelvin-Voigt, Tsuji, Antypov-Elliott,
-    Thornton, Jankowski) and any law whose form has a `solve`. Raises ValueError for other laws and
+    Thornton, Jankowski), Kuwabara and Kono's law for n = 1 and, by series certified to 1e-12, for
+    n = 3/2, and any law whose form has a `solve`. Raises ValueError for other laws and
     with an external force. Source: the energy integral of Hunt & Crossley (1975),
     doi 10.1115/1.3423596, and the references of the laws.
     """

@@ -23,7 +23,7 @@ from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion, Number, State
 from ._peak import Path, largest_force
-from ._runge_kutta import NODES, step_with_error
+from ._runge_kutta import step_with_error, tableau
 
 
 class Phase(AbstractMethod):
@@ -86,7 +86,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
     # The unit of w in the plane of the angle.
     unit = motion.form.phase_unit() * jnp.ones_like(start.w)
     width = np.pi / steps
-    angles = (np.arange(steps)[:, None] + NODES) * width
+    angles = (np.arange(steps)[:, None] + tableau().nodes) * width
     dtype = start.u.dtype
     sines, cosines = jnp.asarray(np.sin(angles), dtype), jnp.asarray(np.cos(angles), dtype)
     compressing = jnp.arange(steps) < steps // 2

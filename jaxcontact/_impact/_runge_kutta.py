@@ -5,9 +5,8 @@ from __future__ import annotations
 import functools
 import operator
 from collections.abc import Callable
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,14 +18,29 @@ from .._varying import varying
 State = TypeVar("State")
 Computed = TypeVar("Computed")
 
-_TABLEAU = diffrax.Dopri8.tableau
-# The last stage serves dense output only.
-_STAGES = int(np.flatnonzero(_TABLEAU.b_sol)[-1]) + 1
-NODES = np.concatenate([[0.0], _TABLEAU.c])[:_STAGES]
-"""Where in a step the stages lie, as fractions of it."""
-_MATRIX = np.zeros((_STAGES, _STAGES))
-for _row, _weights in enumerate(_TABLEAU.a_lower[: _STAGES - 1], start=1):
-    _MATRIX[_row, : len(_weights)] = _weights
+
+class Tableau(NamedTuple):
+    """Where in a step the stages lie, what leads to each, and what makes the step and its error."""
+
+    nodes: np.ndarray
+    matrix: np.ndarray
+    solution: np.ndarray
+    error: np.ndarray
+
+
+@functools.cache
+def tableau() -> Tableau:
+    """That of Dopri8, without its last stage, which serves dense output only."""
+    # Loaded here: a closed form needs no solver, and diffrax takes as long to load as JAX.
+    import diffrax
+
+    given = diffrax.Dopri8.tableau
+    stages = int(np.flatnonzero(given.b_sol)[-1]) + 1
+    matrix = np.zeros((stages, stages))
+    for row, weights in enumerate(given.a_lower[: stages - 1], start=1):
+        matrix[row, : len(weights)] = weights
+    nodes = np.concatenate([[0.0], given.c])[:stages]
+    return Tableau(nodes, matrix, given.b_sol[:stages], given.b_error[:stages])
 
 
 def step(rate: Callable[[State], State], state: State, size: Array) -> State:
@@ -42,8 +56,10 @@ def step_in_loop(
 
     The stages are a loop, which compiles `rate` once instead of thirteen times.
     """
+    rule = tableau()
+    stages = len(rule.nodes)
     buffer = jax.tree.map(
-        lambda leaf: varying(size, jnp.zeros((_STAGES, *leaf.shape), leaf.dtype)), state
+        lambda leaf: varying(size, jnp.zeros((stages, *leaf.shape), leaf.dtype)), state
     )
 
     def changed(weights: np.ndarray | Array, slopes: State) -> State:
@@ -59,10 +75,10 @@ def step_in_loop(
         slope = rate(moved(weights, slopes))
         return jax.tree.map(functools.partial(_put, index), slopes, slope), None
 
-    slopes, _ = jax.lax.scan(stage, buffer, (jnp.arange(_STAGES), jnp.asarray(_MATRIX)))
-    error = changed(_TABLEAU.b_error[:_STAGES], slopes)
+    slopes, _ = jax.lax.scan(stage, buffer, (jnp.arange(stages), jnp.asarray(rule.matrix)))
+    error = changed(rule.error, slopes)
     first = jax.tree.map(lambda slope: slope[0], slopes)
-    return moved(_TABLEAU.b_sol[:_STAGES], slopes), error, first
+    return moved(rule.solution, slopes), error, first
 
 
 def _put(index: Array, buffer: Array, slope: Array) -> Array:
@@ -93,9 +109,10 @@ def step_written_out(
     def moved(weights: np.ndarray) -> State:
         return jax.tree.map(operator.add, state, change(weights))
 
-    for row in range(_STAGES):
-        slopes.append(rate(row, moved(_MATRIX[row]) if row else state))
-    return moved(_TABLEAU.b_sol), change(_TABLEAU.b_error)
+    rule = tableau()
+    for row, weights in enumerate(rule.matrix):
+        slopes.append(rate(row, moved(weights) if row else state))
+    return moved(rule.solution), change(rule.error)
 
 
 def step_with_error(

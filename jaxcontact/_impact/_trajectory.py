@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,12 +16,15 @@ from .._laws import AbstractLaw
 from .._parameter import require_count
 from .._program import program
 from ._balance import balance_of
-from ._event import Event, Solve, Steps, solve_legs, was_followed
+from ._event import Event
 from ._front_door import Problem, lanes_of, problem_of
 from ._method import AbstractMethod
 from ._methods import stepping_method
 from ._motion import Motion, Number, State
 from ._result import Status
+
+if TYPE_CHECKING:
+    from ._event_solve import Steps
 
 
 class Energy(eqx.Module):
@@ -135,6 +138,9 @@ def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
 
 
 def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
+    # Loaded here, with diffrax.
+    from ._event_solve import Solve, solve_legs, was_followed
+
     motion = motion.ready()
     legs, _ = solve_legs(motion, Solve(how, many, keep=True))
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))

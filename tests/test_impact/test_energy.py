@@ -116,9 +116,9 @@ def test_energies_that_do_not_add_up_are_seen():
 
 
 def test_a_solve_that_missed_something_is_flagged(monkeypatch):
-    from jaxcontact._impact import _event
+    from jaxcontact._impact import _event_solve
 
-    monkeypatch.setattr(_event, "_IMBALANCE", 1e-9)
+    monkeypatch.setattr(_event_solve, "_IMBALANCE", 1e-9)
     # No other test has this tolerance, so that programs with the two limits cannot be confused.
     law, how = jc.Damped(alpha=0.5), jc.Event(rtol=3e-9)
     hit = jc.impact(law, UNIT[1.5], 1.0, method=how)

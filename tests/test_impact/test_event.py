@@ -65,7 +65,7 @@ def test_a_stiff_solver():
 def test_kuwabara_kono(tension):
     some = grid("kuwabara_kono", tension=tension)
     law = jc.KuwabaraKono(A=column(some, "a"), tension=tension)
-    hit = jc.impact(law, UNIT[1.5], 1.0)
+    hit = jc.impact(law, UNIT[1.5], 1.0, method="event")
     assert_solved(hit, some, ALL, "a")
     assert hit.steps.max() <= MOST_STEPS
 

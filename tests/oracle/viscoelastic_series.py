@@ -1,0 +1,286 @@
+"""Writes the Chebyshev series of viscoelastic spheres.
+
+``python -m tests.oracle.viscoelastic_series`` takes ten minutes on one core.
+
+``x'' = -(x**1.5 + 1.5 a x**0.5 x')`` depends on one number, ``a``. Every outcome becomes a bounded
+or slowly growing function of ``s = ln(1 + a)``, by factors that follow from its limits:
+
+- with tension ``e = C a**-5`` up to ``exp(-1.6 a**(5/3))``, as the creep back forgets the impact;
+- the turn lies at ``x = a**(-2/3)`` for strong damping, and its moment and that of the end without
+  tension are ``a**(-2/3)`` times a linear function of ``ln a``, up to ``a**(-5/3) ln a``;
+- with tension the end comes at ``a`` times such a function.
+
+The series end at a = 1e14, where these limits hold to the last digit of double precision.
+
+Without tension the contact ends where ``w**2 = -1.5 a v`` (``x = w**2``), at the first of two roots
+``w = +-sqrt(-1.5 a v)`` of the same analytic motion. What both have in common is analytic in a, and
+half their difference is ``a**(5/2)`` times an analytic function: two series.
+"""
+
+import itertools
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import mpmath
+from mpmath import mp, mpf
+
+from tests.oracle._taylor import Phase, Trace, shoot
+
+FILE = Path(__file__).parents[2] / "jaxcontact" / "_forms" / "viscoelastic_series.json"
+DIGITS = 40
+
+# Ends of the pieces in s = ln(1 + a). Half powers of a are split off in the first.
+BREAKS = ("0", "0.75", "1.3", "2", "4", "9", "32.25")
+NODES = 38
+# Coefficients below this part of the largest change no digit of double precision.
+CUT = mpf("1e-18")
+# From here on the creep back is the universal one to thirty digits and more.
+STRONG = mpf(8)
+# Where the series are compared with the impact: none of these is a node.
+CHECKED = "-0.99 -0.6 -0.2 0.3 0.7 0.98".split()
+
+
+def _force(a: mpf) -> tuple[mpf, list]:
+    """1.5 a, and the force w**3 + 1.5 a w v."""
+    c = mpf(3) / 2 * a
+    return c, [(mpf(1), 3, 0), (c, 1, 1)]
+
+
+def _shoot(a: mpf, *stops: dict) -> Trace:
+    _, force = _force(a)
+    bits = 220 + int(5 * mp.log(1 + a, 2))
+    return shoot(2, [Phase(force, stop) for stop in stops], order=40, bits=bits)
+
+
+def _is_out(w: mpf | int = 0) -> list:
+    return [(mpf(1), 1, 0), (-mpf(w), 0, 0)]
+
+
+def _pushes(a: mpf, sign: int = 1) -> list:
+    return [(mpf(sign), 2, 0), (sign * _force(a)[0], 0, 1)]
+
+
+_TURNS = [(mpf(1), 0, 1)]
+
+
+@cache
+def clamped(a: mpf) -> Trace:
+    """The motion until the force vanishes."""
+    return _shoot(a, {"end": _pushes(a)})
+
+
+@cache
+def beyond(a: mpf) -> Trace:
+    """The motion continued to the other root, at w < 0."""
+    return _shoot(a, {"next": _is_out()}, {"end": _pushes(a, -1)})
+
+
+@cache
+def _creep() -> list[mpf]:
+    """v_k of the slow motion v = sum v_k w**(2-k) at a = 1, an asymptotic series for large w.
+
+    From ``v dv/dw = -2 w**4 - 3 w**2 v``.
+    """
+    v = [mpf(-2) / 3]
+    for k in range(1, 60):
+        v.append(-sum(v[i] * (2 - (k - 1 - i)) * v[k - 1 - i] for i in range(k)) / 3)
+    return v
+
+
+def _shortest(terms: list[mpf]) -> mpf:
+    """The sum of an asymptotic series up to its smallest term."""
+    # By three neighbours: where signs change one term may be small by chance.
+    least = min(range(1, len(terms) - 1), key=lambda k: max(map(abs, terms[k - 1 : k + 2])))
+    return mp.fsum(terms[: least + 1])
+
+
+@cache
+def _inverse_creep() -> list[mpf]:
+    """u_k of 2w/|v| = 3/w sum u_k w**-k."""
+    v = [x / _creep()[0] for x in _creep()]
+    u = [mpf(1)]
+    for k in range(1, len(v)):
+        u.append(-mp.fsum(v[j] * u[k - j] for j in range(1, k + 1)))
+    return u
+
+
+def _creep_time(w: mpf) -> mpf:
+    """The time of the slow motion from w to its end at a = 1, up to a constant."""
+    u = _inverse_creep()
+    return 3 * mp.log(w) + _shortest([-3 * u[k] / (k * w**k) for k in range(1, len(u))])
+
+
+def _until_creeping(a: mpf) -> tuple[mpf, mpf]:
+    """When the motion has forgotten how it turned, and w at that time in the units of a = 1."""
+    turn = _shoot(a, {"end": _TURNS})
+    w = mp.sqrt(turn.max_indentation)
+    stop = max(w / 2, w - 25 / a**2)
+    found = _shoot(a, {"next": _TURNS}, {"end": _is_out(stop)})
+    w = stop * a**2
+    slow = _shortest([x * w ** (2 - k) for k, x in enumerate(_creep())])
+    if abs(found.velocity * a**5 / slow - 1) > mpf("1e-25"):
+        raise ArithmeticError(f"the motion has not come to the slow one at a = {mp.nstr(a, 5)}")
+    return found.duration, w
+
+
+@cache
+def _universal() -> tuple[mpf, mpf]:
+    """C of e = C a**-5, and the constant of the creep's time, from an impact with a = 12."""
+    a = mpf(12)
+    whole = _shoot(a, {"end": _is_out()})
+    until, w = _until_creeping(a)
+    return -whole.velocity * a**5, (whole.duration - until) / a - _creep_time(w)
+
+
+@cache
+def tension(a: mpf) -> tuple[mpf, mpf]:
+    """Restitution and duration until x = 0."""
+    if a < STRONG:
+        found = _shoot(a, {"end": _is_out()})
+        return -found.velocity, found.duration
+    until, w = _until_creeping(a)
+    factor, constant = _universal()
+    return factor / a**5, until + a * (constant + _creep_time(w))
+
+
+def _slowly(a: mpf) -> mpf:
+    return (1 + a) ** (mpf(2) / 3)
+
+
+def _decay(e: mpf, power: mpf, a: mpf) -> mpf:
+    """q of e = (1 + a q)**-power."""
+    return mp.expm1(-mp.log(e) / power) / a
+
+
+def _clamped_decay(found: Trace, a: mpf) -> mpf:
+    return _decay(-found.velocity, mpf(5) / 3, a)
+
+
+def _clamped_time(found: Trace, a: mpf) -> mpf:
+    return found.duration * _slowly(a)
+
+
+def _common(of: Callable[[Trace, mpf], mpf]) -> Callable[[mpf], mpf]:
+    """What both roots have in common where half powers are split off, the first root elsewhere."""
+
+    def value(a: mpf) -> mpf:
+        first = of(clamped(a), a)
+        return (first + of(beyond(a), a)) / 2 if _is_weak(a) else first
+
+    return value
+
+
+def _half(of: Callable[[Trace, mpf], mpf], power: int) -> Callable[[mpf], mpf]:
+    """Half of the difference of both roots, over a**(power/2)."""
+
+    def value(a: mpf) -> mpf:
+        if not _is_weak(a):
+            return mpf(0)
+        return (of(clamped(a), a) - of(beyond(a), a)) / 2 / mp.sqrt(a) ** power
+
+    return value
+
+
+def _is_weak(a: mpf) -> bool:
+    return a < mp.expm1(mpf(BREAKS[1]))
+
+
+COLUMNS: dict[str, Callable[[mpf], mpf]] = {
+    "compression_time": lambda a: clamped(a).compression_time * _slowly(a),
+    "max_indentation": lambda a: clamped(a).max_indentation * _slowly(a),
+    "max_force": lambda a: clamped(a).max_force / _slowly(a),
+    "decay": lambda a: _decay(tension(a)[0], mpf(5), a),
+    "duration": lambda a: tension(a)[1] / (1 + a),
+    "clamped_decay": _common(_clamped_decay),
+    "clamped_decay_half": _half(_clamped_decay, 3),
+    "clamped_duration": _common(_clamped_time),
+    "clamped_duration_half": _half(_clamped_time, 7),
+}
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One interval of s."""
+
+    low: mpf
+    high: mpf
+
+    def place(self, x: mpf) -> mpf:
+        """The a at x in [-1, 1]."""
+        return mp.expm1((self.low + self.high) / 2 + x * (self.high - self.low) / 2)
+
+
+def coefficients(of: Callable[[mpf], mpf], piece: Piece) -> list[mpf]:
+    """The Chebyshev coefficients of a function of a on a piece."""
+    nodes = NODES
+    angles = [(k + mpf(1) / 2) * mp.pi / nodes for k in range(nodes)]
+    values = [of(piece.place(mp.cos(t))) for t in angles]
+    return [
+        (1 if k == 0 else 2)
+        * mp.fsum(v * mp.cos(k * t) for v, t in zip(values, angles, strict=True))
+        / nodes
+        for k in range(nodes)
+    ]
+
+
+def needed(series: list[mpf]) -> list[float]:
+    """A series without its last coefficients, which change no digit, in double precision."""
+    largest = max(map(abs, series))
+    count = max((k + 1 for k, c in enumerate(series) if abs(c) > CUT * largest), default=0)
+    return [float(c) for c in series[:count]]
+
+
+def errors(of: Callable[[mpf], mpf], series: list[float], piece: Piece) -> tuple[mpf, mpf]:
+    """The largest relative errors of a series as stored and of its slope, between the nodes."""
+    if not series:
+        return mpf(0), mpf(0)
+
+    def sum_at(x: mpf) -> mpf:
+        return mp.fsum(mpf(c) * mp.chebyt(k, x) for k, c in enumerate(series))
+
+    worst, worst_slope, h = mpf(0), mpf(0), mpf("1e-10")
+    for x in map(mpf, CHECKED):
+        value = of(piece.place(x))
+        worst = max(worst, abs(sum_at(x) / value - 1))
+        want = (of(piece.place(x + h)) - of(piece.place(x - h))) / (2 * h)
+        got = (sum_at(x + h) - sum_at(x - h)) / (2 * h)
+        # Where a function hardly varies its slope counts by the function.
+        worst_slope = max(worst_slope, abs(got - want) / max(abs(want), abs(value)))
+    return worst, worst_slope
+
+
+def main() -> None:
+    """Computes the series, certifies them and writes the file, one piece a line."""
+    start = time.process_time()
+    blocks, largest = [], {}
+    with mp.workdps(DIGITS + 10):
+        pieces = [Piece(mpf(low), mpf(high)) for low, high in itertools.pairwise(BREAKS)]
+        for name, of in COLUMNS.items():
+            rows = [needed(coefficients(of, piece)) for piece in pieces]
+            found = [errors(of, row, piece) for row, piece in zip(rows, pieces, strict=True)]
+            largest[name] = [float(mp.nstr(max(column), 2)) for column in zip(*found, strict=True)]
+            lines = ",\n".join(json.dumps(row, separators=(",", ":")) for row in rows)
+            blocks.append(f'"{name}":[\n{lines}\n]')
+            print(f"{name}: {max(map(len, rows))} coefficients, errors {largest[name]}", flush=True)
+    provenance = {
+        "made_by": "python -m tests.oracle.viscoelastic_series",
+        "variable": "s = ln(1 + a), mapped to [-1, 1] on each piece",
+        "mpmath": mpmath.__version__,
+        "digits": DIGITS,
+        "largest relative errors of value and slope": largest,
+    }
+    ends = json.dumps([float(b) for b in BREAKS])
+    comma = ",\n"
+    FILE.write_text(
+        f'{{"provenance":{json.dumps(provenance)},\n"ends":{ends},\n'
+        f'"series":{{\n{comma.join(blocks)}\n}}}}\n'
+    )
+    print(f"{FILE.stat().st_size / 1000:.0f} kB, {time.process_time() - start:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
