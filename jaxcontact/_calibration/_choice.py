@@ -9,10 +9,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike
 
 from .._contact import Contact, require_contact
-from .._fit import Candidate, Fit, FitData, compared, criteria, fit, groups_of, table, undecided
+from .._fit import Candidate, Fit, compared, fit, groups_of, table, undecided
 from .._flight import Flight, Floats
 from .._laws import AbstractLaw
 from .._measurements import MEASURED_RESTITUTION, Pairs, make_pairs, read_recording
@@ -36,6 +36,8 @@ from ._kinds import (
     kinds_of,
     padded,
 )
+from ._sure import sure_of, sure_sentence
+from ._trend import Curve, Line, curve_of, line_of
 from ._undecided import what_settles
 
 _BANDS = 4
@@ -77,36 +79,26 @@ class LawFit:
 
 
 @dataclasses.dataclass(frozen=True)
-class Line:
-    """A straight line ln e = a + b v without a law, for comparison with any smooth curve.
-
-    `level` a; `slope` b in s/m, with its standard error, None where the speeds do not determine it;
-    `aicc` as that of the laws.
-    """
-
-    level: float
-    slope: float
-    slope_error: float | None
-    aicc: float | None
-
-
-@dataclasses.dataclass(frozen=True)
 class ChoiceData:
     """All kinds of laws on the same pairs, as plain data.
 
     `count` of pairs; `candidates`, the comparison in the order of AICc (see `compare_fits`);
-    `best`, the kind to use, None where no fit converged; `verdict`, the same in words; `laws`, the
-    fits in the order in which they were made, a constant e first; `line`, the trend without a law;
-    `asked`, the e to set in each law of constant e so that it delivers the constant e found;
+    `best`, the kind to use, None where no fit converged; `sure`, whether the data leave no doubt of
+    it: every law that does not contain it is excluded, no law that contains it is clearly better,
+    and it describes the data; `verdict`, the same in words; `laws`, the fits in the order in which
+    they were made, a constant e first; `line`, the trend without a law, and `free`, the smooth
+    curve that shows how much better any law could be; `asked`, the e to set in each law of constant e so that it delivers the constant e found;
     `next_measurement`, in words, what would settle an undecided choice.
     """
 
     count: int
     candidates: tuple[Candidate, ...]
     best: str | None
+    sure: bool
     verdict: str
     laws: tuple[LawFit, ...]
     line: Line
+    free: Curve
     asked: tuple[Asked, ...]
     next_measurement: str
 
@@ -125,7 +117,7 @@ class LawChoice(ChoiceData):
     """All kinds of laws on one table of e(v): how well each describes it, with which parameters.
 
     Beside the plain data of the choice (`candidates` in the order of AICc, `best`, `verdict`,
-    `laws`, `line`, `asked`, `count`): `fits` by kind, each a `Fit` of ln e over the speed, padded
+    `laws`, `sure`, `line`, `free`, `asked`, `count`): `fits` by kind, each a `Fit` of ln e over the speed, padded
     with points without weight; the `contact` in whose units they are; `marked` (n,), the points
     left out as outliers; `reference` in m/s, the speed to which the c of a power law belongs.
     """
@@ -195,7 +187,8 @@ def choose_law(
 
     Laws fall into kinds by e(v): a constant e, which most of them deliver (each for a different
     parameter e); a constant c, with α = c v/K (also Marhefka and Orin's law, with a = c/K); c as a
-    power of v; and, for n = 3/2, Kuwabara and Kono's. One fit for each kind minimises
+    power of v; 1 - b v^p; and, for n = 3/2, Kuwabara and Kono's, and Thornton's of elastic-plastic
+    spheres. One fit for each kind minimises
     Σ ((ln e_k - ln e(v_k))/σ_k)². It is the calibration that `jaxcontact calibrate` and `calibrate`
     make of the same table.
 
@@ -279,21 +272,32 @@ def choose(
             model = LogRestitution(kind, contact, jnp.asarray(reference))
         start = kind.start(typical, contact, reference)
         fits[kind.name] = fit(model, start=start, transforms=dict(kind.transforms), **data)
-    line = fit(_line, start={"level": np.log(typical), "slope": 0.0}, **data)
     laws = tuple(_law_fit(k, fits[k.name], pairs, use, contact, known, middle) for k in kinds)
     said = {law.kind: law.said for law in laws}
     bands = _bands(pairs, use, len(data["x"]))
-    comparison = compared(fits, bands, parameters=said.__getitem__, left_out="speeds", group=group)
+    standing = sure_of(fits, kinds)
+    comparison = compared(
+        fits,
+        bands,
+        parameters=said.__getitem__,
+        left_out="speeds",
+        group=group,
+        among=None if standing is None else {standing.kind, *standing.containing},
+    )
     found = laws[0].estimates[-1]
+    some, x = fits[kinds[0].name], np.asarray(data["x"])
     rivals = [c.name for c in undecided(comparison.candidates) if c.name != comparison.best]
     ends = float(v.min()), float(v.max())
     return LawChoice(
         count=int(use.sum()),
         candidates=comparison.candidates,
         best=comparison.best,
-        verdict=comparison.verdict,
+        sure=standing is not None,
+        verdict=comparison.verdict
+        + sure_sentence(fits, kinds, comparison.best, standing, {comparison.best, *rivals}),
         laws=laws,
-        line=_line_of(line),
+        line=line_of(some, x),
+        free=curve_of(some, x),
         asked=asked_of(found.value, found.standard_error),
         next_measurement=what_settles(fits, comparison.best, rivals, ends),
         fits=fits,
@@ -353,19 +357,4 @@ def _law_fit(
         converged=found.converged,
         reason=found.reason,
         steps=found.steps,
-    )
-
-
-def _line(params: Mapping[str, Array], velocity: Float[Array, " n"]) -> Float[Array, " n"]:
-    return params["level"] + params["slope"] * velocity
-
-
-def _line_of(found: FitData) -> Line:
-    error = found.standard_errors["slope"]
-    aicc = criteria(found)[1]
-    return Line(
-        level=float(found.params["level"]),
-        slope=float(found.params["slope"]),
-        slope_error=error if np.isfinite(error) else None,
-        aicc=aicc if np.isfinite(aicc) else None,
     )

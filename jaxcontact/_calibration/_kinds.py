@@ -26,8 +26,11 @@ from .._laws import (
     Damped,
     KuwabaraKono,
     PowerDamping,
+    PowerRestitution,
+    ThorntonPlastic,
     constant_laws,
     get_law,
+    plastic_restitution,
 )
 from .._parameter import rendered
 from ._estimate import Estimate
@@ -38,6 +41,7 @@ Params = Mapping[str, Any]
 WIDEST_LOGARITHM = 2.0
 """A parameter whose logarithm (or logit) has a larger standard error is not identifiable."""
 
+_LEAST_E = 1e-6
 _SHORTEST = 256
 """Compiling takes a thousand times as long as fitting so many points."""
 
@@ -57,6 +61,12 @@ class AbstractKind(abc.ABC):
     unidentified: ClassVar[str]
     transforms: ClassVar[Mapping[str, AbstractTransform]]
     own: ClassVar[tuple[tuple[str, str, frozenset[str]], ...]] = ()
+    special: ClassVar[tuple[type[AbstractKind], ...]] = ()
+    """Kinds each of whose curves is a curve of this kind, too."""
+
+    def contains(self, other: AbstractKind) -> bool:
+        """Whether every curve of another kind is one of this kind."""
+        return type(other) in self.special
 
     @abc.abstractmethod
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
@@ -165,6 +175,7 @@ class PowerOfSpeed(ConstantC):
     law: str = "power_damping"
     name: str = "c as a power of v"
     transforms = MappingProxyType({"c": Positive(), "power": Free()})
+    special = (ConstantE, ConstantC)
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """A constant c."""
@@ -209,6 +220,64 @@ class Viscoelastic(AbstractKind):
         return viscous_restitution(params["A"] * _frequency(contact) * velocity**0.2)
 
 
+@dataclasses.dataclass(frozen=True)
+class Plastic(AbstractKind):
+    """Thornton's elastic-plastic spheres: e depends on the yield speed alone."""
+
+    law: str = "thornton_plastic"
+    name: str = "Thornton plastic"
+    unidentified = "the yield pressure, E, R and m one by one: e(v) determines only the yield speed"
+    transforms = MappingProxyType({"yield_speed": Positive()})
+
+    def serves(self, exponent: float | Array) -> bool:
+        return isinstance(exponent, float) and exponent == 1.5
+
+    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
+        """1.185 (v_y/v)^(1/4) far beyond yielding, 1 at it; between them a line does."""
+        ratio = min((e / 1.185) ** 4, 0.2) if e < 0.75 else 0.2 + 0.8 * (e - 0.75) / 0.25
+        return {"yield_speed": ratio * reference}
+
+    def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
+        return ThorntonPlastic(yield_speed=params["yield_speed"])
+
+    def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
+        return (("yield_speed", "yield speed", 1.0, "m/s"),)
+
+    def restitution(
+        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        return plastic_restitution(params["yield_speed"], velocity)
+
+
+@dataclasses.dataclass(frozen=True)
+class PowerOfLoss(AbstractKind):
+    """A loss that goes as a power of the closing speed: e = 1 - b (v/v_r)^p."""
+
+    law: str = "power_restitution"
+    name: str = "1 - b v^p"
+    unidentified = "mass, stiffness and exponent: the curve is empirical"
+    transforms = MappingProxyType({"loss": Between(0, 1), "power": Free()})
+    special = (ConstantE,)
+
+    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
+        """A constant e."""
+        return {"loss": 1 - e, "power": 0.0}
+
+    def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
+        return PowerRestitution(params["loss"], params["power"], reference)
+
+    def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
+        """b at the reference speed, and the power."""
+        return (("loss", "b", 1.0, ""), ("power", "power", 1.0, ""))
+
+    def restitution(
+        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        """The curve, held above 0, where its logarithm ends."""
+        e = PowerRestitution(params["loss"], params["power"], reference).restitution_at(velocity)
+        return jnp.maximum(e, _LEAST_E)
+
+
 def _frequency(contact: Contact) -> Array:
     return (contact.stiffness / contact.mass) ** 0.4
 
@@ -242,7 +311,10 @@ def padded(values: np.ndarray, filling: float) -> np.ndarray:
     return np.concatenate([values, np.full(length - len(values), filling)])
 
 
-SPEED_DEPENDENT: tuple[AbstractKind, ...] = (ConstantC(), PowerOfSpeed(), Viscoelastic())
+SPEED_DEPENDENT: tuple[AbstractKind, ...] = (
+    *(ConstantC(), PowerOfSpeed(), Viscoelastic()),
+    *(Plastic(), PowerOfLoss()),
+)
 
 
 def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:

@@ -229,7 +229,7 @@ LAWS = {
     ),
     "power_restitution": Law(
         jc.PowerRestitution,
-        ((0.1, 0.25, 1.5), (0.5, -0.1, 0.2), (0.0, 0.0, 1.0)),
+        ((0.1, 0.25, 1.5), (0.5, 0.1, 5.0), (0.0, 0.0, 1.0)),
         alpha=lambda b, p, reference, K, v: exact_alpha(1 - b * (v / reference) ** p),
         names=("loss", "power", "reference"),
     ),
