@@ -12,10 +12,16 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._contact import Contact, require_contact
-from .._fit import Candidate, Fit, compared, fit, groups_of, table, undecided
+from .._fit import CLEAR_AICC, Candidate, Fit, compared, fit, groups_of, table, undecided
 from .._flight import Flight, Floats
 from .._laws import AbstractLaw
-from .._measurements import MEASURED_RESTITUTION, Pairs, make_pairs, read_recording
+from .._measurements import (
+    MEASURED_RESTITUTION,
+    Pairs,
+    counted,
+    make_pairs,
+    read_recording,
+)
 from .._measurements._noise import Noise, estimate_noise
 from .._measurements._outliers import Outliers, find_outliers
 from .._parameter import (
@@ -40,6 +46,7 @@ from ._sure import sure_of, sure_sentence
 from ._trend import Curve, Line, curve_of, line_of
 from ._undecided import what_settles
 
+_NUMBERS = "number", "numbers"
 _BANDS = 4
 """Bands of speed that are left out in turn; each holds at least one pair."""
 
@@ -107,6 +114,17 @@ class ChoiceData:
         require_choice("kind", kind, [law.kind for law in self.laws])
         return next(law for law in self.laws if law.kind == kind)
 
+    @property
+    def yardstick(self) -> str:
+        """How much better any smooth curve could be than the best law; nothing with few points."""
+        if self.free.aicc is None:
+            return ""
+        gain = min(c.aicc for c in self.candidates) - self.free.aicc
+        free = f"a free smooth curve of {counted(len(self.free.coefficients), _NUMBERS)}"
+        if gain > CLEAR_AICC:
+            return f"{free} has an AICc {gain:.1f} below the best law: a better law is possible"
+        return f"no curve could be clearly better: {free} has an AICc {-gain:+.1f} from the best law"
+
     def table(self) -> str:
         """The kinds of laws with their parameters and criteria; lower is better."""
         return "\n".join(table(self.candidates, lambda kind: self.law_fit(kind).said))
@@ -159,6 +177,8 @@ class LawChoice(ChoiceData):
 
     def __repr__(self) -> str:
         lines = [self.table(), self.verdict]
+        if self.yardstick:
+            lines.append(f"{self.yardstick[0].upper()}{self.yardstick[1:]}.")
         marked = int(self.marked.sum())
         if marked:
             lines.append(f"{marked} of {len(self.marked)} points are outliers and left out.")

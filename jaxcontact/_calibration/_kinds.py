@@ -225,7 +225,7 @@ class Plastic(AbstractKind):
     """Thornton's elastic-plastic spheres: e depends on the yield speed alone."""
 
     law: str = "thornton_plastic"
-    name: str = "Thornton plastic"
+    name: str = "elastic-plastic"
     unidentified = "the yield pressure, E, R and m one by one: e(v) determines only the yield speed"
     transforms = MappingProxyType({"yield_speed": Positive()})
 

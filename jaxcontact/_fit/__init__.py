@@ -1,6 +1,7 @@
 """Fitting any differentiable prediction to data, with uncertainty."""
 
 from ._bootstrap import Bootstrap as Bootstrap
+from ._compare import CLEAR_AICC as CLEAR_AICC
 from ._compare import Candidate as Candidate
 from ._compare import Comparison as Comparison
 from ._compare import advantage as advantage

@@ -13,12 +13,13 @@ from ._axes import axes_of
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_STYLES = ("-", "--", "-.", ":")
+_STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 3)))
 _FINE = 200
 
 
 def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
-    """Draw e over the closing speed (m/s): the data, and each kind of law, the best drawn thickest.
+    """Draw e over the closing speed (m/s): the data, and each kind of law, the one of lowest AICc
+    thickest; in grey, a free smooth curve, which is no law.
 
     Arguments: what `choose_law` returned; the axes to draw on, new ones if None. Returns the axes.
     Raises ValueError for what is no `LawChoice` and no axes.
@@ -35,7 +36,8 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
     for place, (candidate, style) in enumerate(zip(result.candidates, _STYLES, strict=False)):
         label = f"{candidate.name} (ΔAICc {candidate.aicc - best:.1f})"
         curve, _ = result.curve(candidate.name, fine)
-        ax.plot(fine, curve, style, lw=2.4 if place == 0 else 1.4, label=label, zorder=3)
+        ax.plot(fine, curve, ls=style, lw=2.4 if place == 0 else 1.4, label=label, zorder=3)
+    ax.plot(fine, result.free(fine), color="0.6", lw=1.0, label="free curve, no law", zorder=1)
     if wide:
         ax.set_xscale("log")
     ax.set_xlabel("closing speed / (m/s)")
