@@ -13,7 +13,7 @@ A table is clear where the best law that does not contain the truth misses it by
 
     λ = Σ (misfit left after the best fit / σ)² ≥ 40.
 
-Every cell is written to benchmarks/choice_confusion.json when it is done, and a run goes on where
+Every table is counted in benchmarks/choice_confusion.json when it is done, and a run goes on where
 the last one was stopped; `--fresh` starts over. `--tables` sets the number of tables in a cell,
 `--only` runs the cells whose name contains a text, `--into` another folder. `python
 benchmarks/fit_adequacy.py --page` writes docs/trust.md from the result.
@@ -131,9 +131,7 @@ TRUTHS = {
         ("c as a power of v", "1 - b v^p"),
     ),
     "constant c": Truth(lambda random, e: damped(0.0, e), "constant c", ("c as a power of v",)),
-    "c falls": Truth(
-        lambda random, e: damped(random.uniform(-0.6, -0.3), e), "c as a power of v"
-    ),
+    "c falls": Truth(lambda random, e: damped(random.uniform(-0.6, -0.3), e), "c as a power of v"),
     "c rises": Truth(lambda random, e: damped(random.uniform(0.3, 0.7), e), "c as a power of v"),
     "Kuwabara-Kono": Truth(lambda random, e: viscous(e), "Kuwabara-Kono"),
     "elastic-plastic": Truth(lambda random, e: plastic(e), "elastic-plastic"),
@@ -180,8 +178,13 @@ def simulated(random: np.random.Generator, truth: Truth, n: int, noise: str, lev
             shared = random.normal(size=n)[trials]
             size = np.sqrt(SHARED) * shared + np.sqrt(1 - SHARED) * size
         e = clean + sigma * size
-        if 0 < e.min() and e.max() <= 1.2:
-            return Table(middle * v, e, sigma, trials, lambda u: made(np.asarray(u) / middle))
+        if e.min() > 0 and e.max() <= 1.2:
+            return Table(middle * v, e, sigma, trials, scaled(made, middle))
+
+
+def scaled(curve: Curve, middle: float) -> Curve:
+    """A curve of speeds in m/s."""
+    return lambda v: curve(np.asarray(v) / middle)
 
 
 def distance(table: Table, truth: Truth) -> float:
@@ -219,20 +222,22 @@ def cells() -> Iterator[tuple[str, tuple[str, int, str, str]]]:
         yield f"{truth}, {n} points, noise {noise}, e {level}", what
 
 
-def run(name: str, what: tuple[str, int, str, str], tables: int, seed: int) -> dict[str, Any]:
-    """Counts of a cell."""
+def more(cell: dict[str, Any], name: str, what: tuple[str, int, str, str], tables: int) -> None:
+    """Bring the counts of a cell to so many tables, each of which has a seed of its own."""
     truth, n, noise, level = TRUTHS[what[0]], *what[1:]
-    random = np.random.default_rng([seed, zlib.crc32(name.encode())])
-    found = [judged(simulated(random, truth, n, noise, level), truth) for _ in range(tables)]
-    return {
-        "tables": tables,
-        "sure": dict(Counter(one["sure"] for one in found if one["sure"] is not None)),
-        "wrong": sum(one["wrong"] for one in found),
-        "clear": sum(one["clear"] for one in found),
-        "clear and right": sum(
-            one["clear"] and one["sure"] is not None and not one["wrong"] for one in found
-        ),
-    }
+    for i in range(cell["tables"], tables):
+        random = np.random.default_rng([SEED, zlib.crc32(name.encode()), i])
+        one = judged(simulated(random, truth, n, noise, level), truth)
+        right = one["sure"] is not None and not one["wrong"]
+        cell["tables"] += 1
+        cell["wrong"] += one["wrong"]
+        cell["clear"] += one["clear"]
+        cell["clear and right"] += one["clear"] and right
+        if one["sure"] is not None:
+            cell["sure"][one["sure"]] = cell["sure"].get(one["sure"], 0) + 1
+
+
+NOTHING = {"tables": 0, "wrong": 0, "clear": 0, "clear and right": 0}
 
 
 def main(given: list[str] | None = None) -> None:
@@ -246,18 +251,17 @@ def main(given: list[str] | None = None) -> None:
     result: dict[str, Any] = {"seed": SEED, "cells": {}}
     if path.exists() and not arguments.fresh:
         result = json.loads(path.read_text())
-    begun, made = time.perf_counter(), 0
-    with jax.enable_x64(True):
-        for name, what in cells():
-            done = result["cells"].get(name, {}).get("tables") == arguments.tables
-            if arguments.only not in name or done:
-                continue
-            result["cells"][name] = cell = run(name, what, arguments.tables, SEED)
-            made += arguments.tables
-            rate = (time.perf_counter() - begun) / made
-            print(f"{name}: {cell} ({rate:.2f} s a table)", flush=True)
-            arguments.into.mkdir(parents=True, exist_ok=True)
+    arguments.into.mkdir(parents=True, exist_ok=True)
+    chosen = [one for one in cells() if arguments.only in one[0]]
+    begun = time.perf_counter()
+    # A table of every cell, then another: a run that is stopped has touched them all.
+    for tables in range(1, arguments.tables + 1):
+        for name, what in chosen:
+            cell = result["cells"].setdefault(name, NOTHING | {"sure": {}})
+            with jax.enable_x64(True):
+                more(cell, name, what, tables)
             path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+        print(f"{tables} tables a cell, {time.perf_counter() - begun:.0f} s", flush=True)
     print(json.dumps(shares(result), indent=1, ensure_ascii=False))
 
 

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from .._contact import Contact
 from .._fit import AbstractTransform, Between, FitData, Free, Positive
-from .._impact import restitution
+from .._impact import impact, restitution
 from .._laws import (
     AbstractLaw,
     ConstantDamping,
@@ -34,6 +34,7 @@ from .._laws import (
 )
 from .._parameter import rendered
 from ._estimate import Estimate
+from ._plastic import plastic_impact
 from ._viscous import viscous_restitution
 
 Params = Mapping[str, Any]
@@ -92,6 +93,16 @@ class AbstractKind(abc.ABC):
         # Without contact and speed `restitution` is one formula, and compiles in half the time.
         return jnp.broadcast_to(restitution(Damped(alpha=alpha)), velocity.shape)
 
+    def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
+        """The parameters that give the same e(v) to a contact of another stiffness."""
+        return params
+
+    def outcome(
+        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
+    ) -> Any:
+        """`duration` and `max_force` of impacts: those of the law."""
+        return impact(self.law_of(params, contact, reference), contact, velocity)
+
     def estimates(
         self, fit: FitData, contact: Contact, known: frozenset[str], speed: float
     ) -> tuple[Estimate, ...]:
@@ -110,6 +121,8 @@ class AbstractKind(abc.ABC):
             e, error = delivered(fit, np.array([speed]))
             found.append(Estimate(name, float(e[0]), float(error[0]) if good else None, ""))
         own = (estimate(one, one, 1.0, unit) for one, unit, needs in self.own if known >= needs)
+        if "stiffness" in fit.names:
+            own = (estimate("stiffness", "K", 1.0, "N/m^n"),)
         return (*found, *own)
 
     def at_speed(self, speed: float) -> str:
@@ -164,6 +177,9 @@ class ConstantC(AbstractKind):
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
         return ConstantDamping(c=params["c"])
 
+    def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
+        return {**params, "c": params["c"] * other.stiffness / contact.stiffness}
+
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
         return (("c", "c/K", 1 / float(contact.stiffness), "s/m"),)
 
@@ -210,6 +226,9 @@ class Viscoelastic(AbstractKind):
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
         return KuwabaraKono(A=params["A"])
 
+    def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
+        return {**params, "A": params["A"] * (contact.stiffness / other.stiffness) ** 0.4}
+
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
         return (("A", "A (K/m)^(2/5)", float(_frequency(contact)), "(m/s)^(-1/5)"),)
 
@@ -247,6 +266,12 @@ class Plastic(AbstractKind):
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Float[Array, " n"]:
         return plastic_restitution(params["yield_speed"], velocity)
+
+    def outcome(
+        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
+    ) -> Any:
+        """Those of plastic spheres: the law's force only delivers their e."""
+        return plastic_impact(params["yield_speed"], contact, velocity)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -95,8 +95,6 @@ def _by_trial(better: FitData, worse: FitData) -> float:
     return 2 * float(stdtr(count - 1, -gain)) if gain > 0 else 1.0
 
 
-
-
 def sure_sentence(
     fits: Mapping[str, Fit],
     kinds: Sequence[AbstractKind],

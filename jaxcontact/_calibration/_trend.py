@@ -59,10 +59,42 @@ class _Linear(NamedTuple):
     covariance: Float[np.ndarray, "k k"]
 
 
+class _Data(NamedTuple):
+    """ln e of a fit, its weights' roots, its groups, and whether the noise is known."""
+
+    y: Floats
+    factor: Floats
+    groups: np.ndarray | None
+    absolute: bool
+
+    def fitted(self, columns: Float[np.ndarray, "n k"]) -> _Linear:
+        """A fit of columns; a covariance of NaN where it is singular."""
+        used = self.factor > 0
+        weighted = (columns * self.factor[:, None])[used]
+        y = (np.where(used, self.y, 0) * self.factor)[used]
+        n, k = weighted.shape
+        coefficients, _, rank, _ = np.linalg.lstsq(weighted, y)
+        z = weighted @ coefficients - y
+        covariance = np.full((k, k), np.nan)
+        if rank == k and n > k:
+            inverse = np.linalg.inv(weighted.T @ weighted)
+            covariance = inverse * (1.0 if self.absolute else float(z @ z) / (n - k))
+            number = None if self.groups is None else self.groups[used]
+            if number is not None and len(np.unique(number)) >= LEAST_GROUPS:
+                covariance = sandwich(inverse, weighted * z[:, None], number)
+        return _Linear(coefficients, float(z @ z) / 2, covariance)
+
+
+def _data_of(fit: FitData, n: int) -> _Data:
+    """The first column of n points, which is ln e."""
+    groups = None if fit.groups is None else fit.groups[:n]
+    return _Data(fit.data[:n], np.asarray(fit.problem.factor)[:n], groups, fit.absolute)
+
+
 def line_of(fit: FitData, velocity: Floats) -> Line:
     """The line through the data of a fit of ln e, with their weights and groups."""
-    used, factor = _weighted(fit)
-    found = _linear(fit, np.stack([np.ones_like(velocity), velocity], axis=1)[used], factor)
+    data = _data_of(fit, len(velocity))
+    found = data.fitted(np.stack([np.ones_like(velocity), velocity], axis=1))
     error = math.sqrt(found.covariance[1, 1]) if found.covariance[1, 1] >= 0 else math.nan
     level, slope = map(float, found.coefficients)
     return Line(level, slope, error if math.isfinite(error) else None)
@@ -70,16 +102,16 @@ def line_of(fit: FitData, velocity: Floats) -> Line:
 
 def curve_of(fit: FitData, velocity: Floats) -> Curve:
     """The free curve through the data of a fit of ln e, with their weights."""
-    used, factor = _weighted(fit)
-    v = velocity[used]
+    data = _data_of(fit, len(velocity))
+    v = velocity[data.factor > 0]
     ends = float(v.min()), float(v.max())
     n = len(v)
     most = min(_MOST, n - 1, len(np.unique(v)) - 1)
-    columns = np.polynomial.chebyshev.chebvander(_place(v, *ends), max(most, 0))
+    columns = np.polynomial.chebyshev.chebvander(_place(velocity, *ends), max(most, 0))
     best: Curve | None = None
     for k in range(1, columns.shape[1] + 1):
-        found = _linear(fit, columns[:, :k], factor)
-        aicc, _ = criteria_of(found.loss, k, factor, fit.absolute)
+        found = data.fitted(columns[:, :k])
+        aicc, _ = criteria_of(found.loss, k, data.factor[data.factor > 0], fit.absolute)
         if best is None or (math.isfinite(aicc) and aicc < (best.aicc or math.inf)):
             shown = aicc if math.isfinite(aicc) else None
             best = Curve(tuple(map(float, found.coefficients)), *ends, shown)
@@ -92,25 +124,3 @@ def _place(velocity: Floats, slowest: float, fastest: float) -> Floats:
     if not fastest > slowest:
         return np.zeros_like(velocity)
     return 2 * np.log(velocity / slowest) / np.log(fastest / slowest) - 1
-
-
-def _weighted(fit: FitData) -> tuple[np.ndarray, Floats]:
-    factor = np.asarray(fit.problem.factor)
-    return factor > 0, factor[factor > 0]
-
-
-def _linear(fit: FitData, columns: Float[np.ndarray, "n k"], factor: Floats) -> _Linear:
-    """A linear fit to the data of another one; a covariance of NaN where it is singular."""
-    y = fit.data[np.asarray(fit.problem.factor) > 0] * factor
-    weighted = columns * factor[:, None]
-    n, k = weighted.shape
-    coefficients, _, rank, _ = np.linalg.lstsq(weighted, y)
-    z = weighted @ coefficients - y
-    covariance = np.full((k, k), np.nan)
-    if rank == k and n > k:
-        inverse = np.linalg.inv(weighted.T @ weighted)
-        covariance = inverse * (1.0 if fit.absolute else float(z @ z) / (n - k))
-        number = None if fit.groups is None else fit.groups[np.asarray(fit.problem.factor) > 0]
-        if number is not None and len(np.unique(number)) >= LEAST_GROUPS:
-            covariance = sandwich(inverse, weighted * z[:, None], number)
-    return _Linear(coefficients, float(z @ z) / 2, covariance)

@@ -23,8 +23,9 @@ SUMMARY = "fit laws to a recording of bounces"
 DESCRIPTION = """\
 Turns a recording of bounces into pairs (approach speed, e), finds spurious and missed triggers by
 a robust rule, fits a constant e and speed-dependent laws (constant damping, damping as a power of
-the speed, Kuwabara-Kono, elastic-plastic spheres, 1 - b v^p), compares them, and writes calibration.png and calibration.json. Without
-FILE it uses the bounce intervals of a small rubber ball that ship with the package.
+the speed, Kuwabara-Kono, elastic-plastic spheres, 1 - b v^p), compares them, and writes
+calibration.png and calibration.json. Without FILE it uses the bounce intervals of a small rubber
+ball that ship with the package.
 """
 
 EPILOG = """\

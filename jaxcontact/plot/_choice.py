@@ -27,9 +27,12 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
     require_kind("result", result, LawChoice, "a `LawChoice` (see `choose_law`)")
     ax = axes_of(ax)
     some = next(iter(result.fits.values()))
-    used = np.isfinite(some.data)
-    v = np.asarray(some.problem.x)[used]
-    ax.plot(v, np.exp(some.data[used]), ".", color="0.4", label="data", zorder=2)
+    x = np.asarray(some.problem.x)
+    # ln e comes before contact times and forces.
+    log_e = some.data[: len(x)]
+    used = np.isfinite(log_e)
+    v = x[used]
+    ax.plot(v, np.exp(log_e[used]), ".", color="0.4", label="data", zorder=2)
     wide = v.max() > 100 * v.min()
     fine = (np.geomspace if wide else np.linspace)(v.min(), v.max(), _FINE)
     best = min(candidate.aicc for candidate in result.candidates)
