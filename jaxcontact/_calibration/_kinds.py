@@ -252,8 +252,8 @@ class Plastic(AbstractKind):
         return isinstance(exponent, float) and exponent == 1.5
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """1.185 (v_y/v)^(1/4) far beyond yielding, 1 at it; between them a line does."""
-        ratio = min((e / 1.185) ** 4, 0.2) if e < 0.75 else 0.2 + 0.8 * (e - 0.75) / 0.25
+        """r = v_y/v from a formula that is 1 at e = 1 and near e⁴ far beyond yielding."""
+        ratio = e**4 * (1 - 0.6 * (1 - e) ** 0.3)
         return {"yield_speed": ratio * reference}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
