@@ -114,7 +114,8 @@ def sure_sentence(
     standing = standing_of(fits, kinds, best)
     rest = [name for name in standing.rivals if name not in said]
     if rest:
-        return f" This is not sure: {' and '.join(rest)} may be right, too."
+        verb = "is" if len(rest) == 1 else "are"
+        return f" This is not sure: {' and '.join(rest)} {verb} not ruled out."
     if not standing.rivals and fits[best].adequate is None:
         return " This is not sure: whether it describes the data cannot be told."
     return ""
