@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 
-from scipy.special import fdtrc, gammaincc, stdtr
+import numpy as np
+from scipy.special import fdtrc, gammaincc
 
-from .._fit import Fit, FitData, advantage, has_trials
+from .._fit import Fit, FitData, has_trials
 from ._kinds import AbstractKind
 
 EXCLUDED = 0.01
@@ -58,41 +59,45 @@ def _keeps_open(found: FitData, own: AbstractKind, fit: FitData, other: Abstract
         return True
     more = len(fit.names) - len(found.names)
     if other.contains(own):
-        return excess_p(fit, found, more) < BETTER and _by_trial(fit, found) < BETTER
+        return excess_p(fit, found, more) < BETTER
     # A law that does not contain the other can come near it along one more direction.
     numbers = max(-more, 0) + (0 if own.contains(other) else 1)
-    excluded = excess_p(found, fit, numbers) < EXCLUDED and _by_trial(found, fit) < EXCLUDED
-    return not excluded
+    return excess_p(found, fit, numbers) >= EXCLUDED
 
 
 def excess_p(better: FitData, worse: FitData, numbers: int) -> float:
     """The probability of so much larger a sum of squares, if `numbers` of the better fit are idle.
 
-    F = (Σz'² - Σz²)/numbers/s², with s² of the better fit, or 1 where the noise is known.
+    F = (Σz'² - Σz²)/numbers/s², with s² of the better fit, or 1 where the noise is known. Where
+    points of a trial may be correlated, the larger of this and the probability by the noise along
+    the difference d = z' - z of the two curves, Σ_g (Σ_i d_i z_i)²/Σ d² over the trials g.
     """
     gain = 2 * (worse.loss - better.loss)
-    if gain <= 0:
-        return 1.0
-    if better.absolute:
-        return float(gammaincc(numbers / 2, gain / 2))
-    if better.dof < 1:
+    if gain <= 0 or better.dof < 1:
         return 1.0
     if better.loss == 0:
         return 0.0
-    ratio = gain / numbers / (2 * better.loss / better.dof)
-    return float(fdtrc(numbers, better.dof, ratio))
+    if better.absolute:
+        p = float(gammaincc(numbers / 2, gain / 2))
+    else:
+        p = float(fdtrc(numbers, better.dof, gain / numbers / (2 * better.loss / better.dof)))
+    return max(p, _by_trial(better, worse, gain, numbers))
 
 
-def _by_trial(better: FitData, worse: FitData) -> float:
-    """The same by the advantage of each trial, where points of a trial may be correlated."""
+def _by_trial(better: FitData, worse: FitData, gain: float, numbers: int) -> float:
+    """The probability by trial; 0 where every point is a trial of its own."""
     if not has_trials(better):
         return 0.0
-    gain = advantage(better, worse)
-    if gain is None:
-        return 1.0
     assert better.groups is not None  # for the type checker
-    count = len({*better.groups[better.problem.factor > 0].tolist()})
-    return 2 * float(stdtr(count - 1, -gain)) if gain > 0 else 1.0
+    used = np.asarray(better.problem.factor) > 0
+    trial = np.unique(better.groups[used], return_inverse=True)[1]
+    count = int(trial.max()) + 1
+    if count < 2:
+        return 1.0
+    z, difference = better.z, worse.z - better.z
+    along = np.bincount(trial, weights=difference * z)
+    noise = float(along @ along) * count / (count - 1) / float(difference @ difference)
+    return float(fdtrc(numbers, count - 1, gain / numbers / noise)) if noise > 0 else 0.0
 
 
 def sure_sentence(

@@ -4,7 +4,6 @@ from ._bootstrap import Bootstrap as Bootstrap
 from ._compare import CLEAR_AICC as CLEAR_AICC
 from ._compare import Candidate as Candidate
 from ._compare import Comparison as Comparison
-from ._compare import advantage as advantage
 from ._compare import compare_fits as compare_fits
 from ._compare import compared as compared
 from ._compare import criteria_of as criteria_of

@@ -229,7 +229,7 @@ def test_what_would_settle_it_is_said_where_the_choice_is_open(choices):
 
 
 def test_nothing_is_said_where_the_choice_is_clear():
-    law = jc.PowerDamping(c=5e4, power=-0.6, reference=2.0)
+    law = jc.PowerDamping(c=4e5, power=-0.6, reference=2.0)
     clear = jc.choose_law(SPEED, np.asarray(jc.restitution(law, CONTACT, SPEED)) + SCATTER, CONTACT)
     assert clear.best == "c as a power of v"
     assert clear.next_measurement == "" and "do not distinguish" not in clear.verdict
