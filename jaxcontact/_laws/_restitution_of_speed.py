@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._forms import exact_damping_factor
-from .._parameter import NOT_NEGATIVE, POSITIVE, REAL, parameter
+from .._parameter import NOT_NEGATIVE, POSITIVE, REAL, as_parameter, parameter
 from ._base import speed_for
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
@@ -23,8 +23,8 @@ class AbstractRestitutionOfSpeed(AbstractHuntCrossley):
     """The member of the Hunt-Crossley family that delivers e(v0); a subclass gives e(v0)."""
 
     @abc.abstractmethod
-    def restitution_at(self, velocity: Float[Array, "..."]) -> Float[Array, "..."]:
-        """e at closing speeds in m/s."""
+    def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
+        """e at closing speeds in m/s; ValueError for what is no number."""
 
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
@@ -53,8 +53,8 @@ class ThorntonPlastic(AbstractRestitutionOfSpeed):
 
     yield_speed: Float[Array, "..."] = parameter("yield_speed", POSITIVE)
 
-    def restitution_at(self, velocity: Float[Array, "..."]) -> Float[Array, "..."]:
-        return plastic_restitution(self.yield_speed, velocity)
+    def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
+        return plastic_restitution(self.yield_speed, as_parameter(velocity, "velocity"))
 
 
 def plastic_restitution(
@@ -92,5 +92,6 @@ class PowerRestitution(AbstractRestitutionOfSpeed):
     power: Float[Array, "..."] = parameter("power", REAL)
     reference: Float[Array, "..."] = parameter("reference", POSITIVE)
 
-    def restitution_at(self, velocity: Float[Array, "..."]) -> Float[Array, "..."]:
-        return 1 - self.loss * jnp.exp(self.power * jnp.log(velocity / self.reference))
+    def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
+        place = as_parameter(velocity, "velocity") / self.reference
+        return 1 - self.loss * jnp.exp(self.power * jnp.log(place))
