@@ -7,7 +7,7 @@ a line or a parabola,
 
 and the share of fits that are called inadequate is counted. Every draw is a call of `jc.fit`, as a
 user makes it. Writes benchmarks/fit_adequacy.json; `--page` writes docs/trust.md from it
-and from the results of fit_coverage.py and fit_design.py.
+and from the results of fit_coverage.py, fit_design.py and choice_confusion.py.
 `--draws` sets the number of draws, `--into` another folder.
 """
 
@@ -19,6 +19,7 @@ import io
 import json
 import math
 import platform
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,11 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+# From another folder, too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
 import jaxcontact as jc
+from benchmarks import choice_confusion
 
 HERE = Path(__file__).parent
 RESULT = HERE / "fit_adequacy.json"
@@ -209,7 +214,12 @@ def page(result: dict[str, Any]) -> str:
     draws = {row["draws"] for kind in result["levels"].values() for row in kind.values()}
     words = (HERE / "fit_adequacy.md").read_text()
     coverage, plans = (json.loads((HERE / f"fit_{name}.json").read_text()) for name in OTHERS)
+    choice = json.loads(choice_confusion.RESULT.read_text())
     numbers = {
+        "CHOICE_SEED": str(choice["seed"]),
+        "CHOICE_TABLES": f"{sum(cell['tables'] for cell in choice['cells'].values()):,}",
+        "CONFUSION": confusion_table(choice),
+        "SURE": sure_table(choice),
         "LEVELS": levels,
         "POWER": power,
         "CURVES": curves,
@@ -225,6 +235,32 @@ def page(result: dict[str, Any]) -> str:
     for name, text in numbers.items():
         words = words.replace("{" + name + "}", text)
     return words
+
+
+def confusion_table(result: dict[str, Any]) -> str:
+    sums, found = choice_confusion.shares(result), choice_confusion.confusion(result)
+    kinds = list(dict.fromkeys(kind for counts in found.values() for kind in counts))
+    order = [truth.kind for truth in choice_confusion.TRUTHS.values()]
+    kinds.sort(key=order.index)
+    rows = []
+    for truth, counts in found.items():
+        count = sums[truth]["tables"]
+        of = [percent(counts[kind] / count) if counts[kind] else "" for kind in kinds]
+        rows.append([truth, *of, percent(1 - counts.total() / count)])
+    return table(["truth", *kinds, "not sure"], rows)
+
+
+def sure_table(result: dict[str, Any]) -> str:
+    rows = []
+    for part, sums in choice_confusion.shares(result).items():
+        most = 0.02 if part == "all" else 0.05
+        wrong = sums["wrong"] / sums["tables"]
+        text = percent(wrong) if wrong <= most else f"**{percent(wrong)}**"
+        right = sums["clear and right"] / sums["clear"] if sums["clear"] else None
+        good = percent(right) if right is None or right >= 0.8 else f"**{percent(right)}**"
+        rows.append([part, str(sums["tables"]), text, str(sums["clear"]), good])
+    header = ["tables", "number", "sure and wrong, %", "clear", "of these sure and right, %"]
+    return table(header, rows)
 
 
 def coverage_table(result: dict[str, Any]) -> str:

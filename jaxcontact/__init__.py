@@ -80,7 +80,9 @@ if _TYPE_CHECKING:
     from ._laws import LeeWang as LeeWang
     from ._laws import MarhefkaOrin as MarhefkaOrin
     from ._laws import PowerDamping as PowerDamping
+    from ._laws import PowerRestitution as PowerRestitution
     from ._laws import Thornton as Thornton
+    from ._laws import ThorntonPlastic as ThorntonPlastic
     from ._laws import Tsuji as Tsuji
     from ._laws import ZhiyingQishao as ZhiyingQishao
     from ._laws import get_law as get_law
@@ -131,7 +133,8 @@ _ROOMS = {
         "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AntypovElliott CarvalhoMartins "
         "ConstantDamping Damped EnergyLoss ExactRestitution Flores Gonthier HerbertMcWhannell "
         "Hertz HuGuo HuntCrossley Jankowski KelvinVoigt KuwabaraKono LankaraniNikravesh LeeWang "
-        "MarhefkaOrin PowerDamping Thornton Tsuji ZhiyingQishao get_law list_laws register_law"
+        "MarhefkaOrin PowerDamping PowerRestitution Thornton ThorntonPlastic Tsuji ZhiyingQishao "
+        "get_law list_laws register_law"
     ),
     "_measurements": "Recording RecordingError read_recording",
     "_scene": (

@@ -79,6 +79,34 @@ def _by_power(at: Setting) -> Made:
     return given, c * factor * at.speed / at.stiffness
 
 
+def _alpha_of(e: Array) -> Array:
+    """α(1+e) = ln((1+α)/(1-αe)) by bisection, in a variable that ends where the logarithm does."""
+    low, high = np.zeros_like(e), np.ones_like(e)
+    for _ in range(70):
+        share = (low + high) / 2
+        alpha = share / e
+        above = np.log1p(alpha) - np.log1p(-share) > alpha * (1 + e)
+        low, high = np.where(above, low, share), np.where(above, share, high)
+    return np.where(e == 1, 0, (low + high) / 2 / e)
+
+
+def _plastic(at: Setting) -> Made:
+    yields = at.between(1e-3, 10) * np.asarray(at.speed, float)
+    r = np.minimum(yields / at.speed, 1)
+    factor = np.sqrt(EXTENDED(6) * np.sqrt(EXTENDED(3)) / 5) * np.sqrt(1 - r**2 / 6)
+    e = factor * (r / (r + 2 * np.sqrt((6 - r**2) / 5))) ** EXTENDED(0.25)
+    return {"yield_speed": yields}, _alpha_of(np.where(r == 1, 1, e))
+
+
+def _by_loss(at: Setting) -> Made:
+    e, power = at.random.uniform(0.05, 1, at.mass.size), at.random.uniform(-1, 1, at.mass.size)
+    reference = at.between(0.1, 10)
+    factor = (at.speed / reference) ** power.astype(EXTENDED)
+    loss = np.asarray((1 - e) / factor, float)
+    given = {"loss": loss, "power": power, "reference": reference}
+    return given, _alpha_of(1 - loss * factor)
+
+
 def _without_memory(at: Setting) -> Made:
     a = at.between(1e-6, 1) / np.asarray(at.speed, float)
     return {"a": a}, EXTENDED(1.5) * a * at.speed
@@ -91,16 +119,8 @@ def _by_profile(at: Setting) -> Made:
 
 
 def _exact(at: Setting) -> Made:
-    """α(1+e) = ln((1+α)/(1-αe)) by bisection, in a variable that ends where the logarithm does."""
     e = at.random.uniform(0.05, 1, at.mass.size)
-    wide = e.astype(EXTENDED)
-    low, high = np.zeros_like(wide), np.ones_like(wide)
-    for _ in range(70):
-        share = (low + high) / 2
-        alpha = share / wide
-        above = np.log1p(alpha) - np.log1p(-share) > alpha * (1 + wide)
-        low, high = np.where(above, low, share), np.where(above, share, high)
-    return {"e": e}, np.where(e == 1, 0, (low + high) / 2 / wide)
+    return {"e": e}, _alpha_of(e.astype(EXTENDED))
 
 
 def _viscoelastic(at: Setting) -> Made:
@@ -171,6 +191,8 @@ LAWS = (
     Published("energy_loss", "hunt_crossley", _by_profile),
     Published("exact", "hunt_crossley", _exact),
     Published("power_damping", "hunt_crossley", _by_power),
+    Published("thornton_plastic", "hunt_crossley", _plastic),
+    Published("power_restitution", "hunt_crossley", _by_loss),
     _family("hunt_crossley", lambda e: 3 * (1 - e) / 2),
     _family("lankarani_nikravesh", lambda e: 3 * (1 - e) * (1 + e) / 4),
     _family("flores", lambda e: 8 * (1 - e) / (5 * e)),

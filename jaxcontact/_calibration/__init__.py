@@ -4,7 +4,7 @@ from ._bounces import fit_bounces as fit_bounces
 from ._calibrate import Calibration as Calibration
 from ._calibrate import calibrate as calibrate
 from ._choice import LawChoice as LawChoice
-from ._choice import choose_law as choose_law
+from ._choose import choose_law as choose_law
 from ._damping import fit_damping as fit_damping
 from ._design import Design as Design
 from ._design import design as design

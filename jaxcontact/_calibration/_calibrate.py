@@ -18,7 +18,8 @@ from .._measurements._noise import Noise
 from .._measurements._outliers import THRESHOLD, Outliers, find_outliers
 from .._parameter import POSITIVE, require_kind, require_number
 from .._progress import stages_of
-from ._choice import LawChoice, choose, weights_of
+from ._choice import LawChoice
+from ._choose import choose, weights_of
 from ._file import save, to_json
 from ._kinds import kinds_of
 from ._report import report

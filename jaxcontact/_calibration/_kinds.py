@@ -19,24 +19,29 @@ from jaxtyping import Array, Float
 
 from .._contact import Contact
 from .._fit import AbstractTransform, Between, FitData, Free, Positive
-from .._impact import restitution
+from .._impact import impact, restitution
 from .._laws import (
     AbstractLaw,
     ConstantDamping,
     Damped,
     KuwabaraKono,
     PowerDamping,
+    PowerRestitution,
+    ThorntonPlastic,
     constant_laws,
     get_law,
+    plastic_restitution,
 )
 from .._parameter import rendered
 from ._estimate import Estimate
+from ._plastic import plastic_impact
 
 Params = Mapping[str, Any]
 
 WIDEST_LOGARITHM = 2.0
 """A parameter whose logarithm (or logit) has a larger standard error is not identifiable."""
 
+_LEAST_E = 1e-6
 _SHORTEST = 256
 """Compiling takes a thousand times as long as fitting so many points."""
 
@@ -56,6 +61,12 @@ class AbstractKind(abc.ABC):
     unidentified: ClassVar[str]
     transforms: ClassVar[Mapping[str, AbstractTransform]]
     own: ClassVar[tuple[tuple[str, str, frozenset[str]], ...]] = ()
+    special: ClassVar[tuple[type[AbstractKind], ...]] = ()
+    """Kinds each of whose curves is a curve of this kind, too."""
+
+    def contains(self, other: AbstractKind) -> bool:
+        """Whether every curve of another kind is one of this kind."""
+        return type(other) in self.special
 
     @abc.abstractmethod
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
@@ -81,6 +92,16 @@ class AbstractKind(abc.ABC):
         # Without contact and speed `restitution` is one formula, and compiles in half the time.
         return jnp.broadcast_to(restitution(Damped(alpha=alpha)), velocity.shape)
 
+    def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
+        """The parameters that give the same e(v) to a contact of another stiffness."""
+        return params
+
+    def outcome(
+        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
+    ) -> Any:
+        """`duration` and `max_force` of impacts: those of the law."""
+        return impact(self.law_of(params, contact, reference), contact, velocity)
+
     def estimates(
         self, fit: FitData, contact: Contact, known: frozenset[str], speed: float
     ) -> tuple[Estimate, ...]:
@@ -99,6 +120,8 @@ class AbstractKind(abc.ABC):
             e, error = delivered(fit, np.array([speed]))
             found.append(Estimate(name, float(e[0]), float(error[0]) if good else None, ""))
         own = (estimate(one, one, 1.0, unit) for one, unit, needs in self.own if known >= needs)
+        if "stiffness" in fit.names:
+            own = (estimate("stiffness", "K", 1.0, "N/m^n"),)
         return (*found, *own)
 
     def at_speed(self, speed: float) -> str:
@@ -153,6 +176,9 @@ class ConstantC(AbstractKind):
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
         return ConstantDamping(c=params["c"])
 
+    def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
+        return {**params, "c": params["c"] * other.stiffness / contact.stiffness}
+
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
         return (("c", "c/K", 1 / float(contact.stiffness), "s/m"),)
 
@@ -164,6 +190,7 @@ class PowerOfSpeed(ConstantC):
     law: str = "power_damping"
     name: str = "c as a power of v"
     transforms = MappingProxyType({"c": Positive(), "power": Free()})
+    special = (ConstantE, ConstantC)
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
         """A constant c."""
@@ -198,6 +225,9 @@ class Viscoelastic(AbstractKind):
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
         return KuwabaraKono(A=params["A"])
 
+    def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
+        return {**params, "A": params["A"] * (contact.stiffness / other.stiffness) ** 0.4}
+
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
         return (("A", "A (K/m)^(2/5)", _frequency(contact), "(m/s)^(-1/5)"),)
 
@@ -207,6 +237,70 @@ class Viscoelastic(AbstractKind):
         """e by the series of the law's form."""
         e = restitution(self.law_of(params, contact, reference), contact, velocity)
         return jnp.broadcast_to(e, velocity.shape)
+
+
+@dataclasses.dataclass(frozen=True)
+class Plastic(AbstractKind):
+    """Thornton's elastic-plastic spheres: e depends on the yield speed alone."""
+
+    law: str = "thornton_plastic"
+    name: str = "elastic-plastic"
+    unidentified = "the yield pressure, E, R and m one by one: e(v) determines only the yield speed"
+    transforms = MappingProxyType({"yield_speed": Positive()})
+
+    def serves(self, exponent: float | Array) -> bool:
+        return isinstance(exponent, float) and exponent == 1.5
+
+    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
+        """r = v_y/v from a formula that is 1 at e = 1 and near e⁴ far beyond yielding."""
+        ratio = e**4 * (1 - 0.6 * (1 - e) ** 0.3)
+        return {"yield_speed": ratio * reference}
+
+    def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
+        return ThorntonPlastic(yield_speed=params["yield_speed"])
+
+    def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
+        return (("yield_speed", "yield speed", 1.0, "m/s"),)
+
+    def restitution(
+        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        return plastic_restitution(params["yield_speed"], velocity)
+
+    def outcome(
+        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
+    ) -> Any:
+        """Those of plastic spheres: the law's force only delivers their e."""
+        return plastic_impact(params["yield_speed"], contact, velocity)
+
+
+@dataclasses.dataclass(frozen=True)
+class PowerOfLoss(AbstractKind):
+    """A loss that goes as a power of the closing speed: e = 1 - b (v/v_r)^p."""
+
+    law: str = "power_restitution"
+    name: str = "1 - b v^p"
+    unidentified = "mass, stiffness and exponent: the curve is empirical"
+    transforms = MappingProxyType({"loss": Between(0, 1), "power": Free()})
+    special = (ConstantE,)
+
+    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
+        """A constant e."""
+        return {"loss": 1 - e, "power": 0.0}
+
+    def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
+        return PowerRestitution(params["loss"], params["power"], reference)
+
+    def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
+        """b at the reference speed, and the power."""
+        return (("loss", "b", 1.0, ""), ("power", "power", 1.0, ""))
+
+    def restitution(
+        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        """The curve, held above 0, where its logarithm ends."""
+        e = PowerRestitution(params["loss"], params["power"], reference).restitution_at(velocity)
+        return jnp.maximum(e, _LEAST_E)
 
 
 def _frequency(contact: Contact) -> float:
@@ -242,7 +336,10 @@ def padded(values: np.ndarray, filling: float) -> np.ndarray:
     return np.concatenate([values, np.full(length - len(values), filling)])
 
 
-SPEED_DEPENDENT: tuple[AbstractKind, ...] = (ConstantC(), PowerOfSpeed(), Viscoelastic())
+SPEED_DEPENDENT: tuple[AbstractKind, ...] = (
+    *(ConstantC(), PowerOfSpeed(), Viscoelastic()),
+    *(Plastic(), PowerOfLoss()),
+)
 
 
 def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:

@@ -156,7 +156,8 @@ def _choice(s: CalibrationSummary, layout: Layout) -> list[str]:
         "lower is better; held out: root mean square of residual over noise, at speeds left out",
     )
     lines += ["  " + line for line in s.choice.table().splitlines()]
-    for sentence in (s.choice.verdict, line_sentence(s.choice), drag_caution(s, layout)):
+    trend = line_sentence(s.choice), drag_caution(s, layout)
+    for sentence in (s.choice.verdict, s.choice.yardstick, *trend):
         if sentence:
             lines += wrapped("", sentence)
     law = f"the law is {s.law!r}, for {s.contact!r}" if s.law else "no fit converged"
@@ -185,20 +186,14 @@ def drag_caution(s: CalibrationSummary, layout: Layout) -> str | None:
 
 
 def line_sentence(choice: ChoiceData) -> str:
-    """The trend of a straight line beside the laws, and whether it describes the data better."""
+    """The trend of a straight line beside the laws."""
     line = choice.line
     if line.slope_error is None:
         return "there is only one speed, so a trend with speed is not identifiable"
-    trend = (
+    return (
         f"a straight line (no law) has d ln e/dv = {line.slope:+.4f} ± {line.slope_error:.4f} "
         "per m/s"
     )
-    if line.aicc is None:
-        return trend
-    gain = min(c.aicc for c in choice.candidates) - line.aicc
-    if gain > 2:
-        return f"{trend}; its AICc is {gain:.1f} below the best law: no law here has that trend"
-    return f"{trend}; it is no clear gain over the best law (AICc {-gain:+.1f})"
 
 
 def _side_by_side(s: CalibrationSummary) -> list[str]:

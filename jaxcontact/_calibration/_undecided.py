@@ -40,7 +40,8 @@ def what_settles(
         return f"to tell {best} from {rivals[0]}, measure e at other speeds than {low:.3g} m/s"
     speeds = np.geomspace(low, high, _PLACES)
     distance, share = _least_distance(fits[right], fits[other], speeds)
-    noise = float(np.nanmedian(scatter(fits[right])))
+    # Of e, which is the first column.
+    noise = float(np.nanmedian(scatter(fits[right])[: len(fits[right].problem.x)]))
     between = f"to tell {best} from {rivals[0]}"
     count = math.inf if distance == 0 else math.ceil(_WANTED * (noise / distance) ** 2)
     if count > _HOPELESS:

@@ -1,11 +1,13 @@
 """Fitting any differentiable prediction to data, with uncertainty."""
 
 from ._bootstrap import Bootstrap as Bootstrap
+from ._compare import CLEAR_AICC as CLEAR_AICC
 from ._compare import Candidate as Candidate
 from ._compare import Comparison as Comparison
 from ._compare import compare_fits as compare_fits
 from ._compare import compared as compared
-from ._compare import criteria as criteria
+from ._compare import criteria_of as criteria_of
+from ._compare import has_trials as has_trials
 from ._compare import table as table
 from ._compare import undecided as undecided
 from ._data import FitData as FitData
@@ -13,6 +15,7 @@ from ._fit import fit as fit
 from ._inference import LEAST_GROUPS as LEAST_GROUPS
 from ._inference import Direction as Direction
 from ._inference import basis_of as basis_of
+from ._inference import sandwich as sandwich
 from ._interval import scatter as scatter
 from ._loss import Huber as Huber
 from ._posterior import Posterior as Posterior

@@ -5,13 +5,13 @@ from __future__ import annotations
 import dataclasses
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Bool
+from jaxtyping import ArrayLike, Bool, Float
 
 from .._parameter import rendered, require_count
 from .._text_table import text_table
@@ -133,33 +133,46 @@ def compared(
     parameters: Callable[[str], str] | None = None,
     left_out: str = "points",
     group: str = "group",
+    among: Collection[str] | None = None,
 ) -> Comparison:
     """The comparison of fits by the points that `parts` leave out.
 
     `parameters` gives those of a fit in words, for the verdict; `left_out` and `group` are what
-    the verdict calls the parts and the groups.
+    the verdict calls the parts and the groups; `among` names those that describe the data equally
+    well where the caller knows it, by default as `undecided` says.
     """
     _check(fits)
     names = sorted(fits, key=lambda name: (not fits[name].converged, criteria(fits[name])[1]))
     first = fits[names[0]]
     found = tuple(_candidate(name, fits[name], first, parts) for name in names)
-    return Comparison(found, *_verdict(found, list(fits), parameters, left_out, group))
+    equal = undecided(found)
+    if among is not None:
+        equal = [c for c in found if c.converged and c.name in among]
+    return Comparison(found, *_verdict(found, equal, list(fits), parameters, left_out, group))
 
 
 def criteria(fit: FitData) -> tuple[int, float, float]:
     """The number of identifiable parameters, AICc and BIC, as `compare_fits` defines them."""
-    n = int(np.count_nonzero(fit.problem.factor))
-    k = n - fit.dof
-    if fit.absolute:
-        deviance, counted = 2 * fit.loss, k
+    factor = np.asarray(fit.problem.factor)
+    factor = factor[factor > 0]
+    k = len(factor) - fit.dof
+    return k, *criteria_of(fit.loss, k, factor, fit.absolute)
+
+
+def criteria_of(
+    loss: float, k: int, factor: Float[np.ndarray, " n"], absolute: bool
+) -> tuple[float, float]:
+    """AICc and BIC of ½ Σ z² with k parameters; z are residuals times `factor`."""
+    n = len(factor)
+    if absolute:
+        deviance, counted = 2 * loss, k
     else:
         # Data without noise are fitted exactly; the logarithm needs a positive number. With the
         # sum of the weights' logarithms, their common scale cancels.
-        factor = np.asarray(fit.problem.factor)
-        scale = 2 * float(np.sum(np.log(factor[factor > 0])))
-        deviance, counted = n * math.log(max(2 * fit.loss / n, 1e-300)) - scale, k + 1
+        scale = 2 * float(np.sum(np.log(factor)))
+        deviance, counted = n * math.log(max(2 * loss / n, 1e-300)) - scale, k + 1
     small = 2 * counted * (counted + 1) / (n - counted - 1) if n > counted + 1 else math.inf
-    return k, deviance + 2 * counted + small, deviance + counted * math.log(n)
+    return deviance + 2 * counted + small, deviance + counted * math.log(n)
 
 
 def advantage(fit: FitData, other: FitData) -> float | None:
@@ -179,6 +192,14 @@ def advantage(fit: FitData, other: FitData) -> float | None:
     gain = np.bincount(place, weights=(other.z**2 - fit.z**2) / (2 * scale))
     spread = math.sqrt(len(gain) * float(np.var(gain, ddof=1)))
     return float(np.sum(gain)) / spread if spread > 0 else None
+
+
+def has_trials(fit: FitData) -> bool:
+    """Whether some group holds several points, whose errors may be correlated."""
+    if fit.groups is None:
+        return False
+    number = fit.groups[np.asarray(fit.problem.factor) > 0]
+    return len(np.unique(number)) < len(number)
 
 
 def _check(fits: Mapping[str, Fit]) -> None:
@@ -258,6 +279,7 @@ def undecided(found: Sequence[Candidate]) -> list[Candidate]:
 
 def _verdict(
     found: tuple[Candidate, ...],
+    equal: list[Candidate],
     order: list[str],
     parameters: Callable[[str], str] | None,
     left_out: str,
@@ -267,7 +289,7 @@ def _verdict(
     good = [c for c in found if c.converged]
     if not good:
         return None, "No fit converged."
-    first, equal = good[0], undecided(found)
+    first = good[0]
     best = min(equal, key=lambda c: (c.k, order.index(c.name)))
     values = f": {parameters(best.name)}" if parameters else ""
     if best.adequate is not False:

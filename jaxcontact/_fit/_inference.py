@@ -106,9 +106,7 @@ def infer(
     count = len(np.unique(number))
     by_group = count >= LEAST_GROUPS
     if by_group:
-        score = np.zeros((int(number.max()) + 1, k))
-        np.add.at(score, number, jacobian[used] * pull[:, None])
-        scatter = bread @ (score.T @ score) @ bread * (count / (count - 1))
+        scatter = sandwich(bread, jacobian[used] * pull[:, None], number)
     else:
         scatter = noise * inverse
     stretch = space.stretch(found.values)
@@ -117,6 +115,16 @@ def infer(
     covariance[:, lost] = np.nan
     ran = tuple(name for name, there in zip(space.names, at_bound, strict=True) if there)
     return Inference(covariance, tuple(directions), ran, dof, noise, by_group)
+
+
+def sandwich(
+    bread: Float[np.ndarray, "k k"], scores: Float[np.ndarray, "n k"], number: np.ndarray
+) -> Float[np.ndarray, "k k"]:
+    """The covariance by the scores of points in groups, each of which has a `number` (n,)."""
+    summed = np.zeros((int(number.max()) + 1, scores.shape[1]))
+    np.add.at(summed, number, scores)
+    count = len(np.unique(number))
+    return bread @ (summed.T @ summed) @ bread * (count / (count - 1))
 
 
 def basis_of(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n rank"]:

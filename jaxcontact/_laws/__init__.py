@@ -34,4 +34,7 @@ from ._registry import get_law as get_law
 from ._registry import list_laws as list_laws
 from ._registry import parameters_of as parameters_of
 from ._registry import register_law as register_law
+from ._restitution_of_speed import PowerRestitution as PowerRestitution
+from ._restitution_of_speed import ThorntonPlastic as ThorntonPlastic
+from ._restitution_of_speed import plastic_restitution as plastic_restitution
 from ._viscoelastic import KuwabaraKono as KuwabaraKono

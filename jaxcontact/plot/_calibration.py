@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # Okabe & Ito: told apart by readers with any colour vision; the style tells them apart in grey.
-_CURVES = (("#D55E00", "-"), ("#009E73", "-."), ("#E69F00", ":"), ("#0072B2", "--"))
+_CURVES = (
+    *(("#D55E00", "-"), ("#009E73", "-."), ("#E69F00", ":"), ("#0072B2", "--")),
+    *(("#56B4E9", (0, (5, 1, 1, 1, 1, 1))), ("#000000", (0, (8, 3)))),
+)
 _KEPT, _MARKED = "#555555", "#CC79A7"
 _ROOM = 0.35
 _FINE = 200
@@ -38,7 +41,7 @@ def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
     speeds = np.linspace(v[~flagged].min(), v[~flagged].max(), _FINE)
     for (colour, style), law in zip(_CURVES, result.choice.laws, strict=False):
         curve, error = result.choice.curve(law.kind, speeds)
-        ax.plot(speeds, curve, style, color=colour, lw=1.8, label=law.kind)
+        ax.plot(speeds, curve, ls=style, color=colour, lw=1.8, label=law.kind)
         if law.identifiable:
             low_end, high_end = curve - 2 * error, curve + 2 * error
             ax.fill_between(speeds, low_end, high_end, color=colour, alpha=0.22, lw=0)

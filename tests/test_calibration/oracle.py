@@ -81,3 +81,44 @@ def flown(launch: float, gravity: float, b: float) -> tuple[float, float, float]
         events=(top, floor),
     )
     return run.y_events[0][0][0], run.t_events[1][0], -run.y_events[1][0][1]
+
+
+def elastic_plastic(yield_speed: float) -> Callable[[float], float]:
+    """e(v) of Thornton's force over indentation."""
+    return lambda v: plastic(yield_speed)(v)[0]
+
+
+def plastic(yield_speed: float, mass: float = 1.0, stiffness: float = 1.0):
+    """e, contact time and peak force of Thornton's force over indentation, by integration."""
+    at_yield = (1.25 * mass * yield_speed**2 / stiffness) ** 0.4
+    force = stiffness * at_yield**1.5
+
+    def loading(d: float) -> float:
+        if d < at_yield:
+            return stiffness * max(d, 0.0) ** 1.5
+        return force + 1.5 * stiffness * np.sqrt(at_yield) * (d - at_yield)
+
+    def ended(pull, state, end, span):
+        end.terminal, end.direction = True, -1
+        motion = lambda t, s: [s[1], -pull(s[0]) / mass]  # noqa: E731
+        return solve_ivp(
+            motion, (0, span), state, events=end, rtol=1e-11, atol=1e-13, max_step=span / 50
+        )
+
+    def law(v: float) -> tuple[float, float, float]:
+        span = 5 * (1.25 * mass * v**2 / stiffness) ** 0.4 / v + 5 * at_yield / yield_speed
+        down = ended(loading, [0.0, v], lambda t, s: s[1], span)
+        depth = float(down.y[0, -1])
+        largest = loading(depth)
+        # R* F_max = R F_e.
+        stiffer = stiffness * np.sqrt(stiffness * depth**1.5 / largest)
+        flat = depth - (largest / stiffer) ** (2 / 3)
+        up = ended(
+            lambda d: stiffer * max(d - flat, 0.0) ** 1.5,
+            [depth, 0.0],
+            lambda t, s: s[0] - flat if t > 0 else 1.0,
+            span,
+        )
+        return -float(up.y[1, -1]) / v, float(down.t[-1] + up.t[-1]), largest
+
+    return law

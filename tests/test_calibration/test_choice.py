@@ -136,7 +136,7 @@ def test_it_prints_the_equivalent_e_of_all_laws_where_a_constant_e_is_used(choic
 
 def test_kuwabara_and_kono_only_at_their_exponent():
     found = jc.choose_law(SPEED, truth("constant e") + SCATTER, jc.Contact(0.03, 1e6, 2.0))
-    assert set(found.fits) == {"constant e", "constant c", "c as a power of v"}
+    assert set(found.fits) == {"constant e", "constant c", "c as a power of v", "1 - b v^p"}
 
 
 def test_single_precision_is_no_hindrance(choices):
@@ -158,7 +158,9 @@ def test_bad_columns_are_named():
 def test_the_picture_has_the_data_and_a_curve_for_each_kind(choices):
     ax = jc.plot.choice(choices["Kuwabara-Kono"])
     lines = ax.get_lines()
-    assert len(lines) == 1 + 4
+    assert len(lines) == 1 + 6 + 1
+    assert lines[-1].get_label() == "free curve, no law"
+    assert np.allclose(lines[-1].get_ydata(), choices["Kuwabara-Kono"].free(lines[-1].get_xdata()))
     assert np.allclose(lines[0].get_ydata(), truth("Kuwabara-Kono") + SCATTER)
     drawn = lines[1]
     assert drawn.get_label().startswith("Kuwabara-Kono (ΔAICc") or "power" in drawn.get_label()
@@ -227,7 +229,7 @@ def test_what_would_settle_it_is_said_where_the_choice_is_open(choices):
 
 
 def test_nothing_is_said_where_the_choice_is_clear():
-    law = jc.PowerDamping(c=5e4, power=-0.6, reference=2.0)
+    law = jc.PowerDamping(c=4e5, power=-0.6, reference=2.0)
     clear = jc.choose_law(SPEED, np.asarray(jc.restitution(law, CONTACT, SPEED)) + SCATTER, CONTACT)
     assert clear.best == "c as a power of v"
     assert clear.next_measurement == "" and "do not distinguish" not in clear.verdict

@@ -7,6 +7,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._calibration._kinds import ConstantC, LogRestitution, kinds_of
+from jaxcontact._calibration._plastic import plastic_impact
 from tests.test_calibration import oracle
 
 ORACLE = 1e-7
@@ -17,6 +18,7 @@ SLOPE = 1e-6
 
 SPEEDS = np.geomspace(0.05, 5.0, 40)
 UNIT = jc.Contact(1.0, 1.0)
+ANY_EXPONENT = ["exact", "constant_damping", "power_damping", "power_restitution"]
 KINDS = {kind.law: kind for kind in kinds_of("all", 1.5)}
 
 
@@ -30,6 +32,7 @@ def curve(kind, **params):
         ("kuwabara_kono", "kuwabara_kono", {"A": 0.07}),
         ("constant_damping", "constant_damping", {"c": 0.08}),
         ("power_damping", "constant_damping", {"c": 0.08, "power": 0.0}),
+        ("thornton_plastic", "elastic_plastic", {"yield_speed": 0.3}),
     ],
 )
 def test_curves_are_those_of_the_law(law, oracle_name, params):
@@ -60,6 +63,59 @@ def test_slope_and_start(kind):
     np.testing.assert_allclose(slope, (high - low) / 2e-5, rtol=SLOPE, atol=1e-9)
     # The start is made from approximations; it only has to be near.
     assert abs(float(np.interp(1.5, SPEEDS, e)) - 0.88) < 0.02
+
+
+def test_a_kind_contains_another_where_it_has_its_curves():
+    pairs = {
+        (wide.law, narrow.law)
+        for wide in KINDS.values()
+        for narrow in KINDS.values()
+        if wide.contains(narrow)
+    }
+    assert pairs == {
+        ("power_damping", "exact"),
+        ("power_damping", "constant_damping"),
+        ("power_restitution", "exact"),
+    }
+    e = curve(KINDS["exact"], e=0.7)
+    alpha = float(jc.exact_damping_factor(0.7))
+    c = {"c": alpha / 1.5, "power": -1.0}
+    np.testing.assert_allclose(curve(KINDS["power_damping"], **c), e, rtol=1e-12)
+    np.testing.assert_allclose(curve(KINDS["power_restitution"], loss=0.3, power=0.0), e)
+
+
+def test_a_loss_of_more_than_all_is_held_above_zero():
+    e = curve(KINDS["power_restitution"], loss=0.9, power=1.0)
+    assert e[-1] == pytest.approx(1e-6) and e[0] == pytest.approx(1 - 0.9 * SPEEDS[0] / 1.5)
+
+
+@pytest.mark.parametrize("speed", [0.2, 0.301, 0.5, 4.0])
+def test_times_and_forces_of_plastic_spheres(speed):
+    contact = jc.Contact(0.01, 1e6)
+    e, duration, force = oracle.plastic(0.3, 0.01, 1e6)(speed)
+    v = jnp.asarray([speed])
+    found = plastic_impact(jnp.asarray(0.3), contact, v)
+    assert KINDS["thornton_plastic"].restitution({"yield_speed": 0.3}, contact, 1.0, v) == (
+        pytest.approx(e, rel=ORACLE)
+    )
+    assert found.duration[0] == pytest.approx(duration, rel=ORACLE)
+    assert found.max_force[0] == pytest.approx(force, rel=ORACLE)
+
+
+def test_a_stiffness_moves_the_law_and_leaves_its_curve():
+    """What a fit of contact times and forces relies on."""
+    hard, speeds = jc.Contact(1.0, 7.0), jnp.asarray([0.2, 1.0, 3.0])
+    for kind in KINDS.values():
+        start = kind.start(0.7, UNIT, 1.5)
+        law = kind.law_of(kind.moved(start, UNIT, hard), hard, 1.5)
+        if kind.law != "kuwabara_kono":  # whose own combination is tested below
+            np.testing.assert_allclose(
+                jc.restitution(law, hard, speeds),
+                kind.restitution(start, UNIT, 1.5, speeds),
+                rtol=1e-12,
+            )
+        else:
+            assert pytest.approx(start["A"]) == law.A * 7**0.4
 
 
 def of_any_contact(seed, number):
@@ -103,8 +159,9 @@ def test_kinds_to_compare():
         return [kind.law for kind in kinds_of(*arguments)]
 
     everything = ["constant_damping", "power_damping", "kuwabara_kono"]
+    everything += ["thornton_plastic", "power_restitution"]
     assert laws("all", 1.5) == ["exact", *everything]
-    assert laws("all", 2.0) == laws("all", jnp.asarray(1.5)) == ["exact", *everything[:2]]
+    assert laws("all", 2.0) == laws("all", jnp.asarray(1.5)) == ANY_EXPONENT
     for law in everything:
         assert laws(law, 1.5) == ["exact", law]
     assert laws("hu_guo", 1.5) == ["hu_guo", *everything]

@@ -54,6 +54,8 @@ def test_every_law_with_e_delivers_something(rows):
                 "energy_loss",
                 "kuwabara_kono",
                 "power_damping",
+                "thornton_plastic",
+                "power_restitution",
             }
         else:
             assert all(e is not None and 0 <= e <= 1 for e in row["delivers"].values())

@@ -48,8 +48,9 @@ def _choice():
     there = {
         "fits": {"constant e": a_fit()},
         "laws": (),
-        "kinds": (types.SimpleNamespace(name="constant e", law_of=reached),),
+        "kinds": (types.SimpleNamespace(name="constant e", law_of=reached, moved=reached),),
         "best": "constant e",
+        "contact": CONTACT,
         "reference": 1.0,
     }
     return jc.LawChoice(**empty | there)
@@ -197,9 +198,24 @@ def cases() -> dict[str, Case]:
                 "weights": POSITIVE | NONE,
                 "groups": NONE,
                 "mark_outliers": SWITCH,
+                "duration": NONE,
+                "max_force": NONE,
+                "sigma_duration": NONE,
+                "sigma_max_force": NONE,
             },
         ),
+        "choose_law, contact times": Case(
+            jc.choose_law,
+            HOW | {"duration": OUT, "max_force": OUT},
+            {"duration": NONE, "max_force": NONE},
+        ),
+        "choose_law, contact times with known noise": Case(
+            jc.choose_law,
+            HOW | {"duration": OUT, "sigma": 0.1, "sigma_duration": 0.1},
+            {"sigma": POSITIVE, "sigma_duration": POSITIVE},
+        ),
         "LawChoice.law": Case(_choice().law, {}, {"kind": NONE}),
+        "LawChoice.contact_of": Case(_choice().contact_of, {}, {"kind": NONE}),
         "LawChoice.law_fit": Case(_choice().law_fit, {}, {"kind": NOTHING}),
         "LawChoice.curve": Case(
             _choice().curve,

@@ -170,9 +170,28 @@ def cases() -> dict[str, Case]:
                     jc.PowerDamping(c=1.0, power=1.0, reference=1.0),
                     {"contact": CONTACTS, "velocity": REALS},
                 ),
+                (
+                    "ThorntonPlastic",
+                    jc.ThorntonPlastic(yield_speed=0.1),
+                    {"velocity": REALS},
+                ),
+                (
+                    "PowerRestitution",
+                    jc.PowerRestitution(loss=0.1, power=0.2, reference=1.0),
+                    {"velocity": REALS},
+                ),
                 ("MarhefkaOrin", jc.MarhefkaOrin(a=1.0), {"velocity": REALS}),
                 ("EnergyLoss", jc.EnergyLoss(e=0.5, beta=2.5), {"contact": CONTACTS | NONE}),
             ]
+        },
+        **{
+            f"{type(law).__name__}.restitution_at": Case(
+                law.restitution_at, {"velocity": 1.0}, {"velocity": REALS}, staged=True
+            )
+            for law in (
+                jc.ThorntonPlastic(yield_speed=0.1),
+                jc.PowerRestitution(loss=0.1, power=0.2, reference=1.0),
+            )
         },
         "get_law": Case(jc.get_law, {"name": "hertz"}, {"name": NOTHING}),
         "register_law": Case(

@@ -94,6 +94,18 @@ def jankowski(e):
     return 9 * mp.sqrt(5) / 2 * (1 - e**2) / (e * (e * (9 * mp.pi - 16) + 16))
 
 
+def plastic_alpha(yields, v):
+    """Thornton's e by the energy of his force over the indentation, in units of that at yield."""
+    if v <= yields:
+        return mp.mpf(0)
+    # Hertz's force to x = 1 and its tangent beyond; unloading as Hertz with a larger radius.
+    square = (v / yields) ** 2
+    x = 1 + (mp.sqrt(of("25/4") + of("15/2") * (square - 1)) - of("5/2")) / of("15/4")
+    force, elastic = 1 + of("3/2") * (x - 1), mp.power(x, "1.5")
+    back = force * mp.power(force / mp.sqrt(elastic / force), of("2/3"))
+    return exact_alpha(mp.sqrt(back / square))
+
+
 @dataclasses.dataclass(frozen=True)
 class Law:
     """What a test needs to know of a law.
@@ -209,6 +221,18 @@ LAWS = {
     "tsuji": Law(jc.Tsuji, damping=root_quarter(tsuji), pulls=True, from_zero=True),
     "thornton": Law(jc.Thornton, damping=thornton_term),
     "jankowski": Law(jc.Jankowski, damping=jankowski_term),
+    "thornton_plastic": Law(
+        jc.ThorntonPlastic,
+        ((0.02,), (1e-3,), (1e3,)),
+        alpha=lambda yields, K, v: plastic_alpha(yields, v),
+        names=("yield_speed",),
+    ),
+    "power_restitution": Law(
+        jc.PowerRestitution,
+        ((0.1, 0.25, 1.5), (0.5, 0.1, 5.0), (0.0, 0.0, 1.0)),
+        alpha=lambda b, p, reference, K, v: exact_alpha(1 - b * (v / reference) ** p),
+        names=("loss", "power", "reference"),
+    ),
     "kuwabara_kono": Law(
         jc.KuwabaraKono,
         ((2e-4,), (5e-3,), (0.0,)),

@@ -19,7 +19,7 @@ def bad_numbers(name, argument):
     if argument == "e":
         zero = () if LAWS[name].from_zero else (0.0,)
         return r"\[0, 1\]" if LAWS[name].from_zero else r"\(0, 1\]", (-0.1, 1.1, *zero)
-    if argument in ("beta", "reference"):
+    if argument in ("beta", "reference", "yield_speed"):
         return r"\(0, inf\)", (0.0, -1.0)
     if argument == "power":
         return r"\(-inf, inf\)", ()
@@ -57,6 +57,7 @@ def test_arrays_out_of_range_pass(name, argument):
     if name == "kuwabara_kono":  # it has no formula; its lanes are those of `impact`
         return
     needs = name in ("constant_damping", "power_damping", "marhefka_orin", "energy_loss")
+    needs |= name in ("thornton_plastic", "power_restitution")
     found = jc.restitution(made, *((jc.Contact(mass=1.0, stiffness=1e8), 1.0) if needs else ()))
     np.testing.assert_array_equal(np.isnan(found), [True] * (len(numbers) + 1) + [False])
     assert 0 < found[-1] < 1

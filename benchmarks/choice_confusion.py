@@ -1,0 +1,289 @@
+"""How often `choose_law` is sure of a wrong law: `python benchmarks/choice_confusion.py`.
+
+Tables of e over the closing speed are simulated from ten true laws, of which three are none that
+the choice knows, at 6 to 200 points, with noise of constant size, in proportion to e, and shared by
+the points of a trial, where e is near 1 and near 0. Each is a call of `jc.choose_law`, as a user
+makes it. Counted is what it is sure of:
+
+- right, if that law is the truth or contains it;
+- wrong, if not; for a truth that no law contains, if the curve of the law leaves it somewhere
+  between the slowest and the fastest speed by more than 2 of its standard errors.
+
+A table is clear where the best law that does not contain the truth misses it by
+
+    λ = Σ (misfit left after the best fit / σ)² ≥ 40.
+
+Every table is counted in benchmarks/choice_confusion.json when it is done, and a run goes on where
+the last one was stopped; `--fresh` starts over. `--tables` sets the number of tables in a cell,
+`--only` runs the cells whose name contains a text, `--into` another folder. `python
+benchmarks/fit_adequacy.py --page` writes docs/trust.md from the result.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import sys
+import time
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+# From another folder, too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import jaxcontact as jc
+
+HERE = Path(__file__).parent
+RESULT = HERE / "choice_confusion.json"
+SEED = 1
+SIZES = 6, 12, 25, 60, 200
+NOISES = "constant", "proportional", "by trial"
+LEVELS = {"near 1": (0.85, 0.97), "near 0": (0.12, 0.35)}
+"""Of e at the middle speed."""
+RATIO = 4.0, 20.0
+"""Of the fastest to the slowest speed."""
+SCATTER = 0.002, 0.03
+"""Of e, relative; where it is constant, of e at the middle speed."""
+RANGE = 0.06, 1.0
+"""Of the true e at all speeds."""
+NOISIEST = 0.15
+"""Of e, where the size is constant."""
+SHARED = 0.5
+"""Of the variance, by all points of a trial."""
+CLEAR = 40.0
+LEFT = 2.0
+"""Standard errors from which a curve has left a truth that no law contains."""
+CONTACT = jc.Contact(mass=0.01, stiffness=1e6)
+
+Curve = Callable[[np.ndarray], np.ndarray]
+
+
+class Truth(NamedTuple):
+    """A true law: e(v) of speeds over the middle one and of e there, from random numbers; the kind
+    of law that it is; and the kinds that contain it.
+    """
+
+    make: Callable[[np.random.Generator, float], Curve]
+    kind: str | None = None
+    within: tuple[str, ...] = ()
+
+
+def damped(power: float, e: float) -> Curve:
+    """α goes as v^(1 + power)."""
+    alpha = float(jc.exact_damping_factor(e))
+    return lambda v: np.asarray(jc.restitution(jc.Damped(alpha=alpha * v ** (1 + power))))
+
+
+def viscous(e: float) -> Curve:
+    from jaxcontact._calibration._viscous import viscous_restitution
+
+    place = np.linspace(0, 2, 2001)
+    curve = np.asarray(viscous_restitution(place))
+    strength = float(np.interp(-e, -curve, place))
+    return lambda v: np.interp(strength * v**0.2, place, curve)
+
+
+def plastic(e: float) -> Curve:
+    ratio = np.geomspace(1e-6, 1, 4001)
+    curve = 1 / ratio
+    law = jc.ThorntonPlastic(yield_speed=1.0)
+    yields = float(np.interp(e, np.asarray(law.restitution_at(curve)), ratio))
+    return lambda v: np.asarray(jc.ThorntonPlastic(yield_speed=yields).restitution_at(v))
+
+
+def both(random: np.random.Generator, e: float) -> Curve:
+    """Viscous and plastic losses, one after the other."""
+    share = random.uniform(0.3, 0.7)
+    one, other = viscous(e**share), plastic(e ** (1 - share))
+    return lambda v: one(v) * other(v)
+
+
+def wet(random: np.random.Generator, e: float) -> Curve:
+    """A film of liquid: e = e_dry (1 - v_c/v), Davis et al. 1986, doi 10.1017/S0022112086002392."""
+    critical = random.uniform(0.05, 0.3)
+    return lambda v: e * (1 - critical / v) / (1 - critical)
+
+
+def adhesive(random: np.random.Generator, e: float) -> Curve:
+    """Sticking spheres: e = e_∞ √(1 - (v_s/v)²), Thornton & Ning 1998, doi
+    10.1016/S0032-5910(98)00099-0.
+    """
+    sticks = random.uniform(0.1, 0.5)
+    return lambda v: e * np.sqrt((1 - (sticks / v) ** 2).clip(0) / (1 - sticks**2))
+
+
+def power_of_loss(random: np.random.Generator, e: float) -> Curve:
+    power = random.uniform(0.3, 0.8)
+    return lambda v: 1 - (1 - e) * v**power
+
+
+TRUTHS = {
+    "constant e": Truth(
+        lambda random, e: lambda v: np.full_like(v, e),
+        "constant e",
+        ("c as a power of v", "1 - b v^p"),
+    ),
+    "constant c": Truth(lambda random, e: damped(0.0, e), "constant c", ("c as a power of v",)),
+    "c falls": Truth(lambda random, e: damped(random.uniform(-0.6, -0.3), e), "c as a power of v"),
+    "c rises": Truth(lambda random, e: damped(random.uniform(0.3, 0.7), e), "c as a power of v"),
+    "Kuwabara-Kono": Truth(lambda random, e: viscous(e), "Kuwabara-Kono"),
+    "elastic-plastic": Truth(lambda random, e: plastic(e), "elastic-plastic"),
+    "1 - b v^p": Truth(power_of_loss, "1 - b v^p"),
+    "viscous and plastic": Truth(both),
+    "wet": Truth(wet),
+    "adhesive": Truth(adhesive),
+}
+
+
+class Table(NamedTuple):
+    """A simulated table: speeds, e, the noise of each point, trials (or None) and the true e(v)."""
+
+    velocity: np.ndarray
+    e: np.ndarray
+    sigma: np.ndarray
+    trials: np.ndarray | None
+    curve: Curve
+
+    @property
+    def clean(self) -> np.ndarray:
+        return self.curve(self.velocity)
+
+
+def simulated(random: np.random.Generator, truth: Truth, n: int, noise: str, level: str) -> Table:
+    """A table whose true e stays in its range."""
+    while True:
+        middle = float(np.exp(random.uniform(*np.log([0.3, 3]))))
+        ratio = np.exp(random.uniform(*np.log(RATIO)))
+        scatter = np.exp(random.uniform(*np.log(SCATTER)))
+        v = np.geomspace(ratio**-0.5, ratio**0.5, n)
+        level_e = random.uniform(*LEVELS[level])
+        made = truth.make(random, level_e)
+        clean = made(v)
+        if not (RANGE[0] <= clean.min() and clean.max() <= RANGE[1]):
+            continue
+        sigma = scatter * (level_e if noise == "constant" else clean) * np.ones(n)
+        if (sigma / clean).max() > NOISIEST:
+            continue
+        trials, size = None, random.normal(size=n)
+        if noise == "by trial":
+            # Each trial goes through all speeds.
+            trials = np.arange(n) % max(n // 8, min(n // 2, 12))
+            shared = random.normal(size=n)[trials]
+            size = np.sqrt(SHARED) * shared + np.sqrt(1 - SHARED) * size
+        e = clean + sigma * size
+        if e.min() > 0 and e.max() <= 1.2:
+            return Table(middle * v, e, sigma, trials, scaled(made, middle))
+
+
+def scaled(curve: Curve, middle: float) -> Curve:
+    """A curve of speeds in m/s."""
+    return lambda v: curve(np.asarray(v) / middle)
+
+
+def distance(table: Table, truth: Truth) -> float:
+    """λ of the best law that does not contain the truth."""
+    clean = jc.choose_law(
+        table.velocity, table.clean, CONTACT, sigma=table.sigma, mark_outliers=False
+    )
+    own = {truth.kind, *truth.within}
+    return min(2 * fit.loss for kind, fit in clean.fits.items() if kind not in own)
+
+
+def left(choice: jc.LawChoice, kind: str, table: Table) -> bool:
+    """Whether the curve of a law leaves the truth."""
+    v = np.geomspace(table.velocity[0], table.velocity[-1], 50)
+    curve, error = choice.curve(kind, v)
+    return bool(np.any(np.abs(curve - table.curve(v)) > LEFT * error))
+
+
+def judged(table: Table, truth: Truth) -> dict[str, Any]:
+    """What the choice is sure of, whether that is wrong, and whether the table is clear."""
+    choice = jc.choose_law(table.velocity, table.e, CONTACT, groups=table.trials)
+    kind = choice.best if choice.sure else None
+    clear, wrong = False, False
+    if truth.kind is not None:
+        clear = distance(table, truth) >= CLEAR
+        wrong = kind not in (None, truth.kind, *truth.within)
+    elif kind is not None:
+        wrong = left(choice, kind, table)
+    return {"sure": kind, "wrong": wrong, "clear": clear}
+
+
+def cells() -> Iterator[tuple[str, tuple[str, int, str, str]]]:
+    for what in itertools.product(TRUTHS, SIZES, NOISES, LEVELS):
+        truth, n, noise, level = what
+        yield f"{truth}, {n} points, noise {noise}, e {level}", what
+
+
+def more(cell: dict[str, Any], name: str, what: tuple[str, int, str, str], tables: int) -> None:
+    """Bring the counts of a cell to so many tables, each of which has a seed of its own."""
+    truth, n, noise, level = TRUTHS[what[0]], *what[1:]
+    for i in range(cell["tables"], tables):
+        random = np.random.default_rng([SEED, zlib.crc32(name.encode()), i])
+        one = judged(simulated(random, truth, n, noise, level), truth)
+        right = one["sure"] is not None and not one["wrong"]
+        cell["tables"] += 1
+        cell["wrong"] += one["wrong"]
+        cell["clear"] += one["clear"]
+        cell["clear and right"] += one["clear"] and right
+        if one["sure"] is not None:
+            cell["sure"][one["sure"]] = cell["sure"].get(one["sure"], 0) + 1
+
+
+NOTHING = {"tables": 0, "wrong": 0, "clear": 0, "clear and right": 0}
+
+
+def main(given: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--tables", type=int, default=8, help="in each of the cells")
+    parser.add_argument("--only", default="")
+    parser.add_argument("--fresh", action="store_true")
+    parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
+    arguments = parser.parse_args(given)
+    path = arguments.into / RESULT.name
+    result: dict[str, Any] = {"seed": SEED, "cells": {}}
+    if path.exists() and not arguments.fresh:
+        result = json.loads(path.read_text())
+    arguments.into.mkdir(parents=True, exist_ok=True)
+    chosen = [one for one in cells() if arguments.only in one[0]]
+    begun = time.perf_counter()
+    # A table of every cell, then another: a run that is stopped has touched them all.
+    for tables in range(1, arguments.tables + 1):
+        for name, what in chosen:
+            cell = result["cells"].setdefault(name, NOTHING | {"sure": {}})
+            with jax.enable_x64(True):
+                more(cell, name, what, tables)
+            path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+        print(f"{tables} tables a cell, {time.perf_counter() - begun:.0f} s", flush=True)
+    print(json.dumps(shares(result), indent=1, ensure_ascii=False))
+
+
+def shares(result: dict[str, Any]) -> dict[str, dict[str, float]]:
+    """Of all tables, and of those of each truth, size, noise and level: sums of the counts."""
+    found: dict[str, Counter] = {}
+    for name, cell in result["cells"].items():
+        truth, n, noise, level = name.split(", ")
+        for part in ("all", truth, n, noise, level):
+            sums = found.setdefault(part, Counter())
+            sums.update({key: cell[key] for key in ("tables", "wrong", "clear", "clear and right")})
+            sums["sure"] += sum(cell["sure"].values())
+    return {part: dict(sums) for part, sums in found.items()}
+
+
+def confusion(result: dict[str, Any]) -> dict[str, Counter]:
+    """For each truth, the laws that the choice was sure of."""
+    found: dict[str, Counter] = {truth: Counter() for truth in TRUTHS}
+    for name, cell in result["cells"].items():
+        found[name.split(", ")[0]].update(cell["sure"])
+    return found
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,152 @@
+"""When a choice is sure of a law, by hand and by the study in a form that takes seconds."""
+
+import json
+from collections import Counter
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import jaxcontact as jc
+from benchmarks import choice_confusion
+from jaxcontact._calibration._sure import excess_p, standing_of
+
+CONTACT = jc.Contact(mass=0.03, stiffness=1e6)
+SPEED = np.geomspace(0.3, 4.0, 25)
+SCATTER = 0.01 * np.random.default_rng(2).normal(size=SPEED.size)
+PLASTIC = np.asarray(jc.ThorntonPlastic(yield_speed=0.1).restitution_at(SPEED))
+
+
+@pytest.fixture(scope="module")
+def plastic():
+    return jc.choose_law(SPEED, PLASTIC * (1 + SCATTER), CONTACT)
+
+
+def test_a_law_of_which_the_data_leave_no_doubt(plastic):
+    assert plastic.best == "elastic-plastic" and plastic.sure
+    assert "This is sure: every other law is excluded (p < 0.01 each)." in plastic.verdict
+    law = plastic.law()
+    assert isinstance(law, jc.ThorntonPlastic)
+    assert law.yield_speed == pytest.approx(0.1, rel=0.1)
+    # By hand: F of the larger sum of squares, with one direction more than the law has.
+    own = plastic.fits["elastic-plastic"]
+    for kind, other in plastic.fits.items():
+        if other is own:
+            continue
+        ratio = (other.loss - own.loss) / (own.loss / own.dof)
+        assert excess_p(own, other, 1) == pytest.approx(stats.f.sf(ratio, 1, own.dof))
+        assert stats.f.sf(ratio, 1, own.dof) < 0.01, kind
+
+
+def test_a_known_noise_makes_it_a_chi_square():
+    found = jc.choose_law(SPEED, PLASTIC * (1 + SCATTER), CONTACT, sigma=0.01 * PLASTIC)
+    own, other = (found.fits[kind] for kind in ("elastic-plastic", "1 - b v^p"))
+    gain = 2 * (other.loss - own.loss)
+    assert excess_p(own, other, 2) == pytest.approx(stats.chi2.sf(gain, 2))
+    assert excess_p(other, own, 2) == 1
+    assert found.sure
+
+
+def test_what_keeps_it_open_is_said():
+    """Near e = 1 all laws whose loss is a power of the speed are the same."""
+    noisy = jc.choose_law(SPEED, 1 - 0.05 * SPEED**0.2 + 0.5 * SCATTER, CONTACT)
+    assert not noisy.sure
+    kinds = {kind.name: kind for kind in noisy.kinds}
+    standing = standing_of(noisy.fits, noisy.kinds, noisy.best)
+    assert set(standing.rivals) >= {"Kuwabara-Kono", "1 - b v^p"} - {noisy.best}
+    assert all(name in noisy.verdict for name in standing.rivals)
+    assert standing.containing == {
+        name for name, kind in kinds.items() if kind.contains(kinds[noisy.best])
+    }
+
+
+def test_an_inadequate_law_is_never_sure():
+    wave = 0.8 + 0.05 * np.sin(4 * np.log(SPEED))
+    wavy = jc.choose_law(SPEED, wave + 0.1 * SCATTER, CONTACT)
+    assert not wavy.sure and "does not describe the data" in wavy.verdict
+    assert "a better law is possible" in wavy.yardstick
+    np.testing.assert_allclose(wavy.free(SPEED), wave, atol=0.01)
+
+
+def test_few_trials_leave_it_open(plastic):
+    """Whether a law describes the data cannot be told from fewer than eight of them."""
+    trials = np.arange(SPEED.size) % 5
+    few = jc.choose_law(SPEED, PLASTIC * (1 + SCATTER), CONTACT, groups=trials)
+    assert not few.sure and few.best == plastic.best
+    clear = PLASTIC * (1 + 0.3 * SCATTER)
+    assert jc.choose_law(SPEED, clear, CONTACT, groups=np.arange(25) % 12).sure
+
+
+def test_laws_that_were_not_fitted_are_not_excluded():
+    """Four points are too few for two parameters."""
+    v = np.array([0.3, 0.8, 2.0, 5.0])
+    e = np.asarray(jc.restitution(jc.ConstantDamping(c=1e6), CONTACT, v))
+    found = jc.choose_law(v, e * np.array([1.001, 0.999, 1.0, 1.001]), CONTACT)
+    assert len(found.fits) == 4 and not found.sure
+
+
+def test_contact_times_and_forces_take_part():
+    """They determine the stiffness, and e(v) is that of e alone."""
+    true, start = jc.Contact(0.01, 1e6), jc.Contact(0.01, 3e6)
+    hit = jc.impact(jc.ConstantDamping(c=3e5), true, SPEED)
+    noise = np.random.default_rng(3).normal(size=(3, SPEED.size))
+    e, duration, force = (
+        np.asarray(x) * np.exp(size * one)
+        for x, size, one in zip(
+            (hit.restitution, hit.duration, hit.max_force), (0.01, 0.02, 0.03), noise, strict=True
+        )
+    )
+    force = np.where(SPEED > 1, force, np.nan)
+    found = jc.choose_law(
+        SPEED, e, start, law="constant_damping", duration=duration, max_force=force
+    )
+    fit, contact = found.fits["constant c"], found.contact_of()
+    assert found.best == "constant c" and found.sure and found.count == SPEED.size
+    assert fit.dof == 2 * SPEED.size + np.isfinite(force).sum() - 2
+    assert abs(float(contact.stiffness) - 1e6) < 4 * fit.standard_errors["stiffness"] < 1e5
+    assert found.law().c == pytest.approx(3e5, rel=0.05)
+    # The law and its contact deliver the fitted curve.
+    want, _ = found.curve("constant c", SPEED)
+    np.testing.assert_allclose(jc.restitution(found.law(), contact, SPEED), want, rtol=1e-10)
+    assert found.laws[1].estimates[-1].name == "K"
+    assert found.free.aicc is None and found.yardstick == ""
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"sigma_duration": 0.1}, "`sigma_duration` must be None without `duration`"),
+        ({"duration": SPEED, "sigma": 0.1}, "`sigma_duration` is None"),
+        ({"duration": SPEED, "sigma_duration": 0.1}, "`sigma` is None"),
+        ({"max_force": SPEED, "weights": 1.0}, "`weights` must be None with `max_force`"),
+        ({"max_force": -SPEED}, "`max_force` must be in"),
+    ],
+)
+def test_columns_that_do_not_go_together_are_refused(given, words):
+    with pytest.raises(ValueError, match=words):
+        jc.choose_law(SPEED, PLASTIC, CONTACT, **given)
+
+
+def test_the_study_in_seconds(tmp_path):
+    for truth in ("constant c", "c rises", "elastic-plastic", "wet"):
+        name = f"{truth}, 25 points, noise proportional"
+        choice_confusion.main(["--tables", "2", "--only", name, "--into", str(tmp_path)])
+    result = json.loads((tmp_path / "choice_confusion.json").read_text())
+    sums = choice_confusion.shares(result)["all"]
+    assert sums["tables"] == 16 and sums["clear"] >= 5
+    # Two standard deviations beyond 2 % and 80 %.
+    assert sums["wrong"] <= 1
+    assert sums["clear and right"] >= 0.5 * sums["clear"]
+    # What is done is not done again.
+    choice_confusion.main(
+        ["--tables", "2", "--only", "wet, 25 points, noise prop", "--into", str(tmp_path)]
+    )
+    assert json.loads((tmp_path / "choice_confusion.json").read_text()) == result
+
+
+def test_the_committed_study_has_all_cells():
+    result = json.loads(choice_confusion.RESULT.read_text())
+    assert set(result["cells"]) == {name for name, _ in choice_confusion.cells()}
+    assert len(choice_confusion.TRUTHS) == 10
+    counts = Counter(truth.kind is None for truth in choice_confusion.TRUTHS.values())
+    assert counts[True] == 3
