@@ -26,7 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
-from benchmarks.fit_truths import bounces, records, trials
+from benchmarks.fit_truths import bounces, drops, records, trials
 from jaxcontact._fit._profile import held_at, quantile_of
 
 HERE = Path(__file__).parent
@@ -119,7 +119,8 @@ def beyond(found: jc.Fit, truth: dict[str, float]) -> dict[str, bool | None]:
 def cells() -> dict[str, Draw]:
     wrong = ((f"bounces, {name}", draw) for name, draw in bounces())
     shared = ((f"triggers, {name}", draw) for name, draw in trials())
-    return dict([*curves(), *record_cells(), *wrong, *shared])
+    heights = ((f"heights, {name}", draw) for name, draw in drops())
+    return dict([*curves(), *record_cells(), *wrong, *shared, *heights])
 
 
 def run(name: str, draw: Draw, draws: int, seed: int) -> dict:

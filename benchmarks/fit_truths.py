@@ -188,3 +188,39 @@ def trials_fit(
         return {name: None}
     low, high = found.interval()[name]
     return {name: bool(low <= truth <= high)}
+
+
+PINGPONG = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
+DROPS, EACH = np.linspace(0.3, 1.8, 6), 10
+READ, KEPT = 0.004, 0.01
+"""Error of a rebound's height in m, and the relative scatter of e² of a bounce."""
+
+
+def drops() -> Iterator[tuple[str, Callable[[np.random.Generator], dict[str, bool | None]]]]:
+    """Heights of rebounds: ten drops from each of six heights, whose error they share."""
+    for off in (0.002, 0.01):
+        name = f"ten drops from each of six, which are off by {1e3 * off:.0f} mm"
+        yield name, functools.partial(drops_fit, off=off)
+
+
+def drops_fit(random: np.random.Generator, off: float) -> dict[str, bool | None]:
+    truth = {"law.e": 0.93, "drag_coefficient": PINGPONG.coefficient}
+    scale = PINGPONG.terminal_speed(GRAVITY) ** 2 / (2 * GRAVITY)
+    fallen = np.repeat(DROPS + off * random.normal(size=DROPS.size), EACH)
+    landing = -np.expm1(-fallen / scale)
+    kept = truth["law.e"] ** 2 * np.exp(KEPT * random.normal(size=fallen.size))
+    rebound = scale * np.log1p(kept * landing) + READ * random.normal(size=fallen.size)
+    found = jc.fit_bounces(
+        jc.ExactRestitution(e=0.8),
+        CONTACT,
+        np.repeat(DROPS, EACH),
+        rebound,
+        kind="heights",
+        gravity=GRAVITY,
+        drag=PINGPONG,
+        fixed=("mass", "stiffness"),
+    )
+    if not found.converged:
+        return dict.fromkeys(truth)
+    ends = found.interval()
+    return {name: bool(ends[name][0] <= value <= ends[name][1]) for name, value in truth.items()}

@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
 from .._fit import Fit, basis_of
@@ -24,8 +24,8 @@ _ANGLES = np.arctan(np.sqrt(_ODDS))
 _PRIOR = np.gradient(_ANGLES)
 
 _LEVEL = 0.95
-_DRAWS, _FEWEST = 1000, 300
-"""Of simulated data a share: fewer where the points are more than `_FEWEST`."""
+_DRAWS, _MANY, _EVERY = 1000, 300, 2
+"""Of simulated data for every second share: fewer draws where there are more points than so."""
 
 _ROUNDS = 2
 _NOTHING = 1e-300
@@ -57,13 +57,13 @@ class _Shares(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """What draws of residuals (n, draws) say: the `weight` (s, draws) of each share; which one they
-    are fitted with, `at` (draws,); how far that moves the parameters, `moved` (k, draws), and their
-    variance by it, `alone`, and by all shares together, `whole`.
+    """What draws of residuals (n, draws) say: the `weight` (s, draws) of each share, and the mean
+    `angle` (draws,), with whose share they are fitted; how far that moves the parameters, `moved`
+    (k, draws), and their variance by it, `alone`, and by all shares together, `whole`.
     """
 
     weight: Float[np.ndarray, "s draws"]
-    at: Int[np.ndarray, " draws"]
+    angle: Float[np.ndarray, " draws"]
     moved: Float[np.ndarray, "k draws"]
     alone: Float[np.ndarray, "k draws"]
     whole: Float[np.ndarray, "k draws"]
@@ -80,7 +80,8 @@ def shared_noise(
     """
     unit = float(np.mean(np.diag(shape)[used]))
     shares, to_parameters, residual = _linear(found, used, shape / unit)
-    share = float(_SHARES[_seen(shares, to_parameters, residual[:, None]).at[0]])
+    angle = _seen(shares, to_parameters, residual[:, None]).angle[0]
+    share = float(np.sin(angle) ** 2)
     whole = (1 - share) * np.eye(used.size) + share * shape / unit
     size = np.sqrt(np.diag(whole))
     return SharedNoise(size**2, whole / np.outer(size, size), share, unit)
@@ -100,19 +101,22 @@ def widening(
     shares, to_parameters, residual = _linear(found, used, shape / unit)
     seen = _seen(shares, to_parameters, residual[:, None])
     n, rank = shares.slope.shape
-    draws = int(_DRAWS * min(1, _FEWEST / n))
+    draws = int(_DRAWS * min(1, _MANY / n))
     noise = np.random.default_rng(0).normal(size=(n, draws))
     ratios, weights = [], []
-    for variance in shares.variance:
+    for variance in shares.variance[::_EVERY]:
         one = _seen(shares, to_parameters, shares.vectors @ (np.sqrt(variance)[:, None] * noise))
         ratios.append(np.log(np.maximum(np.abs(one.moved), _NOTHING) / np.sqrt(one.whole)))
         weights.append(one.weight)
-    quantile = np.array([np.quantile(ratio, _LEVEL, axis=1) for ratio in ratios])
+
+    def quantile_of(ratios: list[np.ndarray]) -> Float[np.ndarray, "s k"]:
+        some = np.array([np.quantile(ratio, _LEVEL, axis=1) for ratio in ratios])
+        return np.stack([np.interp(_ANGLES, _ANGLES[::_EVERY], one) for one in some.T], axis=1)
+
+    quantile = quantile_of(ratios)
     for _ in range(_ROUNDS):
-        quantile = quantile + [
-            np.quantile(ratio - quantile.T @ weight, _LEVEL, axis=1)
-            for ratio, weight in zip(ratios, weights, strict=True)
-        ]
+        left = [r - quantile.T @ weight for r, weight in zip(ratios, weights, strict=True)]
+        quantile = quantile + quantile_of(left)
     half = np.exp(quantile.T @ seen.weight) * np.sqrt(seen.whole)
     t = float(stdtrit(n - rank, (1 + _LEVEL) / 2))
     return float(np.mean((half / t) ** 2 / seen.alone))
@@ -162,6 +166,6 @@ def _seen(
     spread = np.diagonal(covariance, axis1=1, axis2=2)[:, :, None] * left[:, None] / (n - rank)
     middle = np.einsum("sd,skd->kd", weight, moved)
     whole = np.einsum("sd,skd->kd", weight, spread + (moved - middle) ** 2)
-    at = np.argmin(np.abs(_ANGLES[:, None] - _ANGLES @ weight), axis=0)
-    draws = np.arange(at.size)
-    return _Seen(weight, at, moved[at, :, draws].T, spread[at, :, draws].T, whole)
+    angle = _ANGLES @ weight
+    at, draws = np.argmin(np.abs(_ANGLES[:, None] - angle), axis=0), np.arange(angle.size)
+    return _Seen(weight, angle, moved[at, :, draws].T, spread[at, :, draws].T, whole)
