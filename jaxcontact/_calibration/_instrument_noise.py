@@ -170,7 +170,11 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> Float[np.ndarray, "n
         shape[column.rows, column.rows] = behind = low_pass.correlation(time)
         share = shared_noise(found, used, shape).share
         passed = (1 - share) * passed + share * behind
-    elif time.size > _MOST or not step or (column.sigma is None and step < _SHARED * float(np.median(sigma))):
+    elif (
+        time.size > _MOST
+        or not step
+        or (column.sigma is None and step < _SHARED * float(np.median(sigma)))
+    ):
         return None
     noise = passed * np.outer(sigma, sigma)
     if step:

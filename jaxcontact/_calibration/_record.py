@@ -189,7 +189,9 @@ def fit_record(
     def fitted(start: RecordModel, **other: Any) -> Fit:
         return fit(instruments, start=start, x=moments, **(table | how | other))
 
-    found = fitted(start)
+    # Readings behind a filter will be correlated: one program for all that follows.
+    one = {"correlation": np.eye(moments.size * len(table["data"]))}
+    found = fitted(start, **(one if any(filters.values()) else {}))
     if found.converged and any(one.at_limit.any() for one in limits.values()):
         met = met_limits(found, limits)
         rest = {name: values for name, values in table.items() if name != "data"}

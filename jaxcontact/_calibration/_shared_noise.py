@@ -87,9 +87,7 @@ def shared_noise(
     return SharedNoise(size**2, whole / np.outer(size, size), share, unit)
 
 
-def widening(
-    found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, "n n"]
-) -> float:
+def widening(found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, "n n"]) -> float:
     """By how much squared standard errors are larger since the share is not known better.
 
     So that Student's t with n - k degrees of freedom gives intervals which hold the truth in 95 %:

@@ -71,7 +71,10 @@ def with_shared_errors(fitted: Callable[..., Fit], found: Fit, shared: Shared) -
     # A robust fit has put the scale that it found into its weights.
     factor = np.asarray(found.problem.factor)[used]
     size = found.noise * float(np.median(factor**-2.0 / noise.variance[used]))
-    both = 1e3 * math.sqrt(size * noise.share / noise.unit), 100 * math.sqrt(size * (1 - noise.share))
+    both = (
+        1e3 * math.sqrt(size * noise.share / noise.unit),
+        100 * math.sqrt(size * (1 - noise.share)),
+    )
     notes = (*found.notes, shared.words.format(*both), *shared.notes)
     return dataclasses.replace(
         found, notes=notes, covariance=found.covariance * wider, noise=found.noise * wider
