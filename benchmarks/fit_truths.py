@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 
 import jax
 import numpy as np
+from scipy import signal
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
@@ -14,6 +15,9 @@ import jaxcontact as jc
 MASS, STIFFNESS, DAMPING, SPEED = 0.2, 5e7, 6e6, 1.5
 TOUCH, FORCE_ZERO, DEPTH_ZERO = 3.1e-4, 12.0, 4e-6
 TIME = np.linspace(0, 2.2e-3, 150)
+CUTOFF = 2500.0
+"""Of a sensor in Hz: times the duration of the contact, about 3."""
+
 NOISE = {"force": 0.03, "indentation": 0.002}
 """Relative to the largest reading."""
 
@@ -26,8 +30,8 @@ def force_of(depth: np.ndarray, speed: np.ndarray) -> np.ndarray:
 
 
 @functools.cache
-def clean_record() -> dict[str, np.ndarray]:
-    """Force and indentation at `TIME`, by SciPy, with free flight before and after."""
+def motion() -> tuple[Callable[[np.ndarray], np.ndarray], float, float]:
+    """Indentation and its rate over the time since touch, by SciPy, and both at the end."""
 
     def rate(t, y):
         return [y[1], -force_of(y[0], y[1]) / MASS]
@@ -39,15 +43,27 @@ def clean_record() -> dict[str, np.ndarray]:
     run = solve_ivp(
         rate, (0, 1), (0, SPEED), "DOP853", events=apart, dense_output=True, rtol=1e-12, atol=1e-14
     )
-    end, last = run.t[-1], run.y[1, -1]
-    since = TIME - TOUCH
-    depth, speed = run.sol(np.clip(since, 0, end))
+    return run.sol, run.t[-1], run.y[1, -1]
+
+
+def course(time: np.ndarray) -> dict[str, np.ndarray]:
+    """Force and indentation at moments, with free flight before and after."""
+    path, end, last = motion()
+    since = time - TOUCH
+    depth, speed = path(np.clip(since, 0, end))
     inside = (since > 0) & (since < end)
     gap = np.where(since < end, SPEED * since, last * (since - end))
     force = np.where(inside, force_of(depth, speed), 0)
+    return {"force": force, "indentation": np.where(inside, depth, gap)}
+
+
+@functools.cache
+def clean_record() -> dict[str, np.ndarray]:
+    """Force and indentation at `TIME`, with the zero errors of both instruments."""
+    clean = course(TIME)
     return {
-        "force": force + FORCE_ZERO,
-        "indentation": np.where(inside, depth, gap) + DEPTH_ZERO,
+        "force": clean["force"] + FORCE_ZERO,
+        "indentation": clean["indentation"] + DEPTH_ZERO,
     }
 
 
@@ -62,27 +78,84 @@ def records() -> Iterator[tuple[str, Simulate, dict[str, float]]]:
             own = truth | {f"{c}_offset": offsets[c] for c in columns}
             yield name, functools.partial(record_fit, columns=columns, known=known), own
     own = truth | {"force_offset": FORCE_ZERO}
+    of_force = functools.partial(record_fit, columns=("force",), known=False)
     for part in (0.7, 0.9):
         name = f"force cut at {100 * part:.0f} % of its maximum"
-        fit = functools.partial(record_fit, columns=("force",), known=False, cut=part)
-        yield name, fit, own
+        yield name, functools.partial(of_force, cut=part), own
+    for steps in (1.0, 5.0):
+        name = f"force in steps of {steps:g} times its noise"
+        yield name, functools.partial(of_force, steps=steps), own
+    yield "force through a low-pass", functools.partial(filtered_fit, fitted=False), own
+    name = "force through a low-pass whose cut-off is fitted, and indentation"
+    more = {"low_pass_force.cutoff": CUTOFF, "indentation_offset": DEPTH_ZERO}
+    yield name, functools.partial(filtered_fit, fitted=True), own | more
 
 
 def record_fit(
-    random: np.random.Generator, columns: tuple[str, ...], known: bool, cut: float | None = None
+    random: np.random.Generator,
+    columns: tuple[str, ...],
+    known: bool,
+    cut: float | None = None,
+    steps: float | None = None,
 ) -> jc.Fit:
     clean = clean_record()
     size = {c: NOISE[c] * np.ptp(clean[c][(TIME > TOUCH)]) for c in columns}
+    if steps is not None:
+        # The steps stay the same, with a zero that is as probable anywhere.
+        step = size["force"]
+        size["force"] /= steps
     if "indentation" in columns:
         # The flight before and after is part of the column, not of its largest indentation.
         size["indentation"] = NOISE["indentation"] * clean["indentation"].max()
     table = {c: clean[c] + size[c] * random.normal(size=TIME.size) for c in columns}
     if cut is not None:
         table["force"] = np.minimum(table["force"], cut * clean["force"].max())
+    if steps is not None:
+        zero = random.uniform(0, step)
+        table["force"] = step * np.round((table["force"] - zero) / step) + zero
     sigma = {f"sigma_{c}": size[c] for c in columns} if known else {}
     law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7)
     with jax.enable_x64(True):
         return jc.fit_record(TIME, law, contact, 1.2, **table, **sigma)
+
+
+ORDER, DENSE, BEFORE = 2, 16, 40
+"""Of the filter; its steps between two readings, and readings of noise that it passes before."""
+
+
+@functools.cache
+def filter_of(dense: int) -> np.ndarray:
+    """SciPy's Butterworth filter for so many steps between two readings."""
+    rate = dense / (TIME[1] - TIME[0])
+    return signal.butter(ORDER, CUTOFF, fs=rate, output="sos")
+
+
+@functools.cache
+def clean_force(dense: int = 100) -> np.ndarray:
+    """The force at `TIME` behind the filter."""
+    time = np.linspace(TIME[0], TIME[-1], dense * (TIME.size - 1) + 1)
+    return signal.sosfilt(filter_of(dense), course(time)["force"])[::dense] + FORCE_ZERO
+
+
+def filtered_fit(random: np.random.Generator, fitted: bool) -> jc.Fit:
+    """Force and its noise pass a low-pass filter, the indentation does not."""
+    white = random.normal(size=DENSE * (TIME.size + BEFORE))
+    noise = signal.sosfilt(filter_of(DENSE), white)[DENSE * BEFORE :: DENSE]
+    # A filter passes π/(2 √2) of its cut-off of the power, at this order.
+    passed = np.pi / np.sqrt(8) * CUTOFF * 2 * (TIME[1] - TIME[0]) / DENSE
+    clean = clean_record()
+    size = NOISE["force"] * clean["force"].max() / np.sqrt(passed)
+    table = {"force": clean_force() + size * noise}
+    fixed = ("mass",) if fitted else ("mass", "low_pass_force")
+    if fitted:
+        depth = clean["indentation"]
+        table["indentation"] = depth + NOISE["indentation"] * depth.max() * random.normal(
+            size=TIME.size
+        )
+    law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=MASS, stiffness=4e7)
+    low_pass = jc.LowPass(0.8 * CUTOFF if fitted else CUTOFF, ORDER)
+    with jax.enable_x64(True):
+        return jc.fit_record(TIME, law, contact, 1.2, **table, low_pass_force=low_pass, fixed=fixed)
 
 
 GRAVITY = 9.80665
@@ -188,3 +261,39 @@ def trials_fit(
         return {name: None}
     low, high = found.interval()[name]
     return {name: bool(low <= truth <= high)}
+
+
+PINGPONG = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
+DROPS, EACH = np.linspace(0.3, 1.8, 6), 10
+READ, KEPT = 0.004, 0.01
+"""Error of a rebound's height in m, and the relative scatter of e² of a bounce."""
+
+
+def drops() -> Iterator[tuple[str, Callable[[np.random.Generator], dict[str, bool | None]]]]:
+    """Heights of rebounds: ten drops from each of six heights, whose error they share."""
+    for off in (0.002, 0.01):
+        name = f"ten drops from each of six, which are off by {1e3 * off:.0f} mm"
+        yield name, functools.partial(drops_fit, off=off)
+
+
+def drops_fit(random: np.random.Generator, off: float) -> dict[str, bool | None]:
+    truth = {"law.e": 0.93, "drag_coefficient": PINGPONG.coefficient}
+    scale = PINGPONG.terminal_speed(GRAVITY) ** 2 / (2 * GRAVITY)
+    fallen = np.repeat(DROPS + off * random.normal(size=DROPS.size), EACH)
+    landing = -np.expm1(-fallen / scale)
+    kept = truth["law.e"] ** 2 * np.exp(KEPT * random.normal(size=fallen.size))
+    rebound = scale * np.log1p(kept * landing) + READ * random.normal(size=fallen.size)
+    found = jc.fit_bounces(
+        jc.ExactRestitution(e=0.8),
+        CONTACT,
+        np.repeat(DROPS, EACH),
+        rebound,
+        kind="heights",
+        gravity=GRAVITY,
+        drag=PINGPONG,
+        fixed=("mass", "stiffness"),
+    )
+    if not found.converged:
+        return dict.fromkeys(truth)
+    ends = found.interval()
+    return {name: bool(ends[name][0] <= value <= ends[name][1]) for name, value in truth.items()}

@@ -14,6 +14,7 @@ if _TYPE_CHECKING:
     from ._calibration import CalibrationSummary as CalibrationSummary
     from ._calibration import Design as Design
     from ._calibration import LawChoice as LawChoice
+    from ._calibration import LowPass as LowPass
     from ._calibration import Network as Network
     from ._calibration import Rational as Rational
     from ._calibration import Spline as Spline
@@ -116,8 +117,8 @@ __version__ = "0.1.0"
 _ROOMS = {
     "_bounce": "Bounce bounce",
     "_calibration": (
-        "AbstractShape Calibration CalibrationSummary Design LawChoice Network Rational Spline "
-        "VelocityProfile calibrate choose_law design fit_bounces fit_damping fit_energy_loss "
+        "AbstractShape Calibration CalibrationSummary Design LawChoice LowPass Network Rational "
+        "Spline VelocityProfile calibrate choose_law design fit_bounces fit_damping fit_energy_loss "
         "fit_impacts fit_record fit_velocity_profile learn_law load_calibration"
     ),
     "_contact": "Contact Material",

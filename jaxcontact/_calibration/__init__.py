@@ -12,6 +12,7 @@ from ._energy_loss import fit_energy_loss as fit_energy_loss
 from ._file import load_calibration as load_calibration
 from ._impacts import fit_impacts as fit_impacts
 from ._learned import learn_law as learn_law
+from ._low_pass import LowPass as LowPass
 from ._record import fit_record as fit_record
 from ._shapes import AbstractShape as AbstractShape
 from ._shapes import Network as Network

@@ -29,7 +29,7 @@ from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, require_choice
 from ._checks import column, with_transforms
 from ._impacts import transforms_of
-from ._triggers import with_shared_triggers
+from ._triggers import Shared, by_height, by_triggers, with_shared_errors
 from ._wrong_pairs import Readings, without_wrong_pairs
 
 
@@ -39,17 +39,18 @@ def _landing_after(time: Any, gravity: Any, b: Any) -> Any:
 
 class _Kind(NamedTuple):
     """The speed of landing from the first reading, and that of launch and the second reading from
-    each other.
+    each other; and the errors that pairs share.
     """
 
     landing: Callable[..., Any]
     launch: Callable[..., Any]
     second: Callable[..., Any]
+    shared: Callable[..., Shared]
 
 
 _KINDS = {
-    "intervals": _Kind(_landing_after, launch_speed, duration),
-    "heights": _Kind(speed_after_drop, speed_to_reach, height_reached),
+    "intervals": _Kind(_landing_after, launch_speed, duration, by_triggers),
+    "heights": _Kind(speed_after_drop, speed_to_reach, height_reached, by_height),
 }
 
 
@@ -117,10 +118,12 @@ def fit_bounces(
     Errors of `first` change the logarithm of `second` by nearly as much, so count them in `sigma`,
     the root of the sum of both squares; there is no bias while they are small compared with the
     range of the data. Successive intervals share a trigger, whose error enters them with opposite
-    signs: unless `sigma`, `weights`, `groups` or `correlation` is given, the size of these errors
-    and the scatter of the bounces are found by restricted likelihood, in one trial too (pairs
-    follow each other where the second interval of one is the first of the next), and stand in
-    `notes`. How much trials differ, one trial cannot tell. `calibrate` holds C_d.
+    signs, and drops from one height share the error of that height: unless `sigma`, `weights`,
+    `groups` or `correlation` is given, the size of these errors and the scatter of the bounces are
+    found by restricted likelihood, in one trial too (pairs follow each other where the second
+    interval of one is the first of the next), and stand in `notes`; standard errors allow for how
+    little few pairs tell of them. How much trials differ, one trial cannot tell. `calibrate` holds
+    C_d.
 
     With `loss=Huber()` pairs that a spurious or missed trigger has spoilt are left out: those that
     lie more than six robust standard deviations off the fit, found in turn with it from a trend
@@ -157,6 +160,6 @@ def fit_bounces(
         found = without_wrong_pairs(fitted, how, readings)
     else:
         found = fitted()
-    if kind == "heights" or any(how.get(name) is not None for name in _OWN_ERRORS):
+    if any(how.get(name) is not None for name in _OWN_ERRORS):
         return found
-    return with_shared_triggers(fitted, found, before, after)
+    return with_shared_errors(fitted, found, _KINDS[kind].shared(before, after))

@@ -16,10 +16,12 @@ from .._contact import Contact, require_contact
 from .._fit import Fit, fit
 from .._impact import trajectory
 from .._laws import AbstractLaw, require_law
-from .._parameter import POSITIVE, REAL, parameter, require_number
+from .._parameter import POSITIVE, REAL, parameter, require_kind, require_number
 from ._checks import column, measured, with_transforms
 from ._impacts import transforms_of
+from ._instrument_noise import require_filterable, with_noise_of_instruments
 from ._limits import left_out, limits_of, met_limits, said
+from ._low_pass import Course, LowPass
 from ._record_start import near, touch_in, without_a_contact_elsewhere
 
 _SAMPLES = 128
@@ -27,10 +29,11 @@ _SAMPLES = 128
 
 
 class RecordModel(eqx.Module):
-    """What a fit of a record varies: a law, a contact, the speed, the touch, and zero errors.
+    """What a fit of a record varies: law, contact, speed, touch, zero errors, and filters.
 
     `velocity` v0 in m/s, `start_time` in s, `force_offset` in N and `indentation_offset` in m, the
-    last two None where that column was not measured.
+    last two None where that column was not measured. `low_pass_force` and `low_pass_indentation`
+    are None where a sensor is fast.
     """
 
     law: AbstractLaw
@@ -39,6 +42,8 @@ class RecordModel(eqx.Module):
     start_time: Float[Array, ""] = parameter("start_time", REAL)
     force_offset: Float[Array, ""] | None = None
     indentation_offset: Float[Array, ""] | None = None
+    low_pass_force: LowPass | None = None
+    low_pass_indentation: LowPass | None = None
 
 
 class Recorded(eqx.Module):
@@ -49,30 +54,49 @@ class Recorded(eqx.Module):
 
     def __call__(self, model: RecordModel, time: Float[Array, " n"]) -> dict[str, Array]:
         path = trajectory(model.law, model.contact, model.velocity, samples=_SAMPLES)
-        end = path.time[-1]
+        end, approach, leaving = path.time[-1], model.velocity, path.velocity[-1]
         since = time - model.start_time
-        inside = (since > 0) & (since < end)
-        depth, speed = _between(path.indentation, path.velocity, jnp.where(inside, since, 0), end)
-        readings = {}
-        if model.force_offset is not None:
-            force = model.law.force(depth, speed, model.contact, model.velocity)
-            readings["force"] = jnp.where(inside, force, 0) + model.force_offset
-        if model.indentation_offset is not None:
+
+        def depth(t: Array) -> tuple[Array, Array]:
+            return _between(path.indentation, path.velocity, t, end)
+
+        courses = {
+            "force": Course(
+                jnp.zeros_like(end),
+                lambda t: model.law.force(*depth(t), model.contact, approach),
+                end,
+                (0.0, 0.0),
+            ),
             # Before and after the contact the bodies fly: a gap is a negative indentation.
-            gap = jnp.where(since < end, model.velocity * since, path.velocity[-1] * (since - end))
-            readings["indentation"] = jnp.where(inside, depth, gap) + model.indentation_offset
-        return {
-            name: jnp.clip(values, self.low[name], self.high[name])
-            for name, values in readings.items()
+            "indentation": Course(
+                approach,
+                lambda t: depth(t)[0] - approach * t,
+                end,
+                (-approach * end, leaving - approach),
+            ),
         }
+        return {
+            name: jnp.clip(
+                _read(course, getattr(model, f"low_pass_{name}"), since)
+                + getattr(model, f"{name}_offset"),
+                self.low[name],
+                self.high[name],
+            )
+            for name, course in courses.items()
+            if getattr(model, f"{name}_offset") is not None
+        }
+
+
+def _read(course: Course, low_pass: LowPass | None, since: Array) -> Array:
+    return course.read(since) if low_pass is None else low_pass.read(course, since, _SAMPLES - 1)
 
 
 def _between(
     depth: Float[Array, " samples"],
     speed: Float[Array, " samples"],
-    since: Float[Array, " n"],
+    since: Float[Array, "..."],
     end: Float[Array, ""],
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Indentation and its rate at times after touch: Hermite's cubic between even samples."""
     width = end / (depth.size - 1)
     place = since / width
@@ -94,6 +118,8 @@ def fit_record(
     indentation: ArrayLike | None = None,
     sigma_force: float | None = None,
     sigma_indentation: float | None = None,
+    low_pass_force: LowPass | None = None,
+    low_pass_indentation: LowPass | None = None,
     start_time: float | None = None,
     fixed: tuple[str, ...] = ("mass",),
     **how: Any,
@@ -107,8 +133,15 @@ def fit_record(
     in s is where to begin, by default where a reading first exceeds 5 % of the largest. A stiffness
     by which the contact would last over three times as long as the record shows, or under a third,
     is replaced by one that fits, for the start. Before and after the contact the force is zero and
-    the indentation that of free flight. `fixed`: numbers that stay, by name, the mass by default
+    the indentation that of free flight. `low_pass_force` and `low_pass_indentation`: the filter of
+    a sensor that is not much faster than the contact; its cut-off is fitted from there on unless
+    "low_pass_force" is `fixed`. `fixed`: numbers that stay, by name, the mass by default
     ("velocity" if it was measured). What else `fit` takes: `loss=Huber()`, say.
+
+    What instruments do to noise is found with the fit, and said in `notes`: readings at a limit
+    count as at least that; a low-pass filter correlates noise; readings in steps q, larger than a
+    third of their scatter, have the rounding errors of a random zero, of the variance q²/12, which
+    they share where the signal rests.
 
     A force alone determines the mass only if the speed is known, an indentation alone determines
     only K/m: hold what is not identifiable, or read it in `unidentified`. Returns a `Fit` whose
@@ -128,12 +161,17 @@ def fit_record(
         if np.ptp(readings) == 0:
             raise ValueError(f"Argument `{name}` must vary, but is {readings[0]:g} everywhere.")
     reading = next(iter(table["data"].values()))
+    filters = {"force": low_pass_force, "indentation": low_pass_indentation}
+    for name, one in filters.items():
+        if one is not None:
+            require_kind(f"low_pass_{name}", one, LowPass, "a `LowPass` or None")
+            require_filterable(name, table["data"].get(name))
     if start_time is None:
         start_time = touch_in(moments, reading)
     start_time = require_number("start_time", start_time)
     numbers: Any = velocity, start_time
     offsets = (jnp.zeros(()) if name in table["data"] else None for name in columns)
-    start = RecordModel(law, contact, *numbers, *offsets)
+    start = RecordModel(law, contact, *numbers, *offsets, *filters.values())
     how = with_transforms(transforms_of(start, fixed), how)
     start = near(start, moments, reading, fixed)
     if "sigma" not in table:
@@ -147,12 +185,18 @@ def fit_record(
         low = {name: jnp.asarray(one.low) for name, one in limits.items()}
         high = {name: jnp.asarray(one.high) for name, one in limits.items()}
     instruments = Recorded(low, high)
-    found = fit(instruments, start=start, x=moments, **table, **how)
+
+    def fitted(start: RecordModel, **other: Any) -> Fit:
+        return fit(instruments, start=start, x=moments, **(table | how | other))
+
+    # Readings behind a filter will be correlated: one program for all that follows.
+    one = {"correlation": np.eye(moments.size * len(table["data"]))}
+    found = fitted(start, **(one if any(filters.values()) else {}))
     if found.converged and any(one.at_limit.any() for one in limits.values()):
         met = met_limits(found, limits)
         rest = {name: values for name, values in table.items() if name != "data"}
-        without = {name: left_out(values, met, name) for name, values in rest.items()}
-        how = how | {"start": found.params}
-        found = fit(instruments, table["data"], x=moments, **without, **how)
+        table |= {name: left_out(values, met, name) for name, values in rest.items()}
+        found = fitted(found.params)
         found = dataclasses.replace(found, notes=(*found.notes, *said(limits)))
+    found = with_noise_of_instruments(fitted, found, table, moments, limits)
     return without_a_contact_elsewhere(found, table["data"])

@@ -158,8 +158,16 @@ def _columns(fit: FitData) -> tuple[list[Column], str]:
 def _is_exact(fit: FitData, z: np.ndarray) -> bool:
     factor = np.asarray(fit.problem.factor)
     used = factor > 0
-    y = fit.data[used]
-    spread, size = (np.linalg.norm(part * factor[used]) for part in (y - y.mean(), y))
+    # Columns have units of their own.
+    ends = np.cumsum([math.prod(shape) for shape in fit.problem.shapes])[:-1]
+    parts = [
+        (y[w > 0], w[w > 0])
+        for y, w in zip(np.split(fit.data, ends), np.split(factor, ends), strict=True)
+    ]
+    parts = [(y, w) for y, w in parts if y.size]
+    spread, size = (
+        math.hypot(*(np.linalg.norm((y - off * y.mean()) * w) for y, w in parts)) for off in (1, 0)
+    )
     # Data that are the same to rounding have no scatter of their own.
     scale = spread if spread > _SAME * size else size
     return bool(np.linalg.norm(z) <= _EXACT * scale)

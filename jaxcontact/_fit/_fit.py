@@ -26,7 +26,7 @@ from ._checks import listed
 from ._found import Found, find, find_all, in_numpy, start_scale, with_step
 from ._inference import infer
 from ._loss import Huber
-from ._noise import BY_COLUMN, COMMON, columns_of, with_noise
+from ._noise import BY_COLUMN, COMMON, columns_of, refuse_between, with_noise
 from ._problem import Problem, place_of, shapes_of
 from ._result import Fit
 from ._solve import MOST_STEPS, PATIENCE, Options
@@ -87,7 +87,7 @@ def fit(
     the influence of outliers; without `sigma` its scale is the median of |residuals|, found in turn
     with the fit. `noise`: one size for all points, "common", times the weights; or one for each
     leaf of the tree of `data`, "by column", found in turn with the fit where readings of several
-    instruments are fitted together. `optimizer`: "levenberg-marquardt" or an optax optimiser, which
+    instruments are fitted together, whose errors are not correlated with each other. `optimizer`: "levenberg-marquardt" or an optax optimiser, which
     stops after `patience` steps that gain nothing. `starts`: the number of starts, the given one
     and normal ones around it, drawn from `seed`, whose standard deviation is `spread` in a
     logarithm or logit and `spread` times a number without bounds (from zero: times the change that
@@ -108,12 +108,8 @@ def fit(
     """
     require_function("predict", predict)
     _check(loss, optimizer)
-    if require_choice("noise", noise, (COMMON, BY_COLUMN)) == BY_COLUMN:
-        for name, given in (("sigma", sigma), ("correlation", correlation)):
-            if given is not None:
-                raise ValueError(
-                    f"Argument `noise` must be 'common' with `{name}`, but is 'by column'."
-                )
+    if require_choice("noise", noise, (COMMON, BY_COLUMN)) == BY_COLUMN and sigma is not None:
+        raise ValueError("Argument `noise` must be 'common' with `sigma`, but is 'by column'.")
     starts, seed = require_count("starts", starts, 1), require_count("seed", seed, 0)
     spread = require_number("spread", spread, POSITIVE)
     patience = require_count("patience", patience, 1)
@@ -143,6 +139,8 @@ def fit(
             shapes_of(data),
             whitener if whitener is None else jnp.asarray(whitener),
         )
+        if noise == BY_COLUMN:
+            refuse_between(columns_of(problem, noise), whitener)
         options = Options(jnp.asarray(rtol), by_gradient, most, patience, tell)
         rough, ends = theta, np.zeros(0)
         if starts > 1:

@@ -31,6 +31,17 @@ def columns_of(problem: Problem, noise: str) -> Int[np.ndarray, " n"]:
     return np.repeat(numbers, sizes)
 
 
+def refuse_between(
+    columns: Int[np.ndarray, " n"], whitener: Float[np.ndarray, "n n"] | None
+) -> None:
+    """Raise ValueError for errors that are correlated between columns with noise of their own."""
+    if whitener is not None and whitener[columns[:, None] != columns].any():
+        raise ValueError(
+            "Argument `noise` must be 'common' with a `correlation` between columns, but is "
+            "'by column'."
+        )
+
+
 def with_noise(
     problem: Problem,
     found: Found,

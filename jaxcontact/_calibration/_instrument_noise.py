@@ -1,0 +1,199 @@
+"""What instruments do to the noise of their readings: filters correlate it, steps round it.
+
+Noise of the standard deviation σ, of which a low-pass filter has passed the share s, has the
+covariance C = σ² ((1 - s) I + s R), R the correlation behind the filter. Rounding to steps q with a
+zero that is as probable anywhere adds
+
+    Q_ij = Σ_k q²/(2π²k²) cos(2πk (μ_i - μ_j)/q) exp(-2π²k² (C_ii + C_jj - 2 C_ij)/q²)
+
+for readings expected at μ: q²/12 for each, shared by those between which neither signal nor noise
+moves by a step. It is the covariance of the Fourier series of rounding (Widrow, Kollár & Liu 1996,
+doi 10.1109/19.492748).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from .._fit import Fit
+from ._limits import Limits
+from ._low_pass import LowPass
+from ._shared_noise import shared_noise
+
+Column = Float[np.ndarray, " n"]
+
+_NOTICED = 1 / 3
+"""Steps above this part of the scatter of a column are part of its noise."""
+
+_SHARED = 2.0
+"""Of steps below so many standard deviations no rounding error is shared: exp(-π²) is left."""
+
+_LEAST = 0.05
+"""Of a step: less noise is as good as none, and would leave readings with one error."""
+
+_TERMS = 12
+_MOST = 2000
+"""Readings whose correlation is held as a matrix."""
+
+_ROUNDS = 6
+_SAME = 1e-2
+"""A change of all correlations that counts as none."""
+
+_WHOLE = 1e-3
+"""Of a step: so close to a multiple is one."""
+
+_ROUNDED, _NOTHING = 1e-9, 1e-300
+
+
+class _Column(NamedTuple):
+    """A column of a record: its rows in the fit, its steps (0 without), and its known standard
+    deviations (n,), None where the noise is found by the fit.
+    """
+
+    name: str
+    rows: slice
+    step: float
+    sigma: Column | None
+
+
+def require_filterable(name: str, readings: Column | None) -> None:
+    """Raise ValueError for a filter without a column, or of too many readings."""
+    if readings is None:
+        raise ValueError(f"Argument `low_pass_{name}` must be None without `{name}`.")
+    if readings.size > _MOST:
+        every = math.ceil(readings.size / _MOST)
+        raise ValueError(
+            f"Argument `{name}` must have at most {_MOST} readings with `low_pass_{name}`, but has "
+            f"{readings.size}; give every {every}th, of which the filter has left the information."
+        )
+
+
+def step_of(readings: Column) -> float:
+    """The steps in which a column is read, 0 where it shows none.
+
+    All readings lie on multiples of it from one of them, and some lie on the same.
+    """
+    values = np.unique(readings)
+    gaps = np.diff(values)
+    gaps = gaps[gaps > _ROUNDED * np.ptp(values)]
+    if gaps.size < 2 or gaps.size + 1 >= readings.size:
+        return 0.0
+    # The mean of gaps of one step is sharper than the smallest.
+    step = float(np.mean(gaps[gaps < 1.5 * gaps.min()]))
+    whole = np.abs(gaps / step - np.round(gaps / step)) < _WHOLE * np.maximum(1, gaps / step)
+    return step if whole.all() else 0.0
+
+
+def rounding(
+    noise: Float[np.ndarray, "n n"], expected: Column, step: float
+) -> Float[np.ndarray, "n n"]:
+    """The covariance Q (n, n) of rounding to steps; `noise` is C and `expected` μ."""
+    size = np.diag(noise)
+    apart = (size[:, None] + size - 2 * noise) / step**2
+    turn = 2 * np.pi * (expected[:, None] - expected) / step
+    total = np.zeros_like(noise)
+    for k in range(1, _TERMS + 1):
+        total += np.cos(k * turn) * np.exp(-2 * (np.pi * k) ** 2 * apart) / (2 * (np.pi * k) ** 2)
+    # What the terms left out make of q²/12 is small, and counts as shared by none.
+    total[np.diag_indices_from(total)] = 1 / 12
+    return step**2 * total
+
+
+def with_noise_of_instruments(
+    fitted: Callable[..., Fit],
+    found: Fit,
+    table: Mapping[str, Mapping[str, Any]],
+    time: Column,
+    limits: Mapping[str, Limits],
+) -> Fit:
+    """The fit with the noise that filters and steps make of white noise, found in turn with it.
+
+    The same fit where there is no filter, and no step that exceeds a third of the scatter.
+    """
+    columns = [
+        _Column(
+            name,
+            slice(i * time.size, (i + 1) * time.size),
+            step_of(readings[~limits[name].at_limit]),
+            table["sigma"][name] if "sigma" in table else None,
+        )
+        for i, (name, readings) in enumerate(table["data"].items())
+    ]
+    notes, last = found.notes, np.zeros(0)
+    for _ in range(_ROUNDS):
+        if not found.converged:
+            return found
+        noises = [_noise_of(found, column, time) for column in columns]
+        if all(one is None for one in noises):
+            break
+        given, whole = _errors(columns, noises)
+        if last.size and np.max(np.abs(whole - last)) < _SAME:
+            break
+        last = whole
+        found = fitted(found.params, correlation=whole, **given)
+    said = [
+        f"readings of {one.name} come in steps of {one.step:.3g}, {part:.2g} of their scatter: "
+        "rounding is part of their noise"
+        for one in columns
+        if (part := one.step / _scatter(found, one)) > _NOTICED
+    ]
+    return dataclasses.replace(found, notes=(*notes, *said))
+
+
+def _scatter(found: Fit, column: _Column) -> float:
+    """The standard deviation of what the fit leaves of a column."""
+    return max(float(np.sqrt(np.nanmean(found.residuals[column.rows] ** 2))), _NOTHING)
+
+
+def _noise_of(found: Fit, column: _Column, time: Column) -> Float[np.ndarray, "n n"] | None:
+    """The covariance (n, n) of a column; None where its readings are independent and as given."""
+    factor = np.asarray(found.problem.factor)
+    used = np.zeros(factor.size, bool)
+    used[column.rows] = factor[column.rows] > 0
+    step = column.step if column.step > _NOTICED * _scatter(found, column) else 0.0
+    if column.sigma is None:
+        total = found.noise / float(np.median(factor[used])) ** 2
+        alone = max(total - step**2 / 12, (_LEAST * step) ** 2)
+        sigma = np.full(time.size, math.sqrt(alone))
+    else:
+        sigma = np.where(np.isfinite(column.sigma), column.sigma, 1.0)
+    low_pass: LowPass | None = getattr(found.params, f"low_pass_{column.name}")
+    passed = np.eye(time.size)
+    if low_pass is not None:
+        shape = np.eye(factor.size)
+        shape[column.rows, column.rows] = behind = low_pass.correlation(time)
+        share = shared_noise(found, used, shape).share
+        passed = (1 - share) * passed + share * behind
+    elif (
+        time.size > _MOST
+        or not step
+        or (column.sigma is None and step < _SHARED * float(np.median(sigma)))
+    ):
+        return None
+    noise = passed * np.outer(sigma, sigma)
+    if step:
+        noise = noise + rounding(noise, np.asarray(found.predict()[column.name]), step)
+    return noise
+
+
+def _errors(
+    columns: list[_Column], noises: list[Float[np.ndarray, "n n"] | None]
+) -> tuple[dict[str, Any], Float[np.ndarray, "n n"]]:
+    """The arguments of `fit` for the noise of columns, and the correlation of all readings."""
+    whole = np.eye(columns[-1].rows.stop)
+    sigmas = {column.name: column.sigma for column in columns}
+    for column, noise in zip(columns, noises, strict=True):
+        if noise is None:
+            continue
+        size = np.sqrt(np.diag(noise))
+        whole[column.rows, column.rows] = noise / np.outer(size, size)
+        if column.sigma is not None:
+            sigmas[column.name] = np.where(np.isfinite(column.sigma), size, np.inf)
+    known = all(sigma is not None for sigma in sigmas.values())
+    return {"sigma": sigmas} if known else {}, whole
