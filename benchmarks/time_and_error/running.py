@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Iterable
 from typing import Any, Protocol
 
@@ -111,11 +112,20 @@ def measure(
             store.keep(key, base | {"setting": setting, "reason": reason})
             print(f"{title}, {way.word} {setting:g}: {reason}", flush=True)
             continue
+        row["load"] = _load()
         row["cost"] = _cost(task, row["seconds"], batch, len(lanes))
         row |= _finite(task.errors(lanes, answer))
         store.keep(key, base | {"setting": setting} | row)
         told = f"{row['error']:.0e}" if "error" in row else row["reason"]
         print(f"{title}, {way.word} {setting:g}: {row['cost']:.3g} {unit}, {told}", flush=True)
+
+
+def _load() -> float | None:
+    """Processes that ran or waited, this one among them, averaged over a minute; None on Windows.
+
+    What is above the threads of a way is the machine's other work, and makes its times longer.
+    """
+    return round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None
 
 
 def _cost(task: Task, seconds: float, batch: int, measured: int) -> float:
