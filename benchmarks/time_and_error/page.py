@@ -55,6 +55,8 @@ def _machine(known: dict[str, Any]) -> str:
         for k in ("python", "numpy", "scipy", "jax", "diffrax", "numba", "lmfit")
         if known[k]
     )
+    there = known.get("engines", {})
+    libraries += "".join(f", {k} {v}" for k, v in there.items() if v)
     return (
         f"{known['processor']}, {known['cores']} cores, {known['memory_gib']} GiB, "
         f"{known['system']}; {libraries}; commit {known['commit']}, seed {known['seed']}."
@@ -72,6 +74,7 @@ def _section(section: Section, rows: list[Row], options: list[Row], picture: str
         several = f"{section.batch} {batch:,}: " if len(batches_of(rows)) > 1 else ""
         table = _table(section, here, [*rows, *options])
         lines += [f"**{_capital(several + what)}**", "", *table, ""]
+    lines += section.more(rows)
     reasons = _reasons(section, rows)
     if reasons:
         lines += ["What could not be had:", "", *reasons, ""]

@@ -16,6 +16,7 @@ COLOURS = {
     "diffrax": "tab:green",
     "scipy": "tab:orange",
     "stepping": "0.5",
+    "engines": "tab:purple",
 }
 _STROKES = ("-", "--", ":", "-.")
 _MARKS = "osD^v"

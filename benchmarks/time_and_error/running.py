@@ -23,6 +23,7 @@ FAMILY_FILES = {
     "scipy": ("by_scipy.py",),
     "numba": ("by_numba.py", "pairs.py"),
     "stepping": ("stepping.py",),
+    "engines": (),
 }
 
 
@@ -41,7 +42,9 @@ class Task(Protocol):
 
 def code(way: Way) -> str:
     return code_of(
-        ("way.py", *FAMILY_FILES[way.family], *way.files), way.family in ("ours", "alone")
+        ("way.py", *FAMILY_FILES[way.family], *way.files),
+        way.family in ("ours", "alone"),
+        way.family == "engines",
     )
 
 
