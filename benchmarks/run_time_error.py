@@ -3,9 +3,9 @@
 `python benchmarks/run_time_error.py [GROUP]` measures what benchmarks/run_time_error.json lacks and
 makes docs/run_time_error.md and its figures. A run that was stopped goes on where it was; a row
 that other code, other libraries or another machine have measured is measured again. `--fresh`
-starts over, `--busiest LOAD` measures again what a busier machine has measured (a load average; a
-run alone makes 1 to 2), `--only` takes the ways whose name contains a text, `--page` makes the page alone,
-`--small` is the form the tests run, `--into` another folder for the results.
+starts over, `--busiest LOAD` measures again what a busier machine has measured (its load average; a
+run alone makes 1 to 2), `--only` takes the ways whose name contains a text, `--page` makes the page
+alone, `--small` is the form the tests run, `--into` another folder for the results.
 """
 
 from __future__ import annotations

@@ -141,7 +141,8 @@ def _twin(store: Store, base: dict[str, Any]) -> dict[str, Any] | None:
     """The same measurement, made for another batch or for the choice of options."""
     names = ("problem", "way", "options", "measured", "code", "setting")
     for row in store.rows.values():
-        if all(row.get(name) == base[name] for name in names) and "cost" in row:
+        same = all(row.get(name) == base[name] for name in names) and "cost" in row
+        if same and not store.busy(row):
             return row
     return None
 

@@ -85,10 +85,14 @@ Whole runs from start to end. Soft balls, whose impacts take time and overlap: f
 a line, ten equal ones that touch (Hertz, a blow at the end), and a pair that passes (ε: how far it
 slides in an impact, of its diameter); final velocities, beside SciPy at its least tolerance. A ball
 that bounces to rest, with its weight in the contact: the time of rest, beside 40 digits. Out of
-time: a ball on a shaking table, beside sampling and Brent's method, and a gas of 32 discs in a
-periodic cell, beside a search in extended precision; final velocities. SciPy and diffrax restart at
-touches and openings; diffrax has a longest step, found by trial, without which it misses contacts.
-By hand means numba code for this scene and no other."""
+time: a ball on a shaking table, beside sampling and Brent's method, and gases of 32 discs, in a
+periodic cell and between four walls, beside a search in extended precision; final velocities. SciPy
+and diffrax restart at touches and openings. Through flights diffrax has a longest step, found by
+trial, without which it misses contacts, and both have one in the gases and over the table. By hand
+means numba code for this scene and no other. Exudyn (RK44, impact model 1, whose law this is) and
+MuJoCo make steps of one length; their times have the building of the model in them. MuJoCo goes
+through the line with contacts of 5 ms. *billiards* is the one simulator of hard discs from event to
+event that PyPI has; it knows no periodic cell, hence the box."""
 
 SECTIONS = (
     Section(

@@ -36,7 +36,11 @@ class Store:
 
     def lacks(self, key: str, code: str) -> bool:
         row = self.rows.get(key, {})
-        return row.get("code") != code or (row.get("load") or 0) > self.busiest
+        return row.get("code") != code or self.busy(row)
+
+    def busy(self, row: dict[str, Any]) -> bool:
+        """Whether the machine had too much else to do."""
+        return (row.get("load") or 0) > self.busiest
 
     def keep(self, key: str, row: dict[str, Any]) -> None:
         """Write all rows, into another file first: a run that is killed leaves a whole one."""
