@@ -40,6 +40,7 @@ def main(words: list[str] | None = None) -> None:
     arguments = parser.parse_args(words)
     results = arguments.into or ROOT / "benchmarks"
     docs = arguments.into or ROOT / "docs"
+    results.mkdir(parents=True, exist_ok=True)
     store = groups.Store(results / f"{NAME}.json", arguments.fresh, arguments.busiest)
     if not arguments.page:
         # A program from a cache would cost no compile time; the tests have one, and tell no times.

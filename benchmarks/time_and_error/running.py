@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import os
 from collections.abc import Iterable
 from typing import Any, Protocol
@@ -108,10 +109,9 @@ def measure(
     for key, setting in wanted.items():
         try:
             row, answer = timed(lambda s=setting: solve(s), way.compiled)
-        except (
-            Exception
-        ) as error:  # What a peer or the package raises is told, and the run goes on.
-            reason = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+        # What a peer or the package raises is told, and the run goes on.
+        except Exception as error:
+            reason = _told(error)
             store.keep(key, base | {"setting": setting, "reason": reason})
             print(f"{title}, {way.word} {setting:g}: {reason}", flush=True)
             continue
@@ -121,6 +121,17 @@ def measure(
         store.keep(key, base | {"setting": setting} | row)
         told = f"{row['error']:.0e}" if "error" in row else row["reason"]
         print(f"{title}, {way.word} {setting:g}: {row['cost']:.3g} {unit}, {told}", flush=True)
+
+
+@functools.singledispatch
+def _told(error: Exception) -> str:
+    """The first line of what was raised, and its kind."""
+    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+
+
+@_told.register
+def _(reason: NotPossibleError) -> str:
+    return str(reason)
 
 
 def _load() -> float | None:
