@@ -67,6 +67,7 @@ def _section(section: Section, rows: list[Row], options: list[Row], picture: str
     lines = [f"## {section.title}", "", section.words, "", f"![{section.title}]({picture})", ""]
     caption = _caption(section, rows, options)
     lines += [caption, ""] if caption else []
+    lines += [_busy(rows), ""]
     asked = " / ".join(f"{error:g}" for error in section.errors)
     for batch in batches_of(rows):
         here = some(rows, batch=batch)
@@ -82,6 +83,34 @@ def _section(section: Section, rows: list[Row], options: list[Row], picture: str
     if missing:
         lines += [f"Not measured yet: {'; '.join(missing)}.", ""]
     return "\n".join(lines)
+
+
+QUIET = 3.0
+"""A load average that leaves a core to this run, which makes 1 to 2 of it."""
+
+
+def _busy(rows: list[Row]) -> str:
+    """How much else the machine did while a group was measured, and what that means."""
+    times = [row for row in rows if "cost" in row]
+    loads = sorted(row["load"] for row in times if row.get("load") is not None)
+    older = len(times) - len(loads)
+    told = []
+    if loads:
+        middle = loads[len(loads) // 2]
+        told.append(
+            f"Load average while {len(loads)} rows were measured: {loads[0]:g} to {loads[-1]:g}, "
+            f"median {middle:g}, on the cores named above; this run alone makes 1 to 2."
+        )
+        if middle > QUIET:
+            told.append(
+                "**The machine was busy with other work**: the best of several calls that take "
+                "less than some milliseconds is still right, longer ones were interrupted and may "
+                "be several times too long. Errors are not touched by that. "
+                f"`--busiest {QUIET:g}` measures such rows again."
+            )
+    if older and loads:
+        told.append(f"{older} rows are of an earlier run that kept no such number.")
+    return " ".join(told)
 
 
 def _missing(section: Section, rows: list[Row]) -> list[str]:
