@@ -39,7 +39,7 @@ def write(store: Store, docs: Path, name: str) -> None:
         titles |= section.titles
         if rows:
             picture = f"{name}_{section.group}.png"
-            draw(rows, section.titles, docs / picture, section.unit, section.title)
+            draw(rows, section.titles, docs / picture, section.unit, section.title, section.batch)
             swept = list(store.group(section.options).values())
             parts.append(_section(section, rows, swept, picture))
         else:
