@@ -141,14 +141,21 @@ def _caption(section: Section, rows: list[Row], options: list[Row]) -> str:
         variants = list(dict.fromkeys(row["options"] for row in some(options, way=way)))
         others = []
         for variant in variants:
-            row = cheapest(some(options, way=way, options=variant), GOOD)
-            others.append(f"{variant} {number(row['cost']) if row else 'not reached'}")
+            others.append(f"{variant} {_reached(some(options, way=way, options=variant))}")
         unit = section.unit.split()[0]
         among = f" ({unit} at an error of {GOOD:g}: {'; '.join(others)})" if len(others) > 1 else ""
         told.append(f"{way}: {', '.join(sorted(used))}{among}")
     if not told:
         return ""
     return f"Options, chosen by a sweep over them ({section.swept}): " + ". ".join(told) + "."
+
+
+def _reached(rows: list[Row]) -> str:
+    """The time to a good error; where none is that good, the least error and its time."""
+    good, best = cheapest(rows, GOOD), closest(rows)
+    if good:
+        return number(good["cost"])
+    return f"{number(best['cost'])} at {best['error']:.0e}" if best else "failed"
 
 
 def _table(section: Section, rows: list[Row], everywhere: list[Row]) -> list[str]:

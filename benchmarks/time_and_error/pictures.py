@@ -17,7 +17,10 @@ COLOURS = {
     "scipy": ("tab:orange",),
     "stepping": ("0.5",),
     # They are many, and none is of the others' kind.
-    "engines": ("tab:purple", "tab:brown", "tab:olive", "tab:cyan", "navy", "darkgreen", "black"),
+    "engines": (
+        *("tab:purple", "tab:brown", "tab:olive", "tab:cyan", "navy", "darkgreen", "black"),
+        *("deeppink", "goldenrod"),
+    ),
 }
 _STROKES = ("-", "--", ":", "-.")
 _MARKS = "osD^v"
