@@ -1,17 +1,31 @@
 """The benchmark of run time against error in its small form: it runs, goes on, makes a page."""
 
+import functools
 import json
 
+import numpy as np
 import pytest
 
+import jaxcontact as jc
 from benchmarks.run_time_error import main
+from benchmarks.time_and_error.engine_words import law_and_step
+from benchmarks.time_and_error.engines import _thrown
 from benchmarks.time_and_error.problems import PROBLEMS, truth, worst
+from benchmarks.time_and_error.rebounds import ASKED, MASS, RADIUS, SPEED, Rebound, jaxsim_law
 from benchmarks.time_and_error.running import measure
 from benchmarks.time_and_error.store import Store
 from benchmarks.time_and_error.way import Way
 
 # What every way must reach by the finest setting of the small form.
-REACHED = {"ours": 1e-12, "numba": 1e-4, "diffrax": 1e-3, "scipy": 1e-4, "stepping": 1e-1}
+REACHED = {
+    "ours": 1e-12,
+    "numba": 1e-4,
+    "diffrax": 1e-3,
+    "scipy": 1e-4,
+    "stepping": 1e-1,
+    # Ten steps a contact, where an engine is installed.
+    "engines": 1e-1,
+}
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +50,9 @@ def test_every_way_answers_or_says_why(results):
         assert row["seconds"] > 0 and row["compile_s"] >= 0 and row["calls"] > 0
         key = row["group"], row["way"]
         best[key] = min(best.get(key, (1, "")), (row["error"], row["family"]))
-    assert {group for group, _ in best} == {"impacts", "derivatives", "scenes", "fits"}
+    assert {group for group, _ in best} == {
+        "impacts", "derivatives", "engines", "scenes", "fits",
+    }  # fmt: skip
     for way, (error, family) in best.items():
         assert error <= REACHED[family], way
 
@@ -52,6 +68,52 @@ def test_a_run_goes_on_where_it_was(results, capsys):
     main(["--small", "--into", str(results)])
     assert capsys.readouterr().out == ""
     assert (results / "run_time_error.json").read_text() == before
+
+
+def by_hand(drops):
+    """An engine of a few lines: semi-implicit Euler of JaxSim's law, one ball after another."""
+
+    def thrown(drop, steps):
+        force = jaxsim_law(drop.numbers, MASS, RADIUS)
+        (step, count), x, v = drop.ladder(steps), -drop.gap(steps), SPEED
+        for _ in range(count):
+            v += step * (force(x, v, SPEED) if x > 0 else 0.0)
+            x += step * v
+        return -v / SPEED
+
+    return lambda steps: np.array([thrown(drop, steps) for drop in drops])
+
+
+def test_an_engine_misses_by_its_law_and_by_its_steps(tmp_path):
+    """Hunt and Crossley's damping is not that of e, however fine the steps."""
+    store, task = Store(tmp_path / "rows.json"), Rebound(exported=False)
+    build = functools.partial(_thrown, engine="jaxsim", build=by_hand, library="numpy")
+    way = Way("by hand", "engines", build, settings=(100, 1000), compiled=False)
+    measure(store, "engines", task, way, "", len(ASKED), "")
+    coarse, fine = store.rows.values()
+    laws = [float(jc.restitution(jc.HuntCrossley(e=e))) for e in ASKED]
+    assert coarse["error_law"] == fine["error_law"]
+    assert fine["error_law"] == pytest.approx(worst(laws, np.array(ASKED)), rel=1e-2)
+    assert 1e-4 > coarse["error_step"] > 10 * fine["error_step"]
+    assert fine["error"] == max(fine["error_law"], fine["error_step"], fine["error_asked"])
+
+
+def test_the_page_tells_the_error_of_the_law_and_that_of_the_step():
+    row = {"family": "engines", "way": "JaxSim", "problem": "exported", "error": 1e-2}
+    rows = [
+        row | {"setting": setting, "error_law": 1e-11, "error_step": step}
+        for setting, step in ((10, 1e-2), (100, 2e-4), (10, 3e-3))
+    ]
+    *_, line, _ = law_and_step(rows)
+    cells = [cell.strip() for cell in line.strip("|").split("|")]
+    assert cells[2:] == ["below 1e-9", "10: 1e-02, 100: 2e-04"]
+
+
+def test_what_a_busy_machine_measured_is_measured_again_where_that_is_asked(tmp_path):
+    store = Store(tmp_path / "rows.json")
+    store.keep("a", {"group": "impacts", "code": "1", "load": 5.0})
+    quiet = Store(tmp_path / "rows.json", busiest=3.0)
+    assert not store.lacks("a", "1") and quiet.lacks("a", "1")
 
 
 def test_what_is_not_installed_and_what_raises_stay_in_the_table(tmp_path):

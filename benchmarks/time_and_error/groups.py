@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from . import derivatives, fits, impacts, scenes
+from . import derivatives, engines, fits, impacts, scenes
 from .page import write
 from .store import Store
 
 GROUPS: dict[str, Callable[[Store, str, bool], None]] = {
     "impacts": impacts.run,
     "derivatives": derivatives.run,
+    "engines": engines.run,
     "scenes": scenes.run,
     "fits": fits.run,
 }

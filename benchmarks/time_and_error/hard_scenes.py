@@ -47,7 +47,7 @@ def _bounce() -> Any:
     return jax.jit(run, static_argnames=("method", "gravity_in_contact", "bounces"))
 
 
-def _rest(one: Any) -> float:
+def rest(one: Any) -> float:
     """When the ball stays, by `one(push)` → e and duration, scaled; e is 0 for what stays."""
     v, t = math.sqrt(2 * GRAVITY * HEIGHT), math.sqrt(2 * HEIGHT / GRAVITY)
     for _ in range(MOST):
@@ -79,7 +79,7 @@ def rest_by_scipy(rtol: float) -> float:
             return 0.0, math.inf
         return -end.y_events[0][0, 1], end.t_events[0][0]
 
-    return _rest(one)
+    return rest(one)
 
 
 def rest_by_numba(rtol: float) -> float:
@@ -92,7 +92,7 @@ def rest_by_numba(rtol: float) -> float:
         e, duration = run(table, rtol)
         return e[0], duration[0]
 
-    return _rest(one)
+    return rest(one)
 
 
 @functools.cache

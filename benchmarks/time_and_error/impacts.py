@@ -26,15 +26,24 @@ SMALL_BATCH = 20
 
 def run(store: Store, only: str = "", small: bool = False) -> None:
     """Measure what the store lacks: the sweep over options first, then every row."""
-    ways = [way for way in WAYS if only.lower() in way.name.lower()]
     problems = [PROBLEMS[SWEPT]] if small else list(PROBLEMS.values())
+    pairs = [
+        (problem, way)
+        for problem, way in itertools.product(problems, WAYS)
+        if only.lower() in f"{way.name}, {problem.title}".lower()
+    ]
+    ways = [way for way in WAYS if any(way is each for _, each in pairs)]
     batches = (SMALL_BATCH,) if small else BATCHES
     if small:
-        ways = [dataclasses.replace(w, settings=w.settings[:2]) for w in ways if w.name in SMALL]
+        pairs = [
+            (problem, dataclasses.replace(way, settings=way.settings[:2]))
+            for problem, way in pairs
+            if way.name in SMALL
+        ]
     else:
         sweep(store, "options", PROBLEMS[SWEPT], ways, BATCHES[-1])
-    for count, (problem, way) in enumerate(itertools.product(problems, ways), 1):
-        head = f"[{count}/{len(problems) * len(ways)}]"
+    for count, (problem, way) in enumerate(pairs, 1):
+        head = f"[{count}/{len(pairs)}]"
         for batch in batches:
             if way.batches is None or batch in way.batches:
                 options = chosen(store, "options", way)

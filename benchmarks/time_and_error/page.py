@@ -39,7 +39,7 @@ def write(store: Store, docs: Path, name: str) -> None:
         titles |= section.titles
         if rows:
             picture = f"{name}_{section.group}.png"
-            draw(rows, section.titles, docs / picture, section.unit, section.title)
+            draw(rows, section.titles, docs / picture, section.unit, section.title, section.batch)
             swept = list(store.group(section.options).values())
             parts.append(_section(section, rows, swept, picture))
         else:
@@ -55,6 +55,8 @@ def _machine(known: dict[str, Any]) -> str:
         for k in ("python", "numpy", "scipy", "jax", "diffrax", "numba", "lmfit")
         if known[k]
     )
+    there = known.get("engines", {})
+    libraries += "".join(f", {k} {v}" for k, v in there.items() if v)
     return (
         f"{known['processor']}, {known['cores']} cores, {known['memory_gib']} GiB, "
         f"{known['system']}; {libraries}; commit {known['commit']}, seed {known['seed']}."
@@ -65,6 +67,7 @@ def _section(section: Section, rows: list[Row], options: list[Row], picture: str
     lines = [f"## {section.title}", "", section.words, "", f"![{section.title}]({picture})", ""]
     caption = _caption(section, rows, options)
     lines += [caption, ""] if caption else []
+    lines += [_busy(rows), ""]
     asked = " / ".join(f"{error:g}" for error in section.errors)
     for batch in batches_of(rows):
         here = some(rows, batch=batch)
@@ -72,6 +75,7 @@ def _section(section: Section, rows: list[Row], options: list[Row], picture: str
         several = f"{section.batch} {batch:,}: " if len(batches_of(rows)) > 1 else ""
         table = _table(section, here, [*rows, *options])
         lines += [f"**{_capital(several + what)}**", "", *table, ""]
+    lines += section.more(rows)
     reasons = _reasons(section, rows)
     if reasons:
         lines += ["What could not be had:", "", *reasons, ""]
@@ -79,6 +83,37 @@ def _section(section: Section, rows: list[Row], options: list[Row], picture: str
     if missing:
         lines += [f"Not measured yet: {'; '.join(missing)}.", ""]
     return "\n".join(lines)
+
+
+QUIET = 3.0
+"""A load average that leaves a core to this run, which makes 1 to 2 of it."""
+
+
+def _busy(rows: list[Row]) -> str:
+    """How much else the machine did while a group was measured, and what that means."""
+    times = [row for row in rows if "cost" in row]
+    loads = sorted(row["load"] for row in times if row.get("load") is not None)
+    older = len(times) - len(loads)
+    told = []
+    if loads:
+        middle = loads[len(loads) // 2]
+        told.append(
+            f"Load average while {len(loads)} rows were measured: {loads[0]:g} to {loads[-1]:g}, "
+            f"median {middle:g}, on the cores named above; this run alone makes 1 to 2."
+        )
+        if middle > QUIET:
+            told.append(
+                "**The machine was busy with other work**: the best of several calls that take "
+                "less than some milliseconds is still right, longer ones were interrupted and may "
+                "be several times too long. Errors are not touched by that. "
+                f"`--busiest {QUIET:g}` measures such rows again."
+            )
+    if older and loads:
+        told.append(
+            f"{older} rows are of an earlier run, on a quiet machine, that kept no such number; "
+            "those of the package by its code of then."
+        )
+    return " ".join(told)
 
 
 def _missing(section: Section, rows: list[Row]) -> list[str]:
@@ -106,14 +141,21 @@ def _caption(section: Section, rows: list[Row], options: list[Row]) -> str:
         variants = list(dict.fromkeys(row["options"] for row in some(options, way=way)))
         others = []
         for variant in variants:
-            row = cheapest(some(options, way=way, options=variant), GOOD)
-            others.append(f"{variant} {number(row['cost']) if row else 'not reached'}")
+            others.append(f"{variant} {_reached(some(options, way=way, options=variant))}")
         unit = section.unit.split()[0]
         among = f" ({unit} at an error of {GOOD:g}: {'; '.join(others)})" if len(others) > 1 else ""
         told.append(f"{way}: {', '.join(sorted(used))}{among}")
     if not told:
         return ""
     return f"Options, chosen by a sweep over them ({section.swept}): " + ". ".join(told) + "."
+
+
+def _reached(rows: list[Row]) -> str:
+    """The time to a good error; where none is that good, the least error and its time."""
+    good, best = cheapest(rows, GOOD), closest(rows)
+    if good:
+        return number(good["cost"])
+    return f"{number(best['cost'])} at {best['error']:.0e}" if best else "failed"
 
 
 def _table(section: Section, rows: list[Row], everywhere: list[Row]) -> list[str]:

@@ -10,19 +10,31 @@ import matplotlib.pyplot as plt
 from .reading import Row, batches_of, problems_of, some, ways_of
 
 COLOURS = {
-    "ours": "tab:red",
-    "alone": "tab:pink",
-    "numba": "tab:blue",
-    "diffrax": "tab:green",
-    "scipy": "tab:orange",
-    "stepping": "0.5",
+    "ours": ("tab:red",),
+    "alone": ("tab:pink",),
+    "numba": ("tab:blue",),
+    "diffrax": ("tab:green",),
+    "scipy": ("tab:orange",),
+    "stepping": ("0.5",),
+    # They are many, and none is of the others' kind.
+    "engines": (
+        *("tab:purple", "tab:brown", "tab:olive", "tab:cyan", "navy", "darkgreen", "black"),
+        *("deeppink", "goldenrod"),
+    ),
 }
 _STROKES = ("-", "--", ":", "-.")
 _MARKS = "osD^v"
 
 
-def draw(rows: list[Row], titles: dict[str, str], path: Path, unit: str, head: str) -> None:
-    """One figure of a group; the better is down and left."""
+def draw(
+    rows: list[Row],
+    titles: dict[str, str],
+    path: Path,
+    unit: str,
+    head: str,
+    batched: str = "batch of",
+) -> None:
+    """One figure of a group; the better is down and left. `batched`: what numbers of lanes mean."""
     problems, batches = problems_of(rows), batches_of(rows)
     shape = (len(batches), len(problems))
     size = (2.8 * len(problems) + 0.6, 2.5 * len(batches) + 1.8)
@@ -40,7 +52,7 @@ def draw(rows: list[Row], titles: dict[str, str], path: Path, unit: str, head: s
             ax.set(xscale="log", yscale="log")
             ax.grid(alpha=0.3)
             ax.tick_params(labelsize=7)
-            title = titles[problem] + (f", batch of {batch:,}" if len(batches) > 1 else "")
+            title = titles[problem] + (f", {batched} {batch:,}" if len(batches) > 1 else "")
             ax.set_title(title, fontsize=8)
     fig.supylabel("relative error", fontsize=9)
     # The legend takes the place of a label of the axis.
@@ -55,8 +67,9 @@ def draw(rows: list[Row], titles: dict[str, str], path: Path, unit: str, head: s
 def _style(rows: list[Row], way: str) -> dict[str, Any]:
     family = some(rows, way=way)[0]["family"]
     place = ways_of(some(rows, family=family)).index(way)
+    colours = COLOURS[family]
     return {
-        "color": COLOURS[family],
+        "color": colours[place % len(colours)],
         "linestyle": _STROKES[place % len(_STROKES)],
         "marker": _MARKS[place % len(_MARKS)],
         "markersize": 3.5,

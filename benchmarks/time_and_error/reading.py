@@ -12,6 +12,7 @@ FAMILIES = {
     "diffrax": "plain diffrax",
     "scipy": "SciPy",
     "stepping": "time steps as engines make them",
+    "engines": "another simulator",
 }
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import os
 from collections.abc import Iterable
 from typing import Any, Protocol
 
@@ -22,6 +24,7 @@ FAMILY_FILES = {
     "scipy": ("by_scipy.py",),
     "numba": ("by_numba.py", "pairs.py"),
     "stepping": ("stepping.py",),
+    "engines": (),
 }
 
 
@@ -40,7 +43,9 @@ class Task(Protocol):
 
 def code(way: Way) -> str:
     return code_of(
-        ("way.py", *FAMILY_FILES[way.family], *way.files), way.family in ("ours", "alone")
+        ("way.py", *FAMILY_FILES[way.family], *way.files),
+        way.family in ("ours", "alone"),
+        way.family == "engines",
     )
 
 
@@ -104,18 +109,37 @@ def measure(
     for key, setting in wanted.items():
         try:
             row, answer = timed(lambda s=setting: solve(s), way.compiled)
-        except (
-            Exception
-        ) as error:  # What a peer or the package raises is told, and the run goes on.
-            reason = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+        # What a peer or the package raises is told, and the run goes on.
+        except Exception as error:
+            reason = _told(error)
             store.keep(key, base | {"setting": setting, "reason": reason})
             print(f"{title}, {way.word} {setting:g}: {reason}", flush=True)
             continue
+        row["load"] = _load()
         row["cost"] = _cost(task, row["seconds"], batch, len(lanes))
         row |= _finite(task.errors(lanes, answer))
         store.keep(key, base | {"setting": setting} | row)
         told = f"{row['error']:.0e}" if "error" in row else row["reason"]
         print(f"{title}, {way.word} {setting:g}: {row['cost']:.3g} {unit}, {told}", flush=True)
+
+
+@functools.singledispatch
+def _told(error: Exception) -> str:
+    """The first line of what was raised, and its kind."""
+    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
+
+
+@_told.register
+def _(reason: NotPossibleError) -> str:
+    return str(reason)
+
+
+def _load() -> float | None:
+    """Processes that ran or waited, this one among them, averaged over a minute; None on Windows.
+
+    What is above the threads of a way is the machine's other work, and makes its times longer.
+    """
+    return round(os.getloadavg()[0], 1) if hasattr(os, "getloadavg") else None
 
 
 def _cost(task: Task, seconds: float, batch: int, measured: int) -> float:
@@ -128,7 +152,8 @@ def _twin(store: Store, base: dict[str, Any]) -> dict[str, Any] | None:
     """The same measurement, made for another batch or for the choice of options."""
     names = ("problem", "way", "options", "measured", "code", "setting")
     for row in store.rows.values():
-        if all(row.get(name) == base[name] for name in names) and "cost" in row:
+        same = all(row.get(name) == base[name] for name in names) and "cost" in row
+        if same and not store.busy(row):
             return row
     return None
 

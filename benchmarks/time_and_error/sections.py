@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 from .derivatives import CHECKED as CHECKED_SLOPES
 from .derivatives import Slopes
+from .engine_words import law_and_step
+from .engines import TASKS as REBOUNDS
 from .fit_tasks import Record, Table
 from .impacts import WAYS as IMPACT_WAYS
 from .problems import CHECKED, PROBLEMS
+from .reading import Row
+from .rebounds import ASKED
 from .scenes import SCENES
 
 
@@ -29,6 +34,8 @@ class Section(NamedTuple):
     """What its numbers of lanes mean."""
     ways: tuple[str, ...] = ()
     """All that it compares, so that the page can say what is not measured yet."""
+    more: Callable[[list[Row]], list[str]] = lambda rows: []
+    """What else the page says of the rows, below the tables."""
 
 
 _IMPACTS = f"""\
@@ -49,6 +56,20 @@ oracle of 40 digits, which keep 20 of them, on {CHECKED_SLOPES} lanes; errors re
 largest derivative of that result. Forward: `jax.jacfwd`, reverse: `jax.jacrev`. Differences are
 central, six solves."""
 
+_ENGINES = f"""\
+A ball of 1 kg strikes a plane at 4.2 m/s, without gravity, and must rebound at the e that was
+asked: {", ".join(f"{e:g}" for e in ASKED)}. Every engine with its own contact, in two ways. *As its
+documents say*: Exudyn (impact model 2) and LAMMPS (`coeff_restitution`) take e; MuJoCo and MJX take
+a damping ratio, here that of an oscillator with this e; Drake and JaxSim (exponents of Hunt and
+Crossley's force) take a damping, here (3/2)(1 - e)/v, from the paper that they name. *Numbers by
+jaxcontact*: those of `jc.export`, and JaxSim's from the same closed relation. The error of the law
+is what is left of the engine's documented formula, solved by SciPy, without steps; that of the step
+is between the engine and its formula; the tables count the larger one. The ball touches at another
+part of a step for each e. Times are of the steps alone, a model is made before; they are for the
+contact and a third more. Exudyn, MuJoCo and Drake throw one ball after another, LAMMPS a hundred
+in a box for each e, MJX and JaxSim all at once. JaxSim has contacts of points only: a box on four
+corners. *ExactRestitution* is `jc.impact` in a `jax.jit`."""
+
 _FITS = """\
 Numbers from data without noise, so that what is missing to the truth is the way's: c of the law
 of Hunt and Crossley from 20 and 1000 restitutions (of 40 digits) over speed; c, K, the moment of
@@ -64,10 +85,14 @@ Whole runs from start to end. Soft balls, whose impacts take time and overlap: f
 a line, ten equal ones that touch (Hertz, a blow at the end), and a pair that passes (ε: how far it
 slides in an impact, of its diameter); final velocities, beside SciPy at its least tolerance. A ball
 that bounces to rest, with its weight in the contact: the time of rest, beside 40 digits. Out of
-time: a ball on a shaking table, beside sampling and Brent's method, and a gas of 32 discs in a
-periodic cell, beside a search in extended precision; final velocities. SciPy and diffrax restart at
-touches and openings; diffrax has a longest step, found by trial, without which it misses contacts.
-By hand means numba code for this scene and no other."""
+time: a ball on a shaking table, beside sampling and Brent's method, and gases of 32 discs, in a
+periodic cell and between four walls, beside a search in extended precision; final velocities. SciPy
+and diffrax restart at touches and openings. Through flights diffrax has a longest step, found by
+trial, without which it misses contacts, and both have one in the gases and over the table. By hand
+means numba code for this scene and no other. Exudyn (RK44, impact model 1, whose law this is) and
+MuJoCo make steps of one length; their times have the building of the model in them. MuJoCo goes
+through the line with contacts of 5 ms. *billiards* is the one simulator of hard discs from event to
+event that PyPI has; it knows no periodic cell, hence the box."""
 
 SECTIONS = (
     Section(
@@ -91,7 +116,18 @@ SECTIONS = (
         "slope options",
         "the largest batch",
     ),
-    Section("engines", "Engines", "", {}, "", ()),
+    Section(
+        "engines",
+        "Engines",
+        _ENGINES,
+        {task.name: task.title for task in REBOUNDS},
+        "µs a rebound",
+        (1e-1, 1e-2, 1e-3, 1e-6),
+        "engine options",
+        "numbers by jaxcontact, five balls",
+        "balls:",
+        more=law_and_step,
+    ),
     Section(
         "scenes",
         "Scenes",

