@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .._flight import Flight, Floats
 from ._layout import Layout, Record
 from ._recording import Recording
-from ._sheet import RecordingError
+from ._fault import RecordingError
 
 Ints = NDArray[np.int64]
 
