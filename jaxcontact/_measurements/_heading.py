@@ -1,0 +1,100 @@
+"""What the heading of a column means: its words, and the unit that is written in it."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import unicodedata
+from collections.abc import Iterator, Mapping
+
+from .._parameter import nearest
+from .._units import Unit, written_unit
+
+
+@dataclasses.dataclass(frozen=True)
+class Meaning:
+    """What a column may be called: `words`, and `unit`, the SI unit, None for labels and counts.
+
+    Numbers without a written unit whose median lies above `usual` are refused: `usual_words` say
+    what they would be, for the message.
+    """
+
+    words: tuple[str, ...] = ()
+    unit: str | None = None
+    usual: float = math.inf
+    usual_words: str = ""
+
+    def heading(self, text: str) -> Heading | None:
+        """The heading, if it means this: by its words, and a unit of the right kind, if any."""
+        for words, unit in _readings(text):
+            if _plain(words) in self.words and (unit is None or self._takes(unit)):
+                return Heading(text, unit)
+        return None
+
+    def unknown_unit(self, text: str) -> str | None:
+        """What stands in brackets behind words that mean this, where it is no unit of the kind."""
+        found = _BRACKETS.fullmatch(text.strip())
+        if found is None or self.unit is None or _plain(found[1]) not in self.words:
+            return None
+        unit = written_unit(found[2])
+        inside = _plain(found[2]) in self.words
+        return None if inside or (unit and self._takes(unit)) else found[2].strip()
+
+    def _takes(self, unit: Unit) -> bool:
+        return self.unit is not None and unit.si == self.unit
+
+    def unit_in(self, text: str) -> Unit | None:
+        """The unit of the right kind that is written in a heading, whatever its words."""
+        units = (unit for _, unit in _readings(text) if unit is not None)
+        return next((unit for unit in units if self._takes(unit)), None)
+
+
+@dataclasses.dataclass(frozen=True)
+class Heading:
+    """A heading as it is written, and the unit in it; None where none is written."""
+
+    text: str
+    unit: Unit | None = None
+
+
+def words(text: str) -> tuple[str, ...]:
+    """The words of a `Meaning`, of a text in which commas separate them."""
+    return tuple(map(_plain, text.split(",")))
+
+
+_BRACKETS = re.compile(r"(.*?)\s*[\[({]([^\])}]*)[\])}]")
+_BEHIND = re.compile(r"(.+?)(?:\s*/\s*|\s*,\s*|\s+in\s+|[\s_]+)(.+)")
+_LAST = re.compile(r"(.+)[\s_]+([^\s_]+)")
+_RATE = re.compile(r"(.+?)[\s_]+([^\s_]+)[\s_]+(?:per[\s_]+)?([^\s_]+)")
+
+
+def _plain(text: str) -> str:
+    """A heading for comparison: small letters, one blank between words, h₀ as h0."""
+    text = unicodedata.normalize("NFKC", text).casefold()
+    return re.sub(r"[\s_.\-]+", " ", text).strip()
+
+
+def _readings(text: str) -> Iterator[tuple[str, Unit | None]]:
+    """The ways to read a heading: all of it as words, or its end as a unit."""
+    text = text.strip()
+    yield text, None
+    if found := _BRACKETS.fullmatch(text):
+        unit = written_unit(found[2])
+        yield found[1], unit
+        # "Restitution (e)": two names of one thing.
+        if unit is None:
+            yield found[2], None
+    for pattern in (_BEHIND, _LAST):
+        if (found := pattern.fullmatch(text)) and (unit := written_unit(found[2])):
+            yield found[1], unit
+    if (found := _RATE.fullmatch(text)) and (unit := written_unit(f"{found[2]}/{found[3]}")):
+        yield found[1], unit
+
+
+def suggestion(text: str, meanings: Mapping[str, Meaning]) -> str:
+    """'; did you mean ...?' for a heading that is nearly one that is known, or nothing."""
+    known = {word: name for name, one in meanings.items() for word in (_plain(name), *one.words)}
+    stem = _plain(re.sub(r"[\[({/].*", "", text)) or _plain(text)
+    near = nearest(stem, (word for word in known if len(word) > 2))
+    return f"; did you mean {near!r}?" if near else ""
