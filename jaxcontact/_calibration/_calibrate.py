@@ -206,6 +206,7 @@ def _recording(recording: Recording, pairs: Pairs) -> RecordingSummary:
         pairs=len(pairs),
         unpaired=pairs.unpaired,
         trials=tuple(pairs.cluster_names[k] for k in np.unique(pairs.cluster)),
+        notes=recording.notes,
     )
 
 

@@ -11,7 +11,7 @@ from .._whole_files import write_all
 from ._json import FormatError, dumps, loads
 from ._summary import CalibrationSummary
 
-VERSION = 2
+VERSION = 3
 """Of the file's format; raised whenever a field is added, removed or changes its meaning."""
 
 

@@ -13,7 +13,10 @@ from ._choice import ChoiceData
 
 @dataclasses.dataclass(frozen=True)
 class RecordingSummary:
-    """Where the pairs come from: source, layout and ball; how many pairs, of which trials."""
+    """Where the pairs come from: source, layout and ball; how many pairs, of which trials.
+
+    `notes` say how the source was read: headings that were understood, units converted.
+    """
 
     source: str
     layout: str
@@ -21,6 +24,7 @@ class RecordingSummary:
     pairs: int
     unpaired: int
     trials: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)

@@ -116,7 +116,7 @@ def with_points(
             (k, c)
             for k, cells in rows
             for c in cells
-            if isinstance(c, str) and (_POINT.fullmatch(c) or (k, c) in grouped and "." in c)
+            if isinstance(c, str) and (_POINT.fullmatch(c) or ((k, c) in grouped and "." in c))
         ]
         if commas and points and not apart:
             (k, comma), (row, point) = commas[0], points[0]
@@ -137,7 +137,7 @@ def with_points(
         return rows, False
 
     def plain(cell: Any) -> Any:
-        if not isinstance(cell, str) or "," not in cell and mark == ".":
+        if not isinstance(cell, str) or ("," not in cell and mark == "."):
             return cell
         if mark == "," and _THOUSANDS[","].fullmatch(cell):
             return cell.replace(".", "").replace(",", ".")

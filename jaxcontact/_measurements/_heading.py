@@ -30,6 +30,10 @@ class Meaning:
         for words, unit in _readings(text):
             if _plain(words) in self.words and (unit is None or self._takes(unit)):
                 return Heading(text, unit)
+        # "Restitution (e)": two names of one thing, or a remark behind the name of a label.
+        found = _BRACKETS.fullmatch(text.strip())
+        if found and _plain(found[1]) in self.words and self.unknown_unit(text) is None:
+            return Heading(text)
         return None
 
     def unknown_unit(self, text: str) -> str | None:
@@ -38,8 +42,10 @@ class Meaning:
         if found is None or self.unit is None or _plain(found[1]) not in self.words:
             return None
         unit = written_unit(found[2])
-        inside = _plain(found[2]) in self.words
-        return None if inside or (unit and self._takes(unit)) else found[2].strip()
+        if _plain(found[2]) in self.words or (unit and self._takes(unit)):
+            return None
+        # What has no unit may have a remark.
+        return None if self.unit == "" and unit is None else found[2].strip()
 
     def _takes(self, unit: Unit) -> bool:
         return self.unit is not None and unit.si == self.unit
@@ -64,8 +70,7 @@ def words(text: str) -> tuple[str, ...]:
 
 
 _BRACKETS = re.compile(r"(.*?)\s*[\[({]([^\])}]*)[\])}]")
-_BEHIND = re.compile(r"(.+?)(?:\s*/\s*|\s*,\s*|\s+in\s+|[\s_]+)(.+)")
-_LAST = re.compile(r"(.+)[\s_]+([^\s_]+)")
+_BETWEEN = re.compile(r"\s*/\s*|\s*,\s*|\s+in\s+|[\s_]+")
 _RATE = re.compile(r"(.+?)[\s_]+([^\s_]+)[\s_]+(?:per[\s_]+)?([^\s_]+)")
 
 
@@ -79,15 +84,11 @@ def _readings(text: str) -> Iterator[tuple[str, Unit | None]]:
     """The ways to read a heading: all of it as words, or its end as a unit."""
     text = text.strip()
     yield text, None
-    if found := _BRACKETS.fullmatch(text):
-        unit = written_unit(found[2])
+    if (found := _BRACKETS.fullmatch(text)) and (unit := written_unit(found[2])):
         yield found[1], unit
-        # "Restitution (e)": two names of one thing.
-        if unit is None:
-            yield found[2], None
-    for pattern in (_BEHIND, _LAST):
-        if (found := pattern.fullmatch(text)) and (unit := written_unit(found[2])):
-            yield found[1], unit
+    for between in _BETWEEN.finditer(text):
+        if unit := written_unit(text[between.end() :]):
+            yield text[: between.start()], unit
     if (found := _RATE.fullmatch(text)) and (unit := written_unit(f"{found[2]}/{found[3]}")):
         yield found[1], unit
 

@@ -34,10 +34,7 @@ class Peaks(Layout[Peak]):
         {
             **LABELS,
             "height_m": Meaning(
-                words(
-                    "height, height m, h, peak, peak height, max height, maximum height, apex, "
-                    "bounce height, rebound height"
-                ),
+                words("height, height m, h, peak, peak height, max height, maximum height, apex"),
                 "m",
                 10.0,
                 "flights higher than 10 m",

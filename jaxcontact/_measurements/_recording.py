@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 from collections.abc import Mapping
 from typing import IO, Any
@@ -25,7 +26,7 @@ class Recording:
 
     `source` names where they come from, `layout` is their column layout (see `read_recording`),
     `ball` the name of the ball ("" where there is none), `records` the measurements in order, and
-    `notes` say what was done to read them: headings that were understood, units that were converted.
+    `notes` say how they were read: headings that were understood, units that were converted.
     """
 
     source: str
@@ -85,8 +86,8 @@ def read_recording(
     `ball` chooses a ball by its name, which is necessary where there are several (from the shipped
     data, "blue" is chosen). A sequence of names is the column `ball`, given by keyword. `columns`
     says which column holds what, by number from 1 or by heading, as in "speed=2,e=5" or
-    {"speed": 2, "e": "COR"}. `decimal`, "." or ",", is the decimal mark of a file in which it cannot
-    be told.
+    {"speed": 2, "e": "COR"}. `decimal`, "." or ",", is the decimal mark of a file in which it
+    cannot be told.
 
     Returns a `Recording`. Raises RecordingError, which names source, row and column, for a file
     that cannot be read, a column that is missing, repeated, not one-dimensional or of another
@@ -165,7 +166,7 @@ def _layout_of(
 ) -> tuple[Layout[Any], Match]:
     """The layout called `name`, or the one that the columns fit best; its columns are there."""
     layouts = [one for one in LAYOUTS.values() if name in (None, one.name)]
-    if not told and not any(sheet.names):
+    if not told and sheet.names and not any(sheet.names):
         raise _without_headings(sheet)
     found: dict[str, Match | RecordingError] = {}
     for one in layouts:
@@ -237,7 +238,7 @@ def _without_headings(sheet: Sheet) -> RecordingError:
         )
         return RecordingError(problem, sheet.source, row)
     numbers = [_number(cells[0]) for _, cells in lines]
-    ratio = float(np.median([b / a for a, b in zip(numbers, numbers[1:], strict=False) if a] or 0))
+    ratio = float(np.median([b / a for a, b in itertools.pairwise(numbers) if a] or 0))
     readings = (
         (
             f" (then e is about {ratio**0.5:.2f})",

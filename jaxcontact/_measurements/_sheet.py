@@ -7,7 +7,6 @@ import importlib.resources
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
 from typing import Any, NoReturn
 
 import numpy as np
@@ -42,7 +41,7 @@ class Row:
     source: str
     number: int
     values: Mapping[str, Any]
-    headings: Mapping[str, Heading] = MappingProxyType({})
+    headings: Mapping[str, Heading] = dataclasses.field(default_factory=dict)
 
     def refuse(self, column: str, problem: str) -> NoReturn:
         """Raise RecordingError with the place of this row."""

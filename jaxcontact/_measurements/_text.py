@@ -108,17 +108,18 @@ def _reading(data: list[str], separator: str, source: str, known: Known) -> _Rea
     width = widths.most_common(1)[0][0] if widths else max((len(c) for _, c in rows), default=0)
     heading = max((known_cells(cells, known) for _, cells in rows), default=0)
     if width < 2:
-        return _Reading(separator, rows, (heading, 0.0), error)
+        return _Reading(separator, rows, (heading > 0, 0.0), error)
     headings = [len(cells) for _, cells in rows if known_cells(cells, known) == heading > 0]
-    if headings and headings[0] < width and separator == ",":
-        # What the commas separate are the digits of one number.
+    # One heading above two numbers: what commas separate are the digits of one number. More words
+    # than numbers: what blanks separate are the words of one heading.
+    if headings and (headings[0] == 1 if separator == "," else headings[0] > width):
         return _Reading(separator, rows, (0, 0.0), error)
     good = [cells for _, cells in rows if len(cells) == width and any(map(is_number, cells))]
     share = sum(is_number(cell) for cells in good for cell in cells) / max(
         1, sum(len(cells) for _, cells in rows)
     )
     order = list(_SEPARATORS).index(separator) if separator in _SEPARATORS else 0
-    return _Reading(separator, rows, (heading, 1 + share - 1e-6 * order), error)
+    return _Reading(separator, rows, (heading > 0, 1 + share - 1e-6 * order), error)
 
 
 def _split(
