@@ -1,5 +1,7 @@
 """Recordings of bouncing balls: reading them, pairs of speed and restitution, noise, outliers."""
 
+from ._columns import COLUMNS as COLUMNS
+from ._columns import read_columns as read_columns
 from ._fault import RecordingError as RecordingError
 from ._intervals import Intervals
 from ._layout import LAYOUTS as LAYOUTS

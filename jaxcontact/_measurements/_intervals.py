@@ -14,6 +14,7 @@ from ._heading import Meaning, words
 from ._layout import (
     DROP_HEIGHT,
     LABELS,
+    Flights,
     Layout,
     Paired,
     ReadingError,
@@ -165,6 +166,9 @@ class Intervals(Layout[Interval]):
             records=couples,
             unpaired=len(records) - len({record.row for couple in couples for record in couple}),
         )
+
+    def flights(self, records: Sequence[tuple[Interval, ...]]) -> Flights:
+        return Flights("intervals", *([one[k].seconds for one in records] for k in (0, 1)))
 
     def guess(
         self, records: Sequence[tuple[Interval, ...]], flagged: np.ndarray, e: float

@@ -80,6 +80,14 @@ class Paired(NamedTuple, Generic[R]):
     unpaired: int = 0
 
 
+class Flights(NamedTuple):
+    """Successive flights as "intervals" in s or "heights" in m: before and after each bounce."""
+
+    kind: str
+    first: list[float]
+    second: list[float]
+
+
 class Layout(abc.ABC, Generic[R]):
     """A column layout: how its rows are read and paired, and the words that reports use of it.
 
@@ -116,6 +124,13 @@ class Layout(abc.ABC, Generic[R]):
     @abc.abstractmethod
     def pair(self, records: Sequence[R], flight: Flight) -> Paired[R]:
         """The pairs in `records`, which are of one ball."""
+
+    def flights(self, records: Sequence[tuple[R, ...]]) -> Flights | None:
+        """The flights before and after each bounce, for `fit_bounces`; None where there are none.
+
+        `records` are those of all pairs.
+        """
+        return None
 
     def guess(
         self, records: Sequence[tuple[R, ...]], flagged: np.ndarray, e: float

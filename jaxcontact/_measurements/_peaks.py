@@ -10,7 +10,7 @@ import numpy as np
 
 from .._flight import Flight, speed_after_drop, speed_to_reach
 from ._heading import Meaning, words
-from ._layout import LABELS, Layout, Paired, ReadingError, Record, bounces_of, span
+from ._layout import LABELS, Flights, Layout, Paired, ReadingError, Record, bounces_of, span
 from ._restitution import MEASURED_RESTITUTION, length_guess
 from ._sheet import Row
 
@@ -73,6 +73,9 @@ class Peaks(Layout[Peak]):
             "trials": str(len({(record.ball, record.trial) for record in records})),
             "heights": span([record.height for record in records], "m"),
         }
+
+    def flights(self, records: Sequence[tuple[Peak, ...]]) -> Flights:
+        return Flights("heights", *([one[k].height for one in records] for k in (0, 1)))
 
     def pair(self, records: Sequence[Peak], flight: Flight) -> Paired[Peak]:
         couples = _couples(records)

@@ -79,6 +79,19 @@ class Row:
             self.refuse(column, f"{text!r} is not a finite number")
         if number <= 0:
             self.refuse(column, f"must be positive, but is {text}")
+        return self._in_si(column, number)
+
+    def real(self, column: str) -> float:
+        """The value as a finite number in SI units; NaN for an empty cell."""
+        value = self.values[column]
+        if value is None or value != value or (isinstance(value, str) and not value.strip()):
+            return math.nan
+        text, number = self._number(column, "a number")
+        if not math.isfinite(number):
+            self.refuse(column, f"{text!r} is not a finite number")
+        return self._in_si(column, number)
+
+    def _in_si(self, column: str, number: float) -> float:
         heading = self.headings.get(column)
         return number if heading is None or heading.unit is None else heading.unit.to_si(number)
 

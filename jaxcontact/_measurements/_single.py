@@ -10,7 +10,7 @@ import numpy as np
 
 from .._flight import Flight, speed_after_drop, speed_to_reach
 from ._heading import Meaning, words
-from ._layout import DROP_HEIGHT, LABELS, Layout, Paired, ReadingError, Record, span
+from ._layout import DROP_HEIGHT, LABELS, Flights, Layout, Paired, ReadingError, Record, span
 from ._restitution import MEASURED_RESTITUTION, in_percent, length_guess
 from ._sheet import Row
 
@@ -68,6 +68,10 @@ class Heights(Layout[Rebound]):
             "drop heights": f"{len(set(dropped))}, {span(dropped, 'm')}",
             "rebounds": span([record.height for record in records], "m"),
         }
+
+    def flights(self, records: Sequence[tuple[Rebound, ...]]) -> Flights:
+        first, second = zip(*((one.drop_height, one.height) for (one,) in records), strict=True)
+        return Flights("heights", list(first), list(second))
 
     def pair(self, records: Sequence[Rebound], flight: Flight) -> Paired[Rebound]:
         dropped, reached = np.array([(one.drop_height, one.height) for one in records]).T

@@ -164,8 +164,8 @@ def test_commas_that_may_be_two_things(tmp_path):
 
 REFUSED = {
     "0.8\n0.6\n0.45\n": r"row 1: one column without a header may hold heights of successive "
-    r"flights in m \(then e is about 0.87\) or intervals between impacts in s \(then e is about 0.75\); "
-    r'say which with `columns="height=1"` or `columns="interval=1"`',
+    r"flights in m \(then e is about 0.87\) or intervals between impacts in s "
+    r'\(then e is about 0.75\); say which with `columns="height=1"` or `columns="interval=1"`',
     "1,0.9\n2,0.8\n": r"row 1: has no header, and 2 columns; say what they hold, as in",
     "0,8\n0,6\n": r"row 1: '0,8' may be one number, 0.8, or two, 0 and 8; say which with",
     "v;e\n1,5;0.9\n": r"row 2: '0.9' has a decimal point, and '1,5' in row 2 a decimal comma",
