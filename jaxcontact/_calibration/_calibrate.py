@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from .._contact import Contact
 from .._flight import STANDARD_GRAVITY, Drag, Flight
@@ -79,6 +80,15 @@ class Calibration:
     def report(self) -> str:
         """Everything in words: data, marked pairs, fits, their comparison, what stays open."""
         return report(self.summary)
+
+    def for_export(
+        self, contact: Contact | None
+    ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
+        """The law, the contact, and closing speeds in m/s over the measured range, for `export`.
+
+        Raises ValueError where no fit converged, and where mass or stiffness is not known.
+        """
+        return self.summary.for_export(contact)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write `summary` to a JSON file, whole or not at all; `load_calibration` reads it.

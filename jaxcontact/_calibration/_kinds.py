@@ -27,6 +27,7 @@ from .._laws import (
     KuwabaraKono,
     PowerDamping,
     constant_laws,
+    describe,
     get_law,
 )
 from .._parameter import rendered
@@ -69,6 +70,10 @@ class AbstractKind(abc.ABC):
     @abc.abstractmethod
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
         """What e(v) determines: parameter, name, factor to the parameter's value, and unit."""
+
+    def moved(self, law: Any, old: Contact, new: Contact) -> AbstractLaw:
+        """The law of another contact that has the same e(v)."""
+        return law
 
     def serves(self, exponent: float | Array) -> bool:
         """Whether the curve is known for a contact with this exponent."""
@@ -154,6 +159,9 @@ class ConstantC(AbstractKind):
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
         return ConstantDamping(c=params["c"])
 
+    def moved(self, law: Any, old: Contact, new: Contact) -> AbstractLaw:
+        return eqx.tree_at(lambda one: one.c, law, law.c * new.stiffness / old.stiffness)
+
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
         return (("c", "c/K", 1 / float(contact.stiffness), "s/m"),)
 
@@ -198,6 +206,10 @@ class Viscoelastic(AbstractKind):
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
         return KuwabaraKono(A=params["A"])
+
+    def moved(self, law: Any, old: Contact, new: Contact) -> AbstractLaw:
+        ratio = _frequency(old) / _frequency(new)
+        return eqx.tree_at(lambda one: one.A, law, law.A * ratio)
 
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
         return (("A", "A (K/m)^(2/5)", float(_frequency(contact)), "(m/s)^(-1/5)"),)
@@ -266,3 +278,11 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
             return (ConstantE(), kind)
     name = "constant e" if law == "exact" else f"constant e ({law})"
     return (ConstantE(law, name), *others)
+
+
+def kind_of_law(law: AbstractLaw) -> AbstractKind:
+    """The kind whose e(v) a law has."""
+    for kind in SPEED_DEPENDENT:
+        if describe(kind.law).cls is type(law):
+            return kind
+    return ConstantE()

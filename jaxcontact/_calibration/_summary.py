@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
+from jaxtyping import Float
+
 from .._contact import Contact
 from .._flight import Drag
 from .._laws import AbstractLaw
 from .._measurements._noise import Noise
 from ._choice import ChoiceData
+from ._kinds import kind_of_law
+
+_SPEEDS = 17
+"""Of an export, over the measured range."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -83,6 +90,32 @@ class CalibrationSummary:
     def converged(self) -> bool:
         """Whether every fit converged."""
         return all(f.converged for c in (self.choice, self.with_marked) for f in c.laws)
+
+    def for_export(
+        self, contact: Contact | None
+    ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
+        """The law, the contact, and closing speeds in m/s over the measured range, for `export`.
+
+        With another `contact` the law is the one with the same e(v). Raises ValueError where no fit
+        converged, and where mass or stiffness is not known.
+        """
+        if self.law is None:
+            raise ValueError(
+                "Argument `law` must be a calibration with a law, but no fit converged."
+            )
+        kind = kind_of_law(self.law)
+        missing = [name for name in ("mass", "stiffness") if name not in self.given]
+        if contact is None and missing:
+            words = " and ".join(f"`{name}`" for name in missing)
+            raise ValueError(
+                f"Argument `contact` is needed: this calibration does not know {words}. It leaves "
+                f"open {kind.unidentified}. Give `contact=Contact(mass, stiffness)`, or calibrate "
+                f"with {words}."
+            )
+        law = self.law if contact is None else kind.moved(self.law, self.contact, contact)
+        kept = [pair.velocity for pair in self.pairs if not pair.marked]
+        speeds = np.geomspace(min(kept), max(kept), _SPEEDS)
+        return law, self.contact if contact is None else contact, speeds
 
     def __repr__(self) -> str:
         r, marked = self.recording, sum(pair.marked for pair in self.pairs)

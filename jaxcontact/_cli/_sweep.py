@@ -19,7 +19,6 @@ from ._printing import print_json
 from ._range import span
 
 if TYPE_CHECKING:
-    import numpy as np
     from matplotlib.figure import Figure
 
     from .._impact import Impact

@@ -13,7 +13,7 @@ from .._parameter import require_choice
 from ._heading import Meaning, suggestion, words
 from ._match import as_told, match, unknown_name
 from ._sheet import sheet_of
-from ._single import E, VELOCITY
+from ._single import VELOCITY, E
 
 COLUMNS: Mapping[str, Meaning] = {
     "velocity": VELOCITY,
@@ -28,7 +28,9 @@ COLUMNS: Mapping[str, Meaning] = {
         words("max force, maximum force, largest force, peak force, fmax, f max, force max"), "N"
     ),
     "e_in": Meaning(words("e in, ein, e asked, asked, input e, input restitution"), ""),
-    "e_out": Meaning(words("e out, eout, e delivered, delivered, output e, output restitution"), ""),
+    "e_out": Meaning(
+        words("e out, eout, e delivered, delivered, output e, output restitution"), ""
+    ),
     "time": Meaning(words("time, t"), "s"),
     "force": Meaning(words("force, f, normal force, load, contact force"), "N"),
     "indentation": Meaning(
