@@ -100,9 +100,7 @@ class CalibrationSummary:
         converged, and where mass or stiffness is not known.
         """
         if self.law is None:
-            raise ValueError(
-                "Argument `law` must be a calibration with a law, but no fit converged."
-            )
+            raise ValueError("Argument `law` must have a fit that converged, but none did.")
         kind = kind_of_law(self.law)
         missing = [name for name in ("mass", "stiffness") if name not in self.given]
         if contact is None and missing:

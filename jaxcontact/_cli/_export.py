@@ -85,6 +85,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Export and print. Raises InputError, OSError."""
     progress("compiling and inverting the engine's law")
     from .._export import export
+    from .._text_table import wrapped
 
     law, contact = _asked(arguments)
     options = dict(arguments.option)
@@ -101,7 +102,9 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     else:
         print(_text(found))
         print(holds)
-        print(f"\nLimit   {found.limit}\nSource  {found.source}")
+        print()
+        for head, text in (("Limit", found.limit), ("Source", found.source)):
+            print("\n".join(wrapped(head, text, indent=9)))
     return 0
 
 

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 SUMMARY = "parameters from a file of columns"
 
 DESCRIPTION = """\
-Fits one ready-made problem to the columns of a file, and prints the parameters with standard errors,
-whether the model describes the data, and what they do not determine.
+Fits one ready-made problem to the columns of a file, and prints the parameters with standard
+errors, whether the model describes the data, and what they do not determine.
 """
 
 EPILOG = """\
@@ -36,8 +36,8 @@ PROBLEM, the columns that it reads, and what it fits:
 Headings may be any usual name, with a unit that is then converted ("t_c / ms", "peak force (kN)");
 --columns says what is what where that is not understood.
 
---law, its parameters, --mass and --stiffness are where the fit starts. The mass stays as it is given;
---hold NAME holds other numbers: stiffness, exponent, a parameter of the law, or velocity.
+--law, its parameters, --mass and --stiffness are where the fit starts. The mass stays as it is
+given; --hold NAME holds other numbers: stiffness, a parameter of the law, or velocity.
 
 example: jaxcontact fit impacts table.csv --law hu_guo --mass 0.05 --stiffness 1e6
 

@@ -6,8 +6,6 @@ import json
 import math
 from typing import Any
 
-import numpy as np
-
 
 def print_json(result: Any) -> None:
     """Print a result of dicts, lists, texts, numbers and arrays."""
@@ -24,5 +22,7 @@ def plain(value: Any) -> Any:
         return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
+    import numpy as np
+
     # What is left are arrays and numbers of NumPy and JAX.
     return plain(np.asarray(value).tolist())

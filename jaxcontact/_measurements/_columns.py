@@ -60,7 +60,7 @@ def read_columns(
     columns: Any = None,
     decimal: str | None = None,
 ) -> Columns:
-    """Those of the columns `names` (of `COLUMNS`) that a table has, of which `needed` must be there.
+    """Those of the columns `names` (of `COLUMNS`) that a table has; `needed` ones must be there.
 
     `source`, `columns` and `decimal` as in `read_recording`. Raises RecordingError and ValueError
     as that does.

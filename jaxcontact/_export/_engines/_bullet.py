@@ -36,8 +36,8 @@ class Bullet(Engine):
             parameters=of_each,
             units={"contactStiffness": "N/m", "contactDamping": "N s/m"},
             snippet=f"pybullet.changeDynamics(body, -1, linearDamping=0, {pasted})",
-            steps=400,
-            expected_error=0.015,
+            steps=600,
+            expected_error=0.009,
             limit=(
                 "for both bodies, and no restitution: that of rigid bodies loses up to all of "
                 "itself to the gap at the step of the touch. Linear: the duration is that of the "

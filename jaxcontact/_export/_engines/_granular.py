@@ -135,8 +135,8 @@ class MercuryDPM(Engine):
                 f"species->setDissipation({0 + dissipation:.12g});"
             ),
             limit=(
-                "Linear: the duration is that of the law, at this speed; the force is not, it jumps "
-                "at touch and pulls at the end. e is the same at all speeds, for this effective "
+                "Linear: the duration is that of the law, at this speed; the force is not, it "
+                "jumps at touch and pulls at the end. e is the same at all speeds, for this effective "
                 "mass. Not run: MercuryDPM is no Python package."
             ),
             source=(
