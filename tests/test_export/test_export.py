@@ -412,7 +412,7 @@ def test_over_which_speeds_an_export_holds():
     # Of a straight line between the speeds of a grid: measured 5e-4.
     assert holds.low == pytest.approx(2 * alpha[0] / alpha[1], rel=1e-3)
     assert holds.high == pytest.approx(2 * alpha[2] / alpha[1], rel=1e-3)
-    assert repr(holds).startswith("e is within 0.01 of the law's from 1.91 to 2.1 m/s")
+    assert repr(holds).startswith("e is within 0.01 of the law's from 1.91 to 2.09 m/s")
     everywhere = export(jc.ExactRestitution(e=0.7), CONTACT, 2.0, engine="exudyn").holds()
     assert (everywhere.low, everywhere.high) == (0.0, math.inf)
     assert "from 0.02 (and slower) to 200 m/s (and faster)" in repr(everywhere)

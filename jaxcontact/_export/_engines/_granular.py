@@ -136,8 +136,8 @@ class MercuryDPM(Engine):
             ),
             limit=(
                 "Linear: the duration is that of the law, at this speed; the force is not, it "
-                "jumps at touch and pulls at the end. e is the same at all speeds, for this effective "
-                "mass. Not run: MercuryDPM is no Python package."
+                "jumps at touch and pulls at the end. e is the same at all speeds, for this "
+                "effective mass. Not run: MercuryDPM is no Python package."
             ),
             source=(
                 "LinearViscoelasticInteraction.cc of bitbucket.org/mercurydpm; Anagnostopoulos "
