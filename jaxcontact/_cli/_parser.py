@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import re
+import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, NoReturn
 
@@ -19,6 +20,12 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, *arguments: Any, **how: Any):
         how = {"formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False} | how
         super().__init__(*arguments, **how)
+        self._given: list[str] = []
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse does; what was given is kept for messages."""
+        self._given = list(sys.argv[1:] if args is None else args)
+        return super().parse_known_args(args, namespace)
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:
         """As argparse does, but an unknown option is told by the command that lacks it."""
@@ -30,18 +37,26 @@ class Parser(argparse.ArgumentParser):
 
     def unknown(self, arguments: Sequence[str]) -> str:
         """The message for arguments that are not understood."""
-        known = [name for action in self._actions for name in action.option_strings]
+        known = self._options()
         guesses = [meant(argument.partition("=")[0], known) for argument in arguments]
         guess = next((f"; did you mean {one}?" for one in guesses if one), "")
         return f"unknown: {' '.join(arguments)}{guess}"
 
     def error(self, message: str) -> NoReturn:
-        """Print usage and the message, with a suggestion for a bad choice; exit with 2."""
+        """Print the message, with a suggestion for what is misspelt; exit with 2."""
+        options = [given for given in self._given if given.startswith("--")]
+        odd = [given for given in options if given.partition("=")[0] not in self._options()]
+        # A misspelt option is more to the point than the one that is missing for it.
+        if odd and "required" in message:
+            message = self.unknown(odd)
         if found := _CHOICE.search(message):
             choices = [choice.strip(" '") for choice in found[2].split(",")]
             guess = meant(found[1], choices)
             message += f"; did you mean {guess}?" if guess else ""
-        super().error(message)
+        self.exit(2, f"error: {message}\n`{self.prog} --help` tells all options\n")
+
+    def _options(self) -> list[str]:
+        return [name for action in self._actions for name in action.option_strings]
 
     def _commands(self) -> dict[Any, Parser]:
         found: dict[Any, Parser] = {}
