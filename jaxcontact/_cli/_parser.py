@@ -78,7 +78,8 @@ class Version(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *unused: Any) -> NoReturn:
         from importlib.metadata import version
 
-        parser.exit(0, f"jaxcontact {version('jaxcontact')}\n")
+        print(f"jaxcontact {version('jaxcontact')}")
+        parser.exit()
 
 
 class Completion(argparse.Action):
@@ -101,4 +102,5 @@ class Completion(argparse.Action):
                     action.complete = shtab.DIRECTORY
                 elif action.dest in names:
                     action.choices = names[action.dest]
-        parser.exit(0, shtab.complete(parser, shell) + "\n")
+        print(shtab.complete(parser, shell))
+        parser.exit()

@@ -24,10 +24,10 @@ class Export(Draft):
     m/s, or several (n,); `target` is the restitution that is wanted there and `delivered` that of
     the engine's law with these parameters, both by `impact`: equal at one speed, and as near as one
     set of parameters can be at several. `wanted_law` and `wanted_contact` are what was exported.
-    `law` and `contact` are the engine's law as it was solved: `impact(law, contact, velocity)` gives
-    the rest. `duration` in s is how long that contact lasts, and `time_step` in s the step at which the
-    engine itself was measured to be within `expected_error` (relative, of the restitution, for e of
-    0.12 and more), `steps` of them in one contact; all None where the engine was not run. `limit`
+    `law` and `contact` are the engine's law as it was solved: `impact(law, contact, velocity)`
+    gives the rest. `duration` in s is how long that contact lasts, and `time_step` in s the step at
+    which the engine itself was measured to be within `expected_error` (relative, of the
+    restitution, for e of 0.12 and more), `steps` of them in one contact; all None where the engine was not run. `limit`
     says in words where the parameters do not hold, `source` where the engine's formula is given.
     """
 

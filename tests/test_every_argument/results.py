@@ -76,6 +76,14 @@ def cases() -> dict[str, Case]:
             {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "simbody"},
             {"radius": POSITIVE},
         ),
+        "export, yade": Case(
+            jc.export,
+            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "yade", "radius": 1.0},
+            {"poisson_ratio": INSIDE - {"half"} | NONE},
+        ),
+        "Export.holds": Case(
+            jc.export(LAW, CONTACT, 1.0, engine="exudyn").holds, {}, {"within": POSITIVE}
+        ),
         "export, exudyn": Case(
             jc.export,
             {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "exudyn"},
