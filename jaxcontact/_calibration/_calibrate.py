@@ -81,14 +81,14 @@ class Calibration:
         """Everything in words: data, marked pairs, fits, their comparison, what stays open."""
         return report(self.summary)
 
-    def for_export(
+    def __export__(
         self, contact: Contact | None
     ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
         """The law, the contact, and closing speeds in m/s over the measured range, for `export`.
 
         Raises ValueError where no fit converged, and where mass or stiffness is not known.
         """
-        return self.summary.for_export(contact)
+        return self.summary.__export__(contact)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write `summary` to a JSON file, whole or not at all; `load_calibration` reads it.

@@ -91,7 +91,7 @@ class CalibrationSummary:
         """Whether every fit converged."""
         return all(f.converged for c in (self.choice, self.with_marked) for f in c.laws)
 
-    def for_export(
+    def __export__(
         self, contact: Contact | None
     ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
         """The law, the contact, and closing speeds in m/s over the measured range, for `export`.

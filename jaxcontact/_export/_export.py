@@ -25,7 +25,7 @@ _AGREEMENT = 1e-6
 class Calibrated(Protocol):
     """A calibration: what a recording says about a law."""
 
-    def for_export(
+    def __export__(
         self, contact: Contact | None
     ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
         """The law, the contact, and closing speeds in m/s over the measured range.
@@ -112,11 +112,13 @@ def export(
 
 def _known(law: Any, contact: Any, velocity: Any) -> tuple[AbstractLaw, Contact, Any]:
     """The law, the contact and the speeds, of a calibration where one is given."""
-    if hasattr(law, "for_export"):
-        law, contact, measured = law.for_export(contact)
+    if hasattr(law, "__export__"):
+        law, contact, measured = law.__export__(contact)
         velocity = measured if velocity is None else velocity
     if velocity is None:
-        raise ValueError("Argument `velocity` is needed, unless a calibration is given.")
+        raise ValueError(
+            "Argument `velocity` is needed, unless a calibration is given, but is None."
+        )
     return law, contact, velocity
 
 

@@ -76,6 +76,7 @@ def test_what_is_not_understood_is_told_with_a_suggestion(arguments, capsys):
 
 
 LAW = ("--law", "hu_guo", "--e", "0.7", "--mass", "1", "--stiffness", "1e6", "--quiet")
+SWEEP = tuple("--velocity 1:2:3 --out a.csv --plot a.png --field forc".split())
 WRONG = {
     ("impact", "--law", "hu_gou", *LAW[2:], "--velocity", "2"): "Did you mean 'hu_guo'?",
     ("impact", *LAW, "--velocity", "2", "--param", "ee=1"): "no parameter ee; its parameters: e. "
@@ -86,18 +87,7 @@ WRONG = {
     ("export", "--engine", "drake"): "give either --law, with its parameters, or --from FILE",
     ("export", "--engine", "drake", *LAW[:4], "--velocity", "2"): "--mass and --stiffness are",
     ("paper", "fig7"): "Did you mean 'fig",
-    (
-        "sweep",
-        *LAW,
-        "--velocity",
-        "1:2:3",
-        "--out",
-        "a.csv",
-        "--plot",
-        "a.png",
-        "--field",
-        "forc",
-    ): ("--field: 'forc' is not one of"),
+    ("sweep", *LAW, *SWEEP): "--field: 'forc' is not one of",
     ("design", *LAW, "--speeds", "1:2:3", "--noise", "E=0.1"): "--noise E: the quantities are e,",
     ("design", *LAW, "--speeds", "1:2:3", "--noise", "e=0.1", "--readings", "0"): "--readings must",
     ("fit", "impacts", "{file}"): "--law is needed: the law where the fit starts",
