@@ -30,7 +30,7 @@ from .._laws import (
     describe,
     get_law,
 )
-from .._parameter import rendered
+from .._parameter import did_you_mean, rendered
 from ._estimate import Estimate
 from ._viscous import viscous_restitution
 
@@ -270,6 +270,7 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
     if not isinstance(law, str) or law not in choices:
         raise ValueError(
             f"Argument `law` must be one of {', '.join(choices)}, but is {rendered(law)}."
+            f"{did_you_mean(law, choices)}"
         )
     if law == "all":
         return (ConstantE(), *others)

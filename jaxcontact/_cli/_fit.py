@@ -71,7 +71,7 @@ def _damping(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     from .._calibration import fit_damping
 
     sigma = _sigmas(arguments, {"e": data["e"]})
-    how = {"sigma": sigma["e"]} if sigma else {}
+    how: dict[str, Any] = {"sigma": sigma["e"]} if sigma else {}
     contact = contact_asked(arguments, arguments.exponent or 1.5)
     return fit_damping(data["velocity"], data["e"], contact, **how)
 

@@ -69,18 +69,18 @@ def export(
     simulator = engine_of(engine)
     given = simulator.checked(options)
     with jax.enable_x64(True):
-        law, contact, velocity = _known(law, contact, velocity)
+        law, contact, closing = _known(law, contact, velocity)
         if shape := problem_of(law, contact, 1.0).shape:
             raise ValueError(
                 "Arguments `law` and `contact` must be scalars, but have the shape "
                 f"{shape}; export lane by lane."
             )
-        if shape := problem_of(law, contact, velocity).shape:
-            speeds, targets = _wanted_at(law, contact, velocity, shape)
+        if shape := problem_of(law, contact, closing).shape:
+            speeds, targets = _wanted_at(law, contact, closing, shape)
             middle = math.sqrt(float(speeds.min()) * float(speeds.max()))
         else:
             speeds, targets = None, None
-            middle = float(np.asarray(velocity))
+            middle = float(np.asarray(closing))
         hit = solved(impact(law, contact, middle))
         numbers = hit.restitution, hit.duration, contact.mass, contact.stiffness, contact.exponent
         wanted = Wanted(*map(float, numbers), velocity=middle)

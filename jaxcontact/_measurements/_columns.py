@@ -87,8 +87,8 @@ def read_columns(
             guesses = (suggestion(text, {name: meanings[name]}) for text in sheet.names if text)
             guess = next(filter(None, guesses), "")
             problem = (
-                f"is missing; the columns {', '.join(needed)} are needed{guess}; if a column holds "
-                f'it, say which, as in `columns="{name}=1"`'
+                f"is missing; the columns {', '.join(needed)} are needed; if a column holds it, "
+                f'say which, as in `columns="{name}=1"`{guess}'
             )
             raise sheet.fault(problem, name)
     rows = found.rows(sheet)

@@ -28,24 +28,29 @@ class Meaning:
     def heading(self, text: str) -> Heading | None:
         """The heading, if it means this: by its words, and a unit of the right kind, if any."""
         for words, unit in _readings(text):
-            if _plain(words) in self.words and (unit is None or self._takes(unit)):
+            if self._says(words) and (unit is None or self._takes(unit)):
                 return Heading(text, unit)
         # "Restitution (e)": two names of one thing, or a remark behind the name of a label.
         found = _BRACKETS.fullmatch(text.strip())
-        if found and _plain(found[1]) in self.words and self.unknown_unit(text) is None:
+        if found and self._says(found[1]) and self.unknown_unit(text) is None:
             return Heading(text)
         return None
 
     def unknown_unit(self, text: str) -> str | None:
         """What stands in brackets behind words that mean this, where it is no unit of the kind."""
         found = _BRACKETS.fullmatch(text.strip())
-        if found is None or self.unit is None or _plain(found[1]) not in self.words:
+        if found is None or self.unit is None or not self._says(found[1]):
             return None
         unit = written_unit(found[2])
         if _plain(found[2]) in self.words or (unit and self._takes(unit)):
             return None
         # What has no unit may have a remark.
         return None if self.unit == "" and unit is None else found[2].strip()
+
+    def _says(self, text: str) -> bool:
+        """Whether these words mean this, in the plural, too."""
+        word = _plain(text)
+        return word in self.words or (len(word) > 3 and word.removesuffix("s") in self.words)
 
     def _takes(self, unit: Unit) -> bool:
         return self.unit is not None and unit.si == self.unit
@@ -95,7 +100,8 @@ def _readings(text: str) -> Iterator[tuple[str, Unit | None]]:
 
 def suggestion(text: str, meanings: Mapping[str, Meaning]) -> str:
     """'; did you mean ...?' for a heading that is nearly one that is known, or nothing."""
-    known = {word: name for name, one in meanings.items() for word in (_plain(name), *one.words)}
+    known = {word: word for one in meanings.values() for word in one.words}
+    known |= {_plain(name): name for name in meanings}
     stem = _plain(re.sub(r"[\[({/].*", "", text)) or _plain(text)
     near = nearest(stem, (word for word in known if len(word) > 2))
-    return f"; did you mean {near!r}?" if near else ""
+    return f"; did you mean {known[near]!r}?" if near else ""

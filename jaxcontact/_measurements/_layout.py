@@ -22,11 +22,13 @@ LABELS = {
 }
 """What layouts have in common."""
 
+TIME = Meaning(words("time, t, frame, timestamp"), "s")
+
 DROP_HEIGHT = Meaning(
     words("drop height, drop height m, dropped from, initial height, start height, h0, h 0"),
     "m",
     10.0,
-    "balls that were dropped from more than 10 m",
+    "drops from more than 10 m",
 )
 
 Words = tuple[str, str]
@@ -145,6 +147,10 @@ class Layout(abc.ABC, Generic[R]):
     def meaning(self, column: str) -> Meaning:
         """What a column may be called."""
         return self.meanings.get(column, Meaning((column.casefold().replace("_", " "),)))
+
+    def unlike(self, headings: Sequence[str]) -> str | None:
+        """What columns with other headings say against this layout; None if nothing."""
+        return None
 
     def __repr__(self) -> str:
         return self.name

@@ -127,7 +127,8 @@ def _place(sheet: Sheet, place: int | str) -> int:
         return place - 1
     if place not in sheet.names:
         near = suggestion(place, {name: Meaning() for name in sheet.names if name})
-        raise sheet.fault(f"has no column {place!r}{near}", None)
+        there = f"; its columns are {', '.join(sheet.names)}" if any(sheet.names) else ""
+        raise sheet.fault(f"has no column {place!r}{there}{near}", None)
     return list(sheet.names).index(place)
 
 
@@ -145,9 +146,9 @@ def check_usual(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> None:
         small = {"m": "cm" if middle < 1000 else "mm", "m/s": "mm/s"}[meaning.unit or "m"]
         rows[0].refuse(
             name,
-            f"half of the values are above {middle:g}, which in {meaning.unit} were "
-            f"{meaning.usual_words}; write the unit in the heading, '{shown or name} [{small}]' "
-            f"or '{shown or name} [{meaning.unit}]'",
+            f"half of the values are {middle:g} or more, in {meaning.unit} {meaning.usual_words}; "
+            f"are they in {small}? write the unit in the heading, '{shown or name} [{small}]', or "
+            f"'{shown or name} [{meaning.unit}]' if they are right",
         )
 
 

@@ -206,17 +206,21 @@ def _layout_of(
         guesses = (suggestion(text, every) for text in sheet.names if text)
         guess = next(filter(None, guesses), "")
         shown = (sheet.names[0] or "1") if sheet.names else None
-        problem = f"no known column; one of these sets is needed: {choices}{guess}"
-        raise sheet.fault(f"{problem}{_how_to_say(sheet)}", shown)
+        problem = f"no known column; one of these sets is needed: {choices}"
+        raise sheet.fault(f"{problem}{_how_to_say(sheet)}{guess}", shown)
     for column in missing:
         others = [text for k, text in enumerate(sheet.names) if k not in made.places.values()]
         near = {column: meant.meaning(column)}
-        guess = next((f"; is it {t!r}" for t in others if t and suggestion(t, near)), "")
+        guess = next((f"; is it {t!r}?" for t in others if t and suggestion(t, near)), "")
         raise sheet.fault(
             f"is missing; the layout {meant.name!r} needs the columns "
-            f"{', '.join(meant.measured)}{guess}{_how_to_say(sheet, column)}",
+            f"{', '.join(meant.measured)}{_how_to_say(sheet, column)}{guess}",
             column,
         )
+    if not told and (against := meant.unlike(sheet.names)):
+        column = meant.measured[0]
+        say = f'; if they are, say so with `columns="{column}={made.places[column] + 1}"`'
+        raise sheet.fault(against + say, made.headings[column].text)
     return meant, made
 
 

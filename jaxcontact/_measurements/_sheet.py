@@ -6,6 +6,7 @@ import dataclasses
 import importlib.resources
 import math
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
@@ -14,7 +15,7 @@ import numpy as np
 from .._parameter import as_array, rendered, require_path
 from .._units import written_unit
 from ._fault import RecordingError
-from ._grid import Grid, Known, is_number
+from ._grid import Grid, Known
 from ._heading import Heading
 from ._text import decoded, text_grid
 from ._workbook import parquet_columns, workbook_grid
@@ -118,10 +119,13 @@ class Row:
             self.refuse(column, f"{rendered(text)} is not {kind}{written}")
 
 
+_NUMBER_AND_UNIT = re.compile(r"[+-]?[\d.,]+\s*([^\d\s].*)")
+
+
 def _has_unit(value: Any) -> bool:
     """Whether a text is a number with a unit behind it."""
-    number, _, rest = value.strip().partition(" ") if isinstance(value, str) else ("", "", "")
-    return is_number(number) and written_unit(rest) is not None
+    found = _NUMBER_AND_UNIT.fullmatch(value.strip()) if isinstance(value, str) else None
+    return found is not None and written_unit(found[1]) is not None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -425,7 +425,7 @@ def test_over_which_speeds_an_export_holds():
 @pytest.mark.parametrize(
     ("speeds", "message"),
     [
-        (None, "`velocity` is needed, unless a calibration is given"),
+        (None, "`velocity` is needed without a calibration"),
         ([[1.0, 2.0]], "one speed, or several of the shape (n,), but has the shape (1, 2)"),
         ([1.0, -2.0], "at -2 m/s its impact ended as 'invalid_input'"),
     ],

@@ -171,11 +171,11 @@ REFUSED = {
     "v;e\n1,5;0.9\n": r"row 2: '0.9' has a decimal point, and '1,5' in row 2 a decimal comma",
     "v;e\n1,500;9,001\n": r"row 2: '1,500' may be 1.500 or 1500; say which with `decimal=",
     "v,e\n1,5,0,9\n": r"row 2, column e: has 4 fields .* are its commas decimal\?",
-    "velocty,e\n1,0.9\n": r"row 1, column velocity: is missing; .*; is it 'velocty'; if a column",
+    "velocty,e\n1,0.9\n": r"row 1, column velocity: is missing; .*; is it 'velocty'\?",
     "speeed\n1\n": r"row 1, column speeed: no known column; .*; did you mean 'speed'\?",
-    "v,e\n1500,0.9\n2000,0.8\n": r"row 2, column v: half of the values are above 1750, which in "
-    r"m/s were impacts faster than 200 m/s; write the unit in the heading, 'v \[mm/s\]' or 'v",
-    "h\n80\n60\n45\n": r"row 2, column h: half of the values are above 60, .* 'h \[cm\]' or 'h \[m",
+    "v,e\n1500,0.9\n2000,0.8\n": r"row 2, column v: half of the values are 1750 or more, "
+    r"in m/s impacts faster than 200 m/s; are they in mm/s\? write the unit .*, 'v \[mm/s\]'",
+    "h\n80\n60\n45\n": r"row 2, column h: half of the values are 60 or more, .* 'h \[cm\]', or 'h",
     "h0,h1\n0.8,60\n0.7,50\n": r"row 2, column h1: balls rise to .* in cm\? then divide by 100",
     "dt\n420\n360\n": r"row 2, column dt: .* are they in ms\? then divide by 1000, or write",
     "v,e\n1,90\n2,85\n": r"row 2, column e: .* in percent\? then divide by 100, or write .*'e \[%",
@@ -184,6 +184,10 @@ REFUSED = {
     "v,e\n1 m/s,0.9\n": r"row 2, column v: '1 m/s' is not a number; leave the unit out and",
     "bounce,interval\n1,.4\n2,.3\n1,.4\n": r"row 4, column bounce: .*; name the trials in a column",
     "h\n.3\n.5\n.8\n": r"row 2, column h: balls rise to 1.63 times the height before",
+    "v;e\n1;90%\n": r"row 2, column e: '90%' is not a number; leave the unit out and write it in",
+    "t,h\n0,1\n.1,.9\n": r"column h: heights beside a column of times look like a track, .*; if "
+    r'they are, say so with `columns="height_m=2"`',
+    "intervalls\n.4\n": r"no known column; .*; did you mean 'interval'\?",
     b"%PDF-1.7": "is a PDF; save the table as CSV",
     b"\x1f\x8b\x08": "is compressed",
     b"PK\x03\x04": "is a spreadsheet that cannot be read",
