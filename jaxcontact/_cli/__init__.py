@@ -46,7 +46,7 @@ Results go to stdout, as text or with --json as JSON; progress and errors go to 
 Compiled programs are kept for the next command in the user's cache folder; {VARIABLE}
 names another one, and switches it off where it is empty, as --no-cache does.
 
-completion: `eval "$(jaxcontact --completion bash)"` in ~/.bashrc, or zsh in ~/.zshrc.
+completion: `jaxcontact --completion bash` (or zsh) prints a script for your shell to source.
 
 `jaxcontact COMMAND --help` tells everything about a command.
 """

@@ -145,6 +145,7 @@ def _in_options(text: str) -> str:
     text = re.sub(
         r"`(mass|stiffness|radius|engine|velocity|law)`", lambda found: f"--{found[1]}", text
     )
+    text = text.replace("Argument `contact` is needed: this calibration", "the calibration")
     text = re.sub(r"Arguments? (--|`)", r"\1", text).replace(", but is None.", "")
     return re.sub(r"`(\w+)`", r"--option \1", text) if "engine" in text else text
 

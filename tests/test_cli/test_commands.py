@@ -2,8 +2,10 @@
 
 import argparse
 import json
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -162,7 +164,10 @@ def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
     file = str(tmp_path / "cal.json")
     cal.save(file)
     assert main(["export", "--from", file, "--engine", "drake", "--quiet"]) == 2
-    assert "does not know --mass and --stiffness. It leaves" in capsys.readouterr().err
+    assert (
+        "error: the calibration does not know --mass and --stiffness. It leaves"
+        in capsys.readouterr().err
+    )
     more = ("--mass", "2", "--stiffness", "3e6")
     told = asked(capsys, "export", "--from", file, *more, "--engine", "drake")
     # c/K is what was determined, and Drake's e is that of α = d v.
@@ -202,6 +207,18 @@ def test_completion_knows_commands_options_and_laws(capsys):
         assert caught.value.code == 0
         script = capsys.readouterr().out
         assert all(word in script for word in ("calibrate", "--stiffness", "hu_guo", "mercurydpm"))
+
+
+def test_the_page_names_all_commands_and_problems():
+    from jaxcontact._cli._fit import _PROBLEMS
+
+    text = (Path(__file__).parents[2] / "docs" / "commands.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| `jaxcontact (\w+)", text, re.MULTILINE) == list(_COMMANDS)
+    (problems,) = re.findall(r"parameters from columns: ([^|]*) \|", text)
+    assert problems.split(", ") == list(_PROBLEMS)
+    # The lines that are shown are understood.
+    for line in re.findall(r"^jaxcontact ((?!--).*)", text, re.MULTILINE):
+        _parser().parse_args(line.split())
 
 
 def test_an_interrupt_is_no_traceback(monkeypatch, capsys):

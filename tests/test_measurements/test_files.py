@@ -1,6 +1,8 @@
 """Files as people save them: each is read as what it means, or refused with what to do."""
 
 import io
+import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -187,7 +189,7 @@ REFUSED = {
     "v;e\n1;90%\n": r"row 2, column e: '90%' is not a number; leave the unit out and write it in",
     "t,h\n0,1\n.1,.9\n": r"column h: heights beside a column of times look like a track, .*; if "
     r'they are, say so with `columns="height_m=2"`',
-    "intervalls\n.4\n": r"no known column; .*; did you mean 'interval'\?",
+    "intervalls\n.4\n": r"no known column; .*; did you mean 'interval_s'\?",
     b"%PDF-1.7": "is a PDF; save the table as CSV",
     b"\x1f\x8b\x08": "is compressed",
     b"PK\x03\x04": "is a spreadsheet that cannot be read",
@@ -223,3 +225,19 @@ def test_pairs_of_successive_heights():
         pairs.reading_factor, 1 / (4 * first**2) + 1 / (4 * second**2), rtol=1e-14
     )
     assert pairs.unpaired == 1
+
+
+def test_the_page_shows_what_happens(capsys):
+    text = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    (shown,) = re.findall(r"```text\n(.*?)```", text, re.DOTALL)
+    exec(code, {})
+    assert capsys.readouterr().out == shown
+    rows = [line.split("|") for line in text.splitlines() if line.startswith("| `")]
+    for row in rows:
+        layout = LAYOUTS[row[1].strip(" `")]
+        assert tuple(re.findall(r"`(\w+)`", row[2])) == layout.measured
+        assert {*re.findall(r"`(\w+)`", row[2] + row[3])} == {*layout.columns}
+        for heading in re.split(r"[,;] ", re.sub(r":.*", "", row[4]).strip()):
+            assert any(layout.meaning(column).heading(heading) for column in layout.columns)
+    assert len(rows) == len(LAYOUTS)
