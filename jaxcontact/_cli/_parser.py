@@ -79,7 +79,7 @@ class Version(argparse.Action):
         from importlib.metadata import version
 
         print(f"jaxcontact {version('jaxcontact')}")
-        sys.exit()
+        sys.exit(0)
 
 
 class Completion(argparse.Action):
@@ -103,4 +103,4 @@ class Completion(argparse.Action):
                 elif action.dest in names:
                     action.choices = names[action.dest]
         print(shtab.complete(parser, shell))
-        sys.exit()
+        sys.exit(0)
