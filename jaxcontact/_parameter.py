@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import functools
 import math
 import os
@@ -207,9 +208,24 @@ def require_choice(name: str, value: Any, choices: Iterable[str]) -> str:
     if not isinstance(value, str) or value not in known:
         raise ValueError(
             f"Argument `{name}` must be one of {', '.join(map(repr, known))}, "
-            f"but is {rendered(value)}."
+            f"but is {rendered(value)}.{did_you_mean(value, known)}"
         )
     return value
+
+
+def nearest(given: Any, known: Iterable[str]) -> str | None:
+    """The one of the known names that is most like a misspelt one; None where none is."""
+    if not isinstance(given, str):
+        return None
+    folded = {name.casefold(): name for name in known}
+    found = difflib.get_close_matches(given.casefold(), folded, n=1)
+    return folded[found[0]] if found else None
+
+
+def did_you_mean(given: Any, known: Iterable[str]) -> str:
+    """A sentence for the end of a message, with a blank before it; nothing where it would guess."""
+    near = nearest(given, known)
+    return f" Did you mean {near!r}?" if near else ""
 
 
 def require_kind(name: str, value: Any, kind: type[Kind], allowed: str) -> Kind:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 _MEANING = {
     "restitution": ("restitution", ""),
     "rebound_velocity": ("rebound velocity", "m/s"),
@@ -61,3 +63,80 @@ def label(name: str, words: str | None = None, *, prefix: str = "") -> str:
     if not unit:
         return words
     return f"{words} / ({prefix}{unit})" if "/" in unit else f"{words} / {prefix}{unit}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Unit:
+    """A unit as people write it: what it measures, and the number SI = number · times / by."""
+
+    written: str
+    si: str
+    times: float = 1.0
+    by: float = 1.0
+
+    @property
+    def converts(self) -> bool:
+        """Whether numbers change on the way to SI."""
+        return self.times != self.by
+
+    def to_si(self, number: float) -> float:
+        """The number in SI units; rounded once where `times` or `by` is 1."""
+        return number * self.times / self.by
+
+    @property
+    def words(self) -> str:
+        """What is done to a number: "/ 1000"."""
+        return " ".join(
+            [f"* {self.times:g}"] * (self.times != 1) + [f"/ {self.by:g}"] * (self.by != 1)
+        )
+
+
+_WRITTEN: dict[str, dict[str, tuple[float, float]]] = {
+    "s": {
+        "s sec secs second seconds": (1, 1),
+        "ms msec milliseconds": (1, 1e3),
+        "us µs μs usec microseconds": (1, 1e6),
+        "ns": (1, 1e9),
+        "min minutes": (60, 1),
+    },
+    "m": {
+        "m meter meters metre metres": (1, 1),
+        "dm": (1, 10),
+        "cm centimeters centimetres": (1, 100),
+        "mm millimeters millimetres": (1, 1e3),
+        "um µm μm": (1, 1e6),
+        "km": (1e3, 1),
+        "in inch inches": (0.0254, 1),
+        "ft feet": (0.3048, 1),
+    },
+    "m/s": {
+        "m/s mps ms-1 ms^-1 m*s^-1 m·s-1 m·s^-1 m·s⁻¹ ms⁻¹ m.s-1": (1, 1),
+        "cm/s cms-1": (1, 100),
+        "mm/s mms-1": (1, 1e3),
+        "um/s µm/s μm/s": (1, 1e6),
+        "km/h kmh km/hr kph": (1, 3.6),
+        "ft/s fps": (0.3048, 1),
+        "in/s": (0.0254, 1),
+        "mph": (0.44704, 1),
+    },
+    "": {"- 1 none": (1, 1), "% percent pct": (1, 100)},
+    "N": {"N newton newtons": (1, 1), "kN": (1e3, 1), "mN": (1, 1e3)},
+}
+"""By the SI unit: the written units that are turned into it, and by what."""
+
+_BY_WORD = {
+    word: (si, times, by)
+    for si, groups in _WRITTEN.items()
+    for words, (times, by) in groups.items()
+    for word in words.split()
+}
+# mN is not MN; of the others people write capitals as they like.
+_ANY_CASE = {word.casefold(): found for word, found in _BY_WORD.items() if found[0] != "N"}
+
+
+def written_unit(text: str) -> Unit | None:
+    """The unit that a text such as "mm/s" or "[ms]" means; None for what is no unit we know."""
+    plain = text.strip().strip("[](){}").strip()
+    word = plain.replace(" ", "")
+    found = _BY_WORD.get(word) or _ANY_CASE.get(word.casefold())
+    return None if found is None else Unit(plain, *found)

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from .._contact import Contact
 from .._flight import STANDARD_GRAVITY, Drag, Flight
@@ -80,6 +81,15 @@ class Calibration:
     def report(self) -> str:
         """Everything in words: data, marked pairs, fits, their comparison, what stays open."""
         return report(self.summary)
+
+    def __export__(
+        self, contact: Contact | None
+    ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
+        """The law, the contact, and closing speeds in m/s over the measured range, for `export`.
+
+        Raises ValueError where no fit converged, and where mass or stiffness is not known.
+        """
+        return self.summary.__export__(contact)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write `summary` to a JSON file, whole or not at all; `load_calibration` reads it.
@@ -207,6 +217,7 @@ def _recording(recording: Recording, pairs: Pairs) -> RecordingSummary:
         pairs=len(pairs),
         unpaired=pairs.unpaired,
         trials=tuple(pairs.cluster_names[k] for k in np.unique(pairs.cluster)),
+        notes=recording.notes,
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import operator
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar
@@ -29,10 +30,11 @@ from .._laws import (
     PowerRestitution,
     ThorntonPlastic,
     constant_laws,
+    describe,
     get_law,
     plastic_restitution,
 )
-from .._parameter import rendered
+from .._parameter import did_you_mean, rendered
 from ._estimate import Estimate
 from ._plastic import plastic_impact
 
@@ -93,7 +95,7 @@ class AbstractKind(abc.ABC):
         return jnp.broadcast_to(restitution(Damped(alpha=alpha)), velocity.shape)
 
     def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
-        """The parameters that give the same e(v) to a contact of another stiffness."""
+        """The parameters that give the same e(v) to another contact."""
         return params
 
     def outcome(
@@ -226,7 +228,8 @@ class Viscoelastic(AbstractKind):
         return KuwabaraKono(A=params["A"])
 
     def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
-        return {**params, "A": params["A"] * (contact.stiffness / other.stiffness) ** 0.4}
+        old, new = contact.stiffness / contact.mass, other.stiffness / other.mass
+        return {**params, "A": params["A"] * (old / new) ** 0.4}
 
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
         return (("A", "A (K/m)^(2/5)", _frequency(contact), "(m/s)^(-1/5)"),)
@@ -355,6 +358,7 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
     if not isinstance(law, str) or law not in choices:
         raise ValueError(
             f"Argument `law` must be one of {', '.join(choices)}, but is {rendered(law)}."
+            f"{did_you_mean(law, choices)}"
         )
     if law == "all":
         return (ConstantE(), *others)
@@ -363,3 +367,20 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
             return (ConstantE(), kind)
     name = "constant e" if law == "exact" else f"constant e ({law})"
     return (ConstantE(law, name), *others)
+
+
+def kind_of_law(law: AbstractLaw) -> AbstractKind:
+    """The kind whose e(v) a law has."""
+    for kind in SPEED_DEPENDENT:
+        if describe(kind.law).cls is type(law):
+            return kind
+    return ConstantE()
+
+
+def law_in(law: AbstractLaw, old: Contact, new: Contact) -> AbstractLaw:
+    """The law that has the same e(v) in another contact."""
+    kind = kind_of_law(law)
+    params = {name: getattr(law, name) for name in kind.transforms if hasattr(law, name)}
+    for name, value in kind.moved(params, old, new).items():
+        law = eqx.tree_at(operator.attrgetter(name), law, value)
+    return law

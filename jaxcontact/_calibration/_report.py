@@ -36,6 +36,7 @@ def _data(s: CalibrationSummary, layout: Layout) -> list[str]:
     speeds = [pair.velocity for pair in s.pairs]
     lines = [
         *wrapped("Recording", r.source + (f", ball {r.ball}" if r.ball else "")),
+        *(wrapped("Read as", "; ".join(r.notes)) if r.notes else ()),
         *wrapped(
             "Pairs",
             f"{r.pairs} of approach speed and e, from {layout.made_of}; {min(speeds):.3g} to "

@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
+from jaxtyping import Float
+
 from .._contact import Contact
 from .._flight import Drag
 from .._laws import AbstractLaw
 from .._measurements._noise import Noise
 from ._choice import ChoiceData
+from ._kinds import kind_of_law, law_in
+
+_SPEEDS = 17
+"""Of an export, over the measured range."""
 
 
 @dataclasses.dataclass(frozen=True)
 class RecordingSummary:
-    """Where the pairs come from: source, layout and ball; how many pairs, of which trials."""
+    """Where the pairs come from: source, layout and ball; how many pairs, of which trials.
+
+    `notes` say how the source was read: headings that were understood, units converted.
+    """
 
     source: str
     layout: str
@@ -21,6 +31,7 @@ class RecordingSummary:
     pairs: int
     unpaired: int
     trials: tuple[str, ...]
+    notes: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,6 +90,30 @@ class CalibrationSummary:
     def converged(self) -> bool:
         """Whether every fit converged."""
         return all(f.converged for c in (self.choice, self.with_marked) for f in c.laws)
+
+    def __export__(
+        self, contact: Contact | None
+    ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
+        """The law, the contact, and closing speeds in m/s over the measured range, for `export`.
+
+        With another `contact` the law is the one with the same e(v). Raises ValueError where no fit
+        converged, and where mass or stiffness is not known.
+        """
+        if self.law is None:
+            raise ValueError("Argument `law` must have a fit that converged, but none did.")
+        kind = kind_of_law(self.law)
+        missing = [name for name in ("mass", "stiffness") if name not in self.given]
+        if contact is None and missing:
+            words = " and ".join(f"`{name}`" for name in missing)
+            raise ValueError(
+                f"Argument `contact` is needed: this calibration does not know {words}. It leaves "
+                f"open {kind.unidentified}. Give `contact=Contact(mass, stiffness)`, or calibrate "
+                f"with {words}."
+            )
+        law = self.law if contact is None else law_in(self.law, self.contact, contact)
+        kept = [pair.velocity for pair in self.pairs if not pair.marked]
+        speeds = np.geomspace(min(kept), max(kept), _SPEEDS)
+        return law, self.contact if contact is None else contact, speeds
 
     def __repr__(self) -> str:
         r, marked = self.recording, sum(pair.marked for pair in self.pairs)

@@ -1,21 +1,33 @@
-"""The command `jaxcontact`: calibrate, laws, impact, sweep, scene, paper."""
+"""The command `jaxcontact`: calibrate, fit, design, laws, impact, sweep, scene, export, paper."""
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 from collections.abc import Sequence
-from typing import Any
 
 from .._progress import Stages
-from . import _calibrate, _impact, _laws, _paper, _scene, _sweep
+from . import (
+    _calibrate,
+    _design,
+    _export,
+    _fit,
+    _impact,
+    _laws,
+    _paper,
+    _scene,
+    _sweep,
+)
 from ._cache import VARIABLE, keep_programs
 from ._options import InputError
+from ._parser import SHELLS, Completion, Parser, Version
 
 # Each has SUMMARY, DESCRIPTION and EPILOG, `add_options(parser)` and `run(arguments, progress)`.
 _COMMANDS = {
     "calibrate": _calibrate,
+    "fit": _fit,
+    "design": _design,
+    "export": _export,
     "laws": _laws,
     "impact": _impact,
     "sweep": _sweep,
@@ -23,11 +35,18 @@ _COMMANDS = {
     "paper": _paper,
 }
 
+_INTERRUPTED = 130  # as shells count: 128 and the number of the signal
+
 _EPILOG = f"""\
-exit codes: 0 done; 1 done, but something did not converge; 2 bad input, and nothing was written.
+exit codes: 0 done; 1 done, but something did not converge; 2 bad input, and nothing was written;
+{_INTERRUPTED} interrupted.
+
+Results go to stdout, as text or with --json as JSON; progress and errors go to stderr.
 
 Compiled programs are kept for the next command in the user's cache folder; {VARIABLE}
 names another one, and switches it off where it is empty, as --no-cache does.
+
+completion: `jaxcontact --completion bash` (or zsh) prints a script for your shell to source.
 
 `jaxcontact COMMAND --help` tells everything about a command.
 """
@@ -40,23 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     to double precision for the process. As usual for argparse, `--help` and misspelt options raise
     SystemExit.
     """
-    style: dict[str, Any] = {
-        "formatter_class": argparse.RawDescriptionHelpFormatter,
-        "allow_abbrev": False,
-    }
-    words = "Contact laws: what they deliver, impacts, scenes, and parameters from bounces."
-    parser = argparse.ArgumentParser("jaxcontact", description=words, epilog=_EPILOG, **style)
-    commands = parser.add_subparsers(metavar="COMMAND", required=True)
-    for name, command in _COMMANDS.items():
-        texts = {"description": command.DESCRIPTION, "epilog": command.EPILOG}
-        own = commands.add_parser(name, help=command.SUMMARY, **texts, **style)
-        own.add_argument("--quiet", action="store_true", help="no progress on stderr")
-        own.add_argument(
-            "--no-cache", action="store_true", help="keep no compiled programs for the next command"
-        )
-        command.add_options(own)
-        own.set_defaults(run=command.run)
-    arguments = parser.parse_args(argv)
+    arguments = _parser().parse_args(argv)
 
     # Imported when the arguments are known to be good: --help need not wait for JAX.
     import jax
@@ -73,6 +76,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         # nowhere, instead of into a second error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return _INTERRUPTED
     except (InputError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
+
+
+def _parser() -> Parser:
+    words = "Contact laws: what they deliver, impacts, scenes, and parameters from measurements."
+    parser = Parser("jaxcontact", description=words, epilog=_EPILOG)
+    parser.add_argument("--version", action=Version, nargs=0, help="print the version, and end")
+    parser.add_argument(
+        "--completion", action=Completion, choices=SHELLS, help="print a completion script, and end"
+    )
+    commands = parser.add_subparsers(metavar="COMMAND", dest="command", required=True)
+    for name, command in _COMMANDS.items():
+        texts = {"description": command.DESCRIPTION, "epilog": command.EPILOG}
+        own = commands.add_parser(name, help=command.SUMMARY, **texts)
+        command.add_options(own)
+        general = own.add_argument_group("of every command")
+        general.add_argument(
+            "--json", action="store_true", help="print the result as JSON instead of text"
+        )
+        general.add_argument("--quiet", action="store_true", help="no progress on stderr")
+        general.add_argument(
+            "--no-cache", action="store_true", help="keep no compiled programs for the next command"
+        )
+        own.set_defaults(run=command.run)
+    return parser

@@ -10,6 +10,7 @@ from .._progress import Stages
 from .._whole_files import write_all
 from ._files import drawn
 from ._options import InputError, positive
+from ._table import add_table_options, input_error
 
 if TYPE_CHECKING:
     from .._flight import Drag
@@ -29,13 +30,15 @@ ball that ship with the package.
 """
 
 EPILOG = """\
-FILE is a CSV file with a header and one of these sets of columns:
-  ball, drop_height_m, trial, bounce, interval_s     seconds between successive impacts; `bounce`
-                                                     counts the intervals of a trial
-  ball, drop_height_m, trial, rebound_height_m       a drop and the height of its first rebound
-  velocity, restitution                              approach speed in m/s and e; a column `ball`
-                                                     is optional
-Other columns are ignored. Rows in messages are lines of the file; the header is row 1.
+FILE is a table: text (CSV and its relatives, decimal commas too), a spreadsheet or parquet. It has
+one of these sets of columns, with headings by any usual name ("v", "COR", "speed (mm/s)"):
+  interval_s [ball, drop_height_m, trial, bounce]      seconds between successive impacts; `bounce`
+                                                       counts the intervals of a trial
+  drop_height_m, rebound_height_m [ball, trial]        a drop and the height of its first rebound
+  velocity, restitution [ball]                         approach speed in m/s and e
+  height_m [ball, trial, bounce]                       heights of successive flights
+Those in brackets may be left out; other columns are ignored. A unit that is written in a heading is
+converted, and the report says so. Rows in messages are lines of the file; the header is row 1.
 
 e from two intervals of a trial with successive bounces: e = T2/T1 at approach speed g T1/2, or with
 drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair is
@@ -67,6 +70,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="ball to use where the file holds several (default for the shipped file: blue)",
     )
+    add_table_options(parser)
     parser.add_argument(
         "--out",
         metavar="DIR",
@@ -105,8 +109,17 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     drag = _drag(arguments)
     gravity = STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity
     try:
+        recording = read_recording(
+            arguments.file,
+            ball=arguments.ball,
+            columns=arguments.columns,
+            decimal=arguments.decimal,
+        )
+    except ValueError as error:
+        raise input_error(error) from error
+    try:
         result = calibrate(
-            read_recording(arguments.file, ball=arguments.ball),
+            recording,
             law=arguments.law,
             drag=drag,
             mass=arguments.mass,
@@ -115,9 +128,9 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             progress=progress,
         )
     except RecordingError as error:
-        raise InputError(str(error).replace("`ball=`", "--ball")) from error
+        raise input_error(error) from error
     except ValueError as error:
-        # Numbers are checked by the parser: what is left is the name of the law.
+        # Numbers are checked by the parser: what is left is a law that e(v) cannot be fitted with.
         raise InputError(f"--law: {error}") from error
     progress("drawing and writing")
     report = result.report()
@@ -129,8 +142,11 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         )
         files[out / REPORT] = page.encode()
     write_all(files)
-    print(report)
-    print(f"Written    {', '.join(map(str, files))}")
+    if arguments.json:
+        print(files[out / NUMBERS].decode(), end="")
+    else:
+        print(report)
+        print(f"Written    {', '.join(map(str, files))}")
     return 0 if result.converged else 1
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import pathlib
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from .._whole_files import write_all
 from ._files import FIGURES, drawn, output_path
 from ._law import add_law_and_contact, exponent_asked, parameters_asked
 from ._options import InputError, number, positive
+from ._printing import print_json
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,7 +41,6 @@ exit codes: 0 done; 1 the impact could not be solved to accuracy; 2 bad input, n
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_law_and_contact(parser, number=number, size=positive, form=("NUMBER", "c=1e6"))
-    parser.add_argument("--json", action="store_true", help="as JSON instead of text")
     words = "draw force against indentation and time; .png, .pdf or .svg"
     parser.add_argument("--plot", metavar="FILE", help=words)
 
@@ -71,7 +70,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         progress("compiling and drawing the trajectory")
         write_all({plot: _figure(law, contact, arguments, plot)})
     if arguments.json:
-        print(json.dumps(_dict(arguments, given, exponent, hit, status), indent=1, allow_nan=False))
+        print_json(_dict(arguments, given, exponent, hit, status))
     else:
         print(_text(arguments, hit, status))
     return 1 if status == Status.NOT_CONVERGED else 0
@@ -115,7 +114,7 @@ def _dict(
         "parameters": given,
         "contact": {**contact, "exponent": exponent},
         "velocity": arguments.velocity,
-        **{name: x if math.isfinite(x) else None for name, x in numbers.items()},
+        **numbers,
         "status": status.name,
         "method": hit.method,
         "units": {

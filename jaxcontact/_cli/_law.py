@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ._options import InputError, assignment, positive
+
+if TYPE_CHECKING:
+    from .._contact import Contact
 
 
 def add_law_and_contact(
@@ -17,16 +20,19 @@ def add_law_and_contact(
     size: Callable[[str], Any],
     form: tuple[str, str],
     defaults: dict[str, float] | None = None,
+    needed: bool = True,
+    velocity: bool = True,
 ) -> None:
     """Add the options of a law, a contact and a closing speed.
 
     `number` reads a parameter of the law, `size` a number of the contact; `form` holds what help
     shows as the VALUE of a NAME=VALUE, and an example. Without `defaults` the numbers of the
-    contact are required.
+    contact are required, and a law always is, unless not `needed`; `velocity` tells whether there
+    is a closing speed.
     """
     value, example = form
     parser.add_argument(
-        "--law", metavar="NAME", required=True, help="name of the law; see `jaxcontact laws`"
+        "--law", metavar="NAME", required=needed, help="name of the law; see `jaxcontact laws`"
     )
     parser.add_argument("--e", metavar="E", type=number, help="parameter e of the law")
     parser.add_argument(
@@ -42,9 +48,12 @@ def add_law_and_contact(
         ("stiffness", "K", "K of K δⁿ, in N/mⁿ"),
         ("velocity", "V", "closing speed in m/s"),
     ):
+        if name == "velocity" and not velocity:
+            continue
         default = f" (default: {defaults[name]:g})" if defaults else ""
+        must = needed and not defaults
         parser.add_argument(
-            f"--{name}", metavar=metavar, type=size, required=not defaults, help=words + default
+            f"--{name}", metavar=metavar, type=size, required=must, help=words + default
         )
     parser.add_argument(
         "--exponent",
@@ -57,10 +66,12 @@ def add_law_and_contact(
 def parameters_asked(arguments: argparse.Namespace) -> dict[str, Any]:
     """The law's parameters, from `--e` and `--param`. Raises InputError unless all are there."""
     from .._laws import list_laws, parameters_of
+    from .._parameter import did_you_mean
 
     if arguments.law not in list_laws():
         raise InputError(
-            f"--law: {arguments.law!r} is not a law; the laws are {', '.join(list_laws())}"
+            f"--law: {arguments.law!r} is not a law; the laws are {', '.join(list_laws())}."
+            f"{did_you_mean(arguments.law, list_laws())}"
         )
     given = dict(arguments.param)
     if len(given) < len(arguments.param):
@@ -73,12 +84,26 @@ def parameters_asked(arguments: argparse.Namespace) -> dict[str, Any]:
     for name in given:
         if name not in wanted:
             takes = ", ".join(wanted) or "none"
-            raise InputError(f"{arguments.law} has no parameter {name}; its parameters: {takes}")
+            raise InputError(
+                f"{arguments.law} has no parameter {name}; its parameters: {takes}."
+                f"{did_you_mean(name, wanted)}"
+            )
     missing = [name for name in wanted if name not in given]
     if missing:
         how = ", ".join("--e E" if name == "e" else f"--param {name}=NUMBER" for name in missing)
         raise InputError(f"{arguments.law} also needs {how}")
     return given
+
+
+def contact_asked(arguments: argparse.Namespace, exponent: float) -> Contact:
+    """The contact of `--mass` and `--stiffness`. Raises InputError where one is not given."""
+    from .._contact import Contact
+
+    missing = [name for name in ("mass", "stiffness") if getattr(arguments, name) is None]
+    if missing:
+        options = " and ".join(f"--{name}" for name in missing)
+        raise InputError(f"{options} is needed" if len(missing) == 1 else f"{options} are needed")
+    return Contact(arguments.mass, arguments.stiffness, exponent)
 
 
 def exponent_asked(arguments: argparse.Namespace) -> float:

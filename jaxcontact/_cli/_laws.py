@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from typing import Any
 
 from .._progress import Stages
 from .._text_table import text_table
+from ._printing import print_json
 
 ASKED = (0.9, 0.7, 0.5, 0.3, 0.1)
 
@@ -20,11 +20,13 @@ the restitution of a free impact for e = 0.9 0.7 0.5 0.3 0.1, and the source. A 
 parameter e (its restitution follows from its own parameters, and often from the speed).
 """
 
-EPILOG = None
+EPILOG = """\
+exit codes: 0 done; 2 bad input.
+"""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="as JSON instead of a table")
+    """None but those of every command."""
 
 
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
@@ -32,7 +34,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     progress("compiling and solving an impact for each law and e")
     rows = table()
     if arguments.json:
-        print(json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False))
+        print_json(rows)
     else:
         print(_text(rows))
     return 0

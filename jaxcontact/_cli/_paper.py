@@ -12,6 +12,7 @@ from .._progress import Stages
 from .._whole_files import write_all
 from ._files import image_of
 from ._options import InputError
+from ._printing import print_json
 
 if TYPE_CHECKING:
     from ..paper import Reproduction
@@ -42,12 +43,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Make the figures of the arguments and write them. Raises InputError, OSError."""
     from .. import paper
+    from .._parameter import did_you_mean
 
     names = arguments.figures or list(paper.FIGURES)
     for name in names:
         if name not in paper.FIGURES:
             raise InputError(
-                f"{name!r} is not a figure; the figures are {', '.join(paper.FIGURES)}"
+                f"{name!r} is not a figure; the figures are {', '.join(paper.FIGURES)}."
+                f"{did_you_mean(name, paper.FIGURES)}"
             )
     folder = pathlib.Path(arguments.out)
     if folder.exists() and not folder.is_dir():
@@ -61,8 +64,21 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     table = paper.markdown(numbers)
     files[folder / "numbers.md"] = table.encode()
     write_all(files)
-    print(table, end="")
-    print(f"\n{len(files)} files in {folder}")
+    if arguments.json:
+        print_json(
+            [
+                {
+                    **number.published._asdict(),
+                    "ours": number.ours,
+                    "difference": number.difference,
+                    "agrees": number.agrees,
+                }
+                for number in numbers
+            ]
+        )
+    else:
+        print(table, end="")
+        print(f"\n{len(files)} files in {folder}")
     return 0 if all(number.agrees or number.published.differs for number in numbers) else 1
 
 

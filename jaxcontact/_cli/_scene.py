@@ -13,6 +13,7 @@ from .._progress import Stages
 from .._whole_files import write_all
 from ._files import drawn
 from ._options import InputError
+from ._printing import print_json
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -127,10 +128,20 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         progress("drawing the moving picture")
         files[out / MOVING] = _moving(done, axes)
     write_all(files)
-    print(done)
-    print(done.impacts)
-    if files:
-        print(f"Written    {', '.join(map(str, files))}")
+    if arguments.json:
+        print_json(
+            {
+                "status": Ending(int(done.status)).name,
+                "reached": done.reached,
+                "impacts": done.impacts.to_dict(),
+                "files": list(map(str, files)),
+            }
+        )
+    else:
+        print(done)
+        print(done.impacts)
+        if files:
+            print(f"Written    {', '.join(map(str, files))}")
     return 0 if int(done.status) == Ending.COMPLETED else 1
 
 

@@ -14,10 +14,11 @@ from .._progress import Stages
 from .._whole_files import write_all
 from ._files import FIGURES, drawn, output_path
 from ._law import add_law_and_contact, exponent_asked, parameters_asked
-from ._options import InputError, number
+from ._options import InputError
+from ._printing import print_json
+from ._range import span
 
 if TYPE_CHECKING:
-    import numpy as np
     from matplotlib.figure import Figure
 
     from .._impact import Impact
@@ -59,27 +60,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def span(text: str) -> float | np.ndarray:
-    """A number, or the numbers of FROM:TO:COUNT or FROM:TO:COUNT:log; for argparse."""
-    import numpy as np
-
-    parts = text.split(":")
-    if len(parts) == 1:
-        return number(text)
-    if len(parts) not in (3, 4) or (len(parts) == 4 and parts[3] != "log"):
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is neither a number nor of the form FROM:TO:COUNT or FROM:TO:COUNT:log"
-        )
-    low, high = number(parts[0]), number(parts[1])
-    if not parts[2].isdecimal() or int(parts[2]) < 1:
-        raise argparse.ArgumentTypeError(f"{parts[2]!r} in {text!r} is not a count")
-    if len(parts) == 3:
-        return np.linspace(low, high, int(parts[2]))
-    if low <= 0 or high <= 0:
-        raise argparse.ArgumentTypeError(f"{text!r} must be positive to be spaced by a factor")
-    return np.geomspace(low, high, int(parts[2]))
-
-
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Sweep over the ranges given and write the table. Raises InputError, OSError."""
     import numpy as np
@@ -115,9 +95,21 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
         contents[plot] = drawn(fill, (6.4, 4.4), plot)
     write_all(contents)
-    print(table)
     beyond = _beyond(table)
-    if beyond:
+    if arguments.json:
+        print_json(
+            {
+                "axes": table.axes,
+                "fields": list(table.fields),
+                "status": {Status(code).name: n for code, n in table.status_counts().items()},
+                "beyond": beyond,
+                "complete": table.complete,
+                "files": list(map(str, contents)),
+            }
+        )
+    else:
+        print(table)
+    if beyond and not arguments.json:
         print(f"  beyond  {beyond:,} separated impacts have numbers too large for double precision")
     failed = Status.NOT_CONVERGED in table.status_counts()
     return 1 if failed or beyond or not table.complete else 0
@@ -139,12 +131,16 @@ def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path 
     import numpy as np
 
     from .._impact._result import NUMBERS
+    from .._parameter import did_you_mean
 
     if arguments.plot is None:
         return None
     plot = output_path("--plot", arguments.plot, FIGURES)
     if arguments.field not in NUMBERS:
-        raise InputError(f"--field: {arguments.field!r} is not one of {', '.join(NUMBERS)}")
+        raise InputError(
+            f"--field: {arguments.field!r} is not one of {', '.join(NUMBERS)}."
+            f"{did_you_mean(arguments.field, NUMBERS)}"
+        )
     ranges = sum(isinstance(values, np.ndarray) for values in given.values())
     if ranges not in (1, 2):
         raise InputError(f"--plot {plot}: takes one or two ranges, but there are {ranges}")

@@ -2,6 +2,7 @@
 
 from . import _engines as _engines
 from ._engine import Engine as Engine
+from ._engine import engines as engines
 from ._engine import register_engine as register_engine
 from ._export import export as export
 from ._result import Export as Export

@@ -7,7 +7,7 @@ import inspect
 from collections.abc import Mapping
 from typing import Any, ClassVar, TypeVar
 
-from .._parameter import require_choice
+from .._parameter import did_you_mean, require_choice
 from ._wanted import Draft, Wanted
 
 _ENGINES: dict[str, Engine] = {}
@@ -45,6 +45,7 @@ class Engine(abc.ABC):
                 raise ValueError(
                     f"Argument `{name}` must be an option of engine {self.name!r}, which takes "
                     f"{', '.join(f'`{known}`' for known in takes) or 'none'}."
+                    f"{did_you_mean(name, takes)}"
                 )
         for name, default in takes.items():
             if default is inspect.Parameter.empty and name not in given:
@@ -63,3 +64,8 @@ def register_engine(kind: type[Kind]) -> type[Kind]:
 def engine_of(name: str) -> Engine:
     """The registered engine of this name. Raises ValueError if there is none."""
     return _ENGINES[require_choice("engine", name, sorted(_ENGINES))]
+
+
+def engines() -> list[str]:
+    """The names of all registered engines."""
+    return sorted(_ENGINES)

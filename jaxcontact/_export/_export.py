@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, Protocol
 
 import jax
 import numpy as np
-from jaxtyping import ArrayLike
+from jaxtyping import ArrayLike, Float
 
 from .._contact import Contact
-from .._impact import impact, problem_of
+from .._impact import Status, impact, problem_of
 from .._laws import AbstractLaw
+from .._parameter import as_numbers
+from ._compromise import compromise
 from ._engine import engine_of
 from ._result import Export
 from ._wanted import Wanted, solved
@@ -19,49 +22,124 @@ from ._wanted import Wanted, solved
 _AGREEMENT = 1e-6
 
 
+class Calibrated(Protocol):
+    """A calibration: what a recording says about a law."""
+
+    def __export__(
+        self, contact: Contact | None
+    ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
+        """The law, the contact, and closing speeds in m/s over the measured range.
+
+        Raises ValueError that names the numbers of the contact that are not known.
+        """
+        ...
+
+
 def export(
-    law: AbstractLaw, contact: Contact, velocity: ArrayLike, *, engine: str, **options: Any
+    law: AbstractLaw | Calibrated,
+    contact: Contact | None = None,
+    velocity: ArrayLike | None = None,
+    *,
+    engine: str,
+    **options: Any,
 ) -> Export:
-    """The parameters with which another simulator delivers the restitution of a law at one speed.
+    """The parameters with which another simulator delivers the restitution of a law.
 
     The wanted e is that of `impact(law, contact, velocity)`. The engine's own contact law is
-    inverted for it, and then solved again with the parameters found. Engines: "drake",
-    "exudyn", "lammps", "mujoco", "simbody". The stiffness is the contact's where the engine has its
-    exponent, and otherwise the one with which its contact lasts as long as the law's.
+    inverted for it, and then solved again with the parameters found; over several speeds the one
+    set of parameters is found whose largest error of e is least. Engines: "bullet", "chrono",
+    "drake", "exudyn", "lammps", "mercurydpm", "mujoco", "simbody", "yade". The stiffness is the
+    contact's where the engine has its exponent, and otherwise the one with which its contact lasts
+    as long as the law's, at the one speed or the geometric mean of the least and the largest.
 
-    Arguments: scalars `law`, `contact`, and the closing `velocity` in m/s. Options of the engine:
-    `radius` in m, needed for LAMMPS and Simbody, the effective one, R1 R2/(R1+R2), or that of a
-    sphere on a plane; `damping`, for LAMMPS: "coeff_restitution" (default), "tsuji", "tsuji_sqrt2"
-    or "viscoelastic"; `impact_model`, for Exudyn: 2 (default) or 1.
+    Arguments: scalars `law` and `contact`, and the closing `velocity` in m/s, one or several (n,).
+    Instead of a law a calibration (`Calibration`, or what `load_calibration` returns): its contact
+    is taken if `contact` is None, which needs mass and stiffness, and its measured speeds if
+    `velocity` is None. Options of the engine: `radius` in m, needed for Chrono, LAMMPS, Simbody and
+    YADE, the effective one, R1 R2/(R1+R2), or that of a sphere on a plane; `poisson_ratio`, for
+    Chrono and YADE: 0.3 by default; `damping`, for LAMMPS: "coeff_restitution" (default), "tsuji",
+    "tsuji_sqrt2" or "viscoelastic"; `impact_model`, for Exudyn: 2 (default) or 1.
 
     Returns an `Export`. Computes in double precision whatever JAX is set to, and is not for use
     under `jit`. Raises ValueError for an unknown engine, an option that it does not take or lacks,
-    an impact that is not solved or has no rebound, or a restitution that the engine's law cannot
-    deliver. Source: `Export.source`, for each engine.
+    an impact that is not solved or has no rebound, a calibration that does not know mass or
+    stiffness, or a restitution that the engine's law cannot deliver. Source: `Export.source`, for
+    each engine.
     """
     simulator = engine_of(engine)
     given = simulator.checked(options)
     with jax.enable_x64(True):
-        if shape := problem_of(law, contact, velocity).shape:
+        law, contact, closing = _known(law, contact, velocity)
+        if shape := problem_of(law, contact, 1.0).shape:
             raise ValueError(
-                "Arguments `law`, `contact` and `velocity` must be scalars, but have the shape "
+                "Arguments `law` and `contact` must be scalars, but have the shape "
                 f"{shape}; export lane by lane."
             )
-        hit = solved(impact(law, contact, velocity))
+        if shape := problem_of(law, contact, closing).shape:
+            speeds, targets = _wanted_at(law, contact, closing, shape)
+            middle = math.sqrt(float(speeds.min()) * float(speeds.max()))
+        else:
+            speeds, targets = None, None
+            middle = float(np.asarray(closing))
+        hit = solved(impact(law, contact, middle))
         numbers = hit.restitution, hit.duration, contact.mass, contact.stiffness, contact.exponent
-        wanted = Wanted(*map(float, numbers), velocity=float(np.asarray(velocity)))
-        draft = simulator.draft(wanted, **given)
-        hit = solved(impact(draft.law, draft.contact, wanted.velocity))
-    delivered = float(hit.restitution)
-    if not abs(delivered / wanted.restitution - 1) < _AGREEMENT:
-        raise RuntimeError(
-            f"The law of engine {engine!r} delivers {delivered:.9g} with the parameters found, not "
-            f"{wanted.restitution:.9g}."
-        )
+        wanted = Wanted(*map(float, numbers), velocity=middle)
+        if speeds is None or targets is None:
+            draft = simulator.draft(wanted, **given)
+        else:
+            draft = compromise(lambda one: simulator.draft(one, **given), wanted, speeds, targets)
+        hit = solved(impact(draft.law, draft.contact, middle))
+        if speeds is not None:
+            delivered = np.asarray(impact(draft.law, draft.contact, speeds).restitution)
+    if speeds is None:
+        delivered = float(hit.restitution)
+        if not abs(delivered / wanted.restitution - 1) < _AGREEMENT:
+            raise RuntimeError(
+                f"The law of engine {engine!r} delivers {delivered:.9g} with the parameters found, "
+                f"not {wanted.restitution:.9g}."
+            )
     return Export(
         **vars(draft),
         engine=engine,
-        target=wanted.restitution,
+        velocity=middle if speeds is None else speeds,
+        target=wanted.restitution if targets is None else targets,
         delivered=delivered,
         duration=float(hit.duration),
+        wanted_law=law,
+        wanted_contact=contact,
     )
+
+
+def _known(law: Any, contact: Any, velocity: Any) -> tuple[AbstractLaw, Contact, Any]:
+    """The law, the contact and the speeds, of a calibration where one is given."""
+    if hasattr(law, "__export__"):
+        law, contact, measured = law.__export__(contact)
+        velocity = measured if velocity is None else velocity
+    if velocity is None:
+        raise ValueError(
+            "Argument `velocity` is needed, unless a calibration is given, but is None."
+        )
+    return law, contact, velocity
+
+
+def _wanted_at(
+    law: AbstractLaw, contact: Contact, velocity: ArrayLike, shape: tuple[int, ...]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Several speeds, and the law's e there. Raises ValueError for one without a rebound."""
+    if len(shape) != 1 or 0 in shape:
+        raise ValueError(
+            "Argument `velocity` must be one speed, or several of the shape (n,), but has the "
+            f"shape {shape}."
+        )
+    speeds = as_numbers(velocity, "velocity")
+    hits = impact(law, contact, speeds)
+    targets = np.asarray(hits.restitution)
+    bad = (np.asarray(hits.status) != Status.SEPARATED) | ~(targets > 0)
+    if bad.any():
+        k = int(np.argmax(bad))
+        status = Status(int(np.asarray(hits.status)[k])).name.lower()
+        raise ValueError(
+            "Argument `velocity` must hold speeds at which the law has a rebound, but at "
+            f"{speeds[k]:g} m/s its impact ended as {status!r} with the restitution {targets[k]:g}."
+        )
+    return speeds, targets

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from .._parameter import Range, ranges, rendered, require_kind
+from .._parameter import Range, did_you_mean, ranges, rendered, require_kind
 from ._base import AbstractLaw
 
 _Law = TypeVar("_Law", bound=type[AbstractLaw])
@@ -63,7 +63,8 @@ def describe(name: str) -> Description:
     """The description of a registered law; ValueError with the known names if there is none."""
     if not isinstance(name, str) or name not in _REGISTRY:
         known = ", ".join(_REGISTRY)
-        raise ValueError(f"Argument `name` must be one of {known}, but is {rendered(name)}.")
+        guess = did_you_mean(name, _REGISTRY)
+        raise ValueError(f"Argument `name` must be one of {known}, but is {rendered(name)}.{guess}")
     return _REGISTRY[name]
 
 
@@ -73,7 +74,16 @@ def get_law(name: str, **parameters: Any) -> AbstractLaw:
     Raises ValueError for an unknown name (the message lists the known ones) or a parameter out of
     its range, TypeError for a parameter the law does not have.
     """
-    return describe(name).cls(**parameters)
+    law = describe(name).cls
+    fields = {field.name for field in dataclasses.fields(law)}
+    for given in parameters:
+        if given not in fields:
+            takes = ", ".join(ranges(law)) or "none"
+            raise TypeError(
+                f"{name} has no parameter {given!r}; its parameters: {takes}."
+                f"{did_you_mean(given, fields)}"
+            )
+    return law(**parameters)
 
 
 def list_laws() -> list[str]:

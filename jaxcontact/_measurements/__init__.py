@@ -1,5 +1,8 @@
 """Recordings of bouncing balls: reading them, pairs of speed and restitution, noise, outliers."""
 
+from ._columns import COLUMNS as COLUMNS
+from ._columns import read_columns as read_columns
+from ._fault import RecordingError as RecordingError
 from ._intervals import Intervals
 from ._layout import LAYOUTS as LAYOUTS
 from ._layout import Layout as Layout
@@ -7,13 +10,13 @@ from ._layout import counted as counted
 from ._layout import register_layout as register_layout
 from ._pairs import Pairs as Pairs
 from ._pairs import make_pairs as make_pairs
+from ._peaks import Peaks
 from ._recording import Recording as Recording
 from ._recording import read_recording as read_recording
 from ._restitution import MEASURED_RESTITUTION as MEASURED_RESTITUTION
 from ._restitution import MEASURED_RESTITUTION_FROM_ZERO as MEASURED_RESTITUTION_FROM_ZERO
 from ._restitution import in_percent as in_percent
-from ._sheet import RecordingError as RecordingError
 from ._single import Heights, Table
 
-for _layout_class in (Intervals, Heights, Table):
+for _layout_class in (Intervals, Heights, Table, Peaks):
     register_layout(_layout_class())

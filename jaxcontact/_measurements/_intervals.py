@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-import collections
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from .._flight import STANDARD_GRAVITY, Flight, landing_speed, launch_speed
-from ._layout import Layout, Paired, ReadingError, Record, span
+from ._heading import Meaning, words
+from ._layout import (
+    DROP_HEIGHT,
+    LABELS,
+    Flights,
+    Layout,
+    Paired,
+    ReadingError,
+    Record,
+    bounces_of,
+    span,
+)
 from ._restitution import MEASURED_RESTITUTION, length_guess
 from ._sheet import Row
 
@@ -52,6 +63,19 @@ class Intervals(Layout[Interval]):
     name = "intervals"
     columns = ("ball", "drop_height_m", "trial", "bounce", "interval_s")
     measured = ("interval_s",)
+    meanings = MappingProxyType(
+        {
+            **LABELS,
+            "drop_height_m": DROP_HEIGHT,
+            "interval_s": Meaning(
+                words(
+                    "interval, interval s, bounce interval, time between bounces, "
+                    "time between impacts, dt, δt, delta t, flight time, time of flight, t flight"
+                ),
+                "s",
+            ),
+        }
+    )
     reading_error = ReadingError("s", "ms", 1e3, "each trigger time")
     uses_flight = True
     made_of = "successive bounce intervals"
@@ -67,25 +91,25 @@ class Intervals(Layout[Interval]):
     )
 
     def read(self, rows: Sequence[Row]) -> list[Interval]:
-        counts: collections.Counter[Group] = collections.Counter()
-        seen: dict[tuple[Group, int], int] = {}
-        records = []
-        for row in rows:
-            ball, number = row.place
-            drop = row.positive("drop_height_m") if "drop_height_m" in row.values else None
-            group = ball, drop, row.text("trial", "1")
-            counts[group] += 1
-            bounce = row.count("bounce") if "bounce" in row.values else counts[group]
-            records.append(Interval(ball, number, *group[1:], bounce, row.positive("interval_s")))
-            first = seen.setdefault((group, bounce), number)
-            if first != number:
-                row.refuse("bounce", f"bounce {bounce} of this trial is in row {first} already")
+        groups: list[Group] = [
+            (
+                row.place[0],
+                row.positive("drop_height_m") if "drop_height_m" in row.values else None,
+                row.text("trial", "1"),
+            )
+            for row in rows
+        ]
+        records = [
+            Interval(group[0], row.number, *group[1:], bounce, row.positive("interval_s"))
+            for row, group, bounce in zip(rows, groups, bounces_of(rows, groups), strict=True)
+        ]
         seconds = [record.seconds for record in records]
         if seconds and (typical := float(np.median(seconds))) > _LONG:
             rows[0].refuse(
                 "interval_s",
                 f"half of the intervals are longer than {typical:g} s, in which a ball rises "
-                f"{STANDARD_GRAVITY * typical**2 / 8:.0f} m; are they in ms? then divide by 1000",
+                f"{STANDARD_GRAVITY * typical**2 / 8:.0f} m; are they in ms? then divide by 1000, "
+                "or write the unit in the heading, 'interval [ms]'",
             )
         self._check_drops(rows, records)
         return records
@@ -142,6 +166,9 @@ class Intervals(Layout[Interval]):
             records=couples,
             unpaired=len(records) - len({record.row for couple in couples for record in couple}),
         )
+
+    def flights(self, records: Sequence[tuple[Interval, ...]]) -> Flights:
+        return Flights("intervals", *([one[k].seconds for one in records] for k in (0, 1)))
 
     def guess(
         self, records: Sequence[tuple[Interval, ...]], flagged: np.ndarray, e: float

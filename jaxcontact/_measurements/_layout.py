@@ -3,14 +3,33 @@
 from __future__ import annotations
 
 import abc
+import collections
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
 from .._flight import Flight, Floats
+from ._heading import Meaning, words
 from ._sheet import Row
+
+LABELS = {
+    "ball": Meaning(words("ball, object, sample, specimen, material")),
+    "trial": Meaning(words("trial, run, series, experiment, repetition, rep, drop number")),
+    "bounce": Meaning(words("bounce, bounce number, impact, impact number, number, n, k, i")),
+}
+"""What layouts have in common."""
+
+TIME = Meaning(words("time, t, frame, timestamp"), "s")
+
+DROP_HEIGHT = Meaning(
+    words("drop height, drop height m, dropped from, initial height, start height, h0, h 0"),
+    "m",
+    10.0,
+    "drops from more than 10 m",
+)
 
 Words = tuple[str, str]
 """A noun phrase in the singular and in the plural."""
@@ -63,13 +82,21 @@ class Paired(NamedTuple, Generic[R]):
     unpaired: int = 0
 
 
+class Flights(NamedTuple):
+    """Successive flights as "intervals" in s or "heights" in m: before and after each bounce."""
+
+    kind: str
+    first: list[float]
+    second: list[float]
+
+
 class Layout(abc.ABC, Generic[R]):
     """A column layout: how its rows are read and paired, and the words that reports use of it.
 
-    `name`; `columns`, which a file or a data frame must have, the reading that is paired last;
-    `measured`, those of them that cannot be left out where columns are given by keyword;
-    `optional`, those that are read where they are present; `reading_error`, None where its effect
-    is not known; `uses_flight`, whether gravity and the drag of the air enter the speeds.
+    `name`; `columns`, the reading that is paired last; `measured`, those of them that cannot be
+    left out; `meanings`, by which words a column is known, and its unit (a column that is not
+    among them is known by its name only); `reading_error`, None where its effect is not known;
+    `uses_flight`, whether gravity and the drag of the air enter the speeds.
 
     For reports: `made_of`, what pairs are made of; `pair_words` and `cluster_words`; `pair_rule`,
     when rows make a pair; `errors_words`, how standard errors by cluster are found and what they
@@ -79,7 +106,7 @@ class Layout(abc.ABC, Generic[R]):
     name: ClassVar[str]
     columns: ClassVar[tuple[str, ...]]
     measured: ClassVar[tuple[str, ...]]
-    optional: ClassVar[tuple[str, ...]] = ()
+    meanings: ClassVar[Mapping[str, Meaning]] = MappingProxyType({})
     reading_error: ClassVar[ReadingError | None]
     uses_flight: ClassVar[bool]
     made_of: ClassVar[str]
@@ -100,6 +127,13 @@ class Layout(abc.ABC, Generic[R]):
     def pair(self, records: Sequence[R], flight: Flight) -> Paired[R]:
         """The pairs in `records`, which are of one ball."""
 
+    def flights(self, records: Sequence[tuple[R, ...]]) -> Flights | None:
+        """The flights before and after each bounce, for `fit_bounces`; None where there are none.
+
+        `records` are those of all pairs.
+        """
+        return None
+
     def guess(
         self, records: Sequence[tuple[R, ...]], flagged: np.ndarray, e: float
     ) -> Mapping[int, str]:
@@ -110,8 +144,36 @@ class Layout(abc.ABC, Generic[R]):
         """
         return {}
 
+    def meaning(self, column: str) -> Meaning:
+        """What a column may be called."""
+        return self.meanings.get(column, Meaning((column.casefold().replace("_", " "),)))
+
+    def unlike(self, headings: Sequence[str]) -> str | None:
+        """What columns with other headings say against this layout; None if nothing."""
+        return None
+
     def __repr__(self) -> str:
         return self.name
+
+
+def bounces_of(rows: Sequence[Row], groups: Sequence[Hashable]) -> list[int]:
+    """The number of each row's bounce in its group: that of the column `bounce`, or in order.
+
+    Raises RecordingError for a number that a group has twice.
+    """
+    counts: collections.Counter[Hashable] = collections.Counter()
+    seen: dict[tuple[Hashable, int], int] = {}
+    bounces = []
+    for row, group in zip(rows, groups, strict=True):
+        counts[group] += 1
+        bounce = row.count("bounce") if "bounce" in row.values else counts[group]
+        first = seen.setdefault((group, bounce), row.number)
+        if first != row.number:
+            missing = "" if "trial" in row.values else "; name the trials in a column `trial`"
+            told = f"bounce {bounce} of this trial is in row {first} already{missing}"
+            row.refuse("bounce", told)
+        bounces.append(bounce)
+    return bounces
 
 
 LAYOUTS: dict[str, Layout[Any]] = {}

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._flight import Flight, Floats
+from ._fault import RecordingError
 from ._layout import Layout, Record
 from ._recording import Recording
-from ._sheet import RecordingError
 
 Ints = NDArray[np.int64]
 

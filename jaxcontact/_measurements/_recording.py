@@ -1,15 +1,20 @@
-"""Recordings of one bouncing ball, read from anything that has named columns."""
+"""Recordings of one bouncing ball, read from anything that has columns."""
 
 from __future__ import annotations
 
-import collections
 import dataclasses
+import itertools
 import os
 from collections.abc import Mapping
-from typing import Any, TextIO
+from typing import IO, Any
 
-from .._parameter import rendered, require_choice
+import numpy as np
+
+from .._parameter import did_you_mean, rendered, require_choice
+from ._fault import RecordingError
+from ._heading import Meaning, suggestion
 from ._layout import LAYOUTS, Layout, Record
+from ._match import Match, Told, as_told, check_usual, match, unknown_name
 from ._sheet import Sheet, sheet_of
 
 _SHIPPED_BALL = "blue"
@@ -20,13 +25,15 @@ class Recording:
     """The measurements of one ball.
 
     `source` names where they come from, `layout` is their column layout (see `read_recording`),
-    `ball` the name of the ball ("" where there is none), `records` the measurements in order.
+    `ball` the name of the ball ("" where there is none), `records` the measurements in order, and
+    `notes` say how they were read: headings that were understood, units that were converted.
     """
 
     source: str
     layout: Layout[Any]
     ball: str
     records: tuple[Record, ...]
+    notes: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.records)
@@ -39,35 +46,48 @@ class Recording:
             "rows": str(len(self)),
             **self.layout.facts(self.records),
         }
+        if self.notes:
+            facts["read as"] = "; ".join(self.notes)
         return "Recording\n" + "\n".join(f"  {name:<13}{fact}" for name, fact in facts.items())
 
 
 def read_recording(
-    source: str | os.PathLike[str] | TextIO | Mapping[str, Any] | Any = None,
+    source: str | os.PathLike[str] | IO[Any] | Mapping[str, Any] | Any = None,
     *,
     layout: str | None = None,
     ball: Any = None,
-    **columns: Any,
+    columns: str | Mapping[str, int | str] | None = None,
+    decimal: str | None = None,
+    **values: Any,
 ) -> Recording:
-    """Read the recording of one bouncing ball from a CSV file, a data frame, or arrays.
+    """Read the recording of one bouncing ball from a file, a data frame, or arrays.
 
     The `layout` follows from the columns, unless it is named:
 
-    - "intervals": `ball`, `drop_height_m`, `trial`, `bounce`, `interval_s`, the time in s between
-      impacts `bounce` and `bounce` + 1 of a trial;
-    - "heights": `ball`, `drop_height_m`, `trial`, `rebound_height_m`, a drop and its first rebound
-      in m;
-    - "table": `velocity`, the approach speed in m/s, `restitution`, and optionally `ball`.
+    - "intervals": `interval_s`, the time in s between impacts `bounce` and `bounce` + 1 of a
+      `trial`, and `drop_height_m`;
+    - "heights": `drop_height_m` and `rebound_height_m`, a drop and its first rebound in m;
+    - "table": `velocity`, the approach speed in m/s, and `restitution`;
+    - "peaks": `height_m`, the heights in m of successive flights of a trial.
 
-    `source` is the path of a CSV file with a header, an open text file, a dict of columns, or a
-    data frame (of pandas, polars, or anything with `.columns` and `[name]`); other columns are
-    ignored. None reads the bounce intervals that ship with the package. Without `source`, columns
-    may be given by keyword: `read_recording(interval_s=[0.42, 0.37, 0.33])`. Only then `ball`,
-    `trial`, `bounce`, and for intervals `drop_height_m`, may be left out, which means one ball and
-    one trial whose bounces are counted in order.
+    `ball`, `trial`, `bounce` and the drop height of intervals may be left out, which means one ball
+    and one trial whose bounces are counted in order. Headings are understood by their meaning
+    ("v", "COR", "speed (mm/s)", "t_flight / ms"); a unit that is written there is converted, and
+    `notes` of the recording say so. Numbers that look wrong without a unit are refused.
+
+    `source` is the path of a file or an open file, a dict of columns, or a data frame (of pandas,
+    polars, or anything with `.columns` and `[name]`); other columns are ignored. A text file may be
+    separated by commas, semicolons, tabs or blanks, have decimal commas, comments (#, %, //) and
+    any line ends, in UTF-8, UTF-16 or Latin-1. Spreadsheets (.xlsx, .xls, .ods) and parquet files
+    take `pip install 'jaxcontact[data]'`. None reads the bounce intervals that ship with the
+    package. Without `source`, columns may be given by keyword:
+    `read_recording(interval_s=[0.42, 0.37, 0.33])`.
 
     `ball` chooses a ball by its name, which is necessary where there are several (from the shipped
-    data, "blue" is chosen). A sequence of names is the column `ball`, given by keyword.
+    data, "blue" is chosen). A sequence of names is the column `ball`, given by keyword. `columns`
+    says which column holds what, by number from 1 or by heading, as in "speed=2,e=5" or
+    {"speed": 2, "e": "COR"}. `decimal`, "." or ",", is the decimal mark of a file in which it
+    cannot be told.
 
     Returns a `Recording`. Raises RecordingError, which names source, row and column, for a file
     that cannot be read, a column that is missing, repeated, not one-dimensional or of another
@@ -78,27 +98,53 @@ def read_recording(
     """
     if layout is not None:
         require_choice("layout", layout, LAYOUTS)
+    if decimal is not None:
+        require_choice("decimal", decimal, (".", ","))
+    told: Told = {} if columns is None else as_told(columns)
     if ball is not None and not isinstance(ball, str):
-        if source is not None or not columns:
+        if source is not None or not values:
             raise ValueError(
                 "Argument `ball` must be the name of one ball in `source`, or a column of names "
                 f"beside other columns given by keyword, but is {rendered(ball)}."
             )
-        columns, ball = {"ball": ball, **columns}, None
-    known = dict.fromkeys(c for one in LAYOUTS.values() for c in (*one.columns, *one.optional))
-    for name in columns:
-        if name not in known:
-            raise ValueError(f"Argument `{name}` is no known column; these are {', '.join(known)}.")
-    sheet = sheet_of(source, columns)
-    meant = _layout_of(sheet, layout)
-    rows = sheet.rows((*meant.columns, *meant.optional))
+        values, ball = {"ball": ball, **values}, None
+    if values and told:
+        raise ValueError(
+            "Argument `columns` must be None where columns are given by keyword, but is "
+            f"{rendered(columns)}."
+        )
+    meanings = {
+        one.name: {name: one.meaning(name) for name in one.columns} for one in LAYOUTS.values()
+    }
+    every = {name: meaning for one in meanings.values() for name, meaning in one.items()}
+    for name in values:
+        if name not in every:
+            raise ValueError(
+                f"Argument `{name}` is no known column; these are {', '.join(every)}."
+                f"{did_you_mean(name, every)}"
+            )
+    for name in told:
+        if not any(key == name or meaning.heading(name) for key, meaning in every.items()):
+            raise ValueError(unknown_name(name, meanings.values()))
+
+    def known(text: str) -> bool:
+        return isinstance(text, str) and any(
+            text == name or meaning.heading(text) or meaning.unknown_unit(text)
+            for name, meaning in every.items()
+        )
+
+    sheet = sheet_of(source, values, known, decimal)
+    meant, found = _layout_of(sheet, layout, told, meanings)
+    rows = found.rows(sheet)
     if not rows:
         what = "columns" if sheet.header_row is None else "a header"
         raise sheet.fault(f"holds {what} but no measurement", meant.columns[-1])
     records = meant.read(rows)
+    if not sheet.by_keyword:
+        check_usual(rows, meanings[meant.name])
     balls = dict.fromkeys(record.ball for record in records)
     named = ", ".join(filter(None, balls))
-    if ball is None and source is None and not columns:
+    if ball is None and source is None and not values:
         ball = _SHIPPED_BALL
     elif ball is None:
         ball, *others = balls
@@ -109,37 +155,112 @@ def read_recording(
             row = next(record.row for record in records if record.ball == others[0])
             raise sheet.fault(problem, "ball", row)
     if ball not in balls:
-        raise sheet.fault(f"has no ball {ball!r}; it holds {named or 'no named ball'}", "ball")
+        problem = f"has no ball {ball!r}; it holds {named or 'no named ball'}"
+        raise sheet.fault(problem + did_you_mean(ball, balls).rstrip("?"), "ball")
     mine = tuple(record for record in records if record.ball == ball)
-    return Recording(sheet.source, meant, ball, mine)
+    return Recording(sheet.source, meant, ball, mine, (*found.notes(), *sheet.notes))
 
 
-def _layout_of(sheet: Sheet, name: str | None) -> Layout[Any]:
+def _layout_of(
+    sheet: Sheet, name: str | None, told: Told, meanings: Mapping[str, Mapping[str, Meaning]]
+) -> tuple[Layout[Any], Match]:
     """The layout called `name`, or the one that the columns fit best; its columns are there."""
-    names, layouts = sheet.names, LAYOUTS.values()
-    for column in names:
-        if column and names.count(column) > 1:
-            raise sheet.fault("is there twice in the header", column)
-    owners = collections.Counter(column for one in layouts for column in one.columns)
-    if name is None and owners.keys().isdisjoint(names):
-        choices = "; ".join(", ".join(one.columns) for one in layouts)
-        first = (names[0] or "1") if names else None
-        raise sheet.fault(f"no known column; one of these sets is needed: {choices}", first)
-
-    def missing(layout: Layout[Any]) -> list[str]:
-        needed = layout.measured if sheet.by_keyword else layout.columns
-        return [column for column in needed if column not in names]
-
-    def misfit(layout: Layout[Any]) -> tuple[bool, int, int]:
-        has_own = any(column in names and owners[column] == 1 for column in layout.columns)
-        return not has_own, len(missing(layout)), len(set(layout.columns).difference(names))
-
-    # The layout that lacks least, of those with a column that no other layout has, is meant. What
-    # it lacks is then named, rather than all columns of all layouts.
-    meant = min(layouts, key=misfit) if name is None else LAYOUTS[name]
-    for column in missing(meant):
-        needed = ", ".join(meant.measured if sheet.by_keyword else meant.columns)
-        raise sheet.fault(
-            f"is missing; the layout {meant.name!r} needs the columns {needed}", column
+    layouts = [one for one in LAYOUTS.values() if name in (None, one.name)]
+    if not told and sheet.names and not any(sheet.names):
+        raise _without_headings(sheet)
+    found: dict[str, Match | RecordingError] = {}
+    for one in layouts:
+        try:
+            made = match(sheet, meanings[one.name], told)
+        except RecordingError as error:
+            made = error
+        if made is not None:
+            found[one.name] = made
+    if not found:
+        raise ValueError(
+            "Argument `columns` must name columns of one layout, but names "
+            f"{', '.join(told)}; the layouts are "
+            + "; ".join(f"{one.name!r} ({', '.join(one.columns)})" for one in layouts)
+            + "."
         )
-    return meant
+
+    def places(one: str) -> Mapping[str, int]:
+        made = found[one]
+        return made.places if isinstance(made, Match) else dict.fromkeys(meanings[one], 0)
+
+    def misfit(one: str) -> tuple[int, int]:
+        missing = [column for column in LAYOUTS[one].measured if column not in places(one)]
+        return len(missing), sum(column not in places(one) for column in LAYOUTS[one].columns)
+
+    complete = [one for one in found if misfit(one)[0] == 0]
+    # The layout that lacks least is meant. What it lacks is then named, rather than all columns of
+    # all layouts.
+    meant = LAYOUTS[complete[0] if complete else min(found, key=misfit)]
+    made = found[meant.name]
+    if isinstance(made, RecordingError):
+        raise made
+    missing = [column for column in meant.measured if column not in made.places]
+    if missing and not made.places and name is None:
+        choices = "; ".join(", ".join(one.measured) for one in layouts)
+        every = {key: m for one in meanings.values() for key, m in one.items()}
+        guesses = (suggestion(text, every) for text in sheet.names if text)
+        guess = next(filter(None, guesses), "")
+        shown = (sheet.names[0] or "1") if sheet.names else None
+        problem = f"no known column; one of these sets is needed: {choices}"
+        raise sheet.fault(f"{problem}{_how_to_say(sheet)}{guess}", shown)
+    for column in missing:
+        others = [text for k, text in enumerate(sheet.names) if k not in made.places.values()]
+        near = {column: meant.meaning(column)}
+        guess = next((f"; is it {t!r}?" for t in others if t and suggestion(t, near)), "")
+        raise sheet.fault(
+            f"is missing; the layout {meant.name!r} needs the columns "
+            f"{', '.join(meant.measured)}{_how_to_say(sheet, column)}{guess}",
+            column,
+        )
+    if not told and (against := meant.unlike(sheet.names)):
+        column = meant.measured[0]
+        say = f'; if they are, say so with `columns="{column}={made.places[column] + 1}"`'
+        raise sheet.fault(against + say, made.headings[column].text)
+    return meant, made
+
+
+def _how_to_say(sheet: Sheet, column: str = "velocity") -> str:
+    """How to name a column whose heading is not understood."""
+    if sheet.by_keyword or not sheet.names:
+        return ""
+    return f'; if a column holds it, say which, as in `columns="{column}=1"`'
+
+
+def _without_headings(sheet: Sheet) -> RecordingError:
+    """The error for numbers without a word: what they may be, and how to say it."""
+    lines = sheet.lines(range(len(sheet.names)))
+    row = lines[0][0] if lines else None
+    if len(sheet.names) != 1:
+        problem = (
+            f"has no header, and {len(sheet.names)} columns; say what they hold, as in "
+            '`columns="speed=1,e=2"` or `columns="drop height=1,rebound height=2"`'
+        )
+        return RecordingError(problem, sheet.source, row)
+    numbers = [_number(cells[0]) for _, cells in lines]
+    ratio = float(np.median([b / a for a, b in itertools.pairwise(numbers) if a] or 0))
+    readings = (
+        (
+            f" (then e is about {ratio**0.5:.2f})",
+            f" (then e is about {ratio:.2f})",
+        )
+        if ratio > 0
+        else ("", "")
+    )
+    problem = (
+        f"one column without a header may hold heights of successive flights in m{readings[0]} or "
+        f"intervals between impacts in s{readings[1]}; say which with "
+        '`columns="height=1"` or `columns="interval=1"`'
+    )
+    return RecordingError(problem, sheet.source, row)
+
+
+def _number(cell: Any) -> float:
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        return 0.0

@@ -2,49 +2,56 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import importlib.resources
-import io
-import itertools
 import math
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NoReturn
 
 import numpy as np
 
 from .._parameter import as_array, rendered, require_path
+from .._units import written_unit
+from ._fault import RecordingError
+from ._grid import Grid, Known
+from ._heading import Heading
+from ._text import decoded, text_grid
+from ._workbook import parquet_columns, workbook_grid
 
 _SHIPPED_FILE = "bounce_intervals.csv"
 
-
-class RecordingError(ValueError):
-    """A fault in a recording, with its `source`, `row` and `column` (None where it has none).
-
-    `problem` is the message without the place. In a file `row` is the line, the header counted;
-    in columns of values it counts measurements from 1.
-    """
-
-    def __init__(
-        self, problem: str, source: str, row: int | None = None, column: str | None = None
-    ):
-        self.problem, self.source, self.row, self.column = problem, source, row, column
-        place = [source, f"row {row}" if row else "", f"column {column}" if column else ""]
-        super().__init__(f"{', '.join(filter(None, place))}: {problem}")
+_OTHER_KINDS = {
+    b"\x1f\x8b": "compressed (gzip); unpack it first",
+    b"%PDF": "a PDF; save the table as CSV",
+    b"\x89PNG": "a picture; save the table as CSV",
+    b"\xff\xd8\xff": "a picture; save the table as CSV",
+}
+"""What begins so is no table."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """The values of one measurement by column; texts, numbers, or None for what is missing."""
+    """The values of one measurement by column; texts, numbers, or None for what is missing.
+
+    `headings` are those of the file, by column; numbers are returned in SI units where a heading
+    has another unit.
+    """
 
     source: str
     number: int
     values: Mapping[str, Any]
+    headings: Mapping[str, Heading] = dataclasses.field(default_factory=dict)
 
     def refuse(self, column: str, problem: str) -> NoReturn:
         """Raise RecordingError with the place of this row."""
-        raise RecordingError(problem, self.source, self.number, column)
+        shown = self.headings[column].text if column in self.headings else column
+        raise RecordingError(problem, self.source, self.number, shown or column)
+
+    def has_unit(self, column: str) -> bool:
+        """Whether the unit of a column is written in its heading."""
+        return column in self.headings and self.headings[column].unit is not None
 
     @property
     def place(self) -> tuple[str, int]:
@@ -67,13 +74,27 @@ class Row:
         return text
 
     def positive(self, column: str) -> float:
-        """The value as a positive, finite number, with all its bits."""
+        """The value as a positive, finite number in SI units, with all its bits."""
         text, number = self._number(column, "a number")
         if not math.isfinite(number):
             self.refuse(column, f"{text!r} is not a finite number")
         if number <= 0:
             self.refuse(column, f"must be positive, but is {text}")
-        return number
+        return self._in_si(column, number)
+
+    def real(self, column: str) -> float:
+        """The value as a finite number in SI units; NaN for an empty cell."""
+        value = self.values[column]
+        if value is None or value != value or (isinstance(value, str) and not value.strip()):
+            return math.nan
+        text, number = self._number(column, "a number")
+        if not math.isfinite(number):
+            self.refuse(column, f"{text!r} is not a finite number")
+        return self._in_si(column, number)
+
+    def _in_si(self, column: str, number: float) -> float:
+        heading = self.headings.get(column)
+        return number if heading is None or heading.unit is None else heading.unit.to_si(number)
 
     def count(self, column: str) -> int:
         """The value as a whole number that is not negative."""
@@ -94,30 +115,54 @@ class Row:
                 raise TypeError
             return text, float(value)
         except (TypeError, ValueError, OverflowError):
-            self.refuse(column, f"{rendered(text)} is not {kind}")
+            written = "; leave the unit out and write it in the heading" * _has_unit(value)
+            self.refuse(column, f"{rendered(text)} is not {kind}{written}")
+
+
+_NUMBER_AND_UNIT = re.compile(r"[+-]?[\d.,]+\s*([^\d\s].*)")
+
+
+def _has_unit(value: Any) -> bool:
+    """Whether a text is a number with a unit behind it."""
+    found = _NUMBER_AND_UNIT.fullmatch(value.strip()) if isinstance(value, str) else None
+    return found is not None and written_unit(found[1]) is not None
 
 
 @dataclasses.dataclass(frozen=True)
 class Sheet:
-    """Named columns; `rows(wanted)` are their rows, with those of the wanted columns that exist.
+    """Named columns; `lines(wanted)` are the numbers of the rows and the cells of some columns.
 
-    `source` and `header_row` (None where there is no header) are the places for messages;
-    `by_keyword` is true for columns given by keyword.
+    `source` and `header_row` (None where there is no header) are the places for messages; `wanted`
+    are positions among `names`, of which some may be empty. `by_keyword` is true for columns given
+    by keyword, and `notes` say how a file was read.
     """
 
     source: str
     names: Sequence[str]
     header_row: int | None
-    rows: Callable[[Sequence[str]], list[Row]]
+    lines: Callable[[Sequence[int]], list[tuple[int, list[Any]]]]
+    notes: tuple[str, ...] = ()
     by_keyword: bool = False
+
+    def rows(self, places: Mapping[str, int], headings: Mapping[str, Heading]) -> list[Row]:
+        """The rows, with the values of columns at some places under other names."""
+        return [
+            Row(self.source, number, dict(zip(places, cells, strict=True)), headings)
+            for number, cells in self.lines(list(places.values()))
+        ]
 
     def fault(self, problem: str, column: str | None, row: int | None = None) -> RecordingError:
         """The error for a fault in a row, in the header if none is given."""
         return RecordingError(problem, self.source, row or self.header_row, column)
 
 
-def sheet_of(source: Any, columns: Mapping[str, Any]) -> Sheet:
-    """The columns in `source`, or those given by keyword. See `read_recording`."""
+def sheet_of(
+    source: Any, columns: Mapping[str, Any], known: Known, decimal: str | None = None
+) -> Sheet:
+    """The columns in `source`, or those given by keyword. See `read_recording`.
+
+    `known` tells whether a text may be a heading, and `decimal` names the decimal mark.
+    """
     if columns:
         if source is not None:
             raise ValueError(
@@ -128,10 +173,10 @@ def sheet_of(source: Any, columns: Mapping[str, Any]) -> Sheet:
     if source is None:
         shipped = importlib.resources.files("jaxcontact.data") / _SHIPPED_FILE
         name = f"{_SHIPPED_FILE} (shipped with the package)"
-        return _from_text(lambda: shipped.read_text(encoding="utf-8"), name)
+        return _from_file(shipped.read_bytes, name, known, decimal)
     if isinstance(source, str | os.PathLike):
         path = require_path("source", source)
-        return _from_text(lambda: path.read_text(encoding="utf-8"), str(path))
+        return _from_file(path.read_bytes, str(path), known, decimal)
     if isinstance(source, Mapping):
         return _from_columns("the dict", source)
     frame = hasattr(source, "columns") and hasattr(source, "__getitem__")
@@ -140,9 +185,10 @@ def sheet_of(source: Any, columns: Mapping[str, Any]) -> Sheet:
         return _from_columns("the data frame", source)
     if callable(getattr(source, "read", None)) and not isinstance(source, type):
         name = getattr(source, "name", None)
-        return _from_text(source.read, name if isinstance(name, str) else "the text")
+        name = name if isinstance(name, str) else "the text"
+        return _from_file(source.read, name, known, decimal)
     raise ValueError(
-        "Argument `source` must be a path, an open text file, a dict of columns, a data frame or "
+        "Argument `source` must be a path, an open file, a dict of columns, a data frame or "
         f"None, but is {rendered(source)}."
     )
 
@@ -152,13 +198,9 @@ def _from_columns(source: str, columns: Any, *, by_keyword: bool = False) -> She
     keys = list(getattr(columns, "columns", columns))
     names = [str(key) for key in keys]
 
-    def rows(wanted: Sequence[str]) -> list[Row]:
+    def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
         # As objects, numbers keep all their bits and missing values stay what they are.
-        arrays = {
-            name: _values(columns[key], source, name)
-            for name, key in zip(names, keys, strict=True)
-            if name in wanted
-        }
+        arrays = {names[k]: _values(columns[keys[k]], source, names[k]) for k in wanted}
         first = next(iter(arrays))
         for name, array in arrays.items():
             if array.ndim != 1:
@@ -168,10 +210,10 @@ def _from_columns(source: str, columns: Any, *, by_keyword: bool = False) -> She
             if len(array) != len(arrays[first]):
                 problem = f"has {len(array)} values where column {first} has {len(arrays[first])}"
                 raise RecordingError(problem, source, column=name)
-        lines = zip(*(array.tolist() for array in arrays.values()), strict=True)
-        return [Row(source, k, dict(zip(arrays, v, strict=True))) for k, v in enumerate(lines, 1)]
+        values = zip(*(array.tolist() for array in arrays.values()), strict=True)
+        return [(k, list(cells)) for k, cells in enumerate(values, 1)]
 
-    return Sheet(source, names, None, rows, by_keyword)
+    return Sheet(source, names, None, lines, by_keyword=by_keyword)
 
 
 def _values(given: Any, source: str, name: str) -> np.ndarray:
@@ -190,34 +232,49 @@ def _values(given: Any, source: str, name: str) -> np.ndarray:
     return array
 
 
-def _from_text(read: Callable[[], Any], source: str) -> Sheet:
-    """The columns of the CSV text that `read` returns."""
+def _from_file(read: Callable[[], Any], source: str, known: Known, decimal: str | None) -> Sheet:
+    """The columns of the file that `read` returns, of whatever kind its first bytes say."""
     try:
-        text = read()
+        content = read()
     except OSError as error:
         raise RecordingError(f"cannot be read ({error.strerror or error})", source) from error
     except UnicodeDecodeError as error:
         # The bytes before the bad one are good, so its line can be counted.
         row = error.object[: error.start].count(b"\n") + 1
-        raise RecordingError(f"is not {error.encoding.upper()} text", source, row) from error
-    if not isinstance(text, str):
-        raise RecordingError("must be opened as text, not as bytes", source)
-    reader = csv.reader(io.StringIO(text.removeprefix("\ufeff"), newline=""), strict=True)
-    try:
-        lines = [(reader.line_num, [field.strip() for field in fields]) for fields in reader]
-    except csv.Error as error:
-        raise RecordingError(f"is not a CSV file ({error})", source, reader.line_num) from error
-    lines = [(row, fields) for row, fields in lines if any(fields)]
-    if not lines:
-        raise RecordingError("is empty; a header with the column names is needed", source, 1)
-    (header_row, names), *measured = lines
+        problem = f"is not {error.encoding.upper()} text; give its path, or open it as bytes"
+        raise RecordingError(problem, source, row) from error
+    encoding = ""
+    if isinstance(content, bytes):
+        if content.startswith(b"PAR1"):
+            return _from_columns(source, parquet_columns(content, source))
+        if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
+            return _of_grid(workbook_grid(content, source, known, decimal), source)
+        for beginning, words in _OTHER_KINDS.items():
+            if content.startswith(beginning):
+                raise RecordingError(f"is {words}", source)
+        content, encoding = decoded(content, source)
+    if not isinstance(content, str):
+        raise RecordingError(f"must hold text, but holds {rendered(content)}", source)
+    grid = text_grid(content, source, known, decimal)
+    notes = (*([encoding] if encoding else []), *grid.notes)
+    return _of_grid(dataclasses.replace(grid, notes=notes), source)
 
-    def row_of(number: int, fields: list[str], wanted: Sequence[str]) -> Row:
-        if len(fields) > len(names):
-            problem = f"has {len(fields)} fields where the header has {len(names)}"
-            raise RecordingError(problem, source, number, names[-1])
+
+def _of_grid(grid: Grid, source: str) -> Sheet:
+    names = grid.names
+
+    def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
+        for number, cells in grid.rows:
+            full = len(cells) - next((k for k, c in enumerate(reversed(cells)) if c != ""), 0)
+            if full > len(names):
+                split = full == 2 * len(names)
+                guess = "; are its commas decimal? then separate by semicolons" * split
+                problem = f"has {full} fields where the header has {len(names)}{guess}"
+                raise RecordingError(problem, source, number, names[-1])
         # Fields that a short line lacks are empty.
-        values = itertools.zip_longest(names, fields, fillvalue="")
-        return Row(source, number, {name: value for name, value in values if name in wanted})
+        return [
+            (number, [cells[k] if k < len(cells) else "" for k in wanted])
+            for number, cells in grid.rows
+        ]
 
-    return Sheet(source, names, header_row, lambda wanted: [row_of(*m, wanted) for m in measured])
+    return Sheet(source, names, grid.header_row, lines, grid.notes)

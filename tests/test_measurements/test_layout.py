@@ -89,10 +89,12 @@ def test_its_faults_are_named(gates):
     bad["rebound_speed"][3] = 11
     with pytest.raises(jc.RecordingError, match="row 4, column rebound_speed: is faster than"):
         jc.read_recording(**bad)
+    assert len(jc.read_recording(columns())) == 12
+    del bad["rebound_speed"]
     with pytest.raises(
-        jc.RecordingError, match="column operator: is missing; the layout 'gates' needs"
+        jc.RecordingError, match="column rebound_speed: is missing; the layout 'gates' needs"
     ):
-        jc.read_recording(columns())
+        jc.read_recording(bad)
     few = make_pairs(jc.read_recording(**columns(1)), Flight())
     with pytest.raises(jc.RecordingError, match="1 usable pair of gates, but at least 4"):
         few.needs_enough()

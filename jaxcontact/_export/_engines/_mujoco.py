@@ -3,39 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
 
 from ..._contact import Contact
-from ..._laws import AbstractOscillator, KelvinVoigt, as_tension
-from ..._parameter import NOT_NEGATIVE, parameter
+from ..._laws import KelvinVoigt
 from .._engine import Engine, register_engine
 from .._wanted import Draft, Wanted, matched_stiffness
+from ._spring import SpringAndDashpot
 
 # MuJoCo's own default for a contact that is just touched.
 IMPEDANCE = 0.9
-
-
-class SoftConstraint(AbstractOscillator):
-    """MuJoCo's contact with constant impedance: δ'' = -k δ - b δ' while that pushes.
-
-    `damping` b ≥ 0 in 1/s, the second number of solref in its direct format without its sign; the
-    first, k in 1/s², is K/m of the contact. Needs n = 1. Source: the pages on solver parameters in
-    MuJoCo's documentation, mujoco.readthedocs.io/en/stable/modeling.html#solver-parameters.
-    """
-
-    damping: Float[Array, "..."] = parameter("damping", NOT_NEGATIVE)
-    tension: bool = eqx.field(static=True, default=False, kw_only=True, converter=as_tension)
-    exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
-
-    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
-        """ζ = b/(2√(K/m)); ValueError if `contact` is missing."""
-        if contact is None:
-            raise ValueError("Argument `contact` is needed for `SoftConstraint`, but is None.")
-        return self.damping / 2 * jnp.sqrt(contact.mass) / jnp.sqrt(contact.stiffness)
 
 
 @register_engine
@@ -58,7 +36,7 @@ class MuJoCo(Engine):
         units = {"stiffness": "1/s^2", "damping": "1/s", "dampratio": "", "impedance": ""}
         return Draft(
             model="solref in the direct format, constant solimp",
-            law=SoftConstraint(damping=jnp.asarray(damping)),
+            law=SpringAndDashpot(rate=jnp.asarray(damping)),
             contact=Contact(wanted.mass, stiffness, 1.0),
             parameters=parameters,
             units=units,

@@ -1,0 +1,258 @@
+"""`jaxcontact fit`: one ready-made problem on the columns of a file."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from .._progress import Stages
+from ._law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
+from ._options import InputError, assignment, number, positive
+from ._printing import print_json
+from ._table import add_table_options, input_error
+
+if TYPE_CHECKING:
+    from .._fit import Fit
+    from .._laws import AbstractLaw
+
+SUMMARY = "parameters from a file of columns"
+
+DESCRIPTION = """\
+Fits one ready-made problem to the columns of a file, and prints the parameters with standard
+errors, whether the model describes the data, and what they do not determine.
+"""
+
+EPILOG = """\
+PROBLEM, the columns that it reads, and what it fits:
+  impacts      velocity, and e, duration or max_force     a law and a contact
+  damping      velocity, e                                the factor c of K δⁿ + c δⁿ δ'
+  energy_loss  e_in, e_out                                the power β of the energy-loss family
+  record       time, and force or indentation             a law and a contact, from one impact
+  bounces      as `jaxcontact calibrate`                  a law, from intervals or heights
+
+Headings may be any usual name, with a unit that is then converted ("t_c / ms", "peak force (kN)");
+--columns says what is what where that is not understood.
+
+--law, its parameters, --mass and --stiffness are where the fit starts. The mass stays as it is
+given; --hold NAME holds other numbers: stiffness, a parameter of the law, or velocity.
+
+example: jaxcontact fit impacts table.csv --law hu_guo --mass 0.05 --stiffness 1e6
+
+exit codes: 0 done; 1 the fit did not converge; 2 bad input.
+"""
+
+_START = 0.7
+"""Of the parameter e of a law, where none is given."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Problem:
+    """The columns of a problem, those of them that must be there, and how it is fitted."""
+
+    columns: tuple[str, ...]
+    needed: tuple[str, ...]
+    fit: Callable[[argparse.Namespace, Mapping[str, Any]], Fit]
+    one_of: tuple[str, ...] = ()
+
+
+def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    from .._calibration import fit_impacts
+
+    law, exponent = _law(arguments)
+    sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
+    how = _held(arguments)
+    return fit_impacts(law, contact_asked(arguments, exponent), **data, **sigmas, **how)
+
+
+def _damping(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    from .._calibration import fit_damping
+
+    sigma = _sigmas(arguments, {"e": data["e"]})
+    how: dict[str, Any] = {"sigma": sigma["e"]} if sigma else {}
+    contact = contact_asked(arguments, arguments.exponent or 1.5)
+    return fit_damping(data["velocity"], data["e"], contact, **how)
+
+
+def _energy_loss(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    from .._calibration import fit_energy_loss
+
+    return fit_energy_loss(data["e_in"], data.get("e_out"))
+
+
+def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    from .._calibration import fit_record
+
+    law, exponent = _law(arguments)
+    if arguments.velocity is None:
+        raise InputError("--velocity is needed: the closing speed where the fit starts")
+    sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
+    contact = contact_asked(arguments, exponent)
+    columns = {name: values for name, values in data.items() if name != "time"}
+    return fit_record(
+        data["time"], law, contact, arguments.velocity, **columns, **sigmas, **_held(arguments)
+    )
+
+
+def _bounces(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    import numpy as np
+
+    from .._calibration import fit_bounces
+    from .._contact import Contact
+
+    law, exponent = _law(arguments)
+    # e(v) of most laws does not depend on them.
+    contact = Contact(arguments.mass or 1.0, arguments.stiffness or 1.0, exponent)
+    first, second = (np.array(data[name]) for name in ("first", "second"))
+    return fit_bounces(law, contact, first, second, kind=str(data["kind"]))
+
+
+_PROBLEMS = {
+    "impacts": _Problem(
+        ("velocity", "e", "duration", "max_force"),
+        ("velocity",),
+        _impacts,
+        ("e", "duration", "max_force"),
+    ),
+    "damping": _Problem(("velocity", "e"), ("velocity", "e"), _damping),
+    "energy_loss": _Problem(("e_in", "e_out"), ("e_in", "e_out"), _energy_loss),
+    "record": _Problem(
+        ("time", "force", "indentation"), ("time",), _record, ("force", "indentation")
+    ),
+    "bounces": _Problem((), (), _bounces),
+}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("problem", metavar="PROBLEM", choices=tuple(_PROBLEMS), help="see below")
+    parser.add_argument("file", metavar="FILE", help="text, spreadsheet or parquet, with columns")
+    form = "NUMBER", "c=1e6"
+    add_law_and_contact(parser, number=number, size=positive, form=form, needed=False)
+    parser.add_argument(
+        "--sigma",
+        metavar="COLUMN=NUMBER",
+        type=functools.partial(assignment, read=positive, form="NUMBER"),
+        action="append",
+        default=[],
+        help="standard deviation of a column in SI units, of duration and max_force relative; for "
+        "all columns or none; may be repeated",
+    )
+    parser.add_argument(
+        "--hold", metavar="NAME", action="append", help="hold a number; may be repeated"
+    )
+    parser.add_argument("--ball", metavar="NAME", help="ball to use, for bounces")
+    add_table_options(parser)
+
+
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
+    """Fit and print; return 0, or 1 if the fit did not converge. Raises InputError, OSError."""
+    progress("reading the file")
+    problem = _PROBLEMS[arguments.problem]
+    source, data, notes = _read(arguments, problem)
+    progress("compiling and fitting")
+    try:
+        found = problem.fit(arguments, data)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"{source}: {error}") from error
+    if arguments.json:
+        print_json(_dict(arguments, source, found, notes))
+    else:
+        print(f"{arguments.problem} of {source}")
+        if notes:
+            print(f"  read as: {'; '.join(notes)}")
+        print(found.summary())
+    return 0 if found.converged else 1
+
+
+def _read(
+    arguments: argparse.Namespace, problem: _Problem
+) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
+    from .._measurements import read_columns
+
+    how = {"columns": arguments.columns, "decimal": arguments.decimal}
+    try:
+        if not problem.columns:
+            return _read_bounces(arguments, how)
+        read = read_columns(arguments.file, problem.columns, needed=problem.needed, **how)
+    except ValueError as error:
+        raise input_error(error) from error
+    if problem.one_of and not any(name in read.values for name in problem.one_of):
+        raise InputError(
+            f"{arguments.file}: one of the columns {', '.join(problem.one_of)} is needed; if a "
+            f'column holds it, say which, as in --columns "{problem.one_of[0]}=2"'
+        )
+    return read.source, read.values, read.notes
+
+
+def _read_bounces(
+    arguments: argparse.Namespace, how: Mapping[str, Any]
+) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
+    """The flights before and after each bounce; pairs off the trend are for `calibrate`."""
+    from .._flight import Flight
+    from .._measurements import make_pairs, read_recording
+
+    recording = read_recording(arguments.file, ball=arguments.ball, **how)
+    pairs = make_pairs(recording, Flight())
+    flights = recording.layout.flights(pairs.records)
+    if flights is None:
+        raise InputError(
+            f"{arguments.file}: holds speeds and restitutions; fit them with `jaxcontact fit "
+            "impacts` or `jaxcontact calibrate`"
+        )
+    kind, first, second = flights
+    return recording.source, {"kind": kind, "first": first, "second": second}, recording.notes
+
+
+def _law(arguments: argparse.Namespace) -> tuple[AbstractLaw, float]:
+    from .._laws import get_law, list_laws, parameters_of
+
+    if arguments.law is None:
+        raise InputError("--law is needed: the law where the fit starts; see `jaxcontact laws`")
+    known = arguments.law in list_laws()
+    if known and arguments.e is None and "e" in parameters_of(arguments.law):
+        arguments.e = None if "e" in dict(arguments.param) else _START
+    given = parameters_asked(arguments)
+    exponent = exponent_asked(arguments)
+    try:
+        return get_law(arguments.law, **given), exponent
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def _sigmas(arguments: argparse.Namespace, data: Mapping[str, Any]) -> dict[str, float]:
+    from .._parameter import did_you_mean
+
+    given = dict(arguments.sigma)
+    for name in given:
+        if name not in data:
+            raise InputError(
+                f"--sigma {name}: the columns are {', '.join(data)}.{did_you_mean(name, data)}"
+            )
+    return given
+
+
+def _held(arguments: argparse.Namespace) -> dict[str, Any]:
+    return {} if arguments.hold is None else {"fixed": ("mass", *arguments.hold)}
+
+
+def _dict(
+    arguments: argparse.Namespace, source: str, found: Fit, notes: tuple[str, ...]
+) -> dict[str, Any]:
+    return {
+        "problem": arguments.problem,
+        "source": source,
+        "read_as": notes,
+        "converged": found.converged,
+        "reason": found.reason,
+        "parameters": dict(zip(found.names, found.values.tolist(), strict=True)),
+        "standard_errors": dict(found.standard_errors),
+        "adequate": found.adequate if found.converged else None,
+        "unidentified": [str(direction) for direction in found.unidentified],
+        "at_bound": found.at_bound,
+        "degrees_of_freedom": found.dof,
+        "notes": found.notes,
+    }

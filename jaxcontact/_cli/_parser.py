@@ -1,0 +1,106 @@
+"""The parser of all commands: suggestions for what is misspelt, the version, completion."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import re
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any, NoReturn
+
+SHELLS = ("bash", "zsh")
+
+_CHOICE = re.compile(r"invalid choice: '(.*?)' \(choose from (.*)\)")
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose messages say what was probably meant."""
+
+    def __init__(self, *arguments: Any, **how: Any):
+        how = {"formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False} | how
+        super().__init__(*arguments, **how)
+        self._given: list[str] = []
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse does; what was given is kept for messages."""
+        self._given = list(sys.argv[1:] if args is None else args)
+        return super().parse_known_args(args, namespace)
+
+    def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:
+        """As argparse does, but an unknown option is told by the command that lacks it."""
+        found, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            own = self._commands().get(getattr(found, "command", None), self)
+            own.error(own.unknown(unknown))
+        return found
+
+    def unknown(self, arguments: Sequence[str]) -> str:
+        """The message for arguments that are not understood."""
+        known = self._options()
+        guesses = [meant(argument.partition("=")[0], known) for argument in arguments]
+        guess = next((f"; did you mean {one}?" for one in guesses if one), "")
+        return f"unknown: {' '.join(arguments)}{guess}"
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message, with a suggestion for what is misspelt; exit with 2."""
+        options = [given for given in self._given if given.startswith("--")]
+        odd = [given for given in options if given.partition("=")[0] not in self._options()]
+        # A misspelt option is more to the point than the one that is missing for it.
+        if odd and "required" in message:
+            message = self.unknown(odd)
+        if found := _CHOICE.search(message):
+            choices = [choice.strip(" '") for choice in found[2].split(",")]
+            guess = meant(found[1], choices)
+            message += f"; did you mean {guess}?" if guess else ""
+        self.exit(2, f"error: {message}\n`{self.prog} --help` tells all options\n")
+
+    def _options(self) -> list[str]:
+        return [name for action in self._actions for name in action.option_strings]
+
+    def _commands(self) -> dict[Any, Parser]:
+        found: dict[Any, Parser] = {}
+        for action in self._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                found |= action.choices
+        return found
+
+
+def meant(given: str, known: Iterable[str]) -> str | None:
+    """The one of the known words that is most like a misspelt one; None where none is."""
+    found = difflib.get_close_matches(given, list(known), n=1)
+    return found[0] if found else None
+
+
+class Version(argparse.Action):
+    """Print the version of the package, and end."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *unused: Any) -> NoReturn:
+        from importlib.metadata import version
+
+        print(f"jaxcontact {version('jaxcontact')}")
+        sys.exit(0)
+
+
+class Completion(argparse.Action):
+    """Print what makes a shell complete the commands, their options, and names; and end."""
+
+    def __call__(self, parser: Any, namespace: Any, shell: Any, *unused: Any) -> NoReturn:
+        try:
+            import shtab
+        except ImportError:
+            parser.exit(2, "error: --completion needs: pip install 'jaxcontact[completion]'\n")
+        from .._export import engines
+        from .._laws import list_laws
+
+        names = {"law": list_laws(), "engine": engines()}
+        for own in parser._commands().values():
+            for action in own._actions:
+                if action.metavar == "FILE":
+                    action.complete = shtab.FILE
+                elif action.metavar == "DIR":
+                    action.complete = shtab.DIRECTORY
+                elif action.dest in names:
+                    action.choices = names[action.dest]
+        print(shtab.complete(parser, shell))
+        sys.exit(0)

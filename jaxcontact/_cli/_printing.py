@@ -1,0 +1,28 @@
+"""Results as JSON: strict, with null for what is not finite."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+
+def print_json(result: Any) -> None:
+    """Print a result of dicts, lists, texts, numbers and arrays."""
+    print(json.dumps(plain(result), indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def plain(value: Any) -> Any:
+    """A result with lists for arrays, Python numbers, and None for what is not finite."""
+    if isinstance(value, dict):
+        return {str(name): plain(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(one) for one in value]
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    import numpy as np
+
+    # What is left are arrays and numbers of NumPy and JAX.
+    return plain(np.asarray(value).tolist())

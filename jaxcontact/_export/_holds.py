@@ -1,0 +1,111 @@
+"""Over which speeds an export holds, and by how much it is off elsewhere."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from .._contact import Contact
+from .._impact import impact
+from .._laws import AbstractLaw
+from .._parameter import POSITIVE, require_number
+from .._text_table import text_table
+
+_DECADES, _EACH = 2, 20
+"""The range looked at, to both sides of a speed, and the speeds in each decade."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SpeedRange:
+    """The speeds from `low` to `high` in m/s around those of an export at which it holds.
+
+    There the engine's e lies within `within` of the law's. `low` is 0 and `high` infinite where
+    that is so down to a hundredth of the speed, or up to a hundred times of it. `velocity` (m,) in
+    m/s, `target` (m,) and `delivered` (m,) are the speeds that were looked at, the law's e and the
+    engine's; NaN where the law has no rebound.
+    """
+
+    low: float
+    high: float
+    within: float
+    velocity: Float[np.ndarray, " m"]
+    target: Float[np.ndarray, " m"]
+    delivered: Float[np.ndarray, " m"]
+
+    @property
+    def error(self) -> Float[np.ndarray, " m"]:
+        """The engine's e minus the law's (m,)."""
+        return self.delivered - self.target
+
+    def __repr__(self) -> str:
+        slowest, fastest = self.velocity[0], self.velocity[-1]
+        low = f"{slowest:.3g} (and slower)" if self.low == 0 else f"{self.low:.3g}"
+        high = (
+            f"{fastest:.3g} m/s (and faster)" if self.high == math.inf else f"{self.high:.3g} m/s"
+        )
+        shown = range(0, len(self.velocity), _EACH // 2)
+        rows = [
+            tuple(
+                f"{x:{form}}"
+                for x, form in zip(
+                    (self.velocity[k], self.target[k], self.delivered[k], self.error[k]),
+                    (".3g", ".4f", ".4f", "+.4f"),
+                    strict=True,
+                )
+            )
+            for k in shown
+        ]
+        head = ("v (m/s)", "law's e", "engine's e", "error")
+        return "\n".join(
+            [
+                f"e is within {self.within:g} of the law's from {low} to {high}",
+                *text_table(rows, header=head, align=">>>>", indent=2),
+            ]
+        )
+
+
+def speed_range(
+    law: AbstractLaw,
+    contact: Contact,
+    made: tuple[AbstractLaw, Contact],
+    speeds: Float[np.ndarray, " n"],
+    within: float,
+) -> SpeedRange:
+    """Where the e of a law and that of the engine's law `made` agree, around some speeds in m/s."""
+    within = require_number("within", within, POSITIVE)
+    middle = math.sqrt(float(speeds.min()) * float(speeds.max()))
+    grid = middle * np.logspace(-_DECADES, _DECADES, 2 * _DECADES * _EACH + 1)
+    with jax.enable_x64(True):
+        target, delivered = (
+            np.asarray(impact(one, at, grid).restitution) for one, at in ((law, contact), made)
+        )
+    # NaN is not within.
+    good = np.abs(delivered - target) <= within
+    at = int(np.argmin(np.abs(np.log(grid / middle))))
+    if not good[at]:
+        return SpeedRange(math.nan, math.nan, within, grid, target, delivered)
+    first = at - int(np.argmin(good[at::-1])) if not good[: at + 1].all() else -1
+    last = at + int(np.argmin(good[at:])) if not good[at:].all() else len(grid)
+    difference = np.abs(delivered - target) - within
+    return SpeedRange(
+        0.0 if first < 0 else _crossing(grid, difference, first, first + 1),
+        math.inf if last == len(grid) else _crossing(grid, difference, last, last - 1),
+        within,
+        grid,
+        target,
+        delivered,
+    )
+
+
+def _crossing(
+    grid: Float[np.ndarray, " m"], difference: Float[np.ndarray, " m"], bad: int, good: int
+) -> float:
+    """Where a difference is zero between two speeds, by a straight line over ln v."""
+    if not np.isfinite(difference[bad]):
+        return float(grid[good])
+    share = difference[good] / (difference[good] - difference[bad])
+    return float(grid[good] * (grid[bad] / grid[good]) ** share)

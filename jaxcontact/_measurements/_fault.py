@@ -1,0 +1,18 @@
+"""The error of a recording, with its place."""
+
+from __future__ import annotations
+
+
+class RecordingError(ValueError):
+    """A fault in a recording, with its `source`, `row` and `column` (None where it has none).
+
+    `problem` is the message without the place. In a file `row` is the line, the header counted;
+    in columns of values it counts measurements from 1.
+    """
+
+    def __init__(
+        self, problem: str, source: str, row: int | None = None, column: str | None = None
+    ):
+        self.problem, self.source, self.row, self.column = problem, source, row, column
+        place = [source, f"row {row}" if row else "", f"column {column}" if column else ""]
+        super().__init__(f"{', '.join(filter(None, place))}: {problem}")

@@ -1,0 +1,230 @@
+"""All commands have one style: options, JSON, exit codes, messages, completion."""
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._cli import _COMMANDS, _parser, main
+
+E = [0.9, 0.85, 0.8, 0.78]
+V = [0.5, 1.0, 2.0, 3.0]
+
+
+def parsers():
+    (commands,) = (a for a in _parser()._actions if isinstance(a, argparse._SubParsersAction))
+    return commands.choices
+
+
+def refused(capsys, *arguments):
+    """The last lines of stderr, of arguments that are not understood."""
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    return printed.err
+
+
+def test_help_and_version_do_not_wait_for_jax():
+    code = (
+        "import sys\nfrom jaxcontact._cli import main\n"
+        "for option in ('--help', '--version'):\n"
+        "    try:\n        main([option])\n    except SystemExit as end:\n"
+        "        assert end.code == 0\n"
+        "assert not {'jax', 'numpy', 'matplotlib'} & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert f"jaxcontact {jc.__version__}" in done.stdout
+    assert "130 interrupted" in done.stdout
+
+
+@pytest.mark.parametrize("name", _COMMANDS)
+def test_every_command_has_the_same_options_and_says_its_exit_codes(name, capsys):
+    with pytest.raises(SystemExit):
+        main([name, "--help"])
+    told = capsys.readouterr().out
+    assert "of every command" in told and "exit codes: 0 done" in told
+    assert all(option in told for option in ("--json", "--quiet", "--no-cache"))
+    # One name for one thing.
+    kinds = {"--law": "NAME", "--mass": "KG", "--stiffness": "K", "--e": "E", "--ball": "NAME"}
+    for action in parsers()[name]._actions:
+        for option in set(action.option_strings) & set(kinds):
+            assert action.metavar == kinds[option]
+
+
+SAID = {
+    ("calibrat",): "did you mean calibrate?",
+    ("impact", "--velociti", "3"): "unknown: --velociti; did you mean --velocity?",
+    ("calibrate", "--collumns=v=1"): "unknown: --collumns=v=1; did you mean --columns?",
+    ("laws", "more"): "unknown: more",
+    ("fit", "impact", "x.csv"): "did you mean impacts?",
+    ("export", "--engine", "drake", "--velocity", "fast"): "argument --velocity: 'fast' is not a",
+    (): "the following arguments are required: COMMAND",
+}
+
+
+@pytest.mark.parametrize("arguments", SAID)
+def test_what_is_not_understood_is_told_with_a_suggestion(arguments, capsys):
+    told = refused(capsys, *arguments)
+    assert told.startswith("error: ") and SAID[arguments] in told
+    assert "--help` tells all options" in told
+
+
+LAW = ("--law", "hu_guo", "--e", "0.7", "--mass", "1", "--stiffness", "1e6", "--quiet")
+SWEEP = tuple("--velocity 1:2:3 --out a.csv --plot a.png --field forc".split())
+WRONG = {
+    ("impact", "--law", "hu_gou", *LAW[2:], "--velocity", "2"): "Did you mean 'hu_guo'?",
+    ("impact", *LAW, "--velocity", "2", "--param", "ee=1"): "no parameter ee; its parameters: e. "
+    "Did you mean 'e'?",
+    ("export", *LAW, "--velocity", "2", "--engine", "yad"): "error: --engine must be one of",
+    ("export", *LAW, "--velocity", "2", "--engine", "yade"): "--radius is needed for engine 'yade'",
+    ("export", *LAW, "--engine", "drake"): "--velocity is needed",
+    ("export", "--engine", "drake"): "give either --law, with its parameters, or --from FILE",
+    ("export", "--engine", "drake", *LAW[:4], "--velocity", "2"): "--mass and --stiffness are",
+    ("paper", "fig7"): "Did you mean 'fig",
+    ("sweep", *LAW, *SWEEP): "--field: 'forc' is not one of",
+    ("design", *LAW, "--speeds", "1:2:3", "--noise", "E=0.1"): "--noise E: the quantities are e,",
+    ("design", *LAW, "--speeds", "1:2:3", "--noise", "e=0.1", "--readings", "0"): "--readings must",
+    ("fit", "impacts", "{file}"): "--law is needed: the law where the fit starts",
+    ("fit", "impacts", "{file}", "--law", "hu_guo"): "--mass and --stiffness are needed",
+    ("fit", "record", "{file}"): "column time: is missing; the columns time are needed",
+    (
+        "fit",
+        "damping",
+        "{file}",
+        "--columns",
+        "sped=1",
+    ): "--columns names 'sped', which is",
+    ("fit", "damping", "{file}", *LAW[4:], "--sigma", "f=1"): "--sigma f: the columns are e",
+    ("fit", "bounces", "{file}", *LAW): "holds speeds and restitutions; fit them with",
+}
+
+
+@pytest.mark.parametrize("arguments", WRONG)
+def test_bad_input_is_told_and_nothing_is_written(arguments, tmp_path, monkeypatch, capsys):
+    file = tmp_path / "table.csv"
+    file.write_text("v,e\n" + "".join(f"{v},{e}\n" for v, e in zip(V, E, strict=True)))
+    monkeypatch.chdir(tmp_path)
+    assert main([argument.format(file=file) for argument in arguments]) == 2
+    printed = capsys.readouterr()
+    assert printed.out == "" and WRONG[arguments] in printed.err
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def asked(capsys, *arguments, code=0):
+    """The JSON that a command prints, and nothing else on stdout."""
+    assert main([*arguments, "--json", "--quiet"]) == code
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    return json.loads(printed.out)
+
+
+def test_fit_of_a_file_as_it_was_saved(tmp_path, capsys):
+    file = tmp_path / "table.csv"
+    file.write_text("v (mm/s);COR\n500;0,9\n1000;0,85\n2000;0,8\n3000;0,78\n")
+    arguments = ["fit", "damping", str(file), "--mass", "1", "--stiffness", "1e6"]
+    told = asked(capsys, *arguments)
+    contact = jc.Contact(1.0, 1e6)
+    wanted = jc.fit_damping(V, E, contact)
+    assert told["parameters"] == pytest.approx({"c": wanted.values[0]}, rel=1e-12)
+    assert told["standard_errors"] == pytest.approx({"c": wanted.errors[0]}, rel=1e-9)
+    assert told["read_as"][0] == 'velocity = "v (mm/s)" / 1000'
+    assert main([*arguments, "--quiet"]) == 0
+    assert "read as: velocity" in capsys.readouterr().out
+    bounces = tmp_path / "h.txt"
+    bounces.write_text("height_mm\n800\n610\n470\n355\n272\n")
+    told = asked(capsys, "fit", "bounces", str(bounces), "--law", "exact")
+    assert told["parameters"]["law.e"] == pytest.approx(0.873, abs=0.002)
+
+
+def test_design(capsys):
+    arguments = ("--law", "exact", "--e", "0.8", "--mass", "1", "--stiffness", "1e6")
+    speeds = ("--speeds", "0.5:3:6", "--noise", "e=0.01", "--hold", "stiffness", "--readings", "4")
+    told = asked(capsys, "design", *arguments, *speeds)
+    assert told["quantity"] == ["e"] * 4
+    assert told["standard_errors"]["law.e"] == pytest.approx(0.005, rel=1e-6)
+
+
+def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
+    told = asked(capsys, "export", *LAW, "--velocity", "2", "--engine", "exudyn")
+    assert told["target"] == pytest.approx(told["delivered"]) == pytest.approx(0.69730, abs=5e-5)
+    # 0 and infinity: everywhere.
+    assert (told["holds"]["from"], told["holds"]["to"]) == (0.0, None)
+    law = jc.ConstantDamping(c=1e5)
+    e = np.asarray(jc.impact(law, jc.Contact(1.0, 1e6), np.array(V)).restitution)
+    noise = 0.002 * np.array([1, -1, 1, -1])
+    cal = jc.calibrate(jc.read_recording(velocity=V, restitution=e + noise), law="constant_damping")
+    file = str(tmp_path / "cal.json")
+    cal.save(file)
+    assert main(["export", "--from", file, "--engine", "drake", "--quiet"]) == 2
+    assert (
+        "error: the calibration does not know --mass and --stiffness. It leaves"
+        in capsys.readouterr().err
+    )
+    more = ("--mass", "2", "--stiffness", "3e6")
+    told = asked(capsys, "export", "--from", file, *more, "--engine", "drake")
+    # c/K is what was determined, and Drake's e is that of α = d v.
+    assert told["parameters"]["hunt_crossley_dissipation"] == pytest.approx(float(cal.law.c), 1e-6)
+    assert [told["velocity"][0], told["velocity"][-1]] == pytest.approx([0.5, 3.0])
+    with pytest.raises(ValueError, match="does not know `mass` and `stiffness`"):
+        jc.export(cal, engine="drake")
+    again = jc.export(cal, jc.Contact(2.0, 3e6), engine="drake")
+    assert dict(again.parameters) == pytest.approx(told["parameters"], rel=1e-9)
+    assert main(["export", *LAW, "--velocity", "2", "--engine", "exudyn"]) == 0
+    text = capsys.readouterr().out
+    assert "restitutionCoefficient=0.69" in text and "e is within 0.01 of the law's" in text
+
+
+def test_the_same_e_with_another_contact():
+    """Of each kind of law: c/K, and A (K/m)^(2/5), stay."""
+    from jaxcontact._calibration._kinds import kind_of_law
+
+    old, new = jc.Contact(1.0, 1.0), jc.Contact(0.2, 3e6)
+    for law in (
+        jc.ConstantDamping(c=0.3),
+        jc.PowerDamping(c=0.3, power=-0.4, reference=1.5),
+        jc.ExactRestitution(e=0.6),
+    ):
+        moved = kind_of_law(law).moved(law, old, new)
+        before, after = (jc.impact(x, c, 2.0).restitution for x, c in ((law, old), (moved, new)))
+        assert float(after) == pytest.approx(float(before), rel=1e-12)
+    viscous = jc.KuwabaraKono(A=0.1)
+    moved = kind_of_law(viscous).moved(viscous, old, new)
+    assert float(moved.A) * (3e6 / 0.2) ** 0.4 == pytest.approx(0.1, rel=1e-12)
+
+
+def test_completion_knows_commands_options_and_laws(capsys):
+    for shell in ("bash", "zsh"):
+        with pytest.raises(SystemExit) as caught:
+            main(["--completion", shell])
+        assert caught.value.code == 0
+        script = capsys.readouterr().out
+        assert all(word in script for word in ("calibrate", "--stiffness", "hu_guo", "mercurydpm"))
+
+
+def test_the_page_names_all_commands_and_problems():
+    from jaxcontact._cli._fit import _PROBLEMS
+
+    text = (Path(__file__).parents[2] / "docs" / "commands.md").read_text(encoding="utf-8")
+    assert re.findall(r"^\| `jaxcontact (\w+)", text, re.MULTILINE) == list(_COMMANDS)
+    (problems,) = re.findall(r"parameters from columns: ([^|]*) \|", text)
+    assert problems.split(", ") == list(_PROBLEMS)
+    # The lines that are shown are understood.
+    for line in re.findall(r"^jaxcontact ((?!--).*)", text, re.MULTILINE):
+        _parser().parse_args(line.split())
+
+
+def test_an_interrupt_is_no_traceback(monkeypatch, capsys):
+    def interrupt(*unused):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(_COMMANDS["laws"], "run", interrupt)
+    assert main(["laws", "--quiet"]) == 130
+    assert capsys.readouterr().err == "interrupted\n"

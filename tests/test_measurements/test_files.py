@@ -1,0 +1,243 @@
+"""Files as people save them: each is read as what it means, or refused with what to do."""
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._measurements import LAYOUTS
+
+V, E = (1.0, 2.0, 2.5), (0.9, 0.85, 0.8)
+ROWS = list(zip(V, E, strict=True))
+
+
+def german(x):
+    return f"{x:g}".replace(".", ",")
+
+
+def lines(head, rows, between=",", end="\n", number="{:g}".format):
+    return end.join([head, *(between.join(map(number, row)) for row in rows), ""])
+
+
+def workbook(*sheets):
+    """A spreadsheet as openpyxl writes it; the library reads it with another one."""
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, rows in sheets:
+        sheet = book.create_sheet(name)
+        for row in rows:
+            sheet.append(row)
+    stream = io.BytesIO()
+    book.save(stream)
+    return stream.getvalue()
+
+
+def parquet(columns):
+    stream = io.BytesIO()
+    pd.DataFrame(columns).to_parquet(stream)
+    return stream.getvalue()
+
+
+KMH = [(3.6 * v, 100 * e) for v, e in ROWS]
+MM_S = [(1000 * v, e) for v, e in ROWS]
+NOTE = '"Messung Höhe 3"'
+
+# name, content, what the notes say
+TABLES = {
+    "plain.csv": (lines("velocity,restitution", ROWS), ""),
+    "excel_german.csv": (
+        b"\xef\xbb\xbf" + lines("v [km/h];COR (%)", KMH, ";", "\r\n", german).encode(),
+        'velocity = "v [km/h]" / 3.6; restitution = "COR (%)" / 100; separated by semicolons; '
+        "with decimal commas",
+    ),
+    "tabs_utf16.txt": (
+        lines("Impact velocity\te", ROWS, "\t", "\r\n").encode("utf-16"),
+        'velocity = "Impact velocity"; restitution = "e"; UTF-16; separated by tabs',
+    ),
+    "latin1.csv": (
+        ("# Höhe über Tisch\n\n" + lines("speed (mm/s),e", MM_S)).encode("latin-1"),
+        'velocity = "speed (mm/s)" / 1000; restitution = "e"; Latin-1',
+    ),
+    "savetxt.dat": (
+        lines("# v e", ROWS, " ", number="{:.18e}".format),
+        'velocity = "v"; restitution = "e"; separated by blanks',
+    ),
+    "aligned.txt": (
+        "% by hand\nVelocity [m/s]   Coefficient of restitution\n"
+        + "".join(f"  {v:8.3f}     {e:6.3f}\n" for v, e in ROWS),
+        'velocity = "Velocity[m/s]"; restitution = "Coefficient of restitution"; separated by '
+        "blanks",
+    ),
+    "instrument.csv": (
+        'Device,XY 3\nDate,"24.11.2026"\n' + lines("No,Speed,COR", [], ",") + "-,mm/s,-\n"
+        "1,1000,0.9\n2,2000,0.85\n3,2500,0.8\n",
+        'velocity = "Speed [mm/s]" / 1000; restitution = "COR [-]"; rows 1 to 2 above the '
+        "headings left out",
+    ),
+    "quotes.csv": (
+        '"Speed, closing","velocity","restitution","note"\n'
+        + "".join(f'"9","{v}","{e}",{NOTE}\n' for v, e in ROWS),
+        "",
+    ),
+    "excel_hint.csv": (
+        "sep=;\n" + lines("speed;cor", ROWS, ";"),
+        'velocity = "speed"; restitution = "cor"; separated by semicolons',
+    ),
+    "book.xlsx": (
+        workbook(
+            ("About", [["my ball"]]),
+            ("Data", [["Lab 3"], [], ["v / (m/s)", "e"], *ROWS]),
+        ),
+        'velocity = "v / (m/s)"; restitution = "e"; sheet \'Data\'; row 1 above the headings '
+        "left out",
+    ),
+    "frame.parquet": (
+        parquet({"speed_mm_s": 1000 * np.array(V), "e": E}),
+        'velocity = "speed_mm_s" / 1000; restitution = "e"',
+    ),
+}
+
+
+def written(folder, name, content):
+    path = folder / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_is_read_as_what_it_means(name, tmp_path):
+    content, notes = TABLES[name]
+    recording = jc.read_recording(written(tmp_path, name, content))
+    assert recording.layout.name == "table"
+    got = [(record.velocity, record.restitution) for record in recording.records]
+    # Converted numbers are rounded once more than those written here.
+    np.testing.assert_allclose(got, ROWS, rtol=1e-15)
+    assert "; ".join(recording.notes) == notes
+
+
+MILLISECONDS = "t_flight / ms\n420\n360\n310\n"
+OTHERS = {
+    "intervals": (MILLISECONDS, "interval_s", [0.42, 0.36, 0.31]),
+    "peaks": ("h\n0,8\n0,6\n0,45\n", "height_m", [0.8, 0.6, 0.45]),
+    "heights": ("h0;h1 [cm]\n0,8;60\n0,8;62\n", "rebound_height_m", [0.6, 0.62]),
+}
+
+
+@pytest.mark.parametrize("layout", OTHERS)
+def test_other_layouts(layout, tmp_path):
+    text, column, numbers = OTHERS[layout]
+    recording = jc.read_recording(written(tmp_path, "f.csv", text))
+    assert recording.layout is LAYOUTS[layout]
+    got = [next(reversed(vars(record).values())) for record in recording.records]
+    assert got == numbers
+    assert any(note.startswith(column) for note in recording.notes)
+
+
+def test_what_the_columns_are_may_be_said(tmp_path):
+    bare = written(tmp_path, "bare.txt", lines("1 1 0.9", [(2, 2, 0.85), (3, 2.5, 0.8)], " "))
+    for told in ("speed=2,e=3", {"velocity": 2, "cor": 3}):
+        records = jc.read_recording(bare, columns=told).records
+        assert [(r.velocity, r.restitution) for r in records] == ROWS
+    odd = written(tmp_path, "odd.csv", lines("Tempo,mm/s,Stosszahl", [(1, 1000, 0.9)]))
+    told = {"speed [mm/s]": "mm/s", "e": "Stosszahl"}
+    (record,) = jc.read_recording(odd, columns=told).records
+    assert (record.velocity, record.restitution) == (1.0, 0.9)
+    lone = written(tmp_path, "lone.csv", ".8\n.6\n.45\n")
+    assert jc.read_recording(lone, columns="interval=1").layout.name == "intervals"
+    assert jc.read_recording(lone, columns="h=1").layout.name == "peaks"
+    with pytest.raises(ValueError, match=r"names 'sped', .* did you mean 'speed'\?"):
+        jc.read_recording(odd, columns="sped=1,e=2")
+    with pytest.raises(ValueError, match="must name columns of one layout, but names speed, h0"):
+        jc.read_recording(odd, columns="speed=1,h0=2")
+
+
+def test_commas_that_may_be_two_things(tmp_path):
+    path = written(tmp_path, "f.csv", "v [mm/s];e\n1,500;0.9\n")
+    comma = jc.read_recording(path, decimal=",").records[0]
+    point = jc.read_recording(path, decimal=".").records[0]
+    assert (comma.velocity, point.velocity) == (0.0015, 1.5)
+
+
+REFUSED = {
+    "0.8\n0.6\n0.45\n": r"row 1: one column without a header may hold heights of successive "
+    r"flights in m \(then e is about 0.87\) or intervals between impacts in s "
+    r'\(then e is about 0.75\); say which with `columns="height=1"` or `columns="interval=1"`',
+    "1,0.9\n2,0.8\n": r"row 1: has no header, and 2 columns; say what they hold, as in",
+    "0,8\n0,6\n": r"row 1: '0,8' may be one number, 0.8, or two, 0 and 8; say which with",
+    "v;e\n1,5;0.9\n": r"row 2: '0.9' has a decimal point, and '1,5' in row 2 a decimal comma",
+    "v;e\n1,500;9,001\n": r"row 2: '1,500' may be 1.500 or 1500; say which with `decimal=",
+    "v,e\n1,5,0,9\n": r"row 2, column e: has 4 fields .* are its commas decimal\?",
+    "velocty,e\n1,0.9\n": r"row 1, column velocity: is missing; .*; is it 'velocty'\?",
+    "speeed\n1\n": r"row 1, column speeed: no known column; .*; did you mean 'speed'\?",
+    "v,e\n1500,0.9\n2000,0.8\n": r"row 2, column v: half of the values are 1750 or more, "
+    r"in m/s impacts faster than 200 m/s; are they in mm/s\? write the unit .*, 'v \[mm/s\]'",
+    "h\n80\n60\n45\n": r"row 2, column h: half of the values are 60 or more, .* 'h \[cm\]', or 'h",
+    "h0,h1\n0.8,60\n0.7,50\n": r"row 2, column h1: balls rise to .* in cm\? then divide by 100",
+    "dt\n420\n360\n": r"row 2, column dt: .* are they in ms\? then divide by 1000, or write",
+    "v,e\n1,90\n2,85\n": r"row 2, column e: .* in percent\? then divide by 100, or write .*'e \[%",
+    "v,speed,e\n1,1,0.9\n": r"row 1, column speed: may be velocity, and so may column v; say which",
+    "v [knots],e\n1,0.9\n": r"row 1, column v \[knots\]: 'knots' is no unit of velocity that is",
+    "v,e\n1 m/s,0.9\n": r"row 2, column v: '1 m/s' is not a number; leave the unit out and",
+    "bounce,interval\n1,.4\n2,.3\n1,.4\n": r"row 4, column bounce: .*; name the trials in a column",
+    "h\n.3\n.5\n.8\n": r"row 2, column h: balls rise to 1.63 times the height before",
+    "v;e\n1;90%\n": r"row 2, column e: '90%' is not a number; leave the unit out and write it in",
+    "t,h\n0,1\n.1,.9\n": r"column h: heights beside a column of times look like a track, .*; if "
+    r'they are, say so with `columns="height_m=2"`',
+    "intervalls\n.4\n": r"no known column; .*; did you mean 'interval_s'\?",
+    b"%PDF-1.7": "is a PDF; save the table as CSV",
+    b"\x1f\x8b\x08": "is compressed",
+    b"PK\x03\x04": "is a spreadsheet that cannot be read",
+    b"PAR1": "is a parquet file that cannot be read",
+    b"v,e\n1,\xff\n": "row 2, column e: 'ÿ' is not a number",
+}
+
+
+@pytest.mark.parametrize("content", REFUSED)
+def test_what_is_refused_says_why_and_what_to_do(content, tmp_path):
+    with pytest.raises(jc.RecordingError, match=REFUSED[content]):
+        jc.read_recording(written(tmp_path, "f.csv", content))
+
+
+def test_what_is_written_is_believed(tmp_path):
+    fast = written(tmp_path, "f.csv", "v [m/s],e\n1500,0.9\n2000,0.8\n")
+    assert jc.read_recording(fast).records[0].velocity == 1500
+    # By keyword the unit is that of the documentation.
+    assert len(jc.read_recording(velocity=[1500.0, 2000.0], restitution=[0.9, 0.8])) == 2
+
+
+def test_pairs_of_successive_heights():
+    from jaxcontact._flight import Flight
+    from jaxcontact._measurements import make_pairs
+
+    recording = jc.read_recording(height_m=[1.0, 0.64, 0.4096, 0.5], trial=[1, 1, 1, 2])
+    pairs = make_pairs(recording, Flight())
+    np.testing.assert_allclose(pairs.restitution, 0.8, rtol=1e-14)
+    np.testing.assert_allclose(pairs.velocity, np.sqrt(2 * 9.81 * np.array([1, 0.64])), rtol=1e-14)
+    # An error σ of each height: ln e = (ln h₂ - ln h₁)/2.
+    first, second = np.array([1, 0.64]), np.array([0.64, 0.4096])
+    np.testing.assert_allclose(
+        pairs.reading_factor, 1 / (4 * first**2) + 1 / (4 * second**2), rtol=1e-14
+    )
+    assert pairs.unpaired == 1
+
+
+def test_the_page_shows_what_happens(capsys):
+    text = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    (shown,) = re.findall(r"```text\n(.*?)```", text, re.DOTALL)
+    exec(code, {})
+    assert capsys.readouterr().out == shown
+    rows = [line.split("|") for line in text.splitlines() if line.startswith("| `")]
+    for row in rows:
+        layout = LAYOUTS[row[1].strip(" `")]
+        assert tuple(re.findall(r"`(\w+)`", row[2])) == layout.measured
+        assert {*re.findall(r"`(\w+)`", row[2] + row[3])} == {*layout.columns}
+        for heading in re.split(r"[,;] ", re.sub(r":.*", "", row[4]).strip()):
+            assert any(layout.meaning(column).heading(heading) for column in layout.columns)
+    assert len(rows) == len(LAYOUTS)
