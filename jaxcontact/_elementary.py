@@ -219,7 +219,9 @@ def small_product(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array
 
 @jax.custom_batching.custom_vmap
 def _alone(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
-    return jnp.sum(a.reshape(*a.shape, *[1] * (b.ndim - 1)) * b, axis=a.ndim - 1)
+    left = a.reshape(*a.shape, *[1] * (b.ndim - 1))
+    right = b.reshape(*[1] * (a.ndim - 1), *b.shape)
+    return jnp.sum(left * right, axis=a.ndim - 1)
 
 
 @_alone.def_vmap

@@ -100,6 +100,7 @@ def test_derivatives(name, solved):
     force, found = solved(name)
     columns = lanes(law)
     assert all(np.all(np.isfinite(column)) for column in found)
+    assert np.any(found[1] != 0) == law.make(*law.parameters[0]).damped
     smooth = [i for i in range(len(columns[0])) if i % len(SMOOTH + EDGES) < len(SMOOTH)]
     for argument, slopes in enumerate(found):
         if argument == 4 and law.alpha is None:
