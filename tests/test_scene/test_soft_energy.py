@@ -138,14 +138,21 @@ def test_two_orders_and_a_mirror_of_the_same_scene_agree():
         np.testing.assert_allclose(velocity, run.velocity[-1], atol=1e-10)
 
 
-def test_crowds_are_refused_not_guessed():
-    """Nine balls, three of which touch at once: no room for two in a coupled solve."""
+def test_crowds_are_refused_or_given_room(monkeypatch):
+    """Nine balls, three of which touch at once, where a coupled solve has room for two."""
     row = [jc.Sphere(0.1, 1.0, [x], [v]) for x, v in ((-0.5, 1.0), (0.0, 0.0), (0.2, 0.0))]
     rest = [jc.Sphere(0.1, 1.0, [float(x)]) for x in range(2, 8)]
     scene = jc.Scene([*row, *rest], jc.Hertz(), stiffness=1e6)
     run = jc.simulate(scene, 1.0, times=[0.1, 1.0], max_cluster=2)
     assert run.status == jc.Ending.CROWDED
     assert np.all(np.isfinite(run.position[0])) and np.all(np.isnan(run.position[1]))
+    # From Python room is made, unless so much was asked for.
+    monkeypatch.setattr("jaxcontact._scene._simulate.MOST", 2)
+    run = jc.simulate(scene, 1.0, times=[0.1, 1.0])
+    assert run.status == jc.Ending.COMPLETED
+    # Digits by 40-digit integration: a Hertz chain of three.
+    expected = [-0.0709524, 0.0764030, 0.9945493]
+    np.testing.assert_allclose(run.velocity[1, :3, 0], expected, atol=1e-7)
 
 
 def test_a_batch_of_soft_pairs():
