@@ -194,6 +194,8 @@ def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
     if start is None or start.soft == soft:
         if start is not None and start.contacts is not None:
             places = start.contacts.who.shape[0]
+            if places != members and not traced(start) and not bool(start.contacts.active):
+                return eqx.tree_at(lambda scene: scene._start, scene, start.without_contacts())
             if places != members:
                 raise ValueError(
                     "Argument `max_cluster` must be that of the run that ended in contact, "
