@@ -31,8 +31,9 @@ class Ending(enum.IntEnum):
     NOT_CONVERGED = 4
     """An impact could not be solved to its tolerance: what comes after is NaN."""
     CROWDED = 5
-    """Too many bodies came together for `max_cluster`, or in a way that is left out
-    (docs/scenes.md): what comes after is NaN."""
+    """Too many bodies came together for `max_cluster`, of which those that touch at rest count, or
+    in a way that is left out (docs/scenes.md): what comes after is NaN. Give a larger
+    `max_cluster`."""
     WALL_TOO_ABRUPT = 6
     """A wall, a fixed sphere or a shell exceeds its `max_acceleration`: what comes after is NaN."""
 
@@ -65,8 +66,10 @@ class Impacts(eqx.Module):
     `error_estimate`, relative to the closing speed (in a coupled solve, of all its contacts
     together); `tied`: another impact of one of the bodies
     happened at the same time, and their order was chosen. A contact that comes to rest has e = 0
-    and an infinite duration; a coupled one that goes on at the end of the run has neither (NaN). In
-    a coupled solve `closing_speed` is the v0 of the law. Rows with `valid` False are blank.
+    and an infinite duration; a coupled one that goes on at the end of the run has neither (NaN). Of
+    an impact that began before the run (`time` < 0) or goes on at its end `energy_loss` is what is
+    lost within the run. In a coupled solve `closing_speed` is the v0 of the law. Rows with `valid`
+    False are blank.
     """
 
     time: Float[Array, " K"]

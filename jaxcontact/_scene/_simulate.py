@@ -32,11 +32,11 @@ from ._log import Log, blank_log
 from ._movers import Movers
 from ._numbers import numbers_of, replaced
 from ._overlap import require_clear_of_each_other
-from ._partly import booked
-from ._progress import CROWDED, NOT_CONVERGED, OVER, RUNNING, Rules, State
+from ._partly import moments
+from ._progress import CROWDED, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules, State
 from ._replay import differentiable
-from ._result import Ending, Moment, traced
-from ._run import Run, inside_of_any, moment_at
+from ._result import Ending, traced
+from ._run import Run
 from ._scene import Scene
 from ._schedule import advance, begun, with_places
 from ._search import flown
@@ -51,6 +51,9 @@ ROOM = 256
 _CALLS = 4
 """Rows of the log for each impact that a coupled solve may need."""
 
+_MOST_GROWN = 32
+"""Places to which a coupled solve grows by itself."""
+
 _PIECE = 256
 """Impacts between two looks of Python at a run."""
 
@@ -64,7 +67,7 @@ def simulate(
     instantaneous: bool = False,
     v0: str | float = "peak",
     max_impacts: int | None = None,
-    max_cluster: int = MOST,
+    max_cluster: int | None = None,
     progress: bool | Listener | None = None,
 ) -> Run:
     """Follow a scene from impact to impact: flights by formula, times of impact in closed form.
@@ -77,9 +80,10 @@ def simulate(
     closed form where it is head-on, else by the radial equation with its angular momentum. Whatever
     is not isolated is a coupled solve: a third body near, gravity across a wall, a contact that
     comes to rest. It has room for `max_cluster` spheres, two at the least: those in contact and
-    those that they may reach soon; a run that needs more is flagged (`Ending.CROWDED`). `v0` is the
-    speed that the damping of a law refers to: "peak", the largest closing speed of the contact;
-    "touch", that at touch; a number, the least one in m/s.
+    those that they may reach soon; a run that needs more is flagged (`Ending.CROWDED`). If it is
+    not given it is 8, and from Python a run that needs more begins anew with room for 16 or 32.
+    `v0` is the speed that the damping of a law refers to: "peak", the largest closing speed of the
+    contact; "touch", that at touch; a number, the least one in m/s.
 
     With `instantaneous` impacts are out of time: each has the law's e at its own closing speed.
     Impacts at the same time are taken pair by pair, the largest closing speed first, and marked.
@@ -108,11 +112,13 @@ def simulate(
     tolerance = require_number("rtol", rtol, FRACTION)
     soft = not require_flag("instantaneous", instantaneous)
     followed = _v0(v0)
-    room_for = require_count("max_cluster", max_cluster, 2)
+    room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     asked = _times(times, length)
     require_progress(progress)
     layout = layout_of(scene)
+    if max_cluster is None:
+        room_for = _places_of(scene, room_for)
     scene = _going_on(scene, soft, min(room_for, layout.spheres))
     require_clear_of_each_other(scene.bodies, length)
     rules = Rules(soft, followed, min(room_for, layout.spheres) if soft else 0)
@@ -136,15 +142,18 @@ def simulate(
         outcome = _all_at_once(layout, numbers, rules, valid, last, within, rows, grid)
     else:
         room = None
+        grows = max_cluster is None and _places_of(scene, 0) == 0
         with progress_of(progress, "impacts", "simulate") as tell:
-            rules, outcome = _piece_by_piece(
-                layout, numbers, rules, valid, last, within, most, tell
-            )
+            given = (layout, numbers, rules, valid, last, within, most, tell)
+            rules, outcome = _piece_by_piece(*given)
+            while grows and _crowded(outcome) and rules.members < min(_MOST_GROWN, layout.spheres):
+                rules = Rules(soft, followed, min(2 * rules.members, layout.spheres))
+                rules, outcome = _piece_by_piece(*given[:2], rules, *given[3:])
     numbers, log, written, status, reached = outcome
     abrupt = (last < length) & (status == int(Ending.COMPLETED))
     status = jnp.where(abrupt, int(Ending.WALL_TOO_ABRUPT), status)
     given = (layout, numbers, rules, log, written, reached)
-    now, book = _moments(*given, asked, jnp.stack([jnp.zeros_like(length), length]), within)
+    now, book = moments(*given, asked, jnp.stack([jnp.zeros_like(length), length]), within)
     impacts, nearest, total = table_of(layout, numbers, names, book, written, status, room)
     if room is None:
         impacts = jax.tree.map(lambda x: x[: int(total)], impacts)
@@ -169,35 +178,14 @@ def simulate(
     )
 
 
-def _moments(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    written: Array,
-    reached: Array,
-    asked: Array,
-    ends: Array,
-    tolerance: Array,
-) -> tuple[Moment, Log]:
-    """The states at the times `asked`, and the log with what happened between the `ends`."""
-    given = (layout, numbers, rules, log, written)
-    if not rules.soft:
-        return moment_at(*given, reached, asked, tolerance), log
-    if not traced((numbers, log, asked, ends)):
-        now = moment_at(*given, reached, asked, tolerance)
-        if not bool(inside_of_any(layout, numbers, log, written, ends)):
-            return now, log
-        there = moment_at(*given, reached, ends, tolerance)
-    else:
-        # One program for all times.
-        every = moment_at(*given, reached, jnp.concatenate([asked, ends]), tolerance)
-        count = asked.shape[0]
-        now, there = (
-            jax.tree.map(lambda x, cut=cut: x[cut], every)
-            for cut in (slice(count), slice(count, None))
-        )
-    return now, booked(layout, numbers, log, written, there, reached)
+def _places_of(scene: Scene, otherwise: int) -> int:
+    """For how many spheres the coupled solve that a scene begins in has room."""
+    contacts = None if scene._start is None else scene._start.contacts
+    return otherwise if contacts is None else contacts.who.shape[0]
+
+
+def _crowded(outcome: tuple) -> bool:
+    return int(outcome[3]) == int(Ending.CROWDED)
 
 
 def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
@@ -206,6 +194,8 @@ def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
     if start is None or start.soft == soft:
         if start is not None and start.contacts is not None:
             places = start.contacts.who.shape[0]
+            if places != members and not traced(start) and not bool(start.contacts.active):
+                return eqx.tree_at(lambda scene: scene._start, scene, start.without_contacts())
             if places != members:
                 raise ValueError(
                     "Argument `max_cluster` must be that of the run that ended in contact, "
@@ -309,7 +299,8 @@ def _ending(state: State, more: Array, valid: Array, end: Array) -> tuple[Array,
     stuck = (state.status != RUNNING) & (state.status != OVER)
     more = more & (state.status != OVER)
     status = jnp.where(stuck, int(Ending.ACCUMULATED), int(Ending.COMPLETED))
-    status = jnp.where(state.status == CROWDED, int(Ending.CROWDED), status)
+    crowded = (state.status == CROWDED) | (state.status == TWO_SUPPORTS)
+    status = jnp.where(crowded, int(Ending.CROWDED), status)
     status = jnp.where(state.status == NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
     status = jnp.where(~stuck & more, int(Ending.TOO_MANY_IMPACTS), status)
     status = jnp.where(valid, status, int(Ending.INVALID_INPUT))

@@ -63,11 +63,13 @@ class Start(eqx.Module):
 
     def as_needed(self) -> Start | None:
         """What places and velocities do not say; None where they say it all."""
-        contacts, underway = self.contacts, self.underway
-        if contacts is not None and not bool(contacts.active):
-            contacts = None
+        underway = self.underway
         if underway is not None and not bool(jnp.any(underway.counts)):
             underway = None
         if underway is None and not bool(self.leans):
             return None
-        return Start(self.support, self.held, contacts, underway, self.soft)
+        return Start(self.support, self.held, self.contacts, underway, self.soft)
+
+    def without_contacts(self) -> Start:
+        """The same where none goes on."""
+        return Start(self.support, self.held, None, self.underway, self.soft)

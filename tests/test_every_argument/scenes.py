@@ -118,7 +118,7 @@ def cases() -> dict[str, Case]:
                 "instantaneous": FLAG,
                 "v0": POSITIVE,
                 "max_impacts": COUNT | NONE,
-                "max_cluster": COUNT,
+                "max_cluster": COUNT | NONE,
                 "progress": FLAG | NONE | CALLABLE,
             },
         ),

@@ -9,21 +9,23 @@ import jaxcontact as jc
 from jaxcontact._scene import _cluster_solve, _radial
 from tests.oracle.scene_oracle import Ball, Spring, run
 
-# Of the second ball and of the gap to the third: all impacts apart and head-on, oblique, together.
-HEAD_ON, OBLIQUE, TOGETHER = (0.0, 5.0), (0.05, 5.0), (0.0, 0.0)
+# Of the second ball, of the gap to the third, and the mass of the first: all impacts apart and
+# head-on, oblique, together; none; and what is no scene.
+HEAD_ON, OBLIQUE, TOGETHER = (0.0, 5.0, 1.0), (0.05, 5.0, 1.0), (0.0, 0.0, 1.0)
+PAST, WRONG = (0.3, 5.0, 1.0), (0.0, 5.0, -1.0)
 
 SINGLE = 3e-6
 """Of float32 against Newton's equations, relative to the speed at the start: measured 4e-7."""
 
 
-def collision(offset, gap):
+def collision(offset, gap, mass):
     """A ball hits a second one, which may hit a third one meanwhile."""
     dtype = offset.dtype
     places = [[0 * offset, 0.5 + 0 * offset], [0.5 + 0 * offset, 0.5 + offset]]
     places.append([0.7001 + gap, 0.5 + offset])
     speeds = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], dtype)
     balls = [
-        jc.Sphere(0.1, 1.0 + k, jnp.stack(x), v)
+        jc.Sphere(0.1, mass + k, jnp.stack(x), v)
         for k, (x, v) in enumerate(zip(places, speeds, strict=True))
     ]
     end = jc.simulate(jc.Scene(balls, jc.Hertz(), stiffness=1e6), 0.8, max_impacts=5)
@@ -54,12 +56,20 @@ def test_only_lanes_that_need_a_solve_cause_steps(steps):
         steps.update(radial=0, coupled=0)
         velocity, ways, status = batch(*jnp.array(lanes).T)
         jax.effects_barrier()
-        assert np.all(status == jc.Ending.COMPLETED)
+        bad = jc.Ending.INVALID_INPUT
+        assert status.tolist() == [bad if lane == WRONG else jc.Ending.COMPLETED for lane in lanes]
         return dict(steps), velocity, ways[:, 0].tolist()
 
     free, v, ways = count(HEAD_ON, HEAD_ON, HEAD_ON)
     assert ways == [jc.Way.CLOSED_FORM] * 3
     assert free == {"radial": 0, "coupled": 0}
+    np.testing.assert_allclose(v[0, :, 0], [-1 / 3, 2 / 3, 0.0], atol=1e-14)
+    # Beside lanes without an impact and without a scene.
+    beside, w, ways = count(PAST, HEAD_ON, WRONG)
+    assert ways == [-1, jc.Way.CLOSED_FORM, -1] and beside == free
+    np.testing.assert_array_equal(w[0, :, 0], [1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(w[1], v[0])
+    assert np.all(np.isnan(w[2]))
     radial, w, ways = count(OBLIQUE, OBLIQUE, OBLIQUE)
     assert ways == [jc.Way.RADIAL] * 3
     assert 20 < radial["radial"] < 200 and radial["coupled"] == 0
@@ -79,7 +89,7 @@ def test_single_precision():
     assert found.dtype == jnp.float32 and np.all(status == jc.Ending.COMPLETED)
     # A formula serves where its error is below rounding.
     assert ways[:, 0].tolist() == [jc.Way.CLOSED_FORM, jc.Way.CORRECTED, jc.Way.COUPLED]
-    for velocity, (offset, gap) in zip(found, lanes, strict=True):
+    for velocity, (offset, gap, _) in zip(found, lanes, strict=True):
         places = [[0.0, 0.5], [0.5, 0.5 + offset], [0.7001 + gap, 0.5 + offset]]
         speeds = [[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]]
         balls = [
