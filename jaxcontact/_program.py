@@ -33,5 +33,36 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
     return call
 
 
+def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
+    """`equinox.filter_jit` for what takes longer to compile than to run, and is not traced itself.
+
+    On a processor XLA makes each loop by way of MLIR; its older way, direct, takes half the time to
+    compile.
+    """
+
+    @functools.cache
+    def compiled() -> Callable[..., Out]:
+        options = _soon() if jax.default_backend() == "cpu" else {}
+        jit = {"compiler_options": options} if options else {}
+        return eqx.filter_jit(function, **jit)
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Out:
+        return compiled()(*arguments)
+
+    return call
+
+
+@functools.cache
+def _soon() -> dict[str, Any]:
+    """Options of the compiler for processors; none where this version of JAX does not know them."""
+    options = {"xla_cpu_use_fusion_emitters": False}
+    try:
+        jax.jit(lambda x: x, compiler_options=options).lower(0.0).compile()
+    except Exception:  # whatever the compiler says to an option that it does not know
+        return {}
+    return options
+
+
 def _as_number(leaf: Any) -> Any:
     return jnp.asarray(leaf) if type(leaf) is float else leaf

@@ -12,6 +12,7 @@ import jaxcontact as jc
 from jaxcontact._elementary import (
     arc_over_sine,
     chebyshev,
+    chebyshev_by_piece,
     half_gamma_ratio,
     kappa,
     log1p_over,
@@ -316,6 +317,22 @@ def test_chebyshev_series_and_slopes_are_those_of_numpy():
     expected = series.chebval(x, series.chebder(coefficients))
     # The slope grows as the square of the degree at the ends.
     np.testing.assert_allclose(slope, expected, rtol=CHEBYSHEV, atol=1e2 * CHEBYSHEV)
+
+
+def test_chebyshev_series_on_intervals():
+    """Each on its own, and the tangent of the last beyond it."""
+    ends, rows = [0.0, 1.0, 3.0], np.random.default_rng(3).normal(size=(5, 2))
+    x = np.array([0.0, 0.4, 1.0, 1.7, 2.999, 3.0, 4.0, 50.0])
+    value, slope = jax.jvp(
+        lambda x: chebyshev_by_piece(ends, rows.tolist(), x), (jnp.asarray(x),), (jnp.ones(8),)
+    )
+    series = [np.polynomial.Chebyshev(rows[:, k], ends[k : k + 2]) for k in (0, 1)]
+    which = [series[int(at >= 1)] for at in x]
+    steep = [one.deriv()(min(at, 3.0)) for one, at in zip(which, x, strict=True)]
+    beyond = np.maximum(x - 3, 0)
+    want = [one(min(at, 3.0)) for one, at in zip(which, x, strict=True)] + beyond * steep
+    np.testing.assert_allclose(value, want, rtol=1e-12)
+    np.testing.assert_allclose(slope, steep, rtol=1e-12)
 
 
 # Measured 1e-15, for the cube.

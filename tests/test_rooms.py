@@ -264,8 +264,12 @@ def test_the_analysis_of_a_sweep_stands_alone():
             assert all(target.startswith("_sweep/_skip/") for target in targets), file
 
 
-def test_loading_the_package_loads_no_plotting():
-    code = f"import sys, {PACKAGE}; sys.exit('matplotlib' in sys.modules)"
+def test_who_follows_an_impact_waits_for_no_solver_and_no_plotting():
+    code = (
+        f"import sys, {PACKAGE} as jc; jc.HuGuo, jc.Contact, jc.impact, jc.fit\n"
+        "late = {'matplotlib', 'diffrax', 'optimistix', 'scipy'} & sys.modules.keys()\n"
+        "sys.exit(bool(late))"
+    )
     subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT.parent)
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._program import soon_compiled
 from ._inference import Direction
 from ._problem import Problem, evaluated, flattened, place_like
 
@@ -112,7 +112,7 @@ class FitData:
         return self.problem.x if x is None else place_like(x, self.problem.x)
 
 
-@eqx.filter_jit
+@soon_compiled
 def _linearised(problem: Problem, values: jax.Array, x: Any) -> tuple[jax.Array, jax.Array]:
     def at(values: jax.Array) -> tuple[jax.Array, jax.Array]:
         curve = flattened(evaluated(problem.predict, problem.space.tree_of(values), x))

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .._program import soon_compiled
 from ._loss import shortened, shortened_slope
 from ._problem import Problem
 from ._solve import Options, scale_of, search
@@ -71,8 +72,8 @@ def _judged(problem: Problem, found: Found, rtol: Float[Numbers, ""], xp: Any) -
     return with_step(problem, found._replace(loss=loss), found.jacobian, rtol, xp)
 
 
-_compiled = eqx.filter_jit(_searched)
-_compiled_all = eqx.filter_jit(eqx.filter_vmap(_searched, in_axes=(None, 0, None)))
+_compiled = soon_compiled(_searched)
+_compiled_all = soon_compiled(eqx.filter_vmap(_searched, in_axes=(None, 0, None)))
 
 
 def find(problem: Problem, start: Float[np.ndarray, " k"], options: Options) -> Found:

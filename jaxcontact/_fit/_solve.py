@@ -128,14 +128,15 @@ def _levenberg_marquardt(
     # Value and Jacobian come together and are kept, so that the solver's own linearisation is a
     # product with a matrix, and the end of the search is known without another evaluation. A round
     # begins at zero, which is its origin in every scale: so that evaluation finds the scale, too.
-    def residual(place: Array, args: tuple) -> tuple[Array, tuple[Point, _Scale]]:
+    def residual(place: Array, args: tuple) -> tuple[Array, tuple[Point, _Scale, Array]]:
         problem, (origin, scale, fresh, _) = args
         here = jax.lax.stop_gradient(place)
         point = _point(problem, origin + scale.change * here)
-        scale = jax.tree.map(functools.partial(jnp.where, fresh), scale_of(problem, point), scale)
+        found = scale_of(problem, point)
+        scale = jax.tree.map(functools.partial(jnp.where, fresh), found, scale)
         slope = shortened_slope(point.z, point.jacobian, problem.threshold) * scale.change[None, :]
         r = shortened(point.z, problem.threshold)
-        return (r + slope @ (place - here)) / scale.unit, (point, scale)
+        return (r + slope @ (place - here)) / scale.unit, (point, scale, found.change)
 
     ones = jnp.ones_like(start)
     first = _Round(start, _Scale(ones[0], ones), jnp.asarray(True), jnp.zeros((), int))
@@ -153,7 +154,7 @@ def _levenberg_marquardt(
         now, place, numbers, history, step, _ = carry
         state = eqx.combine(numbers, rest)
         place, state, _ = solver.step(residual, place, (problem, now), jac, state, frozenset())
-        point, scale = state.aux
+        _, scale, change = state.aux
         loss = jnp.sum(jnp.square(state.f_info.residual * scale.unit)) / 2
         options.report(step, loss)
         # With its scale known a round goes on from zero, where a place has no rounding of origins.
@@ -162,7 +163,7 @@ def _levenberg_marquardt(
         state = eqx.tree_at(lambda s: s.y_eval, state, state.y_eval + moved)
         idle = state.terminate | (state.num_steps_since_acceptance >= _REFUSED)
         # Where the scale has changed on the way the solver's measure of a small step was wrong.
-        other = jnp.abs(jnp.log(scale_of(problem, point).change / scale.change)) > _OTHER_SCALE
+        other = jnp.abs(jnp.log(change / scale.change)) > _OTHER_SCALE
         again = idle & jnp.any(other) & (now.number < _ROUNDS)
         origin = jnp.where(again, scale.change * place, 0)
         now = _Round(origin, scale, again, now.number + again)
@@ -177,7 +178,7 @@ def _levenberg_marquardt(
     zero = jnp.zeros((), int)
     carry = (first, zeros, at_first, history, zero, jnp.asarray(False))
     now, place, numbers, history, step, _ = jax.lax.while_loop(unfinished, advance, carry)
-    point, _ = eqx.combine(numbers, rest).aux
+    point, *_ = eqx.combine(numbers, rest).aux
     here = now.origin + now.scale.change * place
     return Path(here, history, step, step < options.max_steps), point
 

@@ -33,11 +33,11 @@ class ViscoelasticForm(AbstractForm):
 class ViscoelasticSpheresForm(ViscoelasticForm):
     """The same for n = 3/2, solved: its impacts depend on a alone, as series in ln(1+a).
 
-    They are certified to 1e-15 for every a ≥ 0, with their slopes. What they hold, by factors that
-    follow from the limit of strong damping, is a slowly growing function: the turn, and the end
-    without tension, times (1+a)^(2/3); the end with tension over 1+a; and for restitution the q of
-    e = (1 + a q)^-p with p = 5 with tension, 5/3 without. Without tension the contact ends at the
-    first of two roots of an analytic equation, which differ by half powers of a.
+    They are certified to 1e-15, with their slopes, for every a ≥ 0. By factors that follow from the
+    limit of strong damping each holds a slowly growing function: the times of the turn and of the
+    end without tension by (1+a)^(2/3), that of the end with tension over 1+a, and for restitution
+    the q of e = (1 + a q)^-p, p = 5 with tension, 5/3 without. Without tension the contact ends at
+    the first of two roots of an analytic equation, which differ by half powers of a.
     """
 
     def sound(self) -> tuple[ViscoelasticSpheresForm, Flag]:
@@ -84,7 +84,7 @@ class ViscoelasticSpheresForm(ViscoelasticForm):
 
 @functools.cache
 def _stored() -> dict[str, Any]:
-    return json.loads(files(__package__).joinpath("viscoelastic_series.json").read_text())
+    return json.loads(files("jaxcontact._forms").joinpath("viscoelastic_series.json").read_text())
 
 
 @functools.cache

@@ -15,7 +15,7 @@ from .._contact import Contact, require_contact
 from .._forms import scale_of
 from .._laws import AbstractLaw, require_law
 from .._parameter import as_number, is_valid, require_broadcast, sanitised
-from .._program import program
+from .._program import program, soon_compiled
 from ._front_door import (
     SPEED,
     Lanes,
@@ -182,7 +182,7 @@ def restitution_is_constant(law: AbstractLaw, contact: Contact | None) -> bool:
     return found is not None
 
 
-@functools.partial(jax.jit, static_argnums=0)
+@soon_compiled
 def restitutions(
     laws: tuple[Callable[..., AbstractLaw], ...], e: Float[Array, "laws n"]
 ) -> list[Float[Array, " n"] | None]:
