@@ -205,13 +205,17 @@ def left(choice: jc.LawChoice, kind: str, table: Table) -> bool:
 
 def judged(table: Table, truth: Truth) -> dict[str, Any]:
     """What the choice is sure of, whether that is wrong, and whether the table is clear."""
-    choice = jc.choose_law(table.velocity, table.e, CONTACT, groups=table.trials)
-    kind = choice.best if choice.sure else None
-    clear, wrong = False, False
+    clear, wrong, kind = False, False, None
+    try:
+        choice = jc.choose_law(table.velocity, table.e, CONTACT, groups=table.trials)
+        kind = choice.best if choice.sure else None
+    except jc.RecordingError:
+        # A steep curve through few points: the rule for outliers left fewer than four.
+        choice = None
     if truth.kind is not None:
         clear = distance(table, truth) >= CLEAR
         wrong = kind not in (None, truth.kind, *truth.within)
-    elif kind is not None:
+    elif choice is not None and kind is not None:
         wrong = left(choice, kind, table)
     return {"sure": kind, "wrong": wrong, "clear": clear}
 
