@@ -1,8 +1,8 @@
 """A robust rule that marks outliers, such as spurious and missed triggers.
 
 A pair is marked where ln e lies more than `THRESHOLD` standard deviations off a robust trend in
-speed, and off a smooth curve; the standard deviation is that of its reading (see `_noise`). e > 1
-alone marks nothing.
+speed, and in a table off a smooth curve; the standard deviation is that of its reading (see
+`_noise`). e > 1 alone marks nothing.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ the normal distribution: that of the shipped balls ends at 4.9 (blue) and 5.8 (p
 out), and the next deviations are 7.9 and 11.9."""
 
 _LINE_POINTS = 10
-_BENDS = 3
-"""Degree of the curve on which no pair is marked."""
+_BENDS = 7
+"""Largest degree of the curve on which no pair is marked: a coefficient for each four pairs."""
 
 _CURVE_STEPS = 25
 _BIWEIGHT = 4.685
@@ -70,12 +70,12 @@ class Outliers:
 
 
 def _off_curve(pairs: Pairs) -> NDArray[np.bool_]:
-    """Which pairs lie off a smooth curve, too: e(v) may be steep and bent.
+    """Which pairs lie off a smooth curve, too.
 
-    A polynomial of ln v, by Tukey's biweight from the curve of least absolute deviations.
+    It is a polynomial of ln v, by Tukey's biweight from the curve of least absolute deviations.
     """
     n, y = len(pairs), np.log(pairs.restitution)
-    degree = min(_BENDS if n >= _LINE_POINTS else 1, len(np.unique(pairs.velocity)) - 1)
+    degree = min(_BENDS, n // 4, len(np.unique(pairs.velocity)) - 1)
     place = np.log(pairs.velocity)
     size = np.ptp(place)
     columns = np.polynomial.chebyshev.chebvander(
@@ -106,9 +106,13 @@ class Marked(NamedTuple):
 
 
 def find_outliers(pairs: Pairs) -> Outliers:
-    """Mark pairs as `mark` does, but none that lies on a smooth curve, and guess what happened."""
+    """Mark pairs as `mark` does, and guess what happened to them.
+
+    In a table no pair is marked that lies on a smooth curve: e(v) may be steep and bent. Recordings
+    of flights have spurious triggers, and speeds in a narrow range.
+    """
     found = mark(pairs.velocity, pairs.restitution, pairs.reading_factor)
-    if found.flagged.any():
+    if found.flagged.any() and not pairs.layout.uses_flight:
         found = found._replace(flagged=found.flagged & _off_curve(pairs))
     usual = float(np.exp(np.median(found.trend(pairs.velocity[~found.flagged]))))
     told = pairs.layout.guess(pairs.records, found.flagged, usual)
