@@ -276,14 +276,14 @@ def main(given: list[str] | None = None) -> None:
 
 
 def shares(result: dict[str, Any]) -> dict[str, dict[str, float]]:
-    """Of all tables, and of those of each truth, size, noise and level, and of those with few trials:
-    sums of the counts.
+    """Sums of the counts of all tables, of those with few trials, and of those of each truth, size,
+    noise and level.
     """
     found: dict[str, Counter] = {}
     for name, cell in result["cells"].items():
         truth, n, noise, level = name.split(", ")
         few = noise.endswith("by trial") and trials_of(int(n.split()[0])) < LEAST_GROUPS
-        groups = f"{'fewer' if few else 'not fewer'} than {LEAST_GROUPS} trials"
+        groups = f"fewer than {LEAST_GROUPS} trials" if few else "the others"
         for part in ("all", groups, truth, n, noise, level):
             sums = found.setdefault(part, Counter())
             sums.update({key: cell[key] for key in ("tables", "wrong", "clear", "clear and right")})

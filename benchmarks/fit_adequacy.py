@@ -265,7 +265,7 @@ def sure_table(result: dict[str, Any]) -> str:
 
 def _place(part: tuple[str, Any]) -> int:
     """In the order of the study."""
-    first = ["all", "not fewer than 8 trials", "fewer than 8 trials", *choice_confusion.TRUTHS]
+    first = ["all", "fewer than 8 trials", "the others", *choice_confusion.TRUTHS]
     rest = [f"{n} points" for n in choice_confusion.SIZES]
     rest += [f"noise {noise}" for noise in choice_confusion.NOISES]
     return [*first, *rest, *(f"e {level}" for level in choice_confusion.LEVELS)].index(part[0])
