@@ -244,7 +244,7 @@ def confusion_table(result: dict[str, Any]) -> str:
     kinds.sort(key=order.index)
     rows = []
     for truth, counts in found.items():
-        count = sums[truth]["tables"]
+        count = sums.get(truth, {"tables": 1})["tables"]
         of = [percent(counts[kind] / count) if counts[kind] else "" for kind in kinds]
         rows.append([truth, *of, percent(1 - counts.total() / count)])
     return table(["truth", *kinds, "not sure"], rows)
@@ -252,7 +252,7 @@ def confusion_table(result: dict[str, Any]) -> str:
 
 def sure_table(result: dict[str, Any]) -> str:
     rows = []
-    for part, sums in choice_confusion.shares(result).items():
+    for part, sums in sorted(choice_confusion.shares(result).items(), key=_place):
         most = 0.02 if part == "all" else 0.05
         wrong = sums["wrong"] / sums["tables"]
         text = percent(wrong) if wrong <= most else f"**{percent(wrong)}**"
@@ -261,6 +261,14 @@ def sure_table(result: dict[str, Any]) -> str:
         rows.append([part, str(sums["tables"]), text, str(sums["clear"]), good])
     header = ["tables", "number", "sure and wrong, %", "clear", "of these sure and right, %"]
     return table(header, rows)
+
+
+def _place(part: tuple[str, Any]) -> int:
+    """In the order of the study."""
+    first = ["all", "fewer than 8 trials", "the others", *choice_confusion.TRUTHS]
+    rest = [f"{n} points" for n in choice_confusion.SIZES]
+    rest += [f"noise {noise}" for noise in choice_confusion.NOISES]
+    return [*first, *rest, *(f"e {level}" for level in choice_confusion.LEVELS)].index(part[0])
 
 
 def coverage_table(result: dict[str, Any]) -> str:

@@ -95,6 +95,7 @@ def choose_law(
         pairs = dataclasses.replace(pairs, cluster=groups_of(groups, len(v)))
     outliers = find_outliers(pairs)
     marked = outliers.flagged & mark_outliers
+    pairs.where(~marked).needs_enough(marked=int(marked.sum()))
     relative = weights_of(pairs, outliers, ~marked)[1]
     others = columns_of(
         {"duration": (duration, sigma_duration), "max_force": (max_force, sigma_max_force)},

@@ -1,7 +1,8 @@
 """A robust rule that marks outliers, such as spurious and missed triggers.
 
 A pair is marked where ln e lies more than `THRESHOLD` standard deviations off a robust trend in
-speed; the standard deviation is that of its reading (see `_noise`). e > 1 alone marks nothing.
+speed, and in a table off a smooth curve; the standard deviation is that of its reading (see
+`_noise`). e > 1 alone marks nothing.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._flight import Floats
-from ._noise import Noise, estimate_noise, mad_sigma
+from ._noise import RELATIVE_FLOOR, Noise, estimate_noise, mad_sigma
 from ._pairs import Pairs
 
 THRESHOLD = 6.0
@@ -23,6 +24,13 @@ the normal distribution: that of the shipped balls ends at 4.9 (blue) and 5.8 (p
 out), and the next deviations are 7.9 and 11.9."""
 
 _LINE_POINTS = 10
+_BENDS = 7
+"""Largest degree of the curve on which no pair is marked: a coefficient for each four pairs."""
+
+_CURVE_STEPS = 25
+_BIWEIGHT = 4.685
+"""Standard deviations beyond which a point counts nothing: 95 % efficient for normal scatter."""
+
 _MOST_SHIFTS = 400
 
 
@@ -61,6 +69,33 @@ class Outliers:
     noise: Noise
 
 
+def _off_curve(pairs: Pairs) -> NDArray[np.bool_]:
+    """Which pairs lie off a smooth curve, too.
+
+    It is a polynomial of ln v, by Tukey's biweight from the curve of least absolute deviations.
+    """
+    n, y = len(pairs), np.log(pairs.restitution)
+    degree = min(_BENDS, n // 4, len(np.unique(pairs.velocity)) - 1)
+    place = np.log(pairs.velocity)
+    size = np.ptp(place)
+    columns = np.polynomial.chebyshev.chebvander(
+        2 * (place - place.min()) / (size if size > 0 else 1) - 1, degree
+    )
+    weight, residual = np.ones(n), y
+    for step in range(2 * _CURVE_STEPS):
+        root = np.sqrt(weight)
+        residual = y - columns @ np.linalg.lstsq(columns * root[:, None], y * root)[0]
+        scale = max(mad_sigma(residual), RELATIVE_FLOOR)
+        if step < _CURVE_STEPS:
+            weight = 1 / np.maximum(np.abs(residual), 1e-3 * scale)
+        else:
+            weight = np.square(np.clip(1 - np.square(residual / (_BIWEIGHT * scale)), 0, None))
+    keep = np.abs(residual) <= THRESHOLD * max(mad_sigma(residual), RELATIVE_FLOOR)
+    # Readings differ in their noise.
+    noise = estimate_noise(residual[keep], pairs.reading_factor[keep], robust=True)
+    return np.abs(residual) > THRESHOLD * noise.sigma(pairs.reading_factor)
+
+
 class Marked(NamedTuple):
     """Which of n pairs are marked, how far each lies off, the trend, and the noise about it."""
 
@@ -71,8 +106,14 @@ class Marked(NamedTuple):
 
 
 def find_outliers(pairs: Pairs) -> Outliers:
-    """Mark pairs as `mark` does, and guess what happened to them."""
+    """Mark pairs as `mark` does, and guess what happened to them.
+
+    In a table no pair is marked that lies on a smooth curve: e(v) may be steep and bent. Recordings
+    of flights have spurious triggers, and speeds in a narrow range.
+    """
     found = mark(pairs.velocity, pairs.restitution, pairs.reading_factor)
+    if found.flagged.any() and not pairs.layout.uses_flight:
+        found = found._replace(flagged=found.flagged & _off_curve(pairs))
     usual = float(np.exp(np.median(found.trend(pairs.velocity[~found.flagged]))))
     told = pairs.layout.guess(pairs.records, found.flagged, usual)
     guess = {k: told.get(k, "unclear") for k in map(int, np.flatnonzero(found.flagged))}

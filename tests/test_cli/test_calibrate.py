@@ -64,11 +64,15 @@ def test_the_current_folder_is_the_default(good, tmp_path, monkeypatch):
     assert (tmp_path / NUMBERS).exists()
 
 
+SPEED_DEPENDENT = ["constant_damping", "power_damping", "kuwabara_kono"]
+SPEED_DEPENDENT += ["thornton_plastic", "power_restitution"]
+
+
 @pytest.mark.parametrize(
     ("law", "laws"),
     [
         ("kuwabara_kono", ["exact", "kuwabara_kono"]),
-        ("hu_guo", ["hu_guo", "constant_damping", "power_damping", "kuwabara_kono"]),
+        ("hu_guo", ["hu_guo", *SPEED_DEPENDENT]),
     ],
 )
 def test_a_choice_of_law(good, tmp_path, capsys, law, laws):
@@ -185,10 +189,10 @@ def test_a_folder_that_cannot_be_written_is_an_error(good, tmp_path, capsys):
 
 
 def test_a_fit_that_does_not_converge_is_said(good, tmp_path, capsys, monkeypatch):
-    from jaxcontact._calibration import _choice
+    from jaxcontact._calibration import _choose
 
-    impatient = functools.partial(_choice.fit, max_steps=2)
-    monkeypatch.setattr(_choice, "fit", impatient)
+    impatient = functools.partial(_choose.fit, max_steps=2)
+    monkeypatch.setattr(_choose, "fit", impatient)
     options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet"]
     assert main(["calibrate", str(good), *options]) == 1
     printed = capsys.readouterr().out

@@ -6,7 +6,7 @@ import pytest
 from jaxcontact._flight import Drag, Flight
 from jaxcontact._measurements import make_pairs, read_recording
 from jaxcontact._measurements._noise import Noise, estimate_noise
-from jaxcontact._measurements._outliers import THRESHOLD, find_outliers
+from jaxcontact._measurements._outliers import THRESHOLD, find_outliers, mark
 from tests.test_measurements.simulate import as_csv, recording, trial
 from tests.test_measurements.sources import opened
 
@@ -139,3 +139,16 @@ def test_the_two_scatters_are_told_apart(robust):
 def test_perfect_data_have_a_floor_of_noise():
     found = estimate_noise(np.zeros(10), np.ones(10), robust=True)
     assert np.all(found.sigma(np.ones(10)) > 0)
+
+
+@pytest.mark.parametrize("n", [60, 200])
+def test_a_steep_and_bent_curve_is_no_outlier(n):
+    """e = 1 - b v^p with noise of half a per cent: no straight line follows its logarithm."""
+    v = np.geomspace(0.2, 2, n)
+    e = (1 - 0.4 * v**0.75) * (1 + 0.005 * np.random.default_rng(n).normal(size=n))
+    straight = mark(v, e, np.zeros(n)).flagged
+    pairs = make_pairs(read_recording(velocity=v, restitution=e), Flight())
+    assert straight.any() and not find_outliers(pairs).flagged.any()
+    e[n // 2] *= 0.6
+    pairs = make_pairs(read_recording(velocity=v, restitution=e), Flight())
+    assert np.flatnonzero(find_outliers(pairs).flagged).tolist() == [n // 2]
