@@ -53,7 +53,8 @@ class LowPass(eqx.Module):
 
     `cutoff` f_c in Hz, where half of the power passes, and `order` N, 1 to 8. The filter is causal,
     that of an amplifier: it delays (by 0.23/f_c at N = 2), and noise that passes it is correlated.
-    A filter that has run over a record forwards and backwards is another one. Raises ValueError unless f_c is positive and N such a count.
+    A filter that has run over a record forwards and backwards is another one. Raises ValueError
+    unless f_c is positive and N such a count.
     Source: Butterworth (1930), Wireless Engineer 7:536.
     """
 
