@@ -118,8 +118,8 @@ _ROOMS = {
     "_bounce": "Bounce bounce",
     "_calibration": (
         "AbstractShape Calibration CalibrationSummary Design LawChoice LowPass Network Rational "
-        "Spline VelocityProfile calibrate choose_law design fit_bounces fit_damping fit_energy_loss "
-        "fit_impacts fit_record fit_velocity_profile learn_law load_calibration"
+        "Spline VelocityProfile calibrate choose_law design fit_bounces fit_damping "
+        "fit_energy_loss fit_impacts fit_record fit_velocity_profile learn_law load_calibration"
     ),
     "_contact": "Contact Material",
     "_elementary": "power",

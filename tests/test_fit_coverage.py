@@ -20,8 +20,19 @@ def test_intervals_and_bands_hold_the_truth(name):
     assert all(share >= LEAST for share in cell["shares"].values()), cell["shares"]
 
 
+FEW = 30
+LEAST_OF_FEW = 0.83
+
+
+@pytest.mark.parametrize("noise", ["triggers", "scatter"])
+def test_one_trial_tells_two_noises(noise):
+    name = f"triggers, 1 trial of 10 bounces, {noise}"
+    cell = fit_coverage.run(name, fit_coverage.cells()[name], FEW, seed=3)
+    assert cell["converged"] == 1 and cell["shares"]["law.e"] >= LEAST_OF_FEW
+
+
 def test_a_cell_of_each_kind_runs(tmp_path):
-    for name in ("record, force, noise unknown", "bounces, constant e, 10", "triggers, 5 trials"):
+    for name in ("record, force, noise unknown", "bounces, constant e, 10", "heights, "):
         fit_coverage.main(["--draws", "4", "--only", name, "--into", str(tmp_path)])
     found = json.loads((tmp_path / "fit_coverage.json").read_text())["cells"]
     assert len(found) == 5 and all(cell["converged"] > 0 for cell in found.values())

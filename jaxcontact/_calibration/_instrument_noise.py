@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from .._fit import Fit
 from ._limits import Limits
@@ -37,6 +37,9 @@ _SHARED = 2.0
 _LEAST = 0.05
 """Of a step: less noise is as good as none, and would leave readings with one error."""
 
+_PASSED = 0.999
+"""Of the noise before it is rounded, behind a filter."""
+
 _TERMS = 12
 _MOST = 2000
 """Readings whose correlation is held as a matrix."""
@@ -47,6 +50,8 @@ _SAME = 1e-2
 
 _WHOLE = 1e-3
 """Of a step: so close to a multiple is one."""
+
+_ORDINALS = {2: "nd", 3: "rd"}
 
 _ROUNDED, _NOTHING = 1e-9, 1e-300
 
@@ -70,7 +75,8 @@ def require_filterable(name: str, readings: Column | None) -> None:
         every = math.ceil(readings.size / _MOST)
         raise ValueError(
             f"Argument `{name}` must have at most {_MOST} readings with `low_pass_{name}`, but has "
-            f"{readings.size}; give every {every}th, of which the filter has left the information."
+            f"{readings.size}; give every {every}{_ORDINALS.get(every, 'th')}: a filter leaves "
+            "little between them."
         )
 
 
@@ -168,7 +174,8 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> Float[np.ndarray, "n
     if low_pass is not None:
         shape = np.eye(factor.size)
         shape[column.rows, column.rows] = behind = low_pass.correlation(time)
-        share = shared_noise(found, used, shape).share
+        # Where there are steps, what no filter has passed is their rounding.
+        share = _PASSED if step else shared_noise(found, used, shape).share
         passed = (1 - share) * passed + share * behind
     elif (
         time.size > _MOST

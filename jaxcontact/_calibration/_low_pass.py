@@ -53,7 +53,8 @@ class LowPass(eqx.Module):
 
     `cutoff` f_c in Hz, where half of the power passes, and `order` N, 1 to 8. The filter is causal,
     that of an amplifier: it delays (by 0.23/f_c at N = 2), and noise that passes it is correlated.
-    A filter that has run over a record forwards and backwards is another one. Raises ValueError unless f_c is positive and N such a count.
+    A filter that has run over a record forwards and backwards is another one. Raises ValueError
+    unless f_c is positive and N such a count.
     Source: Butterworth (1930), Wireless Engineer 7:536.
     """
 
@@ -65,32 +66,33 @@ class LowPass(eqx.Module):
 
         The contact is integrated in so many `parts`, exactly but for polynomials of degree 7.
         """
-        poles, residues = _half(self.order)
         rate = 2 * jnp.pi * self.cutoff
-        p, r = (one[:, None] * rate for one in (poles, residues))
         width = course.end / parts
         starts = jnp.arange(parts) * width
-        there = course.inside(starts[:, None] + width * _NODES)
-        kernel = width * _WEIGHTS * jnp.exp(p[:, :, None] * (width * (1 - _NODES)))
-        gained = jnp.sum(kernel * there, axis=2)
-        # From the end of one part to the begin of another, no earlier one.
-        steps = np.arange(parts + 1)[:, None] - 1 - np.arange(parts)
-        decay = jnp.where(steps >= 0, jnp.exp(p[:, :, None] * width * np.maximum(steps, 0)), 0)
-        carried = jnp.einsum("kij,kj->ki", decay, gained)
-        # On from the last begin before each moment.
+        there = course.inside(starts[:, None] + (width * _NODES)[None, :])
+        # On from the last begin of a part before each moment.
         t = jnp.clip(since, 0, course.end)
         part = jnp.clip(jnp.floor(jax.lax.stop_gradient(t / width)).astype(int), 0, parts - 1)
-        rest = t - part * width
-        late = course.inside((part * width)[:, None] + rest[:, None] * _NODES)
-        kernel = rest[:, None] * _WEIGHTS * jnp.exp(p[:, :, None] * rest[:, None] * (1 - _NODES))
-        state = jnp.exp(p * rest) * carried[:, part] + jnp.sum(kernel * late, axis=2)
+        rest = (t - starts[part])[:, None]
+        late = course.inside(starts[part][:, None] + rest * _NODES[None, :])
+        # From the end of one part to the begin of another, no earlier one.
+        steps = np.arange(parts + 1)[:, None] - 1 - np.arange(parts)
         # After the contact: of a constant and of a ramp.
         value, slope = course.after
         beyond = jnp.maximum(since - course.end, 0)
-        grown = jnp.expm1(p * beyond)
-        state = jnp.exp(p * beyond) * state + (value * grown + slope * (grown / p - beyond)) / p
-        on_top = jnp.sum((r * state).real, axis=0)
-        delay = jnp.sum((r / p**2).real)
+        on_top, delay = jnp.zeros_like(since), jnp.zeros_like(rate)
+        for pole, residue in zip(*_half(self.order), strict=True):
+            p, r = rate * pole, rate * residue
+            gained = jnp.exp(p * width * (1 - _NODES)) * (width * _WEIGHTS)
+            gained = jnp.sum(gained[None, :] * there, axis=1)
+            decay = jnp.where(steps >= 0, jnp.exp(p * width * np.maximum(steps, 0)), 0)
+            kernel = jnp.exp(p * rest * (1 - _NODES)[None, :]) * (rest * _WEIGHTS[None, :])
+            state = jnp.exp(p * rest[:, 0]) * (decay @ gained)[part] + jnp.sum(
+                kernel * late, axis=1
+            )
+            grown = jnp.expm1(p * beyond)
+            state = jnp.exp(p * beyond) * state + (value * grown + slope * (grown / p - beyond)) / p
+            on_top, delay = on_top + (r * state).real, delay + (r / p**2).real
         return course.before * (since - delay) + jnp.where(since > 0, on_top, 0)
 
     def correlation(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:

@@ -6,7 +6,6 @@ With the matrix B of what is shared, of the mean variance 1, errors have the cov
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np

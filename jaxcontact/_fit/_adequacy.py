@@ -157,7 +157,6 @@ def _columns(fit: FitData) -> tuple[list[Column], str]:
 
 def _is_exact(fit: FitData, z: np.ndarray) -> bool:
     factor = np.asarray(fit.problem.factor)
-    used = factor > 0
     # Columns have units of their own.
     ends = np.cumsum([math.prod(shape) for shape in fit.problem.shapes])[:-1]
     parts = [

@@ -87,13 +87,14 @@ def fit(
     the influence of outliers; without `sigma` its scale is the median of |residuals|, found in turn
     with the fit. `noise`: one size for all points, "common", times the weights; or one for each
     leaf of the tree of `data`, "by column", found in turn with the fit where readings of several
-    instruments are fitted together, whose errors are not correlated with each other. `optimizer`: "levenberg-marquardt" or an optax optimiser, which
-    stops after `patience` steps that gain nothing. `starts`: the number of starts, the given one
-    and normal ones around it, drawn from `seed`, whose standard deviation is `spread` in a
-    logarithm or logit and `spread` times a number without bounds (from zero: times the change that
-    moves the prediction by the size of the data); the lowest loss is kept. `max_steps`: by default
-    200, 10000 for optax. `reverse`: take the Jacobian in reverse mode, for predictions without a
-    forward mode. `progress`: True shows step and loss on stderr, a function is called with them.
+    instruments are fitted together, whose errors are not correlated with each other. `optimizer`:
+    "levenberg-marquardt" or an optax optimiser, which stops after `patience` steps that gain
+    nothing. `starts`: the number of starts, the given one and normal ones around it, drawn from
+    `seed`, whose standard deviation is `spread` in a logarithm or logit and `spread` times a number
+    without bounds (from zero: times the change that moves the prediction by the size of the data);
+    the lowest loss is kept. `max_steps`: by default 200, 10000 for optax. `reverse`: take the
+    Jacobian in reverse mode, for predictions without a forward mode. `progress`: True shows step
+    and loss on stderr, a function is called with them.
 
     `converged` does not depend on the optimizer: the remaining Gauss-Newton step must be below
     `rtol` of each parameter (of its logarithm, of its logit), or a thousandth of its standard

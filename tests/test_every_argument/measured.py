@@ -30,6 +30,7 @@ from tests.test_every_argument.kinds import (
     LAW,
     NONE,
     POSITIVE,
+    POSITIVES,
     REAL,
     TEXT,
     E,
@@ -166,6 +167,7 @@ def cases() -> dict[str, Case]:
                 "force": NOTHING,
                 "indentation": NONE,
                 "sigma_force": POSITIVE | NONE,
+                "low_pass_force": NONE,
                 "start_time": REAL | NONE,
                 "fixed": EMPTY,
             },
@@ -173,8 +175,9 @@ def cases() -> dict[str, Case]:
         "fit_record, indentation": Case(
             jc.fit_record,
             {"time": V, "law": LAW, "contact": CONTACT, "velocity": 1.0, "indentation": OUT},
-            {"sigma_indentation": POSITIVE | NONE},
+            {"sigma_indentation": POSITIVE | NONE, "low_pass_indentation": NONE},
         ),
+        "LowPass": Case(jc.LowPass, {"cutoff": 100.0}, {"cutoff": POSITIVES, "order": COUNT}),
         "fit_velocity_profile": Case(
             jc.fit_velocity_profile,
             {"indentation": V - V[0], "velocity": V[::-1] - V[0]},

@@ -68,8 +68,13 @@ def test_what_is_no_correlation():
             jc.fit(line, Y, START, x=X, correlation=bad)
     with pytest.raises(ValueError, match="Argument `correlation` must be positive definite"):
         jc.fit(line, Y, START, x=X, correlation=np.ones((20, 20)))
-    with pytest.raises(ValueError, match="Argument `noise` must be 'common' with `correlation`"):
-        jc.fit(line, Y, START, x=X, correlation=CORRELATION, noise="by column")
+
+    def halves(p, x):
+        return {"left": line(p, x)[:10], "right": line(p, x)[10:]}
+
+    both = {"left": Y[:10], "right": Y[10:]}
+    with pytest.raises(ValueError, match="must be 'common' with a `correlation` between columns"):
+        jc.fit(halves, both, START, x=X, correlation=CORRELATION, noise="by column")
     found = jc.fit(line, Y, START, x=X, correlation=CORRELATION)
     with pytest.raises(ValueError, match="independent points, but 'one' has a `correlation`"):
         jc.compare_fits({"one": found, "two": found})

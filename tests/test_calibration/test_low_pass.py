@@ -1,0 +1,147 @@
+"""A sensor behind a low-pass filter, against SciPy's; its noise, and that of readings in steps."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import integrate, signal
+
+import jaxcontact as jc
+from benchmarks import fit_truths as truths
+from jaxcontact._calibration._instrument_noise import rounding, step_of
+from jaxcontact._calibration._low_pass import Course
+
+END, SPEED, LAST = 1.1e-3, 1.5, -1.0
+PARTS = 127
+DENSE = np.linspace(-2e-3, 4e-3, 120_001)
+EVERY = 400
+
+
+def force():
+    return Course(jnp.zeros(()), lambda t: jnp.sin(jnp.pi * t / END) ** 1.5, END, (0.0, 0.0))
+
+
+def depth():
+    """A ramp before, half a sine, another ramp after: in units of 1 mm."""
+
+    def inside(t):
+        return 1e3 * SPEED * (END / jnp.pi * jnp.sin(jnp.pi * t / END) - t)
+
+    return Course(jnp.asarray(1e3 * SPEED), inside, END, (-1e3 * SPEED * END, 1e3 * (LAST - SPEED)))
+
+
+@pytest.fixture(autouse=True)
+def as_in_a_fit():
+    """Where products of real and complex numbers are allowed."""
+    with jax.numpy_dtype_promotion("standard"):
+        yield
+
+
+AGREES = 2e-6
+"""Of the largest reading; a digital filter of 50 ns steps is off by 1e-7 to 1e-6 of it."""
+
+
+@pytest.mark.parametrize("order", [1, 2, 5, 8])
+@pytest.mark.parametrize("course", [force, depth])
+def test_it_filters_as_scipy_does(course, order):
+    for times in (1, 3, 30):
+        cutoff, course_ = times / END, course()
+        signal_ = np.asarray(course_.read(jnp.asarray(DENSE)))
+        # A ramp from long ago is delayed, and nothing else.
+        ramp = float(course_.before) * DENSE
+        sections = signal.butter(order, cutoff, fs=1 / (DENSE[1] - DENSE[0]), output="sos")
+        poles = signal.butter(order, 2 * np.pi * cutoff, analog=True, output="zpk")[1]
+        late = float(np.sum(-1 / poles).real)
+        expected = signal.sosfilt(sections, signal_ - ramp) + ramp - float(course_.before) * late
+        at = slice(None, None, EVERY)
+        found = jc.LowPass(cutoff, order).read(course_, jnp.asarray(DENSE[at]), PARTS)
+        size = np.abs(signal_).max()
+        np.testing.assert_allclose(found, expected[at], rtol=0, atol=AGREES * size)
+
+
+def test_its_derivatives():
+    moments = jnp.linspace(-1e-4, 2e-3, 60)
+
+    def read(cutoff):
+        return jc.LowPass(cutoff, 3).read(depth(), moments, PARTS)
+
+    step = 0.3
+    slope = (read(3000.0 + step) - read(3000.0 - step)) / (2 * step)
+    found = jax.jacfwd(read)(jnp.asarray(3000.0))
+    np.testing.assert_allclose(found, slope, rtol=0, atol=1e-6 * np.abs(slope).max())
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 8])
+def test_noise_behind_it(order):
+    """The correlation is the cosine transform of |H|²."""
+    lags = np.linspace(0, 1e-3, 7)
+
+    def power(w, lag):
+        return np.cos(w * lag) / (1 + (w / (2 * np.pi * 900)) ** (2 * order))
+
+    most = 2 * np.pi * 900 * (2000 if order == 1 else 60)
+    seen = [integrate.quad(power, 0, most, args=(lag,), limit=4000)[0] for lag in lags]
+    found = jc.LowPass(900.0, order).correlation(lags)[0]
+    np.testing.assert_allclose(found, np.array(seen) / seen[0], rtol=0, atol=2e-3)
+
+
+def test_what_is_no_filter():
+    with pytest.raises(ValueError, match="`order` must be at most 8, but is 9"):
+        jc.LowPass(100.0, order=9)
+    with pytest.raises(ValueError, match="`cutoff` must be"):
+        jc.LowPass(-1.0)
+    time, law, contact = np.linspace(0, 1, 5), jc.Hertz(), jc.Contact(1.0, 1e6)
+    with pytest.raises(ValueError, match="`low_pass_force` must be None without `force`"):
+        jc.fit_record(time, law, contact, 1.0, indentation=time, low_pass_force=jc.LowPass(100.0))
+    with pytest.raises(ValueError, match="`low_pass_force` must be a `LowPass` or None"):
+        jc.fit_record(time, law, contact, 1.0, force=time, low_pass_force=100.0)
+    long = np.linspace(0, 1, 4500)
+    with pytest.raises(ValueError, match=r"at most 2000 readings .* give every 3rd"):
+        jc.fit_record(long, law, contact, 1.0, force=long, low_pass_force=jc.LowPass(100.0))
+
+
+def test_the_noise_of_steps():
+    """The covariance of rounding with a random zero, against draws."""
+    random, step, draws = np.random.default_rng(4), 1.0, 40_000
+    expected = np.array([0.0, 0.05, 0.4, 7.3])
+    noise = 0.15**2 * np.array([[1, 0.9, 0, 0], [0.9, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    values = expected + random.multivariate_normal(np.zeros(4), noise, size=draws)
+    zero = random.uniform(0, step, size=(draws, 1))
+    off = step * np.round((values - zero) / step) + zero - expected
+    found = noise + rounding(noise, expected, step)
+    # Four standard deviations of a covariance of so many draws.
+    blur = 4 * np.diag(found).max() / np.sqrt(draws)
+    np.testing.assert_allclose(off.T @ off / draws, found, rtol=0, atol=blur)
+    assert found[0, 1] > 0.04 > abs(found[0, 3]) + 0.01
+    assert np.linalg.eigvalsh(found).min() > 0
+
+
+def test_steps_are_found():
+    random = np.random.default_rng(5)
+    smooth = np.sin(np.linspace(0, 6, 400)) + 0.01 * random.normal(size=400)
+    assert step_of(smooth) == 0
+    assert step_of(0.02 * np.round(smooth / 0.02) + 0.7) == pytest.approx(0.02, rel=1e-6)
+    single = (np.round(smooth / 0.02) * np.float32(0.02)).astype(np.float32)
+    assert step_of(single.astype(float)) == pytest.approx(0.02, rel=1e-4)
+    # Two instruments in one column share no step.
+    assert step_of(np.concatenate([np.round(smooth, 1), np.round(smooth, 1) + 0.0137])) == 0
+
+
+def test_a_record_behind_a_filter(monkeypatch):
+    """K, c and the cut-off come back; noise is that of the readings, in steps or not."""
+    own = {"law.c": truths.DAMPING, "contact.stiffness": truths.STIFFNESS}
+    own |= {"low_pass_force.cutoff": truths.CUTOFF, "start_time": truths.TOUCH}
+    random = np.random.default_rng(2)
+    original, step, pulls = jc.fit_record, 60.0, []
+
+    def in_steps(*arguments, force, **others):
+        return original(*arguments, force=step * np.round(force / step), **others)
+
+    for read in (original, original, in_steps):
+        monkeypatch.setattr(jc, "fit_record", read)
+        found = truths.filtered_fit(random, fitted=True)
+        assert found.converged and found.adequate, found
+        at = [found.names.index(name) for name in own]
+        pulls.append((found.values[at] - [*own.values()]) / found.errors[at])
+    assert np.abs(pulls).max() < 3.5 and np.sqrt(np.mean(np.square(pulls))) < 1.7
+    assert "readings of force come in steps of 60, 2." in found.notes[-1]
