@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import math
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,8 @@ COLOURS = {
         *("deeppink", "goldenrod"),
     ),
 }
+WIDEST = 5
+"""Panels beside each other, where there is one batch."""
 _STROKES = ("-", "--", ":", "-.")
 _MARKS = "osD^v"
 
@@ -36,30 +40,31 @@ def draw(
 ) -> None:
     """One figure of a group; the better is down and left. `batched`: what numbers of lanes mean."""
     problems, batches = problems_of(rows), batches_of(rows)
-    shape = (len(batches), len(problems))
-    size = (2.8 * len(problems) + 0.6, 2.5 * len(batches) + 1.8)
+    panels = list(itertools.product(batches, problems))
+    columns = len(problems) if len(batches) > 1 else min(len(problems), WIDEST)
+    shape = (math.ceil(len(panels) / columns), columns)
+    size = (2.8 * columns + 0.6, 2.5 * shape[0] + 1.8)
     fig, axes = plt.subplots(
         *shape, figsize=size, sharey=True, sharex="row", layout="constrained", squeeze=False
     )
     lines: dict[str, Any] = {}
-    for line, batch in zip(axes, batches, strict=True):
-        for ax, problem in zip(line, problems, strict=True):
-            here = some(rows, batch=batch, problem=problem)
-            for way in ways_of(rows):
-                points = [row for row in some(here, way=way) if "error" in row]
-                if points:
-                    lines[way] = _line(ax, points, _style(rows, way))
-            ax.set(xscale="log", yscale="log")
-            ax.grid(alpha=0.3)
-            ax.tick_params(labelsize=7)
-            title = titles[problem] + (f", {batched} {batch:,}" if len(batches) > 1 else "")
-            ax.set_title(title, fontsize=8)
+    for ax in axes.flat[len(panels) :]:
+        ax.remove()
+    for ax, (batch, problem) in zip(axes.flat, panels, strict=False):
+        here = some(rows, batch=batch, problem=problem)
+        for way in ways_of(rows):
+            points = [row for row in some(here, way=way) if "error" in row]
+            if points:
+                lines[way] = _line(ax, points, _style(rows, way))
+        ax.set(xscale="log", yscale="log")
+        ax.grid(alpha=0.3)
+        ax.tick_params(labelsize=7)
+        title = titles[problem] + (f", {batched} {batch:,}" if len(batches) > 1 else "")
+        ax.set_title(title, fontsize=8)
     fig.supylabel("relative error", fontsize=9)
     # The legend takes the place of a label of the axis.
     fig.suptitle(f"{head}: relative error over {unit}", fontsize=10)
-    fig.legend(
-        lines.values(), lines.keys(), loc="outside lower center", ncols=len(problems), fontsize=7
-    )
+    fig.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=columns, fontsize=7)
     fig.savefig(path, dpi=110)
     plt.close(fig)
 

@@ -88,11 +88,12 @@ that bounces to rest, with its weight in the contact: the time of rest, beside 4
 time: a ball on a shaking table, beside sampling and Brent's method, and gases of 32 discs, in a
 periodic cell and between four walls, beside a search in extended precision; final velocities. SciPy
 and diffrax restart at touches and openings. Through flights diffrax has a longest step, found by
-trial, without which it misses contacts, and both have one in the gases and over the table. By hand
-means numba code for this scene and no other. Exudyn (RK44, impact model 1, whose law this is) and
-MuJoCo make steps of one length; their times have the building of the model in them. MuJoCo goes
-through the line with contacts of 5 ms. *billiards* is the one simulator of hard discs from event to
-event that PyPI has; it knows no periodic cell, hence the box."""
+trial, without which it misses contacts (of the shortest ones, at ε = 0.001, with it, too), and both
+have one in the gases and over the table. By hand means numba code for this scene and no other.
+Exudyn (RK44, impact model 1, whose law this is) and MuJoCo make steps of one length; their times
+have the building of the model in them. MuJoCo goes through the line with contacts of 5 ms.
+*billiards* is the one simulator of hard discs from event to event that PyPI has; it knows no
+periodic cell, hence the box."""
 
 SECTIONS = (
     Section(
