@@ -19,7 +19,14 @@ INTERVALS = "ball,drop_height_m,trial,bounce,interval_s\na,1,1,1,0.4\na,1,1,2,0.
 HEIGHTS = "ball,drop_height_m,trial,rebound_height_m\na,0.5,1,0.4\na,0.5,2,0.41\n"
 TABLE = "velocity,restitution\n1.0,0.9\n2.0,0.88\n"
 PEAKS = "ball,trial,bounce,height_m\na,1,1,0.8\na,1,2,0.6\n"
-TEXTS = {"intervals": INTERVALS, "heights": HEIGHTS, "table": TABLE, "peaks": PEAKS}
+SPEEDS = "ball,velocity,rebound_velocity\na,1,0.8\na,1.5,1.1\n"
+TEXTS = {
+    "intervals": INTERVALS,
+    "heights": HEIGHTS,
+    "table": TABLE,
+    "speeds": SPEEDS,
+    "peaks": PEAKS,
+}
 
 
 def place(name, row=None, column=None):
