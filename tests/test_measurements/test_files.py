@@ -254,3 +254,11 @@ def test_the_page_shows_what_happens(capsys):
         for heading in re.split(r"[,;] ", re.sub(r":.*", "", row[4]).strip()):
             assert any(layout.meaning(column).heading(heading) for column in layout.columns)
     assert len(rows) == len(LAYOUTS)
+
+
+def test_the_beginning_of_a_long_file_decides(tmp_path):
+    body = "".join(f"{1 + k % 7};0,{80 + k % 10}\n" for k in range(1000))
+    recording = jc.read_recording(written(tmp_path, "long.csv", "v;e\n" + body))
+    assert len(recording) == 1000 and recording.records[-1].row == 1001
+    with pytest.raises(jc.RecordingError, match="row 1002, column e: is empty"):
+        jc.read_recording(written(tmp_path, "long.csv", "v;e\n" + body + "3\n"))
