@@ -36,6 +36,7 @@ one of these sets of columns, with headings by any usual name ("v", "COR", "spee
                                                        counts the intervals of a trial
   drop_height_m, rebound_height_m [ball, trial]        a drop and the height of its first rebound
   velocity, restitution [ball]                         approach speed in m/s and e
+  velocity, rebound_velocity [ball]                    speeds in m/s before and after an impact
   height_m [ball, trial, bounce]                       heights of successive flights
 Those in brackets may be left out; other columns are ignored. A unit that is written in a heading is
 converted, and the report says so. Rows in messages are lines of the file; the header is row 1.

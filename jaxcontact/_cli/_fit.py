@@ -64,6 +64,7 @@ def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     law, exponent = _law(arguments)
     sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
     how = _held(arguments)
+    how |= _robust(arguments)
     return fit_impacts(law, contact_asked(arguments, exponent), **data, **sigmas, **how)
 
 
@@ -72,6 +73,7 @@ def _damping(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
 
     sigma = _sigmas(arguments, {"e": data["e"]})
     how: dict[str, Any] = {"sigma": sigma["e"]} if sigma else {}
+    how |= _robust(arguments)
     contact = contact_asked(arguments, arguments.exponent or 1.5)
     return fit_damping(data["velocity"], data["e"], contact, **how)
 
@@ -79,7 +81,7 @@ def _damping(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
 def _energy_loss(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     from .._calibration import fit_energy_loss
 
-    return fit_energy_loss(data["e_in"], data.get("e_out"))
+    return fit_energy_loss(data["e_in"], data.get("e_out"), **_robust(arguments))
 
 
 def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
@@ -91,9 +93,8 @@ def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
     contact = contact_asked(arguments, exponent)
     columns = {name: values for name, values in data.items() if name != "time"}
-    return fit_record(
-        data["time"], law, contact, arguments.velocity, **columns, **sigmas, **_held(arguments)
-    )
+    how = _held(arguments) | _robust(arguments)
+    return fit_record(data["time"], law, contact, arguments.velocity, **columns, **sigmas, **how)
 
 
 def _bounces(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
@@ -106,7 +107,8 @@ def _bounces(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     # e(v) of most laws does not depend on them.
     contact = Contact(arguments.mass or 1.0, arguments.stiffness or 1.0, exponent)
     first, second = (np.array(data[name]) for name in ("first", "second"))
-    return fit_bounces(law, contact, first, second, kind=str(data["kind"]))
+    how = _robust(arguments)
+    return fit_bounces(law, contact, first, second, kind=str(data["kind"]), **how)
 
 
 _PROBLEMS = {
@@ -141,6 +143,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--hold", metavar="NAME", action="append", help="hold a number; may be repeated"
+    )
+    parser.add_argument(
+        "--robust",
+        action="store_true",
+        help="Huber's loss: outliers, wrong triggers say, count less",
     )
     parser.add_argument("--ball", metavar="NAME", help="ball to use, for bounces")
     add_table_options(parser)
@@ -237,6 +244,12 @@ def _sigmas(arguments: argparse.Namespace, data: Mapping[str, Any]) -> dict[str,
 
 def _held(arguments: argparse.Namespace) -> dict[str, Any]:
     return {} if arguments.hold is None else {"fixed": ("mass", *arguments.hold)}
+
+
+def _robust(arguments: argparse.Namespace) -> dict[str, Any]:
+    from .._fit import Huber
+
+    return {"loss": Huber()} if arguments.robust else {}
 
 
 def _dict(

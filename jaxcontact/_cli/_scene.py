@@ -133,6 +133,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             {
                 "status": Ending(int(done.status)).name,
                 "reached": done.reached,
+                "bodies": done.impacts.names,
                 "impacts": done.impacts.to_dict(),
                 "files": list(map(str, files)),
             }

@@ -116,9 +116,7 @@ def _known(law: Any, contact: Any, velocity: Any) -> tuple[AbstractLaw, Contact,
         law, contact, measured = law.__export__(contact)
         velocity = measured if velocity is None else velocity
     if velocity is None:
-        raise ValueError(
-            "Argument `velocity` is needed, unless a calibration is given, but is None."
-        )
+        raise ValueError("Argument `velocity` is needed without a calibration, but is None.")
     return law, contact, velocity
 
 

@@ -49,13 +49,11 @@ class SpeedRange:
         )
         shown = range(0, len(self.velocity), _EACH // 2)
         rows = [
-            tuple(
-                f"{x:{form}}"
-                for x, form in zip(
-                    (self.velocity[k], self.target[k], self.delivered[k], self.error[k]),
-                    (".3g", ".4f", ".4f", "+.4f"),
-                    strict=True,
-                )
+            (
+                f"{self.velocity[k]:.3g}",
+                f"{self.target[k]:.4f}",
+                f"{self.delivered[k]:.4f}",
+                signed(self.error[k]),
             )
             for k in shown
         ]
@@ -66,6 +64,11 @@ class SpeedRange:
                 *text_table(rows, header=head, align=">>>>", indent=2),
             ]
         )
+
+
+def signed(error: float) -> str:
+    """An error of e with its sign, which rounding leaves none of zero: +0.0000."""
+    return f"{round(float(error), 4) + 0.0:+.4f}"
 
 
 def speed_range(

@@ -11,7 +11,7 @@ from .._contact import Contact
 from .._laws import AbstractLaw
 from .._text_table import text_table
 from .._units import quantity
-from ._holds import SpeedRange, speed_range
+from ._holds import SpeedRange, signed, speed_range
 from ._wanted import Draft
 
 
@@ -86,7 +86,7 @@ class Export(Draft):
             return []
         columns = (np.atleast_1d(x) for x in (self.velocity, self.target, self.delivered))
         rows = [
-            (f"{v:.4g}", f"{wanted:.4f}", f"{e:.4f}", f"{e - wanted:+.4f}")
+            (f"{v:.4g}", f"{wanted:.4f}", f"{e:.4f}", signed(e - wanted))
             for v, wanted, e in zip(*columns, strict=True)
         ]
         head = ("v (m/s)", "wanted e", "engine's e", "error")

@@ -17,6 +17,7 @@ from ._restitution import MEASURED_RESTITUTION as MEASURED_RESTITUTION
 from ._restitution import MEASURED_RESTITUTION_FROM_ZERO as MEASURED_RESTITUTION_FROM_ZERO
 from ._restitution import in_percent as in_percent
 from ._single import Heights, Table
+from ._speeds import Speeds
 
-for _layout_class in (Intervals, Heights, Table, Peaks):
+for _layout_class in (Intervals, Heights, Table, Speeds, Peaks):
     register_layout(_layout_class())

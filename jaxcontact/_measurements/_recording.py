@@ -68,6 +68,7 @@ def read_recording(
       `trial`, and `drop_height_m`;
     - "heights": `drop_height_m` and `rebound_height_m`, a drop and its first rebound in m;
     - "table": `velocity`, the approach speed in m/s, and `restitution`;
+    - "speeds": `velocity` and `rebound_velocity`, the speeds in m/s before and after an impact;
     - "peaks": `height_m`, the heights in m of successive flights of a trial.
 
     `ball`, `trial`, `bounce` and the drop height of intervals may be left out, which means one ball

@@ -23,6 +23,9 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 _COMMENT = re.compile(r'\s*"?(#|%|//)')
+_ENOUGH = 400
+"""Lines from which the separator is chosen."""
+
 _SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", " ": "blanks"}
 
 
@@ -72,12 +75,16 @@ def text_grid(text: str, source: str, known: Known, decimal: str | None = None) 
     if named:
         lines[0] = "\n"  # how Excel writes down its separator
     comments = [k for k, line in enumerate(lines) if _COMMENT.match(line)]
-    data = ["\n" if k in set(comments) else line for k, line in enumerate(lines)]
+    aside = set(comments)
+    data = ["\n" if k in aside else line for k, line in enumerate(lines)]
     if not any(line.strip(" \t\r\n,;|") for line in data):
         raise RecordingError("is empty; a header with the column names is needed", source, 1)
     allowed = [named[1]] if named else [s for s in _SEPARATORS if s != "," or decimal != ","]
-    readings = [_reading(data, separator, source, known) for separator in allowed]
+    # The beginning of a long file decides.
+    readings = [_reading(data[:_ENOUGH], separator, source, known) for separator in allowed]
     best = max(readings, key=lambda one: one.score)
+    if len(data) > _ENOUGH:
+        best = _reading(data, best.separator, source, known)
     if best.score[1] == 0:
         # One column, however it is read.
         rows = [(k, [line.strip().strip('"')]) for k, line in enumerate(data, 1) if line.strip()]

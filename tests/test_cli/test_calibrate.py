@@ -94,11 +94,12 @@ def test_drag_mass_and_stiffness(tmp_path, capsys):
     np.testing.assert_allclose(a["value"] * (1e6 / 0.0027) ** 0.4, kappa["value"], rtol=1e-12)
 
 
-def test_files_are_replaced_and_readable(good, tmp_path):
+def test_files_are_replaced_and_readable(good, tmp_path, capsys):
     for name in (FIGURE, NUMBERS):
         (tmp_path / name).write_text("old")
-    options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet"]
+    options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet", "--json"]
     assert main(["calibrate", str(good), *options]) == 0
+    assert capsys.readouterr().out == (tmp_path / NUMBERS).read_text()
     mask = os.umask(0)
     os.umask(mask)
     for name in (FIGURE, NUMBERS):

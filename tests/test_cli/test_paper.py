@@ -1,6 +1,7 @@
 """`jaxcontact paper`."""
 
 import csv
+import json
 
 import numpy as np
 import pytest
@@ -11,9 +12,13 @@ from jaxcontact._cli import main
 
 def test_one_figure(tmp_path, capsys):
     folder = tmp_path / "new" / "folder"
-    assert main(["paper", "--quiet", "--out", str(folder), "fig6"]) == 0
+    # What is printed without --json is numbers.md.
+    assert main(["paper", "--quiet", "--json", "--out", str(folder), "fig6"]) == 0
     table = paper.markdown(paper.numbers())
-    assert capsys.readouterr().out.startswith(table)
+    told = json.loads(capsys.readouterr().out)
+    assert [(one["name"], one["ours"]) for one in told] == [
+        (number.published.name, number.ours) for number in paper.numbers()
+    ]
     assert (folder / "numbers.md").read_text() == table
     assert (folder / "fig6.png").read_bytes().startswith(b"\x89PNG")
     tables = paper.fig6().tables

@@ -1,6 +1,7 @@
 """`jaxcontact scene`: files, examples, tables and pictures, and what is refused."""
 
 import csv
+import json
 
 import pytest
 from PIL import Image
@@ -60,9 +61,13 @@ def test_tables_and_pictures(tmp_path, capsys, monkeypatch):
 
 
 def test_nothing_is_written_unless_asked_for(tmp_path, capsys):
-    assert main("scene fall.toml --quiet".split()) == 0
+    assert main("scene fall.toml --quiet --json".split()) == 0
     shown = capsys.readouterr()
-    assert shown.err == "" and "Written" not in shown.out
+    assert shown.err == ""
+    told = json.loads(shown.out)
+    assert (told["status"], told["reached"], told["files"]) == ("COMPLETED", 0.5, [])
+    touched = {told["bodies"][k] for k in told["impacts"]["second"]}
+    assert touched == {"floor"} and len(told["impacts"]["time"]) == len(told["impacts"]["first"])
     assert [path.name for path in tmp_path.iterdir()] == ["fall.toml"]
 
 

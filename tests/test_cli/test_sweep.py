@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+import json
 import struct
 
 import numpy as np
@@ -83,10 +84,13 @@ def test_netcdf_and_map(tmp_path, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["map.png", "result.nc"]
 
 
-def test_other_parameters(tmp_path):
+def test_other_parameters(tmp_path, capsys):
     out = tmp_path / "result.csv"
     line = "sweep --law constant_damping --param c=1e6:1e7:2:log --exponent 1 --out"
-    assert main([*line.split(), str(out), "--quiet"]) == 0
+    assert main([*line.split(), str(out), "--quiet", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["axes"]["c"] == pytest.approx([1e6, 1e7]) and told["status"] == {"SEPARATED": 2}
+    assert (told["files"], told["complete"]) == ([str(out)], True)
     rows = out.read_text().splitlines()
     assert rows[0].startswith("c,restitution") and len(rows) == 3
 

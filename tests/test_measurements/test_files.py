@@ -125,6 +125,7 @@ MILLISECONDS = "t_flight / ms\n420\n360\n310\n"
 OTHERS = {
     "intervals": (MILLISECONDS, "interval_s", [0.42, 0.36, 0.31]),
     "peaks": ("h\n0,8\n0,6\n0,45\n", "height_m", [0.8, 0.6, 0.45]),
+    "speeds": ("v_in;v_out (mm/s)\n1;900\n2;1700\n", "rebound_velocity", [0.9, 1.7]),
     "heights": ("h0;h1 [cm]\n0,8;60\n0,8;62\n", "rebound_height_m", [0.6, 0.62]),
 }
 
@@ -179,6 +180,7 @@ REFUSED = {
     r"in m/s impacts faster than 200 m/s; are they in mm/s\? write the unit .*, 'v \[mm/s\]'",
     "h\n80\n60\n45\n": r"row 2, column h: half of the values are 60 or more, .* 'h \[cm\]', or 'h",
     "h0,h1\n0.8,60\n0.7,50\n": r"row 2, column h1: balls rise to .* in cm\? then divide by 100",
+    "v in,v out\n.9,1.8\n": r"column v out: balls leave 2 times as fast as they came .*exchanged",
     "dt\n420\n360\n": r"row 2, column dt: .* are they in ms\? then divide by 1000, or write",
     "v,e\n1,90\n2,85\n": r"row 2, column e: .* in percent\? then divide by 100, or write .*'e \[%",
     "v,speed,e\n1,1,0.9\n": r"row 1, column speed: may be velocity, and so may column v; say which",
@@ -211,6 +213,17 @@ def test_what_is_written_is_believed(tmp_path):
     assert len(jc.read_recording(velocity=[1500.0, 2000.0], restitution=[0.9, 0.8])) == 2
 
 
+def test_pairs_of_speeds():
+    from jaxcontact._flight import Flight
+    from jaxcontact._measurements import make_pairs
+
+    before, after = np.array([1.0, 2.0, 4.0]), np.array([0.8, 1.6, 3.2])
+    pairs = make_pairs(jc.read_recording(velocity=before, rebound_velocity=after), Flight())
+    np.testing.assert_allclose(pairs.restitution, 0.8, rtol=1e-14)
+    # An error σ of each speed: ln e = ln v₂ - ln v₁.
+    np.testing.assert_allclose(pairs.reading_factor, 1 / before**2 + 1 / after**2, rtol=1e-14)
+
+
 def test_pairs_of_successive_heights():
     from jaxcontact._flight import Flight
     from jaxcontact._measurements import make_pairs
@@ -241,3 +254,11 @@ def test_the_page_shows_what_happens(capsys):
         for heading in re.split(r"[,;] ", re.sub(r":.*", "", row[4]).strip()):
             assert any(layout.meaning(column).heading(heading) for column in layout.columns)
     assert len(rows) == len(LAYOUTS)
+
+
+def test_the_beginning_of_a_long_file_decides(tmp_path):
+    body = "".join(f"{1 + k % 7};0,{80 + k % 10}\n" for k in range(1000))
+    recording = jc.read_recording(written(tmp_path, "long.csv", "v;e\n" + body))
+    assert len(recording) == 1000 and recording.records[-1].row == 1001
+    with pytest.raises(jc.RecordingError, match="row 1002, column e: is empty"):
+        jc.read_recording(written(tmp_path, "long.csv", "v;e\n" + body + "3\n"))
