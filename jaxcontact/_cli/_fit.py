@@ -39,6 +39,8 @@ Headings may be any usual name, with a unit that is then converted ("t_c / ms", 
 --law, its parameters, --mass and --stiffness are where the fit starts. The mass stays as it is
 given; --hold NAME holds other numbers: stiffness, a parameter of the law, or velocity.
 
+Without --e a law with that parameter starts at 0.7.
+
 example: jaxcontact fit impacts table.csv --law hu_guo --mass 0.05 --stiffness 1e6
 
 exit codes: 0 done; 1 the fit did not converge; 2 bad input.

@@ -79,7 +79,7 @@ def read_recording(
     `source` is the path of a file or an open file, a dict of columns, or a data frame (of pandas,
     polars, or anything with `.columns` and `[name]`); other columns are ignored. A text file may be
     separated by commas, semicolons, tabs or blanks, have decimal commas, comments (#, %, //) and
-    any line ends, in UTF-8, UTF-16 or Latin-1. Spreadsheets (.xlsx, .xls, .ods) and parquet files
+    any line ends, in UTF-8, UTF-16 or Latin-1. Spreadsheets (.xlsx, .ods) and parquet files
     take `pip install 'jaxcontact[data]'`. None reads the bounce intervals that ship with the
     package. Without `source`, columns may be given by keyword:
     `read_recording(interval_s=[0.42, 0.37, 0.33])`.

@@ -11,7 +11,6 @@ import csv
 import io
 import re
 from collections import Counter
-from collections.abc import Callable
 from typing import NamedTuple
 
 from ._fault import RecordingError
@@ -93,20 +92,25 @@ def text_grid(text: str, source: str, known: Known, decimal: str | None = None) 
         raise best.error
     if best.separator == ",":
         _one_number_or_two(best.rows, source, known, decimal)
-    # numpy.savetxt writes its heading as a comment.
-    first = best.rows[0][0] if best.rows else 0
-    if not any(known_cells(cells, known) for _, cells in best.rows):
-        above = [k for k in comments if k < first - 1]
-        for k in reversed(above[-1:]):
-            line = _COMMENT.sub("", lines[k]).strip().strip('"')
-            cells = _split([line], best.separator or " ", source)[0][0][1]
-            if known_cells(cells, known):
-                best = best._replace(rows=[(k + 1, cells), *best.rows])
-    rows, commas = with_points(best.rows, source, decimal, apart=best.separator == ",")
+    above = [(k + 1, lines[k]) for k in comments if best.rows and k + 1 < best.rows[0][0]]
+    rows = [*_commented_heading(above, best, source, known), *best.rows]
+    rows, commas = with_points(rows, source, decimal, apart=best.separator == ",")
     notes = [f"separated by {_SEPARATORS.get(best.separator, repr(best.separator))}"] * (
         best.separator not in ("", ",")
     ) + ["with decimal commas"] * commas
     return grid_of(rows, known, notes)
+
+
+def _commented_heading(
+    above: list[tuple[int, str]], read: _Reading, source: str, known: Known
+) -> list[Line]:
+    """The last comment above the numbers, where it is the heading: numpy.savetxt writes it so."""
+    if not above or any(known_cells(cells, known) for _, cells in read.rows):
+        return []
+    number, line = above[-1]
+    words = _COMMENT.sub("", line).strip().strip('"')
+    rows, _ = _split([words], read.separator or " ", source)
+    return [(number, cells) for _, cells in rows if known_cells(cells, known)]
 
 
 def _reading(data: list[str], separator: str, source: str, known: Known) -> _Reading:
@@ -152,9 +156,9 @@ def _blanks(line: str) -> str:
     """A line whose columns blanks separate, with single ones, and units beside their words."""
     text = re.sub(r"\s+(?=[\[(])", "", line.strip())
     text = re.sub(r"\s*/\s*", "/", text)
-    wide: Callable[[str], str] = lambda part: '"' + part.strip('"') + '"' if " " in part else part  # noqa: E731
     if re.search(r"\S\s{2,}\S", text):
-        text = " ".join(map(wide, re.split(r"\s{2,}|\t", text)))
+        parts = [part.strip('"') for part in re.split(r"\s{2,}|\t", text)]
+        text = " ".join(f'"{part}"' if " " in part else part for part in parts)
     return re.sub(r"[ \t]+", " ", text) + "\n"
 
 

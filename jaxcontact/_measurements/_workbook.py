@@ -1,4 +1,4 @@
-"""Spreadsheets (.xlsx, .xls, .ods) and parquet files, by the libraries of the extra `data`."""
+"""Spreadsheets (.xlsx, .ods) and parquet files, by the libraries of the extra `data`."""
 
 from __future__ import annotations
 

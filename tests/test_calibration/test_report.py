@@ -1,11 +1,14 @@
 """The report says what it must."""
 
+import dataclasses
+
 import jax
 import numpy as np
 import pytest
 
 import jaxcontact as jc
 from jaxcontact._calibration._estimate import Estimate
+from jaxcontact._calibration._report import report
 
 DRAG = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
 
@@ -143,3 +146,11 @@ def test_a_report_of_a_loaded_calibration_is_the_same(blue, tmp_path):
         loaded = jc.load_calibration(tmp_path / "ball.json")
     assert report(loaded) == blue.report()
     assert repr(loaded) == repr(blue)
+
+
+def test_how_the_file_was_read_is_told(blue):
+    assert "Read as" not in blue.report()
+    notes = ('interval_s = "t / ms" / 1000', "with decimal commas")
+    read = dataclasses.replace(blue.summary.recording, notes=notes)
+    told = report(dataclasses.replace(blue.summary, recording=read))
+    assert 'Read as    interval_s = "t / ms" / 1000; with decimal commas' in told

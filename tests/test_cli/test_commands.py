@@ -201,6 +201,9 @@ def test_the_same_e_with_another_contact():
 
 
 def test_completion_knows_commands_options_and_laws(capsys):
+    from jaxcontact._export import engines
+
+    assert all(engine in _COMMANDS["export"].EPILOG for engine in engines())
     for shell in ("bash", "zsh"):
         with pytest.raises(SystemExit) as caught:
             main(["--completion", shell])

@@ -2,6 +2,7 @@
 
 import io
 import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,37 @@ def workbook(*sheets):
             sheet.append(row)
     stream = io.BytesIO()
     book.save(stream)
+    return stream.getvalue()
+
+
+def open_document(rows):
+    """A spreadsheet of LibreOffice, as small as it may be; its numbers are in German."""
+    kind = "application/vnd.oasis.opendocument.spreadsheet"
+    name = "urn:oasis:names:tc:opendocument:xmlns"
+
+    def cell(value):
+        if isinstance(value, str):
+            return (
+                f'<table:table-cell office:value-type="string"><text:p>{value}</text:p>'
+                "</table:table-cell>"
+            )
+        return (
+            f'<table:table-cell office:value-type="float" office:value="{value}"><text:p>'
+            f"{german(value)}</text:p></table:table-cell>"
+        )
+
+    body = "".join(f"<table:table-row>{''.join(map(cell, row))}</table:table-row>" for row in rows)
+    content = (
+        f'<office:document-content xmlns:office="{name}:office:1.0" '
+        f'xmlns:table="{name}:table:1.0" xmlns:text="{name}:text:1.0"><office:body>'
+        f'<office:spreadsheet><table:table table:name="Data">{body}</table:table>'
+        "</office:spreadsheet></office:body></office:document-content>"
+    )
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w") as file:
+        file.writestr("mimetype", kind)
+        file.writestr("META-INF/manifest.xml", f'<manifest xmlns="{name}:manifest:1.0"/>')
+        file.writestr("content.xml", content)
     return stream.getvalue()
 
 
@@ -96,6 +128,10 @@ TABLES = {
         ),
         'velocity = "v / (m/s)"; restitution = "e"; sheet \'Data\'; row 1 above the headings '
         "left out",
+    ),
+    "calc.ods": (
+        open_document([("v [mm/s]", "e"), *MM_S]),
+        'velocity = "v [mm/s]" / 1000; restitution = "e"',
     ),
     "frame.parquet": (
         parquet({"speed_mm_s": 1000 * np.array(V), "e": E}),
