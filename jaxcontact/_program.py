@@ -36,8 +36,8 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
 def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
     """`equinox.filter_jit` for what takes longer to compile than to run, and is not traced itself.
 
-    On a processor XLA makes each loop by way of MLIR; its older way, direct, takes half the time to
-    compile.
+    On a processor XLA makes each loop by way of MLIR; its older way, direct, compiles in half the
+    time. Searches compiled so run 1.4 times as long.
     """
 
     @functools.cache

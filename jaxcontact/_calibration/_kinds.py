@@ -313,6 +313,7 @@ def _frequency(contact: Contact) -> float:
 class LogRestitution(eqx.Module):
     """ln e(v) of a kind of law: what is compared with the measured ln e."""
 
+    is_formula: ClassVar[bool] = True
     kind: AbstractKind = eqx.field(static=True)
     contact: Contact
     reference: Float[Array, ""]

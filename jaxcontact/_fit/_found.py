@@ -72,13 +72,19 @@ def _judged(problem: Problem, found: Found, rtol: Float[Numbers, ""], xp: Any) -
     return with_step(problem, found._replace(loss=loss), found.jacobian, rtol, xp)
 
 
-_compiled = soon_compiled(_searched)
-_compiled_all = soon_compiled(eqx.filter_vmap(_searched, in_axes=(None, 0, None)))
+_compiled = eqx.filter_jit(_searched)
+_soon_compiled = soon_compiled(_searched)
+_compiled_all = eqx.filter_jit(eqx.filter_vmap(_searched, in_axes=(None, 0, None)))
 
 
 def find(problem: Problem, start: Float[np.ndarray, " k"], options: Options) -> Found:
-    """`found_from`, compiled but for what judges its end, which is little work for NumPy."""
-    found = in_numpy(_compiled(problem, jnp.asarray(start), options))
+    """`found_from`, compiled but for what judges its end, which is little work for NumPy.
+
+    A prediction that says `is_formula` runs so quickly that its search is compiled quickly, too.
+    """
+    formula = getattr(problem.predict, "is_formula", False)
+    searched = _soon_compiled if formula else _compiled
+    found = in_numpy(searched(problem, jnp.asarray(start), options))
     with np.errstate(all="ignore"):
         return _judged(in_numpy(problem), found, np.asarray(options.rtol), np)
 
