@@ -105,7 +105,7 @@ def sure_sentence(
     kinds: Sequence[AbstractKind],
     best: str | None,
     sure: Standing | None,
-    said: Collection[str],
+    said: Collection[str | None],
 ) -> str:
     """Whether the choice of `best` is sure, in words that follow the verdict.
 
