@@ -329,7 +329,7 @@ def test_drops_from_one_height_share_its_error():
     # Counted as independent: 0.70 ± 0.06, and the model describes nothing.
     assert found.values == pytest.approx([0.968, 0.73], abs=0.02)
     assert found.errors == pytest.approx([0.009, 0.16], rel=0.15)
-    assert found.notes == ("errors of drop heights 1.7 mm, scatter of ln h 1.6 %",)
+    assert found.notes == ("errors of drop heights 1.6 mm, scatter of ln h 1.6 %",)
     alone = jc.fit_bounces(
         jc.ExactRestitution(e=0.9), CONTACT, *heights, weights=np.ones(60), **how
     )
