@@ -1,6 +1,7 @@
 """Recordings of bouncing balls: reading them, pairs of speed and restitution, noise, outliers."""
 
 from ._intervals import Intervals
+from ._intervals import too_long as too_long
 from ._layout import LAYOUTS as LAYOUTS
 from ._layout import Layout as Layout
 from ._layout import counted as counted

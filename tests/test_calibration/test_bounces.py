@@ -406,6 +406,7 @@ TIMES = [0.5, 0.4]
         ({"second": [0.5, -0.1]}, "`second` must be in .* is -0.1 at point 1"),
         ({"second": [0.5]}, "`second` must have one number for each of the 2"),
         ({"first": [[0.5, 0.4]]}, "`first` must have the shape"),
+        ({"first": [800.0, 700.0], "second": [700.0, 600.0]}, "are they in ms. then divide by"),
         ({"kind": "speeds"}, "`kind` must be one of 'intervals', 'heights'"),
         ({"gravity": 0.0}, "`gravity` must be a number in .* but is 0.0"),
         ({"drag": 0.47}, "`drag` must be a `Drag` or None, but is 0.47"),
