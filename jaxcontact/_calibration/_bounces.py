@@ -26,6 +26,7 @@ from .._flight import (
 )
 from .._impact import AbstractMethod, method_of, restitution
 from .._laws import AbstractLaw, require_law
+from .._measurements import too_long
 from .._parameter import POSITIVE, require_choice
 from ._checks import column, with_transforms
 from ._impacts import transforms_of
@@ -140,6 +141,8 @@ def fit_bounces(
     flight = Flight(gravity, drag)
     before = column(first, "first", POSITIVE)
     after = column(second, "second", POSITIVE, ("first", before))
+    if kind == "intervals" and (why := too_long(before, flight.gravity)):
+        raise ValueError(f"Argument `first` must be in s, but {why}.")
     start, slowing, transforms = BounceModel(law, contact), None, {}
     with jax.enable_x64(True):
         if drag is not None:

@@ -53,7 +53,8 @@ def column(
 
 def _guess(array: Column, allowed: Range) -> str:
     """What a column of restitutions may be instead; nothing where that is not clear."""
-    percent = allowed.high == MEASURED_RESTITUTION.high and in_percent(array[array == array])
+    restitution = allowed.high in (RESTITUTION.high, MEASURED_RESTITUTION.high)
+    percent = restitution and in_percent(array[array == array])
     return " Is it in percent? Then divide by 100." if percent else ""
 
 

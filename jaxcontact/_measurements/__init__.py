@@ -4,6 +4,7 @@ from ._columns import COLUMNS as COLUMNS
 from ._columns import read_columns as read_columns
 from ._fault import RecordingError as RecordingError
 from ._intervals import Intervals
+from ._intervals import too_long as too_long
 from ._layout import LAYOUTS as LAYOUTS
 from ._layout import Layout as Layout
 from ._layout import counted as counted

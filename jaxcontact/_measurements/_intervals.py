@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
+from jaxtyping import ArrayLike
 
 from .._flight import STANDARD_GRAVITY, Flight, landing_speed, launch_speed
 from ._heading import Meaning, words
@@ -37,6 +38,18 @@ _CONTRADICTS = 30.0
 factor, of five in e; even bounces that were not recorded before them do not make it."""
 
 Group = tuple[str, float | None, str]
+
+
+def too_long(seconds: ArrayLike, gravity: float = STANDARD_GRAVITY) -> str:
+    """Why these are no intervals in s, with a guess of their unit; nothing where they may be."""
+    typical = float(np.median(np.asarray(seconds)))
+    rise = gravity * typical**2 / 8
+    if rise <= STANDARD_GRAVITY * _LONG**2 / 8:
+        return ""
+    return (
+        f"half of the intervals are longer than {typical:g} s, in which a ball rises {rise:.0f} m; "
+        "are they in ms? then divide by 1000"
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,14 +116,8 @@ class Intervals(Layout[Interval]):
             Interval(group[0], row.number, *group[1:], bounce, row.positive("interval_s"))
             for row, group, bounce in zip(rows, groups, bounces_of(rows, groups), strict=True)
         ]
-        seconds = [record.seconds for record in records]
-        if seconds and (typical := float(np.median(seconds))) > _LONG:
-            rows[0].refuse(
-                "interval_s",
-                f"half of the intervals are longer than {typical:g} s, in which a ball rises "
-                f"{STANDARD_GRAVITY * typical**2 / 8:.0f} m; are they in ms? then divide by 1000, "
-                "or write the unit in the heading, 'interval [ms]'",
-            )
+        if records and (why := too_long([record.seconds for record in records])):
+            rows[0].refuse("interval_s", why + ", or write the unit in the heading, 'interval [ms]'")
         self._check_drops(rows, records)
         return records
 

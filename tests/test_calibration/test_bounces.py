@@ -329,7 +329,7 @@ def test_drops_from_one_height_share_its_error():
     # Counted as independent: 0.70 ± 0.06, and the model describes nothing.
     assert found.values == pytest.approx([0.968, 0.73], abs=0.02)
     assert found.errors == pytest.approx([0.009, 0.16], rel=0.15)
-    assert found.notes == ("errors of drop heights 1.7 mm, scatter of ln h 1.6 %",)
+    assert found.notes == ("errors of drop heights 1.6 mm, scatter of ln h 1.6 %",)
     alone = jc.fit_bounces(
         jc.ExactRestitution(e=0.9), CONTACT, *heights, weights=np.ones(60), **how
     )
@@ -406,6 +406,7 @@ TIMES = [0.5, 0.4]
         ({"second": [0.5, -0.1]}, "`second` must be in .* is -0.1 at point 1"),
         ({"second": [0.5]}, "`second` must have one number for each of the 2"),
         ({"first": [[0.5, 0.4]]}, "`first` must have the shape"),
+        ({"first": [800.0, 700.0], "second": [700.0, 600.0]}, "are they in ms. then divide by"),
         ({"kind": "speeds"}, "`kind` must be one of 'intervals', 'heights'"),
         ({"gravity": 0.0}, "`gravity` must be a number in .* but is 0.0"),
         ({"drag": 0.47}, "`drag` must be a `Drag` or None, but is 0.47"),
