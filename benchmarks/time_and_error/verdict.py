@@ -61,7 +61,7 @@ def _verdict(section: Section, rows: list[Row]) -> str:
     if any("†" in line for line in lines):
         lines += [
             "",
-            "† One of the two was measured on a busy machine, and seems slower than it is.",
+            "† One of the two was measured on a busy machine: it is faster than it seems.",
         ]
     return "\n".join([*lines, "", *_sentences(ratios), ""])
 
