@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from .pictures import draw
-from .reading import Row, batches_of, cheapest, closest, number, problems_of, some, ways_of
+from .reading import QUIET, Row, batches_of, cheapest, closest, number, problems_of, some, ways_of
 from .running import GOOD
 from .sections import SECTIONS, Section
 from .store import Store
@@ -83,10 +83,6 @@ def _section(section: Section, rows: list[Row], options: list[Row], picture: str
     if missing:
         lines += [f"Not measured yet: {'; '.join(missing)}.", ""]
     return "\n".join(lines)
-
-
-QUIET = 3.0
-"""A load average that leaves a core to this run, which makes 1 to 2 of it."""
 
 
 def _busy(rows: list[Row]) -> str:

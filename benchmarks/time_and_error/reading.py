@@ -16,6 +16,15 @@ FAMILIES = {
 }
 
 
+QUIET = 3.0
+"""A load average that leaves a core to a run, which makes 1 to 2 of it alone."""
+
+
+def busy(row: Row) -> bool:
+    """Whether the machine had other work while a row was measured."""
+    return (row.get("load") or 0) > QUIET
+
+
 def ways_of(rows: Iterable[Row]) -> list[str]:
     """Names of ways in the order they were measured in."""
     return list(dict.fromkeys(row["way"] for row in rows))

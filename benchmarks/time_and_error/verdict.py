@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 
-from .reading import FAMILIES, Row, batches_of, cheapest, number, problems_of, some
+from .reading import FAMILIES, Row, batches_of, busy, cheapest, number, problems_of, some
 from .sections import SECTIONS, Section
 
 ERRORS = (1e-3, 1e-6, 1e-9, 1e-12)
@@ -50,7 +50,7 @@ def _verdict(section: Section, rows: list[Row]) -> str:
             here = some(rows, batch=batch, problem=problem)
             found = fastest(here, error)
             cells.append(_cell(found) if here else "")
-            if len(found) > 1 and "ours" in found:
+            if len(found) > 1 and "ours" in found and not _unequal(found):
                 where = section.titles[problem]
                 if len(batches_of(some(rows, problem=problem))) > 1:
                     where += f", {section.batch} {batch:,}"
@@ -58,6 +58,11 @@ def _verdict(section: Section, rows: list[Row]) -> str:
                 times = found[other]["cost"] / found[first]["cost"]
                 ratios.setdefault(first, {}).setdefault(where, []).append(times)
         lines.append("| " + " | ".join([f"{batch:,}", f"{error:g}", *cells]) + " |")
+    if any("†" in line for line in lines):
+        lines += [
+            "",
+            "† One of the two was measured on a busy machine: it is faster than it seems.",
+        ]
     return "\n".join([*lines, "", *_sentences(ratios), ""])
 
 
@@ -77,6 +82,12 @@ def _against(found: dict[str, Row]) -> tuple[str, str]:
     return first, second if first == "ours" else "ours"
 
 
+def _unequal(found: dict[str, Row]) -> bool:
+    """Whether of the two that are compared one alone was measured on a busy machine."""
+    first, other = _against(found)
+    return busy(found[first]) != busy(found[other])
+
+
 def _cell(found: dict[str, Row]) -> str:
     if not found:
         return "none"
@@ -87,7 +98,8 @@ def _cell(found: dict[str, Row]) -> str:
         return f"{told}; no other"
     first, other = _against(found)
     name = found[other]["way"] if first == "ours" else FAMILIES["ours"]
-    return f"{told}; {name} × {number(found[other]['cost'] / found[first]['cost'])}"
+    ratio = number(found[other]["cost"] / found[first]["cost"])
+    return f"{told}; {name} × {ratio}{' †' if _unequal(found) else ''}"
 
 
 def _sentences(ratios: dict[str, dict[str, list[float]]]) -> list[str]:
