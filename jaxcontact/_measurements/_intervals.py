@@ -117,7 +117,9 @@ class Intervals(Layout[Interval]):
             for row, group, bounce in zip(rows, groups, bounces_of(rows, groups), strict=True)
         ]
         if records and (why := too_long([record.seconds for record in records])):
-            rows[0].refuse("interval_s", why + ", or write the unit in the heading, 'interval [ms]'")
+            rows[0].refuse(
+                "interval_s", why + ", or write the unit in the heading, 'interval [ms]'"
+            )
         self._check_drops(rows, records)
         return records
 
