@@ -6,15 +6,19 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from .derivatives import CHECKED as CHECKED_SLOPES
+from .derivatives import WAYS as SLOPE_WAYS
 from .derivatives import Slopes
 from .engine_words import law_and_step
 from .engines import TASKS as REBOUNDS
+from .engines import WAYS as ENGINE_WAYS
 from .fit_tasks import Record, Table
+from .fits import WAYS as FIT_WAYS
 from .impacts import WAYS as IMPACT_WAYS
 from .problems import CHECKED, PROBLEMS
 from .reading import Row
 from .rebounds import ASKED
 from .scenes import SCENES
+from .scenes import WAYS as SCENE_WAYS
 
 
 class Section(NamedTuple):
@@ -116,6 +120,7 @@ SECTIONS = (
         (1e-4, 1e-7, 1e-10),
         "slope options",
         "the largest batch",
+        ways=tuple(way.name for way in SLOPE_WAYS),
     ),
     Section(
         "engines",
@@ -127,6 +132,7 @@ SECTIONS = (
         "engine options",
         "numbers by jaxcontact, five balls",
         "balls:",
+        ways=tuple(way.name for way in ENGINE_WAYS),
         more=law_and_step,
     ),
     Section(
@@ -136,6 +142,7 @@ SECTIONS = (
         {scene.name: scene.title for scene in SCENES},
         "ms a run",
         (1e-4, 1e-9),
+        ways=tuple(way.name for way in SCENE_WAYS.values()),
     ),
     Section(
         "fits",
@@ -147,5 +154,6 @@ SECTIONS = (
         "fit options",
         "the table of 20 points",
         "points:",
+        ways=tuple(way.name for way in FIT_WAYS),
     ),
 )

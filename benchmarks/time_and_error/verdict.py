@@ -58,6 +58,8 @@ def _verdict(section: Section, rows: list[Row]) -> str:
                 times = found[other]["cost"] / found[first]["cost"]
                 ratios.setdefault(first, {}).setdefault(where, []).append(times)
         lines.append("| " + " | ".join([f"{batch:,}", f"{error:g}", *cells]) + " |")
+    if sum(map(busy, rows)) > len(rows) / 2:
+        lines += ["", "Measured in turn on a busy machine: ratios are good to a factor of some."]
     if any("†" in line for line in lines):
         lines += [
             "",
