@@ -83,10 +83,8 @@ def damped(power: float, e: float) -> Curve:
 
 
 def viscous(e: float) -> Curve:
-    from jaxcontact._calibration._viscous import viscous_restitution
-
     place = np.linspace(0, 2, 2001)
-    curve = np.asarray(viscous_restitution(place))
+    curve = np.asarray(jc.restitution(jc.KuwabaraKono(A=place), jc.Contact(1.0, 1.0), 1.0))
     strength = float(np.interp(-e, -curve, place))
     return lambda v: np.interp(strength * v**0.2, place, curve)
 

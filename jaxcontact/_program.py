@@ -43,8 +43,7 @@ def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
     @functools.cache
     def compiled() -> Callable[..., Out]:
         options = _soon() if jax.default_backend() == "cpu" else {}
-        jit = {"compiler_options": options} if options else {}
-        return eqx.filter_jit(function, **jit)
+        return eqx.filter_jit(function, compiler_options=options or None)
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Out:
@@ -59,7 +58,7 @@ def _soon() -> dict[str, Any]:
     options = {"xla_cpu_use_fusion_emitters": False}
     try:
         jax.jit(lambda x: x, compiler_options=options).lower(0.0).compile()
-    except Exception:  # whatever the compiler says to an option that it does not know
+    except jax.errors.JaxRuntimeError:
         return {}
     return options
 

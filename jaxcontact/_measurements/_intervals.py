@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import ArrayLike
+from numpy.typing import ArrayLike
 
 from .._flight import STANDARD_GRAVITY, Flight, landing_speed, launch_speed
 from ._heading import Meaning, words
