@@ -19,12 +19,12 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from .._fit import Fit
+from .._fit import Fit, basis_of
 from ._limits import Limits
 from ._low_pass import LowPass
-from ._shared_noise import shared_noise
+from ._shared_noise import shared_noise, slope_of
 
 Column = Float[np.ndarray, " n"]
 
@@ -36,6 +36,9 @@ _SHARED = 2.0
 
 _LEAST = 0.05
 """Of a step: less noise is as good as none, and would leave readings with one error."""
+
+_PARTS = np.geomspace(0.05, 0.6, 9)
+"""Of a step: standard deviations of noise between which rounding tells."""
 
 _PASSED = 0.999
 """Of the noise before it is rounded, behind a filter."""
@@ -183,10 +186,42 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> Float[np.ndarray, "n
         or (column.sigma is None and step < _SHARED * float(np.median(sigma)))
     ):
         return None
+    if not step:
+        return passed * np.outer(sigma, sigma)
+    expected = np.asarray(found.predict()[column.name])
+    if column.sigma is None:
+        sigma = np.full(time.size, step * _part_of(found, used, passed, expected / step, column))
     noise = passed * np.outer(sigma, sigma)
-    if step:
-        noise = noise + rounding(noise, np.asarray(found.predict()[column.name]), step)
-    return noise
+    return noise + rounding(noise, expected, step)
+
+
+def _part_of(
+    found: Fit,
+    used: Bool[np.ndarray, " n"],
+    passed: Float[np.ndarray, "n n"],
+    expected: Column,
+    column: _Column,
+) -> float:
+    """The noise of a column before it is rounded, in steps, by restricted likelihood.
+
+    What a fit leaves does not tell it by its size alone: readings share rounding errors, which the
+    parameters follow. Its logarithm is averaged with the likelihood, flat before.
+    """
+    slope = basis_of(slope_of(found)[used])
+    residual = found.residuals[used] / column.step
+    rows = np.flatnonzero(used) - column.rows.start
+    passed, expected = passed[np.ix_(rows, rows)], expected[rows]
+    logs = []
+    for part in _PARTS:
+        noise = part**2 * passed
+        factor = np.linalg.cholesky(noise + rounding(noise, expected, 1.0))
+        r, x = np.linalg.solve(factor, residual), np.linalg.solve(factor, slope)
+        q, corner = np.linalg.qr(x)
+        left = r - q @ (q.T @ r)
+        volume = np.log(np.diag(factor)).sum() + np.log(np.abs(np.diag(corner))).sum()
+        logs.append(-float(left @ left) / 2 - float(volume))
+    weight = np.exp(np.array(logs) - max(logs))
+    return float(np.exp(weight @ np.log(_PARTS) / weight.sum()))
 
 
 def _errors(

@@ -119,17 +119,22 @@ def widening(found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, 
     return float(np.mean((half / t) ** 2 / seen.alone))
 
 
+def slope_of(found: Fit) -> Float[np.ndarray, "n k"]:
+    """The derivative of the residuals themselves, neither weighted nor whitened."""
+    factor, whitener = np.asarray(found.problem.factor), found.problem.whitener
+    slope = found.jacobian
+    if whitener is not None:
+        slope = np.linalg.solve(np.asarray(whitener), slope)
+    return slope / np.where(factor > 0, factor, 1)[:, None]
+
+
 def _linear(
     found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, "n n"]
 ) -> tuple[_Shares, Float[np.ndarray, "k rank"], Float[np.ndarray, " n"]]:
     """The fit linearised about its end: all shares, the parameters from coordinates of the slope,
     and the residuals.
     """
-    factor, whitener = np.asarray(found.problem.factor), found.problem.whitener
-    slope = found.jacobian
-    if whitener is not None:
-        slope = np.linalg.solve(np.asarray(whitener), slope)
-    slope = (slope / np.where(factor > 0, factor, 1)[:, None])[used]
+    slope = slope_of(found)[used]
     basis = basis_of(slope)
     length = np.linalg.norm(slope, axis=0)
     told = (length > 0) & np.isfinite(found.errors)
