@@ -75,12 +75,16 @@ def require_filterable(name: str, readings: Column | None) -> None:
     if readings is None:
         raise ValueError(f"Argument `low_pass_{name}` must be None without `{name}`.")
     if readings.size > _MOST:
-        every = math.ceil(readings.size / _MOST)
         raise ValueError(
             f"Argument `{name}` must have at most {_MOST} readings with `low_pass_{name}`, but has "
-            f"{readings.size}; give every {every}{_ORDINALS.get(every, 'th')}: a filter leaves "
-            "little between them."
+            f"{readings.size}; give {_thinned(readings.size)}: a filter leaves little between them."
         )
+
+
+def _thinned(size: int) -> str:
+    """How to get from so many readings to as many as are held as a matrix."""
+    every = math.ceil(size / _MOST)
+    return f"every {every}{_ORDINALS.get(every, 'th')}"
 
 
 def step_of(readings: Column) -> float:
@@ -146,9 +150,15 @@ def with_noise_of_instruments(
             break
         last = whole
         found = fitted(found.params, correlation=whole, **given)
+    outcome = "rounding is part of their noise"
+    if time.size > _MOST:
+        outcome = (
+            f"of more than {_MOST} readings their rounding is counted as independent, and errors "
+            f"may be too small; give {_thinned(time.size)}"
+        )
     said = [
         f"readings of {one.name} come in steps of {one.step:.3g}, {part:.2g} of their scatter: "
-        "rounding is part of their noise"
+        f"{outcome}"
         for one in columns
         if (part := one.step / _scatter(found, one)) > _NOTICED
     ]
