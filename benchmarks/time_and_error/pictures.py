@@ -52,13 +52,16 @@ def draw(
         ax.remove()
     for ax, (batch, problem) in zip(axes.flat, panels, strict=False):
         here = some(rows, batch=batch, problem=problem)
+        if not here:
+            ax.remove()
+            continue
         for way in ways_of(rows):
             points = [row for row in some(here, way=way) if "error" in row]
             if points:
                 lines[way] = _line(ax, points, _style(rows, way))
         ax.set(xscale="log", yscale="log")
         ax.grid(alpha=0.3)
-        ax.tick_params(labelsize=7)
+        ax.tick_params(which="both", labelsize=7)
         title = titles[problem] + (f", {batched} {batch:,}" if len(batches) > 1 else "")
         ax.set_title(title, fontsize=8)
     fig.supylabel("relative error", fontsize=9)
