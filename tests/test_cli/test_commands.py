@@ -184,7 +184,7 @@ def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
 
 def test_the_same_e_with_another_contact():
     """Of each kind of law: c/K, and A (K/m)^(2/5), stay."""
-    from jaxcontact._calibration._kinds import kind_of_law
+    from jaxcontact._calibration._kinds import law_in
 
     old, new = jc.Contact(1.0, 1.0), jc.Contact(0.2, 3e6)
     for law in (
@@ -192,11 +192,11 @@ def test_the_same_e_with_another_contact():
         jc.PowerDamping(c=0.3, power=-0.4, reference=1.5),
         jc.ExactRestitution(e=0.6),
     ):
-        moved = kind_of_law(law).moved(law, old, new)
+        moved = law_in(law, old, new)
         before, after = (jc.impact(x, c, 2.0).restitution for x, c in ((law, old), (moved, new)))
         assert float(after) == pytest.approx(float(before), rel=1e-12)
     viscous = jc.KuwabaraKono(A=0.1)
-    moved = kind_of_law(viscous).moved(viscous, old, new)
+    moved = law_in(viscous, old, new)
     assert float(moved.A) * (3e6 / 0.2) ** 0.4 == pytest.approx(0.1, rel=1e-12)
 
 

@@ -265,7 +265,6 @@ def test_it_prints_tidily():
 
 
 EXACT = jc.ExactRestitution(e=0.3)
-STICKY = jc.ExactRestitution(e=1e-30)
 NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
 
 
@@ -294,7 +293,6 @@ NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
         (EXACT, {"engine": "exudyn", "impact_model": 1}, "`impact_model` must be 2 here"),
         (jc.ExactRestitution(e=0.1), {"engine": "lammps", **R, "damping": "tsuji"}, "0.1136 to"),
         (jc.Hertz(), {"engine": "lammps", **R, "damping": "tsuji"}, "to 0.9996; try"),
-        (STICKY, {"engine": "lammps", **R, "damping": "viscoelastic"}, "steps become too many"),
         (jc.HuGuo(e=jnp.asarray([0.5, 0.6])), {"engine": "drake"}, "must be scalars"),
         (NAN_LANE, {"engine": "drake"}, "ended as 'invalid_input'"),
         (jc.KelvinVoigt(e=0.5), {"engine": "drake"}, "exponent 1 for"),
@@ -305,7 +303,7 @@ def test_what_cannot_be_exported(law, options, message):
         export(law, CONTACT, SPEED, **options)
 
 
-@pytest.mark.parametrize("e", [1e-6, 1e-12])
+@pytest.mark.parametrize("e", [1e-6, 1e-12, 1e-30])
 def test_a_viscoelastic_contact_that_hardly_rebounds(e):
     """Finally e = 6.7929e-1 A⁻⁵ in a unit contact, so that damping goes as e^(-1/5)."""
     some, less = (

@@ -18,7 +18,7 @@ def registry_as_it_was(monkeypatch):
 
 def test_names_are_in_order_of_registration():
     names = jc.list_laws()
-    assert len(names) == len(set(names)) == 22
+    assert len(names) == len(set(names)) == 24
     assert {"hertz", "hu_guo", "kelvin_voigt", "kuwabara_kono"} <= set(names)
     names.clear()  # a copy
     assert jc.list_laws()

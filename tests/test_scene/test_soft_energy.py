@@ -120,7 +120,8 @@ def a_gas(stiffness, turned=False, mirrored=False):
 def test_a_gas_of_soft_elastic_balls_keeps_its_energy():
     run = jc.simulate(a_gas(1e9), 100.0)
     assert len(run.impacts) > 1000
-    assert {int(way) for way in run.impacts.way} == {2, 3, 4}
+    ways = {jc.Way.CLOSED_FORM, jc.Way.CORRECTED, jc.Way.RADIAL, jc.Way.COUPLED}
+    assert set(run.impacts.way.tolist()) == ways
     assert abs(run.energy[-1] / run.energy[0] - 1) < GAS
 
 
@@ -129,7 +130,8 @@ def test_two_orders_and_a_mirror_of_the_same_scene_agree():
     run, turned, mirrored = (
         jc.simulate(a_gas(3e6, **how), 2.0) for how in ({}, {"turned": True}, {"mirrored": True})
     )
-    assert {int(way) for way in run.impacts.way[:20]} == {2, 3, 4}
+    ways = {jc.Way.CLOSED_FORM, jc.Way.RADIAL, jc.Way.COUPLED}
+    assert set(run.impacts.way[:20].tolist()) == ways
     for other, order, sign in ((turned, -1, 1.0), (mirrored, 1, -1.0)):
         np.testing.assert_allclose(other.impacts.time[:20], run.impacts.time[:20], atol=1e-10)
         speed = np.asarray(other.impacts.closing_speed[:20])

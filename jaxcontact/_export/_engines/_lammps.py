@@ -101,18 +101,12 @@ def _scaled_relaxation(wanted: float) -> float:
     def excess(relaxation: float) -> float:
         return float(restitution(KuwabaraKono(A=jnp.asarray(relaxation)), unit, 1.0)) - wanted
 
-    # Elastic, within the error of the solver.
     if wanted >= 1 or excess(0.0) <= 0:
         return 0.0
     high = 1.0
     # e falls to zero as A grows, finally as A⁻⁵.
-    while (left := excess(high)) > 0:
+    while excess(high) > 0:
         high *= 2
-    if math.isnan(left):
-        raise ValueError(
-            f"Argument `damping` must be one that can be solved for the restitution {wanted:g}, "
-            "but is 'viscoelastic', whose steps become too many; try 'coeff_restitution'."
-        )
     return root_scalar(excess, bracket=(0.0, high), xtol=1e-14).root
 
 
