@@ -11,8 +11,8 @@ import jaxcontact as jc
 CONTACT = jc.Contact(mass=1.0, stiffness=1.4e8)
 SPEED = np.geomspace(0.1, 5, 60)
 ASKED = np.linspace(0.1, 1, 100)
-SAME = {"exact": 1e-12, "phase": 1e-9, "event": 1e-8, jc.Event(rtol=1e-10): 1e-9}
-"""How far c is from the truth by each method: 1e-15, 2e-10, 3e-9 and 3e-10 were seen."""
+SAME = {"exact": 1e-12, "phase": 1e-9, jc.Event(rtol=1e-10): 1e-9}
+"""How far c is from the truth by each method: 1e-15, 2e-10 and 3e-10 were seen."""
 
 SAME_LEARNED = {"phase": 1e-7, "event": 1e-6}
 """The same of a learned α(e)."""
@@ -73,9 +73,8 @@ def test_the_best_constant_beta(best_beta):
     assert left < others[0] < others[1]
 
 
-@pytest.mark.parametrize("method", ["phase", "event"])
-def test_beta_is_the_same_by_other_methods(method):
-    found = jc.fit_energy_loss(ASKED[::9], method=method)
+def test_beta_is_the_same_by_another_method():
+    found = jc.fit_energy_loss(ASKED[::9], method="event")
     exact = jc.fit_energy_loss(ASKED[::9])
     assert found.converged and exact.converged
     # A fit that does not meet its points ends within its `rtol`: measured 2e-9.
