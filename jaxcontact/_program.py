@@ -43,7 +43,9 @@ def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
     @functools.cache
     def compiled() -> Callable[..., Out]:
         options = _soon() if jax.default_backend() == "cpu" else {}
-        return eqx.filter_jit(function, compiler_options=options or None)
+        # It passes what it does not name on to `jax.jit`, which its type leaves out.
+        jit: Any = eqx.filter_jit
+        return jit(function, compiler_options=options or None)
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Out:
