@@ -28,6 +28,7 @@ WIDEST = 5
 """Panels beside each other, where there is one batch."""
 _STROKES = ("-", "--", ":", "-.")
 _MARKS = "osD^v"
+_LEAST_SPAN = 20
 
 
 def draw(
@@ -60,6 +61,11 @@ def draw(
             if points:
                 lines[way] = _line(ax, points, _style(rows, way))
         ax.set(xscale="log", yscale="log")
+        low, high = ax.get_xlim()
+        if high < _LEAST_SPAN * low:
+            # Ticks of less than a decade are written out, over each other.
+            middle = math.sqrt(low * high)
+            ax.set_xlim(middle / _LEAST_SPAN, middle * _LEAST_SPAN)
         ax.grid(alpha=0.3)
         ax.tick_params(which="both", labelsize=7)
         title = titles[problem] + (f", {batched} {batch:,}" if len(batches) > 1 else "")
