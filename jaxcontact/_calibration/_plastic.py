@@ -36,10 +36,11 @@ def plastic_impact(
 ) -> Plastic:
     """The impacts at closing speeds (n,) in m/s of a contact with n = 3/2."""
     yields = velocity > yield_speed
-    # Each branch gets numbers of its own side, for the sake of derivatives.
+    # Each branch gets numbers of its own side, for the sake of derivatives; speeds are positive,
+    # so that no root is taken of zero.
     slow = jnp.where(yields, yield_speed, velocity)
     deepest = _indentation(slow, contact)
-    elastic = Plastic(2 * _HALF * deepest / slow, contact.stiffness * deepest**1.5)
+    elastic = Plastic(2 * _HALF * deepest / slow, contact.stiffness * deepest * jnp.sqrt(deepest))
     fast = jnp.where(yields, velocity, 2 * yield_speed)
     beyond = _beyond(yield_speed, contact, fast)
     return Plastic(*(jnp.where(yields, *both) for both in zip(beyond, elastic, strict=True)))
@@ -57,11 +58,12 @@ def _beyond(
     ratio = yield_speed / velocity
     square = 1 / jnp.square(ratio)
     depth = _indentation(yield_speed, contact)
-    force = contact.stiffness * depth**1.5
+    force = contact.stiffness * depth * jnp.sqrt(depth)
     # The energy ½ m v² = ½ m v_y² (1 + (5/2)(x-1) + (15/8)(x-1)²).
     more = (jnp.sqrt(6.25 + 7.5 * (square - 1)) - 2.5) / 3.75
     largest = force * (1 + 1.5 * more)
-    stiffer = contact.stiffness * jnp.sqrt((1 + more) ** 1.5 / (1 + 1.5 * more))
+    wider = 1 + more
+    stiffer = contact.stiffness * jnp.sqrt(wider * jnp.sqrt(wider) / (1 + 1.5 * more))
     recovered = (largest / stiffer) ** (2 / 3)
     rebound = jnp.sqrt(0.8 * largest * recovered / contact.mass)
     to_yield = 0.4 * _BETA * betainc(0.4, 0.5, jnp.square(ratio)) * ratio**-0.8 * depth / velocity

@@ -100,7 +100,10 @@ def plastic(yield_speed: float, mass: float = 1.0, stiffness: float = 1.0):
 
     def ended(pull, state, end, span):
         end.terminal, end.direction = True, -1
-        motion = lambda t, s: [s[1], -pull(s[0]) / mass]  # noqa: E731
+
+        def motion(t, s):
+            return [s[1], -pull(s[0]) / mass]
+
         return solve_ivp(
             motion, (0, span), state, events=end, rtol=1e-11, atol=1e-13, max_step=span / 50
         )
