@@ -12,7 +12,7 @@ import numpy as np
 
 import jaxcontact as jc
 
-from .engines import _needs as needs
+from .engines import needs
 from .hard_scenes import CELL, DURATION, GAS
 
 

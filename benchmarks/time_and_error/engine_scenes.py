@@ -13,7 +13,7 @@ from tests.oracle.moving_table import GRAVITY
 
 from .by_exudyn import settings_of
 from .by_mujoco import contact_of
-from .engines import _needs as needs
+from .engines import needs
 from .hard_scenes import DAMPING, HEIGHT, STIFFNESS
 from .line_scenes import Line, pairs_of
 from .measure import NotPossibleError

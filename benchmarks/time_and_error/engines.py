@@ -29,7 +29,7 @@ ACCURACIES = (1e-2, 1e-4, 1e-6, 1e-8)
 TASKS = (Rebound(False), Rebound(True))
 
 
-def _needs(library: str) -> None:
+def needs(library: str) -> None:
     try:
         version(library)
     except PackageNotFoundError:
@@ -45,7 +45,7 @@ def _thrown(
     library: str,
     **how: Any,
 ) -> Solve:
-    _needs(library)
+    needs(library)
     law = np.array([converged(engine, float(e), task.exported) for e in asked])
     run = build(drops(engine, asked, task.exported), **how)
     return lambda setting: (run(setting), law)
@@ -66,7 +66,7 @@ def _ours(task: Rebound, asked: np.ndarray, *, method: Callable[[float], Any]) -
 
 
 def _conservative(task: Rebound, asked: np.ndarray) -> Solve:
-    _needs("jax-md")
+    needs("jax-md")
     raise ValueError("its contacts have potentials and no damping: e is 1")
 
 
