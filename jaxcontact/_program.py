@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterable
 from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
+import jax.core
+import jax.extend.core
 import jax.numpy as jnp
 
 Out = TypeVar("Out")
@@ -18,19 +21,73 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
 
     Leaves that are no arrays are choices for which it is compiled anew, as by `equinox.filter_jit`;
     but a float among the `numbers` is one more number. Where there are no such choices `jax.jit`
-    takes the arguments as they are, which is several times faster. The outcome holds arrays alone.
+    takes the arguments leaf by leaf, which is several times faster. The outcome holds arrays alone.
+
+    A few numbers are computed by a program that is compiled in half the time.
     """
     with_choices = eqx.filter_jit(function)
-    with_numbers = jax.jit(function)
+
+    # Of classes in Python, JAX takes as long to flatten them as to run a small program.
+    @functools.lru_cache(maxsize=_MOST_STRUCTURES)
+    def with_numbers(structure: Any, few: bool) -> Callable[..., Out]:
+        @functools.wraps(function)
+        def of_leaves(*leaves: Any) -> Out:
+            return function(*jax.tree.unflatten(structure, leaves))
+
+        return jax.jit(of_leaves, compiler_options=_soon() if few else None)
 
     @functools.wraps(function)
     def call(numbers: Any, *choices: Any) -> Out:
-        plain = all(isinstance(leaf, jax.Array | float) for leaf in jax.tree.leaves(numbers))
-        if plain and all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
-            return with_numbers(numbers, *choices)
+        leaves, structure = jax.tree.flatten((numbers, *choices))
+        kinds = {type(leaf) for leaf in leaves}
+        plain = all(map(_is_number, kinds))
+        if plain and not (
+            float in kinds and any(type(x) is float for x in jax.tree.leaves(choices))
+        ):
+            few = sum(1 if type(leaf) is float else leaf.size for leaf in leaves) <= _FEW
+            return with_numbers(structure, few and _untraced())(*leaves)
         return with_choices(jax.tree.map(_as_number, numbers), *choices)
 
     return call
+
+
+_FEW = 256
+"""Numbers whose computation takes less time than the compiler needs to make it faster."""
+
+_MOST_STRUCTURES = 256
+
+
+@functools.cache
+def _is_number(kind: type) -> bool:
+    return issubclass(kind, jax.Array | float)
+
+
+def _untraced() -> bool:
+    """Whether what is computed now is no part of another program, nor of a derivative.
+
+    Options of the compiler belong to whole programs.
+    """
+    return jax.extend.core.get_opaque_trace_state(convention="") == _OUTERMOST
+
+
+with jax.core.eval_context():
+    _OUTERMOST = jax.extend.core.get_opaque_trace_state(convention="")
+
+
+def side_by_side(jobs: Iterable[Callable[[], Out]]) -> Generator[Out, None, None]:
+    """The outcomes of jobs in their order, of which two run at a time.
+
+    What takes most of a job is the compiler, which leaves Python free for another one. Settings of
+    JAX that hold for the caller's thread alone do not hold in a job.
+    """
+    with concurrent.futures.ThreadPoolExecutor(2) as pool:
+        running = [pool.submit(job) for job in jobs]
+        try:
+            for one in running:
+                yield one.result()
+        finally:
+            for one in running:
+                one.cancel()
 
 
 def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
@@ -42,10 +99,9 @@ def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
 
     @functools.cache
     def compiled() -> Callable[..., Out]:
-        options = _soon() if jax.default_backend() == "cpu" else {}
         # It passes what it does not name on to `jax.jit`, which its type leaves out.
         jit: Any = eqx.filter_jit
-        return jit(function, compiler_options=options or None)
+        return jit(function, compiler_options=_soon())
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Out:
@@ -55,13 +111,15 @@ def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
 
 
 @functools.cache
-def _soon() -> dict[str, Any]:
+def _soon() -> dict[str, Any] | None:
     """Options of the compiler for processors; none where this version of JAX does not know them."""
-    options = {"xla_cpu_use_fusion_emitters": False}
+    if jax.default_backend() != "cpu":
+        return None
+    options: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False}
     try:
         jax.jit(lambda x: x, compiler_options=options).lower(0.0).compile()
     except jax.errors.JaxRuntimeError:
-        return {}
+        return None
     return options
 
 

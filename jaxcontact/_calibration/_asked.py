@@ -37,20 +37,32 @@ class Asked:
         return f"{self.law:20} {self.e:.5f}{error}"
 
 
-def asked_of(delivered: float, standard_error: float | None) -> tuple[Asked, ...]:
-    """The e to set in each law so that it delivers the restitution `delivered` ± `standard_error`.
+Grid = tuple[list[str], np.ndarray, np.ndarray]
 
-    At a constant e every law has one equivalent in every other: e(v) cannot distinguish them, and
-    the choice among them is one of convenience or of the contact's duration. A registered law of
-    one parameter e is left out if what it delivers depends on more, or does not rise with e.
+
+def delivered_by_laws() -> Grid:
+    """Names of laws, a grid of e (laws, points) over the whole range, and what they deliver there.
+
+    A registered law of one parameter e is left out if what it delivers depends on more, or does not
+    rise with e.
     """
     names = constant_laws()
     # 0 itself may be out of range; no real e is so small.
     low, high = np.full(len(names), np.finfo(np.float32).tiny), np.ones(len(names))
     place, rows = _on_grid(names, low, high)
     usable = [k for k, e in enumerate(rows) if e is not None and np.all(np.diff(e) > 0)]
-    names, e = [names[k] for k in usable], np.array([rows[k] for k in usable])
-    low, high, *_ = _around(place[usable], e, delivered)
+    return [names[k] for k in usable], place[usable], np.array([rows[k] for k in usable])
+
+
+def asked_of(delivered: float, standard_error: float | None, grid: Grid) -> tuple[Asked, ...]:
+    """The e to set in each law so that it delivers the restitution `delivered` ± `standard_error`.
+
+    At a constant e every law has one equivalent in every other: e(v) cannot distinguish them, and
+    the choice among them is one of convenience or of the contact's duration. `grid` is that of
+    `delivered_by_laws`.
+    """
+    names, place, e = grid
+    low, high, *_ = _around(place, e, delivered)
     place, rows = _on_grid(names, low, high)
     low, high, before, after = _around(place, np.array(rows), delivered)
     slope = (after - before) / (high - low)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from typing import Any
 
 import jax
@@ -17,7 +18,8 @@ from .._measurements import MEASURED_RESTITUTION, Pairs, make_pairs, read_record
 from .._measurements._noise import Noise, estimate_noise
 from .._measurements._outliers import Outliers, find_outliers
 from .._parameter import POSITIVE, as_weights, rendered, require_flag
-from ._asked import asked_of
+from .._program import side_by_side
+from ._asked import asked_of, delivered_by_laws
 from ._checks import column, for_each
 from ._choice import LawChoice, LawFit
 from ._kinds import AbstractKind, LogRestitution, is_identifiable, kinds_of, padded
@@ -145,10 +147,8 @@ def choose(
     # AICc is finite for n > k + 2 only.
     every, kinds = kinds, tuple(kind for kind in kinds if len(kind.transforms) + 2 < len(v))
     data = _padded_data(pairs, use, weights, others, how)
-    fits: dict[str, Fit] = {}
-    for kind in kinds:
-        if progress is not None:
-            progress(f"fitting {kind.name}")
+
+    def fitted(kind: AbstractKind) -> tuple[Fit, LawFit]:
         start, transforms = kind.start(typical, contact, reference), dict(kind.transforms)
         with jax.enable_x64(True):
             model: Any = LogRestitution(kind, contact, jnp.asarray(reference))
@@ -156,8 +156,20 @@ def choose(
                 model = LogOutcomes(kind, contact, jnp.asarray(reference), tuple(others.values))
                 start["stiffness"] = float(contact.stiffness)
                 transforms["stiffness"] = Positive()
-        fits[kind.name] = fit(model, start=start, transforms=transforms, **data)
-    laws = tuple(_law_fit(k, fits[k.name], pairs, use, contact, known, middle) for k in kinds)
+        found = fit(model, start=start, transforms=transforms, **data)
+        return found, _law_fit(kind, found, pairs, use, contact, known, middle)
+
+    found: list[tuple[Fit, LawFit]] = []
+    # What laws of constant e deliver is compiled with the fits, and needed after them.
+    jobs: list[Any] = [functools.partial(fitted, kind) for kind in kinds]
+    outcomes: Any = side_by_side([*jobs, delivered_by_laws])
+    for kind in kinds:
+        if progress is not None:
+            progress(f"fitting {kind.name}")
+        found.append(next(outcomes))
+    grid = next(outcomes)
+    fits = {kind.name: one for kind, (one, _) in zip(kinds, found, strict=True)}
+    laws = tuple(law for _, law in found)
     said = {law.kind: law.said for law in laws}
     bands = np.tile(_bands(pairs, use, len(data["x"])), 1 + len(others.values))
     bands &= np.asarray(fits[kinds[0].name].problem.factor) > 0
@@ -171,7 +183,7 @@ def choose(
         group=group,
         among=None if standing is None else {standing.kind, *standing.containing},
     )
-    found = laws[0].estimates[-1]
+    constant = laws[0].estimates[-1]
     some, x = fits[kinds[0].name], np.asarray(data["x"])
     free = curve_of(some, x)
     if others:  # whose criterion is that of other data
@@ -190,7 +202,7 @@ def choose(
         laws=laws,
         line=line_of(some, x),
         free=free,
-        asked=asked_of(found.value, found.standard_error),
+        asked=asked_of(constant.value, constant.standard_error, grid),
         next_measurement=what_settles(fits, comparison.best, rivals, ends),
         fits=fits,
         kinds=kinds,

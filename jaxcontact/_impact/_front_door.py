@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -28,7 +28,7 @@ SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 FORCE = Range(inside=0.0)
 
 
-class Problem(eqx.Module):
+class Problem(NamedTuple):
     """An impact to solve, as it was given: `lanes_of` brings it to one precision and rank."""
 
     law: AbstractLaw

@@ -63,8 +63,19 @@ def impact(
 
 
 def _impact(problem: Problem, method: AbstractMethod) -> Impact:
-    # Two programs: a small one that knows the law, and the solve of its form, which laws share.
-    return _solved(_lanes(problem), method)
+    """By one program, which is called sooner, where there is a formula; by two where there is none.
+
+    Of these a small one knows the law, and laws share the other, the solve of their form.
+    """
+    found = _by_formula(problem, method) if method.has_formula else None
+    return _solved(_lanes(problem), method) if found is None else found
+
+
+@program
+def _by_formula(problem: Problem, method: AbstractMethod) -> Impact | None:
+    lanes = lanes_of(problem)
+    chosen = method.chosen(lanes.form, lanes.push is not None)
+    return _summary(lanes, chosen) if chosen.has_formula else None
 
 
 _lanes = program(lanes_of)
@@ -72,7 +83,10 @@ _lanes = program(lanes_of)
 
 @program
 def _solved(lanes: Lanes, method: AbstractMethod) -> Impact:
-    method = method.chosen(lanes.form, lanes.push is not None)
+    return _summary(lanes, method.chosen(lanes.form, lanes.push is not None))
+
+
+def _summary(lanes: Lanes, method: AbstractMethod) -> Impact:
     scaled = method.solve(lanes)
     scale, fill = lanes.scale, functools.partial(jnp.broadcast_to, shape=lanes.shape)
     # Of these two alone: what is not used must stay dead code. A force that is not finite shows.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import abc
 import functools
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 
@@ -22,6 +22,8 @@ class AbstractMethod(eqx.Module):
     """
 
     name: eqx.AbstractClassVar[str]
+    has_formula: ClassVar[bool] = False
+    """Whether the method may be a formula, which compiles in less time than the solve of a form."""
 
     @abc.abstractmethod
     def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:

@@ -23,6 +23,7 @@ class Exact(AbstractMethod):
     """
 
     name: ClassVar[str] = "exact"
+    has_formula: ClassVar[bool] = True
 
     def chosen(self, form: AbstractForm, pushed: bool) -> Exact:
         """Itself, where the form has a closed form and nothing pushes."""
@@ -51,6 +52,7 @@ class Auto(AbstractMethod):
     """The cheapest method that is right: the closed form if there is one, or an event solve."""
 
     name: ClassVar[str] = "auto"
+    has_formula: ClassVar[bool] = True
 
     def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:
         return Exact() if form.closed_form and not pushed else Event()

@@ -7,7 +7,7 @@ from scipy import optimize
 
 import jaxcontact as jc
 from jaxcontact._calibration import _asked
-from jaxcontact._calibration._asked import asked_of
+from jaxcontact._calibration._asked import asked_of, delivered_by_laws
 from jaxcontact._laws import _registry
 
 CONTACT = jc.Contact(mass=0.03, stiffness=1e6)
@@ -170,14 +170,14 @@ def test_the_picture_has_the_data_and_a_curve_for_each_kind(choices):
 
 @pytest.mark.parametrize("wanted", [0.05, 0.3, 0.88, 0.995, 1.0])
 def test_asked_laws_deliver(wanted):
-    for asked in asked_of(wanted, None):
+    for asked in asked_of(wanted, None, delivered_by_laws()):
         if asked.e is not None:
             got = jc.restitution(jc.get_law(asked.law, e=asked.e))
             assert got == pytest.approx(wanted, rel=0, abs=ROUND_TRIP), asked.law
 
 
 def test_a_law_that_cannot_deliver_says_what_it_can():
-    found = {asked.law: asked for asked in asked_of(0.5, 0.01)}
+    found = {asked.law: asked for asked in asked_of(0.5, 0.01, delivered_by_laws())}
     hardest = found["lankarani_nikravesh"]
     assert hardest.e is None and hardest.standard_error is None
 
@@ -197,16 +197,16 @@ def test_a_law_of_the_users_that_needs_a_contact_is_left_out(monkeypatch):
         def force(self, indentation, velocity, contact, impact_velocity):
             return contact.stiffness * indentation * (1 + (1 - self.e) * velocity)
 
-    before = [asked.law for asked in asked_of(0.7, None)]
+    before = [asked.law for asked in asked_of(0.7, None, delivered_by_laws())]
     monkeypatch.setattr(_registry, "_REGISTRY", dict(_registry._REGISTRY))
     jc.register_law("own")(Own)
     monkeypatch.setattr(_asked, "constant_laws", lambda: ["own", *before])
-    assert [asked.law for asked in asked_of(0.7, None)] == before
+    assert [asked.law for asked in asked_of(0.7, None, delivered_by_laws())] == before
 
 
 def test_the_error_of_what_is_asked_for():
     step = 1e-4
-    below, at, above = (asked_of(0.7 + d, 0.01) for d in (-step, 0.0, step))
+    below, at, above = (asked_of(0.7 + d, 0.01, delivered_by_laws()) for d in (-step, 0.0, step))
     for low, middle, high in zip(below, at, above, strict=True):
         slope = (high.e - low.e) / (2 * step)
         assert middle.standard_error == pytest.approx(0.01 * slope, rel=1e-5), middle.law
