@@ -30,7 +30,7 @@ from ._noise import BY_COLUMN, COMMON, columns_of, refuse_between, with_noise
 from ._problem import Problem, place_of, shapes_of
 from ._result import Fit
 from ._solve import MOST_STEPS, PATIENCE, Options
-from ._space import space_of
+from ._space import Space, space_of
 from ._target import Target, groups_of, target_of, whitener_of
 from ._unused import refuse_unused
 from ._verdict import at_bound_of, creeping, falling, verdict
@@ -103,9 +103,9 @@ def fit(
     lambda written anew is another function and does.
 
     Returns a `Fit`. Raises ValueError for data that are not finite where they count (the points are
-    named), a start outside its bounds, without a finite prediction or with a number that the
-    prediction does not use, and arguments that do not match. Source: Levenberg (1944), doi
-    10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030.
+    named) or fewer than the named numbers to fit, a start outside its bounds, without a finite
+    prediction or with a number that the prediction does not use, and arguments that do not match.
+    Source: Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030.
     """
     require_function("predict", predict)
     _check(loss, optimizer)
@@ -129,6 +129,7 @@ def fit(
         names = groups_of(groups, target.y.size)
         whitener = whitener_of(correlation, target.factor > 0)
         space, theta = space_of(start, transforms)
+        _refuse_too_many(space, target)
         problem = Problem(
             predict,
             space,
@@ -174,6 +175,21 @@ def _check(loss: Any, optimizer: Any) -> None:
         raise ValueError(
             f"Argument `optimizer` must be {LEVENBERG_MARQUARDT!r} or an optax optimiser, but is "
             f"{rendered(optimizer)}."
+        )
+
+
+def _refuse_too_many(space: Space, target: Target) -> None:
+    """Raise ValueError where numbers with a name are more than the points that count.
+
+    Of the weights in an array, as a network has them, that is no mistake.
+    """
+    points = int((target.factor > 0).sum())
+    free = [n for n, held in zip(space.names, np.isnan(space.held), strict=True) if held]
+    if len(free) > points and not any(space.shapes):
+        raise ValueError(
+            f"Argument `data` must hold at least as many points that count as `start` has numbers "
+            f"to fit ({len(free)}: {listed(free)}), but holds {points}. Add points, or keep "
+            "numbers with `transforms={name: jc.Fixed()}`."
         )
 
 

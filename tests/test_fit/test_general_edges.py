@@ -84,3 +84,21 @@ def test_the_unit_of_the_data_does_not_matter(scale):
 def test_complex_data_are_refused():
     with pytest.raises(ValueError, match="Argument `data` must hold real numbers"):
         jc.fit(proportional, X + 1j, 1.0, x=X)
+
+
+def test_more_named_numbers_than_points_are_refused():
+    x, start = X[:3], {"scale": 1.0, "a": 1.0, "b": 1.0, "c": 0.0}
+    with pytest.raises(ValueError, match=r"has numbers to fit \(4: a, b, c, scale\), but holds 3"):
+        jc.fit(decay, 2 * x, start, x=x)
+    # A point without weight does not count, and a number that is kept is none to fit.
+    kept = {"scale": jc.Fixed(), "b": jc.Fixed()}
+    with pytest.raises(ValueError, match=r"\(2: a, c\), but holds 1"):
+        jc.fit(decay, 2 * x, start, x=x, weights=[1.0, 0.0, 0.0], transforms=kept)
+    assert jc.fit(decay, 2 * x, start, x=x, weights=[1.0, 1.0, 0.0], transforms=kept).dof == 0
+
+
+def test_an_array_may_have_more_numbers_than_points():
+    found = jc.fit(
+        lambda w, x: w @ jnp.stack([x, x**2, x**3]), [1.0, 2.0], np.ones(3), x=[1.0, 2.0]
+    )
+    assert found.unidentified
