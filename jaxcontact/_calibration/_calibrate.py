@@ -91,7 +91,7 @@ class Calibration:
         """
         return self.summary.__export__(contact)
 
-    def save(self, path: str | os.PathLike) -> None:
+    def save(self, path: str | os.PathLike[str]) -> None:
         """Write `summary` to a JSON file, whole or not at all; `load_calibration` reads it.
 
         Raises OSError where that fails.

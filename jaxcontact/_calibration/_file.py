@@ -20,12 +20,12 @@ def to_json(summary: CalibrationSummary) -> str:
     return dumps(summary, VERSION)
 
 
-def save(summary: CalibrationSummary, path: str | os.PathLike) -> None:
+def save(summary: CalibrationSummary, path: str | os.PathLike[str]) -> None:
     """Write a calibration as JSON, whole or not at all; OSError where that fails."""
     write_all({require_path("path", path): to_json(summary).encode()})
 
 
-def load_calibration(path: str | os.PathLike) -> CalibrationSummary:
+def load_calibration(path: str | os.PathLike[str]) -> CalibrationSummary:
     """The calibration that `Calibration.save` wrote, every number to its last bit.
 
     Returns a `CalibrationSummary`: `.law`, `.contact`, `.standard_errors`, `.choice` and all else

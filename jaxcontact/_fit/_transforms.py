@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -65,9 +65,12 @@ LOGIT = Coordinate(
 class AbstractTransform:
     """Where a fitted parameter may lie: `Free`, `Positive`, `Between` or `Fixed`."""
 
-    coordinate = IDENTITY
-    bounds: Any = (-math.inf, math.inf)
-    """The open interval (low, high) of the values."""
+    coordinate: Coordinate = IDENTITY
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The open interval (low, high) of the values."""
+        return -math.inf, math.inf
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,7 +83,10 @@ class Positive(AbstractTransform):
     """A number above 0; its logarithm is fitted."""
 
     coordinate = LOGARITHM
-    bounds = (0.0, math.inf)
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        return 0.0, math.inf
 
 
 @dataclasses.dataclass(frozen=True)

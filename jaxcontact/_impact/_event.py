@@ -56,7 +56,7 @@ class Event(AbstractMethod):
 
     rtol: float | None = tolerance_field("rtol")
     atol: float | None = tolerance_field("atol")
-    solver: diffrax.AbstractSolver | None = _of_diffrax("AbstractSolver", "solver")
+    solver: diffrax.AbstractSolver[Any] | None = _of_diffrax("AbstractSolver", "solver")
     adjoint: diffrax.AbstractAdjoint | None = _of_diffrax("AbstractAdjoint", "adjoint")
     max_steps: int = count_field("max_steps", 256)
     name: ClassVar[str] = "event"

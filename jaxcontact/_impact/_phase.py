@@ -41,7 +41,7 @@ class Phase(AbstractMethod):
     tolerance: float | None = tolerance_field("tolerance")
     name: ClassVar[str] = "phase"
 
-    def __check_init__(self):
+    def __check_init__(self) -> None:
         if self.steps % 2:
             raise ValueError(
                 "Argument `steps` must be even for the phase method, half for each way, "

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._elementary import half_gamma_ratio
 from .._forms import exact_damping_factor
@@ -12,6 +13,9 @@ from .._parameter import POSITIVE, RESTITUTION, parameter
 from ._base import contact_for
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
+
+if TYPE_CHECKING:
+    from .._contact import Contact
 
 
 @register_law(
@@ -33,7 +37,9 @@ class EnergyLoss(AbstractHuntCrossley):
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
     beta: Float[Array, "..."] = parameter("beta", POSITIVE)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         n_plus_1 = 2.5 if contact is None else contact_for(contact, self).exponent + 1
         ratio = n_plus_1 / self.beta
         # Γ(3/2) = √π/2, so (n+1) I = ratio B(ratio, 3/2) = (√π/2) Γ(ratio+1)/Γ(ratio+3/2).
@@ -56,5 +62,7 @@ class ExactRestitution(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return exact_damping_factor(self.e)

@@ -24,6 +24,7 @@ from ._registry import register_law
 
 if TYPE_CHECKING:
     from .._contact import Contact
+    from .._forms import Scale
 
 
 class AbstractHuntCrossley(AbstractLaw):
@@ -45,7 +46,13 @@ class AbstractHuntCrossley(AbstractLaw):
         neither. Raises ValueError where they are needed and missing.
         """
 
-    def force(self, indentation, velocity, contact, impact_velocity) -> Float[Array, "..."]:
+    def force(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+    ) -> Float[Array, "..."]:
         """F = K δⁿ max(0, 1 + α δ'/v0) in N, and zero for δ < 0.
 
         Below `VELOCITY_THRESHOLD` the threshold replaces v0. With `tension=True` the force is not
@@ -58,7 +65,7 @@ class AbstractHuntCrossley(AbstractLaw):
         factor = 1 + damping * rate
         return elastic * (factor if self.tension else jnp.maximum(factor, 0))
 
-    def form(self, contact, scale) -> HuntCrossleyForm:
+    def form(self, contact: Contact | None, scale: Scale | None) -> HuntCrossleyForm:
         alpha = self.damping_factor(contact, None if scale is None else scale.speed)
         return HuntCrossleyForm(alpha=alpha, tension=self.tension)
 
@@ -79,7 +86,9 @@ class Hertz(AbstractHuntCrossley):
     def damped(self) -> bool:
         return False
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return jnp.asarray(0.0)
 
 
@@ -92,7 +101,9 @@ class Damped(AbstractHuntCrossley):
 
     alpha: Float[Array, "..."] = parameter("alpha", NOT_NEGATIVE)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return self.alpha
 
 
@@ -112,7 +123,9 @@ class ConstantDamping(AbstractHuntCrossley):
 
     c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         """α = c v0/K; ValueError if `contact` or `velocity` is missing."""
         stiffness = contact_for(contact, self).stiffness
         return self.c * speed_for(velocity, self) / stiffness
@@ -134,6 +147,8 @@ class MarhefkaOrin(AbstractHuntCrossley):
 
     a: Float[Array, "..."] = parameter("a", NOT_NEGATIVE)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         """α = (3/2) a v0; ValueError if `velocity` is missing."""
         return 1.5 * self.a * speed_for(velocity, self)

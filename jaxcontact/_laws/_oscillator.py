@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._elementary import arc_over_sine, horner, power
 from .._forms import OscillatorForm
@@ -22,6 +22,7 @@ from ._registry import register_law
 
 if TYPE_CHECKING:
     from .._contact import Contact
+    from .._forms import Scale
 
 
 class AbstractOscillator(AbstractLaw):
@@ -34,7 +35,13 @@ class AbstractOscillator(AbstractLaw):
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         """The damping ratio ζ ≥ 0 of the regularised oscillator, dimensionless."""
 
-    def force(self, indentation, velocity, contact, impact_velocity) -> Float[Array, "..."]:
+    def force(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+    ) -> Float[Array, "..."]:
         """F = K δⁿ + 2ζ √((n+1)/2) √(Km) δ^((n-1)/2) δ' in N, and zero for δ < 0.
 
         The closing speed does not matter. At δ = 0 the derivative in δ is infinite for 1 < n < 3
@@ -54,7 +61,7 @@ class AbstractOscillator(AbstractLaw):
         force = contact.stiffness * power(depth, n) + damping * rate * power(depth, (n - 1) / 2)
         return force if self.tension else jnp.maximum(force, 0)
 
-    def form(self, contact, scale) -> OscillatorForm:
+    def form(self, contact: Contact | None, scale: Scale | None) -> OscillatorForm:
         zeta = self.damping_ratio(contact)
         return OscillatorForm(zeta=zeta, tension=self.tension, approach_only=self.approach_only)
 
@@ -107,7 +114,7 @@ class KelvinVoigt(AbstractOscillator):
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
 
-    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         if self.tension:
             return _log_decrement_ratio(self.e)
         return _clamped_ratio(-jnp.log(self.e) / 2)
@@ -130,7 +137,7 @@ class AntypovElliott(AbstractOscillator):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         return _log_decrement_ratio(self.e)
 
 
@@ -156,7 +163,7 @@ class Tsuji(AbstractOscillator):
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
-    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         """ζ = a/√5."""
         return jnp.sqrt(0.4) * horner(_TSUJI, self.e)
 
@@ -210,7 +217,7 @@ class Thornton(AbstractOscillator):
     tension: bool = eqx.field(static=True, default=False, kw_only=True, converter=as_tension)
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
-    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         """ζ = γ √(6/5)."""
         # 1/(1-q) - 1 = q/(1-q): no cancellation near e = 1, where q is small.
         fit = jnp.where(
@@ -240,7 +247,7 @@ class Jankowski(AbstractOscillator):
     approach_only: ClassVar[bool] = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
-    def damping_ratio(self, contact=None) -> Float[Array, "..."]:
+    def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         """ζ = 2ξ/√5."""
         e = self.e
         return 9 * (1 - e) * (1 + e) / (e * (e * (9 * jnp.pi - 16) + 16))

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._parameter import NOT_NEGATIVE, POSITIVE, REAL, parameter
 from ._base import contact_for, speed_for
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
+
+if TYPE_CHECKING:
+    from .._contact import Contact
 
 
 @register_law(
@@ -30,7 +35,9 @@ class PowerDamping(AbstractHuntCrossley):
     power: Float[Array, "..."] = parameter("power", REAL)
     reference: Float[Array, "..."] = parameter("reference", POSITIVE)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         """α = c (v0/v_r)^p v0/K; ValueError if `contact` or `velocity` is missing."""
         stiffness = contact_for(contact, self).stiffness
         speed = speed_for(velocity, self)

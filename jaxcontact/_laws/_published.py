@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._parameter import RESTITUTION, RESTITUTION_FROM_ZERO, parameter
 from ._hunt_crossley import AbstractHuntCrossley
 from ._registry import register_law
+
+if TYPE_CHECKING:
+    from .._contact import Contact
 
 
 @register_law(
@@ -25,7 +30,9 @@ class HuntCrossley(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return 1.5 * (1 - self.e)
 
 
@@ -44,7 +51,9 @@ class LankaraniNikravesh(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return 0.75 * (1 - self.e) * (1 + self.e)
 
 
@@ -65,7 +74,9 @@ class Flores(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return 1.6 * (1 - self.e) / self.e
 
 
@@ -84,7 +95,9 @@ class HuGuo(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return 1.5 * (1 - self.e) / self.e
 
 
@@ -104,7 +117,9 @@ class Gonthier(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return (1 - self.e) * (1 + self.e) / self.e
 
 
@@ -124,7 +139,9 @@ class CarvalhoMartins(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return 1.5 * (1 - self.e) * (11 - self.e) / (1 + 9 * self.e)
 
 
@@ -143,7 +160,9 @@ class HerbertMcWhannell(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return 6 * (1 - self.e) / (jnp.square(2 * self.e - 1) + 3)
 
 
@@ -162,7 +181,9 @@ class ZhiyingQishao(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return 0.75 * (1 - self.e) * (1 + self.e) * jnp.exp(2 * (1 - self.e))
 
 
@@ -181,5 +202,7 @@ class LeeWang(AbstractHuntCrossley):
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
 
-    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
         return 0.75 * (1 - self.e)

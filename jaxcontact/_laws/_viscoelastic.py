@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
 from .._elementary import power
 from .._forms import AbstractForm, OscillatorForm, ViscoelasticForm, ViscoelasticSpheresForm
 from .._parameter import NOT_NEGATIVE, parameter
 from ._base import AbstractLaw, force_arguments, needed
 from ._registry import register_law
+
+if TYPE_CHECKING:
+    from .._contact import Contact
+    from .._forms import Scale
 
 
 @register_law(
@@ -36,13 +42,19 @@ class KuwabaraKono(AbstractLaw):
 
     A: Float[Array, "..."] = parameter("A", NOT_NEGATIVE)
 
-    def force(self, indentation, velocity, contact, impact_velocity) -> Float[Array, "..."]:
+    def force(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+    ) -> Float[Array, "..."]:
         depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
         n = contact.exponent
         force = contact.stiffness * (power(depth, n) + n * self.A * power(depth, n - 1) * rate)
         return force if self.tension else jnp.maximum(force, 0)
 
-    def form(self, contact, scale) -> AbstractForm:
+    def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
         exponent = needed(contact, "contact", self).exponent
         a = self.A / needed(scale, "velocity", self).time
         if isinstance(exponent, float) and exponent == 1:

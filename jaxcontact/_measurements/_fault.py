@@ -13,6 +13,9 @@ class RecordingError(ValueError):
     def __init__(
         self, problem: str, source: str, row: int | None = None, column: str | None = None
     ):
-        self.problem, self.source, self.row, self.column = problem, source, row, column
+        self.problem: str = problem
+        self.source: str = source
+        self.row: int | None = row
+        self.column: str | None = column
         place = [source, f"row {row}" if row else "", f"column {column}" if column else ""]
         super().__init__(f"{', '.join(filter(None, place))}: {problem}")

@@ -16,7 +16,7 @@ from .._whole_files import write_all
 
 
 def write_csv(
-    columns: Mapping[str, np.ndarray], path: str | os.PathLike | TextIO | BinaryIO
+    columns: Mapping[str, np.ndarray], path: str | os.PathLike[str] | TextIO | BinaryIO
 ) -> None:
     """Write columns (K,) with a head; a file that is named appears whole or not at all.
 

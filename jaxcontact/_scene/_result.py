@@ -130,7 +130,7 @@ class Impacts(eqx.Module):
             ) from error
         return pandas.DataFrame(self._in_words())
 
-    def to_csv(self, path: str | os.PathLike | TextIO | BinaryIO) -> None:
+    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
         """Write the rows that are valid, with names of bodies and ways.
 
         `path` names a file, which then appears whole or not at all, or is an open one.

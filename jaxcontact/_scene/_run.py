@@ -142,7 +142,7 @@ class Run(eqx.Module):
             wall_work=self.wall_work,
         )
 
-    def to_csv(self, path: str | os.PathLike | TextIO | BinaryIO) -> None:
+    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
         """Write a table with a row for each time: `time`, `energy`, then `position[k,d]` in m and
         `velocity[k,d]` in m/s of sphere k along axis d.
 

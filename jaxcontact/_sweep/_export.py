@@ -73,7 +73,7 @@ def attributes_of(name: str) -> dict[str, Any]:
     return {"long_name": words, "units": unit or "1"} if unit or words != name else {}
 
 
-def write_csv(sweep: Table, file: str | os.PathLike | TextIO | BinaryIO) -> None:
+def write_csv(sweep: Table, file: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
     """Write a long table, one row for each lane; a file that is named appears whole or not."""
     if isinstance(file, str | os.PathLike):
         write_all({Path(file): functools.partial(write_csv, sweep)})

@@ -76,7 +76,7 @@ class Sweep(Table):
         """
         return dataset(self)
 
-    def to_csv(self, path: str | os.PathLike | TextIO | BinaryIO) -> None:
+    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
         """Write a long table, one row for each lane: its axes, then its fields.
 
         `path` names a file, which then appears whole or not at all, or is an open one. The status

@@ -49,7 +49,7 @@ def sweep(
     *,
     samples: Mapping[str, ArrayLike] | None = None,
     batch_size: int | None = None,
-    store: str | os.PathLike | None = None,
+    store: str | os.PathLike[str] | None = None,
     mesh: jax.sharding.Mesh | None = None,
     reduce: tuple[Any, Fold] | None = None,
     cost: Callable[..., Any] | None = None,

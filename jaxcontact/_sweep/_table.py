@@ -45,11 +45,16 @@ class Table:
         done: float = 1.0,
         function: str = "",
     ):
-        self.dims, self.shape = grid.dims, grid.shape
-        self.axes = {i.name: i.values for i in grid.inputs if i.dim is not None}
+        self.dims: tuple[str, ...] = grid.dims
+        self.shape: tuple[int, ...] = grid.shape
+        self.axes: dict[str, np.ndarray] = {
+            i.name: i.values for i in grid.inputs if i.dim is not None
+        }
         fixed = {i.name: i.values[()] for i in grid.inputs if i.dim is None}
-        self.fixed = fixed | dict(grid.static)
-        self.function, self.done, self.complete = function, done, done == 1
+        self.fixed: dict[str, Any] = fixed | dict(grid.static)
+        self.function: str = function
+        self.done: float = done
+        self.complete: bool = done == 1
         self._grid = grid
         self._fields = {field.name: field for field in fields}
         self._columns = {name: column.settled() for name, column in columns.items()}

@@ -37,6 +37,10 @@ def decay(p, x):
     return p["scale"] * (p["a"] * jnp.exp(-p["b"] * x) + p["c"])
 
 
+def cubic(p, x):
+    return p @ jnp.stack([x, x**2, x**3])
+
+
 @pytest.mark.parametrize(("predict", "slope"), [(square, 3.0), (cosine, -1.0)])
 def test_a_maximum_is_no_fit(predict, slope):
     result = jc.fit(predict, slope * X, {"a": 0.0}, x=X)
@@ -98,7 +102,5 @@ def test_more_named_numbers_than_points_are_refused():
 
 
 def test_an_array_may_have_more_numbers_than_points():
-    found = jc.fit(
-        lambda w, x: w @ jnp.stack([x, x**2, x**3]), [1.0, 2.0], np.ones(3), x=[1.0, 2.0]
-    )
+    found = jc.fit(cubic, X[1:3], np.ones(3), x=X[1:3])
     assert found.unidentified
