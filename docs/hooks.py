@@ -13,8 +13,6 @@ from pathlib import Path
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
-
 # Files of the repository that are pages, by their place in the site.
 PAGES = {
     "index.md": "README.md",
@@ -41,6 +39,8 @@ def on_files(files, config):
             if files.get_file_from_path(place) is None and (ROOT / wanted).is_file():
                 source = str(ROOT / wanted)
                 files.append(File.generated(config, place, abs_src_path=source))
+    # mkdocs takes back what a hook adds to the path while it is loaded.
+    sys.path.insert(0, str(ROOT))
     from jaxcontact._explore import page as interactive
 
     files.append(File.generated(config, "explore_page.html", content=interactive()))

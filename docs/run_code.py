@@ -99,4 +99,4 @@ def write(page: Path) -> None:
 if __name__ == "__main__":
     os.environ.setdefault("MPLBACKEND", "Agg")
     for name in sys.argv[1:]:
-        write(Path(name))
+        write(Path(name).resolve())

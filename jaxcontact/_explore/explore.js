@@ -21,10 +21,10 @@ function weights(nodes, x) {
 
 const along = (nodes, values, x) => weights(nodes, x).reduce((sum, w, k) => sum + w * values[k], 0);
 
-// Values of `count` numbers each over the grid e × n.
-function over(e, n, table, x, y, count) {
-  const we = weights(e, x), wn = weights(n, y), found = new Array(count).fill(0);
-  for (let i = 0; i < e.length; i++)
+// Values of `count` numbers each over the grid q × n, q = ln e.
+function over(q, n, table, x, y, count) {
+  const we = weights(q, x), wn = weights(n, y), found = new Array(count).fill(0);
+  for (let i = 0; i < q.length; i++)
     for (let j = 0; j < n.length; j++) {
       const w = we[i] * wn[j], first = (i * n.length + j) * count;
       for (let k = 0; k < count; k++) found[k] += w * table[first + k];
@@ -34,13 +34,13 @@ function over(e, n, table, x, y, count) {
 
 // The impact of a family that delivers e, in SI units.
 function impact(family, e, n, given) {
-  const f = grids.families[family];
+  const q = Math.log(e), f = grids.families[family].find((piece) => q <= piece.q[piece.q.length - 1] + 1e-12);
   const length = ((given.mass * given.speed ** 2) / given.stiffness) ** (1 / (n + 1));
   const unit = { duration: length / given.speed, max_force: (given.mass * given.speed ** 2) / length, max_indentation: length };
   const hit = { e };
-  for (const name of OUTCOMES) hit[name] = unit[name] * over(f.e, f.n, f[name], e, n, 1)[0];
-  const count = f.loop.length / (f.loop_e.length * f.loop_n.length);
-  const loop = over(f.loop_e, f.loop_n, f.loop, e, n, count);
+  for (const name of OUTCOMES) hit[name] = unit[name] * Math.exp(over(f.q, f.n, f[name], q, n, 1)[0]);
+  const count = f.loop.length / (f.loop_q.length * f.loop_n.length);
+  const loop = over(f.loop_q, f.loop_n, f.loop, q, n, count);
   hit.depth = loop.slice(0, count / 2).map((x) => x * unit.max_indentation);
   hit.force = loop.slice(count / 2).map((x) => x * unit.max_force);
   return hit;
