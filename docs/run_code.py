@@ -71,7 +71,9 @@ def run(page: Path) -> Iterator[tuple[Block, str]]:
         try:
             for block in blocks(page):
                 # Errors then name the line of the page.
-                program = compile("\n" * block.line + block.code, str(page), "exec")
+                program = compile(
+                    "\n" * block.line + block.code, str(page), "exec", dont_inherit=True
+                )
                 with contextlib.redirect_stdout(io.StringIO()) as out:
                     exec(program, names)
                 yield block, out.getvalue()
