@@ -198,16 +198,19 @@ def packed(family: Family, outcomes: tuple, loops: tuple) -> tuple[dict, dict[st
     q = np.linspace(nodes[0][0], nodes[0][-1], 83)
     n = nodes[1] if family.exponent else np.linspace(*EXPONENT, 11)
     truth, off = family.outcomes(q, n), {}
+    # As they are stored.
+    table = {key: np.round(np.log(values), 7) for key, values in table.items()}
+    loop = np.round(loop, 4)
     for key, values in table.items():
-        off[key] = np.abs(np.exp(interpolated(nodes, np.log(values), [q, n])) / truth[key] - 1)
+        off[key] = np.abs(np.exp(interpolated(nodes, values, [q, n])) / truth[key] - 1)
     q, n = q[::9], n[::3]
     between = interpolated(loop_nodes, loop, [q, n]).transpose(2, 3, 0, 1)
     truth = family.loops(q, n)
     error = (np.abs(between - truth).max(-1) / truth.max(-1)).max()
     piece = {"q": rounded(nodes[0], 12), "n": rounded(nodes[1], 12)}
-    piece |= {key: rounded(np.log(values), 9) for key, values in table.items()}
+    piece |= {key: values.ravel().tolist() for key, values in table.items()}
     piece |= {"loop_q": rounded(loop_nodes[0], 12), "loop_n": rounded(loop_nodes[1], 12)}
-    piece["loop"] = [round(x, 5) for x in loop.ravel().tolist()]
+    piece["loop"] = loop.ravel().tolist()
     return piece, {"outcomes": max(map(np.max, off.values())), "loop": error}
 
 

@@ -3,7 +3,7 @@
 const grids = JSON.parse(document.getElementById("grids").textContent);
 const at = (id) => document.getElementById(id);
 const OUTCOMES = ["duration", "max_force", "max_indentation"];
-const FIRST = ["hunt_crossley", "lankarani_nikravesh", "flores", "hu_guo", "exact"];
+const FIRST = ["hunt_crossley", "lankarani_nikravesh", "exact", "hu_guo", "flores"];
 const COLOURS = ["#e69f00", "#56b4e9", "#009e73", "#0072b2", "#d55e00", "#cc79a7", "#999999"];
 const DASHES = [[], [8, 4], [2, 3]];
 const YOURS = "#000000";
@@ -46,8 +46,8 @@ function impact(family, e, n, given) {
   return hit;
 }
 
-const names = Object.keys(grids.laws);
-const chosen = new Set(FIRST.filter((name) => name in grids.laws));
+const names = [...FIRST, ...Object.keys(grids.laws).filter((name) => !FIRST.includes(name))];
+const chosen = new Set(FIRST);
 const style = (k) => ({ stroke: COLOURS[k % COLOURS.length], dash: DASHES[Math.floor(k / COLOURS.length) % DASHES.length] });
 
 function curves() {
@@ -61,12 +61,13 @@ function curves() {
   return [...list, { name: "yours", title: "your α", family: "hunt_crossley", exponent: null, n, stroke: YOURS, dash: [2, 2], ask: () => fixed }];
 }
 
-const shown = (x) => {
-  const text = x.toPrecision(4);
-  return text.includes("e") ? Number(text).toExponential(3) : text;
-};
 const PREFIX = [[1e6, "M"], [1e3, "k"], [1, ""], [1e-3, "m"], [1e-6, "µ"], [1e-9, "n"]];
 const prefix = (x) => PREFIX.find(([size]) => x >= size) ?? PREFIX[PREFIX.length - 1];
+// Four digits.
+function shown(x, unit) {
+  const [size, letter] = prefix(x);
+  return `${(x / size).toPrecision(4)} ${letter}${unit}`;
+}
 
 let plots = [];
 function draw(list, hits, e) {
@@ -94,6 +95,7 @@ function draw(list, hits, e) {
   const [size, kilo] = prefix(Math.max(...hits.map((hit) => hit.max_force)));
   at("depth-unit").textContent = `${mm}m`;
   at("force-unit").textContent = `${kilo}N`;
+  const smooth = { paths: uPlot.paths.spline() };
   // The way in and the way out are a line each, over indentations that rise.
   const half = (hits[0].depth.length + 1) / 2;
   const tables = hits.flatMap((hit) => {
@@ -101,7 +103,7 @@ function draw(list, hits, e) {
     return [[x.slice(0, half), y.slice(0, half)], [x.slice(half - 1).reverse(), y.slice(half - 1).reverse()]];
   });
   const second = new uPlot(
-    options("loop", list.flatMap((law) => [line(law), line(law)]), {
+    options("loop", list.flatMap((law) => [line(law, smooth), line(law, smooth)]), {
       x: { time: false, range: [0, (1.03 * most) / length] },
       y: { range: (_, low, high) => [Math.min(0, low), high * 1.04] },
     }),
@@ -140,10 +142,10 @@ function update() {
       const mark = document.createElement("span");
       mark.className = "mark";
       mark.style.borderColor = law.stroke;
-      mark.style.borderStyle = law.dash.length ? "dashed" : "solid";
+      mark.style.borderTopStyle = law.dash.length ? "dashed" : "solid";
       const title = law.exponent ? `${law.title} (n = ${law.exponent})` : law.title;
       const hit = hits[k];
-      const cells = [[mark, title], [hit.e.toFixed(4)], [shown(hit.max_force)], [shown(hit.duration)], [shown(hit.max_indentation)]];
+      const cells = [[mark, title], [hit.e.toFixed(4)], [shown(hit.max_force, "N")], [shown(hit.duration, "s")], [shown(hit.max_indentation, "m")]];
       for (const content of cells) {
         const cell = document.createElement("td");
         cell.append(...content);

@@ -64,11 +64,15 @@ def pictures(browser):
     )
 
 
+PREFIX = {"M": 1e6, "k": 1e3, "": 1.0, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
+
+
 def agrees(text, value):
-    """Whether a number is what a text of some digits says."""
-    mantissa, _, power = text.partition("e")
-    unit = 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
-    return abs(float(text) - float(value)) <= SHOWN * unit
+    """Whether a number is what a text says, as 0.4877 or 10.83 kN, to its last digit."""
+    number, _, unit = text.partition(" ")
+    size = PREFIX[unit[:-1]]
+    last = 10.0 ** -len(number.partition(".")[2])
+    return abs(float(number) - float(value) / size) <= SHOWN * last
 
 
 def library():
