@@ -42,7 +42,7 @@ FLOORS = [
     {"_impact"},
     {"_bounce", "_scene", "_sweep", "_measurements", "_export"},
     {"_calibration"},
-    {"plot"},
+    {"plot", "_explore"},
     {"paper"},
     {"_cli"},
     {"__init__"},

@@ -1,4 +1,6 @@
-"""The command `jaxcontact`: calibrate, fit, design, laws, impact, sweep, scene, export, paper."""
+"""The command `jaxcontact`: calibrate, fit, design, laws, impact, sweep, scene, export, explore,
+paper.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +12,7 @@ from .._progress import Stages
 from . import (
     _calibrate,
     _design,
+    _explore,
     _export,
     _fit,
     _impact,
@@ -28,6 +31,7 @@ _COMMANDS = {
     "fit": _fit,
     "design": _design,
     "export": _export,
+    "explore": _explore,
     "laws": _laws,
     "impact": _impact,
     "sweep": _sweep,

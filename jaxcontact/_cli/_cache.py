@@ -34,17 +34,23 @@ def keep_programs() -> None:
         warnings.filterwarnings("ignore", f"Error {verb} persistent compilation cache entry")
 
 
-def _folder() -> Path | None:
-    """Where programs are kept for this processor and this JAX; None where nothing can be."""
+def users_folder() -> Path | None:
+    """Where commands keep files for the user; None where they are told to keep none."""
     given = os.environ.get(VARIABLE)
     if given == "":
         return None
-    if given is None:
-        import platformdirs
+    if given is not None:
+        return Path(given)
+    import platformdirs
 
-        parent = platformdirs.user_cache_path("jaxcontact")
-    else:
-        parent = Path(given)
+    return platformdirs.user_cache_path("jaxcontact")
+
+
+def _folder() -> Path | None:
+    """Where programs are kept for this processor and this JAX; None where nothing can be."""
+    parent = users_folder()
+    if parent is None:
+        return None
     folder = parent / f"programs-{version('jaxlib')}-{_processor()}"
     try:
         folder.mkdir(parents=True, exist_ok=True)

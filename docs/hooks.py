@@ -1,0 +1,97 @@
+"""Brings into the site what does not stand in docs/: a hook of mkdocs.
+
+The README is the first page. Notebooks, other pages and files of the repository that a page links
+to get a place in the site, and the links lead there; on the repository's own pages the same links
+work as they are.
+"""
+
+import posixpath
+import re
+import sys
+from pathlib import Path
+
+from mkdocs.structure.files import File
+
+ROOT = Path(__file__).parents[1]
+# Files of the repository that are pages, by their place in the site.
+PAGES = {
+    "index.md": "README.md",
+    "CONTRIBUTING.md": "CONTRIBUTING.md",
+    "CHANGELOG.md": "CHANGELOG.md",
+    "jaxcontact/data/SOURCES.md": "jaxcontact/data/SOURCES.md",
+}
+LINK = re.compile(r"(?<=\]\()(?!\w+:|#)([^)#\s]+)")
+
+
+def on_files(files, config):
+    """Add the pages and files outside of docs/."""
+    for place, source in PAGES.items():
+        files.append(_page(place, (ROOT / source).read_text(encoding="utf-8"), source, config))
+    for notebook in sorted((ROOT / "notebooks").glob("*.ipynb")):
+        for file in _notebook(notebook, config):
+            files.append(file)
+    for page in list(files.documentation_pages()):
+        text = page.content_string
+        here = _source_of(page)
+        for target in LINK.findall(text):
+            wanted = _repository_path(here, target)
+            place = _place(wanted)
+            if files.get_file_from_path(place) is None and (ROOT / wanted).is_file():
+                source = str(ROOT / wanted)
+                files.append(File.generated(config, place, abs_src_path=source))
+    # mkdocs takes back what a hook adds to the path while it is loaded.
+    sys.path.insert(0, str(ROOT))
+    from jaxcontact._explore import page as interactive
+
+    files.append(File.generated(config, "explore_page.html", content=interactive()))
+    return files
+
+
+def on_page_markdown(markdown, page, config, files):
+    """Turn links that are right in the repository into links within the site."""
+    here = _source_of(page.file)
+    folder = posixpath.dirname(page.file.src_uri)
+
+    def moved(found):
+        place = _place(_repository_path(here, found[1]))
+        return (
+            posixpath.relpath(place, folder or ".") if files.get_file_from_path(place) else found[1]
+        )
+
+    return LINK.sub(moved, markdown)
+
+
+def _source_of(file):
+    """Where the text of a page stands in the repository."""
+    place = file.src_uri
+    return PAGES.get(place) or (place if place.startswith("notebooks/") else f"docs/{place}")
+
+
+def _repository_path(here, target):
+    return posixpath.normpath(posixpath.join(posixpath.dirname(here), target))
+
+
+def _place(path):
+    """Where a file of the repository stands in the site."""
+    back = {source: place for place, source in PAGES.items()}
+    if path.startswith("notebooks/"):
+        return re.sub(r"\.ipynb$", ".md", path)
+    return back.get(path, path.removeprefix("docs/"))
+
+
+def _page(place, text, source, config):
+    return File.generated(config, place, content=text)
+
+
+def _notebook(path, config):
+    """A notebook as a page and its pictures, as it was committed."""
+    from nbconvert import MarkdownExporter
+
+    name = f"{path.stem}_files"
+    exporter = MarkdownExporter()
+    text, found = exporter.from_filename(
+        str(path), resources={"output_files_dir": name, "unique_key": path.stem}
+    )
+    yield File.generated(config, f"notebooks/{path.stem}.md", content=text)
+    for picture, data in found["outputs"].items():
+        yield File.generated(config, f"notebooks/{picture}", content=data)

@@ -1,0 +1,43 @@
+"""The code of the pages runs, and prints what they show; their commands are understood."""
+
+import re
+import shlex
+
+import jax
+import pytest
+
+from docs.run_code import DOCS, digits, pages, run
+from jaxcontact._cli import _parser
+from jaxcontact._laws import _registry
+
+# With claims of its own about what the code does.
+ELSEWHERE = {"sweeps.md": "tests/test_sweep/test_page.py"}
+PAGES = [page for page in pages() if page.name not in ELSEWHERE]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
+def test_the_code_prints_what_the_page_shows(page, monkeypatch):
+    monkeypatch.setattr(_registry, "_REGISTRY", dict(_registry._REGISTRY))
+    # The promotion that readers have, not the strict one of the tests.
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
+        for block, printed in run(page):
+            if block.shown is not None:
+                assert digits(printed) == digits(block.shown), f"line {block.line}"
+
+
+def commands():
+    """The lines that begin with `jaxcontact`, continued ones joined, with the page of each."""
+    for page in [*sorted(DOCS.rglob("*.md")), DOCS.parent / "README.md"]:
+        for block in re.findall(r"```bash\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+            for line in block.replace("\\\n", "").splitlines():
+                if line.strip().startswith("jaxcontact "):
+                    yield page.name, re.split(r" > | && ", line.strip())[0]
+
+
+def test_the_commands_are_understood():
+    found = list(commands())
+    assert len(found) > 10
+    for page, command in found:
+        arguments = shlex.split(command, comments=True)[1:]
+        if arguments[0] != "--completion":
+            assert _parser().parse_args(arguments).command, f"{page}: {command}"

@@ -1,0 +1,158 @@
+"""The page on which one drags e: it moves, and shows what the library says, in a real browser."""
+
+import json
+import shutil
+import webbrowser
+
+import jax.numpy as jnp
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+
+import jaxcontact as jc
+from jaxcontact._cli import main
+from jaxcontact._explore import GRIDS, page
+
+E, N, ALPHA = 0.37, 1.85, 2.35
+MASS, STIFFNESS, SPEED = 0.03, 2.5e7, 1.7
+# Half a unit of the last digit shown, and what interpolation may turn over.
+SHOWN = 0.51
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    if chromium is None or driver is None:
+        pytest.skip("there is no chromium, or no chromedriver (Debian: chromium-driver)")
+    file = tmp_path_factory.mktemp("explore") / "explore.html"
+    assert main(["explore", "--no-open", "--out", str(file), "--quiet"]) == 0
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for option in ("headless=new", "no-sandbox", "disable-dev-shm-usage", "window-size=1200,1000"):
+        options.add_argument(f"--{option}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    opened = webdriver.Chrome(options, webdriver.ChromeService(driver))
+    opened.get(file.as_uri())
+    yield opened
+    opened.quit()
+
+
+def give(browser, **values):
+    """Set inputs as a hand does, which sends an event for each."""
+    for name, value in values.items():
+        browser.execute_script(
+            "const x = document.getElementById(arguments[0]); x.value = arguments[1];"
+            "x.dispatchEvent(new Event('input'))",
+            name,
+            value,
+        )
+
+
+def rows(browser):
+    """The cells of the table by law, as text."""
+    found = browser.find_elements(By.CSS_SELECTOR, "#rows tr")
+    return {
+        row.get_attribute("data-law"): [x.text for x in row.find_elements(By.TAG_NAME, "td")]
+        for row in found
+    }
+
+
+def pictures(browser):
+    return browser.execute_script(
+        "return [...document.querySelectorAll('canvas')].map((x) => x.toDataURL())"
+    )
+
+
+PREFIX = {"M": 1e6, "k": 1e3, "": 1.0, "m": 1e-3, "µ": 1e-6, "n": 1e-9}
+
+
+def agrees(text, value):
+    """Whether a number is what a text says, as 0.4877 or 10.83 kN, to its last digit."""
+    number, _, unit = text.partition(" ")
+    size = PREFIX[unit[:-1]]
+    last = 10.0 ** -len(number.partition(".")[2])
+    return abs(float(number) - float(value) / size) <= SHOWN * last
+
+
+def library():
+    """Restitution, force, time and indentation by law, from the package alone."""
+    laws = json.loads(GRIDS.read_text(encoding="utf-8"))["laws"]
+    assert set(laws) == {
+        name for name in jc.list_laws() if list(jc._laws.parameters_of(name)) == ["e"]
+    }
+    made = {name: jc.get_law(name, e=E) for name in laws}
+    family = [name for name, law in made.items() if isinstance(law, jc.AbstractHuntCrossley)]
+    # In one program: laws of the family differ by α alone.
+    alphas = jnp.stack([*(made[name].damping_factor() for name in family), jnp.asarray(ALPHA)])
+    hits = jc.impact(jc.Damped(alpha=alphas), jc.Contact(MASS, STIFFNESS, N), SPEED)
+    columns = (hits.restitution, hits.max_force, hits.duration, hits.max_indentation)
+    found = dict(zip([*family, "yours"], zip(*columns, strict=True), strict=True))
+    for name in set(made) - set(family):
+        n = made[name].exponents[0] if made[name].exponents else N
+        hit = jc.impact(made[name], jc.Contact(MASS, STIFFNESS, n), SPEED)
+        found[name] = (hit.restitution, hit.max_force, hit.duration, hit.max_indentation)
+    return found
+
+
+def test_the_values_shown_are_those_of_the_library(browser):
+    give(browser, e=E, n=N, alpha=ALPHA, mass=MASS, stiffness=STIFFNESS, speed=SPEED)
+    for box in browser.find_elements(By.CSS_SELECTOR, "#laws input:not(:checked)"):
+        box.click()
+    shown, wanted = rows(browser), library()
+    assert set(shown) == set(wanted)
+    wrong = {
+        (name, cell, float(value))
+        for name in shown
+        for cell, value in zip(shown[name][1:], wanted[name], strict=True)
+        if not agrees(cell, value)
+    }
+    assert wrong == set()
+
+
+def test_it_moves(browser):
+    for name in ("e", "n", "alpha"):
+        before, drawn = rows(browser), pictures(browser)
+        browser.find_element(By.ID, name).send_keys(Keys.ARROW_RIGHT)
+        assert rows(browser) != before
+        assert pictures(browser) != drawn
+    box = browser.find_element(By.CSS_SELECTOR, "#laws input[value='hertz'], #laws input")
+    before = rows(browser)
+    box.click()
+    assert set(before) - set(rows(browser)) == {box.get_attribute("value")}
+
+
+def test_bad_numbers_are_told(browser):
+    give(browser, speed=-1)
+    assert "closing speed must be a positive" in browser.find_element(By.ID, "fault").text
+    give(browser, speed=SPEED)
+    assert browser.find_element(By.ID, "fault").text == ""
+
+
+def test_it_fits_a_phone(browser):
+    size = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+    widths = browser.execute_script(
+        "return [...document.querySelectorAll('.u-wrap')].map((x) => x.clientWidth)"
+    )
+    assert len(widths) == 2 and all(250 < width <= 390 for width in widths)
+
+
+def test_it_complains_of_nothing_and_asks_no_network(browser):
+    assert browser.get_log("browser") == []
+    assert browser.execute_script("return performance.getEntriesByType('resource').length") == 0
+
+
+def test_the_command_opens_the_page(tmp_path, monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr(webbrowser, "open", lambda url: asked.append(url) or True)
+    monkeypatch.setenv("JAXCONTACT_CACHE", str(tmp_path))
+    assert main(["explore", "--quiet", "--no-cache"]) == 0
+    file = tmp_path / "explore.html"
+    assert file.read_text(encoding="utf-8") == page()
+    assert asked == [file.as_uri()] and str(file) in capsys.readouterr().out
+    monkeypatch.setenv("JAXCONTACT_CACHE", "")
+    assert main(["explore"]) == 2
+    assert "--out is needed" in capsys.readouterr().err
+    assert len(page()) < 300e3

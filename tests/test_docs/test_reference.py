@@ -1,0 +1,63 @@
+"""Every public name is on one page of the reference, with an example that runs."""
+
+import re
+
+import jaxcontact as jc
+from docs.run_code import DOCS
+
+ENTRY = re.compile(r"^::: jaxcontact\.([\w.]+)$", re.MULTILINE)
+CODE = re.compile(r"^```(?:python|text)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+def entries() -> dict[str, list[str]]:
+    """By name: the examples that follow its entry, one for each entry there is.
+
+    Names one below the other share the examples below them.
+    """
+    found: dict[str, list[str]] = {}
+    for page in DOCS.rglob("*.md"):
+        text = page.read_text(encoding="utf-8")
+        parts = ENTRY.split(text)
+        waiting: list[str] = []
+        for name, after in zip(parts[1::2], parts[2::2], strict=True):
+            waiting.append(name)
+            if examples := CODE.findall(after):
+                for one in waiting:
+                    found.setdefault(one, []).append("\n".join(examples))
+                waiting = []
+        for one in waiting:
+            found.setdefault(one, []).append("")
+    return found
+
+
+def plots() -> set[str]:
+    return {f"plot.{name}" for name in vars(jc.plot) if not name.startswith("_")}
+
+
+def test_every_public_name_is_on_one_page():
+    found = entries()
+    assert {name for name in found if len(found[name]) > 1} == set()
+    assert {*jc.__all__, *plots()} == set(found)
+
+
+def test_every_public_name_has_an_example():
+    found = entries()
+    # One page of pictures has one of each.
+    lacking = [
+        name
+        for name in jc.__all__
+        if not re.search(rf"\b{name}\b", found[name][0]) and name not in IN_FULL
+    ]
+    assert lacking == []
+
+
+# Their example stands above, in full: a class of one's own.
+IN_FULL = {"AbstractLaw", "AbstractHuntCrossley", "AbstractForm", "ScaledImpact"} | {
+    "AbstractMethod",
+    "register_law",
+}
+
+
+def test_what_is_written_in_full_is():
+    text = (DOCS / "extend.md").read_text(encoding="utf-8")
+    assert all(f"jc.{name}" in text for name in IN_FULL)
