@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and are read whole or not at all."""
 
 from __future__ import annotations
 
@@ -8,6 +8,22 @@ import pathlib
 import tempfile
 from collections.abc import Callable, Mapping
 from typing import BinaryIO
+
+MOST_BYTES = 256 * 2**20
+"""More than any table or description holds: a mistaken file stays out of memory."""
+
+
+def read_whole(path: pathlib.Path) -> bytes:
+    """All bytes of a file; ValueError for one of more than `MOST_BYTES`, which are not read."""
+    with path.open("rb") as file:
+        # A device has no size that could be looked at before.
+        content = file.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        raise ValueError(
+            f"{path} must hold at most {MOST_BYTES // 2**20} MiB, but holds more; give the part of "
+            "it that matters, or arrays by keyword."
+        )
+    return content
 
 
 def is_special(path: pathlib.Path) -> bool:

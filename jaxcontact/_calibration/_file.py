@@ -7,7 +7,7 @@ import os
 import jax
 
 from .._parameter import require_path
-from .._whole_files import write_all
+from .._whole_files import read_whole, write_all
 from ._json import FormatError, dumps, loads
 from ._summary import CalibrationSummary
 
@@ -36,6 +36,6 @@ def load_calibration(path: str | os.PathLike[str]) -> CalibrationSummary:
     file = require_path("path", path)
     try:
         with jax.enable_x64(True):
-            return loads(file.read_text(encoding="utf-8"), CalibrationSummary, VERSION)
+            return loads(read_whole(file).decode("utf-8"), CalibrationSummary, VERSION)
     except (FormatError, UnicodeDecodeError) as error:
         raise ValueError(f"{file}: {error}") from error

@@ -14,6 +14,7 @@ import numpy as np
 
 from .._parameter import as_array, rendered, require_path
 from .._units import written_unit
+from .._whole_files import read_whole
 from ._fault import RecordingError
 from ._grid import Grid, Known
 from ._heading import Heading
@@ -176,7 +177,7 @@ def sheet_of(
         return _from_file(shipped.read_bytes, name, known, decimal)
     if isinstance(source, str | os.PathLike):
         path = require_path("source", source)
-        return _from_file(path.read_bytes, str(path), known, decimal)
+        return _from_file(lambda: read_whole(path), str(path), known, decimal)
     if isinstance(source, Mapping):
         return _from_columns("the dict", source)
     frame = hasattr(source, "columns") and hasattr(source, "__getitem__")

@@ -22,6 +22,7 @@ from .._parameter import (
     require_number,
     require_path,
 )
+from .._whole_files import read_whole
 from ._bodies import AbstractBody
 from ._motion import AbstractMotion, Steady, Vibration
 from ._pairs import DEFAULT
@@ -71,7 +72,7 @@ def read_scene(
         )
     if example is None:
         path = require_path("file", file)
-        source, raw = str(path), path.read_bytes()
+        source, raw = str(path), read_whole(path)
     else:
         known = examples()
         source = f"example {require_choice('example', example, known)!r}"

@@ -4,6 +4,7 @@ import os
 
 import pytest
 
+from jaxcontact import _whole_files, load_calibration, read_recording, read_scene
 from jaxcontact._cli._files import output_path
 from jaxcontact._cli._options import InputError
 from jaxcontact._whole_files import write_all
@@ -73,3 +74,13 @@ def test_a_folder_a_pipe_and_a_device_are_not_replaced(tmp_path):
             output_path("--out", str(path), (".nc", ".csv"))
         with pytest.raises(FileExistsError, match="is a folder, a pipe or a device"):
             write_all({path: b"1"})
+
+
+@pytest.mark.parametrize("read", [read_recording, load_calibration, read_scene])
+def test_what_is_too_large_is_not_read(read, tmp_path, monkeypatch):
+    monkeypatch.setattr(_whole_files, "MOST_BYTES", 2**20)
+    large = tmp_path / "large"
+    large.write_bytes(bytes(2**20 + 1))
+    for path in (large, "/dev/zero"):
+        with pytest.raises(ValueError, match="must hold at most 1 MiB, but holds more"):
+            read(path)

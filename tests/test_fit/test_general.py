@@ -131,14 +131,18 @@ def test_a_product_is_determined_and_its_factors_are_not():
 
 
 @pytest.mark.parametrize("y", [2.0, 0.3, 1e5 / 3, -7e-9])
-def test_fewer_points_than_numbers(y):
+def test_fewer_points_than_numbers_of_an_array(y):
     """The line meets the point to rounding, which must not be taken for a slope of the loss."""
-    found = jc.fit(line, [y], {"slope": 1.0, "offset": 0.0}, x=np.array([3.0]), sigma=0.1)
+
+    def line_of(p, x):
+        return p[0] * x + p[1]
+
+    found = jc.fit(line_of, [y], np.array([1.0, 0.0]), x=np.array([3.0]), sigma=0.1)
     (direction,) = found.unidentified
     assert found.converged and found.loss < 1e-20 * max(1, y**2)
     # A line may turn about its one point: the offset changes by -3 where the slope does by 1.
-    parts = direction.components
-    assert parts["slope"] / parts["offset"] == pytest.approx(-1 / 3)
+    slope, offset = (direction.components[name] for name in found.names)
+    assert slope / offset == pytest.approx(-1 / 3)
 
 
 @pytest.mark.parametrize("transform", [jc.Free(), jc.Positive(), jc.Between(1.0, 5.0)])
