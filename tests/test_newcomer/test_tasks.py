@@ -1,0 +1,175 @@
+"""Twelve tasks as someone meets them who has a ball and a simulator, by what README and docs say.
+
+Each is one command, or at most ten lines of Python. The recordings are made here from a ball whose
+restitution is known.
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import numpy as np
+import openpyxl
+import pandas as pd
+import pytest
+
+import jaxcontact as jc
+from benchmarks.sound_truths import simulate, truth_of
+from jaxcontact._cli import main
+
+E = 0.8
+GRAVITY = 9.81
+RANDOM = np.random.default_rng(7)
+SPEED = np.geomspace(0.5, 4.0, 24)
+SCATTERED = E * (1 + 0.01 * RANDOM.normal(size=24))
+ROWS = np.stack([SPEED, SCATTERED], axis=1)
+
+FEW_ERRORS = 4.0
+"""Standard errors: one draw in 16,000 is farther off, and these draws are fixed."""
+
+
+def intervals(drops: int = 3, bounces: int = 9) -> list[list[float]]:
+    """Times between the impacts of drops from about a metre, each error 1 %."""
+    found = []
+    for height in np.linspace(0.8, 1.2, drops):
+        first = 2 * E * np.sqrt(2 * height / GRAVITY)
+        scatter = np.cumprod(np.r_[1, 1 + 0.01 * RANDOM.normal(size=bounces - 1)])
+        found.append((first * E ** np.arange(bounces) * scatter).tolist())
+    return found
+
+
+def text_of(rows: np.ndarray, heading: str, separator: str, mark: str = ".") -> str:
+    lines = (separator.join(f"{x:.5f}".replace(".", mark) for x in row) for row in rows)
+    return "\n".join([heading, *lines]) + "\n"
+
+
+def decimal_comma() -> bytes:
+    scaled = ROWS * [1000, 1]
+    return text_of(scaled, "speed (mm/s);COR", ";", ",").encode()
+
+
+def utf_16_of_a_spreadsheet() -> bytes:
+    drop = np.linspace(20, 150, 24)
+    rows = np.stack([drop, drop * SCATTERED**2], axis=1)
+    return text_of(rows, "h0 / cm\th1 / cm", "\t").encode("utf-16")
+
+
+def one_column_of_intervals() -> bytes:
+    return ("interval_s\n" + "\n".join(f"{t:.5f}" for t in intervals(1, 12)[0]) + "\n").encode()
+
+
+def lone_column() -> bytes:
+    return one_column_of_intervals().split(b"\n", 1)[1]
+
+
+def percent() -> bytes:
+    return text_of(ROWS * [1, 100], "speed,e", ",").encode()
+
+
+def notes_of_a_laboratory() -> bytes:
+    table = text_of(ROWS, '"v [m/s]","e"', ",").replace("\n", "\r\n", 4)
+    return ("# Kugel 3, Höhe 2 m über dem Boden\r\n\r\n" + table).encode("latin-1")
+
+
+def kilometres_an_hour() -> bytes:
+    rows = np.stack([3.6 * SPEED, 3.6 * SPEED * SCATTERED], axis=1)
+    return text_of(rows, "v_in [km/h];v_out [km/h]", ";").encode()
+
+
+def workbook(file: Path) -> None:
+    book = openpyxl.Workbook()
+    book.active.append(["made on Monday"])
+    sheet = book.create_sheet("runs")
+    sheet.append(["v (m/s)", "COR"])
+    for row in ROWS.tolist():
+        sheet.append(row)
+    book.save(file)
+
+
+def run(command: str, folder: Path, capsys: pytest.CaptureFixture) -> tuple[int, str, str]:
+    """The exit code of a command in a folder, and what it printed."""
+    before = capsys.readouterr()
+    assert not before.err, "what came before said something"
+    program, *words = shlex.split(command)
+    assert program == "jaxcontact"
+    code = main(words)
+    printed = capsys.readouterr()
+    return code, printed.out, printed.err
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def assert_delivers(estimates: list[dict]) -> None:
+    e = next(one for one in estimates if one["name"] == "e")
+    assert abs(e["value"] - E) < FEW_ERRORS * e["standard_error"] < 0.05
+
+
+def assert_calibrates(command: str, folder: Path, capsys: pytest.CaptureFixture) -> None:
+    code, out, err = run(f"{command} --quiet --json", folder, capsys)
+    assert (code, err) == (0, "")
+    assert_delivers(json.loads(out)["choice"]["laws"][0]["estimates"])
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        decimal_comma,
+        utf_16_of_a_spreadsheet,
+        one_column_of_intervals,
+        notes_of_a_laboratory,
+        kilometres_an_hour,
+    ],
+)
+def test_a_file_as_it_was_saved(content, here, capsys):
+    (here / "ball.csv").write_bytes(content())
+    assert_calibrates("jaxcontact calibrate ball.csv", here, capsys)
+
+
+def test_a_column_without_a_heading(here, capsys):
+    (here / "ball.txt").write_bytes(lone_column())
+    code, _, err = run("jaxcontact calibrate ball.txt", here, capsys)
+    assert code == 2 and "heights" in err and "intervals" in err and "--columns" in err
+    assert_calibrates("jaxcontact calibrate ball.txt --columns 'interval [s]=1'", here, capsys)
+
+
+def test_percent(here, capsys):
+    (here / "ball.csv").write_bytes(percent())
+    code, _, err = run("jaxcontact calibrate ball.csv", here, capsys)
+    assert code == 2 and "in percent" in err and "100" in err
+    assert_calibrates("jaxcontact calibrate ball.csv --columns 'e [%]=2,speed=1'", here, capsys)
+
+
+def test_a_workbook(here, capsys):
+    workbook(here / "ball.xlsx")
+    assert_calibrates("jaxcontact calibrate ball.xlsx", here, capsys)
+
+
+def test_a_parquet_file(here, capsys):
+    pd.DataFrame({"velocity": SPEED, "restitution": SCATTERED}).to_parquet(here / "ball.parquet")
+    assert_calibrates("jaxcontact calibrate ball.parquet", here, capsys)
+
+
+def test_a_frame_in_a_notebook():
+    frame = pd.DataFrame({"v (m/s)": SPEED, "COR": SCATTERED})
+    found = jc.calibrate(jc.read_recording(frame))
+    e = found.choice.laws[0].estimates[0]
+    assert e.name == "e" and abs(e.value - E) < FEW_ERRORS * e.standard_error
+
+
+def test_a_sound(here, capsys):
+    raise NotImplementedError
+
+
+def test_into_the_simulator(here, capsys):
+    (here / "ball.csv").write_bytes(decimal_comma())
+    code, _, _ = run("jaxcontact calibrate ball.csv --mass 1 --stiffness 1e6 --quiet", here, capsys)
+    assert code == 0
+    command = "jaxcontact export --from calibration.json --velocity 2 --engine mujoco"
+    code, out, err = run(command, here, capsys)
+    assert (code, err) == (0, "") and "<geom" in out and "solref" in out
