@@ -47,11 +47,13 @@ def draw(random: np.random.Generator, *, speech: bool = False, bounces: bool = T
     flights = [first]
     while flights[-1] > LAST_FLIGHT and sum(flights) < 6:
         flights.append(flights[-1] * e * np.exp(scatter * random.normal()))
-    time = start + np.concatenate([[0], np.cumsum(flights[:-1])])
     speed = GRAVITY * np.array(flights) / 2 / e  # of approach, but for the scatter
+    ball = _ball(random, rate)
+    # From touch to touch the ball is in contact, too.
+    whole = np.array(flights) + ball.contact * (speed / speed[0]) ** -0.2
+    time = start + np.concatenate([[0], np.cumsum(whole[:-1])])
     seconds = time[-1] + random.uniform(0.3, 0.8)
     n = round(seconds * rate)
-    ball = _ball(random, rate)
     dry, own = np.zeros(n + rate), []
     for t, v in zip(time, speed, strict=True):
         at = int(np.ceil(t * rate))

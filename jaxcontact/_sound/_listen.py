@@ -18,16 +18,19 @@ _SHORT = 0.3
 _LEAST_RATE = 4000
 _MOST_RISES = 5000
 _REACH = 0.04
-"""Of a flight, around the time at which the next impact is expected."""
+"""Of a flight, around the time at which the next impact is expected, at most."""
 
-_LEAST_REACH = 2e-3
+_CERTAIN, _LEAST_REACH = 2e-3, 4e-4
 _UNSURE = 5e-4
 """An impact whose time has a larger error, in s, is doubtful."""
+
+_SURE = 4.0
+"""Times as clear as needed: the series is carried on from these."""
 
 _LOUD = 12.0
 """Other sounds that are so many dB over the noise are listed."""
 
-_AMPLITUDES = 0.03, 2.5
+_AMPLITUDES = 0.15, 2.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -117,7 +120,8 @@ def _drops(
         first, last = drop[0].time, drop[-1].time
         spans.append((first, last))
         flight = drop[1].time - first
-        left = left.some((left.time < first - flight / 2) | (left.time > last + SHORTEST))
+        outside = (left.time < first - flight / 2) | (left.time > last + SHORTEST)
+        left = left.some(outside & ~members)
     drops.sort(key=lambda one: one[0].time)
     used = np.array([one.time for drop in drops for one in drop] + [one.time for one in others])
     for k, time in enumerate(rises.time):
@@ -146,6 +150,9 @@ def _drop(
     }
     if len(known) < LEAST_BOUNCES:
         return (), []
+    # Weaker ones are found again where the clearest let them be expected.
+    sure = {number: one for number, one in known.items() if one.clear > _SURE * CLEAR}
+    known = sure if _three_in_a_row(sure) else known
     _extend(filters, shape, known)
     numbers = sorted(known)
     again, _ = timed(
@@ -191,11 +198,11 @@ def _add(filters: Whitener, shape: Shape, known: dict[int, Timed], number: int) 
     expected = _expected(known, number)
     if expected is None:
         return False
-    time, flight = expected
-    if not 0 < time < filters.audio.seconds - 1e-3 or flight < SHORTEST / 2:
+    time, flight, spread = expected
+    if not 0 < time < filters.audio.seconds - 1e-3 or flight < SHORTEST:
         return False
     near = min(known, key=lambda k: abs(k - number))
-    reach = max(_REACH * flight, _LEAST_REACH) * abs(number - near)
+    reach = (min(2 * spread + _CERTAIN, _REACH) * flight + _LEAST_REACH) * abs(number - near)
     reach = min(reach, flight / 3)
     one = find(filters, shape, time, reach)
     ratio = one.amplitude / known[near].amplitude
@@ -206,14 +213,17 @@ def _add(filters: Whitener, shape: Shape, known: dict[int, Timed], number: int) 
     return True
 
 
-def _expected(known: dict[int, Timed], number: int) -> tuple[float, float] | None:
-    """When an impact is expected, in s, and how long the flight before or after it is."""
+def _expected(known: dict[int, Timed], number: int) -> tuple[float, float, float] | None:
+    """When an impact is expected, and how long the flight before or after it is, in s; and by how
+    much ln(ratio) of the flights nearby differs.
+    """
     flights = {k: known[k + 1].time - known[k].time for k in known if k + 1 in known}
     pairs = [(k, flights[k + 1] / flights[k]) for k in flights if k + 1 in flights]
-    if not flights or not pairs:
+    if not pairs:
         return None
-    near = sorted(pairs, key=lambda one: abs(one[0] - number))[:3]
-    ratio = float(np.median([one[1] for one in near]))
+    near = [one[1] for one in sorted(pairs, key=lambda one: abs(one[0] + 1 - number))]
+    ratio = float(np.median(near[:3]))
+    spread = float(np.ptp(np.log(near[:5]))) if len(near) > 2 else math.inf
     k = min(flights, key=lambda one: abs(one + 0.5 - number))
     if number > k:
         time, flight = known[k + 1].time, flights[k]
@@ -225,5 +235,8 @@ def _expected(known: dict[int, Timed], number: int) -> tuple[float, float] | Non
         for _ in range(k - number):
             flight /= ratio
             time -= flight
-    return time, flight
+    return time, flight, spread
 
+
+def _three_in_a_row(known: dict[int, Timed]) -> bool:
+    return any(k + 1 in known and k + 2 in known for k in known)

@@ -1,19 +1,20 @@
 """Times of impacts to a few microseconds: each sounds like the others of its drop, only weaker.
 
 Behind the whitening filter a bounce is a_k s(t - t_k) + noise with one shape s for all. The time
-with the largest correlation c(τ) = ∫ x(t + τ) s(t) dt has, in noise of the variance σ² per sample,
-the error
+with the largest correlation c(τ) = ∫ x(t + τ) s(t) dt has the error
 
-    var t = σ²/(a² Σ s'²),
+    var t = Σ |S'(f)|² |R(f)|² / (a Σ |S'(f)|²)²,
 
-and the posterior of τ, exp(c²/(2 σ² Σ s²)), says whether another period fits as well. σ² is what a
-bounce leaves beside the shape, so that sounds which differ from it are known less well. No
-threshold is met later by a weaker sound, as that of a picker is. Source: Kay (1993), Fundamentals
+with S' the spectrum of s', R of what the bounce leaves beside the shape of the others: noise, and
+how it differs from them. In white noise of the variance σ² that is σ²/(a² Σ s'²). The posterior of
+τ, exp(c²/(2 σ² Σ s²)), says whether another period fits as well. No threshold is met later by a
+weaker sound, as that of a picker is. Source: Kay (1993), Fundamentals
 of Statistical Signal Processing: Estimation Theory, ISBN 978-0133457117, ex. 3.13.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ from ._background import Whitener
 _LEAD, _SHAPE, _FADE = 5e-4, 6e-3, 2e-3
 """Parts of the shape in s: before the impact, after it, and of that where it fades out."""
 
-_QUIET = 8e-3
+_QUIET = 16e-3
 _FINE = 384e3
 """Samples per second between which a parabola is exact enough."""
 
@@ -45,7 +46,8 @@ class Timed(NamedTuple):
     clear: float
 
 
-class Shape(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Shape:
     """What all impacts of a drop sound like: samples from `lead` before the impact on."""
 
     samples: Float[np.ndarray, " m"]
@@ -87,39 +89,55 @@ def find(filters: Whitener, shape: Shape, near: float, reach: float) -> Timed:
     bend = c[k - 1] - 2 * c[k] + c[k + 1]
     lag = (k + (0.5 * (c[k - 1] - c[k + 1]) / bend if bend < 0 else 0.0)) / fine
     amplitude = float(c[k]) / power
-    here = x[round(lag) : round(lag) + m]
-    left = max(float(here @ here) - amplitude * float(c[k]), 0.0) / max(m - 2, 1)
-    variance = max(left, float(np.mean(before**2)) if near > _QUIET else 0.0, 1e-20)
-    slope = float(np.sum(np.diff(shape.samples, prepend=0.0) ** 2)) * rate**2
-    error = math.sqrt(variance / slope) / amplitude
-    posterior = np.where(c > 0, c, 0) ** 2 / (2 * variance * power)
+    time = (start + lag + shape.lead) / rate
+    left = _at(filters, shape, time) - amplitude * shape.samples
+    spectrum = np.fft.fft(shape.samples)
+    energy = np.abs(spectrum) ** 2
+    # What is left has colours: what matters is how much of it is like the shape.
+    rest = np.abs(np.fft.fft(left)) ** 2
+    variance = max(float(energy @ rest) / m**2, 1e-30)
+    if near > _QUIET + reach:
+        quiet = np.convolve(before, shape.samples[::-1], "valid")
+        noise = float(np.mean(quiet**2))
+        rest = np.maximum(rest, m * noise / power)
+        variance = max(variance, noise)
+    slope = energy * (2 * np.pi * np.fft.fftfreq(m, 1 / rate)) ** 2
+    error = math.sqrt(float(slope @ rest)) / (amplitude * float(np.sum(slope)))
+    posterior = np.where(c > 0, c, 0) ** 2 / (2 * variance)
     weight = np.exp(posterior - posterior.max())
     place = np.arange(c.size) / fine
     mean = float(weight @ place / weight.sum())
-    spread = math.sqrt(float(weight @ (place - mean) ** 2 / weight.sum())) / rate
-    time = (start + lag + shape.lead) / rate
-    return Timed(time, max(error, spread), amplitude, float(c[k] ** 2 / (variance * power)))
+    other = math.sqrt(float(weight @ (place - mean) ** 2 / weight.sum())) / rate
+    return Timed(time, max(error, other), amplitude, float(c[k] ** 2 / variance))
 
 
-def common_shape(filters: Whitener, found: list[Timed], shape: Shape) -> Shape:
-    """The mean of sounds at their times, each weighted as its amplitude and noise say."""
-    m, rate = shape.samples.size, shape.rate
-    total, weights = np.zeros(m), 0.0
-    for one in found:
-        if not (one.amplitude > 0 and math.isfinite(one.error)):
-            continue
-        exact = one.time * rate - shape.lead
-        whole, spare = math.floor(exact), m
-        x = filters.part(whole - spare, whole + m + spare)
-        turn = np.exp(2j * np.pi * np.fft.rfftfreq(x.size) * (exact - whole))
-        x = np.fft.irfft(np.fft.rfft(x) * turn, x.size)[spare : spare + m]
-        # A clear sound weighs as its energy; a weak one less, by its noise.
-        weight = one.amplitude * one.clear / (one.clear + CLEAR)
-        total += weight * x
-        weights += weight * one.amplitude
-    if weights == 0:
-        return shape
-    return Shape(total / weights * _window(rate), shape.lead, rate)
+def _at(filters: Whitener, shape: Shape, time: float) -> Float[np.ndarray, " m"]:
+    """The sound at a time between samples, as long as the shape."""
+    exact, m = time * shape.rate - shape.lead, shape.samples.size
+    whole = math.floor(exact)
+    x = filters.part(whole - m, whole + 2 * m)
+    turn = np.exp(2j * np.pi * np.fft.rfftfreq(x.size) * (exact - whole))
+    return np.fft.irfft(np.fft.rfft(x) * turn, x.size)[m : 2 * m] * _window(shape.rate)
+
+
+def _shapes(filters: Whitener, found: list[Timed], shape: Shape) -> tuple[Shape, list[Shape]]:
+    """The mean of sounds at their times, each weighted as its amplitude and noise say; and the same
+    without each in turn, since a sound is always like a mean that holds it.
+    """
+    sounds = np.array([_at(filters, shape, one.time) for one in found])
+    size = np.array([one.amplitude for one in found])
+    clear = np.array([one.clear for one in found])
+    # A clear sound weighs as its energy; a weak one less, by its noise.
+    weight = size * clear / (clear + CLEAR)
+    total, whole = weight @ sounds, float(weight @ size)
+    if not whole > 0:
+        return shape, [shape] * len(found)
+    rest = whole - weight * size
+    others = [
+        dataclasses.replace(shape, samples=(total - w * x) / r) if r > 0.02 * whole else shape
+        for w, x, r in zip(weight, sounds, rest, strict=True)
+    ]
+    return dataclasses.replace(shape, samples=total / whole), others
 
 
 def timed(filters: Whitener, near: list[float], loudest: int) -> tuple[list[Timed], Shape]:
@@ -127,6 +145,8 @@ def timed(filters: Whitener, near: list[float], loudest: int) -> tuple[list[Time
     shape, reach = shape_at(filters, near[loudest]), 2e-3
     found = [find(filters, shape, time, reach) for time in near]
     for _ in range(_ROUNDS - 1):
-        shape = common_shape(filters, found, shape)
-        found = [find(filters, shape, one.time, reach / 2) for one in found]
+        shape, others = _shapes(filters, found, shape)
+        found = [
+            find(filters, own, one.time, reach / 2) for own, one in zip(others, found, strict=True)
+        ]
     return found, shape
