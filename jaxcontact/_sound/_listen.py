@@ -21,8 +21,14 @@ _REACH = 0.04
 """Of a flight, around the time at which the next impact is expected, at most."""
 
 _CERTAIN, _LEAST_REACH = 2e-3, 4e-4
-_UNSURE = 5e-4
+_UNSURE = 2e-4
 """An impact whose time has a larger error, in s, is doubtful."""
+
+_TRIES = 12
+"""Series that turn out to be none, after which no more are tried."""
+
+_EXPECTED = 10.0
+"""As `CLEAR`, for a sound within a fraction of a millisecond of where it is expected."""
 
 _SURE = 4.0
 """Times as clear as needed: the series is carried on from these."""
@@ -108,12 +114,13 @@ def _drops(
 ) -> tuple[tuple[tuple[Bounce, ...], ...], tuple[Other, ...]]:
     """One drop after another, the clearest first; sounds within a drop belong to no other."""
     left, drops, others, spans = rises, [], [], []
-    while (series := best_series(left)) is not None:
+    tries = _TRIES
+    while tries and (series := best_series(left)) is not None:
         members = np.zeros(len(left), bool)
         members[list(series.place)] = True
         drop, doubtful = _drop(filters, left, series)
         if len(drop) < LEAST_BOUNCES:
-            left = left.some(~members)
+            left, tries = left.some(~members), tries - 1
             continue
         drops.append(drop)
         others += doubtful
@@ -148,7 +155,7 @@ def _drop(
         for number, one in zip(series.number, found, strict=True)
         if one.clear > CLEAR and math.isfinite(one.error)
     }
-    if len(known) < LEAST_BOUNCES:
+    if not _three_in_a_row(known):
         return (), []
     # Weaker ones are found again where the clearest let them be expected.
     sure = {number: one for number, one in known.items() if one.clear > _SURE * CLEAR}
@@ -162,7 +169,7 @@ def _drop(
     )
     doubtful, good = [], {}
     for number, one in zip(numbers, again, strict=True):
-        if one.clear > CLEAR and one.error < _UNSURE:
+        if one.clear > _EXPECTED and one.error < _UNSURE:
             good[number] = one
         else:
             why = f"perhaps a bounce, but its time is known only to {1e3 * one.error:.2g} ms"
@@ -204,10 +211,10 @@ def _add(filters: Whitener, shape: Shape, known: dict[int, Timed], number: int) 
     near = min(known, key=lambda k: abs(k - number))
     reach = (min(2 * spread + _CERTAIN, _REACH) * flight + _LEAST_REACH) * abs(number - near)
     reach = min(reach, flight / 3)
-    one = find(filters, shape, time, reach)
+    one = find(filters, shape, time, reach, flight)
     ratio = one.amplitude / known[near].amplitude
     low, high = _AMPLITUDES if number > near else tuple(1 / x for x in _AMPLITUDES[::-1])
-    if one.clear < CLEAR or not low < ratio < high or abs(one.time - time) > 0.98 * reach:
+    if one.clear < _EXPECTED or not low < ratio < high or abs(one.time - time) > 0.98 * reach:
         return False
     known[number] = one
     return True

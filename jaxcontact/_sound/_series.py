@@ -33,6 +33,9 @@ _MOST_GAIN, _MISS, _MISFIT = 3.0, 2.0, 0.5
 LEAST_BOUNCES = 4
 """Three intervals, whose two ratios agree: fewer sounds are no evidence of a series."""
 
+_LEAST_CLEAR = 3
+"""Of them that stand out by themselves; others may be found where they let them be expected."""
+
 _LEAST_SCORE = 5.0
 
 
@@ -88,7 +91,7 @@ def best_series(rises: Rises) -> Series | None:
         j, row = int(here.before[row]), int(here.last[row])
         place.append(j)
     number = 1 + np.concatenate([[0], np.cumsum(steps[::-1])])
-    if len(place) < LEAST_BOUNCES:
+    if len(place) < _LEAST_CLEAR:
         return None
     return Series(tuple(place[::-1]), tuple(map(int, number)), top[0])
 

@@ -27,12 +27,16 @@ _LEAD, _SHAPE, _FADE = 5e-4, 6e-3, 2e-3
 """Parts of the shape in s: before the impact, after it, and of that where it fades out."""
 
 _QUIET = 16e-3
+_LONG = 1.0
+_ALIKE = 0.2
+"""A sound of whose energy less is that of the shape is no such impact."""
+
 _FINE = 384e3
 """Samples per second between which a parabola is exact enough."""
 
 _ROUNDS = 3
-CLEAR = 30.0
-"""c²/(σ² Σ s²) of a sound that is the shape: of noise it is above 30 once in a million lags."""
+CLEAR = 16.0
+"""c²/(σ² Σ s²) of a sound that is the shape: of noise it is above 16 once in some ten thousand lags."""
 
 
 class Timed(NamedTuple):
@@ -69,12 +73,15 @@ def _window(rate: int) -> Float[np.ndarray, " m"]:
     return np.cos(np.pi / 2 * np.clip((t - _SHAPE + _FADE) / _FADE, 0, 1)) ** 2
 
 
-def find(filters: Whitener, shape: Shape, near: float, reach: float) -> Timed:
-    """The impact within `reach` s of a time."""
+def find(
+    filters: Whitener, shape: Shape, near: float, reach: float, flight: float = _LONG
+) -> Timed:
+    """The impact within `reach` s of a time, after a `flight` in s."""
     rate, m = shape.rate, shape.samples.size
     margin = round(reach * rate) + 2
     start = round(near * rate) - shape.lead - margin
-    quiet = round(_QUIET * rate)
+    # The noise is that of the end of the flight, where the last impact has died away most.
+    quiet = max(round(min(_QUIET, 0.4 * flight) * rate), m + round(_LEAD * rate))
     x = filters.part(start - quiet, start + m + 2 * margin)
     before, x = x[:quiet], x[quiet:]
     fine = max(math.ceil(_FINE / rate), 1)
@@ -95,10 +102,10 @@ def find(filters: Whitener, shape: Shape, near: float, reach: float) -> Timed:
     energy = np.abs(spectrum) ** 2
     # What is left has colours: what matters is how much of it is like the shape.
     rest = np.abs(np.fft.fft(left)) ** 2
-    variance = max(float(energy @ rest) / m**2, 1e-30)
-    if near > _QUIET + reach:
-        quiet = np.convolve(before, shape.samples[::-1], "valid")
-        noise = float(np.mean(quiet**2))
+    variance = noise = max(float(energy @ rest) / m**2, 1e-30)
+    if near > quiet / rate + reach:
+        like = np.convolve(before, shape.samples[::-1], "valid")
+        noise = max(float(np.mean(like**2)), 1e-30)
         rest = np.maximum(rest, m * noise / power)
         variance = max(variance, noise)
     slope = energy * (2 * np.pi * np.fft.fftfreq(m, 1 / rate)) ** 2
@@ -108,7 +115,10 @@ def find(filters: Whitener, shape: Shape, near: float, reach: float) -> Timed:
     place = np.arange(c.size) / fine
     mean = float(weight @ place / weight.sum())
     other = math.sqrt(float(weight @ (place - mean) ** 2 / weight.sum())) / rate
-    return Timed(time, max(error, other), amplitude, float(c[k] ** 2 / variance))
+    whole = amplitude**2 * power
+    share = whole / (whole + float(left @ left))
+    clear = float(c[k] ** 2 / noise) if share > _ALIKE else 0.0
+    return Timed(time, max(error, other), amplitude, clear)
 
 
 def _at(filters: Whitener, shape: Shape, time: float) -> Float[np.ndarray, " m"]:
@@ -143,10 +153,15 @@ def _shapes(filters: Whitener, found: list[Timed], shape: Shape) -> tuple[Shape,
 def timed(filters: Whitener, near: list[float], loudest: int) -> tuple[list[Timed], Shape]:
     """The impacts near some times, and their common shape, which begins as that of the loudest."""
     shape, reach = shape_at(filters, near[loudest]), 2e-3
-    found = [find(filters, shape, time, reach) for time in near]
+    flights = np.diff(near, prepend=near[0] - _LONG)
+    found = [
+        find(filters, shape, time, reach, flight)
+        for time, flight in zip(near, flights, strict=True)
+    ]
     for _ in range(_ROUNDS - 1):
         shape, others = _shapes(filters, found, shape)
         found = [
-            find(filters, own, one.time, reach / 2) for own, one in zip(others, found, strict=True)
+            find(filters, own, one.time, reach / 2, flight)
+            for own, one, flight in zip(others, found, flights, strict=True)
         ]
     return found, shape
