@@ -186,7 +186,9 @@ def _speech(random: np.random.Generator, n: int, rate: int) -> np.ndarray:
         for low, high in ((250, 900), (900, min(2800, 0.4 * rate))):
             f, width = random.uniform(low, high), random.uniform(60, 150)
             r = np.exp(-np.pi * width / rate)
-            source = signal.lfilter([1 - r], [1, -2 * r * np.cos(2 * np.pi * f / rate), r**2], source)
+            source = signal.lfilter(
+                [1 - r], [1, -2 * r * np.cos(2 * np.pi * f / rate), r**2], source
+            )
         if source.size:
             source = source * np.sin(np.pi * np.arange(source.size) / source.size) ** 0.5
             x[k] += source / (np.sqrt(np.mean(source**2)) + 1e-12)

@@ -24,6 +24,9 @@ _CERTAIN, _LEAST_REACH = 2e-3, 4e-4
 _UNSURE = 2e-4
 """An impact whose time has a larger error, in s, is doubtful."""
 
+_FREE, _FAR = 3e-3, 6.0
+"""Flights agree whose ln(ratio) differs by less than this, and so many standard deviations."""
+
 _TRIES = 12
 """Series that turn out to be none, after which no more are tried."""
 
@@ -53,11 +56,14 @@ class Bounce:
 
 @dataclasses.dataclass(frozen=True)
 class Other:
-    """A sound that is not used: its time in s, its level over the noise in dB, and why."""
+    """A sound that is not used: its time in s, its level over the noise in dB, and why; `doubtful`
+    if it may be a bounce.
+    """
 
     time: float
     level: float
     why: str
+    doubtful: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,8 +178,12 @@ def _drop(
         if one.clear > _EXPECTED and one.error < _UNSURE:
             good[number] = one
         else:
-            why = f"perhaps a bounce, but its time is known only to {1e3 * one.error:.2g} ms"
-            doubtful.append(Other(one.time, _level(one), why))
+            why = f"its time is known only to {1e3 * one.error:.2g} ms"
+            doubtful.append(Other(one.time, _level(one), why, doubtful=True))
+    while (number := _misfit(good)) is not None:
+        one = good.pop(number)
+        why = "too early or too late for its series"
+        doubtful.append(Other(one.time, _level(one), why, doubtful=True))
     first = min(good, default=1)
     drop = tuple(
         Bounce(number - first + 1, one.time, one.error, _level(one))
@@ -247,3 +257,32 @@ def _expected(known: dict[int, Timed], number: int) -> tuple[float, float, float
 
 def _three_in_a_row(known: dict[int, Timed]) -> bool:
     return any(k + 1 in known and k + 2 in known for k in known)
+
+
+def _misfit(good: dict[int, Timed]) -> int | None:
+    """The least certain of three impacts whose flights do not go with those nearby; None if none.
+
+    Compared is ln(T₂/T₁) with its median over five others nearby, and the difference with what the
+    errors of the times and the scatter of the ratios allow.
+    """
+    found = []
+    for k in good:
+        if k + 1 in good and k + 2 in good:
+            one, two, three = (good[k + step] for step in range(3))
+            t1, t2 = two.time - one.time, three.time - two.time
+            variance = (one.error / t1) ** 2 + (two.error * (1 / t1 + 1 / t2)) ** 2
+            found.append((k, math.log(t2 / t1), variance + (three.error / t2) ** 2))
+    worst, most = None, 1.0
+    for k, own, variance in found:
+        others = sorted((one for one in found if one[0] != k), key=lambda one: abs(one[0] - k))[:5]
+        if len(others) < 2:
+            continue
+        ratios = np.array([one[1] for one in others])
+        middle = float(np.median(ratios))
+        scatter = float(np.median(np.abs(ratios - middle)))
+        off = abs(own - middle) / (_FREE + _FAR * math.hypot(scatter, math.sqrt(variance)))
+        if off > most:
+            worst, most = k, off
+    if worst is None:
+        return None
+    return max((worst + step for step in range(3)), key=lambda number: good[number].error)
