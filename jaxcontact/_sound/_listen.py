@@ -24,6 +24,9 @@ _CERTAIN, _LEAST_REACH = 2e-3, 4e-4
 _UNSURE = 2e-4
 """An impact whose time has a larger error, in s, is doubtful."""
 
+_MOST_EVEN = 0.985
+"""Sounds at intervals which are equal but for so much are those of a voice or a machine."""
+
 _FREE, _FAR = 3e-3, 6.0
 """Flights agree whose ln(ratio) differs by less than this, and so many standard deviations."""
 
@@ -184,6 +187,13 @@ def _drop(
         one = good.pop(number)
         why = "too early or too late for its series"
         doubtful.append(Other(one.time, _level(one), why, doubtful=True))
+    if _usual_ratio(good) > _MOST_EVEN:
+        return (), []
+    for number in sorted(good):
+        if not {number - 1, number + 1} & good.keys():
+            one = good.pop(number)
+            why = "those before and after it are missing"
+            doubtful.append(Other(one.time, _level(one), why, doubtful=True))
     first = min(good, default=1)
     drop = tuple(
         Bounce(number - first + 1, one.time, one.error, _level(one))
@@ -257,6 +267,13 @@ def _expected(known: dict[int, Timed], number: int) -> tuple[float, float, float
 
 def _three_in_a_row(known: dict[int, Timed]) -> bool:
     return any(k + 1 in known and k + 2 in known for k in known)
+
+
+def _usual_ratio(good: dict[int, Timed]) -> float:
+    """The median ratio of successive flights; infinite where there are none."""
+    triples = [(good[k], good[k + 1], good[k + 2]) for k in good if {k + 1, k + 2} <= good.keys()]
+    ratios = [(three.time - two.time) / (two.time - one.time) for one, two, three in triples]
+    return float(np.median(ratios)) if ratios else math.inf
 
 
 def _misfit(good: dict[int, Timed]) -> int | None:

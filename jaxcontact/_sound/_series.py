@@ -17,8 +17,8 @@ from ._rises import Rises
 SHORTEST, LONGEST = 0.02, 2.5
 """Flights in s that are looked for; a ball that flies for 2.5 s rises 8 m."""
 
-_LOW, _HIGH = 0.25, 1.015
-"""Ratios of successive flights; above 1 only by errors."""
+_LOW, _HIGH = 0.25, 0.99
+"""Ratios of successive flights; larger only by errors of the times."""
 
 _CHANGE = 0.07
 """By how much ln(ratio) may change from one bounce to the next: drag, and e(v)."""

@@ -40,14 +40,15 @@ CLEAR = 16.0
 
 
 class Timed(NamedTuple):
-    """The `time` of an impact in s, its standard `error`, its amplitude in units of the shape, and
-    how `clear` it is, c²/(σ² Σ s²).
+    """The `time` of an impact in s, its standard `error`, its amplitude in units of the shape, how
+    `clear` it is, c²/(σ² Σ s²), and the `share` of its energy that is that of the shape.
     """
 
     time: float
     error: float
     amplitude: float
     clear: float
+    share: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,7 +119,7 @@ def find(
     whole = amplitude**2 * power
     share = whole / (whole + float(left @ left))
     clear = float(c[k] ** 2 / noise) if share > _ALIKE else 0.0
-    return Timed(time, max(error, other), amplitude, clear)
+    return Timed(time, max(error, other), amplitude, clear, share)
 
 
 def _at(filters: Whitener, shape: Shape, time: float) -> Float[np.ndarray, " m"]:
