@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import io
+import itertools
 import json
 import math
 import sys
@@ -131,7 +132,7 @@ def study(draws: int, others: int) -> dict:
     seconds = time.perf_counter() - begin
     by_level = {
         f"{low} to {high} dB": summary([row for row in rows if low <= row["snr"] < high])
-        for low, high in zip(LEVELS, LEVELS[1:], strict=False)
+        for low, high in itertools.pairwise(LEVELS)
     }
     spread = {
         "no scatter of e": summary([row for row in rows if row["scatter"] == 0]),
@@ -158,7 +159,9 @@ def study(draws: int, others: int) -> dict:
         "seconds of sound": sum(row["seconds"] for row in rows),
         "seconds of one core": round(seconds, 1),
         "off, quantiles of 5, 25, 50, 75, 95 %": list(
-            np.quantile([row["off"] for row in rows if row["fitted"]], (0.05, 0.25, 0.5, 0.75, 0.95))
+            np.quantile(
+                [row["off"] for row in rows if row["fitted"]], (0.05, 0.25, 0.5, 0.75, 0.95)
+            )
         ),
     }
 

@@ -227,6 +227,12 @@ def choose(
     )
 
 
+def _errors_by(found: Fit) -> str:
+    if found.by_group:
+        return "group"
+    return "point" if found.problem.whitener is None else "readings"
+
+
 def _padded_data(
     pairs: Pairs, use: np.ndarray, weights: Floats, others: Columns, how: dict[str, Any]
 ) -> dict[str, Any]:
@@ -288,7 +294,7 @@ def _law_fit(
         kind=kind.name,
         law=kind.law,
         estimates=kind.estimates(found, contact, known, middle),
-        errors_by="group" if found.by_group else "point",
+        errors_by=_errors_by(found),
         identifiable=found.converged and is_identifiable(found),
         unidentified=kind.unidentified,
         rms=float(np.sqrt(np.mean((measured - at_pairs) ** 2))),

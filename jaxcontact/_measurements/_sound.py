@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import os
 import pathlib
 from typing import Any
@@ -57,7 +58,7 @@ def heard(name: str, source: pathlib.Path | bytes) -> tuple[Sound, list[Interval
         raise RecordingError(f"cannot be read ({error.strerror or error})", name) from error
     records: list[Interval] = []
     for trial, drop in enumerate(sound.drops, 1):
-        for one, two in zip(drop, drop[1:], strict=False):
+        for one, two in itertools.pairwise(drop):
             if two.number == one.number + 1:
                 timing = Timing(one.error, two.error, _CONTACT)
                 row, seconds = len(records) + 1, two.time - one.time

@@ -90,20 +90,22 @@ def _file(source: pathlib.Path | bytes) -> io.BytesIO | str:
 def _wave(source: pathlib.Path | bytes) -> Audio | None:
     """Whole numbers of 8 to 32 bits; None for another coding, which `wave` refuses."""
     try:
-        file = wave.open(_file(source), "rb")  # noqa: SIM115: it stays open while parts are read
+        with wave.open(_file(source), "rb") as file:
+            rate, channels = file.getframerate(), file.getnchannels()
+            width, frames = file.getsampwidth(), file.getnframes()
     except wave.Error:
         return None
-    rate, channels, width = file.getframerate(), file.getnchannels(), file.getsampwidth()
 
     def read(start: int, count: int) -> Samples:
-        file.setpos(start)
-        data = file.readframes(count)
+        with wave.open(_file(source), "rb") as file:
+            file.setpos(start)
+            data = file.readframes(count)
         whole = len(data) // (width * channels) * width * channels
         return _numbers(np.frombuffer(data[:whole], np.uint8), width).reshape(-1, channels)
 
     # What was cut off is not there; a header may promise more.
     size = len(source) if isinstance(source, bytes) else source.stat().st_size
-    frames = min(file.getnframes(), size // (width * channels))
+    frames = min(frames, size // (width * channels))
     return Audio(rate, frames, channels, f"WAV of {8 * width} bits", read)
 
 

@@ -73,10 +73,11 @@ def best_series(rises: Rises) -> Series | None:
         first = int(np.searchsorted(rises.time, now - 2 * LONGEST))
         near = np.arange(first, j)
         wait, fall = now - rises.time[near], rises.level[near] - rises.level[j]
-        near = near[(wait > SHORTEST) & (-_LOUDER <= fall) & (fall <= _WEAKER)]
+        near = near[(wait > SHORTEST) & (fall >= -_LOUDER) & (fall <= _WEAKER)]
         parts = [_onwards(ends[i], i, j, rises.time, gain) for i in near]
         columns = list(zip(*parts, strict=True)) or [()] * 5
-        found = _Ends(near, *(np.array(one, kind) for one, kind in zip(columns, "fffii")))
+        kinds = (float, float, float, int, int)
+        found = _Ends(near, *map(np.array, columns, kinds))
         ends.append(found)
         full = np.where(found.last >= 0, found.score, -math.inf)
         if full.size and full.max() > top[0]:

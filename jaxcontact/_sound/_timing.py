@@ -36,7 +36,7 @@ _FINE = 384e3
 
 _ROUNDS = 3
 CLEAR = 16.0
-"""c²/(σ² Σ s²) of a sound that is the shape: of noise it is above 16 once in some ten thousand lags."""
+"""c²/(σ² Σ s²) of a sound that is the shape: noise is above 16 once in ten thousand lags."""
 
 
 class Timed(NamedTuple):
