@@ -3,7 +3,6 @@
 import dataclasses
 import functools
 import io
-import math
 import struct
 import wave
 
@@ -18,6 +17,8 @@ from jaxcontact._sound import listen
 
 CLEAN = 4
 """A draw with a clear drop: e = 0.64, 37 dB over the noise."""
+
+FLIGHTS = 0.4 * 0.75 ** np.arange(4)
 
 STEP = 1e-4
 """In s: coarse codings move times by less; measured 2e-5."""
@@ -35,7 +36,7 @@ def times(recording: jc.Recording) -> np.ndarray:
 
 def file_of(samples: np.ndarray, rate: int, width: int = 2, *, coding: int = 1) -> io.BytesIO:
     """A WAV file written by hand: whole numbers (1), floats (3), or an extended header (65534)."""
-    x = samples.reshape(len(samples), -1)
+    x = samples if samples.ndim == 2 else samples[:, None]
     if coding == 3:
         data = x.astype(f"<f{width}").tobytes()
     elif width == 1:
@@ -65,7 +66,7 @@ def test_a_drop_is_found_and_its_e_lies_in_the_interval(tmp_path):
     assert np.ptp(off) < STEP
     assert recording.layout.name == "intervals"
     assert "1 drop of" in recording.notes[1]
-    calibrated = jc.calibrate(recording, law="power_restitution")
+    calibrated = jc.calibrate(recording, law="constant_damping")
     fit = calibrated.choice.fits["constant e"]
     low, high = next(iter(fit.interval().values()))
     assert low < truth().e < high
@@ -205,9 +206,7 @@ def test_small_study():
 
 
 def test_speech_is_no_ball():
-    rows = [
-        one_of(np.random.default_rng([8, k]), bounces=False, speech=True) for k in range(12)
-    ]
+    rows = [one_of(np.random.default_rng([8, k]), bounces=False, speech=True) for k in range(8)]
     assert summary(rows)["none invented"] == 1
 
 
@@ -228,14 +227,14 @@ def test_the_covariance_of_pairs_is_that_of_their_times():
     from jaxcontact._measurements import make_pairs
     from jaxcontact._measurements._intervals import Timing
 
-    recording = jc.read_recording(interval_s=[0.4, 0.3, 0.24, 0.18])
+    recording = jc.read_recording(interval_s=FLIGHTS)
     sigma = np.array([1e-5, 3e-5, 2e-5, 5e-5, 4e-5])
     contact = 1e-4
 
     def pairs_at(moved: np.ndarray, held: float):
-        time = np.cumsum([0, 0.4, 0.3, 0.24, 0.18]) + moved
+        time = np.cumsum([0, *FLIGHTS]) + moved
         seconds = np.diff(time)
-        share = (np.array([0.4, 0.3, 0.24, 0.18]) / 0.4) ** -0.2
+        share = (FLIGHTS / FLIGHTS[0]) ** -0.2
         records = tuple(
             dataclasses.replace(
                 one, seconds=s + held * w, timing=Timing(sigma[k], sigma[k + 1], contact)
@@ -253,9 +252,7 @@ def test_the_covariance_of_pairs_is_that_of_their_times():
     slopes.append((np.log(pairs_at(np.zeros(5), step).restitution) - middle) / step * contact)
     wanted = np.transpose(slopes) @ np.array(slopes)
     got = pairs_at(np.zeros(5), 0.0).covariance
-    # The slope of the second interval is taken where it is expected, at the median ratio.
-    np.testing.assert_allclose(got, wanted, rtol=0.15, atol=1e-3 * wanted.max())
-    assert math.isclose(np.linalg.eigvalsh(got).min(), np.linalg.eigvalsh(got)[0])
+    np.testing.assert_allclose(got, wanted, rtol=1e-4, atol=1e-5 * wanted.max())
 
 
 def test_the_picture_has_marks():

@@ -91,19 +91,15 @@ def scatter_beside(
     -2 ln L = ln|V| + ln|XᵀV⁻¹X| + rᵀV⁻¹r (Patterson & Thompson 1971, doi 10.1093/biomet/58.3.545)
     over a grid of s₀ from 0 on; `least` is where it begins.
     """
-    n = values.size
+    size, vectors = np.linalg.eigh(covariance)
+    values, columns = vectors.T @ values, vectors.T @ columns
     grid = np.concatenate([[0.0], np.geomspace(least, _MOST_SCATTER, _STEPS)])
     best, lowest = 0.0, math.inf
     for one in grid:
-        try:
-            factor = np.linalg.cholesky(covariance + max(one, 1e-3 * least) ** 2 * np.eye(n))
-        except np.linalg.LinAlgError:
-            continue
-        x, y = np.linalg.solve(factor, columns), np.linalg.solve(factor, values)
-        information = x.T @ x
+        variance = np.maximum(size, 0.0) + max(one, 1e-3 * least) ** 2
+        x, y = columns / np.sqrt(variance)[:, None], values / np.sqrt(variance)
         rest = y - x @ np.linalg.lstsq(x, y)[0]
-        cost = 2 * float(np.sum(np.log(np.diag(factor)))) + float(rest @ rest)
-        cost += float(np.linalg.slogdet(information)[1])
+        cost = float(np.sum(np.log(variance)) + rest @ rest + np.linalg.slogdet(x.T @ x)[1])
         if cost < lowest:
             best, lowest = float(one), cost
     return best

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import pathlib
+import tempfile
 import warnings
 import wave
 from collections.abc import Callable, Iterator
@@ -141,15 +142,26 @@ def _by_scipy(source: pathlib.Path | bytes) -> Audio:
 
 
 def _by_soundfile(source: pathlib.Path | bytes) -> Audio | None:
-    """Whatever soundfile reads; None where it is not installed."""
+    """Whatever soundfile reads; None where it is not installed.
+
+    It is decoded in order, once, into a temporary file: what a decoder gives after a jump into a
+    coded file is another sound for some milliseconds.
+    """
     try:
         import soundfile
     except ImportError:
         return None
-    file = soundfile.SoundFile(_file(source))
+    with soundfile.SoundFile(_file(source)) as file, tempfile.TemporaryFile() as decoded:
+        rate, channels, kind = file.samplerate, file.channels, str(file.format)
+        for block in file.blocks(_BLOCK, dtype="float32", always_2d=True):
+            decoded.write(np.ascontiguousarray(block).data)
+        decoded.flush()
+        frames = decoded.tell() // (4 * channels)
+        if not frames:
+            return Audio(rate, 0, channels, kind, lambda start, count: np.zeros((0, channels)))
+        data = np.memmap(decoded, np.float32, "r", shape=(frames, channels))
 
     def read(start: int, count: int) -> Samples:
-        file.seek(start)
-        return file.read(count, dtype="float64", always_2d=True)
+        return np.asarray(data[start : start + count], float)
 
-    return Audio(file.samplerate, file.frames, file.channels, str(file.format), read)
+    return Audio(rate, frames, channels, kind, read)

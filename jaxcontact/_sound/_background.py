@@ -42,6 +42,8 @@ class Whitener:
     channel: int
     high_pass: Float[np.ndarray, "sections 6"]
     prediction: Float[np.ndarray, " order"]
+    settled: Float[np.ndarray, "sections 2"]
+    """The state of the first filter behind a constant 1."""
 
     def apply(self, x: Float[np.ndarray, " n"], state: list | None = None) -> np.ndarray:
         """Filtered samples (n,); a `state`, at first [], is carried on from block to block."""
@@ -49,7 +51,7 @@ class Whitener:
             state = []
         if not state:
             state[:] = [
-                signal.sosfilt_zi(self.high_pass) * (x[0] if x.size else 0.0),
+                self.settled * (x[0] if x.size else 0.0),
                 np.zeros(self.prediction.size - 1),
             ]
         x, state[0] = signal.sosfilt(self.high_pass, x, zi=state[0])
@@ -78,7 +80,7 @@ def whiteners(audio: Audio) -> list[Whitener]:
         if not np.isfinite(block).all():
             raise SoundError("holds samples that are not finite; save it again as 16 bit WAV")
         count = len(block) // length
-        segments = block[: count * length].reshape(count, length, -1)[::step]
+        segments = block[: count * length].reshape(count, length, audio.channels)[::step]
         spectra.append(np.abs(np.fft.rfft(window * segments, axis=1)) ** 2)
     power = np.quantile(np.concatenate(spectra), _QUIET, axis=0)
     power /= float(np.sum(window**2))
@@ -90,5 +92,6 @@ def whiteners(audio: Audio) -> list[Whitener]:
         own = power[:, k] * passed + _LEAST
         r = np.fft.irfft(own + _RANGE * own.max())[: _ORDER + 1]
         a = linalg.solve_toeplitz(r[:-1], r[1:])
-        found.append(Whitener(audio, k, high_pass, np.concatenate([[1.0], -a])))
+        prediction = np.concatenate([[1.0], -a])
+        found.append(Whitener(audio, k, high_pass, prediction, signal.sosfilt_zi(high_pass)))
     return found

@@ -14,8 +14,8 @@ import numpy as np
 
 from ._rises import Rises
 
-SHORTEST, LONGEST = 0.02, 2.5
-"""Flights in s that are looked for; a ball that flies for 2.5 s rises 8 m."""
+SHORTEST, LONGEST = 0.02, 1.8
+"""Flights in s that are looked for; a ball that flies for 1.8 s rises 4 m."""
 
 _LOW, _HIGH = 0.25, 0.99
 """Ratios of successive flights; larger only by errors of the times."""
@@ -70,14 +70,12 @@ def best_series(rises: Rises) -> Series | None:
     ends: list[_Ends] = []
     top = (_LEAST_SCORE, -1, -1)
     for j, now in enumerate(rises.time):
-        first = int(np.searchsorted(rises.time, now - 2 * LONGEST))
-        near = np.arange(first, j)
+        near = np.arange(int(np.searchsorted(rises.time, now - LONGEST)), j)
         wait, fall = now - rises.time[near], rises.level[near] - rises.level[j]
         near = near[(wait > SHORTEST) & (fall >= -_LOUDER) & (fall <= _WEAKER)]
-        parts = [_onwards(ends[i], i, j, rises.time, gain) for i in near]
-        columns = list(zip(*parts, strict=True)) or [()] * 5
-        kinds = (float, float, float, int, int)
-        found = _Ends(near, *map(np.array, columns, kinds))
+        found = _onwards(
+            [ends[i] for i in near], near, now - rises.time[near], gain, float(gain[j])
+        )
         ends.append(found)
         full = np.where(found.last >= 0, found.score, -math.inf)
         if full.size and full.max() > top[0]:
@@ -98,30 +96,50 @@ def best_series(rises: Rises) -> Series | None:
 
 
 def _onwards(
-    ends: _Ends, i: int, j: int, time: np.ndarray, gain: np.ndarray
-) -> tuple[float, float, float, int, int]:
-    """The best series that ends with the rises i and j: score, flight, ratio, last, and step."""
-    wait = time[j] - time[i]
-    alone = (gain[i] + gain[j], wait, math.nan, -1, 1)
-    if wait > LONGEST:
-        alone = (-math.inf, wait, math.nan, -1, 1)
-    if not ends.before.size:
-        return alone
-    best = alone
+    ends: list[_Ends], near: np.ndarray, wait: np.ndarray, gain: np.ndarray, own: float
+) -> _Ends:
+    """The best series that end with each of the rises `near` and, after `wait` s, one of gain
+    `own`; `ends` are those that end with each of `near`.
+    """
+    found = _Ends(
+        near,
+        gain[near] + own,
+        wait.copy(),
+        np.full(near.size, math.nan),
+        np.full(near.size, -1),
+        np.ones(near.size, int),
+    )
+    counts = np.array([one.before.size for one in ends], int)
+    if not counts.sum():
+        return found
+    place = np.repeat(np.arange(near.size), counts)
+    waits = wait[place]
+    score, flight, ratio = (
+        np.concatenate([getattr(one, name) for one in ends])
+        for name in ("score", "flight", "ratio")
+    )
+    known = np.isfinite(ratio)
+    best = np.full((3, place.size), -math.inf)  # score, flight and ratio
+    step = np.ones(place.size, int)
     with np.errstate(divide="ignore", invalid="ignore"):
-        known = np.isfinite(ends.ratio)
-        for step in (1, 2):
-            flight = wait if step == 1 else wait * ends.ratio / (1 + ends.ratio)
-            grown = ends.flight if step == 1 else ends.flight * ends.ratio
-            ratio = flight / grown
-            slack = _CHANGE + _TIMING / np.asarray(flight)
-            off = np.where(known, np.log(ratio / ends.ratio) / slack, 0.0)
-            good = (ratio > _LOW) & (ratio < _HIGH + _TIMING / grown) & (np.abs(off) < 1)
-            good &= known | (step == 1)
-            score = ends.score + gain[j] - _MISFIT * off**2 - (_MISS if step == 2 else 0.0)
-            score = np.where(good, score, -math.inf)
-            row = int(np.argmax(score))
-            if score[row] > best[0]:
-                own = wait if step == 1 else float(np.asarray(flight)[row])
-                best = (float(score[row]), own, float(ratio[row]), row, step)
-    return best
+        for k, now, grown in (
+            (1, waits, flight),
+            (2, waits * ratio / (1 + ratio), flight * ratio),  # one bounce is missed
+        ):
+            new = now / grown
+            off = np.where(known, np.log(new / ratio) / (_CHANGE + _TIMING / now), 0.0)
+            good = (new > _LOW) & (new < _HIGH + _TIMING / grown) & (np.abs(off) < 1)
+            good &= known | (k == 1)
+            value = score + own - _MISFIT * off**2 - _MISS * (k - 1)
+            better = good & (value > best[0])
+            best = np.where(better, [value, now, new], best)
+            step = np.where(better, k, step)
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    for i in np.flatnonzero(counts):
+        part = slice(starts[i], starts[i + 1])
+        row = int(np.argmax(best[0, part]))
+        value, now, new = best[:, starts[i] + row]
+        if value > found.score[i]:
+            found.score[i], found.flight[i], found.ratio[i] = value, now, new
+            found.last[i], found.step[i] = row, step[starts[i] + row]
+    return found
