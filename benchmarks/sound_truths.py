@@ -138,7 +138,7 @@ def _room(random: np.random.Generator, rate: int) -> tuple[np.ndarray, dict[str,
     rt60 = random.uniform(0.0, 0.5)
     words = {"rt60": rt60}
     response = np.zeros(max(round(rt60 * rate), 1))
-    if response.size > 20:
+    if rt60 > 3e-3:
         t = np.arange(response.size) / rate
         tail = random.normal(size=t.size) * 10 ** (-3 * t / rt60) * (t > 1e-3)
         direct = 10 ** (random.uniform(0, 15) / 10)

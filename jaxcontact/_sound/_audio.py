@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import pathlib
+import struct
 import tempfile
 import warnings
 import wave
@@ -69,7 +70,7 @@ def open_sound(source: pathlib.Path | bytes) -> Audio:
         raise SoundError(f"is {kind}, which cannot be read; {_HOW}")
     try:
         audio = (_wave(source) or _by_scipy(source)) if kind == "WAV" else _by_soundfile(source)
-    except (ValueError, EOFError, RuntimeError, OSError) as error:
+    except (ValueError, EOFError, RuntimeError, OSError, struct.error) as error:
         if isinstance(error, SoundError):
             raise
         raise SoundError(f"is a {kind} file that cannot be read ({error}); {_HOW}") from error
