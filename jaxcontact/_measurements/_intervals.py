@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._flight import STANDARD_GRAVITY, Flight, landing_speed, launch_speed
+from .._flight import STANDARD_GRAVITY, Flight, Floats, landing_speed, launch_speed
 from ._heading import Meaning, words
 from ._layout import (
     DROP_HEIGHT,

@@ -6,3 +6,4 @@ from ._listen import Bounce as Bounce
 from ._listen import Other as Other
 from ._listen import Sound as Sound
 from ._listen import listen as listen
+from ._rises import Envelope as Envelope

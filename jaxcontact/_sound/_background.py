@@ -74,7 +74,7 @@ def whiteners(audio: Audio) -> list[Whitener]:
     """The filter of each channel. Raises SoundError for samples that are not finite."""
     length = max(1 << round(np.log2(_SEGMENT * audio.rate)), 2 * _ORDER)
     step = max(audio.frames // length // _MOST_SEGMENTS, 1)
-    window = signal.windows.hann(length)[:, None]
+    window = signal.get_window("hann", length)[:, None]
     spectra = []
     for block in audio.blocks():
         if not np.isfinite(block).all():
@@ -84,7 +84,9 @@ def whiteners(audio: Audio) -> list[Whitener]:
         spectra.append(np.abs(np.fft.rfft(window * segments, axis=1)) ** 2)
     power = np.quantile(np.concatenate(spectra), _QUIET, axis=0)
     power /= float(np.sum(window**2))
-    high_pass = signal.butter(4, _HIGH_PASS, "highpass", fs=audio.rate, output="sos")
+    high_pass = np.asarray(
+        signal.butter(4, _HIGH_PASS, "highpass", fs=audio.rate, output="sos"), float
+    )
     frequency = np.fft.rfftfreq(length)
     passed = np.abs(signal.sosfreqz(high_pass, 2 * np.pi * frequency)[1]) ** 2
     found = []

@@ -28,12 +28,12 @@ def sound(recording: Recording, *, ax: Axes | None = None) -> Axes:
     """
     require_kind("recording", recording, Recording, "a `Recording` (see `read_recording`)")
     heard = recording.sound
+    ax = axes_of(ax, figsize=(8.0, 4.0))
     if heard is None:
         raise ValueError(
             "Argument `recording` must be that of a sound file, but is read from "
             f"{rendered(recording.source)}."
         )
-    ax = axes_of(ax, figsize=(8.0, 4.0))
     found = heard.envelope
     level = 10 * np.log10(np.maximum(found.energy / found.noise, 1e-2))
     width = max(-(-level.size // _POINTS), 1)
