@@ -42,6 +42,8 @@ SAME = 3e-3
 """In s: a time that is further from every impact is invented."""
 
 STANDS_OUT = 6.0
+FEW = 20
+BEGIN, END = "<!-- table of benchmarks/sound.py -->", "<!-- end of table -->"
 LEVELS = (10, 20, 30, 40)
 
 
@@ -166,10 +168,44 @@ def study(draws: int, others: int) -> dict:
     }
 
 
+def page(result: dict) -> str:
+    """The table of docs/sound.md."""
+    head = (
+        "| recordings | of them fitted | e in its 95 % interval | median half interval of e | bounces "
+        "above 6 dB | found | found and used | none invented |"
+    )
+    lines = [head, "|---|" + "---:|" * 7]
+    for name, row in result.items():
+        if not isinstance(row, dict):
+            continue
+        half = row["half interval of e, relative, median"]
+        few = row["fitted"] < FEW
+        bounces = row["bounces above 6 dB"]
+        cells = (
+            f"{name}: {row['recordings']}",
+            str(row["fitted"]),
+            "-" if few else f"{100 * row['in interval']:.1f} %",
+            "-" if few else f"{100 * half:.2g} %",
+            str(bounces),
+            f"{100 * row['found']:.1f} %" if bounces else "-",
+            f"{100 * row['found and used']:.1f} %" if bounces else "-",
+            f"{100 * row['none invented']:.1f} %",
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--only", type=int, help="so many recordings, and write nothing")
+    parser.add_argument("--page", action="store_true", help="write the table of docs/sound.md")
     arguments = parser.parse_args()
+    if arguments.page:
+        before, _, rest = PAGE.read_text().partition(BEGIN)
+        after = rest.partition(END)[2]
+        table = page(json.loads(RESULT.read_text()))
+        PAGE.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}")
+        return
     draws = arguments.only or DRAWS
     result = study(draws, OTHERS if not arguments.only else max(draws // 10, 5))
     text = json.dumps(result, indent=1) + "\n"

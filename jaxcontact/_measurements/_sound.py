@@ -69,7 +69,7 @@ def heard(name: str, source: pathlib.Path | bytes) -> tuple[Sound, list[Interval
     drops = "1 drop" if len(sound.drops) == 1 else f"{len(sound.drops)} drops"
     errors = [1e3 * one.error for drop in sound.drops for one in drop]
     notes = [
-        f"sound ({sound.words}, {sound.seconds:.3g} s)",
+        f"sound ({sound.words}, {_long(sound)} s)",
         f"{drops} of {counts} bounces, timed to {min(errors):.2g} to {max(errors):.2g} ms",
     ]
     maybe = [one for one in sound.others if one.doubtful]
@@ -82,9 +82,13 @@ def heard(name: str, source: pathlib.Path | bytes) -> tuple[Sound, list[Interval
     return sound, records, notes
 
 
+def _long(sound: Sound) -> str:
+    return f"{sound.seconds:.3g}" if sound.seconds < 100 else f"{sound.seconds:.0f}"
+
+
 def _nothing(sound: Sound) -> str:
     """Why a recording holds no bounces, and what to do."""
-    what = f"{sound.seconds:.3g} s of sound ({sound.words})"
+    what = f"{_long(sound)} s of sound ({sound.words})"
     if not sound.others:
         return (
             f"{what} in which nothing stands out of the background: no bounce was found; record "
