@@ -171,8 +171,8 @@ def study(draws: int, others: int) -> dict:
 def page(result: dict) -> str:
     """The table of docs/sound.md."""
     head = (
-        "| recordings | of them fitted | e in its 95 % interval | median half interval of e | bounces "
-        "above 6 dB | found | found and used | none invented |"
+        "| recordings | of them fitted | e in its 95 % interval | median half interval of e "
+        "| bounces above 6 dB | found | found and used | none invented |"
     )
     lines = [head, "|---|" + "---:|" * 7]
     for name, row in result.items():

@@ -74,8 +74,8 @@ class Interval(Record):
     drop_height: float | None
     trial: str
     bounce: int
+    timing: Timing | None = dataclasses.field(default=None, kw_only=True)
     seconds: float
-    timing: Timing | None = None
 
     @property
     def group(self) -> Group:

@@ -62,7 +62,9 @@ def heard(name: str, source: pathlib.Path | bytes) -> tuple[Sound, list[Interval
             if two.number == one.number + 1:
                 timing = Timing(one.error, two.error, _CONTACT)
                 row, seconds = len(records) + 1, two.time - one.time
-                records.append(Interval("", row, None, str(trial), one.number, seconds, timing))
+                records.append(
+                    Interval("", row, None, str(trial), one.number, seconds, timing=timing)
+                )
     if not records:
         raise RecordingError(_nothing(sound), name)
     counts = " and ".join(str(len(drop)) for drop in sound.drops)
@@ -96,9 +98,9 @@ def _nothing(sound: Sound) -> str:
         )
     count = len(sound.others)
     first = ", ".join(f"{one.time:.3f}" for one in sound.others[:_SHOWN])
-    sounds = "1 sound" if count == 1 else f"{count} sounds"
+    sounds = "1 sound that stands" if count == 1 else f"{count} sounds that stand"
     return (
-        f"{what} with {sounds} that stand out (at {first}{', ...' if count > _SHOWN else ''} s), "
+        f"{what} with {sounds} out (at {first}{', ...' if count > _SHOWN else ''} s), "
         "but no series of at least 4 bounces, whose intervals shrink by like factors; let the ball "
         "bounce at least six times undisturbed, or give the intervals as a table"
     )
