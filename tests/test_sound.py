@@ -12,6 +12,7 @@ import pytest
 import jaxcontact as jc
 from benchmarks.sound import constant_e, one_of, summary
 from benchmarks.sound_truths import Truth, as_wave, draw
+from jaxcontact._measurements import read_columns
 from jaxcontact._measurements._noise import scatter_beside
 from jaxcontact._sound import listen
 
@@ -160,6 +161,13 @@ def test_what_holds_no_bounces_is_refused_with_what_was_found():
         jc.read_recording(io.BytesIO(b"\0\0\0 ftypM4A " + bytes(100)))
     with pytest.raises(jc.RecordingError, match="is a WAV file that cannot be read"):
         jc.read_recording(io.BytesIO(b"RIFF\x10\0\0\0WAVEfmt "))
+
+
+def test_words_that_begin_like_a_sound_are_a_table():
+    for text in ("ID3;interval\n1;0.4\n2;0.3\n", "FORMAT,interval\na,0.4\nb,0.3\n"):
+        assert len(jc.read_recording(io.BytesIO(text.encode()))) == 2
+    with pytest.raises(jc.RecordingError, match="is a sound, in which no such columns"):
+        read_columns(io.BytesIO(as_wave(truth())), ["time", "force"], needed=["time"])
 
 
 def test_what_says_nothing_of_a_sound():

@@ -53,12 +53,16 @@ def is_sound(start: bytes) -> bool:
 def _kind(start: bytes) -> str | None:
     if start[:4] in (b"RIFF", b"RF64", b"RIFX") and start[8:12] == b"WAVE":
         return "WAV"
-    if start[:4] in (b"fLaC", b"OggS", b"FORM", b"caff"):
-        names = {b"fLaC": "FLAC", b"OggS": "OGG", b"FORM": "AIFF", b"caff": "CAF"}
-        return names[start[:4]]
-    # A frame of MPEG layer III; 0xFFFE is the mark of UTF-16.
-    if start[:3] == b"ID3" or (start[:1] == b"\xff" and start[1:2] in b"\xfb\xfa\xf3\xf2\xe3\xe2"):
-        return "MP3" if len(start) > 1 else None
+    # A table may begin with a word, "FORMAT" or "ID3", too.
+    if start[:4] == b"FORM" and start[8:12] in (b"AIFF", b"AIFC"):
+        return "AIFF"
+    for mark, name in ((b"fLaC", "FLAC"), (b"OggS\0", "OGG"), (b"caff\0", "CAF")):
+        if start.startswith(mark):
+            return name
+    # A tag of a version, or a frame of MPEG layer III; 0xFFFE is the mark of UTF-16.
+    tagged = start[:3] == b"ID3" and start[3:4] in (b"\2", b"\3", b"\4")
+    if tagged or start[:2] in {b"\xff" + bytes([x]) for x in b"\xfb\xfa\xf3\xf2\xe3\xe2"}:
+        return "MP3"
     return next((k for k, (at, mark) in _FOREIGN.items() if start[at:].startswith(mark)), None)
 
 
