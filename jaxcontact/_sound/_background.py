@@ -74,7 +74,7 @@ def whiteners(audio: Audio) -> list[Whitener]:
     """The filter of each channel. Raises SoundError for samples that are not finite."""
     length = max(1 << round(np.log2(_SEGMENT * audio.rate)), 2 * _ORDER)
     step = max(audio.frames // length // _MOST_SEGMENTS, 1)
-    window = signal.get_window("hann", length)[:, None]
+    window = np.asarray(signal.get_window("hann", length), float)[:, None]
     spectra = []
     for block in audio.blocks():
         if not np.isfinite(block).all():
