@@ -129,9 +129,9 @@ def summary(rows: list[dict]) -> dict:
 
 def study(draws: int, others: int) -> dict:
     """All recordings: whole, by noise, and the other two kinds."""
-    begin = time.perf_counter()
+    begin = time.process_time()
     rows = [one_of(np.random.default_rng([SEED, k])) for k in range(draws)]
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     by_level = {
         f"{low} to {high} dB": summary([row for row in rows if low <= row["snr"] < high])
         for low, high in itertools.pairwise(LEVELS)
