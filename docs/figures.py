@@ -1,5 +1,7 @@
 """Makes the figures that the README shows: `python docs/figures.py`."""
 
+import io
+import sys
 from pathlib import Path
 
 import jax
@@ -14,6 +16,9 @@ matplotlib.use("Agg")
 from matplotlib import pyplot
 
 import jaxcontact as jc
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from benchmarks.sound_truths import as_wave, draw
 
 HERE = Path(__file__).parent
 # Okabe and Ito's colours, told apart with every kind of colour vision.
@@ -83,7 +88,18 @@ def bowl() -> None:
     print(run.impacts)
 
 
+def sound() -> None:
+    """A simulated recording with hum, reverberation and noise, and what was heard in it."""
+    truth = draw(np.random.default_rng([0, 8]))
+    recording = jc.read_recording(io.BytesIO(as_wave(truth)))
+    jc.plot.sound(recording).figure.savefig(
+        HERE / "sound.png", dpi=110, metadata={"Software": None}
+    )
+    print(recording, truth.e)
+
+
 if __name__ == "__main__":
     bowl()
     delivered()
     hu_guo()
+    sound()

@@ -151,7 +151,7 @@ def calibrate(
         keep = ~outliers.flagged
         good = pairs.where(keep)
         good.needs_enough(marked=int(outliers.flagged.sum()))
-        noise, weights = weights_of(pairs, outliers, keep)
+        noise, weights, correlation = weights_of(pairs, outliers, keep)
 
         def chosen(use: np.ndarray) -> LawChoice:
             group = pairs.layout.cluster_words[0]
@@ -161,6 +161,7 @@ def calibrate(
                 weights,
                 kinds,
                 contact,
+                correlation=correlation,
                 known=frozenset(given),
                 group=group,
                 progress=tell,

@@ -31,7 +31,8 @@ class LawFit:
     """One kind of law fitted to n pairs: what the fit found, as plain numbers and words.
 
     `law` is the registered name. `estimates`: what e(v) determines first, then what follows from
-    it. `errors_by`: "group" for standard errors by trial, "point" where pairs count as independent.
+    it. `errors_by`: "group" for standard errors by trial, "point" where pairs count as independent,
+    "readings" where known errors of readings say how they are correlated.
     `identifiable`: whether the data determine every parameter; `unidentified`, what e(v) leaves
     open. `rms` is the root mean square of e_measured - e(v), `reduced_chi2` Σ z²/(n-k) of the
     residuals z of ln e over their noise. `adequate`, whether the law describes the data (None where

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ from .._contact import Contact, require_contact
 from .._fit import Fit, Positive, compared, fit, groups_of, undecided
 from .._flight import Flight, Floats
 from .._measurements import MEASURED_RESTITUTION, Pairs, make_pairs, read_recording
-from .._measurements._noise import Noise, estimate_noise
+from .._measurements._noise import RELATIVE_FLOOR, Noise, estimate_noise, scatter_beside
 from .._measurements._outliers import Outliers, find_outliers
 from .._parameter import POSITIVE, as_weights, rendered, require_flag
 from .._program import side_by_side
@@ -98,7 +98,7 @@ def choose_law(
     outliers = find_outliers(pairs)
     marked = outliers.flagged & mark_outliers
     pairs.where(~marked).needs_enough(marked=int(marked.sum()))
-    relative = weights_of(pairs, outliers, ~marked)[1]
+    relative = weights_of(pairs, outliers, ~marked).weights
     others = columns_of(
         {"duration": (duration, sigma_duration), "max_force": (max_force, sigma_max_force)},
         ("velocity", v),
@@ -112,12 +112,34 @@ def choose_law(
     return choose(pairs, ~marked, relative, kinds, contact, others=others, group=word, **how)
 
 
-def weights_of(pairs: Pairs, outliers: Outliers, keep: np.ndarray) -> tuple[Noise, Floats]:
-    """The noise of ln e about the trend of the pairs to `keep`, and the weights (n,) of all."""
+class Weighed(NamedTuple):
+    """The noise of ln e, the weights (n,) of all pairs, and the correlation (n, n) of their errors,
+    None where pairs count as independent.
+    """
+
+    noise: Noise
+    weights: Floats
+    correlation: Floats | None
+
+
+def weights_of(pairs: Pairs, outliers: Outliers, keep: np.ndarray) -> Weighed:
+    """The noise of ln e about the trend of the pairs to `keep`, and what follows for all.
+
+    Where the errors of the readings are known, they are taken as they are, with what pairs share of
+    them; the scatter of the bounces is estimated beside them.
+    """
     good = pairs.where(keep)
+    if pairs.covariance is not None and good.covariance is not None:
+        trend = outliers.trend
+        relative = scatter_beside(
+            np.log(good.restitution), trend.columns(good.velocity), good.covariance
+        )
+        whole = pairs.covariance + max(relative, RELATIVE_FLOOR) ** 2 * np.eye(len(pairs))
+        size = np.sqrt(np.diag(whole))
+        return Weighed(Noise(relative, pairs.reading), size**-2, whole / np.outer(size, size))
     residual = np.log(good.restitution) - outliers.trend(good.velocity)
     noise = estimate_noise(residual, good.reading_factor, robust=False)
-    return noise, noise.sigma(pairs.reading_factor) ** -2
+    return Weighed(noise, noise.sigma(pairs.reading_factor) ** -2, None)
 
 
 def choose(
@@ -128,6 +150,7 @@ def choose(
     contact: Contact,
     *,
     others: Columns = NONE,
+    correlation: Floats | None = None,
     known: frozenset[str] = frozenset({"mass", "stiffness"}),
     group: str = "trial",
     progress: Any = None,
@@ -135,7 +158,7 @@ def choose(
 ) -> LawChoice:
     """The choice among `kinds` on the pairs for which `use` (n,) is true; relative `weights` (n,).
 
-    `others` were measured with the pairs.
+    `others` were measured with the pairs. `correlation` (n, n) is that of the errors of ln e.
 
     Each kind has one compiled search: pairs without weight pad the data to a few lengths, and
     everything that leaves pairs out (outliers, bands of speed) changes weights only.
@@ -147,6 +170,10 @@ def choose(
     # AICc is finite for n > k + 2 only.
     every, kinds = kinds, tuple(kind for kind in kinds if len(kind.transforms) + 2 < len(v))
     data = _padded_data(pairs, use, weights, others, how)
+    if correlation is not None:
+        whole = np.eye(len(data["x"]))
+        whole[: len(pairs), : len(pairs)] = correlation
+        data["correlation"] = whole
 
     def fitted(kind: AbstractKind) -> tuple[Fit, LawFit]:
         start, transforms = kind.start(typical, contact, reference), dict(kind.transforms)
@@ -212,6 +239,12 @@ def choose(
     )
 
 
+def _errors_by(found: Fit) -> str:
+    if found.by_group:
+        return "group"
+    return "point" if found.problem.whitener is None else "readings"
+
+
 def _padded_data(
     pairs: Pairs, use: np.ndarray, weights: Floats, others: Columns, how: dict[str, Any]
 ) -> dict[str, Any]:
@@ -273,7 +306,7 @@ def _law_fit(
         kind=kind.name,
         law=kind.law,
         estimates=kind.estimates(found, contact, known, middle),
-        errors_by="group" if found.by_group else "point",
+        errors_by=_errors_by(found),
         identifiable=found.converged and is_identifiable(found),
         unidentified=kind.unidentified,
         rms=float(np.sqrt(np.mean((measured - at_pairs) ** 2))),

@@ -54,8 +54,14 @@ def _data(s: CalibrationSummary, layout: Layout) -> list[str]:
     return [
         *lines,
         *wrapped("Air drag", drag_sentence(s, layout)),
-        *wrapped("Scatter", f"{scatter} (fitted to the pairs that were kept)"),
+        *wrapped("Scatter", f"{scatter} ({_scatter_of(s)})"),
     ]
+
+
+def _scatter_of(s: CalibrationSummary) -> str:
+    if any(law.errors_by == "readings" for law in s.choice.laws):
+        return "the errors of times are known; the scatter was fitted beside them"
+    return "fitted to the pairs that were kept"
 
 
 def drag_sentence(s: CalibrationSummary, layout: Layout) -> str:
@@ -106,6 +112,11 @@ def errors_sentence(s: CalibrationSummary, layout: Layout) -> str:
         return (
             f"take pairs as independent: fewer than 8 {layout.cluster_words[1]} cannot tell how "
             "they are correlated"
+        )
+    if any(law.errors_by == "readings" for law in s.choice.laws):
+        return (
+            "by the known errors of the times, which pairs share, a contact of a duration that is "
+            "not known, and the scatter of the bounces; how much trials differ, they do not tell"
         )
     return layout.errors_words
 

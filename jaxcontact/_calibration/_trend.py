@@ -66,12 +66,16 @@ class _Data(NamedTuple):
     factor: Floats
     groups: np.ndarray | None
     absolute: bool
+    whitener: Float[np.ndarray, "n n"] | None
 
     def fitted(self, columns: Float[np.ndarray, "n k"]) -> _Linear:
         """A fit of columns; a covariance of NaN where it is singular."""
         used = self.factor > 0
-        weighted = (columns * self.factor[:, None])[used]
-        y = (np.where(used, self.y, 0) * self.factor)[used]
+        weighted = columns * self.factor[:, None]
+        y = np.where(used, self.y, 0) * self.factor
+        if self.whitener is not None:
+            weighted, y = self.whitener @ weighted, self.whitener @ y
+        weighted, y = weighted[used], y[used]
         n, k = weighted.shape
         coefficients, _, rank, _ = np.linalg.lstsq(weighted, y)
         z = weighted @ coefficients - y
@@ -88,7 +92,11 @@ class _Data(NamedTuple):
 def _data_of(fit: FitData, n: int) -> _Data:
     """The first column of n points, which is ln e."""
     groups = None if fit.groups is None else fit.groups[:n]
-    return _Data(fit.data[:n], np.asarray(fit.problem.factor)[:n], groups, fit.absolute)
+    whitener = fit.problem.whitener
+    # Of other columns there is no correlation; the first one's is the corner, as the factor of a
+    # lower triangle is.
+    own = None if whitener is None else np.asarray(whitener)[:n, :n]
+    return _Data(fit.data[:n], np.asarray(fit.problem.factor)[:n], groups, fit.absolute, own)
 
 
 def line_of(fit: FitData, velocity: Floats) -> Line:

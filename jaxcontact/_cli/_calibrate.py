@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 FIGURE = "calibration.png"
 NUMBERS = "calibration.json"
+SOUND = "sound.png"
 REPORT = "calibration.md"
 
 SUMMARY = "fit laws to a recording of bounces"
@@ -40,6 +41,11 @@ one of these sets of columns, with headings by any usual name ("v", "COR", "spee
   height_m [ball, trial, bounce]                       heights of successive flights
 Those in brackets may be left out; other columns are ignored. A unit that is written in a heading is
 converted, and the report says so. Rows in messages are lines of the file; the header is row 1.
+
+FILE may be a sound, too: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. Bounces
+are found in it by their shrinking intervals and like sounds, each drop a trial, and timed to some
+microseconds, with errors that enter the fit; doubtful sounds are listed and not used. sound.png
+shows which they are.
 
 e from two intervals of a trial with successive bounces: e = T2/T1 at approach speed g T1/2, or with
 drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair is
@@ -102,7 +108,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     from .._calibration import calibrate
     from .._flight import STANDARD_GRAVITY
     from .._measurements import RecordingError, read_recording
-    from ..plot import calibration
+    from ..plot import calibration, sound
 
     out = pathlib.Path(arguments.out)
     if out.exists() and not out.is_dir():
@@ -137,6 +143,9 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     report = result.report()
     figure = drawn(lambda f: calibration(result, ax=f.add_subplot()), (7.0, 4.6), out / FIGURE)
     files = {out / FIGURE: figure, out / NUMBERS: result.to_json().encode()}
+    if recording.sound is not None:
+        picture = drawn(lambda f: sound(recording, ax=f.add_subplot()), (8.0, 4.0), out / SOUND)
+        files[out / SOUND] = picture
     if arguments.report:
         page = (
             f"# Calibration\n\n![e over the approach speed]({FIGURE})\n\n```text\n{report}\n```\n"

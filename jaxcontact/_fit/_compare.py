@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._parameter import rendered, require_count
 from .._text_table import text_table
@@ -21,7 +21,7 @@ from ._found import find, in_numpy
 from ._inference import LEAST_GROUPS
 from ._result import Fit
 from ._solve import Options
-from ._target import groups_of
+from ._target import groups_of, whitener_of
 
 CLEAR_AICC = 2.0
 """Below this difference of AICc two fits count as equally good (Burnham & Anderson 2002)."""
@@ -116,7 +116,7 @@ def compare_fits(
 
     Arguments: the `fits` by name, with the same data and weights. Returns a `Comparison`, which
     prints as a table with a verdict. Raises ValueError for fewer than two fits, fits to other data,
-    robust fits that found their own scale and fits with a `correlation`, which cannot be compared.
+    robust fits that found their own scale, which cannot be compared, and correlations that differ.
     Source: Burnham & Anderson (2002), doi 10.1007/b97636; Vuong (1989), doi 10.2307/1912557.
     """
     folds = require_count("folds", folds, 2)
@@ -210,10 +210,10 @@ def _check(fits: Mapping[str, Fit]) -> None:
         raise ValueError(f"Argument `fits` must hold at least two fits, but holds {len(fits)}.")
     first = next(iter(fits.values())).problem
     for name, fit in fits.items():
-        if fit.problem.whitener is not None:
+        if not _same(fit.problem.whitener, first.whitener):
             raise ValueError(
-                f"Argument `fits` must hold fits to independent points, but {name!r} has a "
-                "`correlation`."
+                "Argument `fits` must hold fits with the same `correlation`, but that of "
+                f"{name!r} differs."
             )
         robust = fit.problem.threshold is not None and not fit.absolute
         pairs = (fit.problem.y, first.y), (fit.problem.factor, first.factor)
@@ -222,6 +222,12 @@ def _check(fits: Mapping[str, Fit]) -> None:
             raise ValueError(
                 f"Argument `fits` must hold fits to the same data, but {name!r} has {why}."
             )
+
+
+def _same(one: Array | None, other: Array | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return np.array_equal(one, other)
 
 
 def _parts(
@@ -254,10 +260,16 @@ def _candidate(name: str, fit: Fit, first: Fit, parts: Bool[np.ndarray, "folds n
 def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
     """√(mean z²) of points, each by the fit without its part; None where one did not converge."""
     square, whole = 0.0, in_numpy(fit.problem)
+    whitener, whole = whole.whitener, dataclasses.replace(whole, whitener=None)
     for out in parts:
         # Other weights share the compiled search of the fit itself.
         weights = np.where(out, 0, np.asarray(fit.problem.factor))
         fewer = eqx.tree_at(lambda p: p.factor, fit.problem, jnp.asarray(weights))
+        if whitener is not None:
+            # That of the points which are left: those without weight must not be taken as exact.
+            factor = np.linalg.solve(whitener, np.eye(len(whitener)))
+            rest = whitener_of(factor @ factor.T, weights > 0)
+            fewer = eqx.tree_at(lambda p: p.whitener, fewer, jnp.asarray(rest))
         found = find(fewer, fit.theta, Options(jnp.asarray(fit.rtol)))
         if not np.all(found.still):
             return None

@@ -6,11 +6,12 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._flight import STANDARD_GRAVITY, Flight, landing_speed, launch_speed
+from .._flight import STANDARD_GRAVITY, Flight, Floats, landing_speed, launch_speed
 from ._heading import Meaning, words
 from ._layout import (
     DROP_HEIGHT,
@@ -52,16 +53,28 @@ def too_long(seconds: ArrayLike, gravity: float = STANDARD_GRAVITY) -> str:
     )
 
 
+class Timing(NamedTuple):
+    """Standard deviations in s where they are known: of the time at which an interval begins, of
+    that at which it ends, and of the duration of contact, which every interval holds, too.
+    """
+
+    start: float
+    end: float
+    contact: float
+
+
 @dataclasses.dataclass(frozen=True)
 class Interval(Record):
     """Time in s between impacts `bounce` and `bounce + 1` of one trial.
 
-    `drop_height` in m is None where it was not given.
+    `drop_height` in m is None where it was not given, and so is `timing` where the errors of the
+    times are not known.
     """
 
     drop_height: float | None
     trial: str
     bounce: int
+    timing: Timing | None = dataclasses.field(default=None, kw_only=True)
     seconds: float
 
     @property
@@ -167,13 +180,18 @@ class Intervals(Layout[Interval]):
         # Three trigger times n₁, n₂, n₃ make two intervals. With independent errors of the
         # triggers, ln e = (n₃ - n₂) p - (n₂ - n₁) q, whose variance over σ² is 2 (p² + q² + p q).
         p, q = expected_slope / expected, slope1 * landing_slope / t1
+        factor, covariance = 2 * (p**2 + q**2 + p * q), _known(couples, p, q)
+        if covariance is not None:
+            factor = np.diag(covariance) / _mean_square(couples)
         return Paired(
             velocity=landing,
             restitution=u2 / landing,
-            reading_factor=2 * (p**2 + q**2 + p * q),
+            reading_factor=factor,
             clusters=[_trial(first) for first, _ in couples],
             records=couples,
             unpaired=len(records) - len({record.row for couple in couples for record in couple}),
+            covariance=covariance,
+            reading=0.0 if covariance is None else math.sqrt(_mean_square(couples)),
         )
 
     def flights(self, records: Sequence[tuple[Interval, ...]]) -> Flights:
@@ -190,6 +208,58 @@ class Intervals(Layout[Interval]):
             near = [at.get((group, bounce + step), math.nan) for step in range(-2, 4)]
             guesses[k] = _trigger_fault(near, e)
         return guesses
+
+
+def _known(couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats) -> Floats | None:
+    """The covariance (n, n) of ln e by the known errors of times; None where some are not known.
+
+    ln e = p T₂ - q T₁ to first order, p and q of the shape (n,). Intervals that follow each other
+    share a time. Each holds a contact besides the flight, of a duration that is not known but goes
+    as v^(-1/5) (Hertz), with which the sound of the impact is late, too.
+    """
+    known = [one.timing for couple in couples for one in couple]
+    if not known or any(one is None for one in known):
+        return None
+    places: dict[tuple[Group, int], int] = {}
+    sigma: list[float] = []
+    slopes: list[dict[int, float]] = []
+    contacts: dict[Group, list[float]] = {}
+    longest: dict[Group, float] = {}
+    for one, _ in couples:
+        longest[one.group] = max(longest.get(one.group, 0.0), one.seconds)
+
+    def place(group: Group, bounce: int, error: float) -> int:
+        if (group, bounce) not in places:
+            places[group, bounce] = len(sigma)
+            sigma.append(error)
+        return places[group, bounce]
+
+    for k, couple in enumerate(couples):
+        row: dict[int, float] = {}
+        for one, slope in zip(couple, (-q[k], p[k]), strict=True):
+            assert one.timing is not None  # for the type checker
+            for bounce, error, sign in (
+                (one.bounce, one.timing.start, -1),
+                (one.bounce + 1, one.timing.end, 1),
+            ):
+                column = place(one.group, bounce, error)
+                row[column] = row.get(column, 0.0) + sign * slope
+            share = (one.seconds / longest[one.group]) ** -0.2
+            own = contacts.setdefault(one.group, [0.0] * len(couples))
+            own[k] += slope * share * one.timing.contact
+        slopes.append(row)
+    matrix = np.zeros((len(couples), len(sigma)))
+    for k, row in enumerate(slopes):
+        matrix[k, list(row)] = list(row.values())
+    matrix *= sigma
+    shared = np.array(list(contacts.values()))
+    return matrix @ matrix.T + shared.T @ shared
+
+
+def _mean_square(couples: Sequence[tuple[Interval, Interval]]) -> float:
+    """Of the known errors of times, in s²."""
+    known = [one.timing for couple in couples for one in couple if one.timing is not None]
+    return float(np.mean([(one.start**2 + one.end**2) / 2 for one in known]))
 
 
 def _trial(interval: Interval) -> str:

@@ -71,7 +71,7 @@ class Paired(NamedTuple, Generic[R]):
 
     Approach speeds `velocity` in m/s, the measured `restitution`, `reading_factor` and `records` as
     in `Pairs`; `clusters` names for each pair the group that shares errors; `unpaired` counts the
-    records that make no pair.
+    records that make no pair; `covariance` and `reading` as in `Pairs`.
     """
 
     velocity: Floats
@@ -80,6 +80,8 @@ class Paired(NamedTuple, Generic[R]):
     clusters: Sequence[str]
     records: Sequence[tuple[R, ...]]
     unpaired: int = 0
+    covariance: Floats | None = None
+    reading: float = 0.0
 
 
 class Flights(NamedTuple):

@@ -23,6 +23,9 @@ ROBUST_DEGREES = 3.0
 RELATIVE_FLOOR = 1e-5
 """Lower bound of the scatter of ln e: published intervals are rounded to 1e-6 s in 0.1 s."""
 
+_MOST_SCATTER = 1.0
+_STEPS = 60
+
 _SHARES = np.linspace(0.0, 1.0, 41)
 _SCALE_STEPS = 200
 _SCALE_TOLERANCE = 1e-10
@@ -77,3 +80,26 @@ def estimate_noise(residual: Floats, reading_factor: Floats, *, robust: bool) ->
     if robust:
         total *= max(mad_sigma(np.sqrt(standard[best])) ** 2, floor / total)
     return Noise(math.sqrt(total * (1 - share)), math.sqrt(total * share / scale))
+
+
+def scatter_beside(
+    values: Floats, columns: Floats, covariance: Floats, *, least: float = RELATIVE_FLOOR
+) -> float:
+    """s₀ of values (n,) about a trend, the span of `columns` (n, k), beside known errors.
+
+    The variance is V = s₀² I + `covariance` (n, n). It maximises the restricted likelihood
+    -2 ln L = ln|V| + ln|XᵀV⁻¹X| + rᵀV⁻¹r (Patterson & Thompson 1971, doi 10.1093/biomet/58.3.545)
+    over a grid of s₀ from 0 on; `least` is where it begins.
+    """
+    size, vectors = np.linalg.eigh(covariance)
+    values, columns = vectors.T @ values, vectors.T @ columns
+    grid = np.concatenate([[0.0], np.geomspace(least, _MOST_SCATTER, _STEPS)])
+    best, lowest = 0.0, math.inf
+    for one in grid:
+        variance = np.maximum(size, 0.0) + max(one, 1e-3 * least) ** 2
+        x, y = columns / np.sqrt(variance)[:, None], values / np.sqrt(variance)
+        rest = y - x @ np.linalg.lstsq(x, y)[0]
+        cost = float(np.sum(np.log(variance)) + rest @ rest + np.linalg.slogdet(x.T @ x)[1])
+        if cost < lowest:
+            best, lowest = float(one), cost
+    return best

@@ -42,6 +42,12 @@ class Trend:
     level: float
     slope: float
 
+    def columns(self, velocity: Floats) -> Floats:
+        """What it is a sum of, at speeds in m/s: 1, and x where it has a slope (n, 1 or 2)."""
+        x = _AXES[self.kind](velocity)
+        one = np.ones_like(velocity)
+        return np.stack([one] if self.kind == "constant" else [one, x], axis=1)
+
     def __call__(self, velocity: Floats) -> Floats:
         """ln e at speeds in m/s."""
         return self.level + self.slope * _AXES[self.kind](velocity)

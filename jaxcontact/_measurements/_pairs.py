@@ -29,7 +29,8 @@ class Pairs:
     `reading_factor` says how a reading error enters: an error of standard deviation σ (in
     `layout.reading_error.unit`) gives ln e the variance σ² · `reading_factor`. `cluster` numbers
     the group of pairs that share errors, whose names are `cluster_names`. `records` are those of
-    each pair; `unpaired` counts the records that make no pair.
+    each pair; `unpaired` counts the records that make no pair. Where the errors of the readings are
+    known, `covariance` (n, n) is that of ln e by them, and `reading` their root mean square.
     """
 
     source: str
@@ -45,6 +46,8 @@ class Pairs:
     records: tuple[tuple[Record, ...], ...]
     flight: Flight
     unpaired: int
+    covariance: Floats | None = None
+    reading: float = 0.0
 
     def __len__(self) -> int:
         return len(self.velocity)
@@ -52,6 +55,8 @@ class Pairs:
     def where(self, keep: NDArray[np.bool_]) -> Pairs:
         """The pairs for which `keep` (n,) is true."""
         kept = {name: x[keep] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
+        if self.covariance is not None:
+            kept["covariance"] = self.covariance[np.ix_(keep, keep)]
         records = tuple(itertools.compress(self.records, keep))
         return dataclasses.replace(self, records=records, **kept)
 
@@ -93,4 +98,6 @@ def make_pairs(recording: Recording, flight: Flight) -> Pairs:
         records=tuple(made.records),
         flight=flight,
         unpaired=made.unpaired,
+        covariance=made.covariance,
+        reading=made.reading,
     )

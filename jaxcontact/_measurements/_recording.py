@@ -11,11 +11,13 @@ from typing import IO, Any
 import numpy as np
 
 from .._parameter import did_you_mean, rendered, require_choice
+from .._sound import Sound
 from ._fault import RecordingError
 from ._heading import Meaning, suggestion
 from ._layout import LAYOUTS, Layout, Record
 from ._match import Match, Told, as_told, check_usual, match, unknown_name
 from ._sheet import Sheet, sheet_of
+from ._sound import heard, sound_in
 
 _SHIPPED_BALL = "blue"
 
@@ -26,7 +28,8 @@ class Recording:
 
     `source` names where they come from, `layout` is their column layout (see `read_recording`),
     `ball` the name of the ball ("" where there is none), `records` the measurements in order, and
-    `notes` say how they were read: headings that were understood, units that were converted.
+    `notes` say how they were read: headings that were understood, units that were converted;
+    `sound` is what was heard in a sound file, None for anything else (see `jc.plot.sound`).
     """
 
     source: str
@@ -34,6 +37,7 @@ class Recording:
     ball: str
     records: tuple[Record, ...]
     notes: tuple[str, ...] = ()
+    sound: Sound | None = None
 
     def __len__(self) -> int:
         return len(self.records)
@@ -77,7 +81,10 @@ def read_recording(
     `notes` of the recording say so. Numbers that look wrong without a unit are refused.
 
     `source` is the path of a file or an open file, a dict of columns, or a data frame (of pandas,
-    polars, or anything with `.columns` and `[name]`); other columns are ignored. A text file may be
+    polars, or anything with `.columns` and `[name]`); other columns are ignored. A sound file is
+    read, too: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`; the bounces that
+    are found in it give intervals, each drop a trial, with the errors of their times, and `notes`
+    list doubtful sounds, which are not used. A text file may be
     separated by commas, semicolons, tabs or blanks, have decimal commas, comments (#, %, //) and
     any line ends, in UTF-8, UTF-16 or Latin-1. Spreadsheets (.xlsx, .ods) and parquet files
     take `pip install 'jaxcontact[data]'`. None reads the bounce intervals that ship with the
@@ -114,6 +121,10 @@ def read_recording(
             "Argument `columns` must be None where columns are given by keyword, but is "
             f"{rendered(columns)}."
         )
+    if (found := sound_in(source)) is not None:
+        _check_sound(layout, ball, {**told, **({} if decimal is None else {"decimal": 1})})
+        sound, intervals, words = heard(*found)
+        return Recording(found[0], LAYOUTS["intervals"], "", tuple(intervals), tuple(words), sound)
     meanings = {
         one.name: {name: one.meaning(name) for name in one.columns} for one in LAYOUTS.values()
     }
@@ -160,6 +171,17 @@ def read_recording(
         raise sheet.fault(problem + did_you_mean(ball, balls).rstrip("?"), "ball")
     mine = tuple(record for record in records if record.ball == ball)
     return Recording(sheet.source, meant, ball, mine, (*found.notes(), *sheet.notes))
+
+
+def _check_sound(layout: str | None, ball: Any, told: Mapping[str, Any]) -> None:
+    """Raise ValueError for what says nothing of a sound."""
+    if layout not in (None, "intervals"):
+        raise ValueError(
+            f"Argument `layout` must be None or 'intervals' for a sound, but is {rendered(layout)}."
+        )
+    for name, there in (("ball", ball is not None), ("columns or decimal", bool(told))):
+        if there:
+            raise ValueError(f"Argument `{name}` must be None for a sound, which has no columns.")
 
 
 def _layout_of(

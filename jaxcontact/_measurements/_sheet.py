@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from .._parameter import as_array, rendered, require_path
+from .._sound import is_sound
 from .._units import written_unit
 from .._whole_files import read_whole
 from ._fault import RecordingError
@@ -250,6 +251,8 @@ def _from_file(read: Callable[[], Any], source: str, known: Known, decimal: str 
             return _from_columns(source, parquet_columns(content, source))
         if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
             return _of_grid(workbook_grid(content, source, known, decimal), source)
+        if is_sound(content[:16]):
+            raise RecordingError("is a sound, in which no such columns are found", source)
         for beginning, words in _OTHER_KINDS.items():
             if content.startswith(beginning):
                 raise RecordingError(f"is {words}", source)

@@ -9,5 +9,6 @@ from ._fit import fit as fit
 from ._profile import profile as profile
 from ._residuals import residuals as residuals
 from ._scene import scene as scene
+from ._sound import sound as sound
 from ._sweep import sweep as sweep
 from ._trajectory import trajectory as trajectory

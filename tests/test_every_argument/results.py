@@ -1,5 +1,6 @@
 """Sweeps, exports and pictures."""
 
+import dataclasses
 import functools
 
 import jax.numpy as jnp
@@ -7,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxcontact as jc
+from jaxcontact._sound import Envelope, Sound
 from tests.test_every_argument.case import (
     EMPTY,
     NOTHING,
@@ -54,6 +56,12 @@ def _path():
     zeros = jnp.zeros(3)
     energy = None
     return jc.Trajectory(zeros, zeros, zeros, zeros, energy, jnp.asarray(0))
+
+
+def _heard():
+    envelope = Envelope(0.1, np.ones(9), np.ones(9))
+    sound = Sound("WAV", 0.9, 1, (), (), envelope)
+    return dataclasses.replace(jc.read_recording(interval_s=[0.4]), sound=sound)
 
 
 def _table():
@@ -154,6 +162,9 @@ def cases() -> dict[str, Case]:
             jc.plot.calibration,
             {"result": blank(jc.Calibration)},
             {"result": NOTHING, "ax": NONE},
+        ),
+        "plot.sound": Case(
+            jc.plot.sound, {"recording": _heard()}, {"recording": NOTHING, "ax": NONE}
         ),
         "plot.choice": Case(
             jc.plot.choice, {"result": blank(jc.LawChoice)}, {"result": NOTHING, "ax": NONE}

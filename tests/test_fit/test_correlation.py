@@ -62,6 +62,35 @@ def test_draws_of_the_bootstrap_are_correlated():
     assert independent.standard_errors["offset"] < 0.8 * found.standard_errors["offset"]
 
 
+def level(p, x):
+    return p["level"] + 0 * x
+
+
+def test_fits_with_one_correlation_are_compared():
+    """AIC differs by what the generalised sums of squares say; what is left out is predicted by the
+    fit to the others alone, whose correlation is that of the rest.
+    """
+    fits = {
+        "line": jc.fit(line, Y, START, x=X, sigma=SIGMA, correlation=CORRELATION),
+        "level": jc.fit(level, Y, {"level": 0.0}, x=X, sigma=SIGMA, correlation=CORRELATION),
+    }
+    parts = np.arange(20) % 5
+    found = {c.name: c for c in jc.compare_fits(fits, folds=5, groups=parts).candidates}
+    values, _, weight = closed_form()
+    one = np.ones(20)
+    mean = one @ weight @ Y / (one @ weight @ one)
+    squares = [r @ weight @ r for r in (DESIGN @ values - Y, mean - Y)]
+    terms = [2 * k + 2 * k * (k + 1) / (20 - k - 1) for k in (2, 1)]
+    gap = squares[1] + terms[1] - squares[0] - terms[0]
+    assert found["level"].aicc - found["line"].aicc == pytest.approx(gap)
+    total = 0.0
+    for part in range(5):
+        out = parts == part
+        z = (DESIGN[out] @ closed_form(~out)[0] - Y[out]) / SIGMA[out]
+        total += z @ z
+    assert found["line"].held_out == pytest.approx(np.sqrt(total / 20))
+
+
 def test_what_is_no_correlation():
     for bad in (CORRELATION[:3], 2 * CORRELATION, CORRELATION + np.triu(CORRELATION, 1)):
         with pytest.raises(ValueError, match="Argument `correlation` must be a symmetric matrix"):
@@ -76,5 +105,6 @@ def test_what_is_no_correlation():
     with pytest.raises(ValueError, match="must be 'common' with a `correlation` between columns"):
         jc.fit(halves, both, START, x=X, correlation=CORRELATION, noise="by column")
     found = jc.fit(line, Y, START, x=X, correlation=CORRELATION)
-    with pytest.raises(ValueError, match="independent points, but 'one' has a `correlation`"):
-        jc.compare_fits({"one": found, "two": found})
+    alone = jc.fit(line, Y, START, x=X)
+    with pytest.raises(ValueError, match="the same `correlation`, but that of 'two' differs"):
+        jc.compare_fits({"one": found, "two": alone})

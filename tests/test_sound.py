@@ -1,0 +1,285 @@
+"""Bounces in recordings of sound, against simulated ones with known impacts."""
+
+import dataclasses
+import functools
+import io
+import struct
+import wave
+
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from benchmarks.sound import constant_e, one_of, summary
+from benchmarks.sound_truths import Truth, as_wave, draw
+from jaxcontact._cli import main
+from jaxcontact._cli._calibrate import SOUND
+from jaxcontact._measurements import read_columns
+from jaxcontact._measurements._noise import scatter_beside
+from jaxcontact._sound import listen
+
+CLEAN = 4
+"""A draw with a clear drop: e = 0.64, 37 dB over the noise."""
+
+FLIGHTS = 0.4 * 0.75 ** np.arange(4)
+
+STEP = 1e-4
+"""In s: coarse codings move times by less; measured 2e-5."""
+
+
+@functools.cache
+def truth() -> Truth:
+    return draw(np.random.default_rng([0, CLEAN]))
+
+
+def times(recording: jc.Recording) -> np.ndarray:
+    assert recording.sound is not None
+    return np.array([one.time for drop in recording.sound.drops for one in drop])
+
+
+def file_of(samples: np.ndarray, rate: int, width: int = 2, *, coding: int = 1) -> io.BytesIO:
+    """A WAV file written by hand: whole numbers (1), floats (3), or an extended header (65534)."""
+    x = samples if samples.ndim == 2 else samples[:, None]
+    if coding == 3:
+        data = x.astype(f"<f{width}").tobytes()
+    elif width == 1:
+        data = (np.round(x * 127) + 128).astype(np.uint8).tobytes()
+    else:
+        whole = np.round(x * (2.0 ** (8 * width - 1) - 1)).astype("<i4")
+        data = whole.view(np.uint8).reshape(-1, 4)[:, :width].tobytes()
+    channels, frame = x.shape[1], width * x.shape[1]
+    head = struct.pack("<HHIIHH", coding, channels, rate, rate * frame, frame, 8 * width)
+    if coding == 65534:
+        rest = b"\x00\x00\x00\x00\x10\x00\x80\x00\x00\xaa\x00\x38\x9b\x71"
+        head += struct.pack("<HHIH", 22, 8 * width, 0, 1) + rest
+    body = b"WAVEfmt " + struct.pack("<I", len(head)) + head
+    # A chunk of text stands before the samples, as phones write it.
+    body += b"LIST" + struct.pack("<I", 4) + b"INFO"
+    body += b"data" + struct.pack("<I", len(data)) + data
+    return io.BytesIO(b"RIFF" + struct.pack("<I", len(body)) + body)
+
+
+def test_a_drop_is_found_and_its_e_lies_in_the_interval(tmp_path):
+    path = tmp_path / "bounce.wav"
+    path.write_bytes(as_wave(truth()))
+    recording = jc.read_recording(path)
+    found = times(recording)
+    assert len(found) >= 6
+    off = found - truth().time[: len(found)]
+    assert np.ptp(off) < STEP
+    assert recording.layout.name == "intervals"
+    assert "1 drop of" in recording.notes[1]
+    calibrated = jc.calibrate(recording, law="constant_damping")
+    fit = calibrated.choice.fits["constant e"]
+    low, high = next(iter(fit.interval().values()))
+    assert low < truth().e < high
+    assert high - low < 1e-3 * truth().e
+    # The study fits as `calibrate` does.
+    mean, half, _ = constant_e(recording)
+    np.testing.assert_allclose([low, high], np.exp([mean - half, mean + half]), rtol=1e-6)
+    assert calibrated.choice.laws[0].errors_by == "readings"
+    assert "known errors of the times" in calibrated.report()
+
+
+def test_the_command_writes_the_picture(tmp_path, capsys):
+    path = tmp_path / "bounce.wav"
+    path.write_bytes(as_wave(truth()))
+    law = ["--law", "constant_damping"]
+    assert main(["calibrate", str(path), *law, "--out", str(tmp_path / "out")]) == 0
+    assert "1 drop of" in capsys.readouterr().out
+    assert (tmp_path / "out" / SOUND).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"width": 1},
+        {"width": 3},
+        {"width": 4},
+        {"width": 4, "coding": 3},
+        {"width": 8, "coding": 3},
+        {"width": 2, "coding": 65534},
+        {"width": 3, "coding": 65534},
+    ],
+    ids=str,
+)
+def test_every_coding_of_a_wave_gives_the_same_times(how):
+    plain = times(jc.read_recording(file_of(truth().samples, truth().rate)))
+    other = times(jc.read_recording(file_of(truth().samples, truth().rate, **how)))
+    count = min(len(plain), len(other))
+    assert count >= 5
+    assert np.max(np.abs(plain[:count] - other[:count])) < (STEP if how["width"] == 1 else 1e-6)
+
+
+def test_the_clearer_channel_is_used():
+    noise = 0.3 * np.random.default_rng(0).normal(size=truth().samples.size).clip(-3, 3)
+    both = np.stack([noise, truth().samples], axis=1)
+    sound = jc.read_recording(file_of(both, truth().rate)).sound
+    assert sound is not None
+    assert sound.channel == 2
+
+
+@pytest.mark.parametrize("kind", ["FLAC", "OGG", "MP3"])
+def test_other_files_by_soundfile(kind, tmp_path):
+    soundfile = pytest.importorskip("soundfile")
+    path = tmp_path / "bounce.bin"  # the first bytes decide, not the name
+    soundfile.write(path, truth().samples, truth().rate, format=kind)
+    plain = times(jc.read_recording(io.BytesIO(as_wave(truth()))))
+    other = times(jc.read_recording(path))
+    assert len(other) >= 5
+    # Codings that lose something delay all by as much.
+    assert np.ptp(other[:5] - plain[:5]) < STEP
+
+
+def test_without_soundfile_the_message_says_what_to_do(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "soundfile", None)
+    with pytest.raises(jc.RecordingError, match=r"is FLAC, which needs soundfile \(pip install"):
+        jc.read_recording(io.BytesIO(b"fLaC" + bytes(100)))
+
+
+def test_several_drops_in_one_file_are_trials():
+    one, two = (draw(np.random.default_rng([0, k])) for k in (CLEAN, 6))
+    assert one.rate == two.rate
+    both = np.concatenate([one.samples, two.samples])
+    recording = jc.read_recording(file_of(both, one.rate))
+    assert {record.trial for record in recording.records} == {"1", "2"}
+    assert "2 drops of" in recording.notes[1]
+
+
+def test_what_holds_no_bounces_is_refused_with_what_was_found():
+    rate = 8000
+    random = np.random.default_rng(1)
+    noise = 0.01 * random.normal(size=4 * rate)
+    knock = noise.copy()
+    knock[rate : rate + 80] += np.sin(np.arange(80)) * np.exp(-np.arange(80) / 20)
+
+    def refused(samples: np.ndarray, words: str) -> None:
+        with pytest.raises(jc.RecordingError, match=words):
+            jc.read_recording(file_of(samples, rate))
+
+    refused(np.zeros(60 * rate), "60 s of sound .* in which nothing stands out")
+    refused(noise, "no bounce was found")
+    refused(knock, r"with 1 sound that stand.* \(at 1\.0.* s\), but no series of at least 4")
+    refused(noise[:800], "is 0.1 s long, too short for bounces; record a ball")
+    refused(np.zeros(0), "is 0 s long, too short")
+    bad = noise.copy()
+    bad[100] = np.nan
+    with pytest.raises(jc.RecordingError, match="holds samples that are not finite"):
+        jc.read_recording(file_of(bad, rate, 4, coding=3))
+    with pytest.raises(jc.RecordingError, match="has 2000 samples per second, but at least 4000"):
+        jc.read_recording(file_of(noise, 2000))
+    with pytest.raises(jc.RecordingError, match=r"is MPEG-4 \(m4a\), .*ffmpeg"):
+        jc.read_recording(io.BytesIO(b"\0\0\0 ftypM4A " + bytes(100)))
+    with pytest.raises(jc.RecordingError, match="is a WAV file that cannot be read"):
+        jc.read_recording(io.BytesIO(b"RIFF\x10\0\0\0WAVEfmt "))
+
+
+def test_words_that_begin_like_a_sound_are_a_table():
+    for text in ("ID3;interval\n1;0.4\n2;0.3\n", "FORMAT,interval\na,0.4\nb,0.3\n"):
+        assert len(jc.read_recording(io.BytesIO(text.encode()))) == 2
+    with pytest.raises(jc.RecordingError, match="is a sound, in which no such columns"):
+        read_columns(io.BytesIO(as_wave(truth())), ["time", "force"], needed=["time"])
+
+
+def test_what_says_nothing_of_a_sound():
+    def refused(words: str, **how: object) -> None:
+        with pytest.raises(ValueError, match=words):
+            jc.read_recording(io.BytesIO(as_wave(truth())), **how)
+
+    refused("Argument `layout` must be None or 'intervals' for a sound", layout="heights")
+    refused("Argument `ball` must be None for a sound", ball="blue")
+    refused("Argument `columns or decimal` must be None", columns="speed=1,e=2")
+
+
+def test_a_long_recording_is_read_in_blocks(tmp_path):
+    """Of two minutes no more than a few blocks are held: a block is 16 times shorter here."""
+    import tracemalloc
+
+    rate = 44100
+    whole = np.zeros(120 * rate, np.int16)
+    samples = np.round(truth().samples * 32767).astype(np.int16)
+    whole[50 * rate : 50 * rate + samples.size] = samples
+    path = tmp_path / "long.wav"
+    with wave.open(str(path), "wb") as out:
+        out.setnchannels(1)
+        out.setsampwidth(2)
+        out.setframerate(rate)
+        out.writeframes(whole.tobytes())
+    tracemalloc.start()
+    sound = listen(path)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(sound.drops) == 1
+    assert most < 60e6  # the file as floating-point numbers has 42 MB; measured 30 MB
+
+
+def test_small_study():
+    """A small form of benchmarks/sound.py."""
+    rows = [one_of(np.random.default_rng([7, k])) for k in range(60)]
+    found = summary(rows)
+    assert found["none invented"] >= 0.93
+    assert found["found"] >= 0.9
+    assert found["fitted"] >= 35
+    # The chance of fewer than 85 % where 95 % hold is below 1 % for 40.
+    assert found["in interval"] >= 0.85
+
+
+def test_speech_is_no_ball():
+    rows = [one_of(np.random.default_rng([8, k]), bounces=False, speech=True) for k in range(8)]
+    assert summary(rows)["none invented"] == 1
+
+
+def test_scatter_beside_known_errors_is_found():
+    random = np.random.default_rng(0)
+    n = 400
+    known = np.diag(random.uniform(0.5, 2, n) ** 2) * 1e-6
+    columns = np.ones((n, 1))
+    draws = np.linalg.cholesky(known + 4e-6 * np.eye(n)) @ random.normal(size=n)
+    assert abs(scatter_beside(draws, columns, known) / 2e-3 - 1) < 0.15
+    alone = np.linalg.cholesky(known) @ random.normal(size=n)
+    assert scatter_beside(alone, columns, known) < 4e-4
+
+
+def test_the_covariance_of_pairs_is_that_of_their_times():
+    """By finite differences of ln e by each time, and by the duration of contact."""
+    from jaxcontact._flight import Flight
+    from jaxcontact._measurements import make_pairs
+    from jaxcontact._measurements._intervals import Timing
+
+    recording = jc.read_recording(interval_s=FLIGHTS)
+    sigma = np.array([1e-5, 3e-5, 2e-5, 5e-5, 4e-5])
+    contact = 1e-4
+
+    def pairs_at(moved: np.ndarray, held: float):
+        time = np.cumsum([0, *FLIGHTS]) + moved
+        seconds = np.diff(time)
+        share = (FLIGHTS / FLIGHTS[0]) ** -0.2
+        records = tuple(
+            dataclasses.replace(
+                one, seconds=s + held * w, timing=Timing(sigma[k], sigma[k + 1], contact)
+            )
+            for k, (one, s, w) in enumerate(zip(recording.records, seconds, share, strict=True))
+        )
+        return make_pairs(dataclasses.replace(recording, records=records), Flight())
+
+    step = 1e-6
+    middle = np.log(pairs_at(np.zeros(5), 0.0).restitution)
+    slopes = [
+        (np.log(pairs_at(step * one, 0.0).restitution) - middle) / step * s
+        for one, s in zip(np.eye(5), sigma, strict=True)
+    ]
+    slopes.append((np.log(pairs_at(np.zeros(5), step).restitution) - middle) / step * contact)
+    wanted = np.transpose(slopes) @ np.array(slopes)
+    got = pairs_at(np.zeros(5), 0.0).covariance
+    np.testing.assert_allclose(got, wanted, rtol=1e-4, atol=1e-5 * wanted.max())
+
+
+def test_the_picture_has_marks():
+    recording = jc.read_recording(io.BytesIO(as_wave(truth())))
+    ax = jc.plot.sound(recording)
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert "bounce, used" in labels
+    assert ax.get_xlabel() == "time $t$ / s"
+    ax.figure.clear()
+    with pytest.raises(ValueError, match="must be that of a sound file"):
+        jc.plot.sound(jc.read_recording())
