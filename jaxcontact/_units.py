@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 _MEANING = {
     "restitution": ("restitution", ""),
@@ -63,6 +64,19 @@ def label(name: str, words: str | None = None, *, prefix: str = "") -> str:
     if not unit:
         return words
     return f"{words} / ({prefix}{unit})" if "/" in unit else f"{words} / {prefix}{unit}"
+
+
+class Shown(NamedTuple):
+    """How a number of a prediction is shown: as which quantity, and in which `words`, by default
+    those of the quantity; `logarithm` where the prediction is its logarithm.
+
+    A prediction may have `shown`, a mapping: "x" for what it is over, the name of each column, and
+    "" for a lone one.
+    """
+
+    name: str
+    words: str | None = None
+    logarithm: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,6 +9,9 @@ import tempfile
 from collections.abc import Callable, Mapping
 from typing import BinaryIO
 
+FIGURES = (".png", ".pdf", ".svg")
+"""What a figure may be written as."""
+
 
 def is_special(path: pathlib.Path) -> bool:
     """Whether there is a folder, a pipe or a device of this name, which no file can replace."""

@@ -18,7 +18,7 @@ from .._fit import AbstractTransform, Space, space_of
 from .._impact import AbstractMethod
 from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, rendered, require_choice, require_count, require_number
-from .._text_table import text_table
+from .._text_table import text_table, wrapped
 from ._checks import column
 from ._exchange import best_rows, by_parameter, by_volume, shared_out
 from ._impacts import ImpactModel, Outcome, holds, transforms_of
@@ -56,11 +56,30 @@ class Design:
         do not differ, or a λ that is not positive.
         """
         wanted = require_number("noncentrality", noncentrality, POSITIVE)
-        if not self.noncentrality:
+        if self.noncentrality is None:
             raise ValueError("Only a plan that tells two laws apart has a number of readings.")
+        if not self.noncentrality > 0:
+            raise ValueError(f"This plan has no number of readings: {self.meaning}")
         places = {*zip(self.quantity, self.velocity.tolist(), strict=True)}
         # Each place of the plan is needed, and more of them than the other law has parameters.
         return max(len(places), math.ceil(len(self.velocity) * wanted / self.noncentrality))
+
+    @property
+    def meaning(self) -> str:
+        """What λ says, in words, and what to do; nothing for a plan for one law."""
+        if self.noncentrality is None:
+            return ""
+        if math.isnan(self.noncentrality):
+            return "λ is not known: the fit of the other law to this plan did not converge"
+        if self.noncentrality > 0:
+            return f"{self.readings_for()} such readings tell them apart (λ = 40)"
+        left = " or ".join(name for name in QUANTITIES if name not in self.quantity)
+        more = f"read {left} as well (with its noise), or " if left else ""
+        return (
+            "no number of such readings tells them apart: with other parameters the second law "
+            f"gives the same readings. To tell them apart, {more}hold what is known of the contact "
+            "(its stiffness). For these readings either law will do."
+        )
 
     def __repr__(self) -> str:
         places = collections.Counter(zip(self.quantity, self.velocity.tolist(), strict=True))
@@ -77,8 +96,7 @@ class Design:
             ]
         if self.noncentrality is not None:
             lines.append(f"  λ = {self.noncentrality:.3g} between the two laws")
-            if self.noncentrality > 0:
-                lines.append(f"  {self.readings_for()} such readings tell them apart (λ = 40)")
+            lines += wrapped("", self.meaning, indent=2)
         return "\n".join(lines)
 
 

@@ -14,6 +14,7 @@ from .._fit import Fit, FitData, Posterior
 from .._parameter import FRACTION, as_array, rendered, require_choice, require_number
 from .._units import meaning
 from ._axes import axes_of
+from ._style import BLUE, ORANGE
 
 _PANEL = 1.9
 """The side of a panel in inches."""
@@ -30,7 +31,7 @@ _MOST_POINTS = 2000
 _CLOSE = 1e-3
 """Ticks that span less than this part of their numbers count from the middle one."""
 
-_NORMAL, _DRAWN = "#D55E00", "#0072B2"
+_NORMAL, _DRAWN = ORANGE, BLUE
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -45,7 +46,7 @@ class _Normal(NamedTuple):
         value, error = self.values[i], math.sqrt(self.covariance[i, i])
         u = np.linspace(-_SPAN, _SPAN, _FINE)
         density = np.exp(-(u**2) / 2) / (error * math.sqrt(2 * math.pi))
-        ax.plot(value + error * u, density, color=_NORMAL)
+        ax.plot(value + error * u, density, color=_NORMAL, ls="--")
         half = error * ndtri((1 + level) / 2)
         _ends(ax, value - half, value + half, _NORMAL)
 
@@ -57,7 +58,8 @@ class _Normal(NamedTuple):
         circle = np.sqrt(np.maximum(values, 0))[:, None] * np.stack([np.cos(turn), np.sin(turn)])
         x, y = radius * (vectors @ circle)
         error = np.sqrt(np.diag(self.covariance))
-        ax.plot(self.values[i] + error[i] * x, self.values[j] + error[j] * y, color=_NORMAL)
+        ellipse = self.values[i] + error[i] * x, self.values[j] + error[j] * y
+        ax.plot(*ellipse, color=_NORMAL, ls="--")
         ax.plot(self.values[i], self.values[j], "+", color=_NORMAL)
 
 

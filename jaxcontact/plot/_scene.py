@@ -20,6 +20,7 @@ from ._path import (
     require_one_run,
     touches,
 )
+from ._style import legend_above
 from ._surroundings import colours, draw_levels, draw_walls, frame, labels
 
 if TYPE_CHECKING:
@@ -68,10 +69,7 @@ def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None
         _, places = touches(run)
         _mark(ax, *places[:, list(shown)].T)
     if labels(run):
-        # Outside the frame it covers no path.
-        ax.legend(
-            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, fontsize="small"
-        )
+        legend_above(ax)
     return ax
 
 

@@ -10,14 +10,13 @@ from matplotlib.patches import Polygon
 
 from .._scene import Run, Shell, Sphere
 from ._path import radii, rows_of_spheres
+from ._style import BODIES
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-# Okabe & Ito: told apart by readers with any colour vision.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _FIXED = "#777777"
 _SOLID, _SWEPT, _EDGE = "#E0E0E0", "#F1F1F1", "#555555"
 NAMED = 8
@@ -36,7 +35,7 @@ _FINE, _MOST = 48, 100_000
 def colours(run: Run) -> list[str]:
     """The colour of each sphere; fixed ones are grey."""
     spheres = run.scene.spheres
-    return [_FIXED if s.fixed else _COLOURS[k % len(_COLOURS)] for k, s in enumerate(spheres)]
+    return [_FIXED if s.fixed else BODIES[k % len(BODIES)] for k, s in enumerate(spheres)]
 
 
 def labels(run: Run) -> list[str]:
