@@ -161,7 +161,7 @@ SECTIONS = (
         "The normal approximation of a fit, dashed, over the draws of its posterior.",
         """\
         posterior = jc.posterior(found, samples=1000)
-        ax = jc.plot.corner(posterior)
+        ax = jc.plot.corner(posterior, names=found.names)
         jc.plot.corner(found, ax=ax)
         """,
     ),
@@ -171,8 +171,8 @@ SECTIONS = (
         "Paths; faint circles are the start, full ones the end, dots are impacts. Three dimensions "
         "need `axes=(0, 2)`, say.",
         """\
-        table, how = jc.read_scene(example="table")
-        run = jc.simulate(table, **how)
+        box, how = jc.read_scene(example="box")
+        run = jc.simulate(box, **how)
         ax = jc.plot.scene(run)
         """,
     ),

@@ -34,6 +34,7 @@ _MEANING = {
     "time": ("time", "s"),
     "time_step": ("time step", "s"),
     "indentation": ("indentation", "m"),
+    "position": ("position", "m"),
     "force": ("force", "N"),
     "energy": ("energy", "J"),
     "drop_height": ("drop height", "m"),

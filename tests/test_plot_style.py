@@ -1,4 +1,4 @@
-"""How pictures look: colours told apart by everybody and in grey, short numbers, repeatable files."""
+"""How pictures look: colours told apart with any vision and in grey, and files that repeat."""
 
 import importlib.util
 import inspect

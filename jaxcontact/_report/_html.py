@@ -47,23 +47,27 @@ def _sentence(words: str) -> str:
     if isinstance(words, Html):
         return words
     end = "" if words.rstrip().endswith((".", ":", "?")) else "."
-    return words[0].upper() + words[1:] + end
+    first = words.split(maxsplit=1)[0]
+    # A symbol, such as e, stays as it is.
+    return (words if len(first) == 1 else words[0].upper() + words[1:]) + end
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> Html:
     """A table that scrolls sideways where it is too wide; nothing without rows.
 
-    The first `left` columns are words, the others numbers.
+    The first `left` columns are words, the others numbers. A row of one cell is a heading.
     """
     if not rows:
         return Html("")
 
     def cells(row: Sequence[str], name: str) -> Html:
+        if len(row) == 1:
+            return element("tr", element("th", row[0], colspan=str(len(header)), scope="rowgroup"))
         marks = [{} if k < left else {"class_": "number"} for k in range(len(row))]
         both = zip(row, marks, strict=True)
         return element("tr", *(element(name, cell, **mark) for cell, mark in both))
 
-    head = element("thead", cells(header, "th"))
+    head = element("thead", cells(header, "th")) if any(header) else Html("")
     body = element("tbody", *(cells(row, "td") for row in rows))
     return element("div", element("table", head, body), class_="wide")
 

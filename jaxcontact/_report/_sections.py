@@ -56,22 +56,21 @@ def _headline(s: CalibrationSummary) -> tuple[str, str]:
     if best.adequate is False:
         return f"{best.kind} is the best of these laws, but does not describe the data", "bad"
     if choice.sure:
-        return f"{best.kind}: {best.said}", "good"
-    return f"Undecided; the best so far is {best.kind}: {best.said}", "open"
+        return f"It is {best.kind}: {best.said}", "good"
+    return f"Use {best.kind}: {best.said}. Other laws are not excluded", "open"
 
 
 def parameters(s: CalibrationSummary) -> Html:
     """The parameters of every law, with standard errors and units."""
-    rows = [
-        (law.kind if place == 0 else "", estimate.name, str(estimate))
-        for law in s.choice.laws
-        for place, estimate in enumerate(law.estimates)
-    ]
+    rows: list[tuple[str, ...]] = []
+    for law in s.choice.laws:
+        rows.append((law.kind,))
+        rows += [(estimate.name, str(estimate)) for estimate in law.estimates]
     layout = LAYOUTS[s.recording.layout]
     bad = [law.kind for law in s.choice.laws if not law.converged]
     return section(
         "Parameters",
-        table(("law", "parameter", "value ± standard error"), rows, left=2),
+        table(("parameter", "value ± standard error"), rows),
         paragraphs(
             f"standard errors {errors_sentence(s, layout)}",
             f"not converged, and not to be believed: {', '.join(bad)}" if bad else "",

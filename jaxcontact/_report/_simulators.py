@@ -12,6 +12,9 @@ from .._export import Export, engines, export
 from .._units import quantity
 from ._html import Html, element, joined, paragraphs, table
 
+_EXACT = 5e-5
+"""An error of e below this is none."""
+
 
 def simulators(s: CalibrationSummary, radius: float | None, tell: Callable[[str], None]) -> Html:
     """The parameters for each simulator, or the reason why there are none."""
@@ -70,17 +73,18 @@ def _engine(found: Export) -> Html:
     ]
     largest = float(np.max(np.abs(error)))
     range_of = f"{speeds.min():.3g} to {speeds.max():.3g} m/s"
-    rows.append((f"largest error of e, {range_of}", f"{largest:.2g}"))
+    off = "below 0.0001" if largest < _EXACT else f"{largest:.4f}"
+    rows.append((f"largest error of e, {range_of}", off))
     rows.append(("duration of contact", quantity("duration", f"{found.duration:.3g}")))
     if found.time_step is not None and found.expected_error is not None:
-        step = f"{found.time_step:.2g} s or less, for {found.expected_error:.1%} of e"
+        words = f"time step, for e within {found.expected_error:.1%}"
+        rows.append((words, f"{found.time_step:.2g} s"))
     else:
-        step = "not known: its formula is used, the engine was not run"
-    rows.append(("time step", step))
+        rows.append(("time step", "not known"))
     return element(
         "article",
         element("h3", found.engine),
-        paragraphs(found.model),
+        element("p", found.model),
         element("pre", found.snippet),
         table(("", ""), rows),
         paragraphs(found.limit),

@@ -58,9 +58,7 @@ def _draw_marked(ax: Axes, v: np.ndarray, e: np.ndarray, frame: tuple[float, flo
     low, high = frame
     edge = 0.02 * (high - low)
     inside = (e >= low + edge) & (e <= high - edge)
-    label = f"marked, left out ({len(e)})"
-    if not inside.all():
-        label += "; ▲▼ off scale"
+    label = f"left out ({len(e)})"
     groups = (
         ("x", inside, e),
         ("^", e > high - edge, np.full_like(e, high - edge)),

@@ -41,7 +41,7 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
     best = min(candidate.aicc for candidate in result.candidates)
     styles = curves_of(result)
     for place, candidate in enumerate(result.candidates):
-        label = f"{candidate.name} (ΔAICc {candidate.aicc - best:.1f})"
+        label = f"{candidate.name} ({candidate.aicc - best:.1f})"
         curve, _ = result.curve(candidate.name, fine)
         thick = 2.6 if place == 0 else 1.4
         ax.plot(fine, curve, lw=thick, label=label, zorder=3, **styles[candidate.name])
@@ -51,7 +51,7 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
         ax.set_xscale("log")
     put_label(ax.xaxis, "velocity")
     ax.set_ylabel("restitution $e$")
-    legend_above(ax)
+    legend_above(ax, "law (ΔAICc)")
     return ax
 
 

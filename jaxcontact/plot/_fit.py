@@ -14,12 +14,13 @@ from .._parameter import FRACTION, as_numbers, rendered, require_kind, require_n
 from .._units import Shown
 from ._axes import axes_for
 from ._labels import put_label
-from ._style import DATA, LEFT_OUT
+from ._style import DATA, LEFT_OUT, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _FINE = 200
+_BANDS = ("curves", 0.3), ("readings", 0.12)
 
 
 def fit(
@@ -78,12 +79,14 @@ def fit(
         back = np.exp if own.logarithm else np.asarray
         _dots(axes, place, back(y), good)
         (drawn,) = axes.plot(x, back(curves.reshape(shape)[column]), **style)
-        for band, alpha in zip(bands, (0.25, 0.12), strict=False):
+        for band, (what, alpha) in zip(bands, _BANDS, strict=False):
             shade = {"color": drawn.get_color(), "alpha": alpha, "lw": 0}
-            axes.fill_between(x, *back(band[:, column]), **shade)
+            words = f"{100 * level:g} % of {what}"
+            axes.fill_between(x, *back(band[:, column]), label=words, **shade)
         _scales(axes, wide, back(y[good]) if own.logarithm else None)
         put_label(axes.xaxis, over.name, over.words)
         put_label(axes.yaxis, own.name, own.words)
+    legend_above(all_axes[0])
     return np.array(all_axes) if len(shapes) > 1 else all_axes[0]
 
 

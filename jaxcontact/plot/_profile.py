@@ -10,8 +10,8 @@ import numpy as np
 
 from .._fit import Fit, FitData
 from .._parameter import FRACTION, rendered, require_kind, require_number
-from .._units import label
 from ._axes import axes_for
+from ._labels import put_few_ticks
 from ._style import BLACK, BLUE, GUIDE
 
 _POINTS = 25
@@ -56,6 +56,6 @@ def profile(
         axes.axvspan(low, high, color=BLUE, alpha=0.1, lw=0)
         axes.set_ylim(0)
         axes.set_xlim(curve.values[0], curve.values[-1])
-        axes.set_xlabel(label(curve.name.rpartition(".")[2], curve.name))
+        put_few_ticks(axes.xaxis, curve.name)
     all_axes[0].set_ylabel("2 (loss - best)/s²")
     return np.array(all_axes) if len(curves) > 1 else all_axes[0]

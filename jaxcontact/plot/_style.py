@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -26,8 +27,11 @@ BODIES = BLUE, ORANGE, GREEN, VERMILLION, SKY, PURPLE
 DATA, LEFT_OUT, GUIDE = "#555555", PURPLE, "#999999"
 """Of points that a fit used, of those it did not, and of lines to read a picture by."""
 
-_LETTER, _HANDLE = 0.07, 0.5
+_LETTER, _HANDLE = 0.06, 0.55
 """The width of a letter and of the piece of line before it in a legend, in inches."""
+
+_LAST = 0.85
+"""Axes that end right of this part of a figure have none beside them."""
 
 
 def use_curves(ax: Axes) -> Axes:
@@ -51,13 +55,16 @@ def legend_above(ax: Axes, title: str | None = None) -> None:
         return
     figure = ax.get_figure(root=True)
     assert figure is not None
-    room = ax.get_position(original=True).width * figure.get_figwidth()
-    columns = int(room / (_HANDLE + _LETTER * max(map(len, labels))))
+    place = ax.get_position(original=True)
+    # The last axes of a row have the margin, too.
+    room = ((1 if place.x1 > _LAST else place.x1) - place.x0) * figure.get_figwidth()
+    columns = max(int(room / (_HANDLE + _LETTER * max(map(len, labels)))), 1)
+    rows = math.ceil(len(labels) / columns)
     ax.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
         borderaxespad=0.3,
-        ncols=min(max(columns, 1), len(labels)),
+        ncols=math.ceil(len(labels) / rows),
         columnspacing=1.0,
         handlelength=2.4,
         frameon=False,
