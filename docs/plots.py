@@ -171,8 +171,10 @@ SECTIONS = (
         "Paths; faint circles are the start, full ones the end, dots are impacts. Three dimensions "
         "need `axes=(0, 2)`, say.",
         """\
-        box, how = jc.read_scene(example="box")
-        run = jc.simulate(box, **how)
+        box = {"low": [0.0, 0.0], "high": [1.0, 0.6]}
+        balls = jc.random_spheres(5, **box, radius=0.06, mass=0.1, speed=1.0, seed=2)
+        scene = jc.Scene([*balls, jc.Box(**box)], jc.HuGuo(e=0.8), gravity=[0.0, -9.81])
+        run = jc.simulate(scene, 0.8, instantaneous=True)
         ax = jc.plot.scene(run)
         """,
     ),
@@ -198,7 +200,7 @@ SECTIONS = (
         "A moving picture",
         'Notebooks show it with buttons; `film.save("run.gif", writer="pillow")` writes it.',
         """\
-        film = jc.plot.animate(run, seconds=2.0, fps=10)
+        film = jc.plot.animate(run, seconds=1.5, fps=10)
         """,
         ".gif",
     ),

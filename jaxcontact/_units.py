@@ -20,6 +20,7 @@ _MEANING = {
     "alpha": ("damping factor α", ""),
     "beta": ("damping exponent β", ""),
     "c": ("damping constant c", ""),
+    "A": ("material time A", "s"),
     **dict.fromkeys(("n", "exponent"), ("exponent n", "")),
     **dict.fromkeys(("v", "v0", "velocity", "impact_velocity"), ("closing speed", "m/s")),
     **dict.fromkeys(("m", "mass"), ("effective mass", "kg")),

@@ -13,7 +13,7 @@ def output_path(option: str, name: str, suffixes: Sequence[str]) -> pathlib.Path
     """The file to write. Raises InputError unless its name ends in one of `suffixes`."""
     path = pathlib.Path(name)
     if path.suffix.lower() not in suffixes:
-        allowed = " or ".join([", ".join(suffixes[:-1]), suffixes[-1]])
+        allowed = " or ".join([*filter(None, [", ".join(suffixes[:-1])]), suffixes[-1]])
         raise InputError(f"{option} {name}: the name must end in {allowed}")
     if is_special(path):
         kind = "folder" if path.is_dir() else "pipe or a device"

@@ -48,8 +48,9 @@ def _sentence(words: str) -> str:
         return words
     end = "" if words.rstrip().endswith((".", ":", "?")) else "."
     first = words.split(maxsplit=1)[0]
-    # A symbol, such as e, stays as it is.
-    return (words if len(first) == 1 else words[0].upper() + words[1:]) + end
+    # A symbol or a name, such as e or interval_s, stays as it is.
+    plain = len(first) > 1 and first.rstrip(",;:").isalpha()
+    return (words[0].upper() + words[1:] if plain else words) + end
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> Html:

@@ -14,13 +14,14 @@ from .._parameter import FRACTION, as_numbers, rendered, require_kind, require_n
 from .._units import Shown
 from ._axes import axes_for
 from ._labels import put_label
-from ._style import DATA, LEFT_OUT, legend_above
+from ._style import DATA, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _FINE = 200
-_BANDS = ("curves", 0.3), ("readings", 0.12)
+_DOTS = {"color": DATA, "mew": 0, "ms": 6}
+_BANDS = ("true curve", 0.3), ("new reading", 0.12)
 
 
 def fit(
@@ -35,8 +36,8 @@ def fit(
 
     The inner one holds the true curve, the outer one a new reading like those of the data, each
     with the probability `level`: `confidence_band` and `prediction_band`. They are left out where
-    there are no standard errors. Data without weight, which the fit did not use, are crosses. What
-    a ready-made fit compares as logarithms is drawn as itself, on a logarithmic axis.
+    there are no standard errors. Data that the fit did not use are not drawn. What a ready-made fit
+    compares as logarithms is drawn as itself, on a logarithmic axis where it spans a decade.
 
     Arguments: what `fit` or any `fit_*` returned, for numbers over a one-dimensional `x`, one
     column or several ("force" and "indentation", say), each of which has axes of its own; the `x`
@@ -77,25 +78,17 @@ def fit(
     rows = zip(all_axes, shown_of(result), result.data.reshape(shape[0], -1), used, strict=True)
     for column, (axes, (over, own), y, good) in enumerate(rows):
         back = np.exp if own.logarithm else np.asarray
-        _dots(axes, place, back(y), good)
+        axes.plot(place[good], back(y[good]), ".", label="data", zorder=2, **_DOTS)
         (drawn,) = axes.plot(x, back(curves.reshape(shape)[column]), **style)
         for band, (what, alpha) in zip(bands, _BANDS, strict=False):
             shade = {"color": drawn.get_color(), "alpha": alpha, "lw": 0}
-            words = f"{100 * level:g} % of {what}"
+            words = f"{what}, {100 * level:g} %"
             axes.fill_between(x, *back(band[:, column]), label=words, **shade)
         _scales(axes, wide, back(y[good]) if own.logarithm else None)
         put_label(axes.xaxis, over.name, over.words)
         put_label(axes.yaxis, own.name, own.words)
     legend_above(all_axes[0])
     return np.array(all_axes) if len(shapes) > 1 else all_axes[0]
-
-
-def _dots(axes: Axes, place: np.ndarray, y: np.ndarray, used: np.ndarray) -> None:
-    axes.plot(place[used], y[used], ".", color=DATA, mew=0, ms=6, label="data", zorder=2)
-    # A place that a used point has, too, is where arrays were filled up.
-    left = ~used & np.isfinite(y)
-    if left.any() and not np.isin(place[left], place[used]).all():
-        axes.plot(place[left], y[left], "x", color=LEFT_OUT, ms=5, label="left out", zorder=2)
 
 
 def _scales(axes: Axes, wide: bool, positive: np.ndarray | None) -> None:

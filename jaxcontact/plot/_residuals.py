@@ -43,7 +43,7 @@ def residuals(result: Fit | VelocityProfile, *, ax: Any = None) -> Any:
     for (_, own), begin, end, (curve, mark) in zip(shown, ends, ends[1:], looks, strict=False):
         part = z[begin:end]
         there = np.sort(part[~np.isnan(part)])
-        dots = {"color": curve[0], "marker": mark, "ls": "none", "ms": 3.5, "mew": 0, "alpha": 0.75}
+        dots = {"color": curve[0], "marker": mark, "ls": "none", "ms": 4, "mew": 0, "alpha": 0.75}
         if over_x:
             axes[0].plot(np.asarray(x), part, **dots)
         axes[-2].plot(np.arange(begin, end), part, **dots)
