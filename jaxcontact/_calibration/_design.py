@@ -39,7 +39,7 @@ class Design:
     `standard_errors` of the parameters that these readings will leave, and `even`, those of as many
     readings spread evenly over the candidates; for two laws `noncentrality`, the least
     λ = Σ ((difference of the laws)/σ)² over the parameters of the second, instead; None where it is
-    not the other's.
+    not the other's. `noise` names the quantities that could be read.
     """
 
     velocity: np.ndarray
@@ -47,6 +47,7 @@ class Design:
     standard_errors: dict[str, float] | None = None
     even: dict[str, float] | None = None
     noncentrality: float | None = None
+    noise: tuple[str, ...] = QUANTITIES
 
     def readings_for(self, noncentrality: float = 40.0) -> int:
         """How many readings like these it takes to tell the laws apart.
@@ -73,12 +74,13 @@ class Design:
             return "λ is not known: the fit of the other law to this plan did not converge"
         if self.noncentrality > 0:
             return f"{self.readings_for()} such readings tell them apart (λ = 40)"
-        left = " or ".join(name for name in QUANTITIES if name not in self.quantity)
-        more = f"read {left} as well (with its noise), or " if left else ""
+        left = " or ".join(name for name in QUANTITIES if name not in self.noise)
+        more = f"reading {left} as well (give its noise), or " if left else ""
         return (
-            "no number of such readings tells them apart: with other parameters the second law "
-            f"gives the same readings. To tell them apart, {more}hold what is known of the contact "
-            "(its stiffness). For these readings either law will do."
+            "with other parameters the second law gives the same readings, however many there are. "
+            f"What may tell them apart: {more}holding what is known of the contact (its "
+            "stiffness). But laws K δⁿ (1 + α δ'/v0) of one parameter e are one law, differ only "
+            "in what they call e, and no reading tells them apart: use either"
         )
 
     def __repr__(self) -> str:
@@ -153,7 +155,8 @@ def design(
         counts = shared_out(np.where(share > _RARE * share.max(), share, 0), count)
         rows = np.repeat(np.arange(size.size), counts)
         distance = distance_of(*problem, counts, transforms)
-        return Design(velocity[rows], tuple(quantity[rows].tolist()), noncentrality=distance)
+        told = {"noncentrality": distance, "noise": tuple(sigma)}
+        return Design(velocity[rows], tuple(quantity[rows].tolist()), **told)
     choices = [ALL, *space.names]
     require_choice("goal", goal, choices)
     scaled = slopes / size[:, None]
