@@ -200,7 +200,7 @@ SECTIONS = (
         "A moving picture",
         'Notebooks show it with buttons; `film.save("run.gif", writer="pillow")` writes it.',
         """\
-        film = jc.plot.animate(run, seconds=1.5, fps=10)
+        film = jc.plot.animate(run, seconds=1.2, fps=10)
         """,
         ".gif",
     ),

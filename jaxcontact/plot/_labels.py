@@ -80,7 +80,7 @@ def put_few_ticks(axis: Axis, name: str, *, words: bool = True) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
     low, high = sorted(axis.get_view_interval())
-    ticks = MaxNLocator(3, steps=[1, 2, 5, 10]).tick_values(low, high)
+    ticks = np.asarray(MaxNLocator(3, steps=[1, 2, 5, 10]).tick_values(low, high))
     ticks = ticks[(ticks >= low) & (ticks <= high)]
     largest = max(abs(low), abs(high))
     origin = ticks[len(ticks) // 2] if len(ticks) and high - low < _CLOSE * largest else 0.0

@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._parameter import POSITIVE, rendered, require_number, require_path
+from .._parameter import Range, as_array, rendered, require_number, require_path
 from .._whole_files import FIGURES, write_all
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_DPI = Range(low=10.0, high=10_000.0, inside=200.0)
+"""Fonts have no size below."""
 
 _METADATA: dict[str, dict[str, None]] = {
     "png": {"Software": None},
@@ -23,7 +26,7 @@ _METADATA: dict[str, dict[str, None]] = {
 }
 """What tells the hour or the release, left out."""
 
-_FILES = {
+_FILES: dict[Any, Any] = {
     # Ids from the content, not from chance.
     "svg.hashsalt": "jaxcontact",
     # Letters as outlines: they look the same where the font is missing.
@@ -42,7 +45,7 @@ def save(ax: Any, file: str | os.PathLike, *, dpi: float = 200.0) -> None:
     no axes and another ending, OSError where writing fails.
     """
     path = require_path("file", file)
-    dpi = require_number("dpi", dpi, POSITIVE)
+    dpi = require_number("dpi", dpi, _DPI)
     if path.suffix.lower() not in FIGURES:
         raise ValueError(
             f"Argument `file` must end in {', '.join(FIGURES[:-1])} or {FIGURES[-1]}, but is "
@@ -55,9 +58,8 @@ def _figure_of(given: Any) -> Figure:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    first = given
-    if isinstance(given, np.ndarray | list | tuple) and np.size(given):
-        first = np.ravel(np.asarray(given, object))[0]
+    array = as_array(given, object) if isinstance(given, np.ndarray | list | tuple) else None
+    first = array.flat[0] if array is not None and array.size else given
     figure = first.get_figure(root=True) if isinstance(first, Axes) else None
     if not isinstance(figure, Figure):
         raise ValueError(f"Argument `ax` must be axes of a figure, but is {rendered(given)}.")

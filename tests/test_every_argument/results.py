@@ -125,7 +125,7 @@ def cases() -> dict[str, Case]:
         "plot.save": Case(
             jc.plot.save,
             {"ax": plt.figure().add_subplot(), "file": _PICTURE},
-            {"ax": NOTHING, "file": NOTHING, "dpi": POSITIVE},
+            {"ax": NOTHING, "file": NOTHING, "dpi": NOTHING},
         ),
         "report": Case(
             jc.report,
