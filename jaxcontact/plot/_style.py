@@ -27,7 +27,7 @@ BODIES = BLUE, ORANGE, GREEN, VERMILLION, SKY, PURPLE
 DATA, LEFT_OUT, GUIDE = "#555555", PURPLE, "#999999"
 """Of points that a fit used, of those it did not, and of lines to read a picture by."""
 
-_LETTER, _HANDLE = 0.06, 0.55
+_LETTER, _HANDLE = 0.06, 0.5
 """The width of a letter and of the piece of line before it in a legend, in inches."""
 
 _LAST = 0.85
