@@ -87,7 +87,7 @@ def put_few_ticks(axis: Axis, name: str, *, words: bool = True) -> None:
     size = max(high - low, 0.0) if origin else largest
     power = math.floor(math.log10(size)) if size > 0 else 0
     power = 0 if -3 < power < 4 else power
-    axis.set_major_locator(FixedLocator(ticks))
+    axis.set_major_locator(FixedLocator(ticks.tolist()))
     if not words:
         axis.set_major_formatter(FuncFormatter(lambda x, place: ""))
         return

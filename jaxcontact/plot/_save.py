@@ -39,10 +39,10 @@ _FILES: dict[Any, Any] = {
 def save(ax: Any, file: str | os.PathLike, *, dpi: float = 200.0) -> None:
     """Write the picture that some axes stand in; the same axes always give the same bytes.
 
-    SVG and PDF hold letters as outlines or TrueType, and no date. Arguments: axes, an array of
-    them, or an animation's figure; the name of the `file`, which ends in .png, .pdf or .svg, and
-    appears whole or not at all; dots per inch of what is not lines. Raises ValueError for what is
-    no axes and another ending, OSError where writing fails.
+    SVG and PDF hold letters as outlines or TrueType, and no date. Arguments: axes, or an array of
+    them; the name of the `file`, which ends in .png, .pdf or .svg, and appears whole or not at all;
+    dots per inch of what is not lines, from 10 to 10,000. Raises ValueError for what is no axes,
+    another ending and arguments out of range, OSError where writing fails.
     """
     path = require_path("file", file)
     dpi = require_number("dpi", dpi, _DPI)
