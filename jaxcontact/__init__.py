@@ -92,6 +92,7 @@ if _TYPE_CHECKING:
     from ._measurements import Recording as Recording
     from ._measurements import RecordingError as RecordingError
     from ._measurements import read_recording as read_recording
+    from ._report import report as report
     from ._scene import Box as Box
     from ._scene import Ending as Ending
     from ._scene import Impacts as Impacts
@@ -138,6 +139,7 @@ _ROOMS = {
         "get_law list_laws register_law"
     ),
     "_measurements": "Recording RecordingError read_recording",
+    "_report": "report",
     "_scene": (
         "Box Ending Impacts Margin Moment Plane Prescribed Run Scene Shell Sphere Steady "
         "Vibration Way random_spheres read_scene simulate"

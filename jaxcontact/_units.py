@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import NamedTuple
 
 _MEANING = {
     "restitution": ("restitution", ""),
@@ -19,6 +20,7 @@ _MEANING = {
     "alpha": ("damping factor α", ""),
     "beta": ("damping exponent β", ""),
     "c": ("damping constant c", ""),
+    "A": ("material time A", "s"),
     **dict.fromkeys(("n", "exponent"), ("exponent n", "")),
     **dict.fromkeys(("v", "v0", "velocity", "impact_velocity"), ("closing speed", "m/s")),
     **dict.fromkeys(("m", "mass"), ("effective mass", "kg")),
@@ -33,6 +35,7 @@ _MEANING = {
     "time": ("time", "s"),
     "time_step": ("time step", "s"),
     "indentation": ("indentation", "m"),
+    "position": ("position", "m"),
     "force": ("force", "N"),
     "energy": ("energy", "J"),
     "drop_height": ("drop height", "m"),
@@ -63,6 +66,19 @@ def label(name: str, words: str | None = None, *, prefix: str = "") -> str:
     if not unit:
         return words
     return f"{words} / ({prefix}{unit})" if "/" in unit else f"{words} / {prefix}{unit}"
+
+
+class Shown(NamedTuple):
+    """How a number of a prediction is shown: as which quantity, and in which `words`, by default
+    those of the quantity; `logarithm` where the prediction is its logarithm.
+
+    A prediction may have `shown`, a mapping: "x" for what it is over, the name of each column, and
+    "" for a lone one.
+    """
+
+    name: str
+    words: str | None = None
+    logarithm: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,6 +9,9 @@ import tempfile
 from collections.abc import Callable, Mapping
 from typing import BinaryIO
 
+FIGURES = (".png", ".pdf", ".svg")
+"""What a figure may be written as."""
+
 MOST_BYTES = 256 * 2**20
 """More than any table or description holds: a mistaken file stays out of memory."""
 

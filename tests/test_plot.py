@@ -31,14 +31,14 @@ def test_on_given_axes(path):
     np.testing.assert_array_equal(line.get_xdata(), path.indentation)
     np.testing.assert_array_equal(line.get_ydata(), path.force)
     assert line.get_label() == "Hu-Guo"
-    assert ax.get_xlabel() == "indentation / m" and ax.get_ylabel() == "force / N"
+    assert ax.get_xlabel() == "indentation / mm" and ax.get_ylabel() == "force / kN"
     jc.plot.trajectory(path, x="indentation", y="force", ax=ax)
     assert len(ax.get_lines()) == 2
 
 
 def test_on_new_axes(path):
     ax = jc.plot.trajectory(path)
-    assert ax.get_xlabel() == "time / s" and ax.get_ylabel() == "force / N"
+    assert ax.get_xlabel() == "time / ms" and ax.get_ylabel() == "force / kN"
     other = jc.plot.trajectory(path, y="velocity")
     assert other is not ax and other.get_ylabel() == "velocity / (m/s)"
     ax.figure.canvas.draw()
@@ -53,6 +53,74 @@ def test_bad_arguments(path):
     with pytest.raises(ValueError, match=r"`path` must be a single trajectory.*\(1, 30\)"):
         jc.plot.trajectory(batch)
     assert not pyplot.get_fignums()
+
+
+@pytest.fixture(scope="module")
+def hit():
+    return jc.impact(jc.HuGuo(e=0.7), CONTACT, 4.2)
+
+
+def test_one_impact(path, hit):
+    axes = jc.plot.impact(path, hit, label="Hu-Guo")
+    loop, force, speed = axes
+    # The area of the loop is the energy lost, to the trapezoids of 30 samples.
+    x, y = loop.patches[0].get_xy().T
+    assert np.trapezoid(y, x) == pytest.approx(float(hit.energy_loss), rel=0.01)
+    assert "$e$ = 0.697, 4.53 J lost" in speed.get_title(loc="left")
+    ends = {float(line.get_xdata()[0]) for line in force.lines if line.get_linestyle() == ":"}
+    assert {float(hit.compression_time), float(hit.duration)} < ends
+    across = [line.get_ydata()[0] for line in speed.lines if line.get_linestyle() == ":"]
+    assert -float(hit.rebound_velocity) in across
+    again = jc.plot.impact(path, ax=axes)
+    assert list(again) == list(axes)
+    assert [text.get_text() for text in loop.get_legend().get_texts()] == ["Hu-Guo"]
+    with pytest.raises(ValueError, match="is an `Impact`, which has no course: give `trajectory"):
+        jc.plot.impact(hit)
+    with pytest.raises(ValueError, match="`ax` must be 3 axes of matplotlib, one for each picture"):
+        jc.plot.impact(path, ax=axes[:2])
+
+
+def test_a_law_without_a_contact():
+    axes = jc.plot.law(jc.HuntCrossley(e=0.5))
+    loop, delivered, damping = axes
+    assert loop.get_xlabel() == "indentation / largest"
+    # Hunt and Crossley's α = 3/2 (1 - e), asked for and drawn over e.
+    line, dot = damping.lines
+    np.testing.assert_allclose(line.get_ydata(), 1.5 * (1 - line.get_xdata()), rtol=1e-12)
+    assert dot.get_ydata()[0] == pytest.approx(0.75)
+    (e,) = delivered.lines[-1].get_ydata()
+    # α (1 + e) = ln((1 + α)/(1 - α e)) holds for what is delivered.
+    assert 0.75 * (1 + e) == pytest.approx(np.log(1.75 / (1 - 0.75 * e)), rel=1e-9)
+    jc.plot.law(jc.HuGuo(e=0.5), ax=axes, label="other")
+    first, second = loop.lines
+    assert first.get_color() != second.get_color()
+    assert first.get_linestyle() != second.get_linestyle()
+    for one in axes:
+        assert {line.get_color() for line in one.lines} >= {first.get_color(), second.get_color()}
+    labels = [text.get_text() for text in loop.get_legend().get_texts()]
+    assert labels == ["HuntCrossley(e=0.5)", "other"]
+
+
+def test_a_law_of_the_speed():
+    law, contact = jc.ConstantDamping(c=2e5), jc.Contact(mass=0.05, stiffness=1e6)
+    loop, delivered, damping = jc.plot.law(law, contact, 2.0)
+    e = delivered.lines[-1].get_ydata()[0]
+    x, y = loop.lines[0].get_xdata(), loop.lines[0].get_ydata()
+    # ½ m v² (1 - e²) is lost, which is the area of the loop.
+    assert np.trapezoid(y, x) == pytest.approx(0.5 * 0.05 * 4 * (1 - e**2), rel=1e-4)
+    speeds = damping.lines[0].get_xdata()
+    np.testing.assert_allclose(damping.lines[0].get_ydata(), 0.2 * speeds, rtol=1e-12)
+    assert speeds[[0, -1]] == pytest.approx([2 / 30, 60])
+    assert damping.get_xlabel() == "closing speed / (m/s)" and loop.get_ylabel() == "force / N"
+    with pytest.raises(ValueError, match="Argument `contact` is needed for `ConstantDamping`"):
+        jc.plot.law(law)
+
+
+def test_a_law_without_a_damping_factor():
+    axes = jc.plot.law(jc.KelvinVoigt(e=0.5))
+    assert not axes[2].has_data() and "no damping factor" in axes[2].texts[0].get_text()
+    with pytest.raises(ValueError, match="must hold scalars"):
+        jc.plot.law(jc.HuGuo(e=np.array([0.3, 0.5])))
 
 
 def test_unknown_attributes_are_errors():

@@ -1,11 +1,20 @@
 """Pictures of a fit: data, prediction and its bands; residuals; profiles."""
 
+import importlib
+import inspect
+import pkgutil
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from matplotlib import pyplot
 from scipy import stats
 
 import jaxcontact as jc
+import jaxcontact._calibration
+from jaxcontact._units import Shown
 
 X = np.linspace(1, 4, 20)
 Y = 2 * X + np.random.default_rng(0).normal(size=20)
@@ -54,6 +63,57 @@ def test_what_has_no_line():
     lone = jc.fit(lambda p: p * np.ones(3), np.arange(3.0), 1.0)
     with pytest.raises(ValueError, match="one-dimensional `x`"):
         jc.plot.fit(lone)
+
+
+class Falling(eqx.Module):
+    """ln h over a speed."""
+
+    shown: ClassVar = {"x": Shown("velocity"), "": Shown("height", "rebound", logarithm=True)}
+
+    def __call__(self, p, x):
+        return p[0] + p[1] * jnp.log(x)
+
+
+def test_a_prediction_says_how_it_is_shown():
+    heights = np.exp(0.1 + 2 * np.log(X) + 0.05 * (Y - 2 * X))
+    weights = np.where(X > 3.9, 0.0, 1.0)
+    found = jc.fit(Falling(), np.log(heights), [0.0, 1.0], x=X, weights=weights)
+    ax = jc.plot.fit(found)
+    dots, drawn = ax.lines
+    assert np.allclose(dots.get_ydata(), heights[:-1])
+    # It ends where the data that it used do.
+    assert drawn.get_xdata()[-1] == X[-2]
+    assert np.allclose(drawn.get_ydata(), np.exp(found.predict(drawn.get_xdata())))
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("closing speed / (m/s)", "rebound / m")
+    assert ax.get_yscale() == "log"
+    labels = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert labels == ["data", "fit", "true curve, 95 %", "new reading, 95 %"]
+    assert jc.plot.residuals(found)[0].get_xlabel() == "closing speed / (m/s)"
+
+
+def test_every_ready_made_prediction_says_how_it_is_shown():
+    rooms = pkgutil.iter_modules(jc._calibration.__path__)
+    modules = [importlib.import_module(f"jaxcontact._calibration.{one.name}") for one in rooms]
+    predictions = {
+        value
+        for module in modules
+        for value in vars(module).values()
+        if inspect.isclass(value) and issubclass(value, eqx.Module) and "__call__" in vars(value)
+        if value.__module__ == module.__name__ and not issubclass(value, jc.AbstractShape)
+    }
+    assert len(predictions) >= 8
+    assert not [one.__name__ for one in predictions if not hasattr(one, "shown")]
+
+
+def test_what_fit_velocity_profile_returned():
+    u = np.linspace(0, 1, 12)
+    found = jc.fit_velocity_profile(1e-3 * u, 2 * np.sqrt(1 - u**2.3))
+    ax = jc.plot.fit(found)
+    dots, drawn = ax.lines
+    assert np.allclose(dots.get_xdata(), u) and np.allclose(dots.get_ydata(), np.sqrt(1 - u**2.3))
+    assert np.allclose(drawn.get_ydata(), np.sqrt(1 - drawn.get_xdata() ** 2.3), atol=1e-6)
+    assert ax.get_xlabel() == "indentation / largest"
+    assert len(jc.plot.residuals(found)) == 3
 
 
 def test_several_columns_have_axes_of_their_own():

@@ -45,7 +45,7 @@ def test_a_handful_of_lines(table):
     np.testing.assert_array_equal(lines[-1].get_ydata(), table.duration[-1])
     assert ax.get_legend().get_title().get_text() == "restitution asked for"
     assert ax.get_xlabel() == "closing speed / (m/s)"
-    assert ax.get_ylabel() == "duration of contact / s"
+    assert ax.get_ylabel() == "duration of contact / ms"
     assert ax.get_xscale() == "log"
 
 

@@ -43,7 +43,7 @@ FLOORS = [
     {"_bounce", "_scene", "_sweep", "_measurements", "_export"},
     {"_calibration"},
     {"plot", "_explore"},
-    {"paper"},
+    {"paper", "_report"},
     {"_cli"},
     {"__init__"},
     {"__main__"},

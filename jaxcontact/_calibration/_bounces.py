@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -28,6 +28,7 @@ from .._impact import AbstractMethod, method_of, restitution
 from .._laws import AbstractLaw, require_law
 from .._measurements import too_long
 from .._parameter import POSITIVE, require_choice
+from .._units import Shown
 from ._checks import column, with_transforms
 from ._impacts import transforms_of
 from ._triggers import Shared, by_height, by_triggers, with_shared_errors
@@ -40,18 +41,25 @@ def _landing_after(time: Any, gravity: Any, b: Any) -> Any:
 
 class _Kind(NamedTuple):
     """The speed of landing from the first reading, and that of launch and the second reading from
-    each other; and the errors that pairs share.
+    each other; the errors that pairs share, and how both readings are shown.
     """
 
     landing: Callable[..., Any]
     launch: Callable[..., Any]
     second: Callable[..., Any]
     shared: Callable[..., Shared]
+    shown: Mapping[str, Shown]
 
 
 _KINDS = {
-    "intervals": _Kind(_landing_after, launch_speed, duration, by_triggers),
-    "heights": _Kind(speed_after_drop, speed_to_reach, height_reached, by_height),
+    "intervals": _Kind(
+        *(_landing_after, launch_speed, duration, by_triggers),
+        {"x": Shown("time", "flight before"), "": Shown("time", "flight after", logarithm=True)},
+    ),
+    "heights": _Kind(
+        *(speed_after_drop, speed_to_reach, height_reached, by_height),
+        {"x": Shown("height", "drop"), "": Shown("height", "rebound", logarithm=True)},
+    ),
 }
 
 
@@ -77,6 +85,11 @@ class NextFlight(eqx.Module):
     slowing: Float[Array, ""] | None
     kind: str = eqx.field(static=True)
     method: AbstractMethod = eqx.field(converter=method_of)
+
+    @property
+    def shown(self) -> Mapping[str, Shown]:
+        """What is measured before an impact, and after it."""
+        return _KINDS[self.kind].shown
 
     def __call__(self, model: BounceModel, first: Float[Array, " n"]) -> Float[Array, " n"]:
         g, c_d = self.gravity, model.drag_coefficient

@@ -10,6 +10,7 @@ from jaxtyping import ArrayLike, Float
 
 from .._measurements import MEASURED_RESTITUTION, in_percent
 from .._parameter import RESTITUTION, Range, as_numbers, rendered
+from .._units import Shown
 
 Column = Float[np.ndarray, " n"]
 
@@ -56,6 +57,13 @@ def _guess(array: Column, allowed: Range) -> str:
     restitution = allowed.high in (RESTITUTION.high, MEASURED_RESTITUTION.high)
     percent = restitution and in_percent(array[array == array])
     return " Is it in percent? Then divide by 100." if percent else ""
+
+
+ASKED_AND_DELIVERED = {
+    "x": Shown("e"),
+    "": Shown("restitution", "restitution delivered"),
+}
+"""How the columns of `asked_and_delivered` are shown."""
 
 
 def asked_and_delivered(e_in: ArrayLike, e_out: ArrayLike | None) -> tuple[Column, Column]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,6 +16,7 @@ from .._impact import AbstractMethod, method_of, restitution
 from .._laws import ConstantDamping, PowerDamping
 from .._measurements import MEASURED_RESTITUTION
 from .._parameter import POSITIVE, require_choice
+from .._units import Shown
 from ._checks import column, with_transforms
 
 
@@ -24,6 +26,7 @@ class DeliveredByDamping(eqx.Module):
     contact: Contact
     reference: Float[Array, ""]
     method: AbstractMethod = eqx.field(converter=method_of)
+    shown: ClassVar[Mapping[str, Shown]] = {"x": Shown("velocity"), "": Shown("restitution")}
 
     def __call__(
         self, params: dict[str, Float[Array, ""]], velocity: Float[Array, " n"]

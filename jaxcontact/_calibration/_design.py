@@ -18,7 +18,7 @@ from .._fit import AbstractTransform, Space, space_of
 from .._impact import AbstractMethod
 from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, rendered, require_choice, require_count, require_number
-from .._text_table import text_table
+from .._text_table import text_table, wrapped
 from ._checks import column
 from ._exchange import best_rows, by_parameter, by_volume, shared_out
 from ._impacts import ImpactModel, Outcome, holds, transforms_of
@@ -39,7 +39,7 @@ class Design:
     `standard_errors` of the parameters that these readings will leave, and `even`, those of as many
     readings spread evenly over the candidates; for two laws `noncentrality`, the least
     λ = Σ ((difference of the laws)/σ)² over the parameters of the second, instead; None where it is
-    not the other's.
+    not the other's. `noise` names the quantities that could be read.
     """
 
     velocity: np.ndarray
@@ -47,6 +47,7 @@ class Design:
     standard_errors: dict[str, float] | None = None
     even: dict[str, float] | None = None
     noncentrality: float | None = None
+    noise: tuple[str, ...] = QUANTITIES
 
     def readings_for(self, noncentrality: float = 40.0) -> int:
         """How many readings like these it takes to tell the laws apart.
@@ -56,11 +57,31 @@ class Design:
         do not differ, or a λ that is not positive.
         """
         wanted = require_number("noncentrality", noncentrality, POSITIVE)
-        if not self.noncentrality:
+        if self.noncentrality is None:
             raise ValueError("Only a plan that tells two laws apart has a number of readings.")
+        if not self.noncentrality > 0:
+            raise ValueError(f"This plan has no number of readings: {self.meaning}")
         places = {*zip(self.quantity, self.velocity.tolist(), strict=True)}
         # Each place of the plan is needed, and more of them than the other law has parameters.
         return max(len(places), math.ceil(len(self.velocity) * wanted / self.noncentrality))
+
+    @property
+    def meaning(self) -> str:
+        """What λ says, in words, and what to do; nothing for a plan for one law."""
+        if self.noncentrality is None:
+            return ""
+        if math.isnan(self.noncentrality):
+            return "λ is not known: the fit of the other law to this plan did not converge"
+        if self.noncentrality > 0:
+            return f"{self.readings_for()} such readings tell them apart (λ = 40)"
+        left = " or ".join(name for name in QUANTITIES if name not in self.noise)
+        more = f"reading {left} as well (give its noise), or " if left else ""
+        return (
+            "with other parameters the second law gives the same readings, however many there are. "
+            f"What may tell them apart: {more}holding what is known of the contact (its "
+            "stiffness). But laws K δⁿ (1 + α δ'/v0) of one parameter e are one law, differ only "
+            "in what they call e, and no reading tells them apart: use either"
+        )
 
     def __repr__(self) -> str:
         places = collections.Counter(zip(self.quantity, self.velocity.tolist(), strict=True))
@@ -77,8 +98,7 @@ class Design:
             ]
         if self.noncentrality is not None:
             lines.append(f"  λ = {self.noncentrality:.3g} between the two laws")
-            if self.noncentrality > 0:
-                lines.append(f"  {self.readings_for()} such readings tell them apart (λ = 40)")
+            lines += wrapped("", self.meaning, indent=2)
         return "\n".join(lines)
 
 
@@ -135,7 +155,8 @@ def design(
         counts = shared_out(np.where(share > _RARE * share.max(), share, 0), count)
         rows = np.repeat(np.arange(size.size), counts)
         distance = distance_of(*problem, counts, transforms)
-        return Design(velocity[rows], tuple(quantity[rows].tolist()), noncentrality=distance)
+        told = {"noncentrality": distance, "noise": tuple(sigma)}
+        return Design(velocity[rows], tuple(quantity[rows].tolist()), **told)
     choices = [ALL, *space.names]
     require_choice("goal", goal, choices)
     scaled = slopes / size[:, None]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -15,7 +16,8 @@ from .._fit import Fit, Positive, fit
 from .._impact import AbstractMethod, method_of, restitution
 from .._laws import EnergyLoss
 from .._parameter import require_count
-from ._checks import asked_and_delivered
+from .._units import Shown
+from ._checks import ASKED_AND_DELIVERED, asked_and_delivered
 
 
 class DeliveredByEnergyLoss(eqx.Module):
@@ -27,6 +29,7 @@ class DeliveredByEnergyLoss(eqx.Module):
     contact: Contact
     low: Float[Array, ""]
     method: AbstractMethod = eqx.field(converter=method_of)
+    shown: ClassVar[Mapping[str, Shown]] = ASKED_AND_DELIVERED
 
     def __call__(self, params: dict[str, Array], asked: Float[Array, " n"]) -> Float[Array, " n"]:
         law = EnergyLoss(e=asked, beta=self.beta(params, asked))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from .._impact import AbstractMethod, impact, method_of
 from .._laws import AbstractLaw, require_law
 from .._measurements import MEASURED_RESTITUTION_FROM_ZERO
 from .._parameter import POSITIVE, rendered
+from .._units import Shown
 from ._checks import column, measured, with_transforms
 
 
@@ -33,6 +35,12 @@ class Outcome(eqx.Module):
 
     method: AbstractMethod = eqx.field(converter=method_of)
     fields: tuple[str, ...] = eqx.field(static=True)
+    shown: ClassVar[Mapping[str, Shown]] = {
+        "x": Shown("velocity"),
+        "e": Shown("restitution"),
+        "duration": Shown("duration", logarithm=True),
+        "max_force": Shown("max_force", logarithm=True),
+    }
 
     def __call__(self, model: ImpactModel, velocity: Float[Array, " n"]) -> dict[str, Array]:
         hit = impact(model.law, model.contact, velocity, method=self.method)

@@ -35,6 +35,7 @@ from .._laws import (
     plastic_restitution,
 )
 from .._parameter import did_you_mean, rendered
+from .._units import Shown
 from ._estimate import Estimate
 from ._plastic import plastic_impact
 
@@ -314,6 +315,10 @@ class LogRestitution(eqx.Module):
     """ln e(v) of a kind of law: what is compared with the measured ln e."""
 
     is_formula: ClassVar[bool] = True
+    shown: ClassVar[Mapping[str, Shown]] = {
+        "x": Shown("velocity"),
+        "": Shown("restitution", logarithm=True),
+    }
     kind: AbstractKind = eqx.field(static=True)
     contact: Contact
     reference: Float[Array, ""]

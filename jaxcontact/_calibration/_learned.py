@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,7 +13,8 @@ from .._contact import Contact, require_contact
 from .._fit import Fit, fit
 from .._impact import AbstractMethod, method_of, restitution
 from .._parameter import rendered
-from ._checks import asked_and_delivered
+from .._units import Shown
+from ._checks import ASKED_AND_DELIVERED, asked_and_delivered
 from ._shapes import SHAPES, AbstractShape
 
 
@@ -21,6 +23,7 @@ class DeliveredByShape(eqx.Module):
 
     contact: Contact | None
     method: AbstractMethod = eqx.field(converter=method_of)
+    shown: ClassVar[Mapping[str, Shown]] = ASKED_AND_DELIVERED
 
     def __call__(self, shape: AbstractShape, asked: Float[Array, " n"]) -> Float[Array, " n"]:
         velocity = None if self.contact is None else jnp.ones(())

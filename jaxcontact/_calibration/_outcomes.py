@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._contact import Contact
 from .._measurements._noise import RELATIVE_FLOOR
 from .._parameter import POSITIVE, rendered
+from .._units import Shown
 from ._checks import Column, column, for_each
 from ._kinds import AbstractKind, Params
 
@@ -96,6 +97,14 @@ class LogOutcomes(eqx.Module):
     contact: Contact
     reference: Float[Array, ""]
     fields: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def shown(self) -> dict[str, Shown]:
+        """How the columns are shown, which are numbered."""
+        columns = enumerate(("restitution", *self.fields))
+        return {"x": Shown("velocity")} | {
+            str(k): Shown(name, logarithm=True) for k, name in columns
+        }
 
     def __call__(self, params: Params, velocity: Float[Array, " n"]) -> tuple[Array, ...]:
         e = self.kind.restitution(params, self.contact, self.reference, velocity)

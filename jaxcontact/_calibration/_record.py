@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -17,6 +17,7 @@ from .._fit import Fit, fit
 from .._impact import trajectory
 from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, REAL, parameter, require_kind, require_number
+from .._units import Shown
 from ._checks import column, measured, with_transforms
 from ._impacts import transforms_of
 from ._instrument_noise import require_filterable, with_noise_of_instruments
@@ -51,6 +52,10 @@ class Recorded(eqx.Module):
 
     low: Mapping[str, Array]
     high: Mapping[str, Array]
+    shown: ClassVar[Mapping[str, Shown]] = {
+        name: Shown(quantity)
+        for name, quantity in (("x", "time"), ("force", "force"), ("indentation", "indentation"))
+    }
 
     def __call__(self, model: RecordModel, time: Float[Array, " n"]) -> dict[str, Array]:
         path = trajectory(model.law, model.contact, model.velocity, samples=_SAMPLES)

@@ -8,7 +8,9 @@ from ._choice import ChoiceData
 from ._estimate import Estimate
 from ._summary import CalibrationSummary, contact_note
 
-_NOISE_NOTE = (
+Row = tuple[str, ...]
+
+NOISE_NOTE = (
     "the scatter was fitted to the same pairs about a free trend: a reduced chi² near 1 says that "
     "a law describes them as well as that trend, not that the noise is understood"
 )
@@ -32,29 +34,36 @@ def report(summary: CalibrationSummary) -> str:
 
 
 def _data(s: CalibrationSummary, layout: Layout) -> list[str]:
+    words = data_words(s, layout)
+    return [line for head, text in words for line in wrapped(head, text)]
+
+
+def data_words(s: CalibrationSummary, layout: Layout) -> list[tuple[str, str]]:
+    """What the data are and what was done to them: a word and a sentence of each."""
     r = s.recording
     speeds = [pair.velocity for pair in s.pairs]
-    lines = [
-        *wrapped("Recording", r.source + (f", ball {r.ball}" if r.ball else "")),
-        *(wrapped("Read as", "; ".join(r.notes)) if r.notes else ()),
-        *wrapped(
+    words = [("Recording", r.source + (f", ball {r.ball}" if r.ball else ""))]
+    if r.notes:
+        words.append(("Read as", "; ".join(r.notes)))
+    words.append(
+        (
             "Pairs",
             f"{r.pairs} of approach speed and e, from {layout.made_of}; {min(speeds):.3g} to "
             f"{max(speeds):.3g} m/s, {counted(len(r.trials), layout.cluster_words)}",
-        ),
-    ]
+        )
+    )
     if r.unpaired:
         one = r.unpaired == 1
         verbs = "has no successor and makes" if one else "have no successor and make"
-        lines += wrapped("", f"{counted(r.unpaired, ('interval', 'intervals'))} {verbs} no pair")
+        words.append(("", f"{counted(r.unpaired, ('interval', 'intervals'))} {verbs} no pair"))
     scatter = f"{100 * s.noise.relative:.2g} % of e"
     error = layout.reading_error
     if error is not None:
         scatter += f", and {error.factor * s.noise.reading:.2g} {error.shown} in {error.of}"
     return [
-        *lines,
-        *wrapped("Air drag", drag_sentence(s, layout)),
-        *wrapped("Scatter", f"{scatter} ({_scatter_of(s)})"),
+        *words,
+        ("Air drag", drag_sentence(s, layout)),
+        ("Scatter", f"{scatter} ({_scatter_of(s)})"),
     ]
 
 
@@ -83,11 +92,13 @@ def drag_sentence(s: CalibrationSummary, layout: Layout) -> str:
     )
 
 
-def _marked(s: CalibrationSummary) -> list[str]:
-    flagged = [pair for pair in s.pairs if pair.marked]
-    rule = f"more than {s.threshold:g} robust standard deviations off the trend"
-    if not flagged:
-        return [f"Marked     none of {len(s.pairs)} pairs is {rule}"]
+def marking_rule(s: CalibrationSummary) -> str:
+    """When a pair is marked."""
+    return f"more than {s.threshold:g} robust standard deviations off the trend"
+
+
+def marked_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
+    """The header and the rows of a table of the marked pairs."""
     rows = [
         (
             ", ".join(map(str, pair.rows)),
@@ -96,11 +107,18 @@ def _marked(s: CalibrationSummary) -> list[str]:
             f"{pair.deviation:+.1f}",
             pair.may_be or "",
         )
-        for pair in flagged
+        for pair in s.pairs
+        if pair.marked
     ]
-    header = ("rows", "v (m/s)", "e", "deviation", "may be")
+    return ("rows", "v (m/s)", "e", "deviation", "may be"), rows
+
+
+def _marked(s: CalibrationSummary) -> list[str]:
+    header, rows = marked_rows(s)
+    if not rows:
+        return [f"Marked     none of {len(s.pairs)} pairs is {marking_rule(s)}"]
     return [
-        f"Marked     {len(flagged)} of {len(s.pairs)} pairs are {rule}",
+        f"Marked     {len(rows)} of {len(s.pairs)} pairs are {marking_rule(s)}",
         "           and are left out of the fits (shown with them further down)",
         *text_table(rows, header=header, align="<>>><", indent=2),
     ]
@@ -123,7 +141,7 @@ def errors_sentence(s: CalibrationSummary, layout: Layout) -> str:
 
 def _fits(s: CalibrationSummary, layout: Layout) -> list[str]:
     lines = wrapped("Fits", f"standard errors {errors_sentence(s, layout)}")
-    lines += wrapped("", _NOISE_NOTE)
+    lines += wrapped("", NOISE_NOTE)
     aicc = {c.name: c.aicc for c in s.choice.candidates}
     for law in s.choice.laws:
         lines.append(f"  {law.kind}")
@@ -142,9 +160,8 @@ def _fits(s: CalibrationSummary, layout: Layout) -> list[str]:
     return lines
 
 
-def _by_speed(s: CalibrationSummary) -> list[str]:
-    if not s.by_speed:
-        return []
+def speed_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
+    """The header and the rows of a table of medians by speed, and of the fits there."""
     kinds = [law.kind for law in s.choice.laws]
     rows = [
         (
@@ -155,7 +172,13 @@ def _by_speed(s: CalibrationSummary) -> list[str]:
         )
         for band in s.by_speed
     ]
-    header = ("v (m/s)", "pairs", "e", *kinds)
+    return ("v (m/s)", "pairs", "e", *kinds), rows
+
+
+def _by_speed(s: CalibrationSummary) -> list[str]:
+    header, rows = speed_rows(s)
+    if not rows:
+        return []
     return [
         "By speed   medians of the kept pairs, and the fits there",
         *text_table(rows, header=header, align=">" * len(header), indent=2),
@@ -178,13 +201,18 @@ def _choice(s: CalibrationSummary, layout: Layout) -> list[str]:
 
 
 def _equivalents(choice: ChoiceData) -> list[str]:
+    return wrapped("Law's e", equivalents_sentence(choice))
+
+
+def equivalents_sentence(choice: ChoiceData) -> str:
+    """The e to set in each law of constant e."""
     e = choice.laws[0].estimates[-1].value
     able = [f"{a.law} {a.e:.4f}" for a in choice.asked if a.e is not None]
     unable = [f"{a.law} ({a.least:.3f} at least)" for a in choice.asked if a.e is None]
     text = f"laws deliver a constant e of {e:.4f} where their parameter e is: {', '.join(able)}"
     if unable:
         text += f"; not within reach of {', '.join(unable)}"
-    return wrapped("Law's e", text)
+    return text
 
 
 def drag_caution(s: CalibrationSummary, layout: Layout) -> str | None:
@@ -208,16 +236,21 @@ def line_sentence(choice: ChoiceData) -> str:
     )
 
 
-def _side_by_side(s: CalibrationSummary) -> list[str]:
-    if not any(pair.marked for pair in s.pairs):
-        return []
-    rows = []
+def side_by_side_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
+    """The header and the rows of a table of the laws without and with the marked pairs."""
+    rows: list[Row] = []
     for without, everything in zip(s.choice.laws, s.with_marked.laws, strict=True):
         first: tuple[Estimate, Estimate] = (without.estimates[0], everything.estimates[0])
         rows.append((f"{without.kind}: {first[0].name}", str(first[0]), str(first[1])))
         chi2 = (f"{without.reduced_chi2:.2f}", f"{everything.reduced_chi2:.3g}")
         rows.append(("  reduced chi²", *chi2))
-    header = ("", f"without ({s.choice.count})", f"with ({s.with_marked.count})")
+    return ("", f"without ({s.choice.count})", f"with ({s.with_marked.count})"), rows
+
+
+def _side_by_side(s: CalibrationSummary) -> list[str]:
+    if not any(pair.marked for pair in s.pairs):
+        return []
+    header, rows = side_by_side_rows(s)
     bad = [law.kind for law in s.with_marked.laws if not law.converged]
     return [
         "With and without the marked pairs",
@@ -226,9 +259,13 @@ def _side_by_side(s: CalibrationSummary) -> list[str]:
     ]
 
 
-def _open_questions(s: CalibrationSummary) -> list[str]:
-    lines = ["What e(v) alone leaves open"]
-    lines += [f"  {law.kind}: {law.unidentified}" for law in s.choice.laws]
+def open_questions(s: CalibrationSummary) -> list[str]:
+    """What e(v) does not determine, law by law, and what would."""
+    lines = [f"{law.kind}: {law.unidentified}" for law in s.choice.laws]
     if len(s.given) < 2:
-        lines.append("  give --stiffness for c, and --mass with it for A (in Python: arguments)")
+        lines.append("give --stiffness for c, and --mass with it for A (in Python: arguments)")
     return lines
+
+
+def _open_questions(s: CalibrationSummary) -> list[str]:
+    return ["What e(v) alone leaves open", *(f"  {line}" for line in open_questions(s))]

@@ -6,12 +6,14 @@ import dataclasses
 import math
 from collections.abc import Mapping
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._fit import Positive, fit
+from .._fit import Fit, Positive, fit
 from .._parameter import NOT_NEGATIVE, POSITIVE, as_weights, require_flag, require_number
+from .._units import Shown
 from ._checks import column
 
 Params = Mapping[str, Float[Array, ""]]
@@ -25,7 +27,7 @@ class VelocityProfile:
 
     `beta`, dimensionless; `residual`, the weighted root mean square of what was fitted, δ'/v0 or
     its square; both NaN unless `converged`. The `steps` of the search, and in words the `reason`
-    why it stopped.
+    why it stopped; the `fit` itself, of δ'/v0 or its square over δ/δ_m.
     """
 
     beta: float
@@ -33,6 +35,7 @@ class VelocityProfile:
     converged: bool
     steps: int
     reason: str
+    fit: Fit = dataclasses.field(repr=False, compare=False)
 
 
 def fit_velocity_profile(
@@ -69,7 +72,7 @@ def fit_velocity_profile(
     _check_compression(depth, speed)
     u, v = depth / depth[-1], speed / speed[0]
     found = fit(
-        _square if squares else _profile,
+        Profile(squares),
         v**2 if squares else v,
         {"beta": guess},
         x=u,
@@ -83,7 +86,25 @@ def fit_velocity_profile(
     beta, residual = float(found.params["beta"]), math.sqrt(2 * found.loss / share.sum())
     if not converged:
         beta = residual = math.nan
-    return VelocityProfile(beta, residual, converged, found.steps, reason)
+    return VelocityProfile(beta, residual, converged, found.steps, reason, found)
+
+
+class Profile(eqx.Module):
+    """δ'/v0, or its square, over δ/δ_m."""
+
+    squared: bool = eqx.field(static=True)
+
+    @property
+    def shown(self) -> dict[str, Shown]:
+        """How both are shown."""
+        words = "velocity / velocity at touch"
+        return {
+            "x": Shown("", "indentation / largest"),
+            "": Shown("", f"({words})²" if self.squared else words),
+        }
+
+    def __call__(self, params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:
+        return _square(params, u) if self.squared else _profile(params, u)
 
 
 def _square(params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from .._progress import Stages
 from .._whole_files import write_all
-from ._files import drawn
+from ._files import output_path
 from ._options import InputError, positive
 from ._table import add_table_options, input_error
 
@@ -98,7 +98,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     ):
         group.add_argument(name, metavar=metavar, type=positive, help=words)
     parser.add_argument(
-        "--report", action="store_true", help=f"also write {REPORT}, a page with the figure"
+        "--report",
+        metavar="FILE",
+        nargs="?",
+        const="",
+        help="also write a report: .html, one page with pictures and what to type into simulators, "
+        f".txt or .json; without FILE {REPORT}, a page of Markdown beside the figure",
     )
 
 
@@ -109,7 +114,9 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     from .._flight import STANDARD_GRAVITY
     from .._measurements import RecordingError, read_recording
     from ..plot import calibration, sound
+    from ..plot._save import drawn
 
+    page = _page(arguments.report)
     out = pathlib.Path(arguments.out)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out} is not a folder")
@@ -146,11 +153,15 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if recording.sound is not None:
         picture = drawn(lambda f: sound(recording, ax=f.add_subplot()), (8.0, 4.0), out / SOUND)
         files[out / SOUND] = picture
-    if arguments.report:
-        page = (
+    if page is not None:
+        from .._report import content_of
+
+        files[page] = content_of(result, page, arguments.radius, progress)
+    elif arguments.report is not None:
+        text = (
             f"# Calibration\n\n![e over the approach speed]({FIGURE})\n\n```text\n{report}\n```\n"
         )
-        files[out / REPORT] = page.encode()
+        files[out / REPORT] = text.encode()
     write_all(files)
     if arguments.json:
         print(files[out / NUMBERS].decode(), end="")
@@ -158,6 +169,20 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         print(report)
         print(f"Written    {', '.join(map(str, files))}")
     return 0 if result.converged else 1
+
+
+def _page(name: str | None) -> pathlib.Path | None:
+    """The file of `--report`; None where none is named. Raises InputError for another ending."""
+    if not name:
+        return None
+    from .._report import SUFFIXES
+
+    if pathlib.Path(name).suffix.lower() not in SUFFIXES and pathlib.Path(name).exists():
+        raise InputError(
+            f"--report {name}: is this the recording? Then put it first: "
+            f"`jaxcontact calibrate {name} --report`"
+        )
+    return output_path("--report", name, SUFFIXES)
 
 
 def _drag(arguments: argparse.Namespace) -> Drag | None:
@@ -176,6 +201,8 @@ def _drag(arguments: argparse.Namespace) -> Drag | None:
     useless = [name for name, value in named.items() if value is not None]
     if arguments.mass is not None and arguments.stiffness is not None:
         useless.remove("--mass")  # wanted for A
+    if arguments.radius is not None and arguments.report:
+        useless.remove("--radius")  # wanted for simulators
     if useless:
         hint = " (or --stiffness, for A)" if useless == ["--mass"] else ""
         raise InputError(

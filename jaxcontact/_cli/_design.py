@@ -29,6 +29,10 @@ example: jaxcontact design --law hu_guo --e 0.7 --mass 0.05 --stiffness 1e6 \\
 --noise is the standard deviation of one reading: of e itself, of duration and max_force relative to
 their size. Only quantities with a noise are read. The law and the contact are your best guess.
 
+With --against, λ is the least Σ ((difference of the laws)/noise)² over the parameters of the other
+law: 40 tells the laws apart. 0 says that the other law can give the same readings, whatever their
+number: read another quantity, or hold what is known.
+
 exit codes: 0 done; 2 bad input.
 """
 
@@ -118,6 +122,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
                 "standard_errors": plan.standard_errors,
                 "even": plan.even,
                 "noncentrality": plan.noncentrality,
+                "meaning": plan.meaning,
             }
         )
     else:

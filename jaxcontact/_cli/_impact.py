@@ -5,20 +5,19 @@ from __future__ import annotations
 import argparse
 import math
 import pathlib
+import sys
 from typing import TYPE_CHECKING, Any
 
 from .._progress import Stages
 from .._text_table import text_table
 from .._units import meaning, quantity
-from .._whole_files import write_all
-from ._files import FIGURES, drawn, output_path
+from .._whole_files import FIGURES, write_all
+from ._files import output_path
 from ._law import add_law_and_contact, exponent_asked, parameters_asked
 from ._options import InputError, number, positive
 from ._printing import print_json
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from .._contact import Contact
     from .._impact import Impact, Status
     from .._laws import AbstractLaw
@@ -41,7 +40,7 @@ exit codes: 0 done; 1 the impact could not be solved to accuracy; 2 bad input, n
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_law_and_contact(parser, number=number, size=positive, form=("NUMBER", "c=1e6"))
-    words = "draw force against indentation and time; .png, .pdf or .svg"
+    words = "draw force over indentation and time, and speed over time; .png, .pdf or .svg"
     parser.add_argument("--plot", metavar="FILE", help=words)
 
 
@@ -68,7 +67,11 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         raise InputError(f"{', '.join(beyond)}: too large to be written in double precision")
     if plot is not None:
         progress("compiling and drawing the trajectory")
-        write_all({plot: _figure(law, contact, arguments, plot)})
+        try:
+            write_all({plot: _figure(law, contact, hit, arguments, plot)})
+        except ValueError as error:
+            # An impact without an end has numbers, but no course to draw.
+            print(f"no picture: {error}", file=sys.stderr)
     if arguments.json:
         print_json(_dict(arguments, given, exponent, hit, status))
     else:
@@ -124,22 +127,19 @@ def _dict(
 
 
 def _figure(
-    law: AbstractLaw, contact: Contact, arguments: argparse.Namespace, file: pathlib.Path
+    law: AbstractLaw,
+    contact: Contact,
+    hit: Impact,
+    arguments: argparse.Namespace,
+    file: pathlib.Path,
 ) -> bytes:
     from .._impact import trajectory
-    from ..plot import trajectory as draw
+    from ..plot import impact as draw
+    from ..plot._save import drawn
 
     path = trajectory(law, contact, arguments.velocity, samples=_SAMPLES)
     asked = "" if arguments.e is None else f", e = {arguments.e:g}"
-
-    def fill(figure: Figure) -> None:
-        loop, course = figure.subplots(1, 2)
-        draw(path, x="indentation", y="force", ax=loop)
-        draw(path, x="time", y="force", ax=course)
-        for ax in (loop, course):
-            # Milliseconds in seconds have so many zeros that the labels would overlap.
-            ax.ticklabel_format(style="sci", scilimits=(-2, 4), useMathText=True)
-        title = f"{arguments.law}{asked}, {arguments.velocity:g} m/s"
-        figure.suptitle(title, fontsize="medium")
-
-    return drawn(fill, (8.0, 3.6), file)
+    label = f"{arguments.law}{asked}, {arguments.velocity:g} m/s"
+    return drawn(
+        lambda figure: draw(path, hit, ax=figure.subplots(1, 3), label=label), (10.0, 3.4), file
+    )

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from .._progress import Stages
 from .._whole_files import write_all
-from ._files import image_of
 from ._options import InputError
 from ._printing import print_json
 
@@ -83,7 +82,9 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
 
 def _files_of(folder: pathlib.Path, name: str, result: Reproduction) -> dict[pathlib.Path, bytes]:
-    files = {folder / f"{name}.png": image_of(result.figure, "png", Software=None)}
+    from ..plot._save import image_of
+
+    files = {folder / f"{name}.png": image_of(result.figure, "png")}
     for title, table in result.tables.items():
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, BinaryIO
 
 from .._progress import Stages
-from .._whole_files import write_all
-from ._files import drawn
+from .._whole_files import FIGURES, write_all
+from ._files import output_path
 from ._options import InputError
 from ._printing import print_json
 
@@ -22,10 +22,14 @@ if TYPE_CHECKING:
     from .._scene import Run
 
 RUN, IMPACTS = "run.csv", "impacts.csv"
-SCENE, ENERGY, MOVING = "scene.png", "energy.png", "scene.gif"
+MOVING = (".gif",)
+"""What a moving picture may be written as."""
 
 _WIDTH, _LOW, _HIGH = 6.4, 2.6, 7.2
 """Of a picture in inches: its width, and its least and largest height."""
+
+_ENERGY = 2.4
+"""The height of the picture of the energy, below that of the paths."""
 
 SUMMARY = "many bodies from impact to impact, from a file"
 
@@ -59,7 +63,7 @@ The keys are the arguments of `jaxcontact.Scene`, `simulate`, `Sphere`, `Plane`,
 `random_spheres`; `jaxcontact.read_scene` says the rest, and the examples show most of it:
 
   jaxcontact scene --example table --show > my.toml
-  jaxcontact scene my.toml --out results --plot
+  jaxcontact scene my.toml --out results --plot run.png
 
 exit codes: 0 done; 1 the run stopped before its end (its status says why; everything is written);
 2 bad input, nothing written.
@@ -77,12 +81,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help=f"write {RUN} and {IMPACTS} into this folder, made if missing",
     )
-    parser.add_argument(
-        "--plot",
-        action="store_true",
-        help=f"draw {SCENE} and {ENERGY} into the folder (default: the current one)",
-    )
-    parser.add_argument("--animate", action="store_true", help=f"draw {MOVING} as well")
+    words = "draw the paths, and the energy below them; .png, .pdf or .svg"
+    parser.add_argument("--plot", metavar="FILE", help=words)
+    parser.add_argument("--animate", metavar="FILE", help="draw a moving picture; .gif")
     parser.add_argument(
         "--axes",
         metavar="XZ",
@@ -101,6 +102,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     out = pathlib.Path(arguments.out or ".")
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out} is not a folder")
+    plot = output_path("--plot", arguments.plot, FIGURES) if arguments.plot else None
+    film = output_path("--animate", arguments.animate, MOVING) if arguments.animate else None
     try:
         scene, how = read_scene(arguments.file, example=arguments.example)
     except ValueError as error:
@@ -119,14 +122,14 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if arguments.out is not None:
         files |= {out / RUN: done.to_csv, out / IMPACTS: done.impacts.to_csv}
     drawable = float(done.reached) > 0
-    if (arguments.plot or arguments.animate) and not drawable:
+    if (plot or film) and not drawable:
         print("no pictures: the run has no values to draw", file=sys.stderr)
-    if arguments.plot and drawable:
+    if plot and drawable:
         progress("drawing")
-        files |= _pictures(done, axes, out)
-    if arguments.animate and drawable:
+        files[plot] = _picture(done, axes, plot)
+    if film and drawable:
         progress("drawing the moving picture")
-        files[out / MOVING] = _moving(done, axes)
+        files[film] = _moving(done, axes)
     write_all(files)
     if arguments.json:
         print_json(
@@ -157,20 +160,21 @@ def _axes(given: str | None, dimensions: int) -> tuple[int, ...] | None:
     return tuple(names.index(letter) for letter in given)
 
 
-def _pictures(
-    done: Run, axes: tuple[int, ...] | None, out: pathlib.Path
-) -> dict[pathlib.Path, bytes]:
+def _picture(done: Run, axes: tuple[int, ...] | None, file: pathlib.Path) -> bytes:
+    """The paths, and below them the energy, each in a part of its own."""
     from ..plot import energy, scene
+    from ..plot._save import drawn
 
-    def paths(figure: Figure) -> None:
-        _fit(figure, scene(done, axes=axes, ax=figure.add_subplot()))
+    def fill(figure: Figure) -> None:
+        # Only when the paths are drawn is it known how high they are.
+        upper, lower = figure.subplots(2, height_ratios=(1, 1))
+        scene(done, axes=axes, ax=upper)
+        energy(done, ax=lower)
+        tall = _height(upper)
+        figure.set_size_inches(_WIDTH, tall + _ENERGY)
+        upper.get_gridspec().set_height_ratios((tall, _ENERGY))
 
-    return {
-        out / SCENE: drawn(paths, (_WIDTH, 4.4), out / SCENE),
-        out / ENERGY: drawn(
-            lambda figure: energy(done, ax=figure.add_subplot()), (_WIDTH, 4.4), out / ENERGY
-        ),
-    }
+    return drawn(fill, (_WIDTH, 4.4 + _ENERGY), file)
 
 
 def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:
@@ -184,17 +188,17 @@ def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:
     FigureCanvasAgg(figure)
     ax = figure.add_subplot()
     animation = animate(done, axes=axes, ax=ax)
-    _fit(figure, ax)
+    figure.set_size_inches(_WIDTH, _height(ax))
     # The writer of matplotlib takes nothing but the name of a file.
     with tempfile.TemporaryDirectory() as folder:
-        file = pathlib.Path(folder) / MOVING
+        file = pathlib.Path(folder) / f"film{MOVING[0]}"
         animation.save(file, writer="pillow", dpi=80)
         return file.read_bytes()
 
 
-def _fit(figure: Figure, ax: Axes) -> None:
-    """Give a figure of space the height that its limits ask for."""
-    if ax.get_aspect() == 1.0:
-        (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
-        tall = _WIDTH * (top - bottom) / (right - left) + 0.5
-        figure.set_size_inches(_WIDTH, min(max(tall, _LOW), _HIGH))
+def _height(ax: Axes) -> float:
+    """The height in inches that a picture of space asks for by its limits."""
+    if ax.get_aspect() != 1.0:
+        return 4.4
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    return min(max(_WIDTH * (top - bottom) / (right - left) + 0.5, _LOW), _HIGH)

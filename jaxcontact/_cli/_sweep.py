@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from .._progress import Stages
-from .._whole_files import write_all
-from ._files import FIGURES, drawn, output_path
+from .._whole_files import FIGURES, write_all
+from ._files import output_path
 from ._law import add_law_and_contact, exponent_asked, parameters_asked
 from ._options import InputError
 from ._printing import print_json
@@ -89,6 +89,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         contents[out] = table.to_csv
     if plot is not None:
         from ..plot import sweep as draw
+        from ..plot._save import drawn
 
         def fill(figure: Figure) -> None:
             draw(table, field=arguments.field, ax=figure.subplots())

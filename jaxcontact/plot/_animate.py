@@ -110,7 +110,7 @@ def _drawn(ax: Axes, run: Run, images: int) -> tuple[list[list[Circle]], list[Li
         look = {"facecolor": colour, "edgecolor": colour, "alpha": 0.8, "zorder": 3}
         own = [Circle((0.0, 0.0), radius, **look) for _ in range(images)]
         circles.append([ax.add_patch(circle) for circle in own])
-        tails += ax.plot([], [], color=colour, lw=1.2, alpha=0.5, zorder=2)
+        tails += ax.plot([], [], color=colour, ls="-", lw=1.2, alpha=0.5, zorder=2)
     return circles, tails
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._parameter import rendered, require_kind
+from ._style import use_curves
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,10 +18,10 @@ def axes_of(given: Axes | None, *, figsize: tuple[float, float] | None = None) -
     if given is None:
         from matplotlib import pyplot
 
-        return pyplot.subplots(figsize=figsize, layout="constrained")[1]
+        return use_curves(pyplot.subplots(figsize=figsize, layout="constrained")[1])
     from matplotlib import axes
 
-    return require_kind("ax", given, axes.Axes, "axes of matplotlib or None")
+    return use_curves(require_kind("ax", given, axes.Axes, "axes of matplotlib or None"))
 
 
 def axes_for(given: Any, count: int, each: str = "column of the data") -> list[Axes]:
@@ -30,7 +31,9 @@ def axes_for(given: Any, count: int, each: str = "column of the data") -> list[A
     if given is None:
         from matplotlib import pyplot
 
-        return list(pyplot.subplots(ncols=count, figsize=(5 * count, 4), layout="constrained")[1])
+        size = (3.6 * count, 3.4)
+        new = pyplot.subplots(ncols=count, figsize=size, layout="constrained")[1]
+        return [use_curves(one) for one in new]
     from matplotlib import axes
 
     chosen = list(given.flat) if isinstance(given, np.ndarray) else given
@@ -40,4 +43,4 @@ def axes_for(given: Any, count: int, each: str = "column of the data") -> list[A
             f"Argument `ax` must be {count} axes of matplotlib, one for each {each}, or None, but "
             f"is {rendered(given)}."
         )
-    return list(chosen)
+    return [use_curves(one) for one in chosen]

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import itertools
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .._calibration import LawChoice
+from .._calibration._choice import ChoiceData
 from .._parameter import require_kind
 from ._axes import axes_of
+from ._labels import put_label
+from ._style import CURVES, DATA, GUIDE, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_STYLES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 3)))
 _FINE = 200
 
 
@@ -25,26 +28,37 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
     Raises ValueError for what is no `LawChoice` and no axes.
     """
     require_kind("result", result, LawChoice, "a `LawChoice` (see `choose_law`)")
-    ax = axes_of(ax)
+    ax = axes_of(ax, figsize=(7.0, 4.6))
     some = next(iter(result.fits.values()))
     x = np.asarray(some.problem.x)
     # ln e comes before contact times and forces.
     log_e = some.data[: len(x)]
     used = np.isfinite(log_e)
     v = x[used]
-    ax.plot(v, np.exp(log_e[used]), ".", color="0.4", label="data", zorder=2)
+    ax.plot(v, np.exp(log_e[used]), ".", color=DATA, ms=5, mew=0, alpha=0.6, label="data")
     wide = v.max() > 100 * v.min()
     fine = (np.geomspace if wide else np.linspace)(v.min(), v.max(), _FINE)
     best = min(candidate.aicc for candidate in result.candidates)
-    for place, (candidate, style) in enumerate(zip(result.candidates, _STYLES, strict=False)):
-        label = f"{candidate.name} (ΔAICc {candidate.aicc - best:.1f})"
+    styles = curves_of(result)
+    for place, candidate in enumerate(result.candidates):
+        label = f"{candidate.name} ({candidate.aicc - best:.1f})"
         curve, _ = result.curve(candidate.name, fine)
-        ax.plot(fine, curve, ls=style, lw=2.4 if place == 0 else 1.4, label=label, zorder=3)
-    ax.plot(fine, result.free(fine), color="0.6", lw=1.0, label="free curve, no law", zorder=1)
+        thick = 2.6 if place == 0 else 1.4
+        ax.plot(fine, curve, lw=thick, label=label, zorder=3, **styles[candidate.name])
+    free = {"color": GUIDE, "lw": 4, "alpha": 0.5, "zorder": 2, "label": "free curve, no law"}
+    ax.plot(fine, result.free(fine), **free)
     if wide:
         ax.set_xscale("log")
-    ax.set_xlabel("closing speed / (m/s)")
+    put_label(ax.xaxis, "velocity")
     ax.set_ylabel("restitution $e$")
-    # Outside the frame it covers no data, whatever the data are.
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, fontsize="small")
+    legend_above(ax, "law (ΔAICc)")
     return ax
+
+
+def curves_of(choice: ChoiceData) -> dict[str, dict[str, Any]]:
+    """The look of the curve of each kind of law: the same in every picture of a choice."""
+    kinds = [law.kind for law in choice.laws]
+    return {
+        kind: {"color": colour, "ls": line}
+        for kind, (colour, line) in zip(kinds, itertools.cycle(CURVES), strict=False)
+    }

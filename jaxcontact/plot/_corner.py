@@ -12,8 +12,9 @@ from scipy.special import ndtri
 
 from .._fit import Fit, FitData, Posterior
 from .._parameter import FRACTION, as_array, rendered, require_choice, require_number
-from .._units import meaning
 from ._axes import axes_of
+from ._labels import put_few_ticks
+from ._style import BLUE, ORANGE
 
 _PANEL = 1.9
 """The side of a panel in inches."""
@@ -27,11 +28,7 @@ _SPAN = 3.5
 
 _FINE = 200
 _MOST_POINTS = 2000
-_CLOSE = 1e-3
-"""Ticks that span less than this part of their numbers count from the middle one."""
-
-_NORMAL, _DRAWN = "#D55E00", "#0072B2"
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_NORMAL, _DRAWN = ORANGE, BLUE
 
 
 class _Normal(NamedTuple):
@@ -45,7 +42,7 @@ class _Normal(NamedTuple):
         value, error = self.values[i], math.sqrt(self.covariance[i, i])
         u = np.linspace(-_SPAN, _SPAN, _FINE)
         density = np.exp(-(u**2) / 2) / (error * math.sqrt(2 * math.pi))
-        ax.plot(value + error * u, density, color=_NORMAL)
+        ax.plot(value + error * u, density, color=_NORMAL, ls="--")
         half = error * ndtri((1 + level) / 2)
         _ends(ax, value - half, value + half, _NORMAL)
 
@@ -57,7 +54,8 @@ class _Normal(NamedTuple):
         circle = np.sqrt(np.maximum(values, 0))[:, None] * np.stack([np.cos(turn), np.sin(turn)])
         x, y = radius * (vectors @ circle)
         error = np.sqrt(np.diag(self.covariance))
-        ax.plot(self.values[i] + error[i] * x, self.values[j] + error[j] * y, color=_NORMAL)
+        ellipse = self.values[i] + error[i] * x, self.values[j] + error[j] * y
+        ax.plot(*ellipse, color=_NORMAL, ls="--")
         ax.plot(self.values[i], self.values[j], "+", color=_NORMAL)
 
 
@@ -233,40 +231,6 @@ def _label(ax: Any, names: Sequence[str], row: int, column: int) -> None:
     if row != column:
         sides.append((ax.yaxis, names[row], column == 0))
     for axis, name, outer in sides:
-        _ticks(axis, name, outer)
+        put_few_ticks(axis, name, words=outer)
     for tick in ax.get_xticklabels():
         tick.set(rotation=45, ha="right", rotation_mode="anchor")
-
-
-def _ticks(axis: Any, name: str, outer: bool) -> None:
-    from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
-
-    low, high = sorted(axis.get_view_interval())
-    ticks = MaxNLocator(3, steps=[1, 2, 5, 10]).tick_values(low, high)
-    ticks = ticks[(ticks >= low) & (ticks <= high)]
-    largest = max(abs(low), abs(high))
-    origin = ticks[len(ticks) // 2] if len(ticks) and high - low < _CLOSE * largest else 0.0
-    size = max(high - low, 0.0) if origin else largest
-    power = math.floor(math.log10(size)) if size > 0 else 0
-    power = 0 if -3 < power < 4 else power
-    axis.set_major_locator(FixedLocator(ticks))
-    if not outer:
-        axis.set_major_formatter(FuncFormatter(lambda x, place: ""))
-        return
-    axis.set_major_formatter(FuncFormatter(lambda x, place: f"{(x - origin) / 10.0**power:.4g}"))
-    axis.label.set_text(_words(name, origin, power))
-
-
-def _words(name: str, origin: float, power: int) -> str:
-    """The name of a parameter and the unit of its ticks: "contact.stiffness / (10⁸ N/m^n)"."""
-    last = name.split(".")[-1]
-    unit = meaning(last)[1]
-    ten = f"10{str(power).translate(_SUPERSCRIPTS)}" if power else ""
-    whole = f"{ten} {unit}".strip()
-    text = f"{name} - {origin:.9g}" if origin else name
-    if origin and whole:
-        text = f"({text})"
-    if not whole:
-        return text
-    # A long name and its unit do not stand beside a panel.
-    return f"{text}\n/ ({whole})" if " " in whole or "/" in whole else f"{text}\n/ {whole}"

@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import _units as units
 from .._scene import Run
 from ._axes import axes_of
+from ._labels import put_label
 from ._path import path_of, require_one_run
+from ._style import BLACK, SKY, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +31,7 @@ def energy(run: Run, *, ax: Axes | None = None) -> Axes:
     path = path_of(run)
     ax = axes_of(ax)
     # Between impacts the energy is constant; at one out of time the value is that after it.
-    ax.plot(path.time, path.energy, drawstyle="steps-post", lw=2.2, color="#56B4E9", label="energy")
+    ax.plot(path.time, path.energy, drawstyle="steps-post", lw=2.2, color=SKY, label="energy")
     impacts = run.impacts.to_dict()
     ends = impacts["time"] + np.where(np.isfinite(impacts["duration"]), impacts["duration"], 0.0)
     order = np.argsort(ends, kind="stable")
@@ -44,11 +45,11 @@ def energy(run: Run, *, ax: Axes | None = None) -> Axes:
         drawstyle="steps-post",
         lw=1.2,
         ls="--",
-        color="black",
+        color=BLACK,
         label="start less the losses of impacts",
     )
     ax.set_xlim(0, float(run.reached))
-    ax.set_xlabel(units.label("time"))
-    ax.set_ylabel(units.label("energy"))
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, fontsize="small")
+    put_label(ax.xaxis, "time")
+    put_label(ax.yaxis, "energy")
+    legend_above(ax)
     return ax

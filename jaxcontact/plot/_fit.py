@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import numpy as np
 from jaxtyping import ArrayLike
 
+from .._calibration import VelocityProfile
 from .._fit import Fit, FitData
 from .._parameter import FRACTION, as_numbers, rendered, require_kind, require_number
+from .._units import Shown
 from ._axes import axes_for
+from ._labels import put_label
+from ._style import DATA, legend_above
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 _FINE = 200
+_DOTS = {"color": DATA, "mew": 0, "ms": 6}
+_BANDS = ("true curve", 0.3), ("new reading", 0.12)
 
 
 def fit(
-    result: Fit,
+    result: Fit | VelocityProfile,
     *,
     x: ArrayLike | None = None,
     level: float = 0.95,
@@ -27,17 +36,18 @@ def fit(
 
     The inner one holds the true curve, the outer one a new reading like those of the data, each
     with the probability `level`: `confidence_band` and `prediction_band`. They are left out where
-    there are no standard errors.
+    there are no standard errors. Data that the fit did not use are not drawn. What a ready-made fit
+    compares as logarithms is drawn as itself, on a logarithmic axis where it spans a decade.
 
-    Arguments: the fit, of numbers over a one-dimensional `x`, one column or several ("force" and
-    "indentation", say), each of which has axes of its own; the `x` (m,) where the prediction is
-    drawn, by default 200 between the ends of the data's, evenly spaced, or by a factor where the
-    data's span decades; the axes to draw on, as many as there are columns, new ones if None;
-    `line`, for the line of the prediction. Returns the axes, an array of them for several columns.
-    Raises ValueError for a fit without such an `x`, and for what is no fit, no such numbers and no
-    axes.
+    Arguments: what `fit` or any `fit_*` returned, for numbers over a one-dimensional `x`, one
+    column or several ("force" and "indentation", say), each of which has axes of its own; the `x`
+    (m,) where the prediction is drawn, by default 200 between the ends of the data's, evenly
+    spaced, or by a factor where the data's span decades; the axes to draw on, as many as there are
+    columns, new ones if None; `line`, for the line of the prediction. Returns the axes, an array of
+    them for several columns. Raises ValueError for a fit without such an `x`, and for what is no
+    fit, no such numbers and no axes.
     """
-    require_kind("result", result, FitData, "a `Fit`")
+    result = fit_of(result)
     level = require_number("level", level, FRACTION)
     given = result.problem.x
     size, shapes = np.size(given), result.problem.shapes
@@ -47,9 +57,11 @@ def fit(
             "of the data, but is none."
         )
     place = np.asarray(given)
-    wide = bool(np.all(place > 0)) and place.max() > 100 * place.min()
+    used = np.reshape(np.asarray(result.problem.factor) > 0, (len(shapes), size))
+    there = place[used.any(axis=0)]
+    wide = bool(np.all(there > 0)) and there.max() > 100 * there.min()
     if x is None:
-        x = (np.geomspace if wide else np.linspace)(place.min(), place.max(), _FINE)
+        x = (np.geomspace if wide else np.linspace)(there.min(), there.max(), _FINE)
     x = as_numbers(x, "x")
     if x.ndim != 1 or not x.size:
         raise ValueError(
@@ -62,23 +74,45 @@ def fit(
     if result.converged and np.isfinite(result.errors).any():
         of = result.confidence_band, result.prediction_band
         bands = [np.reshape(band(x, level=level), (2, *shape)) for band in of]
-    names = _names(result, x)
     style = {"label": "fit" if result.converged else "not converged", "zorder": 3} | line
-    rows = zip(all_axes, names, result.data.reshape(len(shapes), -1), strict=True)
-    for column, (axes, name, y) in enumerate(rows):
-        axes.plot(place, y, ".", color="0.4", label="data", zorder=2)
-        (drawn,) = axes.plot(x, curves.reshape(shape)[column], **style)
-        for band, alpha in zip(bands, (0.2, 0.1), strict=False):
+    rows = zip(all_axes, shown_of(result), result.data.reshape(shape[0], -1), used, strict=True)
+    for column, (axes, (over, own), y, good) in enumerate(rows):
+        back = np.exp if own.logarithm else np.asarray
+        axes.plot(place[good], back(y[good]), ".", label="data", zorder=2, **_DOTS)
+        (drawn,) = axes.plot(x, back(curves.reshape(shape)[column]), **style)
+        for band, (what, alpha) in zip(bands, _BANDS, strict=False):
             shade = {"color": drawn.get_color(), "alpha": alpha, "lw": 0}
-            axes.fill_between(x, *band[:, column], **shade)
-        if wide:
-            axes.set_xscale("log")
-        if len(shapes) > 1:
-            axes.set_ylabel(name)
+            words = f"{what}, {100 * level:g} %"
+            axes.fill_between(x, *back(band[:, column]), label=words, **shade)
+        _scales(axes, wide, back(y[good]) if own.logarithm else None)
+        put_label(axes.xaxis, over.name, over.words)
+        put_label(axes.yaxis, own.name, own.words)
+    legend_above(all_axes[0])
     return np.array(all_axes) if len(shapes) > 1 else all_axes[0]
 
 
-def _names(result: Fit, x: np.ndarray) -> list[str]:
-    """What the columns are called in the tree of the prediction."""
-    paths = jax.tree_util.tree_leaves_with_path(result.predict(x))
-    return [jax.tree_util.keystr(path, simple=True) for path, _ in paths]
+def _scales(axes: Axes, wide: bool, positive: np.ndarray | None) -> None:
+    """Logarithmic axes where the numbers span decades."""
+    if wide:
+        axes.set_xscale("log")
+    if positive is not None and positive.max() > 10 * positive.min():
+        axes.set_yscale("log")
+
+
+def fit_of(result: object) -> Fit:
+    """A fit, or the one that a result was made from; ValueError for anything else."""
+    inner = getattr(result, "fit", None)
+    return require_kind(
+        "result", inner if isinstance(inner, FitData) else result, FitData, "a `Fit`"
+    )  # pyright: ignore[reportReturnType]
+
+
+def shown_of(result: Fit) -> list[tuple[Shown, Shown]]:
+    """For each column of the data how its x and how itself is shown."""
+    known = getattr(result.problem.predict, "shown", {})
+    with jax.enable_x64(True):
+        shape = jax.eval_shape(lambda: result.predict())
+    paths = jax.tree_util.tree_leaves_with_path(shape)
+    names = [jax.tree_util.keystr(path, simple=True) for path, _ in paths]
+    over = known.get("x", Shown("", "x"))
+    return [(over, known.get(name, Shown("", name or "y"))) for name in names]

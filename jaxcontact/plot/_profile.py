@@ -10,8 +10,9 @@ import numpy as np
 
 from .._fit import Fit, FitData
 from .._parameter import FRACTION, rendered, require_kind, require_number
-from .._units import label
 from ._axes import axes_for
+from ._labels import put_few_ticks
+from ._style import BLACK, BLUE, GUIDE
 
 _POINTS = 25
 
@@ -47,14 +48,14 @@ def profile(
     curves = [result.profile(name, points=_POINTS) for name in chosen]
     for axes, curve in zip(all_axes, curves, strict=True):
         error = result.standard_errors[curve.name]
-        axes.plot(curve.values, np.square((curve.values - curve.best) / error), "--", color="0.6")
-        axes.plot(curve.values, np.square(curve.deviation))
-        axes.plot(curve.best, 0, ".", color="k", clip_on=False, zorder=3)
+        axes.plot(curve.values, np.square((curve.values - curve.best) / error), "--", color=GUIDE)
+        axes.plot(curve.values, np.square(curve.deviation), color=BLUE, ls="-")
+        axes.plot(curve.best, 0, ".", color=BLACK, clip_on=False, zorder=3)
         low, high = intervals[curve.name]
-        axes.axhline(curve.quantile(level) ** 2, color="0.6", lw=1)
-        axes.axvspan(low, high, alpha=0.1, lw=0)
+        axes.axhline(curve.quantile(level) ** 2, color=GUIDE, lw=1)
+        axes.axvspan(low, high, color=BLUE, alpha=0.1, lw=0)
         axes.set_ylim(0)
         axes.set_xlim(curve.values[0], curve.values[-1])
-        axes.set_xlabel(label(curve.name.rpartition(".")[2], curve.name))
+        put_few_ticks(axes.xaxis, curve.name)
     all_axes[0].set_ylabel("2 (loss - best)/s²")
     return np.array(all_axes) if len(curves) > 1 else all_axes[0]

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._scene import Run
 from ._axes import axes_of
+from ._labels import put_label
 from ._path import (
     Path,
     axes_shown,
@@ -20,7 +21,8 @@ from ._path import (
     require_one_run,
     touches,
 )
-from ._surroundings import colours, draw_levels, draw_walls, frame, labels
+from ._style import legend_above
+from ._surroundings import colours, draw_levels, draw_walls, frame, labels, lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,8 +58,8 @@ def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None
         ax.set_xlim(0, path.time[-1])
         ax.set_ylim(low[0], high[0])
         draw_levels(ax, run)
-        ax.set_xlabel("time / s")
-        ax.set_ylabel("$x$ / m")
+        put_label(ax.xaxis, "time")
+        put_label(ax.yaxis, "position", "$x$")
     else:
         width, height = high - low
         tall = min(max(_WIDTH * height / width, _LOW), _HIGH)
@@ -68,10 +70,7 @@ def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None
         _, places = touches(run)
         _mark(ax, *places[:, list(shown)].T)
     if labels(run):
-        # Outside the frame it covers no path.
-        ax.legend(
-            loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, frameon=False, fontsize="small"
-        )
+        legend_above(ax)
     return ax
 
 
@@ -80,22 +79,23 @@ def frame_axes(ax: Axes, shown: tuple[int, ...], low: np.ndarray, high: np.ndarr
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
     ax.set_aspect("equal")
-    ax.set_xlabel(f"${NAMES[shown[0]]}$ / m")
+    put_label(ax.xaxis, "position", f"${NAMES[shown[0]]}$")
     if len(shown) == 1:
         ax.set_yticks([])
     else:
-        ax.set_ylabel(f"${NAMES[shown[1]]}$ / m")
+        put_label(ax.yaxis, "position", f"${NAMES[shown[1]]}$")
 
 
 def _draw_world_lines(ax: Axes, run: Run, path: Path) -> None:
     names = labels(run)
-    for k, (colour, radius) in enumerate(zip(colours(run), radii(run), strict=True)):
+    looks = zip(colours(run), lines(run), radii(run), strict=True)
+    for k, (colour, dashes, radius) in enumerate(looks):
         time, line = line_of(run, path, k)
         line = line[:, 0]
         for away in images(run, (0,))[:, 0]:
             band = line + away - radius, line + away + radius
             ax.fill_between(time, *band, color=colour, alpha=0.3, lw=0)
-        ax.plot(time, line, color=colour, lw=1.2, label=names[k] if names else None)
+        ax.plot(time, line, color=colour, ls=dashes, lw=1.2, label=names[k] if names else None)
     when, where = touches(run)
     _mark(ax, when, where[:, 0])
 
@@ -105,9 +105,12 @@ def _draw_paths(ax: Axes, run: Run, path: Path, shown: tuple[int, ...]) -> None:
 
     names = labels(run)
     many = len(run.scene.spheres) > len(set(colours(run)))
-    for k, (colour, radius) in enumerate(zip(colours(run), radii(run), strict=True)):
+    # Among many paths the dashes of one would be lost.
+    dashes = ["-"] * len(radii(run)) if many else lines(run)
+    looks = zip(colours(run), dashes, radii(run), strict=True)
+    for k, (colour, dash, radius) in enumerate(looks):
         line = line_of(run, path, k)[1][:, list(shown)]
-        ax.plot(*line.T, color=colour, lw=0.8 if many else 1.2, alpha=0.7, zorder=2)
+        ax.plot(*line.T, color=colour, ls=dash, lw=0.8 if many else 1.2, alpha=0.7, zorder=2)
         for n, shift in enumerate(images(run, shown)):
             start, end = (Circle(tuple(line[row] + shift), radius) for row in (0, -1))
             start.set(facecolor="none", edgecolor=colour, ls=":", alpha=0.8, zorder=1.5)

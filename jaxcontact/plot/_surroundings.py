@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from matplotlib.patches import Polygon
 
 from .._scene import Run, Shell, Sphere
 from ._path import radii, rows_of_spheres
+from ._style import BODIES, CURVES
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
 
-# Okabe & Ito: told apart by readers with any colour vision.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 _FIXED = "#777777"
 _SOLID, _SWEPT, _EDGE = "#E0E0E0", "#F1F1F1", "#555555"
 NAMED = 8
@@ -36,7 +35,12 @@ _FINE, _MOST = 48, 100_000
 def colours(run: Run) -> list[str]:
     """The colour of each sphere; fixed ones are grey."""
     spheres = run.scene.spheres
-    return [_FIXED if s.fixed else _COLOURS[k % len(_COLOURS)] for k, s in enumerate(spheres)]
+    return [_FIXED if s.fixed else BODIES[k % len(BODIES)] for k, s in enumerate(spheres)]
+
+
+def lines(run: Run) -> list[Any]:
+    """The line of the path of each sphere: in grey it tells as many apart as there are names."""
+    return [CURVES[k % len(CURVES)][1] for k in range(len(run.scene.spheres))]
 
 
 def labels(run: Run) -> list[str]:
@@ -137,7 +141,7 @@ def draw_walls(ax: Axes, run: Run, shown: tuple[int, ...]) -> None:
         if shape is None:
             continue
         # The solid parts of other walls cover a line where it leaves the free space.
-        ax.plot(*shape[0].T, color=_EDGE, lw=2.4, zorder=0.2)
+        ax.plot(*shape[0].T, color=_EDGE, lw=2.4, ls="-", zorder=0.2)
         ax.add_patch(_solid(shape[1], _SOLID, 0.3))
         swept = shape_of(ax, normal, offset.max(), shown)
         if swept is not None and np.ptp(offset) > 0:
@@ -174,7 +178,7 @@ def draw_shells(
             circles = centre[:, None] + float(body.radius) * ring
             solid = _solid(around(circles[0]), _SOLID, 0.3)
             ax.add_patch(solid)
-            (line,) = ax.plot(*circles[0].T, color=_EDGE, lw=1.4, zorder=0.4)
+            (line,) = ax.plot(*circles[0].T, color=_EDGE, lw=1.4, ls="-", zorder=0.4)
             if body.motion is not None and in_film:
                 moving.append((circles, solid, line))
             elif body.motion is not None:
@@ -198,7 +202,7 @@ def moving_walls(
         shape = shape_of(ax, edge.normal, edge.offset[0], shown)
         if shape is None:
             continue
-        (line,) = ax.plot(*shape[0].T, color=_EDGE, lw=2.4, zorder=0.2)
+        (line,) = ax.plot(*shape[0].T, color=_EDGE, lw=2.4, ls="-", zorder=0.2)
         solid = _solid(shape[1], _SOLID, 0.3)
         ax.add_patch(solid)
         if np.ptp(edge.offset) > 0:
@@ -240,4 +244,4 @@ def draw_levels(ax: Axes, run: Run) -> None:
         level = offset * normal[0]
         end = ax.get_ylim()[0] if normal[0] > 0 else ax.get_ylim()[1]
         ax.fill_between(time, level, end, color=_SOLID, lw=0, zorder=0.3)
-        ax.plot(time, level, color=_EDGE, lw=1.6, zorder=0.4)
+        ax.plot(time, level, color=_EDGE, lw=1.6, ls="-", zorder=0.4)

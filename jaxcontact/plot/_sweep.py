@@ -11,6 +11,8 @@ from .._sweep import Sweep
 from .._sweep._axes import SAMPLE
 from .._units import label
 from ._axes import axes_of
+from ._labels import put_label
+from ._style import legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,8 +66,8 @@ def sweep(
         # The margins of an axis up to 1e308 lie beyond what a double holds.
         with np.errstate(over="ignore"):
             ax.set_xscale("log")
-    ax.set_xlabel(label(across))
-    ax.set_ylabel(label(name))
+    put_label(ax.xaxis, across)
+    put_label(ax.yaxis, name)
     return ax
 
 
@@ -88,7 +90,7 @@ def _lines(ax: Axes, table: Sweep, across: str, values: np.ndarray) -> None:
     chosen = np.unique(np.linspace(0, len(numbers) - 1, min(_LINES, len(numbers))).round())
     for k in chosen.astype(int):
         ax.plot(table.axes[across], values[:, k], label=f"{numbers[k]:.3g}")
-    ax.legend(title=label(other), frameon=False, fontsize="small")
+    legend_above(ax, label(other))
 
 
 def _map(ax: Axes, table: Sweep, name: str, values: np.ndarray) -> None:
@@ -97,12 +99,13 @@ def _map(ax: Axes, table: Sweep, name: str, values: np.ndarray) -> None:
     y, x = table.axes[down][rows], table.axes[across][columns]
     shown = np.ma.masked_invalid(values[np.ix_(rows, columns)])
     mesh = ax.pcolormesh(_edges(x), _edges(y), shown, norm=_norm(shown), rasterized=True)
-    ax.figure.colorbar(mesh, ax=ax, label=label(name))
+    bar = ax.figure.colorbar(mesh, ax=ax)
+    put_label(bar.ax.yaxis, name)
     for numbers, scale in ((x, ax.set_xscale), (y, ax.set_yscale)):
         if _geometric(numbers):
             scale("log")
-    ax.set_xlabel(label(across))
-    ax.set_ylabel(label(down))
+    put_label(ax.xaxis, across)
+    put_label(ax.yaxis, down)
 
 
 def _norm(values: np.ma.MaskedArray) -> Normalize | None:

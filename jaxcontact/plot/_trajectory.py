@@ -1,4 +1,4 @@
-"""Pictures of an impact."""
+"""One quantity of an impact over another."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import _units as units
-from .._impact import Trajectory
+from .._impact import Impact, Trajectory
+from .._impact._result import status_words
 from .._parameter import require_choice, require_kind
 from ._axes import axes_of
+from ._labels import put_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -28,20 +29,36 @@ def trajectory(
     """Draw one quantity of an impact against another: force against indentation is its hysteresis.
 
     Arguments: one trajectory (no batch); `x` and `y`, each "time", "indentation", "velocity" or
-    "force", in SI units; the axes to draw on, new ones if None; a label for the legend. Returns the
+    "force"; the axes to draw on, new ones if None; a label for the legend. Returns the
     axes. Raises ValueError for an unknown quantity, a batch, and what is no trajectory or axes.
     """
     require_choice("x", x, _QUANTITIES)
     require_choice("y", y, _QUANTITIES)
-    require_kind("path", path, Trajectory, "a `Trajectory`")
+    require_one_path(path)
     if label is not None:
         require_kind("label", label, str, "a text or None")
-    if path.time.ndim != 1:
-        raise ValueError(
-            f"Argument `path` must be a single trajectory, but has the shape {path.time.shape}."
-        )
     ax = axes_of(ax)
     ax.plot(np.asarray(getattr(path, x)), np.asarray(getattr(path, y)), label=label)
-    ax.set_xlabel(units.label(x, x))
-    ax.set_ylabel(units.label(y, y))
+    put_label(ax.xaxis, x, x)
+    put_label(ax.yaxis, y, y)
     return ax
+
+
+def require_one_path(path: object) -> Trajectory:
+    """A single trajectory with values to draw; ValueError for anything else."""
+    if isinstance(path, Impact):
+        raise ValueError(
+            "Argument `path` must be a `Trajectory`, but is an `Impact`, which has no course: give "
+            "`trajectory(law, contact, velocity)` (and to `plot.impact` both)."
+        )
+    one = require_kind("path", path, Trajectory, "a `Trajectory`")
+    if one.time.ndim != 1:
+        raise ValueError(
+            f"Argument `path` must be a single trajectory, but has the shape {one.time.shape}."
+        )
+    if not np.isfinite(np.asarray(one.time)).all():
+        raise ValueError(
+            "Argument `path` must have values to draw, but they are NaN: its status is "
+            f"{status_words(one.status)}."
+        )
+    return one

@@ -57,6 +57,17 @@ def test_a_file_of_one_s_own(good, tmp_path, capsys):
     assert abs(found["value"] - 0.88) < 4 * found["standard_error"]
 
 
+def test_a_report_is_what_its_ending_says(good, tmp_path, capsys):
+    text, page = tmp_path / "a.txt", tmp_path / "a.html"
+    options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet"]
+    assert main(["calibrate", str(good), *options, "--report", str(text)]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith(text.read_text()) and str(text) in printed
+    assert main(["calibrate", str(good), *options, f"--report={page}", "--radius", "0.02"]) == 0
+    assert page.read_text().startswith("<!doctype html>")
+    assert not (tmp_path / REPORT).exists()
+
+
 def test_the_current_folder_is_the_default(good, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["calibrate", good.name, "--law", "constant_damping", "--quiet"]) == 0
@@ -152,6 +163,7 @@ BAD_OPTIONS = {
     "no such law": (["--law", "nonsense"], "--law: Argument `law` must be one of"),
     "half a drag": (["--radius", "0.02"], "also give --mass and --drag-coefficient"),
     "mass alone": (["--mass", "0.1"], "or --stiffness, for A"),
+    "report": (["--report", "ball.jpg"], "--report ball.jpg: the name must end in .html, .txt or"),
     "air alone": (["--air-density", "1.2"], "--air-density alone cannot correct for drag"),
 }
 

@@ -40,13 +40,15 @@ def test_tables_and_pictures(tmp_path, capsys, monkeypatch):
 
     whole = plot.animate
     monkeypatch.setattr(plot, "animate", lambda run, **how: whole(run, seconds=0.2, **how))
-    assert main("scene fall.toml --out results --plot --animate".split()) == 0
+    assert (
+        main("scene fall.toml --out results --plot results/run.png --animate film.gif".split()) == 0
+    )
     shown = capsys.readouterr()
     assert "completed" in shown.out and "ball - floor" in shown.out
     assert "compiling and following the scene" in shown.err
-    names = ["energy.png", "impacts.csv", "run.csv", "scene.gif", "scene.png"]
+    names = ["impacts.csv", "run.csv", "run.png"]
     assert sorted(path.name for path in (tmp_path / "results").iterdir()) == names
-    assert all(f"results/{name}" in shown.out for name in names)
+    assert all(f"results/{name}" in shown.out for name in names) and "film.gif" in shown.out
     with open("results/run.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["time"]) for row in rows] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5])
@@ -54,7 +56,7 @@ def test_tables_and_pictures(tmp_path, capsys, monkeypatch):
     with open("results/impacts.csv", newline="") as file:
         (row, *_) = csv.DictReader(file)
     assert (row["first_name"], row["second_name"]) == ("ball", "floor")
-    with Image.open("results/scene.gif") as film, Image.open("results/scene.png") as picture:
+    with Image.open("film.gif") as film, Image.open("results/run.png") as picture:
         assert film.n_frames == 5
         # A column of air is higher than wide.
         assert picture.height > picture.width > 1000
@@ -73,7 +75,7 @@ def test_nothing_is_written_unless_asked_for(tmp_path, capsys):
 
 def test_a_run_that_stops_ends_with_1(tmp_path, capsys):
     (tmp_path / "few.toml").write_text("max_impacts = 1\n" + FALL.replace("0.5\n", "0.9\n", 1))
-    assert main("scene few.toml --quiet --out . --plot".split()) == 1
+    assert main("scene few.toml --quiet --out . --plot run.png".split()) == 1
     shown = capsys.readouterr()
     assert "too many impacts" in shown.out
     assert shown.err == "no pictures: the run has no values to draw\n"
@@ -97,7 +99,9 @@ BAD = {
     "example": ("--example cradle", "--example must be one of 'box', 'line', 'table', but is"),
     "no file": ("none.toml", "none.toml"),
     "folder": ("fall.toml --out fall.toml", "--out fall.toml is not a folder"),
-    "axes": ("fall.toml --plot --axes xz", "--axes must be xy or yx, but is xz"),
+    "picture": ("fall.toml --plot run.jpg", "--plot run.jpg: the name must end in .png, .pdf or"),
+    "film": ("fall.toml --animate run.mp4", "--animate run.mp4: the name must end in .gif"),
+    "axes": ("fall.toml --plot run.png --axes xz", "--axes must be xy or yx, but is xz"),
     "content": ("bad.toml", "bad.toml, at the top: the key 'duration' must be given"),
     "late": ("late.toml", "late.toml: Argument `rtol` must be a number in (0, 1), but is 2"),
 }

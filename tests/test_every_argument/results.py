@@ -2,6 +2,8 @@
 
 import dataclasses
 import functools
+import pathlib
+import tempfile
 
 import jax.numpy as jnp
 import matplotlib.pyplot as plt
@@ -10,7 +12,9 @@ import numpy as np
 import jaxcontact as jc
 from jaxcontact._sound import Envelope, Sound
 from tests.test_every_argument.case import (
+    CONTACTS,
     EMPTY,
+    LAWS,
     NOTHING,
     NUMBERS_3,
     PROGRESS,
@@ -32,6 +36,9 @@ from tests.test_every_argument.kinds import (
     WHOLE,
 )
 from tests.test_every_argument.physics import IMPACT_LEGAL
+
+_FOLDER = tempfile.TemporaryDirectory()
+_PICTURE = pathlib.Path(_FOLDER.name) / "picture.png"
 
 
 def _doubled(e):
@@ -106,6 +113,37 @@ def cases() -> dict[str, Case]:
             jc.plot.trajectory,
             {"path": _path(), "ax": plt.figure().add_subplot()},
             {"path": NOTHING, "x": NOTHING, "y": NOTHING, "ax": NONE, "label": TEXT | NONE},
+        ),
+        "plot.law": Case(
+            jc.plot.law,
+            {"law": UNSOLVED, "contact": CONTACT, "velocity": 1.0},
+            {
+                "law": LAWS,
+                "contact": CONTACTS | NONE,
+                "velocity": POSITIVE | NONE,
+                "ax": NONE,
+                "label": TEXT | NONE,
+            },
+        ),
+        "plot.impact": Case(
+            jc.plot.impact,
+            {"path": _path(), "ax": plt.figure().subplots(1, 3)},
+            {"path": NOTHING, "hit": NONE, "ax": NONE, "label": TEXT | NONE},
+        ),
+        "plot.save": Case(
+            jc.plot.save,
+            {"ax": plt.figure().add_subplot(), "file": _PICTURE},
+            {"ax": NOTHING, "file": NOTHING, "dpi": NOTHING},
+        ),
+        "report": Case(
+            jc.report,
+            {"calibration": blank(jc.Calibration), "file": "page.html"},
+            {
+                "calibration": NOTHING,
+                "file": NOTHING,
+                "radius": POSITIVE | NONE,
+                "progress": PROGRESS,
+            },
         ),
         "plot.fit": Case(
             jc.plot.fit,

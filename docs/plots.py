@@ -1,0 +1,267 @@
+"""Makes the page of all plots and its pictures: `python docs/plots.py`, with names for some only.
+
+Every picture is made by the lines that the page shows.
+"""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any, NamedTuple
+
+HERE = Path(__file__).parent
+FOLDER = HERE / "plots"
+_DPI = 75
+
+
+class Section(NamedTuple):
+    """A picture: its file, what it shows, and the lines that make it, the last of which `ax`."""
+
+    name: str
+    title: str
+    words: str
+    code: str
+    ending: str = ".png"
+
+    @property
+    def file(self) -> Path:
+        """Where the picture is."""
+        return FOLDER / f"{self.name}{self.ending}"
+
+
+BEFORE = """\
+import jax
+import numpy as np
+
+import jaxcontact as jc
+
+jax.config.update("jax_enable_x64", True)
+"""
+
+SECTIONS = (
+    Section(
+        "law",
+        "A law",
+        "The loop whose area is the energy lost, the e that is delivered over the one that was "
+        "asked for, and the damping factor. A dot is the law itself.",
+        """\
+        ax = jc.plot.law(jc.HuGuo(e=0.5))
+        jc.plot.law(jc.HuntCrossley(e=0.5), ax=ax)
+        """,
+    ),
+    Section(
+        "law_of_speed",
+        "A law whose e depends on the speed",
+        "With a contact and a speed, in SI units.",
+        """\
+        contact = jc.Contact(mass=0.05, stiffness=1e6)
+        ax = jc.plot.law(jc.ConstantDamping(c=2e5), contact, 2.0)
+        jc.plot.law(jc.KuwabaraKono(A=1e-4), contact, 2.0, ax=ax)
+        """,
+    ),
+    Section(
+        "impact",
+        "One impact",
+        "Its loop, force and speed over time; dotted lines are the numbers of the `Impact`.",
+        """\
+        ball = jc.HuGuo(e=0.7), jc.Contact(mass=1.0, stiffness=1.4e8)
+        path, hit = jc.trajectory(*ball, 4.2), jc.impact(*ball, 4.2)
+        ax = jc.plot.impact(path, hit)
+        """,
+    ),
+    Section(
+        "trajectory",
+        "One quantity over another",
+        "Time, indentation, velocity or force.",
+        """\
+        ax = jc.plot.trajectory(path, x="indentation", y="velocity")
+        """,
+    ),
+    Section(
+        "sweep",
+        "A sweep over two axes",
+        "A map; white where there is no number.",
+        """\
+        ranges = {"e": np.linspace(0.1, 1, 40), "v": np.geomspace(0.01, 10, 50)}
+        table = jc.sweep(lambda e, v: jc.impact(jc.HuGuo(e=e), contact, v), **ranges)
+        ax = jc.plot.sweep(table, field="max_force")
+        """,
+    ),
+    Section(
+        "sweep_lines",
+        "The same as lines",
+        "A handful of them, over the axis that is named.",
+        """\
+        ax = jc.plot.sweep(table, field="duration", x="e")
+        """,
+    ),
+    Section(
+        "calibration",
+        "A calibration",
+        "The recording that ships with the package: kept and marked pairs, and every law ± 2 "
+        "standard errors.",
+        """\
+        cal = jc.calibrate(jc.read_recording())
+        ax = jc.plot.calibration(cal)
+        """,
+    ),
+    Section(
+        "choice",
+        "The choice among laws",
+        "The law of lowest AICc is the thickest line; the broad grey one is a free smooth curve, "
+        "which is no law.",
+        """\
+        ax = jc.plot.choice(cal.choice)
+        """,
+    ),
+    Section(
+        "fit",
+        "A fit",
+        "Whatever `fit` or a `fit_*` returned: data, prediction, the band of the true curve and "
+        "that of new readings.",
+        """\
+        pairs = cal.pairs.where(~cal.outliers.flagged)
+        data = {"velocity": pairs.velocity, "e": pairs.restitution}
+        found = jc.fit_damping(**data, contact=contact, form="power")
+        ax = jc.plot.fit(found)
+        """,
+    ),
+    Section(
+        "fit_columns",
+        "A fit of several columns",
+        "A record of one impact, here simulated, with the noise of both sensors.",
+        """\
+        rng, time = np.random.default_rng(0), np.asarray(path.time)
+        force = path.force + rng.normal(0, 300, time.size)
+        depth = path.indentation + rng.normal(0, 1e-6, time.size)
+        record = jc.fit_record(time, *ball, 4.2, force=force, indentation=depth)
+        ax = jc.plot.fit(record)
+        """,
+    ),
+    Section(
+        "residuals",
+        "Residuals",
+        "Over x, in order, and against normal noise.",
+        """\
+        ax = jc.plot.residuals(found)
+        """,
+    ),
+    Section(
+        "profile",
+        "Profiles of the likelihood",
+        "Where the curve leaves the dashed parabola, the standard error misleads.",
+        """\
+        ax = jc.plot.profile(found)
+        """,
+    ),
+    Section(
+        "corner",
+        "Parameters in pairs",
+        "The normal approximation of a fit, dashed, over the draws of its posterior.",
+        """\
+        posterior = jc.posterior(found, samples=1000)
+        ax = jc.plot.corner(posterior, names=found.names)
+        jc.plot.corner(found, ax=ax)
+        """,
+    ),
+    Section(
+        "scene",
+        "A scene in two dimensions",
+        "Paths; faint circles are the start, full ones the end, dots are impacts. Three dimensions "
+        "need `axes=(0, 2)`, say.",
+        """\
+        box = {"low": [0.0, 0.0], "high": [1.0, 0.6]}
+        balls = jc.random_spheres(5, **box, radius=0.06, mass=0.1, speed=1.0, seed=2)
+        scene = jc.Scene([*balls, jc.Box(**box)], jc.HuGuo(e=0.8), gravity=[0.0, -9.81])
+        run = jc.simulate(scene, 0.8, instantaneous=True)
+        ax = jc.plot.scene(run)
+        """,
+    ),
+    Section(
+        "scene_line",
+        "A scene in one dimension",
+        "World lines, as broad as the spheres.",
+        """\
+        line, how = jc.read_scene(example="line")
+        ax = jc.plot.scene(jc.simulate(line, **how))
+        """,
+    ),
+    Section(
+        "energy",
+        "Where the energy goes",
+        "The energy, and what the losses of the impacts leave of it.",
+        """\
+        ax = jc.plot.energy(run)
+        """,
+    ),
+    Section(
+        "animate",
+        "A moving picture",
+        'Notebooks show it with buttons; `film.save("run.gif", writer="pillow")` writes it.',
+        """\
+        film = jc.plot.animate(run, seconds=1.2, fps=10)
+        """,
+        ".gif",
+    ),
+)
+
+_HEAD = """\
+# Plots
+
+<!-- made by `python docs/plots.py` -->
+
+Every function draws on the axes that it is given as `ax`, or on new ones, and returns them: an
+array where there are several. Data stay in SI units; the numbers at the ticks have a prefix where
+they would be long ("time / µs"). Colours are those of Okabe & Ito, told apart with any colour
+vision, and curves also differ by their lines, so that they are told apart in grey. Who sets
+`axes.prop_cycle` in matplotlib gets those instead.
+
+`jc.plot.save(ax, "picture.pdf")` writes PDF, SVG or PNG, the same bytes each time: letters are
+TrueType or outlines, and there is no date in it.
+
+Each section uses what the ones above have made; all begin with
+
+```python
+{before}```
+"""
+
+
+def page() -> str:
+    """The page, in Markdown."""
+    parts = [_HEAD.format(before=BEFORE)]
+    for section in SECTIONS:
+        code = textwrap.dedent(section.code)
+        link = section.file.relative_to(HERE).as_posix()
+        parts.append(
+            f"## {section.title}\n\n{section.words}\n\n```python\n{code}```\n\n"
+            f"![{section.title}]({link})\n"
+        )
+    return "\n".join(parts)
+
+
+def draw(only: list[str]) -> None:
+    """Make the pictures, or those named; the lines of all are run, since later ones use them."""
+    from matplotlib import pyplot
+
+    import jaxcontact as jc
+
+    pyplot.switch_backend("Agg")
+    FOLDER.mkdir(exist_ok=True)
+    known: dict[str, Any] = {}
+    exec(BEFORE, known)
+    for section in SECTIONS:
+        exec(textwrap.dedent(section.code), known)
+        if only and section.name not in only:
+            continue
+        if section.ending == ".gif":
+            known["film"].save(section.file, writer="pillow", dpi=60)
+        else:
+            jc.plot.save(known["ax"], section.file, dpi=_DPI)
+        print(section.file.name, f"{section.file.stat().st_size / 1000:.0f} kB")
+        pyplot.close("all")
+
+
+if __name__ == "__main__":
+    draw(sys.argv[1:])
+    (HERE / "plots.md").write_text(page())

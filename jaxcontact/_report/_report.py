@@ -1,0 +1,66 @@
+"""The front door: a calibration as a file whose ending says what it is."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+from collections.abc import Callable
+
+from .._calibration import Calibration
+from .._parameter import POSITIVE, rendered, require_kind, require_number, require_path
+from .._progress import stages_of
+from .._whole_files import write_all
+from ._page import page_of
+
+SUFFIXES = (".html", ".txt", ".json")
+"""What a report may be written as."""
+
+
+def report(
+    calibration: Calibration,
+    file: str | os.PathLike,
+    *,
+    radius: float | None = None,
+    progress: bool | Callable[[str], None] = False,
+) -> None:
+    """Write what a calibration found as one file; its ending says as what.
+
+    `.html` is a page to read, print and send: the verdict first, then pictures, parameters with
+    standard errors, what to type into each simulator, the laws compared, and what was done to the
+    data. It needs no script and nothing from elsewhere. `.txt` is `calibration.report()`, `.json`
+    what `calibration.save` writes.
+
+    Arguments: what `calibrate` returned; the `file`, which appears whole or not at all; the
+    `radius` of the ball in m, by default that of the drag, for simulators that ask for it;
+    `progress`, True to show the stages on stderr, or a function that is called with each. The
+    parameters for simulators need the calibration's mass and stiffness, and say so. Raises
+    ValueError for another ending and arguments out of range, OSError where writing fails.
+    """
+    require_kind("calibration", calibration, Calibration, "a `Calibration` (see `calibrate`)")
+    path = require_path("file", file)
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(
+            f"Argument `file` must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}, but is "
+            f"{rendered(file)}."
+        )
+    if radius is not None:
+        radius = require_number("radius", radius, POSITIVE)
+    write_all({path: content_of(calibration, path, radius, stages_of(progress))})
+
+
+def content_of(
+    calibration: Calibration,
+    file: pathlib.Path,
+    radius: float | None,
+    tell: Callable[[str], None],
+) -> bytes:
+    """The content of a report of this name."""
+    kind = file.suffix.lower()
+    if kind == ".json":
+        return calibration.to_json().encode()
+    if kind == ".txt":
+        return calibration.report().encode()
+    drag = calibration.summary.drag
+    if radius is None and drag is not None:
+        radius = float(drag.radius)
+    return page_of(calibration, radius, tell).encode()

@@ -1,0 +1,151 @@
+"""The words and tables of the page, in the order in which they are read."""
+
+from __future__ import annotations
+
+from .._calibration import CalibrationSummary
+from .._calibration._report import (
+    NOISE_NOTE,
+    data_words,
+    drag_caution,
+    equivalents_sentence,
+    errors_sentence,
+    line_sentence,
+    marked_rows,
+    marking_rule,
+    open_questions,
+    side_by_side_rows,
+    speed_rows,
+)
+from .._calibration._summary import contact_note
+from .._measurements import LAYOUTS
+from ._html import Html, definitions, element, joined, paragraphs, section, table
+
+_ADEQUATE = {True: "yes", False: "no", None: "cannot be told"}
+
+
+def title(s: CalibrationSummary) -> str:
+    """What was calibrated."""
+    ball = f", ball {s.recording.ball}" if s.recording.ball else ""
+    return f"Calibration of {s.recording.source}{ball}"
+
+
+def verdict(s: CalibrationSummary) -> Html:
+    """What to believe, before anything else."""
+    head, mood = _headline(s)
+    choice, layout = s.choice, LAYOUTS[s.recording.layout]
+    law = "" if s.law is None else f"the law is {s.law!r}, for {s.contact!r}"
+    if s.law is not None and len(s.given) < 2:
+        law += f" ({contact_note(s.given)})"
+    cautions = drag_caution(s, layout), choice.yardstick, law
+    ask = choice.next_measurement
+    return element(
+        "section",
+        element("h2", head),
+        paragraphs(choice.verdict, *(one for one in cautions if one)),
+        paragraphs(f"next: {ask}") if ask else Html(""),
+        class_=f"verdict {mood}",
+    )
+
+
+def _headline(s: CalibrationSummary) -> tuple[str, str]:
+    """The verdict in a line, and whether it is good, open or bad."""
+    choice = s.choice
+    if choice.best is None:
+        return "No fit converged", "bad"
+    best = choice.law_fit(choice.best)
+    if best.adequate is False:
+        return f"{best.kind} is the best of these laws, but does not describe the data", "bad"
+    if choice.sure:
+        return f"It is {best.kind}: {best.said}", "good"
+    return f"Use {best.kind}: {best.said}. Other laws are not excluded", "open"
+
+
+def parameters(s: CalibrationSummary) -> Html:
+    """The parameters of every law, with standard errors and units."""
+    rows: list[tuple[str, ...]] = []
+    for law in s.choice.laws:
+        rows.append((law.kind,))
+        rows += [(estimate.name, str(estimate)) for estimate in law.estimates]
+    layout = LAYOUTS[s.recording.layout]
+    bad = [law.kind for law in s.choice.laws if not law.converged]
+    return section(
+        "Parameters",
+        table(("parameter", "value ± standard error"), rows),
+        paragraphs(
+            f"standard errors {errors_sentence(s, layout)}",
+            f"not converged, and not to be believed: {', '.join(bad)}" if bad else "",
+        ),
+    )
+
+
+def compared(s: CalibrationSummary) -> Html:
+    """The laws side by side."""
+    best = min(candidate.aicc for candidate in s.choice.candidates)
+    by_kind = {law.kind: law for law in s.choice.laws}
+    rows = [
+        (
+            one.name,
+            _ADEQUATE[one.adequate],
+            str(one.k),
+            f"{one.aicc - best:.1f}",
+            "-" if one.held_out is None else f"{one.held_out:.3f}",
+            f"{by_kind[one.name].rms:.4f}",
+            f"{by_kind[one.name].reduced_chi2:.2f}",
+        )
+        for one in s.choice.candidates
+    ]
+    head = ("law", "describes the data", "k", "ΔAICc", "held out", "rms of e", "χ²/dof")
+    grounds = [(law.kind, law.grounds) for law in s.choice.laws if law.converged]
+    return section(
+        "The laws compared",
+        table(head, rows, left=2),
+        paragraphs(
+            "lower is better; k counts parameters; held out is the root mean square of residual "
+            "over noise at speeds that were left out",
+            NOISE_NOTE,
+            line_sentence(s.choice),
+        ),
+        element("h3", "Whether they describe the data"),
+        definitions(grounds),
+        element("h3", "e by speed"),
+        table(*speed_rows(s), left=0),
+        element("h3", "The e to set in a law of constant e"),
+        paragraphs(equivalents_sentence(s.choice)),
+        element("h3", "What e(v) leaves open"),
+        paragraphs(*open_questions(s)),
+    )
+
+
+def treatment(s: CalibrationSummary) -> Html:
+    """What was done to the data: how they were read, converted, marked."""
+    words = [*data_words(s, LAYOUTS[s.recording.layout]), ("Gravity", f"{s.gravity:g} m/s²")]
+    header, rows = marked_rows(s)
+    if rows:
+        marked = f"{len(rows)} of {len(s.pairs)} pairs are {marking_rule(s)}, and were left out"
+    else:
+        marked = f"none of {len(s.pairs)} pairs is {marking_rule(s)}"
+    both = table(*side_by_side_rows(s), left=1) if rows else Html("")
+    return section(
+        "What was done to the data",
+        definitions(_merged([*words, ("Marked", marked)])),
+        table(header, rows, left=1),
+        element("h3", "With and without the marked pairs") if rows else Html(""),
+        both,
+    )
+
+
+def _merged(words: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """A sentence without a word of its own goes on with the one before."""
+    found: list[tuple[str, str]] = []
+    for head, said in words:
+        if head or not found:
+            found.append((head, said))
+        else:
+            found[-1] = (found[-1][0], f"{found[-1][1]}; {said}")
+    return found
+
+
+def footer(s: CalibrationSummary) -> Html:
+    """With what it was made."""
+    versions = ", ".join(f"{name} {number}" for name, number in s.versions.items() if number)
+    return element("footer", joined([paragraphs(f"made with {versions}")]))

@@ -1,0 +1,63 @@
+"""The picture of one impact: its loop, and its course in time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from .._impact import Impact, Trajectory
+from .._parameter import require_kind
+from .._units import quantity
+from ._axes import axes_for
+from ._style import GUIDE, legend_above
+from ._trajectory import require_one_path, trajectory
+
+_PICTURES = (("indentation", "force"), ("time", "force"), ("time", "velocity"))
+
+
+def impact(
+    path: Trajectory, hit: Impact | None = None, *, ax: Any = None, label: str | None = None
+) -> np.ndarray:
+    """Draw one impact: its force over the indentation and over time, and its speed over time.
+
+    The area of the loop is the energy lost. With `hit`, dotted lines are the numbers of the
+    `Impact`: the largest force and indentation, the end of the compression and of the contact, and
+    the rebound; e and the energy lost stand above.
+
+    Arguments: a single `path`, from `trajectory`; the `hit` of the same impact, from `impact`;
+    three axes to draw on, new ones if None: those of another impact show both; a `label` for the
+    legend. Returns the three axes, (3,). Raises ValueError for a batch, a path without values, and
+    what is no trajectory, impact, text or axes.
+    """
+    require_one_path(path)
+    if label is not None:
+        require_kind("label", label, str, "a text or None")
+    if hit is not None:
+        require_kind("hit", hit, Impact, "an `Impact` (see `impact`) or None")
+        if np.ndim(hit.restitution) > 0:
+            raise ValueError(
+                "Argument `hit` must be a single impact, but has the shape "
+                f"{hit.restitution.shape}."
+            )
+    loop, force, speed = axes = axes_for(ax, 3, "picture")
+    for one, (x, y) in zip(axes, _PICTURES, strict=True):
+        trajectory(path, x=x, y=y, ax=one, label=label)
+    colour = loop.lines[-1].get_color()
+    loop.fill(path.indentation, path.force, color=colour, alpha=0.12, lw=0)
+    speed.axhline(0, color=GUIDE, lw=0.8, zorder=1)
+    if hit is not None:
+        across = [(loop, hit.max_force), (force, hit.max_force), (speed, -hit.rebound_velocity)]
+        up = [(loop, hit.max_indentation)]
+        up += [(one, at) for one in (force, speed) for at in (hit.compression_time, hit.duration)]
+        for line, where in (("axhline", across), ("axvline", up)):
+            for one, at in where:
+                # A contact that settles lasts for ever.
+                if np.isfinite(at):
+                    getattr(one, line)(float(at), color=colour, ls=":", lw=0.9, zorder=1)
+        lost = quantity("energy_loss", f"{float(hit.energy_loss):.3g}")
+        words = f"$e$ = {float(hit.restitution):.3f}, {lost} lost"
+        speed.set_title(words, loc="left", fontsize="small")
+    if label is not None:
+        legend_above(loop)
+    return np.array(axes)

@@ -1,0 +1,151 @@
+"""The picture of a law: its loop, the restitution it delivers, its damping factor."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+
+from .._contact import Contact, require_contact
+from .._impact import restitution, restitution_is_constant, trajectory
+from .._laws import AbstractLaw, require_law
+from .._parameter import POSITIVE, ranges, require_kind, require_number
+from .._units import label as words_of
+from ._axes import axes_for
+from ._labels import put_label
+from ._style import GUIDE, legend_above
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_SAMPLES = 400
+_FINE = 97
+_LEAST_E = 0.05
+"""Below, damping factors of most laws grow without a limit."""
+
+_AROUND = 30.0
+"""Speeds from this part of the given one to as many times of it."""
+
+_USUAL_EXPONENT = 1.5
+
+
+def law(
+    law: AbstractLaw,
+    contact: Contact | None = None,
+    velocity: float | None = None,
+    *,
+    ax: Any = None,
+    label: str | None = None,
+) -> np.ndarray:
+    """Draw a law: its force over the indentation, the e it delivers, and its damping factor.
+
+    The first picture is the loop of a free impact, m δ'' = -F(δ, δ'), whose area is the energy
+    lost. The second is e over the parameter e that the law was asked for, the third the α of
+    F = K δⁿ (1 + α δ'/v0) over the same; a dot is the law itself, and a thin line what was asked
+    for. Of a law without such a parameter, or whose e changes with speed, they are over the closing
+    speed, from a thirtieth to thirty times the given one.
+
+    Arguments: a `law` of scalars; its `contact` and a closing `velocity` in m/s, which a law needs
+    whose e depends on them; without them the loop is drawn relative to its largest force and
+    indentation; three axes to draw on, new ones if None: those of another law show both; a `label`
+    for the legend, the law itself by default. Returns the three axes, (3,). Raises ValueError for a
+    law that needs a contact, an array of laws, an impact without an end, and what is no law,
+    contact, number or axes.
+    """
+    require_law(law)
+    if label is not None:
+        require_kind("label", label, str, "a text or None")
+    if contact is not None:
+        require_contact(contact)
+    if any(np.ndim(leaf) for leaf in jax.tree.leaves((law, contact))):
+        raise ValueError(
+            f"Arguments `law` and `contact` must hold scalars, but are {law!r}, {contact!r}."
+        )
+    if velocity is not None:
+        velocity = require_number("velocity", velocity, POSITIVE)
+    given = None if ax is None else axes_for(ax, 3, "picture")
+    with jax.enable_x64(True):
+        delivered = float(restitution(law, contact, velocity))
+        asked = "e" in ranges(law) and restitution_is_constant(law, contact)
+        places, laws, speeds = _range(law, asked, velocity)
+        curve = np.broadcast_to(restitution(laws, contact, speeds), places.shape)
+        damping = _damping(laws, contact, speeds)
+        own = _damping(law, contact, velocity)
+        path = _path(law, contact, velocity)
+    loop, e_axes, alpha_axes = axes = given or axes_for(None, 3, "picture")
+    (line,) = loop.plot(*_loop(path, contact), label=repr(law) if label is None else label)
+    style = {"color": line.get_color(), "ls": line.get_linestyle()}
+    here = float(law.e) if asked else velocity  # pyright: ignore[reportAttributeAccessIssue]
+    e_axes.plot(places, curve, **style)
+    if asked:
+        e_axes.axline((0, 0), slope=1, color=GUIDE, lw=0.8, zorder=1)
+    if damping is not None and own is not None:
+        good = damping > 0
+        alpha_axes.plot(places[good], damping[good], **style)
+        if good.any():
+            alpha_axes.set_yscale("log")
+    for one, height in ((e_axes, delivered), (alpha_axes, own)):
+        if here is not None and height is not None and (height > 0 or one is e_axes):
+            one.plot(here, height, "o", color=line.get_color(), ms=5, zorder=3)
+    _words(axes, contact, asked)
+    return np.array(axes)
+
+
+def _range(
+    law: AbstractLaw, asked: bool, velocity: float | None
+) -> tuple[np.ndarray, AbstractLaw, Any]:
+    """What the second and third picture are drawn over, with the laws and the speeds there."""
+    if asked:
+        e = np.linspace(_LEAST_E, 1.0, _FINE)
+        return e, dataclasses.replace(law, e=e), velocity
+    middle = 1.0 if velocity is None else velocity
+    speeds = middle * np.geomspace(1 / _AROUND, _AROUND, _FINE)
+    return speeds, law, speeds
+
+
+def _damping(law: AbstractLaw, contact: Contact | None, velocity: Any) -> Any:
+    """The damping factor; None for a law of another form."""
+    try:
+        found = np.asarray(law.damping_factor(contact, velocity))
+    except ValueError:
+        return None
+    return np.broadcast_to(found, np.shape(velocity)) if found.ndim == 0 else found
+
+
+def _path(law: AbstractLaw, contact: Contact | None, velocity: float | None) -> Any:
+    if contact is None:
+        exponent = law.exponents[0] if law.exponents else _USUAL_EXPONENT
+        contact = Contact(mass=1.0, stiffness=1.0, exponent=exponent)
+    path = trajectory(law, contact, 1.0 if velocity is None else velocity, samples=_SAMPLES)
+    if not np.isfinite(np.asarray(path.force)).all():
+        raise ValueError(f"Argument `law` must have an impact with an end, but {law!r} has none.")
+    return path
+
+
+def _loop(path: Any, contact: Contact | None) -> tuple[np.ndarray, np.ndarray]:
+    x, y = np.asarray(path.indentation), np.asarray(path.force)
+    return (x, y) if contact is not None else (x / x.max(), y / y.max())
+
+
+def _words(axes: list[Axes], contact: Contact | None, asked: bool) -> None:
+    loop, e_axes, alpha_axes = axes
+    if contact is None:
+        loop.set(xlabel="indentation / largest", ylabel="force / largest")
+    else:
+        put_label(loop.xaxis, "indentation")
+        put_label(loop.yaxis, "force")
+    for one in (e_axes, alpha_axes):
+        if asked:
+            one.set(xlabel="restitution asked for", xlim=(0, 1.02))
+        else:
+            one.set_xscale("log")
+            one.set_xlabel(words_of("velocity"))
+    e_axes.set(ylabel="restitution delivered", ylim=(0, 1.02))
+    alpha_axes.set_ylabel(words_of("alpha"))
+    if not alpha_axes.has_data():
+        alpha_axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
+        words = "no damping factor:\nthe force is not\n$K δ^n (1 + α δ'/v_0)$"
+        alpha_axes.text(0.5, 0.5, words, transform=alpha_axes.transAxes, ha="center", va="center")
+    legend_above(loop)

@@ -1,0 +1,149 @@
+"""A calibration as one page: what it holds, that nothing of the data is code, and other endings."""
+
+import html.parser
+import json
+import re
+
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._report._html import Html, element, table
+from tests.test_measurements.simulate import recording
+
+EVIL = "ball<script>alert(1)</script>"
+
+
+class Page(html.parser.HTMLParser):
+    """The elements of a page, what they load, and its text; an error where they are not closed."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.open, self.names, self.loaded, self.text = [], set(), [], ""
+        self.feed(page)
+        self.close()
+        assert not self.open, self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.names.add(tag)
+        self.loaded += [value for name, value in attrs if name in ("src", "href", "data")]
+        assert not any(name.startswith("on") for name, _ in attrs)
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self.open:
+            self.text += data
+
+
+@pytest.fixture(scope="module")
+def calibrated(tmp_path_factory):
+    """The calibration of a file with evil names, in units that are converted."""
+    header, *rows = recording(lambda v: 0.88, 1).splitlines()
+    assert header == "ball,drop_height_m,trial,bounce,interval_s"
+    lines = ["ball,drop_height_m,trial,bounce,interval [ms],<b>note</b>"]
+    for row in rows:
+        _, *middle, seconds = row.split(",")
+        lines.append(",".join([EVIL, *middle, repr(1e3 * float(seconds)), "<i>"]))
+    # A missed trigger, which is marked.
+    *middle, last, note = lines[40].split(",")
+    lines[40] = ",".join([*middle, repr(2 * float(last)), note])
+    file = tmp_path_factory.mktemp("evil") / "<script>.csv"
+    file.write_text("\n".join(lines) + "\n")
+    return jc.calibrate(jc.read_recording(file), law="constant_damping")
+
+
+@pytest.fixture(scope="module")
+def page(calibrated, tmp_path_factory):
+    file = tmp_path_factory.mktemp("page") / "ball.html"
+    jc.report(calibrated, file)
+    return file.read_text(encoding="utf-8")
+
+
+def test_nothing_of_the_file_is_code_and_nothing_is_loaded(page):
+    found = Page(page)
+    assert not found.names & {"script", "b", "i", "iframe", "object", "link"}
+    assert EVIL in found.text and "<script>.csv" in found.text
+    assert len(found.loaded) == 3
+    assert all(one.startswith("data:image/svg+xml;base64,") for one in found.loaded)
+    assert "http:" not in re.sub(r"base64,[^\"]*", "", page)
+    assert len(page) < 1_000_000
+
+
+def test_the_verdict_comes_first_and_everything_is_said(page, calibrated):
+    text = " ".join(Page(page).text.split())
+    summary = calibrated.summary
+    best = summary.choice.law_fit(summary.choice.best)
+    order = [
+        "Calibration of",
+        best.said,
+        summary.choice.verdict,
+        "Pictures",
+        "Parameters",
+        "For your simulator",
+        "The laws compared",
+        "What was done to the data",
+        "Gravity",
+        "jaxcontact",
+    ]
+    places = [text.index(words) for words in order]
+    assert places == sorted(places)
+    for law in summary.choice.laws:
+        assert law.grounds[1:] in text  # it begins with a capital
+        for estimate in law.estimates:
+            assert str(estimate) in text
+    # How the file was read, and what was left out.
+    assert "ms" in summary.recording.notes[0] and summary.recording.notes[0] in text
+    marked = [pair for pair in summary.pairs if pair.marked]
+    assert marked and all(", ".join(map(str, pair.rows)) in text for pair in marked)
+    # Without mass and stiffness there is nothing to type into a simulator, and the page says why.
+    assert "give --mass and --stiffness" in text
+
+
+def test_parameters_for_simulators(calibrated, monkeypatch):
+    from jaxcontact._report import _simulators
+
+    monkeypatch.setattr(_simulators, "engines", lambda: ["exudyn", "simbody", "yade"])
+    law, contact = jc.ExactRestitution(e=0.88), jc.Contact(mass=0.03, stiffness=1e5)
+
+    class Known:
+        given = "mass", "stiffness"
+
+        def __export__(self, other):
+            return law, contact, np.array([0.5, 1.0, 2.0])
+
+    Known.law = law
+    told = []
+    text = Page(_simulators.simulators(Known(), None, told.append)).text
+    assert told == [f"inverting the law of {name}" for name in ("exudyn", "simbody", "yade")]
+    own = jc.export(law, contact, [0.5, 1.0, 2.0], engine="exudyn")
+    assert own.snippet in text and "largest error of e, 0.5 to 2 m/sbelow 0.0001" in text
+    assert text.count("needs the radius of the ball") == 2
+    text = Page(_simulators.simulators(Known(), 0.02, told.append)).text
+    own = jc.export(law, contact, [0.5, 1.0, 2.0], engine="simbody", radius=0.02)
+    assert own.snippet in text and f"{np.max(np.abs(own.error)):.4f}" in text
+    assert "Not possible" not in text
+    Known.law = None
+    assert "No fit converged" in _simulators.simulators(Known(), None, told.append)
+
+
+def test_other_endings_and_bad_arguments(calibrated, tmp_path):
+    jc.report(calibrated, tmp_path / "a.txt")
+    assert (tmp_path / "a.txt").read_text(encoding="utf-8") == calibrated.report()
+    jc.report(calibrated, tmp_path / "a.JSON")
+    assert json.loads((tmp_path / "a.JSON").read_text()) == json.loads(calibrated.to_json())
+    with pytest.raises(ValueError, match=r"`file` must end in .html, .txt or .json, but is 'a.md'"):
+        jc.report(calibrated, "a.md")
+    with pytest.raises(ValueError, match="`radius` must be"):
+        jc.report(calibrated, "a.html", radius=-1.0)
+
+
+def test_text_is_escaped_once():
+    assert element("p", "a < b & c", class_='"') == '<p class="&quot;">a &lt; b &amp; c</p>'
+    assert element("p", Html("<b>x</b>")) == "<p><b>x</b></p>"
+    assert "<td>&lt;i&gt;</td>" in table(("", "n"), [("<i>", "1")])
+    assert '<th colspan="2"' in table(("", "n"), [("all",)])
+    assert table(("a",), []) == ""
