@@ -62,12 +62,16 @@ def test_it_filters_as_scipy_does(course, order):
 def test_its_derivatives():
     moments = jnp.linspace(-1e-4, 2e-3, 60)
 
+    @jax.jit
     def read(cutoff):
-        return jc.LowPass(cutoff, 3).read(depth(), moments, PARTS)
+        def at(cutoff):
+            return jc.LowPass(cutoff, 3).read(depth(), moments, PARTS)
+
+        return jax.jvp(at, (cutoff,), (jnp.ones_like(cutoff),))
 
     step = 0.3
-    slope = (read(3000.0 + step) - read(3000.0 - step)) / (2 * step)
-    found = jax.jacfwd(read)(jnp.asarray(3000.0))
+    slope = (read(3000.0 + step)[0] - read(3000.0 - step)[0]) / (2 * step)
+    found = read(3000.0)[1]
     np.testing.assert_allclose(found, slope, rtol=0, atol=1e-6 * np.abs(slope).max())
 
 
