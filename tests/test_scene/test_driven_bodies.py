@@ -77,9 +77,11 @@ def test_nothing_sleeps_where_something_comes():
 
 def test_a_racket():
     """A ball at rest leaves at (1 + e) times the speed of what hits it."""
-    racket = jc.Sphere(0.2, None, [-1.0], fixed=True, motion=jc.Steady([2.0]))
+    racket = jc.Sphere(0.2, None, [-1.0, 0.0], fixed=True, motion=jc.Steady([2.0, 0.0]))
+    # Nobody reaches the shell: it lets the scene share the programs of the one above.
+    around = jc.Shell([0.0, 0.0], 50.0, motion=jc.Steady([0.0, 0.0]))
     law = jc.HuGuo(e=0.7)
-    scene = jc.Scene([jc.Sphere(0.1, 0.5, [0.0]), racket], law, stiffness=1e7)
+    scene = jc.Scene([jc.Sphere(0.1, 0.5, [0.0, 0.0]), racket, around], law, stiffness=1e7)
     run = jc.simulate(scene, 1.0)
     e = float(jc.restitution(law))
     np.testing.assert_allclose(run.velocity[-1, 0, 0], (1 + e) * 2.0, rtol=STRIKE)

@@ -12,6 +12,7 @@ from jaxcontact._impact import Status
 from jaxcontact._scene._oblique import CLOSED_FORM, CORRECTED, RADIAL, oblique
 from tests.oracle import with_gravity
 from tests.oracle.scene_oracle import Ball, Spring, run
+from tests.test_impact import support
 
 MASSES = np.array([1.0, 2.0])
 MASS = MASSES.prod() / MASSES.sum()
@@ -245,7 +246,7 @@ def both_jacobians():
     points = points.at[5:, 6].set(jnp.array([-0.008, 0.005]) * points[5:, 1] ** 0.4)
     points = points.at[5, 4].set(0.0)
     points, rtol = jnp.concatenate([points, points[3:]]), jnp.array([1e-11] * 7 + [1e-6] * 4)
-    both = jax.jit(jax.vmap(lambda x, r: (jax.jacfwd(outcome)(x, r), jax.jacrev(outcome)(x, r))))
+    both = jax.jit(jax.vmap(lambda x, r: support.both_jacobians(lambda x: outcome(x, r), x)[1:]))
     return np.asarray(points), *(np.asarray(slopes) for slopes in both(points, rtol))
 
 

@@ -12,8 +12,10 @@ K = 1e6
 """In N/m^1.5: a contact of two balls of 1 kg at 1 m/s lasts about 0.01 s."""
 
 BELOW = Wall([0.0, -0.5], [0.0, 1.0])
+FAR = Wall([-9.0, 0.0], [1.0, 0.0])
 CORNER = [Wall([0.0, 0.0], [1.0, 0.0]), Wall([0.0, 0.0], [0.0, 1.0])]
 
+# What is far away meets nobody: it lets two scenes share their programs.
 RUNS = {
     # Unequal, some so near that their impacts overlap.
     "line": (
@@ -32,12 +34,18 @@ RUNS = {
     # Two unequal balls that pass each other, and a wall for the one that flies on.
     "oblique": (
         [Ball([0.0, 0.0], [1.0, 0.0], 0.1, 1.0), Ball([0.5, 0.12], [-0.5, 0.1], 0.1, 2.0)],
-        [BELOW],
+        [BELOW, FAR],
         None,
         1.0,
         0.8,
     ),
-    "corner": ([Ball([0.5, 0.5], [-1.0, -1.0], 0.1, 1.0)], CORNER, None, 0.5, 0.8),
+    "corner": (
+        [Ball([0.5, 0.5], [-1.0, -1.0], 0.1, 1.0), Ball([9.0, 9.0], [0.0, 0.0], 0.1, 1.0)],
+        CORNER,
+        None,
+        0.5,
+        0.8,
+    ),
     # Under its weight; the third contact lasts.
     "floor": (
         [Ball([0.15], [0.0], 0.1, 1.0)],
