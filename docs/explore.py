@@ -29,7 +29,7 @@ from jaxcontact._laws import constant_laws, describe
 
 ASKED, DELIVERED, EXPONENT, ALPHA = (0.05, 1.0), (0.03, 1.0), (1.0, 3.0), 10.0
 NODES, LOOP_NODES = (28, 12), (16, 8)  # over ln e and n
-ALONE = 120  # over ln e, where n is one number
+ALONE = {NODES: 120, LOOP_NODES: 32}  # over ln e alone, where n is one number
 POINTS = 21  # of each half of a loop
 OUTCOMES = ("duration", "max_force", "max_indentation")
 TITLES = {
@@ -71,7 +71,7 @@ class Family:
         if self.exponent is None:
             n, count = chebyshev(*EXPONENT, counts[1]), counts[0]
         else:
-            n, count = np.array([self.exponent]), ALONE if counts == NODES else 2 * counts[0]
+            n, count = np.array([self.exponent]), ALONE[counts]
         return [(chebyshev(*np.log(ends), count), n) for ends in pairwise(self.ends)]
 
     def outcomes(self, q: np.ndarray, n: np.ndarray) -> dict[str, np.ndarray]:

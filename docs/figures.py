@@ -1,4 +1,4 @@
-"""Makes the figures that the README shows: `python docs/figures.py`."""
+"""Makes the figures of the README and of pages: `python docs/figures.py`."""
 
 import io
 import sys

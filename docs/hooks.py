@@ -85,13 +85,16 @@ def _page(place, text, source, config):
 
 def _notebook(path, config):
     """A notebook as a page and its pictures, as it was committed."""
+    import nbformat
     from nbconvert import MarkdownExporter
 
-    name = f"{path.stem}_files"
-    exporter = MarkdownExporter()
-    text, found = exporter.from_filename(
-        str(path), resources={"output_files_dir": name, "unique_key": path.stem}
-    )
+    notebook = nbformat.read(path, as_version=4)
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            # Without progress.
+            cell.outputs = [x for x in cell.outputs if x.get("name") != "stderr"]
+    names = {"output_files_dir": f"{path.stem}_files", "unique_key": path.stem}
+    text, found = MarkdownExporter().from_notebook_node(notebook, resources=names)
     yield File.generated(config, f"notebooks/{path.stem}.md", content=text)
     for picture, data in found["outputs"].items():
         yield File.generated(config, f"notebooks/{picture}", content=data)

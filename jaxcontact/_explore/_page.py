@@ -12,6 +12,7 @@ _PARTS = {
     "UPLOT_CSS": "uPlot.min.css",
     "CSS": "explore.css",
     "GRIDS": "grids.json",
+    "LICENSE": "uPlot.LICENSE",
     "UPLOT": "uPlot.iife.min.js",
     "CODE": "explore.js",
 }
