@@ -16,7 +16,7 @@ from jaxcontact._cli import main
 from jaxcontact._cli._calibrate import SOUND
 from jaxcontact._measurements import read_columns
 from jaxcontact._measurements._noise import scatter_beside
-from jaxcontact._sound import listen
+from jaxcontact._sound._listen import listen
 
 CLEAN = 4
 """A draw with a clear drop: e = 0.64, 37 dB over the noise."""

@@ -9,7 +9,7 @@ import pathlib
 from typing import Any
 
 from .._parameter import require_path
-from .._sound import Sound, SoundError, is_sound, listen
+from .._sound import Sound, SoundError, is_sound
 from ._fault import RecordingError
 from ._intervals import Interval, Timing
 
@@ -50,6 +50,8 @@ def heard(name: str, source: pathlib.Path | bytes) -> tuple[Sound, list[Interval
 
     Raises RecordingError for a file that cannot be read, and where no ball bounces in it.
     """
+    from .._sound._listen import listen
+
     try:
         sound = listen(source)
     except SoundError as error:

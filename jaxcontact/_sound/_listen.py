@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import pathlib
 
@@ -10,7 +9,8 @@ import numpy as np
 
 from ._audio import Audio, SoundError, open_sound
 from ._background import Whitener, whiteners
-from ._rises import Envelope, Rises, envelopes, rises_of
+from ._heard import Bounce, Other, Sound
+from ._rises import Rises, envelopes, rises_of
 from ._series import LEAST_BOUNCES, SHORTEST, Series, best_series
 from ._timing import CLEAR, Shape, Timed, find, timed
 
@@ -43,46 +43,6 @@ _LOUD = 12.0
 """Other sounds that are so many dB over the noise are listed."""
 
 _AMPLITUDES = 0.15, 2.5
-
-
-@dataclasses.dataclass(frozen=True)
-class Bounce:
-    """One impact: its `number` in the drop, from 1; `time` and its standard `error` in s; `level`
-    over the noise in dB.
-    """
-
-    number: int
-    time: float
-    error: float
-    level: float
-
-
-@dataclasses.dataclass(frozen=True)
-class Other:
-    """A sound that is not used: its time in s, its level over the noise in dB, and why; `doubtful`
-    if it may be a bounce.
-    """
-
-    time: float
-    level: float
-    why: str
-    doubtful: bool = False
-
-
-@dataclasses.dataclass(frozen=True)
-class Sound:
-    """What was heard: the drops, each of bounces in order; `others`; the length in `seconds`.
-
-    `envelope` is the energy of the whitened samples of the `channel` (from 1) that was used, in
-    steps of half a millisecond, and of its noise; `words` say what file it is.
-    """
-
-    words: str
-    seconds: float
-    channel: int
-    drops: tuple[tuple[Bounce, ...], ...]
-    others: tuple[Other, ...]
-    envelope: Envelope
 
 
 def listen(source: pathlib.Path | bytes) -> Sound:

@@ -8,13 +8,13 @@ windows beside each other, so that the tail of the last impact counts as noise. 
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import ndimage
 
 from ._background import Whitener
+from ._heard import Envelope
 
 HOP = 5e-4
 _AFTER, _GAP, _BEFORE = 8, 1, 14
@@ -28,14 +28,6 @@ _CHUNK = 0.25
 _CHUNKS = 9
 
 Floats = Float[np.ndarray, " n"]
-
-
-class Envelope(NamedTuple):
-    """The energy (n,) of whitened samples in each hop of `step` s, and that of the noise."""
-
-    step: float
-    energy: Floats
-    noise: Floats
 
 
 @dataclasses.dataclass(frozen=True)
