@@ -18,7 +18,7 @@ SUFFIXES = (".html", ".txt", ".json")
 
 def report(
     calibration: Calibration,
-    file: str | os.PathLike,
+    file: str | os.PathLike[str],
     *,
     radius: float | None = None,
     progress: bool | Callable[[str], None] = False,

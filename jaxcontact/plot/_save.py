@@ -36,7 +36,7 @@ _FILES: dict[Any, Any] = {
 }
 
 
-def save(ax: Any, file: str | os.PathLike, *, dpi: float = 200.0) -> None:
+def save(ax: Any, file: str | os.PathLike[str], *, dpi: float = 200.0) -> None:
     """Write the picture that some axes stand in; the same axes always give the same bytes.
 
     SVG and PDF hold letters as outlines or TrueType, and no date. Arguments: axes, or an array of
