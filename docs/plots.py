@@ -31,6 +31,8 @@ class Section(NamedTuple):
 
 
 BEFORE = """\
+import io
+
 import jax
 import numpy as np
 
@@ -94,6 +96,16 @@ SECTIONS = (
         "A handful of them, over the axis that is named.",
         """\
         ax = jc.plot.sweep(table, field="duration", x="e")
+        """,
+    ),
+    Section(
+        "sound",
+        "A recording of sound",
+        "Which sounds were taken for bounces; here in a simulated recording.",
+        """\
+        from benchmarks.sound_truths import as_wave, draw  # or your own file
+        file = io.BytesIO(as_wave(draw(np.random.default_rng([0, 4]))))
+        ax = jc.plot.sound(jc.read_recording(file))
         """,
     ),
     Section(

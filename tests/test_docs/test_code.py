@@ -10,8 +10,8 @@ from docs.run_code import DOCS, digits, pages, run
 from jaxcontact._cli import _parser
 from jaxcontact._laws import _registry
 
-# With claims of its own about what the code does.
-ELSEWHERE = {"sweeps.md": "tests/test_sweep/test_page.py"}
+# With claims of its own about what the code does; the other by the code that draws its pictures.
+ELSEWHERE = {"sweeps.md": "tests/test_sweep/test_page.py", "plots.md": "docs/plots.py"}
 PAGES = [page for page in pages() if page.name not in ELSEWHERE]
 
 

@@ -35,7 +35,12 @@ def a_posterior():
     return jc.Posterior(samples, {}, {}, 0, 0, False, "", a_fit())
 
 
-FIT = {"data": V, "start": {"a": 1.0, "b": 0.5}, "x": V, "predict": _line}
+def _proportional(params, x):
+    return params["a"] * x
+
+
+# With one number to fit, which a single point determines.
+FIT = {"data": V, "start": {"a": 1.0}, "x": V, "predict": _proportional}
 
 
 @functools.cache
