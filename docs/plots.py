@@ -104,6 +104,7 @@ SECTIONS = (
         "Which sounds were taken for bounces; here in a simulated recording.",
         """\
         from benchmarks.sound_truths import as_wave, draw  # or your own file
+
         file = io.BytesIO(as_wave(draw(np.random.default_rng([0, 4]))))
         ax = jc.plot.sound(jc.read_recording(file))
         """,
