@@ -39,11 +39,8 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
     @functools.wraps(function)
     def call(numbers: Any, *choices: Any) -> Out:
         leaves, structure = jax.tree.flatten((numbers, *choices))
-        kinds = {type(leaf) for leaf in leaves}
-        plain = all(map(_is_number, kinds))
-        if plain and not (
-            float in kinds and any(type(x) is float for x in jax.tree.leaves(choices))
-        ):
+        plain = all(_is_number(type(leaf)) for leaf in leaves)
+        if plain and all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
             few = sum(1 if type(leaf) is float else leaf.size for leaf in leaves) <= _FEW
             return with_numbers(structure, few and _untraced())(*leaves)
         return with_choices(jax.tree.map(_as_number, numbers), *choices)
@@ -55,6 +52,7 @@ _FEW = 256
 """Numbers whose computation takes less time than the compiler needs to make it faster."""
 
 _MOST_STRUCTURES = 256
+"""Programs of a function that are kept: for laws of a user's own, one for each function in them."""
 
 
 @functools.cache

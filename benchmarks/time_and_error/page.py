@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .impacts import BATCHES
 from .pictures import draw
 from .reading import QUIET, Row, batches_of, cheapest, closest, number, problems_of, some, ways_of
 from .running import GOOD
@@ -30,6 +31,9 @@ What counts are ratios: the times belong to this machine.
 """
 
 
+FIRST = ("hunt_crossley", "own")
+
+
 def write(store: Store, docs: Path, name: str) -> None:
     """The page, and a figure for every group that has rows."""
     parts = [_HEAD.format(machine=_machine(store.machine))]
@@ -44,9 +48,18 @@ def write(store: Store, docs: Path, name: str) -> None:
             parts.append(_section(section, rows, swept, picture))
         else:
             parts.append(f"## {section.title}\n\nNot yet.\n")
+    _shown_first(store, docs / f"{name}.png", titles)
     measured = {s.group: list(store.group(s.group).values()) for s in SECTIONS}
     parts.append(when_to_use_what(measured))
     (docs / f"{name}.md").write_text("\n".join(parts))
+
+
+def _shown_first(store: Store, path: Path, titles: dict[str, str]) -> None:
+    """The diagram of the README: a law with a formula and one without, in the largest batch."""
+    rows = list(store.group("impacts").values())
+    rows = [r for name in FIRST for r in some(rows, batch=BATCHES[-1], problem=name)]
+    if rows:
+        draw(rows, titles, path, "µs an impact", f"One of {BATCHES[-1]:,} impacts")
 
 
 def _machine(known: dict[str, Any]) -> str:

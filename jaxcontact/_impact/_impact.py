@@ -67,8 +67,11 @@ def _impact(problem: Problem, method: AbstractMethod) -> Impact:
 
     Of these a small one knows the law, and laws share the other, the solve of their form.
     """
-    found = _by_formula(problem, method) if method.has_formula else None
-    return _solved(_lanes(problem), method) if found is None else found
+    if method.has_formula and problem.external_force is None:
+        found = _by_formula(problem, method)
+        if found is not None:
+            return found
+    return _solved(_lanes(problem), method)
 
 
 @program
