@@ -67,9 +67,11 @@ ASKED_AND_DELIVERED = {
 
 
 def asked_and_delivered(e_in: ArrayLike, e_out: ArrayLike | None) -> tuple[Column, Column]:
-    """The columns `e_in` and `e_out` in (0, 1]; without `e_out`, what is asked for twice."""
+    """The columns `e_in` in (0, 1] and `e_out`, measured; without it, what is asked for twice."""
     asked = column(e_in, "e_in", RESTITUTION)
-    return asked, asked if e_out is None else column(e_out, "e_out", RESTITUTION, ("e_in", asked))
+    if e_out is None:
+        return asked, asked
+    return asked, column(e_out, "e_out", MEASURED_RESTITUTION, ("e_in", asked))
 
 
 def measured(

@@ -54,10 +54,11 @@ def fit_energy_loss(
 ) -> Fit:
     """The power β for which the energy-loss family, asked for e_in, delivers e_out.
 
-    α = (1-e)/e / ((n+1) I(β)), see `EnergyLoss`. Arguments: `e_in` and `e_out` in (0, 1], both
-    (points,); `e_out` is by default what was asked for; `degree` None for a constant β, else ln β
-    is a polynomial of that degree in e_in over [least e_in, 1]; a `contact` for another exponent
-    than 3/2; `method` as in `impact`; what else `fit` takes. At e = 1 nothing depends on β.
+    α = (1-e)/e / ((n+1) I(β)), see `EnergyLoss`. Arguments: `e_in` in (0, 1] and `e_out` in
+    (0, 1.2] (noise may bring a measured one above 1), both (points,); `e_out` is by default what
+    was asked for; `degree` None for a constant β, else ln β is a polynomial of that degree in e_in
+    over [least e_in, 1]; a `contact` for another exponent than 3/2; `method` as in `impact`; what
+    else `fit` takes. At e = 1 nothing depends on β.
 
     Returns a `Fit` whose params are {"beta": β}, or {"log_beta": Chebyshev coefficients of ln β};
     `predict(e)` is what is delivered, and `problem.predict.beta(params, e)` is β(e). Raises

@@ -41,9 +41,10 @@ def learn_law(
 ) -> Fit:
     """A law α(e) = g(e) (1-e)/e learned so that it delivers e_out when asked for e_in.
 
-    Arguments: `e_in` and `e_out` in (0, 1], both (points,); `e_out` is by default what was asked
-    for; `form` of g: "rational", "spline", "network", or a shape of your own to start from; a
-    `contact` where the method needs one; `method` as in `impact`; what else `fit` takes.
+    Arguments: `e_in` in (0, 1] and `e_out` in (0, 1.2] (noise may bring a measured one above 1),
+    both (points,); `e_out` is by default what was asked for; `form` of g: "rational", "spline",
+    "network", or a shape of your own to start from; a `contact` where the method needs one;
+    `method` as in `impact`; what else `fit` takes.
 
     Returns a `Fit` whose params are the shape: `found.params.law(e=0.4)` is a law like any other.
     Its numbers have no meaning one by one, and many of them may be undetermined.

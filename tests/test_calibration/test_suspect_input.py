@@ -12,6 +12,7 @@ CONTACT = jc.Contact(mass=1.0, stiffness=1e6)
 DOORS = {
     "choose_law": lambda e: jc.choose_law(SPEED, e, CONTACT),
     "fit_damping": lambda e: jc.fit_damping(SPEED, e, CONTACT),
+    "fit_energy_loss": lambda e: jc.fit_energy_loss(E, e),
     "fit_impacts": lambda e: jc.fit_impacts(jc.HuGuo(e=0.8), CONTACT, SPEED, e=e),
     "read_recording": lambda e: jc.read_recording(velocity=SPEED, restitution=e),
 }
