@@ -82,7 +82,11 @@ def run(page: Path) -> Iterator[tuple[Block, str]]:
 
 
 def digits(text: str) -> str:
-    """The text with its numbers at six digits: the last ones are the compiler's."""
+    """The text with its numbers at six digits: the last ones are the compiler's.
+
+    So is how many steps of a search it took until rounding left none.
+    """
+    text = re.sub(r"in \d+ steps", "in a few steps", text)
     text = re.sub(r"-?\d+\.\d+(e[-+]?\d+)?", lambda found: f"{float(found[0]):.6g}", text)
     return "\n".join(line.rstrip() for line in text.splitlines())
 
