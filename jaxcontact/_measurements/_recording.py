@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import os
 from collections.abc import Mapping
@@ -139,11 +140,16 @@ def read_recording(
         if not any(key == name or meaning.heading(name) for key, meaning in every.items()):
             raise ValueError(unknown_name(name, meanings.values()))
 
-    def known(text: str) -> bool:
-        return isinstance(text, str) and any(
+    # A text is looked at for every separator that it might have.
+    @functools.cache
+    def is_heading(text: str) -> bool:
+        return any(
             text == name or meaning.heading(text) or meaning.unknown_unit(text)
             for name, meaning in every.items()
         )
+
+    def known(text: str) -> bool:
+        return isinstance(text, str) and is_heading(text)
 
     sheet = sheet_of(source, values, known, decimal)
     meant, found = _layout_of(sheet, layout, told, meanings)
