@@ -217,7 +217,7 @@ def _check(fit: FitData) -> None:
 
 def _require_blackjax() -> None:
     try:
-        import blackjax  # noqa: F401
+        import blackjax  # noqa: F401  only whether it is there
     except ImportError as error:
         raise ImportError(
             "`posterior` needs blackjax: pip install 'jaxcontact[posterior]'."

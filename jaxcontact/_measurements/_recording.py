@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
+import math
 import os
 from collections.abc import Mapping
 from typing import IO, Any
@@ -274,7 +275,7 @@ def _without_headings(sheet: Sheet) -> RecordingError:
     ratio = float(np.median([b / a for a, b in itertools.pairwise(numbers) if a] or 0))
     readings = (
         (
-            f" (then e is about {ratio**0.5:.2f})",
+            f" (then e is about {math.sqrt(ratio):.2f})",
             f" (then e is about {ratio:.2f})",
         )
         if ratio > 0

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from .._flight import Floats
@@ -11,7 +13,7 @@ MEASURED_RESTITUTION = Range(low=0.0, high=1.2, low_open=True, inside=0.5)
 """Of a measured e, which noise may bring above 1."""
 MEASURED_RESTITUTION_FROM_ZERO = Range(low=0.0, high=1.2, inside=0.5)
 
-_AROUND = 10**0.5
+_AROUND = math.sqrt(10)
 """Half of the way, in powers of ten, from one unit to the next."""
 
 
