@@ -34,7 +34,8 @@ largest indentation and force, and the energy lost.
 EPILOG = """\
 example: jaxcontact impact --law hu_guo --e 0.7 --mass 1 --stiffness 1.4e8 --velocity 4.2
 
-exit codes: 0 done; 1 the impact could not be solved to accuracy; 2 bad input, nothing written.
+exit codes: 0 done; 1 the impact or its picture could not be solved to accuracy; 2 bad input,
+nothing written.
 """
 
 
@@ -65,18 +66,22 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         raise InputError("a parameter is out of its range")
     if beyond := _beyond(hit, status):
         raise InputError(f"{', '.join(beyond)}: too large to be written in double precision")
+    complete = status != Status.NOT_CONVERGED
     if plot is not None:
         progress("compiling and drawing the trajectory")
         try:
-            write_all({plot: _figure(law, contact, hit, arguments, plot)})
+            picture = _figure(law, contact, hit, arguments, plot)
         except ValueError as error:
-            # An impact without an end has numbers, but no course to draw.
+            # Its course is found by another solve than its numbers, which may not converge.
             print(f"no picture: {error}", file=sys.stderr)
+            complete = False
+        else:
+            write_all({plot: picture})
     if arguments.json:
         print_json(_dict(arguments, given, exponent, hit, status))
     else:
         print(_text(arguments, hit, status))
-    return 1 if status == Status.NOT_CONVERGED else 0
+    return 0 if complete else 1
 
 
 def _numbers(hit: Impact) -> dict[str, float]:

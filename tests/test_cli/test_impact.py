@@ -59,6 +59,14 @@ def test_a_figure(tmp_path, suffix):
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
 
 
+def test_numbers_without_a_course_to_draw(tmp_path, capsys):
+    stiff = "impact --law damped --param alpha=1e200 --mass 1 --stiffness 1e4 --velocity 1 --quiet"
+    assert main([*stiff.split(), "--plot", str(tmp_path / "a.png")]) == 1
+    shown = capsys.readouterr()
+    assert shown.err.startswith("no picture: ") and "not_converged" in shown.err
+    assert "status            separated" in shown.out and not list(tmp_path.iterdir())
+
+
 BAD = {
     "law": ("--law=nonsense --e=.5", "not a law; the laws are"),
     "no e": ("--law=hu_guo", "hu_guo also needs --e E"),
