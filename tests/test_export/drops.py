@@ -62,10 +62,11 @@ def mujoco(case):
     step = case["duration"] / case["steps"]
     height = case["radius"] + case["phase"] * case["velocity"] * step
     model = engine.MjModel.from_xml_string(f"""<mujoco>
+      {case["snippet"]}
       <option timestep="{step}" gravity="0 0 0"/>
-      <worldbody><geom type="plane" size="5 5 1" {case["snippet"]}/>
+      <worldbody><geom type="plane" size="5 5 1"/>
         <body pos="0 0 {height}"><freejoint/>
-          <geom type="sphere" size="{case["radius"]}" mass="{case["mass"]}" {case["snippet"]}/>
+          <geom type="sphere" size="{case["radius"]}" mass="{case["mass"]}"/>
         </body>
       </worldbody></mujoco>""")
     data = engine.MjData(model)

@@ -180,4 +180,4 @@ def test_into_the_simulator(here, capsys):
     assert code == 0
     command = "jaxcontact export --from calibration.json --velocity 2 --engine mujoco --quiet"
     code, out, err = run(command, here, capsys)
-    assert (code, err) == (0, "") and "solref=" in out
+    assert (code, err) == (0, "") and '<option timestep="' in out and '<geom solref="' in out

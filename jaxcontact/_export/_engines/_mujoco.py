@@ -15,6 +15,9 @@ from ._spring import SpringAndDashpot
 # MuJoCo's own default for a contact that is just touched.
 IMPEDANCE = 0.9
 
+STEPS = 400
+"""In one contact, at which it was measured."""
+
 
 @register_engine
 class MuJoCo(Engine):
@@ -42,15 +45,19 @@ class MuJoCo(Engine):
             units=units,
             # 0 - damping, because -0.0 would print as -0.
             snippet=(
-                f'solref="{-k:.12g} {0 - damping:.12g}" '
-                f'solimp="{IMPEDANCE:g} {IMPEDANCE:g} 0.001 0.5 2"'
+                f'<option timestep="{wanted.duration / STEPS:.3g}"/>\n'
+                "<default>\n"
+                f'  <geom solref="{-k:.12g} {0 - damping:.12g}" '
+                f'solimp="{IMPEDANCE:g} {IMPEDANCE:g} 0.001 0.5 2"/>\n'
+                "</default>"
             ),
-            steps=400,
+            steps=STEPS,
             expected_error=0.009,
             limit=(
-                "for both geoms. Linear: the duration is that of the law, at this speed; the force "
-                "is not, it jumps at touch. e is the same at all speeds and masses. The time step "
-                "must resolve the contact; the usual steps of milliseconds do not."
+                "for both geoms, here by default. Linear: the duration is that of the law, at this "
+                "speed; the force is not, it jumps at touch. e is the same at all speeds and "
+                "masses. The time step must resolve the contact; the usual steps of milliseconds "
+                "do not."
             ),
             source="mujoco.readthedocs.io/en/stable/modeling.html#solver-parameters; "
             "Schwager & Pöschel 2007, doi 10.1007/s10035-007-0065-z",
