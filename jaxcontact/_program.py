@@ -39,7 +39,7 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
     @functools.wraps(function)
     def call(numbers: Any, *choices: Any) -> Out:
         leaves, structure = jax.tree.flatten((numbers, *choices))
-        plain = all(_is_number(leaf) for leaf in leaves)
+        plain = all(_is_number(type(leaf)) for leaf in leaves)
         if plain and all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
             few = sum(1 if type(leaf) is float else leaf.size for leaf in leaves) <= _FEW
             return with_numbers(structure, few and _untraced())(*leaves)
@@ -55,13 +55,8 @@ _MOST_STRUCTURES = 256
 """Programs of a function that are kept: for laws of a user's own, one for each function in them."""
 
 
-def _is_number(leaf: Any) -> bool:
-    # The class answers sooner; only of what is traced it does not know.
-    return _holds_numbers(type(leaf)) or isinstance(leaf, jax.Array)
-
-
 @functools.cache
-def _holds_numbers(kind: type) -> bool:
+def _is_number(kind: type) -> bool:
     return issubclass(kind, jax.Array | float)
 
 
