@@ -158,7 +158,8 @@ def choose(
 ) -> LawChoice:
     """The choice among `kinds` on the pairs for which `use` (n,) is true; relative `weights` (n,).
 
-    `others` were measured with the pairs. `correlation` (n, n) is that of the errors of ln e.
+    `others` were measured with the pairs. `correlation` (n, n) is that of the errors of ln e, and
+    of them with those of `others` where it is (columns n, columns n).
 
     Each kind has one compiled search: pairs without weight pad the data to a few lengths, and
     everything that leaves pairs out (outliers, bands of speed) changes weights only.
@@ -171,8 +172,10 @@ def choose(
     every, kinds = kinds, tuple(kind for kind in kinds if len(kind.transforms) + 2 < len(v))
     data = _padded_data(pairs, use, weights, others, how)
     if correlation is not None:
-        whole = np.eye(len(data["x"]))
-        whole[: len(pairs), : len(pairs)] = correlation
+        length, columns = len(data["x"]), len(correlation) // len(pairs)
+        whole = np.eye(length * columns)
+        places = np.concatenate([k * length + np.arange(len(pairs)) for k in range(columns)])
+        whole[np.ix_(places, places)] = correlation
         data["correlation"] = whole
 
     def fitted(kind: AbstractKind) -> tuple[Fit, LawFit]:
