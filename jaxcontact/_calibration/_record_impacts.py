@@ -13,25 +13,31 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._contact import Contact
+from .._contact import EXPONENT, Contact
 from .._fit import Fit
-from .._flight import Flight
+from .._flight import STANDARD_GRAVITY, Flight, Floats
 from .._impact import impact
 from .._laws import Damped
 from .._measurements import MEASURED_RESTITUTION, Impact, Pairs, Recording, RecordingError
-from .._measurements._noise import scatter_beside
+from .._measurements._noise import Noise, scatter_beside
+from .._measurements._pairs import LEAST_PAIRS
+from .._parameter import rendered, require_number
 from ._limits import limits_of
 from ._outcomes import Columns
 from ._record import fit_record
+from ._summary import ImpactSummary
 
 _LENGTH = 512
 """Readings of every fit, so that all share one program: longer windows are averaged, shorter ones
 filled up with readings without weight."""
 
 _LEAST_E, _MOST_E = 0.1, 0.99
+_WRONG = 0.01
+_AT_REST = 10
 _FAR = 3.0
 """Standard errors by which an exponent is another one."""
 
+_NUMBERS = "velocity", "restitution", "duration", "max_force", "stiffness"
 OUTCOMES = "restitution", "duration", "max_force"
 
 
@@ -64,6 +70,12 @@ class ImpactFit:
     covariance: Float[np.ndarray, "2 2"]
 
     @property
+    def adequate(self) -> bool | None:
+        """Whether the fit describes the readings, of which noise makes it fail one in a hundred."""
+        p = self.fit.adequacy.p
+        return None if p is None else p >= _WRONG
+
+    @property
     def touch(self) -> float:
         """The time in s at which the contact begins."""
         return float(self.fit.params.start_time)
@@ -78,6 +90,7 @@ class Fitted(NamedTuple):
     fits: tuple[ImpactFit, ...]
     force: Float[np.ndarray, " n"]
     covariance: Float[np.ndarray, "n 2 2"]
+    contact: Contact
     notes: tuple[str, ...]
 
 
@@ -108,28 +121,104 @@ def fitted_impacts(
     pairs = _pairs(recording, good, flight, len(bad))
     force = np.array([one.max_force.value for one in good])
     covariance = np.array([one.covariance for one in good])
-    return Fitted(pairs, tuple(good), force, covariance, tuple(notes))
+    stiffness = float(np.median([one.stiffness.value for one in good]))
+    contact = Contact(contact.mass, stiffness, contact.exponent)
+    return Fitted(pairs, tuple(good), force, covariance, contact, tuple(notes))
 
 
-def beside(found: Fitted, keep: np.ndarray, sigma: np.ndarray) -> tuple[Columns, np.ndarray]:
-    """The largest forces as a column beside ln e, whose standard deviations are `sigma` (n,), and
-    the correlation (2n, 2n) of both.
+class WeighedImpacts(NamedTuple):
+    """As `Weighed`, with the largest forces as a column beside e; the correlation is (2n, 2n)."""
 
-    The forces of the impacts to `keep` may scatter about a power of the speed beyond their errors.
+    noise: Noise
+    weights: Floats
+    correlation: Float[np.ndarray, "m m"]
+    others: Columns
+
+
+def weighed(found: Fitted, keep: np.ndarray) -> WeighedImpacts:
+    """The noise of ln e and of the logarithm of the force, about trends of the impacts to `keep`.
+
+    Beside the errors that the readings of each impact give, both may scatter from impact to impact
+    about a power of the speed.
     """
-    log_force, log_v = np.log(found.force), np.log(found.pairs.velocity)
-    variance = found.covariance[:, 1, 1]
-    count = int(keep.sum())
-    if count > 3:
-        trend = np.stack([np.ones(count), log_v[keep]], axis=1)
-        scatter = scatter_beside(log_force[keep], trend, np.diag(variance[keep]))
-        variance = variance + scatter**2
-    size = np.sqrt(variance)
-    n = len(size)
-    whole = np.eye(2 * n)
-    rows = np.arange(n)
-    whole[rows, n + rows] = whole[n + rows, rows] = found.covariance[:, 0, 1] / (sigma * size)
-    return Columns({"max_force": log_force}, {"max_force": size}), whole
+    values = np.log(np.stack([found.pairs.restitution, found.force]))
+    variance = np.diagonal(found.covariance, axis1=1, axis2=2).T
+    scatter = [0.0, 0.0]
+    if (count := int(keep.sum())) >= LEAST_PAIRS:
+        trend = np.stack([np.ones(count), np.log(found.pairs.velocity[keep])], axis=1)
+        scatter = [
+            scatter_beside(y[keep], trend, np.diag(own[keep]))
+            for y, own in zip(values, variance, strict=True)
+        ]
+    size = np.sqrt(variance + np.square(scatter)[:, None])
+    n = size.shape[1]
+    whole, rows = np.eye(2 * n), np.arange(n)
+    whole[rows, n + rows] = whole[n + rows, rows] = found.covariance[:, 0, 1] / size.prod(axis=0)
+    columns = Columns({"max_force": values[1]}, {"max_force": size[1]})
+    return WeighedImpacts(Noise(scatter[0], found.pairs.reading), size[0] ** -2, whole, columns)
+
+
+def summaries(found: Fitted) -> tuple[ImpactSummary, ...]:
+    """The impacts as plain data."""
+    return tuple(
+        ImpactSummary(
+            one.impact.number,
+            one.touch,
+            *(number for name in _NUMBERS for number in getattr(one, name)),
+            one.adequate,
+            one.fit.notes,
+        )
+        for one in found.fits
+    )
+
+
+def exponent_of(recording: Recording, exponent: float | None) -> float:
+    """The exponent n of the contact. Raises ValueError where the recording does not use it."""
+    if exponent is None:
+        return 1.5
+    if not recording.layout.fitted:
+        raise ValueError(
+            "Argument `exponent` must be None where e is measured and no force, but is "
+            f"{rendered(exponent)}."
+        )
+    return require_number("exponent", exponent, EXPONENT)
+
+
+def require_mass(recording: Recording, mass: float | None, stiffness: float | None) -> None:
+    """Raise ValueError for a record without a mass, and for a stiffness, which is fitted."""
+    if stiffness is not None:
+        raise ValueError(
+            "Argument `stiffness` must be None for a record, which gives it, but is "
+            f"{rendered(stiffness)}."
+        )
+    if mass is None:
+        raise ValueError(
+            f"Argument `mass` is needed for a record of {recording.layout.name}: it gives F or F/m "
+            "over time, and speeds, e and K only with the mass m of the body in kg (the effective "
+            f"mass, where both bodies move).{_weighed(recording)}"
+        )
+
+
+def _weighed(recording: Recording) -> str:
+    """What the body weighs that lies on a force plate at the end; nothing where none does."""
+    trace = recording.records[0].trace
+    if trace.quantity != "force":
+        return ""
+    last = recording.records[-1]
+    after = trace.value[math.ceil(last.end) :]
+    end = after[-max(after.size // 10, 1) :]
+    free = recording.records[0].time.size // 3
+    before = trace.value[max(recording.records[0].start - free, 0) : recording.records[0].start]
+    if end.size < _AT_REST or before.size < _AT_REST:
+        return ""
+    error = trace.noise * math.sqrt(1 / end.size + 1 / before.size)
+    weight = float(end.mean() - before.mean())
+    if weight < 10 * error:
+        return ""
+    return (
+        f" At its end the plate carries {weight:.3g} N more than before: if the body lies on it, "
+        f"its mass is {weight / STANDARD_GRAVITY:.3g} kg."
+    )
 
 
 def _fitted(one: Impact, contact: Contact) -> ImpactFit | str:
@@ -272,7 +361,7 @@ def _exponent(one: ImpactFit, contact: Contact) -> list[str]:
 
 def _shape(good: list[ImpactFit]) -> list[str]:
     """Whether the force that is fitted has the shape of the records."""
-    wrong = [one.impact.number for one in good if one.fit.adequate is False]
+    wrong = [one.impact.number for one in good if one.adequate is False]
     if not wrong:
         return [f"the force K δ^n (1 + α δ'/v₀) describes all {len(good)} of these records"]
     which = ", ".join(map(str, wrong))

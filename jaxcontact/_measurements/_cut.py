@@ -33,6 +33,10 @@ after a contact agree to so many of their errors; contacts last less than so man
 others."""
 
 
+_EDGES = 0.1, 0.3
+"""Durations before the touch and behind the end that may belong to a contact."""
+
+
 class Cut(NamedTuple):
     """A contact by the numbers of readings: where it begins and ends, about; its height; and the
     window [start, stop) with what is free beside it.
@@ -174,9 +178,13 @@ def _doubt(
         return f"lasts {long / usual:.2g} times as long as the others"
     if mean[one.start : one.stop].min() < -max(_BELOW * one.height, _CLEAR * noise):
         return "swings below zero, as the ringing of an instrument does"
-    sides = value[one.start : math.ceil(one.touch)], value[math.ceil(one.end) : one.stop]
-    error = noise * math.sqrt(sum(1 / max(side.size, 1) for side in sides))
-    first, last = (float(side.mean()) if side.size else 0.0 for side in sides)
+    # A contact with a loss ends slowly, later than what is above half of its height says.
+    last_before, first_after = one.touch - _EDGES[0] * long, one.end + _EDGES[1] * long
+    sides = value[one.start : math.floor(last_before)], value[math.ceil(first_after) : one.stop]
+    if min(map(len, sides)) < 2:
+        return ""
+    error = noise * math.sqrt(sum(1 / side.size for side in sides))
+    first, last = (float(side.mean()) for side in sides)
     if abs(last - first) > max(_BETWEEN * error, 0.05 * one.height):
         return "the level after it differs from that before"
     return ""
