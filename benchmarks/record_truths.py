@@ -75,7 +75,7 @@ def draw(random: np.random.Generator, *, impacts: bool = True) -> Truth:
     quantity = str(random.choice(["force", "acceleration"]))
     bounces = bool(random.random() < 0.7)
     pieces, speeds, ratios, times = [], [], [], []
-    at = random.uniform(6, 30) * duration
+    at = random.uniform(3, 20) * duration
     for _ in range(count):
         a = alpha / speed if kind == "constant e" else alpha / (speeds[0] if speeds else speed)
         time, force, after = impact(mass, stiffness, a, speed)
@@ -87,9 +87,9 @@ def draw(random: np.random.Generator, *, impacts: bool = True) -> Truth:
         ratios.append(after / speed)
         # Long flights are cut short: nothing is in them, and the record would be of millions.
         flight = 2 * after / GRAVITY if bounces else np.inf
-        at += time[-1] + min(flight, random.uniform(20, 120) * duration)
+        at += time[-1] + min(flight, random.uniform(10, 60) * duration)
         speed = after if bounces else speed * random.uniform(0.6, 1.1)
-    end = at + random.uniform(6, 40) * duration
+    end = at + random.uniform(6, 30) * duration
     clock = np.arange(int(end * rate)) / rate
     contact = np.zeros(clock.size)
     for start, time, force in pieces if impacts else []:

@@ -26,14 +26,8 @@ from ._few import only_constant
 from ._file import save, to_json
 from ._kinds import kinds_of
 from ._outcomes import NONE
-from ._record_impacts import (
-    ImpactFit,
-    exponent_of,
-    fitted_impacts,
-    require_mass,
-    summaries,
-    weighed,
-)
+from ._record_impacts import ImpactFit
+from ._record_pairs import exponent_of, fitted_impacts, require_mass, summaries, weighed
 from ._report import report
 from ._summary import (
     CalibrationSummary,
@@ -164,7 +158,8 @@ def calibrate(
     flight = Flight(gravity, drag)
     tell = stages_of(progress)
     with jax.enable_x64(True):
-        contact = Contact(*(1.0 if value is None else value for value in numbers.values()), n)
+        given_numbers = [1.0 if value is None else value for value in numbers.values()]
+        contact = Contact(*given_numbers, exponent=n)
         impacts = None
         if recording.layout.fitted:
             require_mass(recording, numbers["mass"], numbers["stiffness"])
@@ -188,7 +183,7 @@ def calibrate(
 
         def chosen(use: np.ndarray) -> LawChoice:
             known = impacts is not None and use.sum() < LEAST_PAIRS
-            if known and use.sum() == 1:
+            if known and use.sum() == 1 and correlation is not None:
                 return only_constant(pairs, use, weights, correlation, others, kinds[0], contact)
             return choose(
                 pairs,
@@ -253,9 +248,7 @@ def _errors(
     return {p: errors[p] if identifiable else None for p in parameters_of(name) if p in errors}
 
 
-def _recording(
-    recording: Recording, pairs: Pairs, notes: tuple[str, ...]
-) -> RecordingSummary:
+def _recording(recording: Recording, pairs: Pairs, notes: tuple[str, ...]) -> RecordingSummary:
     return RecordingSummary(
         source=recording.source,
         layout=pairs.layout.name,

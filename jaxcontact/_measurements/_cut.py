@@ -166,9 +166,7 @@ def _windowed(one: Cut, before: float, after: float, size: int) -> Cut | str:
     return one._replace(start=math.ceil(start), stop=math.floor(stop))
 
 
-def _doubt(
-    one: Cut, found: list[Cut], mean: Floats, value: Floats, noise: float
-) -> str:
+def _doubt(one: Cut, found: list[Cut], mean: Floats, value: Floats, noise: float) -> str:
     """Why a contact cannot be fitted; nothing where it can."""
     long = one.end - one.touch
     if long < LEAST_READINGS:

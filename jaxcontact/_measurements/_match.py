@@ -139,7 +139,9 @@ def check_usual(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> None:
             text = rows[0].headings[name].text or name
             units = meaning.must_say.split(" or ")
             told = " or ".join(f"'{text} [{unit}]'" for unit in units)
-            rows[0].refuse(name, f"has no unit, {meaning.must_say}; write it in the heading, {told}")
+            rows[0].refuse(
+                name, f"has no unit, {meaning.must_say}; write it in the heading, {told}"
+            )
         if not np.isfinite(meaning.usual) or not rows or name not in rows[0].values:
             continue
         if rows[0].has_unit(name):

@@ -15,7 +15,7 @@ from ._fault import RecordingError
 from ._heading import Meaning, words
 from ._layout import Layout, Paired, Record, counted, span
 from ._sheet import Row
-from ._trace import Floats, Trace, noise_of
+from ._trace import Doubtful, Floats, Trace, noise_of
 
 _SHOWN = 6
 _FEWEST = 3 * LEAST_READINGS
@@ -119,11 +119,11 @@ class Records(Layout[Impact]):
         rows[0].refuse(self.quantity, problem)
 
     def facts(self, records: Sequence[Impact]) -> Mapping[str, str]:
-        trace = records[0].trace
+        trace, durations = records[0].trace, [1e3 * one.duration for one in records]
         return {
             "rows": str(trace.time.size),
             "rate": f"{1 / trace.step:.6g} Hz, {trace.time[-1] - trace.time[0]:.4g} s",
-            "impacts": f"{len(records)}, of about {span([1e3 * r.duration for r in records], 'ms')}",
+            "impacts": f"{len(records)}, of about {span(durations, 'ms')}",
             "largest": shown(self.quantity, max(float(r.reading.max()) for r in records)),
         }
 
@@ -153,8 +153,10 @@ class Records(Layout[Impact]):
         )
 
 
-def _meanings(quantity: str, said: str, unit: str, **how: str) -> Mapping[str, Meaning]:
-    return MappingProxyType({"time": CLOCK, quantity: Meaning(words(said), unit, **how)})
+def _meanings(quantity: str, said: str, unit: str, must_say: str = "") -> Mapping[str, Meaning]:
+    return MappingProxyType(
+        {"time": CLOCK, quantity: Meaning(words(said), unit, must_say=must_say)}
+    )
 
 
 class Forces(Records):
@@ -205,11 +207,10 @@ class Indentations(Records):
         trace = Trace("indentation", time, value, np.zeros_like(value), noise_of(value))
         if value[top] <= 0 or not before.size or not after.size:
             why = "its indentation does not pass zero, which must be about that of touch, on both "
-            return dataclasses.replace(trace, doubtful=((float(time[top]), why + "sides"),)), []
+            return dataclasses.replace(
+                trace, doubtful=(Doubtful(float(time[top]), why + "sides"),)
+            ), []
         touch, end = float(before[-1]), float(after[0])
         margin = round(end - touch)
         window = max(int(touch) - margin, 0), min(int(end) + margin, value.size)
         return trace, [Cut(touch, end, float(value[top]), *window)]
-
-
-
