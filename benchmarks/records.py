@@ -39,7 +39,7 @@ RESULT = HERE / "records.json"
 PAGE = HERE.parent / "docs" / "records.md"
 SEED = 31
 DRAWS = 600
-EMPTY = 200
+EMPTY = 100
 STANDS_OUT = 10.0
 SURE = 1.959964
 FEW = 20
@@ -210,16 +210,18 @@ def summary(rows: list[dict]) -> dict:
     }
 
 
-def study(draws: int, empty: int, tell: bool = False) -> dict:
-    """All records: whole, and by what was done to them."""
-    begin, rows = time.process_time(), []
+def study(draws: int, empty: int, minutes: float) -> dict:
+    """All records: whole, and by what was done to them; no more are drawn after some minutes."""
+    start, begin, rows = time.monotonic(), time.process_time(), []
+    nothing = (draw(np.random.default_rng([SEED, 1, k]), impacts=False) for k in range(empty))
+    quiet = sum(read(one) is None for one in nothing)
     for k in range(draws):
         rows.append(one_of(np.random.default_rng([SEED, k])))
-        if tell and k % 10 == 9:
+        if k % 10 == 9:
             print(k + 1, json.dumps(summary(rows)), file=sys.stderr, flush=True)
+        if time.monotonic() - start > 60 * minutes:
+            break
     seconds = time.process_time() - begin
-    nothing = [draw(np.random.default_rng([SEED, 1, k]), impacts=False) for k in range(empty)]
-    quiet = sum(read(one._replace(reading=one.reading)) is None for one in nothing)
     parts = {
         "1 impact": [row for row in rows if row.get("n") == 1],
         "2 or 3 impacts": [row for row in rows if row.get("n") in (2, 3)],
@@ -236,6 +238,7 @@ def study(draws: int, empty: int, tell: bool = False) -> dict:
     }
     return {
         "seed": SEED,
+        "draws": len(rows),
         "all": summary(rows),
         **{name: summary(some) for name, some in parts.items()},
         "records without impacts": empty,
@@ -280,6 +283,7 @@ def page(result: dict) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--only", type=int, help="so many records, and write nothing")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="draw no more after these")
     parser.add_argument("--page", action="store_true", help="write the table of docs/records.md")
     arguments = parser.parse_args()
     if arguments.page:
@@ -289,7 +293,8 @@ def main() -> None:
         PAGE.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}")
         return
     draws = arguments.only or DRAWS
-    result = study(draws, EMPTY if not arguments.only else max(draws // 10, 5), tell=True)
+    empty = EMPTY if not arguments.only else max(draws // 10, 5)
+    result = study(draws, empty, arguments.minutes)
     text = json.dumps(result, indent=1) + "\n"
     print(text)
     if not arguments.only:

@@ -89,7 +89,7 @@ class CalibrationSummary:
     are not identifiable. `requested` is the `law` that was asked for; `gravity` in m/s²; `drag`,
     None if it was left in; `noise`, the scatter of ln e; `threshold` of the outlier rule and its
     `trend`; all `pairs`; the `choice` among laws without marked pairs, and `with_marked` with them;
-    medians `by_speed`; the `impacts` in the record of an instrument; `versions` of the packages.
+    medians `by_speed`; `versions` of the packages; the `impacts` in the record of an instrument.
     """
 
     law: AbstractLaw | None
@@ -107,8 +107,8 @@ class CalibrationSummary:
     choice: ChoiceData
     with_marked: ChoiceData
     by_speed: tuple[SpeedBand, ...]
-    impacts: tuple[ImpactSummary, ...]
     versions: dict[str, str | None]
+    impacts: tuple[ImpactSummary, ...] = ()
 
     @property
     def converged(self) -> bool:

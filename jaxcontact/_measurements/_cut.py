@@ -62,19 +62,17 @@ def cut(quantity: str, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
     noise = noise_of(value)
     width = _width(smooth, middle)
     level = _level(value, width)
-    quiet = uniform_filter1d((np.abs(smooth - level) > 5 * noise).astype(float), 2 * width + 1) == 0
-    hum = hum_of(time, value, quiet, noise)
+    hum = hum_of(time, value, _quiet(smooth - level, noise, width), noise)
     if hum is not None:
         value = value - hum.value
         noise = noise_of(value)
         smooth = median_filter(value, 3)
         width = _width(smooth, float(np.median(value)))
         level = _level(value, width)
-        notes.append(f"hum of {hum.frequency:.1f} Hz subtracted, {{}} in amplitude")
-        notes[-1] = notes[-1].format(shown(quantity, hum.amplitude))
+        size = shown(quantity, hum.amplitude)
+        notes.append(f"hum of {hum.frequency:.1f} Hz subtracted, {size} in amplitude")
     mean = uniform_filter1d(value - level, max(width // 5, 1))
-    found, doubtful = _contacts(mean, noise)
-    good = []
+    found, good, doubtful = _contacts(mean, noise), [], []
     for k, one in enumerate(found):
         before = found[k - 1].end if k else -math.inf
         after = found[k + 1].touch if k + 1 < len(found) else math.inf
@@ -130,24 +128,30 @@ def _level(value: Floats, width: int) -> Floats:
     return np.interp(np.arange(value.size), at, found)
 
 
-def _contacts(mean: Floats, noise: float) -> tuple[list[Cut], list[Doubtful]]:
-    from scipy.signal import find_peaks
+def _quiet(height: Floats, noise: float, width: int) -> np.ndarray:
+    """Which readings (n,) are far from contacts; hum may be larger than the noise."""
+    from scipy.ndimage import uniform_filter1d
+
+    most = max(5 * noise, 6 * float(np.median(np.abs(height))))
+    return uniform_filter1d((np.abs(height) > most).astype(float), 2 * width + 1) < 1e-9
+
+
+def _contacts(mean: Floats, noise: float) -> list[Cut]:
+    """The peaks that stand out of the noise and of the dips beside them."""
+    from scipy.signal import find_peaks, peak_prominences
 
     # A plateau at the edge of a record is no peak for SciPy.
-    tops, about = find_peaks(np.concatenate([[-np.inf], mean, [-np.inf]]), height=_CLEAR * noise)
-    tops = tops - 1
-    from scipy.signal import peak_prominences
-
-    prominence = peak_prominences(mean, tops)[0] if tops.size else np.zeros(0)
-    inner = (tops > 0) & (tops < mean.size - 1)
-    prominence = np.where(inner, prominence, about["peak_heights"])
-    tops = tops[prominence >= np.maximum(_DIP[0] * noise, _DIP[1] * mean[tops])]
+    low = float(mean.min()) - noise
+    within = np.concatenate([[low], mean, [low]])
+    tops = find_peaks(within, height=_CLEAR * noise)[0]
+    prominence = peak_prominences(within, tops)[0]
+    tops = tops[prominence >= np.maximum(_DIP[0] * noise, _DIP[1] * within[tops])] - 1
     found = []
     for top in tops:
         left, right = _half(mean, int(top))
         beside = (1 - HALF) / HALF / 2 * (right - left)
         found.append(Cut(left - beside, right + beside, float(mean[top]), 0, 0))
-    return found, []
+    return found
 
 
 def _windowed(one: Cut, before: float, after: float, size: int) -> Cut | str:

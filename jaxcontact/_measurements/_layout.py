@@ -104,7 +104,7 @@ class Layout(abc.ABC, Generic[R]):
     when rows make a pair; `errors_words`, how standard errors by cluster are found and what they
     allow for; `known_errors`, the same in short and in full where the errors of readings are known.
 
-    `fitted`, whether speed and e follow from a fit of each record, which needs the mass, and not
+    `instead`, what to do where a column is missing, by column. `fitted`, whether speed and e follow from a fit of each record, which needs the mass, and not
     from `pair`.
     """
 
@@ -120,6 +120,7 @@ class Layout(abc.ABC, Generic[R]):
     pair_rule: ClassVar[str]
     errors_words: ClassVar[str]
     fitted: ClassVar[bool] = False
+    instead: ClassVar[Mapping[str, str]] = MappingProxyType({})
     known_errors: ClassVar[Words] = (
         "the errors of times are known; the scatter was fitted beside them",
         "by the known errors of the times, which pairs share, a contact of a duration that is "

@@ -214,7 +214,8 @@ def _layout_of(
             made = match(sheet, meanings[one.name], told)
         except RecordingError as error:
             made = error
-        if made is not None:
+        guessed = one.fitted and name is None and not told
+        if made is not None and not (guessed and _only_a_letter(made)):
             found[one.name] = made
     if not found:
         raise ValueError(
@@ -254,7 +255,8 @@ def _layout_of(
         guess = next((f"; is it {t!r}?" for t in others if t and suggestion(t, near)), "")
         raise sheet.fault(
             f"is missing; the layout {meant.name!r} needs the columns "
-            f"{', '.join(meant.measured)}{_how_to_say(sheet, column)}{guess}",
+            f"{', '.join(meant.measured)}{_how_to_say(sheet, column)}"
+            f"{meant.instead.get(column, '')}{guess}",
             column,
         )
     if not told and (against := meant.unlike(sheet.names)):
@@ -262,6 +264,14 @@ def _layout_of(
         say = f'; if they are, say so with `columns="{column}={made.places[column] + 1}"`'
         raise sheet.fault(against + say, made.headings[column].text)
     return meant, made
+
+
+def _only_a_letter(made: Match | RecordingError) -> bool:
+    """Whether all that a table has of a layout is a letter, which may mean anything."""
+    if isinstance(made, RecordingError) or len(made.headings) != 1:
+        return False
+    (heading,) = made.headings.values()
+    return len(heading.text) == 1
 
 
 def _how_to_say(sheet: Sheet, column: str = "velocity") -> str:

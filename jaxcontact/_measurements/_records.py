@@ -64,6 +64,7 @@ class Records(Layout[Impact]):
     reading_error = None
     uses_flight = False
     fitted = True
+    instead = MappingProxyType({"time": "; or give `rate`, the readings per second"})
     pair_words = ("impact", "impacts")
     cluster_words = ("impact", "impacts")
     pair_rule = "each impact that is cut out of the record is one"
