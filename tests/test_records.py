@@ -82,6 +82,10 @@ def test_a_rate_stands_for_the_times():
     np.testing.assert_allclose(by_rate.time, by_time.time, rtol=1e-12)
     with pytest.raises(jc.RecordingError, match="gives the times already; leave `rate` out"):
         jc.read_recording(time=time, force=force, rate=RATE)
+    with pytest.raises(ValueError, match="is it in kHz"):
+        jc.read_recording(force=force, rate=50)
+    with pytest.raises(ValueError, match="`rate` must be None for columns of the layout 'table'"):
+        jc.read_recording({"v": [1.0], "e": [0.5]}, rate=RATE)
     with pytest.raises(jc.RecordingError, match="or give `rate`, the readings per second"):
         jc.read_recording({"Fz (N)": force})
 
@@ -249,7 +253,7 @@ def test_the_picture(tmp_path):
 
 
 def test_the_command(tmp_path, capsys):
-    time, force = plate(1, long=0.2)
+    force = plate(1, long=0.2)[1]
     file = tmp_path / "plate.csv"
     file.write_text("Fz (N)\n" + "\n".join(f"{f:.3f}" for f in force) + "\n")
     words = ["calibrate", str(file), "--rate", "50000", "--out", str(tmp_path), "--quiet"]

@@ -27,8 +27,13 @@ _UNEVEN = 0.5
 def with_clock(sheet: Sheet, rate: float) -> Sheet:
     """The columns with one of time beside them, for a record of `rate` readings per second.
 
-    Raises RecordingError for a sheet that has one.
+    Raises RecordingError for a sheet that has one, ValueError for a rate that sees no impact.
     """
+    if rate * _SLOWEST <= 1:
+        raise ValueError(
+            f"Argument `rate` must be in Hz, above {1 / _SLOWEST:g} to see an impact, but is "
+            f"{rate:g}; is it in kHz?"
+        )
     own = next((text for text in sheet.names if CLOCK.heading(text)), None)
     if own is not None:
         raise sheet.fault("gives the times already; leave `rate` out", own)

@@ -104,8 +104,8 @@ class Layout(abc.ABC, Generic[R]):
     when rows make a pair; `errors_words`, how standard errors by cluster are found and what they
     allow for; `known_errors`, the same in short and in full where the errors of readings are known.
 
-    `instead`, what to do where a column is missing, by column. `fitted`, whether speed and e follow from a fit of each record, which needs the mass, and not
-    from `pair`.
+    `instead`, what to do where a column is missing, by column. `fitted`, whether speed and e follow
+    from a fit of each record, which needs the mass, and not from `pair`.
     """
 
     name: ClassVar[str]

@@ -161,6 +161,11 @@ def read_recording(
     if rate is not None:
         sheet = with_clock(sheet, require_number("rate", rate, POSITIVE))
     meant, found = _layout_of(sheet, layout, told, meanings)
+    if rate is not None and not meant.fitted:
+        raise ValueError(
+            f"Argument `rate` must be None for columns of the layout {meant.name!r}, which are no "
+            f"readings over time, but is {rate:g}."
+        )
     rows = found.rows(sheet)
     if not rows:
         what = "columns" if sheet.header_row is None else "a header"
