@@ -226,6 +226,28 @@ def test_one_impact_gives_e_and_the_stiffness():
         jc.calibrate(jc.read_recording(time=time, force=force), mass=MASS, law="nobody")
 
 
+def test_an_indentation_tells_speed_and_stiffness():
+    # The indentation follows from the force that SciPy found, by two integrations.
+    t, f, after = pieces()[0]
+    speed = SPEEDS[0] - np.concatenate([[0], np.cumsum((f[1:] + f[:-1]) / 2 * np.diff(t))]) / MASS
+    depth = np.concatenate([[0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t))])
+    time = np.arange(-t[-1], 2 * t[-1], t[-1] / 100)
+    flown = np.where(time < 0, SPEEDS[0] * time, -after * (time - t[-1]))
+    inside = (time > 0) & (time < t[-1])
+    path = np.where(inside, np.interp(time, t, depth), flown)
+    path += 5e-3 * depth.max() * np.random.default_rng(6).normal(size=time.size)
+    recording = jc.read_recording({"t (ms)": 1e3 * time, "deformation (mm)": 1e3 * path})
+    (one,) = jc.calibrate(recording, mass=MASS, law="exact").impacts
+    for outcome, truth in (
+        (one.velocity, SPEEDS[0]),
+        (one.restitution, after / SPEEDS[0]),
+        (one.stiffness, STIFFNESS),
+    ):
+        assert abs(outcome.value - truth) < FEW_ERRORS * outcome.error < 0.05 * truth
+    with pytest.raises(jc.RecordingError, match="does not pass zero"):
+        jc.read_recording(time=time, indentation=path + 1)
+
+
 def test_what_a_record_needs_is_said():
     time, force = plate(1, long=0.2)
     lies = force + np.where(time > 0.12, MASS * 9.81, 0)
