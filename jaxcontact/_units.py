@@ -136,7 +136,17 @@ _WRITTEN: dict[str, dict[str, tuple[float, float]]] = {
         "mph": (0.44704, 1),
     },
     "": {"- 1 none": (1, 1), "% percent pct": (1, 100)},
-    "N": {"N newton newtons": (1, 1), "kN": (1e3, 1), "mN": (1, 1e3)},
+    "m/s^2": {
+        "m/s^2 m/s2 m/s² m/s/s m/s**2 ms-2 ms^-2 ms⁻² m·s-2 m·s^-2 m·s⁻² m.s-2 m*s^-2": (1, 1),
+        "g gn g0": (9.80665, 1),
+    },
+    "N": {
+        "N newton newtons": (1, 1),
+        "kN": (1e3, 1),
+        "mN": (1, 1e3),
+        "lbf": (4.4482216152605, 1),
+        "kgf kp": (9.80665, 1),
+    },
 }
 """By the SI unit: the written units that are turned into it, and by what."""
 

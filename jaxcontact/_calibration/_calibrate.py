@@ -17,12 +17,17 @@ from .._laws import AbstractLaw, parameters_of
 from .._measurements import Pairs, Recording, make_pairs
 from .._measurements._noise import Noise
 from .._measurements._outliers import THRESHOLD, Outliers, find_outliers
+from .._measurements._pairs import LEAST_PAIRS
 from .._parameter import POSITIVE, require_kind, require_number
 from .._progress import stages_of
 from ._choice import LawChoice
 from ._choose import choose, weights_of
+from ._few import only_constant
 from ._file import save, to_json
 from ._kinds import kinds_of
+from ._outcomes import NONE
+from ._record_impacts import ImpactFit
+from ._record_pairs import exponent_of, fitted_impacts, require_mass, summaries, weighed
 from ._report import report
 from ._summary import (
     CalibrationSummary,
@@ -41,7 +46,8 @@ class Calibration:
 
     `pairs` (speed, e) of the recording, `outliers` which of them the robust rule marked, and
     `noise`, the scatter of the others; `choice`, the laws fitted without the marked pairs, and
-    `with_marked`, with them; `summary`, all of it as plain data, which `save` writes.
+    `with_marked`, with them; `summary`, all of it as plain data, which `save` writes; `impacts`,
+    the fits of the impacts in a record of an instrument.
     """
 
     pairs: Pairs
@@ -50,6 +56,7 @@ class Calibration:
     choice: LawChoice
     with_marked: LawChoice
     summary: CalibrationSummary
+    impacts: tuple[ImpactFit, ...] = ()
 
     @property
     def law(self) -> AbstractLaw | None:
@@ -113,6 +120,7 @@ def calibrate(
     drag: Drag | None = None,
     mass: float | None = None,
     stiffness: float | None = None,
+    exponent: float | None = None,
     gravity: float = STANDARD_GRAVITY,
     progress: bool | Callable[[str], None] = False,
 ) -> Calibration:
@@ -127,15 +135,22 @@ def calibrate(
     Arguments: `recording`, see `read_recording`; `law`, "all", the name of a speed-dependent law,
     which is compared with a constant e, or the name of a law with parameter e, which then delivers
     the constant e; `drag` to correct the flights for the drag of the air; `mass` in kg and
-    `stiffness` in N/m^(3/2) of the contact, from which c and A follow; `gravity` in m/s²;
+    `stiffness` in N/m^(3/2) of the contact, from which c and A follow; `exponent` n of the force
+    of a record, by default 3/2 of spheres; `gravity` in m/s²;
     `progress`, True to show the stages on stderr, or a function that is called with each.
+
+    Impacts in a record of force, acceleration or indentation are fitted one by one with their time
+    of touch and zero, F = K δ^n (1 + α δ'/v₀), which with the `mass` gives speed, e and K of each
+    (m v₀ T = ∫ F (T - t) dt); laws are then fitted to all e and largest forces, and the stiffness
+    with them. With fewer than four impacts only a constant e is.
 
     Returns a `Calibration`. Computes in double precision whatever JAX is set to. Raises ValueError
     for a recording with too few pairs and for arguments out of range.
     Source: Burnham & Anderson (2002), doi 10.1007/b97636; the laws' own.
     """
     require_kind("recording", recording, Recording, "a `Recording` (see `read_recording`)")
-    kinds = kinds_of(law, 1.5)
+    n = exponent_of(recording, exponent)
+    kinds = kinds_of(law, n)
     numbers = {"mass": mass, "stiffness": stiffness}
     given = tuple(name for name, value in numbers.items() if value is not None)
     for name in given:
@@ -143,42 +158,63 @@ def calibrate(
     flight = Flight(gravity, drag)
     tell = stages_of(progress)
     with jax.enable_x64(True):
-        contact = Contact(*(1.0 if value is None else value for value in numbers.values()))
-        pairs = make_pairs(recording, flight)
-        pairs.needs_enough()
+        given_numbers = [1.0 if value is None else value for value in numbers.values()]
+        contact = Contact(*given_numbers, exponent=n)
+        impacts = None
+        if recording.layout.fitted:
+            require_mass(recording, numbers["mass"], numbers["stiffness"])
+            impacts = fitted_impacts(recording, contact, flight, tell)
+            pairs, contact, given = impacts.pairs, impacts.contact, ("mass", "stiffness")
+        else:
+            pairs = make_pairs(recording, flight)
+            pairs.needs_enough()
         tell(f"looking for spurious and missed triggers in {len(pairs)} pairs")
         outliers = find_outliers(pairs)
         keep = ~outliers.flagged
         good = pairs.where(keep)
-        good.needs_enough(marked=int(outliers.flagged.sum()))
-        noise, weights, correlation = weights_of(pairs, outliers, keep)
+        if impacts is None:
+            good.needs_enough(marked=int(outliers.flagged.sum()))
+            noise, weights, correlation = weights_of(pairs, outliers, keep)
+            others, more = NONE, {}
+        else:
+            noise, weights, correlation, others = weighed(impacts, keep)
+            # Impacts of one record are independent: their errors are those of their readings.
+            more = {"groups": None}
 
         def chosen(use: np.ndarray) -> LawChoice:
-            group = pairs.layout.cluster_words[0]
+            known = impacts is not None and use.sum() < LEAST_PAIRS
+            if known and use.sum() == 1 and correlation is not None:
+                return only_constant(pairs, use, weights, correlation, others, kinds[0], contact)
             return choose(
                 pairs,
                 use,
                 weights,
                 kinds,
                 contact,
+                others=others,
                 correlation=correlation,
                 known=frozenset(given),
-                group=group,
+                group=pairs.layout.cluster_words[0],
                 progress=tell,
+                **({"sigma": weights**-0.5} | more if known else more),
             )
 
         choice = chosen(keep)
         with_marked = choice if keep.all() else chosen(np.ones_like(keep))
     asked = {kind.law: kind.name for kind in kinds}
     kind = choice.best if law == "all" else asked[law]
+    if kind not in choice.fits:
+        kind = choice.best
     found = _law_of(choice, kind)
+    if impacts is not None and found is not None:
+        contact = choice.contact_of(kind)
     summary = CalibrationSummary(
         law=found,
         contact=contact,
         given=given,
         standard_errors=_errors(choice, kind, found),
         requested=law,
-        recording=_recording(recording, pairs),
+        recording=_recording(recording, pairs, () if impacts is None else impacts.notes),
         gravity=flight.gravity,
         drag=drag,
         noise=noise,
@@ -188,9 +224,11 @@ def calibrate(
         choice=choice.data,
         with_marked=with_marked.data,
         by_speed=_by_speed(good, choice),
+        impacts=() if impacts is None else summaries(impacts),
         versions={name: _version(name) for name in _PACKAGES},
     )
-    return Calibration(pairs, outliers, noise, choice, with_marked, summary)
+    fits = () if impacts is None else impacts.fits
+    return Calibration(pairs, outliers, noise, choice, with_marked, summary, fits)
 
 
 def _law_of(choice: LawChoice, kind: str | None) -> AbstractLaw | None:
@@ -210,7 +248,7 @@ def _errors(
     return {p: errors[p] if identifiable else None for p in parameters_of(name) if p in errors}
 
 
-def _recording(recording: Recording, pairs: Pairs) -> RecordingSummary:
+def _recording(recording: Recording, pairs: Pairs, notes: tuple[str, ...]) -> RecordingSummary:
     return RecordingSummary(
         source=recording.source,
         layout=pairs.layout.name,
@@ -218,7 +256,7 @@ def _recording(recording: Recording, pairs: Pairs) -> RecordingSummary:
         pairs=len(pairs),
         unpaired=pairs.unpaired,
         trials=tuple(pairs.cluster_names[k] for k in np.unique(pairs.cluster)),
-        notes=recording.notes,
+        notes=(*recording.notes, *notes),
     )
 
 

@@ -25,6 +25,9 @@ from ._trend import Curve, Line
 
 _NUMBERS = "number", "numbers"
 
+CONSTANT = "e", "e delivered"
+"""What the estimate of a constant e is called, as `ConstantE` has it."""
+
 
 @dataclasses.dataclass(frozen=True)
 class LawFit:
@@ -90,6 +93,11 @@ class ChoiceData:
         """The fit of a kind of law, by its name; ValueError for an unknown one."""
         require_choice("kind", kind, [law.kind for law in self.laws])
         return next(law for law in self.laws if law.kind == kind)
+
+    @property
+    def constant(self) -> Estimate:
+        """The constant e that the laws of a constant e deliver, which are the first."""
+        return next(one for one in reversed(self.laws[0].estimates) if one.name in CONSTANT)
 
     @property
     def yardstick(self) -> str:
@@ -179,7 +187,7 @@ class LawChoice(ChoiceData):
         if marked:
             lines.append(f"{marked} of {len(self.marked)} points are outliers and left out.")
         if self.best == self.laws[0].kind:
-            e = self.laws[0].estimates[-1].value
+            e = self.constant.value
             lines.append(f"Laws that deliver e = {e:.5f}, and the e to set in each:")
             lines += [f"  {asked.sentence}" for asked in self.asked]
         if self.next_measurement:

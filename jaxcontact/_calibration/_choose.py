@@ -21,7 +21,7 @@ from .._parameter import POSITIVE, as_weights, rendered, require_flag
 from .._program import side_by_side
 from ._asked import asked_of, delivered_by_laws
 from ._checks import column, for_each
-from ._choice import LawChoice, LawFit
+from ._choice import CONSTANT, LawChoice, LawFit
 from ._kinds import AbstractKind, LogRestitution, is_identifiable, kinds_of, padded
 from ._outcomes import NONE, Columns, LogOutcomes, columns_of
 from ._sure import sure_of, sure_sentence
@@ -158,7 +158,8 @@ def choose(
 ) -> LawChoice:
     """The choice among `kinds` on the pairs for which `use` (n,) is true; relative `weights` (n,).
 
-    `others` were measured with the pairs. `correlation` (n, n) is that of the errors of ln e.
+    `others` were measured with the pairs. `correlation` (n, n) is that of the errors of ln e, and
+    of them with those of `others` where it is (columns n, columns n).
 
     Each kind has one compiled search: pairs without weight pad the data to a few lengths, and
     everything that leaves pairs out (outliers, bands of speed) changes weights only.
@@ -167,12 +168,16 @@ def choose(
     middle = float(np.median(v))
     typical = min(max(float(np.median(pairs.restitution[use])), 0.05), 0.999)
     reference = float(np.exp(np.mean(np.log(v))))
-    # AICc is finite for n > k + 2 only.
-    every, kinds = kinds, tuple(kind for kind in kinds if len(kind.transforms) + 2 < len(v))
-    data = _padded_data(pairs, use, weights, others, how)
+    # AICc is finite for n > k + 1 readings, and for one more where their noise is not known.
+    readings = len(v) + sum(int(np.isfinite(one[use]).sum()) for one in others.sigma.values())
+    free = readings - (1 if "sigma" in how else 2) - bool(others)
+    every, kinds = kinds, tuple(kind for kind in kinds if len(kind.transforms) < free)
+    data = padded_data(pairs, use, weights, others, how)
     if correlation is not None:
-        whole = np.eye(len(data["x"]))
-        whole[: len(pairs), : len(pairs)] = correlation
+        length, columns = len(data["x"]), len(correlation) // len(pairs)
+        whole = np.eye(length * columns)
+        places = np.concatenate([k * length + np.arange(len(pairs)) for k in range(columns)])
+        whole[np.ix_(places, places)] = correlation
         data["correlation"] = whole
 
     def fitted(kind: AbstractKind) -> tuple[Fit, LawFit]:
@@ -184,7 +189,7 @@ def choose(
                 start["stiffness"] = float(contact.stiffness)
                 transforms["stiffness"] = Positive()
         found = fit(model, start=start, transforms=transforms, **data)
-        return found, _law_fit(kind, found, pairs, use, contact, known, middle)
+        return found, law_fit(kind, found, pairs, use, contact, known, middle)
 
     found: list[tuple[Fit, LawFit]] = []
     # What laws of constant e deliver is compiled with the fits, and needed after them.
@@ -210,7 +215,7 @@ def choose(
         group=group,
         among=None if standing is None else {standing.kind, *standing.containing},
     )
-    constant = laws[0].estimates[-1]
+    constant = next(one for one in reversed(laws[0].estimates) if one.name in CONSTANT)
     some, x = fits[kinds[0].name], np.asarray(data["x"])
     free = curve_of(some, x)
     if others:  # whose criterion is that of other data
@@ -245,7 +250,7 @@ def _errors_by(found: Fit) -> str:
     return "point" if found.problem.whitener is None else "readings"
 
 
-def _padded_data(
+def padded_data(
     pairs: Pairs, use: np.ndarray, weights: Floats, others: Columns, how: dict[str, Any]
 ) -> dict[str, Any]:
     """The arguments of `fit`: ln e first, then what else was measured."""
@@ -291,7 +296,7 @@ def _bands(pairs: Pairs, use: np.ndarray, length: int) -> np.ndarray:
     return parts
 
 
-def _law_fit(
+def law_fit(
     kind: AbstractKind,
     found: Fit,
     pairs: Pairs,

@@ -18,7 +18,7 @@ from .._impact import trajectory
 from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, REAL, parameter, require_kind, require_number
 from .._units import Shown
-from ._checks import column, measured, with_transforms
+from ._checks import column, for_each, measured, with_transforms
 from ._impacts import transforms_of
 from ._instrument_noise import require_filterable, with_noise_of_instruments
 from ._limits import left_out, limits_of, met_limits, said
@@ -165,6 +165,15 @@ def fit_record(
     for name, readings in table["data"].items():
         if np.ptp(readings) == 0:
             raise ValueError(f"Argument `{name}` must vary, but is {readings[0]:g} everywhere.")
+    if how.get("weights") is not None:
+        given = how.pop("weights")
+        table = {
+            "data": table["data"],
+            "weights": {
+                name: for_each(given[name], "weights", moments.size, zero=True)
+                for name in table["data"]
+            },
+        }
     reading = next(iter(table["data"].values()))
     filters = {"force": low_pass_force, "indentation": low_pass_indentation}
     for name, one in filters.items():

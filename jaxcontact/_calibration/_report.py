@@ -21,6 +21,7 @@ def report(summary: CalibrationSummary) -> str:
     layout = LAYOUTS[summary.recording.layout]
     parts = [
         _data(summary, layout),
+        _impacts(summary),
         _marked(summary),
         _fits(summary, layout),
         _by_speed(summary),
@@ -69,14 +70,14 @@ def data_words(s: CalibrationSummary, layout: Layout) -> list[tuple[str, str]]:
 
 def _scatter_of(s: CalibrationSummary) -> str:
     if any(law.errors_by == "readings" for law in s.choice.laws):
-        return "the errors of times are known; the scatter was fitted beside them"
+        return LAYOUTS[s.recording.layout].known_errors[0]
     return "fitted to the pairs that were kept"
 
 
 def drag_sentence(s: CalibrationSummary, layout: Layout) -> str:
     """Whether and how the drag of the air was taken out of the flights."""
     if not layout.uses_flight:
-        return "plays no part: a table gives the speeds at the impact itself"
+        return "plays no part: the speeds are those at the impact itself"
     if s.drag is None:
         return (
             "is left in: e contains what the air takes in flight, and for a light ball a trend of "
@@ -90,6 +91,41 @@ def drag_sentence(s: CalibrationSummary, layout: Layout) -> str:
         f"{s.drag.coefficient:g}, air {s.drag.air_density:g} kg/m³; "
         "standard errors below contain no error of these)"
     )
+
+
+def impact_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
+    """The header and the rows of a table of the impacts in a record."""
+    rows = [
+        (
+            f"{one.number}",
+            f"{one.time:.5g}",
+            *(
+                str(Estimate("", factor * value, factor * error, ""))
+                for value, error, factor in (
+                    (one.velocity, one.velocity_error, 1.0),
+                    (one.restitution, one.restitution_error, 1.0),
+                    (one.duration, one.duration_error, 1e3),
+                    (one.max_force, one.max_force_error, 1.0),
+                    (one.stiffness, one.stiffness_error, 1.0),
+                )
+            ),
+            {True: "yes", False: "NO", None: "?"}[one.adequate],
+        )
+        for one in s.impacts
+    ]
+    header = ("", "at (s)", "v (m/s)", "e", "contact (ms)", "peak (N)", "K (N/m^n)", "described")
+    return header, rows
+
+
+def _impacts(s: CalibrationSummary) -> list[str]:
+    header, rows = impact_rows(s)
+    if not rows:
+        return []
+    return [
+        "Impacts    each by itself, ± standard error; K of F = K δ^n (1 + α δ'/v0), n = "
+        f"{float(s.contact.exponent):g}",
+        *text_table(rows, header=header, align=">>>>>>>>", indent=2),
+    ]
 
 
 def marking_rule(s: CalibrationSummary) -> str:
@@ -132,10 +168,7 @@ def errors_sentence(s: CalibrationSummary, layout: Layout) -> str:
             "they are correlated"
         )
     if any(law.errors_by == "readings" for law in s.choice.laws):
-        return (
-            "by the known errors of the times, which pairs share, a contact of a duration that is "
-            "not known, and the scatter of the bounces; how much trials differ, they do not tell"
-        )
+        return layout.known_errors[1]
     return layout.errors_words
 
 
@@ -206,7 +239,7 @@ def _equivalents(choice: ChoiceData) -> list[str]:
 
 def equivalents_sentence(choice: ChoiceData) -> str:
     """The e to set in each law of constant e."""
-    e = choice.laws[0].estimates[-1].value
+    e = choice.constant.value
     able = [f"{a.law} {a.e:.4f}" for a in choice.asked if a.e is not None]
     unable = [f"{a.law} ({a.least:.3f} at least)" for a in choice.asked if a.e is None]
     text = f"laws deliver a constant e of {e:.4f} where their parameter e is: {', '.join(able)}"
@@ -229,6 +262,8 @@ def line_sentence(choice: ChoiceData) -> str:
     """The trend of a straight line beside the laws."""
     line = choice.line
     if line.slope_error is None:
+        if choice.count < 3:
+            return "a trend with speed takes at least three pairs"
         return "there is only one speed, so a trend with speed is not identifiable"
     return (
         f"a straight line (no law) has d ln e/dv = {line.slope:+.4f} ± {line.slope_error:.4f} "
@@ -268,4 +303,6 @@ def open_questions(s: CalibrationSummary) -> list[str]:
 
 
 def _open_questions(s: CalibrationSummary) -> list[str]:
+    if s.impacts:  # whose forces tell K, and with it the rest
+        return []
     return ["What e(v) alone leaves open", *(f"  {line}" for line in open_questions(s))]

@@ -47,6 +47,29 @@ class PairSummary:
 
 
 @dataclasses.dataclass(frozen=True)
+class ImpactSummary:
+    """One impact in the record of an instrument: its `number` and `time` of touch in s, and what a
+    fit of its readings found, each with its standard error: closing speed in m/s, e, contact time
+    in s, largest force in N, stiffness in N/m^n. `adequate`: whether that fit describes them.
+    """
+
+    number: int
+    time: float
+    velocity: float
+    velocity_error: float
+    restitution: float
+    restitution_error: float
+    duration: float
+    duration_error: float
+    max_force: float
+    max_force_error: float
+    stiffness: float
+    stiffness_error: float
+    adequate: bool | None
+    notes: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
 class SpeedBand:
     """Medians of the kept pairs in a band of speed, and e of each fit at the median speed."""
 
@@ -66,7 +89,7 @@ class CalibrationSummary:
     are not identifiable. `requested` is the `law` that was asked for; `gravity` in m/s²; `drag`,
     None if it was left in; `noise`, the scatter of ln e; `threshold` of the outlier rule and its
     `trend`; all `pairs`; the `choice` among laws without marked pairs, and `with_marked` with them;
-    medians `by_speed`; `versions` of the packages.
+    medians `by_speed`; `versions` of the packages; the `impacts` in the record of an instrument.
     """
 
     law: AbstractLaw | None
@@ -85,6 +108,7 @@ class CalibrationSummary:
     with_marked: ChoiceData
     by_speed: tuple[SpeedBand, ...]
     versions: dict[str, str | None]
+    impacts: tuple[ImpactSummary, ...] = ()
 
     @property
     def converged(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import pathlib
+import re
 from typing import TYPE_CHECKING
 
 from .._progress import Stages
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 FIGURE = "calibration.png"
 NUMBERS = "calibration.json"
 SOUND = "sound.png"
+RECORD = "record.png"
 REPORT = "calibration.md"
 
 SUMMARY = "fit laws to a recording of bounces"
@@ -39,6 +41,8 @@ one of these sets of columns, with headings by any usual name ("v", "COR", "spee
   velocity, restitution [ball]                         approach speed in m/s and e
   velocity, rebound_velocity [ball]                    speeds in m/s before and after an impact
   height_m [ball, trial, bounce]                       heights of successive flights
+  time, force | acceleration | indentation            what an instrument reads over time, with one
+                                                       or several impacts in it
 Those in brackets may be left out; other columns are ignored. A unit that is written in a heading is
 converted, and the report says so. Rows in messages are lines of the file; the header is row 1.
 
@@ -46,6 +50,11 @@ FILE may be a sound, too: WAV, and FLAC, OGG and MP3 with `pip install 'jaxconta
 are found in it by their shrinking intervals and like sounds, each drop a trial, and timed to some
 microseconds, with errors that enter the fit; doubtful sounds are listed and not used. sound.png
 shows which they are.
+
+In a record of a force plate, a load cell or an accelerometer (unit written: m/s² or g) impacts are
+cut apart and fitted one by one with their time of touch and zero: with --mass each gives speed, e,
+contact time, peak force and K, and all of them the law. --rate stands for a column of time,
+--exponent for the n of the force, 3/2 by default. record.png shows what was cut, and the fits.
 
 e from two intervals of a trial with successive bounces: e = T2/T1 at approach speed g T1/2, or with
 drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair is
@@ -90,11 +99,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     follow = "Hertz stiffness in N/m^(3/2); reports the c, and with --mass the A, that follow"
     for group, name, metavar, words in (
         (parser, "--gravity", "M/S2", "gravity in m/s² (default: 9.81)"),
-        (air, "--mass", "KG", "mass of the ball in kg (also used for A)"),
+        (air, "--mass", "KG", "mass of the ball in kg (also used for A, and for records)"),
         (air, "--radius", "M", "radius of the ball in m"),
         (air, "--drag-coefficient", "CD", "0.4 to 0.5 for a sphere"),
         (air, "--air-density", "KG/M3", "in kg/m³ (default: 1.204)"),
         (parser, "--stiffness", "K", follow),
+        (parser, "--rate", "HZ", "readings per second of a record without a column of time"),
+        (parser, "--exponent", "N", "exponent n of the force of a record (default: 1.5)"),
     ):
         group.add_argument(name, metavar=metavar, type=positive, help=words)
     parser.add_argument(
@@ -113,14 +124,13 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     from .._calibration import calibrate
     from .._flight import STANDARD_GRAVITY
     from .._measurements import RecordingError, read_recording
-    from ..plot import calibration, sound
+    from ..plot import calibration, record, sound
     from ..plot._save import drawn
 
     page = _page(arguments.report)
     out = pathlib.Path(arguments.out)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out} is not a folder")
-    drag = _drag(arguments)
     gravity = STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity
     try:
         recording = read_recording(
@@ -128,9 +138,11 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             ball=arguments.ball,
             columns=arguments.columns,
             decimal=arguments.decimal,
+            rate=arguments.rate,
         )
     except ValueError as error:
         raise input_error(error) from error
+    drag = None if recording.layout.fitted else _drag(arguments)
     try:
         result = calibrate(
             recording,
@@ -138,13 +150,18 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             drag=drag,
             mass=arguments.mass,
             stiffness=arguments.stiffness,
+            exponent=arguments.exponent,
             gravity=gravity,
             progress=progress,
         )
     except RecordingError as error:
         raise input_error(error) from error
     except ValueError as error:
-        # Numbers are checked by the parser: what is left is a law that e(v) cannot be fitted with.
+        # Numbers are checked by the parser: what is left is a law that e(v) cannot be fitted with,
+        # and what a record needs.
+        option = re.match(r"Argument `(mass|stiffness|exponent)`", str(error))
+        if option:
+            raise InputError(str(error).replace(option[0], f"--{option[1]}", 1)) from error
         raise InputError(f"--law: {error}") from error
     progress("drawing and writing")
     report = result.report()
@@ -153,6 +170,9 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if recording.sound is not None:
         picture = drawn(lambda f: sound(recording, ax=f.add_subplot()), (8.0, 4.0), out / SOUND)
         files[out / SOUND] = picture
+    if result.impacts:
+        picture = drawn(lambda f: record(result, ax=f.subplots(2)), (8.0, 7.0), out / RECORD)
+        files[out / RECORD] = picture
     if page is not None:
         from .._report import content_of
 

@@ -24,5 +24,6 @@ def add_table_options(parser: argparse.ArgumentParser) -> None:
 def input_error(error: ValueError) -> InputError:
     """The error of a reader, with options where it names arguments."""
     text = re.sub(r'`(columns|decimal)="([^"]*)"`', r'--\1 "\2"', str(error))
-    text = re.sub(r"Argument `(columns|decimal|layout|ball)`", r"--\1", text)
+    text = re.sub(r"Argument `(columns|decimal|layout|ball|rate)`", r"--\1", text)
+    text = text.replace("`rate`", "--rate")
     return InputError(text.replace("`ball=`", "--ball"))

@@ -14,11 +14,16 @@ from ._pairs import make_pairs as make_pairs
 from ._peaks import Peaks
 from ._recording import Recording as Recording
 from ._recording import read_recording as read_recording
+from ._records import Accelerations, Forces, Indentations
+from ._records import Impact as Impact
 from ._restitution import MEASURED_RESTITUTION as MEASURED_RESTITUTION
 from ._restitution import MEASURED_RESTITUTION_FROM_ZERO as MEASURED_RESTITUTION_FROM_ZERO
 from ._restitution import in_percent as in_percent
 from ._single import Heights, Table
 from ._speeds import Speeds
 
-for _layout_class in (Intervals, Heights, Table, Speeds, Peaks):
+for _layout_class in (
+    *(Intervals, Heights, Table, Speeds, Peaks),
+    *(Forces, Accelerations, Indentations),
+):
     register_layout(_layout_class())

@@ -24,6 +24,7 @@ class Meaning:
     unit: str | None = None
     usual: float = math.inf
     usual_words: str = ""
+    must_say: str = ""
 
     def heading(self, text: str) -> Heading | None:
         """The heading, if it means this: by its words, and a unit of the right kind, if any."""

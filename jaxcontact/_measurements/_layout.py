@@ -102,7 +102,10 @@ class Layout(abc.ABC, Generic[R]):
 
     For reports: `made_of`, what pairs are made of; `pair_words` and `cluster_words`; `pair_rule`,
     when rows make a pair; `errors_words`, how standard errors by cluster are found and what they
-    allow for.
+    allow for; `known_errors`, the same in short and in full where the errors of readings are known.
+
+    `instead`, what to do where a column is missing, by column. `fitted`, whether speed and e follow
+    from a fit of each record, which needs the mass, and not from `pair`.
     """
 
     name: ClassVar[str]
@@ -116,6 +119,13 @@ class Layout(abc.ABC, Generic[R]):
     cluster_words: ClassVar[Words]
     pair_rule: ClassVar[str]
     errors_words: ClassVar[str]
+    fitted: ClassVar[bool] = False
+    instead: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    known_errors: ClassVar[Words] = (
+        "the errors of times are known; the scatter was fitted beside them",
+        "by the known errors of the times, which pairs share, a contact of a duration that is "
+        "not known, and the scatter of the bounces; how much trials differ, they do not tell",
+    )
 
     @abc.abstractmethod
     def read(self, rows: Sequence[Row]) -> list[R]:
@@ -124,6 +134,10 @@ class Layout(abc.ABC, Generic[R]):
     @abc.abstractmethod
     def facts(self, records: Sequence[R]) -> Mapping[str, str]:
         """Counts and ranges of the records, by name, for print."""
+
+    def notes(self, records: Sequence[R]) -> tuple[str, ...]:
+        """What was done to the records, beyond how their columns were read."""
+        return ()
 
     @abc.abstractmethod
     def pair(self, records: Sequence[R], flight: Flight) -> Paired[R]:

@@ -135,6 +135,13 @@ def _place(sheet: Sheet, place: int | str) -> int:
 def check_usual(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> None:
     """Refuse numbers that look wrong and whose unit is not written."""
     for name, meaning in meanings.items():
+        if meaning.must_say and rows and name in rows[0].values and not rows[0].has_unit(name):
+            text = rows[0].headings[name].text or name
+            units = meaning.must_say.split(" or ")
+            told = " or ".join(f"'{text} [{unit}]'" for unit in units)
+            rows[0].refuse(
+                name, f"has no unit, {meaning.must_say}; write it in the heading, {told}"
+            )
         if not np.isfinite(meaning.usual) or not rows or name not in rows[0].values:
             continue
         if rows[0].has_unit(name):

@@ -12,8 +12,9 @@ from typing import IO, Any
 
 import numpy as np
 
-from .._parameter import did_you_mean, rendered, require_choice
+from .._parameter import POSITIVE, did_you_mean, rendered, require_choice, require_number
 from .._sound import Sound
+from ._clock import with_clock
 from ._fault import RecordingError
 from ._heading import Meaning, suggestion
 from ._layout import LAYOUTS, Layout, Record
@@ -64,6 +65,7 @@ def read_recording(
     ball: Any = None,
     columns: str | Mapping[str, int | str] | None = None,
     decimal: str | None = None,
+    rate: float | None = None,
     **values: Any,
 ) -> Recording:
     """Read the recording of one bouncing ball from a file, a data frame, or arrays.
@@ -75,7 +77,10 @@ def read_recording(
     - "heights": `drop_height_m` and `rebound_height_m`, a drop and its first rebound in m;
     - "table": `velocity`, the approach speed in m/s, and `restitution`;
     - "speeds": `velocity` and `rebound_velocity`, the speeds in m/s before and after an impact;
-    - "peaks": `height_m`, the heights in m of successive flights of a trial.
+    - "peaks": `height_m`, the heights in m of successive flights of a trial;
+    - "force", "acceleration", "indentation": `time` in s and what an instrument reads, in N, m/s²
+      or m, with one or several impacts in it, which are cut apart; a record without `time` has the
+      `rate` in Hz at which it was sampled.
 
     `ball`, `trial`, `bounce` and the drop height of intervals may be left out, which means one ball
     and one trial whose bounces are counted in order. Headings are understood by their meaning
@@ -153,14 +158,23 @@ def read_recording(
         return isinstance(text, str) and is_heading(text)
 
     sheet = sheet_of(source, values, known, decimal)
+    if rate is not None:
+        sheet = with_clock(sheet, require_number("rate", rate, POSITIVE))
     meant, found = _layout_of(sheet, layout, told, meanings)
+    if rate is not None and not meant.fitted:
+        raise ValueError(
+            f"Argument `rate` must be None for columns of the layout {meant.name!r}, which are no "
+            f"readings over time, but is {rate:g}."
+        )
     rows = found.rows(sheet)
     if not rows:
         what = "columns" if sheet.header_row is None else "a header"
         raise sheet.fault(f"holds {what} but no measurement", meant.columns[-1])
-    records = meant.read(rows)
+    records = [] if meant.fitted else meant.read(rows)
     if not sheet.by_keyword:
         check_usual(rows, meanings[meant.name])
+    if meant.fitted:  # a long search, which waits for the check of units
+        records = meant.read(rows)
     balls = dict.fromkeys(record.ball for record in records)
     named = ", ".join(filter(None, balls))
     if ball is None and source is None and not values:
@@ -177,7 +191,8 @@ def read_recording(
         problem = f"has no ball {ball!r}; it holds {named or 'no named ball'}"
         raise sheet.fault(problem + did_you_mean(ball, balls).rstrip("?"), "ball")
     mine = tuple(record for record in records if record.ball == ball)
-    return Recording(sheet.source, meant, ball, mine, (*found.notes(), *sheet.notes))
+    notes = (*found.notes(), *sheet.notes, *meant.notes(mine))
+    return Recording(sheet.source, meant, ball, mine, notes)
 
 
 def _check_sound(layout: str | None, ball: Any, told: Mapping[str, Any]) -> None:
@@ -204,7 +219,8 @@ def _layout_of(
             made = match(sheet, meanings[one.name], told)
         except RecordingError as error:
             made = error
-        if made is not None:
+        guessed = one.fitted and name is None and not told
+        if made is not None and not (guessed and _only_a_letter(made)):
             found[one.name] = made
     if not found:
         raise ValueError(
@@ -244,7 +260,8 @@ def _layout_of(
         guess = next((f"; is it {t!r}?" for t in others if t and suggestion(t, near)), "")
         raise sheet.fault(
             f"is missing; the layout {meant.name!r} needs the columns "
-            f"{', '.join(meant.measured)}{_how_to_say(sheet, column)}{guess}",
+            f"{', '.join(meant.measured)}{_how_to_say(sheet, column)}"
+            f"{meant.instead.get(column, '')}{guess}",
             column,
         )
     if not told and (against := meant.unlike(sheet.names)):
@@ -252,6 +269,14 @@ def _layout_of(
         say = f'; if they are, say so with `columns="{column}={made.places[column] + 1}"`'
         raise sheet.fault(against + say, made.headings[column].text)
     return meant, made
+
+
+def _only_a_letter(made: Match | RecordingError) -> bool:
+    """Whether all that a table has of a layout is a letter, which may mean anything."""
+    if isinstance(made, RecordingError) or len(made.headings) != 1:
+        return False
+    (heading,) = made.headings.values()
+    return len(heading.text) == 1
 
 
 def _how_to_say(sheet: Sheet, column: str = "velocity") -> str:

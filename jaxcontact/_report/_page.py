@@ -8,7 +8,7 @@ from collections.abc import Callable
 from .._calibration import Calibration
 from ._html import element, joined, section, text
 from ._pictures import pictures
-from ._sections import compared, footer, parameters, title, treatment, verdict
+from ._sections import compared, footer, impacts, parameters, title, treatment, verdict
 from ._simulators import simulators
 
 _PAGE = string.Template("""\
@@ -69,6 +69,7 @@ def page_of(calibration: Calibration, radius: float | None, tell: Callable[[str]
             element("h1", head),
             verdict(s),
             section("Pictures", drawings),
+            impacts(s),
             parameters(s),
             section("For your simulator", simulators(s, radius, tell)),
             compared(s),

@@ -33,6 +33,15 @@ def pictures(calibration: Calibration) -> Html:
             "The laws by AICc, the best one thickest; the broad grey line is a free curve",
         ),
     ]
+    if calibration.impacts:
+        from ..plot import record
+
+        parts.append(
+            picture(
+                _drawn(lambda f: record(calibration, ax=f.subplots(2)), 2 * _HEIGHT),
+                "The record with the impacts that were cut out of it, and their fits",
+            )
+        )
     best = calibration.choice.best
     if best is not None:
         fit = calibration.choice.fits[best]

@@ -9,6 +9,7 @@ from .._calibration._report import (
     drag_caution,
     equivalents_sentence,
     errors_sentence,
+    impact_rows,
     line_sentence,
     marked_rows,
     marking_rule,
@@ -78,6 +79,17 @@ def parameters(s: CalibrationSummary) -> Html:
     )
 
 
+def impacts(s: CalibrationSummary) -> Html:
+    """The impacts in a record, each by itself."""
+    if not s.impacts:
+        return Html("")
+    return section(
+        "The impacts, each by itself",
+        table(*impact_rows(s), left=0),
+        paragraphs("± standard error; K is that of F = K δ^n (1 + α δ'/v0)"),
+    )
+
+
 def compared(s: CalibrationSummary) -> Html:
     """The laws side by side."""
     best = min(candidate.aicc for candidate in s.choice.candidates)
@@ -111,8 +123,11 @@ def compared(s: CalibrationSummary) -> Html:
         table(*speed_rows(s), left=0),
         element("h3", "The e to set in a law of constant e"),
         paragraphs(equivalents_sentence(s.choice)),
-        element("h3", "What e(v) leaves open"),
-        paragraphs(*open_questions(s)),
+        *(
+            ()
+            if s.impacts
+            else (element("h3", "What e(v) leaves open"), paragraphs(*open_questions(s)))
+        ),
     )
 
 

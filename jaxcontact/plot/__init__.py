@@ -9,6 +9,7 @@ from ._fit import fit as fit
 from ._impact import impact as impact
 from ._law import law as law
 from ._profile import profile as profile
+from ._record import record as record
 from ._residuals import residuals as residuals
 from ._save import save as save
 from ._scene import scene as scene

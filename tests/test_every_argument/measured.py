@@ -38,6 +38,7 @@ from tests.test_every_argument.kinds import (
 
 DESIGNED = {"e": 0.1, "duration": 0.1, "max_force": 0.1}
 MEASURED = jc.read_recording(velocity=V, restitution=OUT)
+RECORD = [*[0.0] * 30, *(k * (30 - k) for k in range(30)), *[0.0] * 30]
 LIST_OF_NUMBERS = frozenset({"tuple", "list of text", "shape (1,)", "jax shape (1,)", "Series"})
 """Text may be a number there, as it is in a file."""
 HOW = {"velocity": V, "e": OUT, "contact": CONTACT}
@@ -234,6 +235,7 @@ def cases() -> dict[str, Case]:
                 "drag": NONE,
                 "mass": POSITIVE | NONE,
                 "stiffness": POSITIVE | NONE,
+                "exponent": NONE,
                 "gravity": POSITIVE,
                 "progress": FLAG | {"function"},
             },
@@ -268,7 +270,13 @@ def cases() -> dict[str, Case]:
                 "ball": NONE,
                 "columns": NONE,
                 "decimal": NONE,
+                "rate": NONE,
             },
+        ),
+        "read_recording, record": Case(
+            jc.read_recording,
+            {"force": RECORD, "rate": 1000.0},
+            {"force": NOTHING, "rate": NOTHING},
         ),
         "read_recording, columns": Case(
             jc.read_recording,

@@ -71,6 +71,9 @@ def _heard():
     return dataclasses.replace(jc.read_recording(interval_s=[0.4]), sound=sound)
 
 
+RECORD = [*[0.0] * 30, *(k * (30 - k) for k in range(30)), *[0.0] * 30]
+
+
 def _table():
     return jc.sweep(lambda e: 2 * e, e=np.linspace(0, 1, 3))
 
@@ -203,6 +206,11 @@ def cases() -> dict[str, Case]:
         ),
         "plot.sound": Case(
             jc.plot.sound, {"recording": _heard()}, {"recording": NOTHING, "ax": NONE}
+        ),
+        "plot.record": Case(
+            jc.plot.record,
+            {"recording": jc.read_recording(force=RECORD, rate=1e3)},
+            {"recording": NOTHING, "ax": NONE},
         ),
         "plot.choice": Case(
             jc.plot.choice, {"result": blank(jc.LawChoice)}, {"result": NOTHING, "ax": NONE}

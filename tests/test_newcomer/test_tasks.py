@@ -1,4 +1,4 @@
-"""Twelve tasks as someone meets them who has a ball and a simulator, by what README and docs say.
+"""Thirteen tasks as someone meets them who has a ball and a simulator, by what README and docs say.
 
 Each is one command, or at most ten lines of Python. The recordings are made here from a ball whose
 restitution is known.
@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
+from benchmarks.record_truths import impact
 from benchmarks.sound_truths import as_wave, draw
 from jaxcontact._cli import main
 
@@ -172,6 +173,20 @@ def test_a_sound(here, capsys):
     assert (code, err) == (0, "") and (here / "sound.png").exists()
     e = json.loads(out)["choice"]["laws"][0]["estimates"][0]
     assert abs(e["value"] - truth.e) < FEW_ERRORS * e["standard_error"] < 0.05
+
+
+def test_a_force_plate(here, capsys):
+    clock = np.arange(0, 0.06, 2e-5)
+    time, force, after = impact(0.05, 2e6, 0.15, 2.0)
+    reading = 7 - np.interp(clock - 0.02, time, force, left=0, right=0)
+    reading += np.random.default_rng(4).normal(size=clock.size)
+    rows = np.stack([1e3 * clock, reading], axis=1)
+    (here / "plate.csv").write_text(text_of(rows, "Time (ms);Fz (N)", ";", ","))
+    code, out, err = run("jaxcontact calibrate plate.csv --mass 0.05 --quiet --json", here, capsys)
+    assert (code, err) == (0, "") and (here / "record.png").exists()
+    one = json.loads(out)["impacts"][0]
+    for name, truth in (("velocity", 2.0), ("restitution", after / 2), ("stiffness", 2e6)):
+        assert abs(one[name] - truth) < FEW_ERRORS * one[f"{name}_error"] < 0.2 * truth
 
 
 def test_into_the_simulator(here, capsys):
