@@ -14,8 +14,8 @@ ENERGY = 1e-12
 """Energy of an elastic gas over 1e4 impacts, relative: measured 1e-13."""
 
 COUNTED = 0.024
-"""The mean free time, relative: sixteen seeds scatter by 0.7 % and are 0.3 % long, as 64 spheres are
-few. A gas is chaotic, so that another processor's rounding is another seed."""
+"""The mean free time, relative: sixteen seeds scatter by 0.7 % and are 0.3 % long, for 64 spheres
+are few. A gas is chaotic, so that another processor's rounding is another seed."""
 
 FLOOR = jc.Plane([0.0, 0.0], [0.0, 1.0], name="floor")
 
