@@ -264,7 +264,7 @@ def padded_data(
     else:
         noise = {"weights": tuple(padded(one**-2, 0.0) for one in sizes)}
     columns = np.log(pairs.restitution), *others.values.values()
-    data = {"data": tuple(padded(one, 0.0) for one in columns), **noise}
+    data: dict[str, Any] = {"data": tuple(padded(one, 0.0) for one in columns), **noise}
     if not others:
         data = {name: one for name, (one,) in data.items()}
     if correlation is not None:
