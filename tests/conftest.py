@@ -20,6 +20,8 @@ os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ["JAXCONTACT_TEST_CACHE"]
 os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "true"
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
+# Where in Python an operation comes from is not asked for, and takes a twentieth of its time.
+os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
 # Programs are compiled once here and run a few times: the compiler's optimisations cost more than
 # they save, and so does its newer way to emit loops, which takes half the time of a compilation.
 # With 0 in this variable the tests run what users run.
@@ -59,29 +61,40 @@ settings.load_profile("jaxcontact")
 
 # The longest files run first, so that no worker is left alone with one at the end.
 _LONG = (
-    "test_soft_gradients test_event test_choice test_problems test_front_door test_every_law "
-    "test_skipping test_processes"
+    "test_tasks test_records test_soft_gradients test_every_law test_calibrate test_front_door "
+    "test_instantaneous test_cluster test_every_argument test_derivatives"
 ).split()
 _PLACE = {name: place for place, name in enumerate(_LONG)}
 
 
-def pytest_collection_modifyitems(items):
+_SLOW = pathlib.Path(__file__).with_name("slow.txt")
+
+
+def pytest_collection_modifyitems(config, items):
     items.sort(key=lambda item: _PLACE.get(item.path.stem, len(_LONG)))
-
-
-# Linux lets a process map 65,530 regions of memory, and ends it at the next one. A compiled program
-# takes a few, an impact by an adaptive solve and all that goes with it 500.
-_MAPS = pathlib.Path("/proc/self/maps")
-_MOST_MAPS = 25_000
+    slow = {line for line in _SLOW.read_text().splitlines() if not line.startswith("#")}
+    for item in items:
+        # With its parameters or, for all of them, without.
+        if slow & {item.nodeid, item.nodeid.split("[")[0]}:
+            item.add_marker(pytest.mark.slow)
+    # Who names a test wants it, and who says `slow` says which.
+    if "slow" in config.option.markexpr or any("::" in argument for argument in config.args):
+        return
+    left = [item for item in items if item.get_closest_marker("slow")]
+    if left:
+        config.hook.pytest_deselected(items=left)
+        items[:] = [item for item in items if not item.get_closest_marker("slow")]
 
 
 @pytest.fixture(scope="module", autouse=True)
 def room_for_programs():
-    """After a file, programs are dropped where they are too many; the cache still has them."""
+    """After a file, what was traced and compiled for it is dropped: little of it serves another,
+    which finds programs in the cache. Otherwise a worker grows to 8 GB, and Linux ends a process
+    that maps 65,530 regions of memory, of which an impact by an adaptive solve takes 500.
+    """
     yield
-    if _MAPS.exists() and _MAPS.read_bytes().count(b"\n") > _MOST_MAPS:
-        jax.clear_caches()
-        gc.collect()
+    jax.clear_caches()
+    gc.collect()
 
 
 @pytest.fixture

@@ -106,7 +106,7 @@ def quantities(hit):
     ("method", "traced"),
     [
         ("exact", True),
-        pytest.param("exact", False, marks=pytest.mark.slow),
+        ("exact", False),
         ("event", False),
         ("phase", False),
     ],
@@ -144,7 +144,7 @@ def assert_slopes(got, want, tolerance, number, label):
         assert error.max() <= tolerance, f"{label} of {f}: {error.max():.2e} at {error.argmax()}"
 
 
-@pytest.mark.parametrize("n", [1.0, 1.5, pytest.param(3.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n", [1.0, 1.5, 3.0])
 def test_hunt_crossley_by_its_damping_factor(n):
     """Twice forward, and in reverse over forward."""
     some = grid("hunt_crossley", n=n)

@@ -101,7 +101,6 @@ def test_oscillators(ending):
     assert hit.steps[moderate].max() <= MOST_STEPS and hit.steps.max() <= CREEPING_STEPS
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["tension", "clamped"])
 def test_linear_oscillators(ending):
     some = [c for c in grid("oscillator", ending=ending, n=1.0) if c.args["zeta"] < 1.4]
@@ -111,7 +110,6 @@ def test_linear_oscillators(ending):
 
 
 # n = 1 has the largest errors, 1.3e-8 for the energy loss.
-@pytest.mark.slow
 @pytest.mark.parametrize("n", [1.0, 1.25, 2.0, 3.0])
 def test_other_exponents(n):
     some = grid("hunt_crossley", n=n)

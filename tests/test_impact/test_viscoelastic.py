@@ -111,7 +111,7 @@ def test_new_cases_of_the_oracle(a, tension):
     assert_within(found, EXACT)
 
 
-@pytest.mark.parametrize("tension", [pytest.param(True, marks=pytest.mark.slow), False])
+@pytest.mark.parametrize("tension", [True, False])
 def test_an_event_solve_knows_nothing_of_the_series(tension):
     a = jnp.asarray(np.append(0.0, np.geomspace(1e-4, 30, 63)))
     event = solved(a, tension, method=jc.Event(rtol=1e-12))

@@ -14,10 +14,7 @@ measured 6e-15 and 3e-11."""
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] if skip.soft else [])
-        for name, skip in SKIPS.items()
-    ],
+    SKIPS,
 )
 def test_the_result_is_the_same(name):
     lean, whole = (np.asarray(jax.jit(way)(jnp.asarray(1.0))) for way in SKIPS[name][:2])

@@ -116,7 +116,6 @@ def a_gas(stiffness, turned=False, mirrored=False):
     return jc.Scene([*balls[:: -1 if turned else 1], box], jc.Hertz(), stiffness=stiffness)
 
 
-@pytest.mark.slow
 def test_a_gas_of_soft_elastic_balls_keeps_its_energy():
     run = jc.simulate(a_gas(1e9), 100.0)
     assert len(run.impacts) > 1000
