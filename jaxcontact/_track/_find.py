@@ -16,7 +16,7 @@ _STANDS_OUT = 8.0
 """Standard deviations by which a ball has to rise between two impacts."""
 
 _SMOOTH = 0.012
-"""In s: heights are averaged over so long before impacts are looked for."""
+"""In s: the median is taken over so long before impacts are looked for."""
 
 _SPIKE = 6.0
 _ALIKE = 0.12
@@ -125,7 +125,7 @@ def _lowest(time: Floats, height: Floats, good: np.ndarray, noise: float) -> lis
         return []
     step = float(np.median(np.diff(time)))
     size = max(int(_SMOOTH / step) // 2 * 2 + 1, 1)
-    smooth = ndimage.uniform_filter1d(height[at], size, mode="nearest")
+    smooth = ndimage.median_filter(height[at], size, mode="nearest")
     rise = _STANDS_OUT * noise / math.sqrt(size)
     peaks, _ = signal.find_peaks(-smooth, prominence=max(rise, 1e-3 * float(np.ptp(smooth))))
     # The lowest frame itself, near that of the average.

@@ -21,6 +21,9 @@ from ._seen import Camera, Drop, Floats, Frames
 CONTACT, CONTACT_ERROR = 2e-3, 4e-3
 """In s: what contacts of balls last, and its standard deviation, before frames say more."""
 
+POWER, POWER_ERROR = 0.1, 0.1
+"""Contacts last as v^(-POWER): 0 to 1/5."""
+
 FAR = 5.0
 """Standard deviations from which a frame is a misreading."""
 
@@ -30,7 +33,14 @@ LEAST_FRAMES = 4
 _LOST = 3
 """Frames in a row that are off end the first and the last flight."""
 
+_FIRMLY = 100.0
+"""Contacts are held so much more firmly while misreadings are not known, for which they stand in."""
+
+_TURNS, _FEW = 5, 6
 _ROUNDS = 6
+_LEAST = 1e-9
+"""Of the range of places: no noise is smaller."""
+
 _MAD = 1.4826
 
 
@@ -48,36 +58,73 @@ class Guess(NamedTuple):
 
 
 def fit_drop(frames: Frames, guess: Guess) -> Drop | None:
-    """The drop whose parabolas fit best; None where too few frames are left or nothing fits."""
+    """The drop whose parabolas fit best; None where too few frames are left or nothing fits.
+
+    A first or a last flight of too few frames is left out.
+    """
+    while guess.times.size > 2:
+        found = _fit(frames, guess)
+        if isinstance(found, Drop):
+            return found
+        short = np.flatnonzero(found < LEAST_FRAMES)
+        times = guess.times
+        step = float(np.median(np.diff(frames.time)))
+        if short.size and short[-1] == times.size - 2:
+            high = int(np.searchsorted(frames.time, times[-2] - 0.55 * step))
+            guess = guess._replace(times=times[:-1], high=min(guess.high, high))
+        elif short.size and short[0] == 0:
+            low = int(np.searchsorted(frames.time, times[1] + 0.55 * step))
+            guess = guess._replace(times=times[1:], low=max(guess.low, low))
+        else:
+            return None
+    return None
+
+
+def _fit(frames: Frames, guess: Guess) -> Drop | np.ndarray:
+    """The drop, or how many frames each flight has where it cannot be fitted."""
     time, flights = frames.time, guess.times.size - 1
     low, high = guess.low, guess.high
     step = float(np.median(np.diff(time)))
     seen = _seen(frames)
-    model = Model(flights, frames.along is not None, time[low], time[high - 1])
-    start = _start(model, frames, guess)
-    sigma = np.full(seen.shape[1], max(guess.noise, 1e-12))
-    vector, off = start, np.zeros(time.size, bool)
+    speeds = _speeds(np.diff(guess.times))
+    model = Model(flights, frames.along is not None, time[low], time[high - 1], speeds)
+    vector = _start(model, frames, guess)
+    off = np.zeros(time.size, bool)
     for k in range(_ROUNDS):
         inside = _inside(model, vector, time, low, high, step)
-        model = dataclasses.replace(model, first=time[low], last=time[high - 1])
-        robust = k == 0
-        use = inside if robust else inside & ~off
-        if not _enough(model, vector, time, use):
-            return None
-        found = _search(model, time[use], seen[use], sigma, vector, robust=robust)
+        use = inside & ~off
+        counts = _counts(model, vector, time, use)
+        if counts.min() < LEAST_FRAMES:
+            return counts
+        if k == 0:
+            found = _robustly(model, time[use], seen[use], vector)
+        else:
+            sigma = _scatter(model, vector, time[use], seen[use])
+            found = _search(model, time[use], seen[use], sigma, vector)
         if found is None:
-            return None
+            return counts
         vector = found
+        sigma = _scatter(model, vector, time[use], seen[use])
         residual = seen - model.places(vector, time)[0]
-        sigma = _MAD * np.median(np.abs(residual[use]), axis=0)
-        sigma = np.maximum(sigma, 1e-9 * max(np.ptp(frames.height), 1e-300))
         now = np.any(np.abs(residual) > FAR * sigma, axis=1)
         before = (low, high)
         low, high = _reach(model, vector, time, now, sigma[0], step)
         if k > 1 and before == (low, high) and np.array_equal(now[inside], off[inside]):
             break
         off = now
-    return _drop(model, vector, frames, seen, sigma, low, high, step)
+        ends, _ = model.ends(vector)
+        model = dataclasses.replace(
+            model,
+            first=time[low],
+            last=time[high - 1],
+            speeds=_speeds(ends[:, 1] - ends[:, 0]),
+        )
+    inside = _inside(model, vector, time, low, high, step)
+    used = inside & ~off
+    counts = _counts(model, vector, time, used)
+    if counts.min() < LEAST_FRAMES:
+        return counts
+    return _result(model, vector, frames, seen, sigma, used, inside & off)
 
 
 def refit(drop: Drop, shape: Shape) -> Drop:
@@ -88,6 +135,7 @@ def refit(drop: Drop, shape: Shape) -> Drop:
         frames.along is not None,
         frames.time[drop.used][0],
         frames.time[drop.used][-1],
+        _speeds(drop.seconds),
         shape,
     )
     seen, sigma = _seen(frames), np.array([s for s in drop.noise[::-1] if s is not None])
@@ -102,10 +150,15 @@ def _seen(frames: Frames) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
+def _speeds(seconds: Floats) -> Floats:
+    """Speeds of impacts, as the flights before them last, over that of the first."""
+    return seconds[:-1] / seconds[0]
+
+
 def _start(model: Model, frames: Frames, guess: Guess) -> Floats:
     vector = np.zeros(model.size)
     vector[: model.flights + 1] = guess.times
-    vector[model.contact] = CONTACT
+    vector[model.contact], vector[model.power] = CONTACT, POWER
     vector[model.floor], vector[model.fall] = guess.floor, guess.fall
     if frames.along is not None:
         knots = np.concatenate([[model.first], guess.times[1:-1], [model.last]])
@@ -115,49 +168,66 @@ def _start(model: Model, frames: Frames, guess: Guess) -> Floats:
     return vector
 
 
+def _robustly(model: Model, time: Floats, seen: np.ndarray, vector: Floats) -> Floats | None:
+    """The vector by least squares with the weights 1/(1 + r²), found in turn.
+
+    Contacts, for which misreadings would stand in, are held.
+    """
+    found: Floats | None = vector
+    for _ in range(_TURNS):
+        sigma = _scatter(model, found, time, seen)
+        rest = (seen - model.places(found, time)[0]) / sigma
+        size = sigma * np.sqrt(1 + np.sum(rest**2, axis=1, keepdims=True))
+        found = _search(model, time, seen, size, found, firmly=_FIRMLY, most=_FEW)
+        if found is None:
+            return None
+    return found
+
+
 def _search(
     model: Model,
     time: Floats,
     seen: np.ndarray,
-    sigma: Floats,
+    sigma: np.ndarray,
     start: Floats,
     *,
-    robust: bool = False,
+    firmly: float = 1.0,
+    most: int = 60,
 ) -> Floats | None:
-    """The vector with the least squares; None where the search fails."""
+    """The vector with the least squares; None where the search fails.
+
+    `sigma` (axes,) or (n, axes).
+    """
 
     def residuals(vector: Floats) -> Floats:
-        places, _ = model.places(vector, time)
-        rest = ((seen - places) / sigma).ravel()
-        return np.append(rest, (vector[model.contact] - CONTACT) / CONTACT_ERROR)
+        rest = (seen - model.places(vector, time)[0]) / sigma
+        known = (
+            (vector[model.contact] - CONTACT) / CONTACT_ERROR,
+            (vector[model.power] - POWER) / POWER_ERROR,
+        )
+        return np.append(rest, np.multiply(known, firmly))
 
     def slope(vector: Floats) -> np.ndarray:
-        return _slope(model, vector, time, sigma)
+        found = _slope(model, vector, time, sigma)
+        found[-2:] *= firmly
+        return found
 
     if not np.isfinite(residuals(start)).all():
         return None
     found = least_squares(
-        residuals,
-        start,
-        slope,
-        x_scale="jac",
-        loss="soft_l1" if robust else "linear",
-        xtol=1e-10,
-        ftol=1e-10,
-        gtol=1e-12,
-        max_nfev=60,
+        residuals, start, slope, x_scale="jac", ftol=1e-9, xtol=1e-11, max_nfev=most
     )
     times = found.x[: model.flights + 1]
     good = found.x[model.fall] > 0 and np.all(np.diff(times) > 0)
     return found.x if good and np.isfinite(found.x).all() else None
 
 
-def _slope(model: Model, vector: Floats, time: Floats, sigma: Floats) -> np.ndarray:
+def _slope(model: Model, vector: Floats, time: Floats, sigma: np.ndarray) -> np.ndarray:
     """The derivative of the residuals, that of what is known of contacts included."""
     _, slope = model.places(vector, time)
-    slope = (-slope / sigma[:, None]).reshape(-1, model.size)
-    known = np.zeros((1, model.size))
-    known[0, model.contact] = 1 / CONTACT_ERROR
+    slope = (-slope / sigma[..., None]).reshape(-1, model.size)
+    known = np.zeros((2, model.size))
+    known[0, model.contact], known[1, model.power] = 1 / CONTACT_ERROR, 1 / POWER_ERROR
     return np.concatenate([slope, known])
 
 
@@ -173,9 +243,15 @@ def _inside(
     return inside
 
 
-def _enough(model: Model, vector: Floats, time: Floats, use: np.ndarray) -> bool:
-    counts = np.bincount(model.flight_of(vector, time[use]), minlength=model.flights)
-    return bool(np.all(counts >= LEAST_FRAMES))
+def _counts(model: Model, vector: Floats, time: Floats, use: np.ndarray) -> np.ndarray:
+    """How many frames each flight has."""
+    return np.bincount(model.flight_of(vector, time[use]), minlength=model.flights)
+
+
+def _scatter(model: Model, vector: Floats, time: Floats, seen: np.ndarray) -> Floats:
+    """The noise along and up (axes,), by what most frames leave."""
+    sigma = _MAD * np.median(np.abs(seen - model.places(vector, time)[0]), axis=0)
+    return np.maximum(sigma, _LEAST * max(float(np.ptp(seen)), 1e-300))
 
 
 def _reach(
@@ -186,7 +262,7 @@ def _reach(
     A ball that is held where it is let go, or is caught, leaves its parabola slowly: for so long as
     that hides in the noise frames are left out, too.
     """
-    start, end = np.moveaxis(model.ends() @ vector, 1, 0)
+    start, end = model.ends(vector)[0].T
     fall = vector[model.fall]
 
     def hidden(at: float, flight: int) -> float:
@@ -217,26 +293,6 @@ def _until_lost(off: np.ndarray) -> int:
     return off.size - run
 
 
-def _drop(
-    model: Model,
-    vector: Floats,
-    frames: Frames,
-    seen: np.ndarray,
-    sigma: Floats,
-    low: int,
-    high: int,
-    step: float,
-) -> Drop | None:
-    time = frames.time
-    inside = _inside(model, vector, time, low, high, step)
-    residual = seen - model.places(vector, time)[0]
-    off = inside & np.any(np.abs(residual) > FAR * sigma, axis=1)
-    used = inside & ~off
-    if not _enough(model, vector, time, used):
-        return None
-    return _result(model, vector, frames, seen, sigma, used, off)
-
-
 def _result(
     model: Model,
     vector: Floats,
@@ -256,9 +312,9 @@ def _result(
     size = np.linalg.norm(slope, axis=0)
     size[size == 0] = 1.0
     covariance = np.linalg.pinv((slope / size).T @ (slope / size)) / np.outer(size, size)
-    ends = model.ends()
-    start, end = np.moveaxis(ends @ vector, 1, 0)
-    lasting = ends[:, 1] - ends[:, 0]
+    ends, ends_slope = model.ends(vector)
+    start, end = ends.T
+    lasting = ends_slope[:, 1] - ends_slope[:, 0]
     error = np.sqrt(np.diag(covariance))
     tilt, fall = model.tilt, model.fall
     camera = Camera(

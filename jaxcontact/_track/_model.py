@@ -2,8 +2,8 @@
 
 Flight j lasts from s_j to e_j, and its height above the floor is a H(t - s_j, e_j - s_j), in vacuum
 with H(τ, T) = τ (T - τ)/2 and the fall a of the picture. Impact j in its middle c_j parts flight
-j - 1, which ends at c_j - t_c/2, from flight j, which begins at c_j + t_c/2: all contacts last t_c.
-Along the floor a ball drifts at a speed that changes in impacts only. A camera that is rolled by
+j - 1, which ends at c_j - t_j/2, from flight j, which begins at c_j + t_j/2. Contacts at speeds v_j
+last t_j = t_c (v_j/v_1)^(-p), by Hertz with p = 1/5; shells are nearer to 0. Along the floor a ball drifts at a speed that changes in impacts only. A camera that is rolled by
 the angle θ sees the height η and the drift ξ as η cos θ + ξ sin θ upwards, ξ cos θ - η sin θ along.
 """
 
@@ -30,15 +30,16 @@ def parabola(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
 class Model:
     """Where the parameters of `flights` flights stand in a vector.
 
-    Those are the start of the first flight, the impacts, the end of the last; the duration of
-    contact; the floor and the fall; with `along` the tilt, and the places along at `first`, at the
-    impacts, and at `last`.
+    Those are the start of the first flight, the impacts, the end of the last; the duration t_c of
+    contact, and p; the floor and the fall; with `along` the tilt, and the places along at `first`, at the
+    impacts, and at `last`. `speeds` (flights - 1,) are v_j/v_1.
     """
 
     flights: int
     along: bool
     first: float
     last: float
+    speeds: Floats
     shape: Shape = parabola
 
     @property
@@ -46,31 +47,38 @@ class Model:
         return self.flights + 1
 
     @property
-    def floor(self) -> int:
+    def power(self) -> int:
         return self.flights + 2
 
     @property
-    def fall(self) -> int:
+    def floor(self) -> int:
         return self.flights + 3
 
     @property
-    def tilt(self) -> int:
+    def fall(self) -> int:
         return self.flights + 4
+
+    @property
+    def tilt(self) -> int:
+        return self.flights + 5
 
     @property
     def size(self) -> int:
         return self.fall + 1 + self.along * (self.flights + 2)
 
-    def ends(self) -> Float[np.ndarray, "flights two size"]:
-        """Start and end of each flight as linear functions of the vector."""
-        made = np.zeros((self.flights, 2, self.size))
-        for j in range(self.flights):
-            made[j, 0, j] = made[j, 1, j + 1] = 1.0
-            if j > 0:
-                made[j, 0, self.contact] = 0.5
-            if j < self.flights - 1:
-                made[j, 1, self.contact] = -0.5
-        return made
+    def ends(
+        self, vector: Floats
+    ) -> tuple[Float[np.ndarray, "flights two"], Float[np.ndarray, "flights two size"]]:
+        """Start and end of each flight, and their derivatives."""
+        slope = np.zeros((self.flights, 2, self.size))
+        j = np.arange(self.flights)
+        slope[j, 0, j] = slope[j, 1, j + 1] = 1.0
+        half = self.speeds ** -vector[self.power] / 2
+        by_power = -vector[self.contact] * half * np.log(self.speeds)
+        slope[1:, 0, self.contact], slope[:-1, 1, self.contact] = half, -half
+        value = slope @ vector  # linear but for the power, whose part is not there yet
+        slope[1:, 0, self.power], slope[:-1, 1, self.power] = by_power, -by_power
+        return value, slope
 
     def flight_of(self, vector: Floats, time: Floats) -> np.ndarray:
         """The number of the flight in which each time lies."""
@@ -81,14 +89,14 @@ class Model:
     ) -> tuple[Float[np.ndarray, "n axes"], Float[np.ndarray, "n axes size"]]:
         """Heights, and with them places along (n, 1 or 2), and their derivatives."""
         n, flight = time.size, self.flight_of(vector, time)
-        linear = self.ends()
-        start, end = np.moveaxis(linear @ vector, 1, 0)
+        ends, ends_slope = self.ends(vector)
+        start, end = ends.T
         shape, by_since, by_whole = self.shape(time - start[flight], (end - start)[flight])
         fall = vector[self.fall]
         height = vector[self.floor] + fall * shape
         slope = np.zeros((n, self.size))
-        slope += (-fall * (by_since + by_whole))[:, None] * linear[flight, 0]
-        slope += (fall * by_whole)[:, None] * linear[flight, 1]
+        slope += (-fall * (by_since + by_whole))[:, None] * ends_slope[flight, 0]
+        slope += (fall * by_whole)[:, None] * ends_slope[flight, 1]
         slope[:, self.floor], slope[:, self.fall] = 1.0, shape
         if not self.along:
             return height[:, None], slope[:, None]
