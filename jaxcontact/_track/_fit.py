@@ -214,8 +214,9 @@ def _search(
 
     if not np.isfinite(residuals(start)).all():
         return None
+    # MINPACK's: it takes no singular values of tall matrices, on which threads would wait.
     found = least_squares(
-        residuals, start, slope, x_scale="jac", ftol=1e-9, xtol=1e-11, max_nfev=most
+        residuals, start, slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-11, max_nfev=most
     )
     times = found.x[: model.flights + 1]
     good = found.x[model.fall] > 0 and np.all(np.diff(times) > 0)
