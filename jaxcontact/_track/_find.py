@@ -29,6 +29,9 @@ _SHARE = 0.6
 _NEAR = 0.93
 """Of the height: above, a ball may be held."""
 
+_BEGIN = 0.03
+"""In s, beside an impact, where a ball flies free."""
+
 _HIGHER = 1.3
 """A flight lasts at most so much longer than the one before."""
 
@@ -333,7 +336,7 @@ def _edge(
     at = at[good[at] & (np.abs(time[at] - time[low]) > 0.6 * step)]
     if at.size < LEAST_FRAMES:
         return None
-    count, best = LEAST_FRAMES, None
+    count, best = max(LEAST_FRAMES, int(_BEGIN / step)), None
     while True:
         some = at[:count]
         since = time[some] - time[low]

@@ -31,7 +31,10 @@ LEAST_FRAMES = 4
 """Of a flight: a parabola whose fall is known has two numbers."""
 
 _LOST = 3
-"""Frames in a row that are off end the first and the last flight."""
+"""So many frames in a row, off in their mean, end the first and the last flight."""
+
+_SEEN = 8.0
+"""Standard deviations that a flight rises at least."""
 
 _FIRMLY = 100.0
 """Contacts are held so much more firmly while misreadings are not known, for which they stand in."""
@@ -108,7 +111,7 @@ def _fit(frames: Frames, guess: Guess) -> Drop | np.ndarray:
         residual = seen - model.places(vector, time)[0]
         now = np.any(np.abs(residual) > FAR * sigma, axis=1)
         before = (low, high)
-        low, high = _reach(model, vector, time, now, sigma[0], step)
+        low, high = _reach(model, vector, time, residual[:, 0], sigma[0], step)
         if k > 1 and before == (low, high) and np.array_equal(now[inside], off[inside]):
             break
         off = now
@@ -121,7 +124,7 @@ def _fit(frames: Frames, guess: Guess) -> Drop | np.ndarray:
         )
     inside = _inside(model, vector, time, low, high, step)
     used = inside & ~off
-    counts = _counts(model, vector, time, used)
+    counts = _counts(model, vector, time, used, sigma[0])
     if counts.min() < LEAST_FRAMES:
         return counts
     return _result(model, vector, frames, seen, sigma, used, inside & off)
@@ -152,7 +155,7 @@ def _seen(frames: Frames) -> np.ndarray:
 
 def _speeds(seconds: Floats) -> Floats:
     """Speeds of impacts, as the flights before them last, over that of the first."""
-    return seconds[:-1] / seconds[0]
+    return np.clip(seconds[:-1] / seconds[0], 1e-3, 1e3)
 
 
 def _start(model: Model, frames: Frames, guess: Guess) -> Floats:
@@ -244,9 +247,13 @@ def _inside(
     return inside
 
 
-def _counts(model: Model, vector: Floats, time: Floats, use: np.ndarray) -> np.ndarray:
-    """How many frames each flight has."""
-    return np.bincount(model.flight_of(vector, time[use]), minlength=model.flights)
+def _counts(
+    model: Model, vector: Floats, time: Floats, use: np.ndarray, noise: float = 0.0
+) -> np.ndarray:
+    """How many frames each flight has: none where it does not rise out of the noise."""
+    start, end = model.ends(vector)[0].T
+    seen = vector[model.fall] * (end - start) ** 2 / 8 > _SEEN * noise
+    return seen * np.bincount(model.flight_of(vector, time[use]), minlength=model.flights)
 
 
 def _scatter(model: Model, vector: Floats, time: Floats, seen: np.ndarray) -> Floats:
@@ -256,7 +263,7 @@ def _scatter(model: Model, vector: Floats, time: Floats, seen: np.ndarray) -> Fl
 
 
 def _reach(
-    model: Model, vector: Floats, time: Floats, off: np.ndarray, noise: float, step: float
+    model: Model, vector: Floats, time: Floats, residual: Floats, noise: float, step: float
 ) -> tuple[int, int]:
     """The frames from the first to below the last that are on the parabolas.
 
@@ -264,34 +271,33 @@ def _reach(
     that hides in the noise frames are left out, too.
     """
     start, end = model.ends(vector)[0].T
-    fall = vector[model.fall]
+    fall, limit = vector[model.fall], FAR / math.sqrt(_LOST)
+    clipped = np.clip(residual / noise, -FAR, FAR)
 
-    def hidden(at: float, flight: int) -> float:
+    def hidden(at: float, flight: int, lost: bool) -> float:
         speed = abs(fall * ((start[flight] + end[flight]) / 2 - at))
-        return (math.sqrt(speed**2 + 2 * FAR * noise * fall) - speed) / fall
+        far = (limit + 1) * noise
+        return (math.sqrt(speed**2 + 2 * far * fall) - speed) / fall + lost * (_LOST // 2) * step
 
-    first, last = vector[1], vector[model.flights - 1]
-    low = int(np.searchsorted(time, first - 0.55 * step))
-    stop = _until_lost(off[:low][::-1])
-    low -= stop
-    begin = time[low] + hidden(float(time[low]), 0) if low < time.size else first
-    low = int(np.searchsorted(time, max(begin, start[0]), "left"))
-    high = int(np.searchsorted(time, last + 0.55 * step))
-    high += _until_lost(off[high:])
-    at = float(time[high - 1])
-    over = at - hidden(at, model.flights - 1)
+    low = int(np.searchsorted(time, vector[1] - 0.55 * step))
+    low -= _until_lost(clipped[:low][::-1], limit)
+    begin = float(time[min(low, time.size - 1)])
+    low = int(np.searchsorted(time, max(begin + hidden(begin, 0, low > 0), start[0])))
+    high = int(np.searchsorted(time, vector[model.flights - 1] + 0.55 * step))
+    high += _until_lost(clipped[high:], limit)
+    over = float(time[high - 1])
+    over -= hidden(over, model.flights - 1, high < time.size)
     high = int(np.searchsorted(time, min(over, end[-1]), "right"))
     return min(low, time.size - 1), max(high, 1)
 
 
-def _until_lost(off: np.ndarray) -> int:
-    """How many frames until several in a row are off."""
-    run = 0
-    for k, one in enumerate(off):
-        run = run + 1 if one else 0
-        if run == _LOST:
-            return k + 1 - _LOST
-    return off.size - run
+def _until_lost(residual: Floats, limit: float) -> int:
+    """How many frames until some in a row are off in their mean, in standard deviations."""
+    if residual.size < _LOST:
+        return residual.size
+    mean = np.convolve(residual, np.ones(_LOST) / _LOST, "valid")
+    lost = np.flatnonzero(np.abs(mean) > limit)
+    return int(lost[0]) if lost.size else residual.size
 
 
 def _result(
