@@ -21,9 +21,11 @@ from ._restitution import MEASURED_RESTITUTION_FROM_ZERO as MEASURED_RESTITUTION
 from ._restitution import in_percent as in_percent
 from ._single import Heights, Table
 from ._speeds import Speeds
+from ._track import Tracks
+from ._track import tracks_of as tracks_of
 
 for _layout_class in (
-    *(Intervals, Heights, Table, Speeds, Peaks),
+    *(Intervals, Heights, Table, Speeds, Tracks, Peaks),
     *(Forces, Accelerations, Indentations),
 ):
     register_layout(_layout_class())

@@ -14,8 +14,8 @@ Floats = Float[np.ndarray, " n"]
 @dataclasses.dataclass(frozen=True, eq=False)
 class Frames:
     """The places of one ball, in order: `time` (n,) in s; `height` (n,) upwards and `along` (n,),
-    None where it was not tracked, in the lengths of the file. `row` (n,) are its rows; `sign` is
-    -1 where the heights of the file count downwards.
+    None where it was not tracked, in the lengths of the file, whose `unit` is "" where it is not
+    written. `row` (n,) are its rows; `sign` is -1 where the heights of the file count downwards.
     """
 
     time: Floats
@@ -23,11 +23,7 @@ class Frames:
     along: Floats | None
     row: np.ndarray
     sign: int = 1
-
-    def where(self, keep: np.ndarray) -> Frames:
-        """The frames for which `keep` is true."""
-        along = None if self.along is None else self.along[keep]
-        return Frames(self.time[keep], self.height[keep], along, self.row[keep], self.sign)
+    unit: str = ""
 
 
 class Camera(NamedTuple):
