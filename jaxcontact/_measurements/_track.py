@@ -15,7 +15,7 @@ from .._parameter import rendered
 from .._track import Drop, Frames, Track
 from ._heading import Meaning, words
 from ._intervals import ratios_of, too_long
-from ._layout import LABELS, Layout, Paired, ReadingError, Record, counted, span
+from ._layout import LABELS, Flights, Layout, Paired, ReadingError, Record, counted, span
 from ._sheet import Row
 from ._track_words import camera_notes, shown_e, skipped_notes, wrong_lengths
 
@@ -191,6 +191,9 @@ class Tracks(Layout[Flown]):
             covariance=covariance,
             reading=math.sqrt(square),
         )
+
+    def flights(self, records: Sequence[tuple[Flown, ...]]) -> Flights:
+        return Flights("intervals", *([one[k].seconds for one in records] for k in (0, 1)))
 
 
 def counts_frames(headings: Iterable[str]) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from .._flight import STANDARD_GRAVITY
 from .._text_table import with_error
 from .._track import Drop, Track
-from ._layout import counted
+from ._layout import counted, span
 
 _SHOWN = 6
 _MOST_WRONG = 1.5
@@ -36,7 +36,7 @@ def camera_notes(drops: Sequence[Drop]) -> tuple[str, ...]:
     errors = [1e3 * one for drop in drops for one in drop.error]
     notes = [
         f"{counted(impacts, ('impact', 'impacts'))} in {counted(len(drops), ('drop', 'drops'))}, "
-        f"timed to {min(errors):.2g} to {max(errors):.2g} ms",
+        f"timed to {span(errors, 'ms')}",
         f"{counted(off, ('frame', 'frames'))} off the parabolas left out",
     ]
     if any(drop.frames.sign < 0 for drop in drops):
