@@ -109,8 +109,7 @@ def measure(
     for key, setting in wanted.items():
         try:
             row, answer = timed(lambda s=setting: solve(s), way.compiled)
-        # What a peer or the package raises is told, and the run goes on.
-        except Exception as error:
+        except Exception as error:  # a peer may raise anything: it is told, and the run goes on
             reason = _told(error)
             store.keep(key, base | {"setting": setting, "reason": reason})
             print(f"{title}, {way.word} {setting:g}: {reason}", flush=True)

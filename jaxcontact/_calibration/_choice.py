@@ -25,7 +25,7 @@ from ._trend import Curve, Line
 
 _NUMBERS = "number", "numbers"
 
-CONSTANT = "e", "e delivered"
+_CONSTANT = "e", "e delivered"
 """What the estimate of a constant e is called, as `ConstantE` has it."""
 
 
@@ -56,6 +56,11 @@ class LawFit:
     converged: bool
     reason: str
     steps: int
+
+    @property
+    def constant(self) -> Estimate:
+        """The e that the kind of a constant e found."""
+        return next(one for one in reversed(self.estimates) if one.name in _CONSTANT)
 
     @property
     def said(self) -> str:
@@ -97,7 +102,7 @@ class ChoiceData:
     @property
     def constant(self) -> Estimate:
         """The constant e that the laws of a constant e deliver, which are the first."""
-        return next(one for one in reversed(self.laws[0].estimates) if one.name in CONSTANT)
+        return self.laws[0].constant
 
     @property
     def yardstick(self) -> str:

@@ -21,7 +21,7 @@ from .._parameter import POSITIVE, as_weights, rendered, require_flag
 from .._program import side_by_side
 from ._asked import asked_of, delivered_by_laws
 from ._checks import column, for_each
-from ._choice import CONSTANT, LawChoice, LawFit
+from ._choice import LawChoice, LawFit
 from ._kinds import AbstractKind, LogRestitution, is_identifiable, kinds_of, padded
 from ._outcomes import NONE, Columns, LogOutcomes, columns_of
 from ._sure import sure_of, sure_sentence
@@ -172,13 +172,7 @@ def choose(
     readings = len(v) + sum(int(np.isfinite(one[use]).sum()) for one in others.sigma.values())
     free = readings - (1 if "sigma" in how else 2) - bool(others)
     every, kinds = kinds, tuple(kind for kind in kinds if len(kind.transforms) < free)
-    data = padded_data(pairs, use, weights, others, how)
-    if correlation is not None:
-        length, columns = len(data["x"]), len(correlation) // len(pairs)
-        whole = np.eye(length * columns)
-        places = np.concatenate([k * length + np.arange(len(pairs)) for k in range(columns)])
-        whole[np.ix_(places, places)] = correlation
-        data["correlation"] = whole
+    data = padded_data(pairs, use, weights, others, correlation, how)
 
     def fitted(kind: AbstractKind) -> tuple[Fit, LawFit]:
         start, transforms = kind.start(typical, contact, reference), dict(kind.transforms)
@@ -215,7 +209,7 @@ def choose(
         group=group,
         among=None if standing is None else {standing.kind, *standing.containing},
     )
-    constant = next(one for one in reversed(laws[0].estimates) if one.name in CONSTANT)
+    constant = laws[0].constant
     some, x = fits[kinds[0].name], np.asarray(data["x"])
     free = curve_of(some, x)
     if others:  # whose criterion is that of other data
@@ -251,7 +245,12 @@ def _errors_by(found: Fit) -> str:
 
 
 def padded_data(
-    pairs: Pairs, use: np.ndarray, weights: Floats, others: Columns, how: dict[str, Any]
+    pairs: Pairs,
+    use: np.ndarray,
+    weights: Floats,
+    others: Columns,
+    correlation: Floats | None,
+    how: dict[str, Any],
 ) -> dict[str, Any]:
     """The arguments of `fit`: ln e first, then what else was measured."""
     sigma = how.pop("sigma", None)
@@ -265,9 +264,15 @@ def padded_data(
     else:
         noise = {"weights": tuple(padded(one**-2, 0.0) for one in sizes)}
     columns = np.log(pairs.restitution), *others.values.values()
-    data = {"data": tuple(padded(one, 0.0) for one in columns), **noise}
+    data: dict[str, Any] = {"data": tuple(padded(one, 0.0) for one in columns), **noise}
     if not others:
         data = {name: one for name, (one,) in data.items()}
+    if correlation is not None:
+        length, columns = len(padded(pairs.velocity, 0.0)), len(correlation) // len(pairs)
+        whole = np.eye(length * columns)
+        places = np.concatenate([k * length + np.arange(len(pairs)) for k in range(columns)])
+        whole[np.ix_(places, places)] = correlation
+        data["correlation"] = whole
     return {
         **data,
         "x": padded(pairs.velocity, float(np.median(pairs.velocity))),

@@ -35,11 +35,8 @@ def only_constant(
     Arguments as for `choose`; `weights` are the inverse variances of ln e.
     """
     v, e = pairs.velocity[use], pairs.restitution[use]
-    data = padded_data(pairs, use, weights, others, {"groups": None, "sigma": weights**-0.5})
-    length, rows = len(data["x"]), np.arange(len(pairs))
-    places = np.concatenate([rows, length + rows])
-    data["correlation"] = np.eye(2 * length)
-    data["correlation"][np.ix_(places, places)] = correlation
+    how = {"groups": None, "sigma": weights**-0.5}
+    data = padded_data(pairs, use, weights, others, correlation, how)
     reference = float(np.exp(np.mean(np.log(v))))
     typical = min(max(float(np.median(e)), 0.05), 0.999)
     with jax.enable_x64(True):

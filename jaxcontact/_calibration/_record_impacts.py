@@ -74,10 +74,8 @@ class ImpactFit:
 def fitted_impact(one: Impact, contact: Contact) -> ImpactFit | str:
     """The fit of an impact with the mass and the exponent of `contact`, or why there is none."""
     time, reading = _shortened(one)
-    mass, quantity = float(contact.mass), one.trace.quantity
-    column, scale = ("indentation", 1.0) if quantity == "indentation" else ("force", 1.0)
-    if quantity == "acceleration":
-        scale = mass
+    mass = float(contact.mass)
+    column, scale = _column(one, mass)
     reading = scale * reading
     start = _start(one, time, reading, contact)
     found = _fit_of(time, reading, column, start)
@@ -148,6 +146,13 @@ def _shortened(one: Impact) -> tuple[np.ndarray, np.ndarray]:
     return tuple(means)  # pyright: ignore[reportReturnType]
 
 
+def _column(one: Impact, mass: float) -> tuple[str, float]:
+    """The argument of `fit_record` for what was read, and what the readings are multiplied by."""
+    quantity = one.trace.quantity
+    column = "indentation" if quantity == "indentation" else "force"
+    return column, mass if quantity == "acceleration" else 1.0
+
+
 class _Start(NamedTuple):
     law: Damped
     contact: Contact
@@ -179,14 +184,12 @@ def _start(one: Impact, time: np.ndarray, reading: np.ndarray, contact: Contact)
 def with_free_exponent(one: ImpactFit) -> Fit:
     """The fit of the same readings with the exponent n free."""
     found = one.fit.params
-    quantity = one.impact.trace.quantity
     mass = found.contact.mass
     with jax.enable_x64(True):
         n = jnp.asarray(float(found.contact.exponent))
         free = Contact(mass, found.contact.stiffness, n)
     start = _Start(found.law, free, float(found.velocity), float(found.start_time))
-    scale = float(mass) if quantity == "acceleration" else 1.0
-    column = "indentation" if quantity == "indentation" else "force"
+    column, scale = _column(one.impact, float(mass))
     return _fit_of(one.time, scale * one.reading, column, start)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -216,12 +217,8 @@ def _check(fit: FitData) -> None:
 
 
 def _require_blackjax() -> None:
-    try:
-        import blackjax  # noqa: F401  only whether it is there
-    except ImportError as error:
-        raise ImportError(
-            "`posterior` needs blackjax: pip install 'jaxcontact[posterior]'."
-        ) from error
+    if importlib.util.find_spec("blackjax") is None:
+        raise ImportError("`posterior` needs blackjax: pip install 'jaxcontact[posterior]'.")
 
 
 def _start(fit: FitData, density: Density) -> np.ndarray:

@@ -23,6 +23,7 @@ SHOWN = 0.51
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
+    # Programs of the system, which `pip` cannot bring; `.ci/run` installs them where it may.
     if chromium is None or driver is None:
         pytest.skip("there is no chromium, or no chromedriver (Debian: chromium-driver)")
     file = tmp_path_factory.mktemp("explore") / "explore.html"

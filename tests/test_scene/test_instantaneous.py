@@ -13,6 +13,10 @@ EXACT = 1e-12
 ENERGY = 1e-12
 """Energy of an elastic gas over 1e4 impacts, relative: measured 1e-13."""
 
+COUNTED = 0.024
+"""The mean free time, relative: sixteen seeds scatter by 0.7 % and are 0.3 % long, for 64 spheres
+are few. A gas is chaotic, so that another processor's rounding is another seed."""
+
 FLOOR = jc.Plane([0.0, 0.0], [0.0, 1.0], name="floor")
 
 
@@ -166,8 +170,7 @@ def test_a_gas_of_hard_spheres_has_its_mean_free_time():
     assert counted > 10_000
     # No momentum as a whole: the temperature of 3 (N-1) degrees of freedom.
     free = 60.0 / (2 * counted / count) * np.sqrt(count / (count - 1))
-    # The statistical error of the count is 0.8 %.
-    np.testing.assert_allclose(free, 0.13031, rtol=0.015)
+    np.testing.assert_allclose(free, 0.13031, rtol=COUNTED)
 
 
 def test_two_orders_of_the_same_scene_agree():
