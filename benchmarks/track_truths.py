@@ -1,7 +1,8 @@
 """Tracks of a bouncing ball, simulated with known impacts: the truths of benchmarks/tracks.py.
 
-It uses nothing of the library. A ball falls, bounces and drifts in a vacuum; a camera that is rolled
-takes it with an exposure that blurs, and a tracker reads its centre with noise and mistakes.
+It uses nothing of the library. A ball falls, bounces and drifts, in a vacuum unless `air` is asked
+for; a camera that is rolled takes it with an exposure that blurs, and a tracker reads its centre
+with noise and mistakes.
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ _PARTS = 8
 
 class Truth(NamedTuple):
     """What was simulated: `text` of the file and its `kind`; the times of `impact` (m,) in s, in
-    the middle of each contact, and the `flight` (m + 1,) in s before and after each; e and the
-    scatter of ln e; `seen` (m + 1,), how many frames of each flight the file has;
-    `scale` of a unit of the file in m; `tilt` in degrees, NaN without x.
+    the middle of each contact, and the `flight` (m + 1,) in s before and after each; `seen`
+    (m + 1,), how many frames of each flight the file has, and its `height` over the noise; the e of
+    each impact, `ratio` (m,), their median `e`, and the `scatter` of ln e; the `noise` in pixels;
+    `scale` of a unit of the file in m; `tilt` in degrees, NaN without x; `terminal` speed in m/s.
     """
 
     text: str
@@ -35,40 +37,100 @@ class Truth(NamedTuple):
     flight: np.ndarray
     seen: np.ndarray
     height: np.ndarray
+    ratio: np.ndarray
     e: float
     scatter: float
     noise: float
     outliers: float
     scale: float
     tilt: float
+    terminal: float
 
 
-def draw(random: np.random.Generator, *, kind: str | None = None, bounces: bool = True) -> Truth:
-    """One track; without bounces the ball is thrown up and caught."""
+class Air(NamedTuple):
+    """Flights with quadratic drag, by the `terminal` speed in m/s, infinite in a vacuum."""
+
+    terminal: float
+
+    def rising(self, launch: np.ndarray) -> np.ndarray:
+        """The time to the top of a flight."""
+        if np.isinf(self.terminal):
+            return launch / GRAVITY
+        return self.terminal / GRAVITY * np.arctan(launch / self.terminal)
+
+    def top(self, launch: np.ndarray) -> np.ndarray:
+        """The height of a flight."""
+        if np.isinf(self.terminal):
+            return launch**2 / (2 * GRAVITY)
+        return self.terminal**2 / (2 * GRAVITY) * np.log1p((launch / self.terminal) ** 2)
+
+    def landing(self, launch: np.ndarray) -> np.ndarray:
+        """The speed with which a flight ends."""
+        return launch / np.sqrt(1 + (launch / self.terminal) ** 2)
+
+    def duration(self, launch: np.ndarray) -> np.ndarray:
+        """Of a whole flight."""
+        if np.isinf(self.terminal):
+            return 2 * launch / GRAVITY
+        fallen = np.arctanh(self.landing(launch) / self.terminal)
+        return self.rising(launch) + self.terminal / GRAVITY * fallen
+
+    def height(self, since: np.ndarray, launch: np.ndarray) -> np.ndarray:
+        """At a time since the launch, before the landing."""
+        if np.isinf(self.terminal):
+            return since * (launch - GRAVITY / 2 * since)
+        rate, rising = GRAVITY / self.terminal, self.rising(launch)
+        up, down = np.minimum(since, rising), np.maximum(since - rising, 0)
+        left = np.cos(rate * (rising - up)) / np.cos(rate * rising)
+        return self.terminal**2 / GRAVITY * (np.log(left) - np.log(np.cosh(rate * down)))
+
+
+def draw(
+    random: np.random.Generator,
+    *,
+    kind: str | None = None,
+    bounces: bool = True,
+    air: bool = False,
+    rolled: float | None = None,
+    swings: bool = False,
+) -> Truth:
+    """One track; without bounces the ball is let go and caught, or swings.
+
+    The camera is rolled by up to `rolled` degrees: 10, but heights alone are taken level.
+    """
     kind = kind or str(random.choice(KINDS))
+    if rolled is None:
+        rolled = 0.0 if kind == "heights" else 10.0
     rate = int(random.choice(RATES))
     e = random.uniform(0.5, 0.95)
     scatter = 0.0 if random.random() < 0.5 else 10 ** random.uniform(-3, -2)
     height = random.uniform(0.3, 1.5)
-    speed = [np.sqrt(2 * GRAVITY * height)]
+    air_of = Air(random.uniform(7, 20) if air else np.inf)
+    speed = [np.sqrt(2 * GRAVITY * height)]  # of launches
     most = int(random.integers(1, 9)) if bounces else 0
+    ratios = []
     while len(speed) <= most and 2 * speed[-1] * e / GRAVITY > SHORTEST:
-        speed.append(speed[-1] * e * np.exp(scatter * random.normal()))
+        ratios.append(e * np.exp(scatter * random.normal()))
+        speed.append(air_of.landing(speed[-1]) * ratios[-1])
     speed = np.array(speed)
     count = speed.size - 1
-    flight = 2 * speed / GRAVITY
+    height = float(air_of.top(speed[0]))
+    flight, rising = air_of.duration(speed), float(air_of.rising(speed[0]))
     power = random.uniform(0, 0.2)  # of a shell, and by Hertz
-    contact = 10 ** random.uniform(-3.3, -2.1) * (speed[:-1] / speed[0]) ** -power
+    landing = air_of.landing(speed[:-1])
+    contact = 10 ** random.uniform(-3.3, -2.1) * (landing / landing[:1]) ** -power
     held = random.uniform(0.1, 0.5) if random.random() < 0.6 else 0.0
     release = held + random.uniform(0.0, 0.1)
     start = np.zeros(count + 1)  # of each flight; the first is virtual
-    start[0] = release - flight[0] / 2
+    start[0] = release - rising
     for k in range(count):
         start[k + 1] = start[k] + flight[k] + contact[k]
     # Where it is caught in the last flight, and held for a while; or the camera stops before.
-    caught = start[-1] + flight[-1] * random.uniform(0.35, 0.9)
+    caught = start[-1] + flight[-1] * random.uniform(0.35 if count else 0.6, 0.9)
+    if swings:
+        caught += random.uniform(1, 3)
     end = caught + (random.uniform(0.1, 0.4) if random.random() < 0.5 else 0.0)
-    begin = 0.0 if held or random.random() < 0.5 else release + 0.5 * random.random() * flight[0] / 2
+    begin = 0.0 if held or random.random() < 0.5 else release + 0.25 * random.random() * flight[0]
     drift = random.uniform(-0.4, 0.4) * np.cumprod(np.r_[1, random.uniform(0.6, 1.05, count)])
     edge = np.r_[release, start[1:], caught]
     along = np.r_[0, np.cumsum(drift * np.diff(edge))]
@@ -77,12 +139,12 @@ def draw(random: np.random.Generator, *, kind: str | None = None, bounces: bool 
         t = np.minimum(t, caught)
         k = np.clip(np.searchsorted(start[1:], t, "right"), 0, count)
         since = t - start[k]
-        y = GRAVITY / 2 * since * (flight[k] - since)
+        y = air_of.height(since, speed[k])
         if count:
             # In contact before flight k + 1: half a sine below the floor.
             one = np.minimum(k, count - 1)
             part = np.clip((since - flight[k]) / contact[one], 0, 1)
-            dip = -speed[one] * contact[one] / np.pi * np.sin(np.pi * part)
+            dip = -landing[one] * contact[one] / np.pi * np.sin(np.pi * part)
             y = np.where((since > flight[k]) & (k < count), dip, y)
         return np.where(t < release, height, y)
 
@@ -91,12 +153,14 @@ def draw(random: np.random.Generator, *, kind: str | None = None, bounces: bool 
     time = begin + (frame + random.random()) / rate
     blur = random.uniform(0.05, 0.9) / rate * (np.arange(_PARTS) - (_PARTS - 1) / 2) / _PARTS
     many = time[:, None] + blur
-    y = height_at(many).mean(axis=1)
-    x = np.interp(many, edge, along).mean(axis=1)
+    y, x = height_at(many).mean(axis=1), np.interp(many, edge, along).mean(axis=1)
+    if swings:
+        many *= random.uniform(0.5, 3)
+        y = height * (1 + np.exp(-many / 5) * np.cos(2 * np.pi * many)).mean(axis=1) / 2
     pixels = random.uniform(150, 1200) / height  # per metre
-    tilt = np.radians(random.uniform(-10, 10)) if kind != "heights" else 0.0
+    tilt = np.radians(random.uniform(-1, 1) * rolled)
     u, v = x * np.cos(tilt) - y * np.sin(tilt), x * np.sin(tilt) + y * np.cos(tilt)
-    noise = 10 ** random.uniform(np.log10(0.3), np.log10(3.0))
+    noise = 10 ** random.uniform(-1, np.log10(2.0))
     place = pixels * np.stack([u, v], axis=1) + noise * random.normal(size=(n, 2))
     share = random.uniform(0, 0.05) if random.random() < 0.6 else 0.0
     off = random.random(n) < share
@@ -114,13 +178,15 @@ def draw(random: np.random.Generator, *, kind: str | None = None, bounces: bool 
         (start[1:] - contact / 2) - time[0] if n else np.zeros(0),
         flight,
         np.bincount(k[inside], minlength=count + 1),
-        pixels * GRAVITY * flight**2 / 8 / noise,
+        pixels * air_of.top(speed) / noise,
+        np.array(ratios),
         e,
         scatter,
         noise,
         share,
         scale,
-        np.degrees(tilt) if kind != "heights" else np.nan,
+        float(np.degrees(tilt)) if kind != "heights" else np.nan,
+        air_of.terminal,
     )
 
 

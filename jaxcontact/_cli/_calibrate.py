@@ -42,8 +42,8 @@ one of these sets of columns, with headings by any usual name ("v", "COR", "spee
   velocity, restitution [ball]                         approach speed in m/s and e
   velocity, rebound_velocity [ball]                    speeds in m/s before and after an impact
   height_m [ball, trial, bounce]                       heights of successive flights
-  y, time | frame [x, ball or particle, trial]         where the ball is in each moment (a track), in
-                                                       m, pixels or any unit, up or down
+  y, time | frame [x, ball | particle, trial]          places of a ball in a video (a track), in m,
+                                                       pixels or any unit, counted up or down
   time, force | acceleration | indentation            what an instrument reads over time, with one
                                                        or several impacts in it
 Those in brackets may be left out; other columns are ignored. A unit that is written in a heading is
@@ -111,7 +111,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         (air, "--drag-coefficient", "CD", "0.4 to 0.5 for a sphere"),
         (air, "--air-density", "KG/M3", "in kg/m³ (default: 1.204)"),
         (parser, "--stiffness", "K", follow),
-        (parser, "--rate", "HZ", "readings per second of a record without times, frames per second"),
+        (
+            parser,
+            "--rate",
+            "HZ",
+            "readings of a record, or frames of a video, per second",
+        ),
         (parser, "--exponent", "N", "exponent n of the force of a record (default: 1.5)"),
     ):
         group.add_argument(name, metavar=metavar, type=positive, help=words)
@@ -130,7 +135,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     progress("reading the recording")
     from .._calibration import calibrate
     from .._flight import STANDARD_GRAVITY
-    from .._measurements import RecordingError, read_recording, tracks_of
+    from .._measurements import RecordingError, read_recording
     from ..plot import calibration, record, sound, track
     from ..plot._save import drawn
 
@@ -177,7 +182,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if recording.sound is not None:
         picture = drawn(lambda f: sound(recording, ax=f.add_subplot()), (8.0, 4.0), out / SOUND)
         files[out / SOUND] = picture
-    if tracks_of(recording.records):
+    if recording.tracks:
         picture = drawn(lambda f: track(recording, ax=f.add_subplot()), (8.0, 4.0), out / TRACK)
         files[out / TRACK] = picture
     if result.impacts:

@@ -25,7 +25,8 @@ from ._track import Tracks
 from ._track import tracks_of as tracks_of
 
 for _layout_class in (
-    *(Intervals, Heights, Table, Speeds, Tracks, Peaks),
-    *(Forces, Accelerations, Indentations),
+    *(Intervals, Heights, Table, Speeds),
+    # Where forces are read, y is a place on the plate; beside places accelerations are derived.
+    *(Forces, Tracks, Peaks, Accelerations, Indentations),
 ):
     register_layout(_layout_class())

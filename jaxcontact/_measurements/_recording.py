@@ -14,6 +14,7 @@ import numpy as np
 
 from .._parameter import POSITIVE, did_you_mean, rendered, require_choice, require_number
 from .._sound import Sound
+from .._track import Track
 from ._clock import with_clock
 from ._fault import RecordingError
 from ._heading import Meaning, suggestion
@@ -21,7 +22,7 @@ from ._layout import LAYOUTS, Layout, Record
 from ._match import Match, Told, as_told, check_usual, match, unknown_name
 from ._sheet import Sheet, sheet_of
 from ._sound import heard, sound_in
-from ._track import counts_frames
+from ._track import counts_frames, tracks_of
 
 _SHIPPED_BALL = "blue"
 
@@ -45,6 +46,11 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.records)
+
+    @property
+    def tracks(self) -> tuple[Track, ...]:
+        """What was seen in tracks from video, one of each trial; none for anything else."""
+        return tracks_of(self.records)
 
     def __repr__(self) -> str:
         facts = {
@@ -210,7 +216,8 @@ def _check_sound(
             raise ValueError(f"Argument `{name}` must be None for a sound, which has no columns.")
     if rate is not None:
         raise ValueError(
-            f"Argument `rate` must be None for a sound, whose file says it, but is {rendered(rate)}."
+            "Argument `rate` must be None for a sound, whose file says it, but is "
+            f"{rendered(rate)}."
         )
 
 
@@ -242,9 +249,10 @@ def _layout_of(
         made = found[one]
         return made.places if isinstance(made, Match) else dict.fromkeys(meanings[one], 0)
 
-    def misfit(one: str) -> tuple[int, int]:
-        missing = LAYOUTS[one].lacking(places(one))
-        return len(missing), sum(column not in places(one) for column in LAYOUTS[one].columns)
+    def misfit(one: str) -> tuple[int, bool, int]:
+        there = places(one)
+        missing = LAYOUTS[one].lacking(there)
+        return len(missing), not there, sum(name not in there for name in LAYOUTS[one].columns)
 
     complete = [one for one in found if misfit(one)[0] == 0]
     # What is told by the very name of a column means the layout that has it.

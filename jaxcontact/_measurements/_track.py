@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
@@ -11,16 +12,15 @@ from typing import Any
 import numpy as np
 
 from .._flight import Flight
-from .._parameter import rendered
 from .._track import Drop, Frames, Track
 from ._heading import Meaning, words
 from ._intervals import ratios_of, too_long
 from ._layout import LABELS, Flights, Layout, Paired, ReadingError, Record, counted, span
 from ._sheet import Row
+from ._track_frames import clock_of, frames_of
 from ._track_words import camera_notes, shown_e, skipped_notes, wrong_lengths
 
 _FEWEST = 10
-_MISSING = ("", "nan", "none", "na", "n/a", "null", "-")
 
 _Name = tuple[str, str]
 """Of a ball, and of a trial."""
@@ -104,14 +104,16 @@ class Tracks(Layout[Flown]):
     def read(self, rows: Sequence[Row]) -> list[Flown]:
         from .._track._follow import follow
 
+        if not rows:
+            return []
         names: dict[_Name, list[Row]] = {}
         for row in rows:
             names.setdefault((row.place[0], row.text("trial", "1")), []).append(row)
-        clock = self._clock(rows)
+        clock = clock_of(rows, self.rate)
         records: list[Flown] = []
         empty: list[tuple[Frames, Track | None]] = []
         for (ball, trial), own in names.items():
-            frames = _frames(own, clock, 1 / self.rate if clock == "frame" and self.rate else 1.0)
+            frames = frames_of(own, clock)
             track = follow(frames) if frames.time.size >= _FEWEST else None
             if track is None or not track.drops:
                 empty.append((frames, track))
@@ -122,23 +124,6 @@ class Tracks(Layout[Flown]):
             rows[0].refuse("y", _nothing(frames, track))
         self._check(rows, records)
         return records
-
-    def _clock(self, rows: Sequence[Row]) -> str:
-        """The column of times: frame numbers where there is a rate, or nothing else."""
-        there = rows[0].values if rows else {}
-        if "time" in there and (self.rate is None or "frame" not in there):
-            if self.rate is None:
-                _refuse_frames(rows)
-                return "time"
-            if not _counts(rows, "time"):
-                given = rendered(self.rate)
-                rows[0].refuse("time", f"gives times already; leave `rate` out, which is {given}")
-            return "frame" if "frame" in there else "time"
-        if self.rate is None and rows:
-            rows[0].refuse(
-                "frame", "counts frames; give the frames per second as `rate`, as in `rate=240`"
-            )
-        return "frame"
 
     def _check(self, rows: Sequence[Row], records: Sequence[Flown]) -> None:
         if why := too_long([record.seconds for record in records]):
@@ -160,7 +145,7 @@ class Tracks(Layout[Flown]):
 
     def notes(self, records: Sequence[Flown]) -> tuple[str, ...]:
         drops, tracks = drops_of(records), tracks_of(records)
-        rate = () if self.rate is None else (f"{self.rate:g} frames per second",)
+        rate = () if self.rate is None else (f"times by frames, {self.rate:g} per second",)
         return (*rate, *camera_notes(drops), *skipped_notes(tracks))
 
     def pair(self, records: Sequence[Flown], flight: Flight) -> Paired[Flown]:
@@ -168,7 +153,7 @@ class Tracks(Layout[Flown]):
         for record in records:
             of.setdefault(id(record.drop), []).append(record)
         drops = [_in_air(own[0].drop, flight) for own in of.values()]
-        couples = [couple for own in of.values() for couple in zip(own[:-1], own[1:], strict=True)]
+        couples = [couple for own in of.values() for couple in itertools.pairwise(own)]
         seconds = [drop.seconds for drop in drops]
         t1 = np.concatenate([one[:-1] for one in seconds] or [np.zeros(0)])
         t2 = np.concatenate([one[1:] for one in seconds] or [np.zeros(0)])
@@ -181,7 +166,8 @@ class Tracks(Layout[Flown]):
             covariance[np.ix_(at, at)] = slope @ drop.covariance @ slope.T
             start += at.size
         variance = [np.diag(drop.covariance) for drop in drops]
-        square = float(np.mean(np.concatenate(variance))) if variance else 1.0
+        # The flight that the end of the track cuts is known far worse than the others.
+        square = float(np.median(np.concatenate(variance))) if variance else 1.0
         return Paired(
             velocity=velocity,
             restitution=restitution,
@@ -207,9 +193,9 @@ def drops_of(records: Iterable[Any]) -> list[Drop]:
     return list({id(one.drop): one.drop for one in records if isinstance(one, Flown)}.values())
 
 
-def tracks_of(records: Iterable[Any]) -> list[Track]:
+def tracks_of(records: Iterable[Any]) -> tuple[Track, ...]:
     """The tracks that flights are seen in, each once; none for other records."""
-    return list({id(one.track): one.track for one in records if isinstance(one, Flown)}.values())
+    return tuple({id(one.track): one.track for one in records if isinstance(one, Flown)}.values())
 
 
 def _in_air(drop: Drop, flight: Flight) -> Drop:
@@ -219,66 +205,6 @@ def _in_air(drop: Drop, flight: Flight) -> Drop:
     from ._track_drag import shape_of
 
     return refit(drop, shape_of(flight))
-
-
-def _unit(rows: Sequence[Row]) -> str:
-    """The unit in which heights are written, "" for none."""
-    unit = rows[0].headings["y"].unit if "y" in rows[0].headings else None
-    return "" if unit is None else unit.si
-
-
-def _frames(rows: Sequence[Row], clock: str, step: float) -> Frames:
-    """The frames in which the ball was found, in order."""
-    along = "x" in rows[0].values
-    found = []
-    for row in rows:
-        y = _place(row, "y")
-        x = _place(row, "x") if along else 0.0
-        if math.isnan(x + y):
-            continue
-        t = row.real(clock)
-        if math.isnan(t):
-            row.refuse(clock, "is empty")
-        found.append((t * step, x, y, row.number))
-    found.sort()
-    values = np.array(found).reshape(-1, 4)
-    same = np.flatnonzero(np.diff(values[:, 0]) <= 0)
-    if same.size:
-        number = int(values[same[0] + 1, 3])
-        row = next(one for one in rows if one.number == number)
-        row.refuse(
-            clock,
-            f"has two places at {row.text(clock)}; if there are several balls, name them in a "
-            "column `particle`, and choose one with `ball=`",
-        )
-    x = values[:, 1] if along else None
-    return Frames(values[:, 0], values[:, 2], x, values[:, 3], unit=_unit(rows))
-
-
-def _place(row: Row, column: str) -> float:
-    """A place; NaN where the ball was not found."""
-    value = row.values[column]
-    if value is None or value != value:
-        return math.nan
-    if isinstance(value, str) and value.strip().casefold() in _MISSING:
-        return math.nan
-    return row.real(column)
-
-
-def _counts(rows: Sequence[Row], column: str) -> bool:
-    """Whether a column counts: 0, 1, 2, ..., some left out."""
-    values = np.sort([row.real(column) for row in rows])
-    whole = bool(np.all(values == np.round(values)))
-    return whole and values.size > 1 and float(np.median(np.diff(np.unique(values)))) == 1
-
-
-def _refuse_frames(rows: Sequence[Row]) -> None:
-    if rows and not rows[0].has_unit("time") and _counts(rows, "time"):
-        rows[0].refuse(
-            "time",
-            "counts 0, 1, 2, ...; are these frames? then give the frames per second as `rate`, as "
-            "in `rate=240`, or write the unit in the heading, 'time [s]'",
-        )
 
 
 def _flown(ball: str, trial: str, track: Track) -> list[Flown]:
@@ -297,15 +223,16 @@ def _flown(ball: str, trial: str, track: Track) -> list[Flown]:
 def _nothing(frames: Frames, track: Track | None) -> str:
     """Why a track holds no bounces, and what to do."""
     count = counted(frames.time.size, ("frame", "frames"))
-    peaks = (
-        "; if these are heights of successive flights, say so with `columns=\"height_m=...\"`"
-    )
+    peaks = '; if these are heights of successive flights, say so with `columns="height_m=..."`'
     if track is None:
         return f"is a track of {count}, too few for an impact between two flights{peaks}"
     seconds = float(frames.time[-1] - frames.time[0])
     whole = f"is a track of {count} in {seconds:.3g} s"
     if not track.skipped:
-        return f"{whole} in which nothing falls to a lowest place and rises again: no bounce{peaks}"
+        return (
+            f"{whole} in which nothing falls to a lowest place and rises again: no bounce, or "
+            f"fewer than 4 frames to a flight{peaks}"
+        )
     first = "; ".join(f"at {one.time:.3f} s {one.why}" for one in track.skipped[:6])
     more = ", ..." if len(track.skipped) > 6 else ""
     return (

@@ -93,11 +93,10 @@ def wrong_lengths(drops: Sequence[Drop]) -> str:
     ratio = fall / STANDARD_GRAVITY
     if drops[0].frames.unit != "m" or 1 / _MOST_WRONG < ratio < _MOST_WRONG:
         return ""
-    slow = f"are times {ratio**-0.5:.3g} times too long, of slow motion, or " if ratio < 1 else ""
+    slow = f"are times of slow motion, {ratio**-0.5:.3g} times too long? or " if ratio < 1 else ""
     return (
-        f"falls with {fall:.3g} m/s² where g is {STANDARD_GRAVITY:g}; {slow or 'are '}"
-        f"lengths in another unit? then give the frames as `rate`, or write the unit in the "
-        "heading, 'y [px]' for any that is not known"
+        f"falls with {fall:.3g} m/s² where g is {STANDARD_GRAVITY:g}; {slow}are lengths in another "
+        "unit? then write it in the heading, 'y [px]' where it is not known"
     )
 
 
@@ -113,4 +112,3 @@ def shown_e(drops: Sequence[Drop]) -> str:
             told.append(with_error(e, e * math.sqrt(float(slope @ drop.covariance @ slope))))
     more = ", ..." if len(told) > _SHOWN else ""
     return ", ".join(told[:_SHOWN]) + more
-

@@ -13,16 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
-from scipy.optimize import least_squares
 
-from ._model import Model, Shape, parabola
+from ._model import Model, Shape
+from ._search import CONTACT, POWER, robustly, scatter, search, slope_of
 from ._seen import Camera, Drop, Floats, Frames
-
-CONTACT, CONTACT_ERROR = 2e-3, 4e-3
-"""In s: what contacts of balls last, and its standard deviation, before frames say more."""
-
-POWER, POWER_ERROR = 0.1, 0.1
-"""Contacts last as v^(-POWER): 0 to 1/5."""
 
 FAR = 5.0
 """Standard deviations from which a frame is a misreading."""
@@ -36,15 +30,7 @@ _LOST = 3
 _SEEN = 8.0
 """Standard deviations that a flight rises at least."""
 
-_FIRMLY = 100.0
-"""Contacts are held so much more firmly while misreadings are not known, for which they stand in."""
-
-_TURNS, _FEW = 5, 6
 _ROUNDS = 6
-_LEAST = 1e-9
-"""Of the range of places: no noise is smaller."""
-
-_MAD = 1.4826
 
 
 class Guess(NamedTuple):
@@ -100,14 +86,14 @@ def _fit(frames: Frames, guess: Guess) -> Drop | np.ndarray:
         if counts.min() < LEAST_FRAMES:
             return counts
         if k == 0:
-            found = _robustly(model, time[use], seen[use], vector)
+            found = robustly(model, time[use], seen[use], vector)
         else:
-            sigma = _scatter(model, vector, time[use], seen[use])
-            found = _search(model, time[use], seen[use], sigma, vector)
+            sigma = scatter(model, vector, time[use], seen[use])
+            found = search(model, time[use], seen[use], sigma, vector)
         if found is None:
             return counts
         vector = found
-        sigma = _scatter(model, vector, time[use], seen[use])
+        sigma = scatter(model, vector, time[use], seen[use])
         residual = seen - model.places(vector, time)[0]
         now = np.any(np.abs(residual) > FAR * sigma, axis=1)
         before = (low, high)
@@ -142,7 +128,7 @@ def refit(drop: Drop, shape: Shape) -> Drop:
         shape,
     )
     seen, sigma = _seen(frames), np.array([s for s in drop.noise[::-1] if s is not None])
-    found = _search(model, frames.time[drop.used], seen[drop.used], sigma, drop.vector)
+    found = search(model, frames.time[drop.used], seen[drop.used], sigma, drop.vector)
     vector = drop.vector if found is None else found
     return _result(model, vector, frames, seen, sigma, drop.used, drop.off)
 
@@ -171,70 +157,6 @@ def _start(model: Model, frames: Frames, guess: Guess) -> Floats:
     return vector
 
 
-def _robustly(model: Model, time: Floats, seen: np.ndarray, vector: Floats) -> Floats | None:
-    """The vector by least squares with the weights 1/(1 + r²), found in turn.
-
-    Contacts, for which misreadings would stand in, are held.
-    """
-    found: Floats | None = vector
-    for _ in range(_TURNS):
-        sigma = _scatter(model, found, time, seen)
-        rest = (seen - model.places(found, time)[0]) / sigma
-        size = sigma * np.sqrt(1 + np.sum(rest**2, axis=1, keepdims=True))
-        found = _search(model, time, seen, size, found, firmly=_FIRMLY, most=_FEW)
-        if found is None:
-            return None
-    return found
-
-
-def _search(
-    model: Model,
-    time: Floats,
-    seen: np.ndarray,
-    sigma: np.ndarray,
-    start: Floats,
-    *,
-    firmly: float = 1.0,
-    most: int = 60,
-) -> Floats | None:
-    """The vector with the least squares; None where the search fails.
-
-    `sigma` (axes,) or (n, axes).
-    """
-
-    def residuals(vector: Floats) -> Floats:
-        rest = (seen - model.places(vector, time)[0]) / sigma
-        known = (
-            (vector[model.contact] - CONTACT) / CONTACT_ERROR,
-            (vector[model.power] - POWER) / POWER_ERROR,
-        )
-        return np.append(rest, np.multiply(known, firmly))
-
-    def slope(vector: Floats) -> np.ndarray:
-        found = _slope(model, vector, time, sigma)
-        found[-2:] *= firmly
-        return found
-
-    if not np.isfinite(residuals(start)).all():
-        return None
-    # MINPACK's: it takes no singular values of tall matrices, on which threads would wait.
-    found = least_squares(
-        residuals, start, slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-11, max_nfev=most
-    )
-    times = found.x[: model.flights + 1]
-    good = found.x[model.fall] > 0 and np.all(np.diff(times) > 0)
-    return found.x if good and np.isfinite(found.x).all() else None
-
-
-def _slope(model: Model, vector: Floats, time: Floats, sigma: np.ndarray) -> np.ndarray:
-    """The derivative of the residuals, that of what is known of contacts included."""
-    _, slope = model.places(vector, time)
-    slope = (-slope / sigma[..., None]).reshape(-1, model.size)
-    known = np.zeros((2, model.size))
-    known[0, model.contact], known[1, model.power] = 1 / CONTACT_ERROR, 1 / POWER_ERROR
-    return np.concatenate([slope, known])
-
-
 def _inside(
     model: Model, vector: Floats, time: Floats, low: int, high: int, step: float
 ) -> Bool[np.ndarray, " n"]:
@@ -254,12 +176,6 @@ def _counts(
     start, end = model.ends(vector)[0].T
     seen = vector[model.fall] * (end - start) ** 2 / 8 > _SEEN * noise
     return seen * np.bincount(model.flight_of(vector, time[use]), minlength=model.flights)
-
-
-def _scatter(model: Model, vector: Floats, time: Floats, seen: np.ndarray) -> Floats:
-    """The noise along and up (axes,), by what most frames leave."""
-    sigma = _MAD * np.median(np.abs(seen - model.places(vector, time)[0]), axis=0)
-    return np.maximum(sigma, _LEAST * max(float(np.ptp(seen)), 1e-300))
 
 
 def _reach(
@@ -315,7 +231,7 @@ def _result(
     # The size of both errors by what is left, beside the parameters.
     freedom = max(residual.size - model.size, 1) / residual.size
     sigma = np.sqrt(np.mean(residual**2, axis=0) / freedom)
-    slope = _slope(model, vector, time[used], sigma)
+    slope = slope_of(model, vector, time[used], sigma)
     size = np.linalg.norm(slope, axis=0)
     size[size == 0] = 1.0
     covariance = np.linalg.pinv((slope / size).T @ (slope / size)) / np.outer(size, size)
@@ -339,6 +255,7 @@ def _result(
         covariance=lasting @ covariance @ lasting.T,
         impact=vector[1:flights].copy(),
         error=error[1:flights],
+        floor=model.places(vector, vector[1:flights])[0][:, 0],
         camera=camera,
         noise=(float(sigma[1]) if model.along else None, float(sigma[0])),
         used=used,

@@ -3,8 +3,9 @@
 Flight j lasts from s_j to e_j, and its height above the floor is a H(t - s_j, e_j - s_j), in vacuum
 with H(τ, T) = τ (T - τ)/2 and the fall a of the picture. Impact j in its middle c_j parts flight
 j - 1, which ends at c_j - t_j/2, from flight j, which begins at c_j + t_j/2. Contacts at speeds v_j
-last t_j = t_c (v_j/v_1)^(-p), by Hertz with p = 1/5; shells are nearer to 0. Along the floor a ball drifts at a speed that changes in impacts only. A camera that is rolled by
-the angle θ sees the height η and the drift ξ as η cos θ + ξ sin θ upwards, ξ cos θ - η sin θ along.
+last t_j = t_c (v_j/v_1)^(-p), by Hertz with p = 1/5; shells are nearer to 0. Along the floor a ball
+drifts at a speed that changes in impacts only. A camera that is rolled by the angle θ sees the
+height η and the drift ξ as η cos θ + ξ sin θ upwards, ξ cos θ - η sin θ along.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ class Model:
     """Where the parameters of `flights` flights stand in a vector.
 
     Those are the start of the first flight, the impacts, the end of the last; the duration t_c of
-    contact, and p; the floor and the fall; with `along` the tilt, and the places along at `first`, at the
-    impacts, and at `last`. `speeds` (flights - 1,) are v_j/v_1.
+    contact, and p; the floor and the fall; with `along` the tilt, and the places along at `first`,
+    at the impacts, and at `last`. `speeds` (flights - 1,) are v_j/v_1.
     """
 
     flights: int
