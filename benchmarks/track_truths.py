@@ -19,7 +19,7 @@ KINDS = ("opencv", "trackpy", "tracker", "heights")
 SHORTEST = 0.02
 """In s: with shorter flights the ball lies still."""
 
-_PARTS = 8
+_PARTS, _STEPS = 8, 200
 
 
 class Truth(NamedTuple):
@@ -84,6 +84,24 @@ class Air(NamedTuple):
         left = np.cos(rate * (rising - up)) / np.cos(rate * rising)
         return self.terminal**2 / GRAVITY * (np.log(left) - np.log(np.cosh(rate * down)))
 
+    def drifted(
+        self, edge: np.ndarray, start: np.ndarray, launch: np.ndarray, drift: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Times, and places along the floor: the speed falls by e^(-g s/v²) on a way s up and down.
+
+        Flight k begins at `start` with the speed `drift`, and ends in the last of two edges.
+        """
+        times, places = [edge[:1]], [np.zeros(1)]
+        for k in range(start.size):
+            t = np.linspace(edge[k], edge[k + 1], _STEPS)
+            way = np.abs(np.diff(self.height(np.maximum(t - start[k], 0), launch[k]), prepend=0.0))
+            way[0] = 0.0
+            speed = drift[k] * np.exp(-GRAVITY / self.terminal**2 * np.cumsum(way))
+            x = places[-1][-1] + np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t))
+            times.append(t[1:])
+            places.append(x)
+        return np.concatenate(times), np.concatenate(places)
+
 
 def draw(
     random: np.random.Generator,
@@ -133,7 +151,7 @@ def draw(
     begin = 0.0 if held or random.random() < 0.5 else release + 0.25 * random.random() * flight[0]
     drift = random.uniform(-0.4, 0.4) * np.cumprod(np.r_[1, random.uniform(0.6, 1.05, count)])
     edge = np.r_[release, start[1:], caught]
-    along = np.r_[0, np.cumsum(drift * np.diff(edge))]
+    drifted = air_of.drifted(edge, start, speed, drift)
 
     def height_at(t: np.ndarray) -> np.ndarray:
         t = np.minimum(t, caught)
@@ -153,7 +171,7 @@ def draw(
     time = begin + (frame + random.random()) / rate
     blur = random.uniform(0.05, 0.9) / rate * (np.arange(_PARTS) - (_PARTS - 1) / 2) / _PARTS
     many = time[:, None] + blur
-    y, x = height_at(many).mean(axis=1), np.interp(many, edge, along).mean(axis=1)
+    y, x = height_at(many).mean(axis=1), np.interp(many, *drifted).mean(axis=1)
     if swings:
         many *= random.uniform(0.5, 3)
         y = height * (1 + np.exp(-many / 5) * np.cos(2 * np.pi * many)).mean(axis=1) / 2

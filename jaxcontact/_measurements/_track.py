@@ -204,7 +204,8 @@ def _in_air(drop: Drop, flight: Flight) -> Drop:
     from .._track._fit import refit
     from ._track_drag import shape_of
 
-    return refit(drop, shape_of(flight))
+    beta = (flight.gravity / flight.drag.terminal_speed(flight.gravity)) ** 2
+    return refit(drop, shape_of(flight), beta)
 
 
 def _flown(ball: str, trial: str, track: Track) -> list[Flown]:

@@ -116,8 +116,8 @@ def _fit(frames: Frames, guess: Guess) -> Drop | np.ndarray:
     return _result(model, vector, frames, seen, sigma, used, inside & off)
 
 
-def refit(drop: Drop, shape: Shape) -> Drop:
-    """The same frames with flights of another shape: with the drag of the air."""
+def refit(drop: Drop, shape: Shape, beta: float) -> Drop:
+    """The same frames with flights of another shape: with the drag of the air, which gives β."""
     frames = drop.frames
     model = Model(
         drop.start.size,
@@ -126,6 +126,7 @@ def refit(drop: Drop, shape: Shape) -> Drop:
         frames.time[drop.used][-1],
         _speeds(drop.seconds),
         shape,
+        beta,
     )
     seen, sigma = _seen(frames), np.array([s for s in drop.noise[::-1] if s is not None])
     found = search(model, frames.time[drop.used], seen[drop.used], sigma, drop.vector)
@@ -257,6 +258,7 @@ def _result(
         error=error[1:flights],
         floor=model.places(vector, vector[1:flights])[0][:, 0],
         camera=camera,
+        air=None if model.shape else (float(vector[model.air]), float(error[model.air])),
         noise=(float(sigma[1]) if model.along else None, float(sigma[0])),
         used=used,
         off=off,

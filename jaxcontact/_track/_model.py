@@ -1,17 +1,21 @@
 """The parabolas of successive flights, in the lengths of a picture, with their derivatives.
 
 Flight j lasts from s_j to e_j, and its height above the floor is a H(t - s_j, e_j - s_j), in vacuum
-with H(τ, T) = τ (T - τ)/2 and the fall a of the picture. Impact j in its middle c_j parts flight
-j - 1, which ends at c_j - t_j/2, from flight j, which begins at c_j + t_j/2. Contacts at speeds v_j
-last t_j = t_c (v_j/v_1)^(-p), by Hertz with p = 1/5; shells are nearer to 0. Along the floor a ball
-drifts at a speed that changes in impacts only. A camera that is rolled by the angle θ sees the
-height η and the drift ξ as η cos θ + ξ sin θ upwards, ξ cos θ - η sin θ along.
+with H(τ, T) = τ (T - τ)/2 and the fall a of the picture. Quadratic drag with the terminal speed v
+adds β h(τ, T), β = (g/v)², in its first order h = -T⁴ x (1 - |x|³)/192, x = 2τ/T - 1: the way down
+takes longer than the way up. Impact j in its middle c_j parts flight j - 1, which ends at
+c_j - t_j/2, from flight j, which begins at c_j + t_j/2. Contacts at speeds v_j last
+t_j = t_c (v_j/v_1)^(-p), by Hertz with p = 1/5; shells are nearer to 0. Along the floor a ball
+drifts at a speed that changes in impacts; drag adds β T² (1 - |x|³)/48 to the part τ/T of the way.
+A camera that is rolled by the angle θ sees the height η and the drift ξ as η cos θ + ξ sin θ
+upwards, ξ cos θ - η sin θ along.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -27,13 +31,31 @@ def parabola(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
     return since * (whole - since) / 2, whole / 2 - since, since / 2
 
 
+def slowed(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
+    """What drag adds to H in its first order, over β."""
+    x = 2 * since / whole - 1
+    size = np.abs(x) ** 3
+    by_x = -(whole**4) * (1 - 4 * size) / 192
+    value = -(whole**4) * x * (1 - size) / 192
+    return value, by_x * 2 / whole, 4 * value / whole - by_x * (1 + x) / whole
+
+
+def lagging(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
+    """What drag adds to the part of a way along the floor, over β."""
+    x = 2 * since / whole - 1
+    value = whole**2 * (1 - np.abs(x) ** 3) / 48
+    by_x = -(whole**2) * x * np.abs(x) / 16
+    return value, by_x * 2 / whole, 2 * value / whole - by_x * (1 + x) / whole
+
+
 @dataclasses.dataclass(frozen=True)
 class Model:
     """Where the parameters of `flights` flights stand in a vector.
 
     Those are the start of the first flight, the impacts, the end of the last; the duration t_c of
-    contact, and p; the floor and the fall; with `along` the tilt, and the places along at `first`,
-    at the impacts, and at `last`. `speeds` (flights - 1,) are v_j/v_1.
+    contact, and p; the floor and the fall; β; with `along` the tilt, and the places along at
+    `first`, at the impacts, and at `last`. `speeds` (flights - 1,) are v_j/v_1. A `shape` that is
+    known, with its `beta`, takes the place of H and of what β adds to it.
     """
 
     flights: int
@@ -41,7 +63,8 @@ class Model:
     first: float
     last: float
     speeds: Floats
-    shape: Shape = parabola
+    shape: Shape | None = None
+    beta: float = 0.0
 
     @property
     def contact(self) -> int:
@@ -60,12 +83,20 @@ class Model:
         return self.flights + 4
 
     @property
-    def tilt(self) -> int:
+    def air(self) -> int:
         return self.flights + 5
 
     @property
+    def tilt(self) -> int:
+        return self.flights + 6
+
+    @property
     def size(self) -> int:
-        return self.fall + 1 + self.along * (self.flights + 2)
+        return self.air + 1 + self.along * (self.flights + 2)
+
+    def beta_of(self, vector: Floats) -> float:
+        """β in 1/s²."""
+        return float(vector[self.air]) if self.shape is None else self.beta
 
     def ends(
         self, vector: Floats
@@ -92,16 +123,21 @@ class Model:
         n, flight = time.size, self.flight_of(vector, time)
         ends, ends_slope = self.ends(vector)
         start, end = ends.T
-        shape, by_since, by_whole = self.shape(time - start[flight], (end - start)[flight])
-        fall = vector[self.fall]
+        since, whole = time - start[flight], (end - start)[flight]
+        fall, slope = vector[self.fall], np.zeros((n, self.size))
+        if self.shape is None:
+            plain, more, beta = parabola(since, whole), slowed(since, whole), self.beta_of(vector)
+            shape, by_since, by_whole = (a + beta * b for a, b in zip(plain, more, strict=True))
+            slope[:, self.air] = fall * more[0]
+        else:
+            shape, by_since, by_whole = self.shape(since, whole)
         height = vector[self.floor] + fall * shape
-        slope = np.zeros((n, self.size))
         slope += (-fall * (by_since + by_whole))[:, None] * ends_slope[flight, 0]
         slope += (fall * by_whole)[:, None] * ends_slope[flight, 1]
         slope[:, self.floor], slope[:, self.fall] = 1.0, shape
         if not self.along:
             return height[:, None], slope[:, None]
-        drift, drift_slope = self._drift(vector, time, flight)
+        drift, drift_slope = self._drift(vector, time, flight, ends, ends_slope)
         cos, sin = np.cos(vector[self.tilt]), np.sin(vector[self.tilt])
         up, right = height * cos + drift * sin, drift * cos - height * sin
         up_slope = slope * cos + drift_slope * sin
@@ -110,18 +146,53 @@ class Model:
         return np.stack([up, right], axis=1), np.stack([up_slope, right_slope], axis=1)
 
     def _drift(
-        self, vector: Floats, time: Floats, flight: np.ndarray
+        self,
+        vector: Floats,
+        time: Floats,
+        flight: np.ndarray,
+        ends: Float[np.ndarray, "flights two"],
+        ends_slope: Float[np.ndarray, "flights two size"],
     ) -> tuple[Floats, Float[np.ndarray, "n size"]]:
         knots = np.concatenate([[self.first], vector[1 : self.flights], [self.last]])
+        beta = self.beta_of(vector)
+        now = _way(time, *ends[flight].T, beta)
+        low, high = _way(knots[:-1], *ends.T, beta), _way(knots[1:], *ends.T, beta)
+        length = (high.value - low.value)[flight]
+        part = (now.value - low.value[flight]) / length
         at = self.tilt + 1 + flight
-        low, high = vector[at], vector[at + 1]
-        length = (knots[1:] - knots[:-1])[flight]
-        part = (time - knots[flight]) / length
+        change = (vector[at + 1] - vector[at]) / length
+
+        def by(name: str) -> Floats:
+            a, b = getattr(low, name)[flight], getattr(high, name)[flight]
+            return change * (getattr(now, name) - (1 - part) * a - part * b)
+
         slope, rows = np.zeros((time.size, self.size)), np.arange(time.size)
+        slope += by("by_start")[:, None] * ends_slope[flight, 0]
+        slope += by("by_end")[:, None] * ends_slope[flight, 1]
         slope[rows, at], slope[rows, at + 1] = 1 - part, part
+        if self.shape is None:
+            slope[:, self.air] = by("by_beta")
         # The knots between the ends are impacts, which move.
         inner = flight > 0
-        slope[rows[inner], flight[inner]] -= ((high - low) * (1 - part) / length)[inner]
+        slope[rows[inner], flight[inner]] -= (change * (1 - part) * low.by_time[flight])[inner]
         inner = flight < self.flights - 1
-        slope[rows[inner], flight[inner] + 1] -= ((high - low) * part / length)[inner]
-        return low + (high - low) * part, slope
+        slope[rows[inner], flight[inner] + 1] -= (change * part * high.by_time[flight])[inner]
+        return vector[at] + (vector[at + 1] - vector[at]) * part, slope
+
+
+class _Way(NamedTuple):
+    """How far along its flight a ball is, of 1 as a whole, and the derivatives."""
+
+    value: Floats
+    by_time: Floats
+    by_start: Floats
+    by_end: Floats
+    by_beta: Floats
+
+
+def _way(time: Floats, start: Floats, end: Floats, beta: float) -> _Way:
+    since, whole = time - start, end - start
+    more, by_since, by_whole = lagging(since, whole)
+    by_time = 1 / whole + beta * by_since
+    by_end = -since / whole**2 + beta * by_whole
+    return _Way(since / whole + beta * more, by_time, -by_time - by_end, by_end, more)

@@ -14,11 +14,14 @@ CONTACT, CONTACT_ERROR = 2e-3, 4e-3
 POWER, POWER_ERROR = 0.1, 0.1
 """Contacts last as v^(-POWER): 0 to 1/5."""
 
-_FIRMLY = 100.0
-"""Contacts, for which misreadings would stand in, are held so much more firmly at first."""
+AIR_ERROR = 2.0
+"""The standard deviation of β in 1/s² about 0: a table-tennis ball has 1.2."""
 
-_TURNS, _FEW = 5, 6
-"""How often weights are found anew, and evaluations of the model each time."""
+_FIRMLY = 100.0
+"""What misreadings would stand in for is held so much more firmly at first."""
+
+_FIRM_TURNS, _TURNS, _FEW = 5, 3, 6
+"""How often weights are found anew, at first and then, and evaluations of the model each time."""
 
 _LEAST = 1e-9
 """Of the range of places: no noise is smaller."""
@@ -29,14 +32,14 @@ _MAD = 1.4826
 def robustly(model: Model, time: Floats, seen: np.ndarray, vector: Floats) -> Floats | None:
     """The vector by least squares with the weights 1/(1 + r²), found in turn.
 
-    Contacts, for which misreadings would stand in, are held.
+    Contacts and the air, for which misreadings would stand in, are held at first.
     """
     found: Floats | None = vector
-    for _ in range(_TURNS):
+    for firmly in (*[_FIRMLY] * _FIRM_TURNS, *[1.0] * _TURNS):
         sigma = scatter(model, found, time, seen)
         rest = (seen - model.places(found, time)[0]) / sigma
         size = sigma * np.sqrt(1 + np.sum(rest**2, axis=1, keepdims=True))
-        found = search(model, time, seen, size, found, firmly=_FIRMLY, most=_FEW)
+        found = search(model, time, seen, size, found, firmly=firmly, most=_FEW)
         if found is None:
             return None
     return found
@@ -62,12 +65,13 @@ def search(
         known = (
             (vector[model.contact] - CONTACT) / CONTACT_ERROR,
             (vector[model.power] - POWER) / POWER_ERROR,
+            vector[model.air] / AIR_ERROR,
         )
         return np.append(rest, np.multiply(known, firmly))
 
     def slope(vector: Floats) -> np.ndarray:
         found = slope_of(model, vector, time, sigma)
-        found[-2:] *= firmly
+        found[-3:] *= firmly
         return found
 
     if not np.isfinite(residuals(start)).all():
@@ -82,11 +86,12 @@ def search(
 
 
 def slope_of(model: Model, vector: Floats, time: Floats, sigma: np.ndarray) -> np.ndarray:
-    """The derivative of the residuals, that of what is known of contacts included."""
+    """The derivative of the residuals, that of what is known before included."""
     _, slope = model.places(vector, time)
     slope = (-slope / sigma[..., None]).reshape(-1, model.size)
-    known = np.zeros((2, model.size))
+    known = np.zeros((3, model.size))
     known[0, model.contact], known[1, model.power] = 1 / CONTACT_ERROR, 1 / POWER_ERROR
+    known[2, model.air] = 1 / AIR_ERROR
     return np.concatenate([slope, known])
 
 
