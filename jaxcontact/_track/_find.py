@@ -52,7 +52,7 @@ class Found(NamedTuple):
 
 def find(time: Floats, height: Floats) -> Found:
     """The drops in a track whose heights (n,) count upwards."""
-    noise = _noise(height)
+    noise = noise_of(height)
     good = _without_spikes(time, height, noise)
     lows = _lowest(time, height, good, noise)
     while True:
@@ -83,7 +83,7 @@ def find(time: Floats, height: Floats) -> Found:
     return Found(guesses, [float(time[k]) for k in lows if k not in taken])
 
 
-def _noise(height: Floats) -> float:
+def noise_of(height: Floats) -> float:
     """Of one height, from third differences, which parabolas do not have."""
     third = np.diff(height, 3)
     return MAD * float(np.median(np.abs(third))) / math.sqrt(20) if third.size else 0.0

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from ._find import Found, find
+from ._find import Found, find, noise_of
 from ._fit import LEAST_FRAMES, fit_drop
 from ._seen import Drop, Frames, Skipped, Track
 
@@ -15,6 +15,11 @@ _HEAVY = 1 / 3
 
 _MOST = 1.2
 """Largest ratio of successive flights."""
+
+_ROUGH, _BENT = 2.5, 0.02
+"""What lies off the parabolas by so many times what neighbours differ, and by such a share of the
+height, is no free flight: measured are up to 1.4 for balls, and from 2.8 and 5 % on for swings.
+"""
 
 
 def follow(frames: Frames) -> Track:
@@ -55,7 +60,10 @@ def _doubt(drop: Drop) -> str:
     """Why what was fitted is no drop; nothing where it may be one."""
     if drop.off.sum() > _HEAVY * (drop.off.sum() + drop.used.sum()):
         return "too many frames off the parabolas"
-    seconds = drop.seconds
+    seconds, off = drop.seconds, drop.noise[1]
+    highest = drop.camera.fall * float(seconds.max()) ** 2 / 8
+    if off > max(_ROUGH * noise_of(drop.frames.height[drop.used]), _BENT * highest):
+        return "no parabolas"
     error = np.sqrt(np.diag(drop.covariance))
     # A flight that is longer than the one before by more than its errors was thrown.
     ratio, spread = seconds[1:] / seconds[:-1], error[1:] / seconds[1:] + error[:-1] / seconds[:-1]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -96,6 +98,7 @@ def slope_of(model: Model, vector: Floats, time: Floats, sigma: np.ndarray) -> n
 
 
 def scatter(model: Model, vector: Floats, time: Floats, seen: np.ndarray) -> Floats:
-    """The noise along and up (axes,), by what most frames leave."""
+    """The noise along and up (axes,), by what most frames leave beside the parameters."""
     sigma = _MAD * np.median(np.abs(seen - model.places(vector, time)[0]), axis=0)
+    sigma *= math.sqrt(seen.size / max(seen.size - model.size, 1))
     return np.maximum(sigma, _LEAST * max(float(np.ptp(seen)), 1e-300))
