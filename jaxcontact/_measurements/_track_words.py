@@ -41,7 +41,7 @@ def camera_notes(drops: Sequence[Drop]) -> tuple[str, ...]:
     ]
     if any(drop.frames.sign < 0 for drop in drops):
         notes.append("heights count downwards, since the ball falls to larger ones")
-    return (*notes, _scale(drops), _tilt(drops))
+    return (*notes, _scale(drops), _tilt(drops), *_air(drops))
 
 
 def _scale(drops: Sequence[Drop]) -> str:
@@ -56,8 +56,8 @@ def _scale(drops: Sequence[Drop]) -> str:
             return f"{told}, as {STANDARD_GRAVITY:g} says"
         word = "long" if off > 0 else "short"
         return (
-            f"{told} where g is {STANDARD_GRAVITY:g}: lengths are {100 * abs(off):.2g} % too {word}"
-            " (or the air slows the ball); speeds follow from times and g, not from them"
+            f"{told} where g is {STANDARD_GRAVITY:g}: lengths are {100 * abs(off):.2g} % too "
+            f"{word}; speeds follow from times and g, not from them"
         )
     scale = 1e3 * STANDARD_GRAVITY / fall
     word = "a pixel" if unit == "px" else "a unit of height"
@@ -75,6 +75,16 @@ def _tilt(drops: Sequence[Drop]) -> str:
     tilt, error = _mean(*zip(*tilts, strict=True))
     side = "left" if tilt > 0 else "right"
     return f"the vertical leans to the {side} by {with_error(abs(tilt), error)}°, taken out"
+
+
+def _air(drops: Sequence[Drop]) -> tuple[str, ...]:
+    """What the flights tell of drag, where that is sure: the way down takes longer than that up."""
+    beta, error = _mean(*zip(*[drop.air for drop in drops if drop.air], strict=True))
+    if beta <= _SURE * error:
+        return ()
+    speed = STANDARD_GRAVITY / math.sqrt(beta)
+    told = with_error(speed, speed * error / beta / 2)
+    return (f"the air slows the ball, whose terminal speed is {told} m/s by its flights",)
 
 
 def skipped_notes(tracks: Sequence[Track]) -> tuple[str, ...]:

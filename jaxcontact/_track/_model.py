@@ -117,7 +117,7 @@ class Model:
         return np.searchsorted(vector[1 : self.flights], time)
 
     def places(
-        self, vector: Floats, time: Floats, derivatives: bool = True
+        self, vector: Floats, time: Floats
     ) -> tuple[Float[np.ndarray, "n axes"], Float[np.ndarray, "n axes size"]]:
         """Heights, and with them places along (n, 1 or 2), and their derivatives."""
         n, flight = time.size, self.flight_of(vector, time)
