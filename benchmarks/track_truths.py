@@ -23,7 +23,7 @@ _PARTS, _STEPS = 8, 200
 
 
 class Truth(NamedTuple):
-    """What was simulated: `text` of the file and its `kind`; the times of `impact` (m,) in s, in
+    """What was simulated: `text` of the file and its `kind`; the times `impact` (m,) of it in s, in
     the middle of each contact, and the `flight` (m + 1,) in s before and after each; `seen`
     (m + 1,), how many frames of each flight the file has, and its `height` over the noise; the e of
     each impact, `ratio` (m,), their median `e`, and the `scatter` of ln e; the `noise` in pixels;

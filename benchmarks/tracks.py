@@ -80,8 +80,7 @@ def each_impact(truth: Truth, recording: jc.Recording) -> list[tuple[int, bool, 
     pairs = make_pairs(recording, flight_of(truth))
     found = []
     for k, (first, _) in enumerate(pairs.records):
-        at = first.drop.impact[first.number] - first.track.frames.time[0]
-        off = np.abs(truth.impact - at)
+        off = np.abs(truth.impact - first.drop.impact[first.number])
         near = int(np.argmin(off)) if off.size and off.min() < 1 / truth.rate else -1
         error = math.sqrt(pairs.covariance[k, k])
         log = math.log(pairs.restitution[k])

@@ -29,14 +29,12 @@ def clock_of(rows: Sequence[Row], rate: float | None) -> Clock:
     there = rows[0].values
     if rate is None:
         if "time" not in there:
-            rows[0].refuse(
-                "frame", "counts frames; give the frames per second as `rate`, as in `rate=240`"
-            )
+            rows[0].refuse("frame", "counts frames; give the frames per second as `rate`")
         if not rows[0].has_unit("time") and _counts(rows, "time"):
             rows[0].refuse(
                 "time",
                 "counts 0, 1, 2, ...; are these frames? then give the frames per second as "
-                "`rate`, as in `rate=240`, or write the unit in the heading, 'time [s]'",
+                "`rate`, or write the unit in the heading, 'time [s]'",
             )
         return Clock("time", 1.0)
     if "frame" in there:
