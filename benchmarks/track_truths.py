@@ -166,7 +166,7 @@ def draw(
             y = np.where((since > flight[k]) & (k < count), dip, y)
         return np.where(t < release, height, y)
 
-    n = int((end - begin) * rate)
+    n = max(int((end - begin) * rate), 1)
     frame = np.arange(n)
     time = begin + (frame + random.random()) / rate
     blur = random.uniform(0.05, 0.9) / rate * (np.arange(_PARTS) - (_PARTS - 1) / 2) / _PARTS

@@ -110,6 +110,17 @@ SECTIONS = (
         """,
     ),
     Section(
+        "track",
+        "A track from video",
+        "The parabolas that were fitted and the impacts between them; here of a simulated track.",
+        """\
+        from benchmarks import track_truths  # or your own file
+
+        track = track_truths.draw(np.random.default_rng([0, 705]), kind="tracker")
+        ax = jc.plot.track(jc.read_recording(io.StringIO(track.text)))
+        """,
+    ),
+    Section(
         "record",
         "A record of a force plate",
         "The impacts that were cut out of it, and their fits; here of a simulated record.",
