@@ -150,7 +150,8 @@ def draw(
     end = caught + (random.uniform(0.1, 0.4) if random.random() < 0.5 else 0.0)
     begin = 0.0 if held or random.random() < 0.5 else release + 0.25 * random.random() * flight[0]
     drift = random.uniform(-0.4, 0.4) * np.cumprod(np.r_[1, random.uniform(0.6, 1.05, count)])
-    edge = np.r_[release, start[1:], caught]
+    # Friction is taken to act in the middle of a contact.
+    edge = np.r_[release, start[1:] - contact / 2, caught]
     drifted = air_of.drifted(edge, start, speed, drift)
 
     def height_at(t: np.ndarray) -> np.ndarray:

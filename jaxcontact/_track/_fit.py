@@ -164,9 +164,9 @@ def _inside(
     """The frames within flights, far enough from contacts that no exposure has one."""
     inside = np.zeros(time.size, bool)
     inside[low:high] = True
-    away = abs(vector[model.contact]) / 2 + 0.55 * step
-    for impact in vector[1 : model.flights]:
-        inside &= np.abs(time - impact) > away
+    start, end = model.ends(vector)[0].T
+    for impact, half in zip(vector[1 : model.flights], (start[1:] - end[:-1]) / 2, strict=True):
+        inside &= np.abs(time - impact) > abs(half) + 0.55 * step
     return inside
 
 
