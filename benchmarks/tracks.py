@@ -34,8 +34,8 @@ HERE = Path(__file__).parent
 RESULT = HERE / "tracks.json"
 PAGE = HERE.parent / "docs" / "tracks.md"
 SEED = 47
-DRAWS = 1000
-OTHERS = 100
+DRAWS = 800
+OTHERS = 80
 FRAMES, STANDS_OUT = 5, 10.0
 """A clear impact has so many frames of both flights, which rise so many times the noise."""
 
