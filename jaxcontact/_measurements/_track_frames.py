@@ -46,12 +46,8 @@ def clock_of(rows: Sequence[Row], rate: float | None) -> Clock:
 
 def _unit(rows: Sequence[Row]) -> str:
     """The unit in which places are written, "" for none. Raises RecordingError for two units."""
-    headings = rows[0].headings
-    units = {
-        name: "" if headings[name].unit is None else headings[name].unit.si
-        for name in ("y", "x")
-        if name in headings
-    }
+    there = [name for name in ("y", "x") if name in rows[0].headings]
+    units = {name: unit.si if (unit := rows[0].headings[name].unit) else "" for name in there}
     if len(set(units.values())) > 1:
         told = " and ".join(f"{name} in {unit or 'no unit'}" for name, unit in units.items())
         rows[0].refuse("x", f"must have the unit of y, but there are {told}")

@@ -155,8 +155,9 @@ class Model:
     ) -> tuple[Floats, Float[np.ndarray, "n size"]]:
         knots = np.concatenate([[self.first], vector[1 : self.flights], [self.last]])
         beta = self.beta_of(vector)
-        now = _way(time, *ends[flight].T, beta)
-        low, high = _way(knots[:-1], *ends.T, beta), _way(knots[1:], *ends.T, beta)
+        start, end = ends.T
+        now = _way(time, start[flight], end[flight], beta)
+        low, high = _way(knots[:-1], start, end, beta), _way(knots[1:], start, end, beta)
         length = (high.value - low.value)[flight]
         part = (now.value - low.value[flight]) / length
         at = self.tilt + 1 + flight

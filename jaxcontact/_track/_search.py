@@ -80,7 +80,14 @@ def search(
         return None
     # MINPACK's: it takes no singular values of tall matrices, on which threads would wait.
     found = least_squares(
-        residuals, start, slope, method="lm", x_scale="jac", ftol=1e-9, xtol=1e-11, max_nfev=most
+        residuals,
+        start,
+        slope,  # pyright: ignore[reportArgumentType]  (SciPy's types know names of schemes only)
+        method="lm",
+        x_scale="jac",
+        ftol=1e-9,
+        xtol=1e-11,
+        max_nfev=most,
     )
     times = found.x[: model.flights + 1]
     good = found.x[model.fall] > 0 and np.all(np.diff(times) > 0)
