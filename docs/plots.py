@@ -125,15 +125,11 @@ SECTIONS = (
         "A record of a force plate",
         "The impacts that were cut out of it, and their fits; here of a simulated record.",
         """\
-        from benchmarks.record_truths import impact  # or your own file
+        from benchmarks.record_truths import draw  # or your own file
 
-        time = np.arange(0, 0.5, 2e-5)
-        force = 0.5 * np.random.default_rng(0).normal(size=time.size)
-        for start, speed in ((0.05, 2.0), (0.25, 1.4), (0.4, 1.0)):
-            t, f, _ = impact(0.05, 2e6, 0.15, speed)
-            force += np.interp(time - start, t, f, left=0, right=0)
-        recording = jc.read_recording(time=time, force=force)
-        ax = jc.plot.record(jc.calibrate(recording, mass=0.05, law="exact"))
+        truth = draw(np.random.default_rng([0, 5]))
+        recording = jc.read_recording(rate=truth.rate, force=truth.reading)
+        ax = jc.plot.record(jc.calibrate(recording, mass=truth.mass, law="exact"))
         """,
     ),
     Section(
