@@ -114,10 +114,10 @@ SECTIONS = (
         "A track from video",
         "The parabolas that were fitted and the impacts between them; here of a simulated track.",
         """\
-        from benchmarks import track_truths  # or your own file
+        from benchmarks.track_truths import draw  # or your own file
 
-        track = track_truths.draw(np.random.default_rng([0, 705]), kind="tracker")
-        ax = jc.plot.track(jc.read_recording(io.StringIO(track.text)))
+        file = io.StringIO(draw(np.random.default_rng([0, 705]), kind="tracker").text)
+        ax = jc.plot.track(jc.read_recording(file))
         """,
     ),
     Section(
