@@ -70,7 +70,7 @@ def test_impacts_scale_and_tilt_are_found_in_the_files_of_trackers(kind):
     assert np.all(np.abs(np.log(pairs.restitution / known.ratio)) < FEW_ERRORS * sigma)
     if kind == "heights":
         assert camera.tilt is None
-        assert "without x the tilt" in " ".join(recording(kind).notes)
+        assert "without x a rolled camera is not noticed" in " ".join(recording(kind).notes)
     else:
         tilt = math.degrees(camera.tilt), math.degrees(camera.tilt_error)
         assert abs(tilt[0] - known.tilt) < FEW_ERRORS * tilt[1] < 1

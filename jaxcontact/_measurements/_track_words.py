@@ -71,7 +71,7 @@ def _tilt(drops: Sequence[Drop]) -> str:
         if d.camera.tilt is not None and d.camera.tilt_error is not None
     ]
     if not tilts:
-        return "without x the tilt of the camera cannot be told from its scale"
+        return "without x a rolled camera is not noticed, and e is off where the ball drifts"
     tilt, error = _mean(*zip(*tilts, strict=True))
     side = "left" if tilt > 0 else "right"
     return f"the vertical leans to the {side} by {with_error(abs(tilt), error)}°, taken out"
