@@ -47,12 +47,14 @@ BEGIN, END = "<!-- table of benchmarks/sound.py -->", "<!-- end of table -->"
 LEVELS = (10, 20, 30, 40)
 
 
-def constant_e(recording: jc.Recording) -> tuple[float, float, int] | None:
+def constant_e(
+    recording: jc.Recording, flight: Flight | None = None
+) -> tuple[float, float, int] | None:
     """ln e, the half of its 95 % interval, and the number of pairs; None where they are too few.
 
     Generalised least squares, as `calibrate` fits a constant e (see `compared`).
     """
-    pairs = make_pairs(recording, Flight())
+    pairs = make_pairs(recording, flight or Flight())
     if len(pairs) < LEAST_PAIRS:
         return None
     outliers = find_outliers(pairs)

@@ -110,6 +110,17 @@ SECTIONS = (
         """,
     ),
     Section(
+        "track",
+        "A track from video",
+        "The parabolas that were fitted and the impacts between them; here of a simulated track.",
+        """\
+        from benchmarks.track_truths import draw  # or your own file
+
+        file = io.StringIO(draw(np.random.default_rng([0, 705]), kind="tracker").text)
+        ax = jc.plot.track(jc.read_recording(file))
+        """,
+    ),
+    Section(
         "record",
         "A record of a force plate",
         "The impacts that were cut out of it, and their fits; here of a simulated record.",

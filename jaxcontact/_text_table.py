@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Iterable, Sequence
 
@@ -55,3 +56,16 @@ def wrapped(
         break_long_words=False,
         break_on_hyphens=False,
     )
+
+
+def with_error(value: float, error: float) -> str:
+    """`0.8799 ± 0.0010`: the error with two digits and the value with as many places."""
+    if not error > 0:
+        return f"{value:.6g} ± 0"
+    places = 1 - math.floor(math.log10(error))
+    if 0 <= places <= 6 and abs(value) < 1e6:
+        return f"{value:.{places}f} ± {error:.{places}f}"
+    # As many digits of the value as the error warrants.
+    size = math.floor(math.log10(abs(value))) if value else 0
+    digits = max(size + places, 0)
+    return f"{value:.{digits}e} ± {error:.1e}"

@@ -125,6 +125,7 @@ _WRITTEN: dict[str, dict[str, tuple[float, float]]] = {
         "in inch inches": (0.0254, 1),
         "ft feet": (0.3048, 1),
     },
+    "px": {"px pix pixel pixels": (1, 1)},
     "m/s": {
         "m/s mps ms-1 ms^-1 m*s^-1 m·s-1 m·s^-1 m·s⁻¹ ms⁻¹ m.s-1": (1, 1),
         "cm/s cms-1": (1, 100),

@@ -35,7 +35,7 @@ FLOORS = [
         "_whole_files",
         "data",
     },
-    {"_flight", "_fit", "_sound"},
+    {"_flight", "_fit", "_sound", "_track"},
     {"_forms"},
     {"_laws"},
     {"_contact"},

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import math
+
+from .._text_table import with_error
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,13 +21,4 @@ class Estimate:
         unit = f" {self.unit}" if self.unit else ""
         if self.standard_error is None:
             return f"{self.value:.3g}{unit} (not identifiable)"
-        error = self.standard_error
-        if not error > 0:
-            return f"{self.value:.6g} ± 0{unit}"
-        places = 1 - math.floor(math.log10(error))
-        if 0 <= places <= 6 and abs(self.value) < 1e6:
-            return f"{self.value:.{places}f} ± {error:.{places}f}{unit}"
-        # As many digits of the value as the error warrants.
-        size = math.floor(math.log10(abs(self.value))) if self.value else 0
-        digits = max(size + places, 0)
-        return f"{self.value:.{digits}e} ± {error:.1e}{unit}"
+        return with_error(self.value, self.standard_error) + unit

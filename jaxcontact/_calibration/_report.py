@@ -274,7 +274,12 @@ def line_sentence(choice: ChoiceData) -> str:
 def side_by_side_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
     """The header and the rows of a table of the laws without and with the marked pairs."""
     rows: list[Row] = []
-    for without, everything in zip(s.choice.laws, s.with_marked.laws, strict=True):
+    # With more pairs, laws may be fitted that have too many parameters without.
+    kept = {one.kind: one for one in s.choice.laws}
+    for everything in s.with_marked.laws:
+        if everything.kind not in kept:
+            continue
+        without = kept[everything.kind]
         first: tuple[Estimate, Estimate] = (without.estimates[0], everything.estimates[0])
         rows.append((f"{without.kind}: {first[0].name}", str(first[0]), str(first[1])))
         chi2 = (f"{without.reduced_chi2:.2f}", f"{everything.reduced_chi2:.3g}")

@@ -20,6 +20,7 @@ FIGURE = "calibration.png"
 NUMBERS = "calibration.json"
 SOUND = "sound.png"
 RECORD = "record.png"
+TRACK = "track.png"
 REPORT = "calibration.md"
 
 SUMMARY = "fit laws to a recording of bounces"
@@ -41,6 +42,8 @@ one of these sets of columns, with headings by any usual name ("v", "COR", "spee
   velocity, restitution [ball]                         approach speed in m/s and e
   velocity, rebound_velocity [ball]                    speeds in m/s before and after an impact
   height_m [ball, trial, bounce]                       heights of successive flights
+  y, time | frame [x, ball | particle, trial]          places of a ball in a video (a track), in m,
+                                                       pixels or any unit, counted up or down
   time, force | acceleration | indentation            what an instrument reads over time, with one
                                                        or several impacts in it
 Those in brackets may be left out; other columns are ignored. A unit that is written in a heading is
@@ -50,6 +53,10 @@ FILE may be a sound, too: WAV, and FLAC, OGG and MP3 with `pip install 'jaxconta
 are found in it by their shrinking intervals and like sounds, each drop a trial, and timed to some
 microseconds, with errors that enter the fit; doubtful sounds are listed and not used. sound.png
 shows which they are.
+
+In a track from video (Tracker, OpenCV, trackpy) parabolas are fitted between the impacts, whose
+times follow between frames, and with them e. A column of frame numbers needs --rate, in frames per
+second. The scale of the camera follows from g, its tilt with x. track.png shows the parabolas.
 
 In a record of a force plate, a load cell or an accelerometer (unit written: m/s² or g) impacts are
 cut apart and fitted one by one with their time of touch and zero: with --mass each gives speed, e,
@@ -104,7 +111,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         (air, "--drag-coefficient", "CD", "0.4 to 0.5 for a sphere"),
         (air, "--air-density", "KG/M3", "in kg/m³ (default: 1.204)"),
         (parser, "--stiffness", "K", follow),
-        (parser, "--rate", "HZ", "readings per second of a record without a column of time"),
+        (
+            parser,
+            "--rate",
+            "HZ",
+            "readings of a record, or frames of a video, per second",
+        ),
         (parser, "--exponent", "N", "exponent n of the force of a record (default: 1.5)"),
     ):
         group.add_argument(name, metavar=metavar, type=positive, help=words)
@@ -124,7 +136,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     from .._calibration import calibrate
     from .._flight import STANDARD_GRAVITY
     from .._measurements import RecordingError, read_recording
-    from ..plot import calibration, record, sound
+    from ..plot import calibration, record, sound, track
     from ..plot._save import drawn
 
     page = _page(arguments.report)
@@ -170,6 +182,9 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if recording.sound is not None:
         picture = drawn(lambda f: sound(recording, ax=f.add_subplot()), (8.0, 4.0), out / SOUND)
         files[out / SOUND] = picture
+    if recording.tracks:
+        picture = drawn(lambda f: track(recording, ax=f.add_subplot()), (8.0, 4.0), out / TRACK)
+        files[out / TRACK] = picture
     if result.impacts:
         picture = drawn(lambda f: record(result, ax=f.subplots(2)), (8.0, 7.0), out / RECORD)
         files[out / RECORD] = picture

@@ -21,9 +21,12 @@ from ._restitution import MEASURED_RESTITUTION_FROM_ZERO as MEASURED_RESTITUTION
 from ._restitution import in_percent as in_percent
 from ._single import Heights, Table
 from ._speeds import Speeds
+from ._track import Tracks
+from ._track import tracks_of as tracks_of
 
 for _layout_class in (
-    *(Intervals, Heights, Table, Speeds, Peaks),
-    *(Forces, Accelerations, Indentations),
+    *(Intervals, Heights, Table, Speeds),
+    # Where forces are read, y is a place on the plate; beside places accelerations are derived.
+    *(Forces, Tracks, Peaks, Accelerations, Indentations),
 ):
     register_layout(_layout_class())

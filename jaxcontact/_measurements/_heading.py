@@ -14,7 +14,8 @@ from .._units import Unit, written_unit
 
 @dataclasses.dataclass(frozen=True)
 class Meaning:
-    """What a column may be called: `words`, and `unit`, the SI unit, None for labels and counts.
+    """What a column may be called: `words`, and `unit`, the SI unit, None for labels and counts;
+    `or_unit`, another that it may be in.
 
     Numbers without a written unit whose median lies above `usual` are refused: `usual_words` say
     what they would be, for the message.
@@ -25,6 +26,7 @@ class Meaning:
     usual: float = math.inf
     usual_words: str = ""
     must_say: str = ""
+    or_unit: str | None = None
 
     def heading(self, text: str) -> Heading | None:
         """The heading, if it means this: by its words, and a unit of the right kind, if any."""
@@ -54,7 +56,7 @@ class Meaning:
         return word in self.words or (len(word) > 3 and word.removesuffix("s") in self.words)
 
     def _takes(self, unit: Unit) -> bool:
-        return self.unit is not None and unit.si == self.unit
+        return self.unit is not None and unit.si in (self.unit, self.or_unit)
 
     def unit_in(self, text: str) -> Unit | None:
         """The unit of the right kind that is written in a heading, whatever its words."""

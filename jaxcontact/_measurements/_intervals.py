@@ -170,22 +170,15 @@ class Intervals(Layout[Interval]):
             if (after := (first.group, first.bounce + 1)) in at
         ]
         t1, t2 = np.array([[one.seconds for one in couple] for couple in couples]).reshape(-1, 2).T
-        # The size of the noise is taken from the interval that is expected, not from the one that
-        # was read: otherwise an interval read too short would get less weight than one read too
-        # long, and the fit would be biased.
-        expected = t1 * (np.median(t2 / t1) if len(t1) else 1.0)
-        launch, slope = flight.evaluate(launch_speed, np.concatenate([t1, t2, expected]))
-        (u1, u2, _), (slope1, _, expected_slope) = np.split(launch, 3), np.split(slope, 3)
-        landing, landing_slope = flight.evaluate(landing_speed, u1)
+        landing, restitution, p, q = ratios_of(t1, t2, flight)
         # Three trigger times n₁, n₂, n₃ make two intervals. With independent errors of the
         # triggers, ln e = (n₃ - n₂) p - (n₂ - n₁) q, whose variance over σ² is 2 (p² + q² + p q).
-        p, q = expected_slope / expected, slope1 * landing_slope / t1
         factor, covariance = 2 * (p**2 + q**2 + p * q), _known(couples, p, q)
         if covariance is not None:
             factor = np.diag(covariance) / _mean_square(couples)
         return Paired(
             velocity=landing,
-            restitution=u2 / landing,
+            restitution=restitution,
             reading_factor=factor,
             clusters=[_trial(first) for first, _ in couples],
             records=couples,
@@ -208,6 +201,29 @@ class Intervals(Layout[Interval]):
             near = [at.get((group, bounce + step), math.nan) for step in range(-2, 4)]
             guesses[k] = _trigger_fault(near, e)
         return guesses
+
+
+class Ratios(NamedTuple):
+    """Of n pairs of flights, all (n,): the approach speed in m/s, e, and how errors of durations T₁
+    and T₂ enter: d ln e = p dT₂ - q dT₁.
+    """
+
+    velocity: Floats
+    restitution: Floats
+    p: Floats
+    q: Floats
+
+
+def ratios_of(t1: Floats, t2: Floats, flight: Flight) -> Ratios:
+    """Speed and e of impacts between flights of the durations `t1` and `t2` (n,) in s."""
+    # The size of the noise is taken from the interval that is expected, not from the one that
+    # was read: otherwise an interval read too short would get less weight than one read too
+    # long, and the fit would be biased.
+    expected = t1 * (np.median(t2 / t1) if len(t1) else 1.0)
+    launch, slope = flight.evaluate(launch_speed, np.concatenate([t1, t2, expected]))
+    (u1, u2, _), (slope1, _, expected_slope) = np.split(launch, 3), np.split(slope, 3)
+    landing, landing_slope = flight.evaluate(landing_speed, u1)
+    return Ratios(landing, u2 / landing, expected_slope / expected, slope1 * landing_slope / t1)
 
 
 def _known(couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats) -> Floats | None:

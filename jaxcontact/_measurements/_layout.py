@@ -5,7 +5,7 @@ from __future__ import annotations
 import abc
 import collections
 import dataclasses
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
@@ -21,8 +21,6 @@ LABELS = {
     "bounce": Meaning(words("bounce, bounce number, impact, impact number, number, n, k, i")),
 }
 """What layouts have in common."""
-
-TIME = Meaning(words("time, t, frame, timestamp"), "s")
 
 DROP_HEIGHT = Meaning(
     words("drop height, drop height m, dropped from, initial height, start height, h0, h 0"),
@@ -164,9 +162,18 @@ class Layout(abc.ABC, Generic[R]):
         """What a column may be called."""
         return self.meanings.get(column, Meaning((column.casefold().replace("_", " "),)))
 
-    def unlike(self, headings: Sequence[str]) -> str | None:
-        """What columns with other headings say against this layout; None if nothing."""
-        return None
+    def lacking(self, there: Iterable[str]) -> list[str]:
+        """The columns that cannot be left out and are not among those that are there."""
+        return [column for column in self.measured if column not in there]
+
+    def at_rate(self, rate: float | None) -> Layout[R]:
+        """The layout of a file of `rate` readings per second. Raises ValueError where none is."""
+        if rate is None:
+            return self
+        raise ValueError(
+            f"Argument `rate` must be None for columns of the layout {self.name!r}, which are no "
+            f"readings over time, but is {rate:g}."
+        )
 
     def __repr__(self) -> str:
         return self.name

@@ -30,7 +30,7 @@ class Pairs:
     `layout.reading_error.unit`) gives ln e the variance σ² · `reading_factor`. `cluster` numbers
     the group of pairs that share errors, whose names are `cluster_names`. `records` are those of
     each pair; `unpaired` counts the records that make no pair. Where the errors of the readings are
-    known, `covariance` (n, n) is that of ln e by them, and `reading` their root mean square.
+    known, `covariance` (n, n) is that of ln e by them, and `reading` is their usual size.
     """
 
     source: str

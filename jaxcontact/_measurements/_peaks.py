@@ -10,7 +10,7 @@ import numpy as np
 
 from .._flight import Flight, speed_after_drop, speed_to_reach
 from ._heading import Meaning, words
-from ._layout import LABELS, TIME, Flights, Layout, Paired, ReadingError, Record, bounces_of, span
+from ._layout import LABELS, Flights, Layout, Paired, ReadingError, Record, bounces_of, span
 from ._restitution import MEASURED_RESTITUTION, length_guess
 from ._sheet import Row
 
@@ -67,14 +67,6 @@ class Peaks(Layout[Peak]):
             told = f"balls rise to {rise:.3g} times the height before (the median)"
             rows[0].refuse("height_m", told + length_guess(rise))
         return records
-
-    def unlike(self, headings: Sequence[str]) -> str | None:
-        if any(TIME.heading(text) for text in headings):
-            return (
-                "heights beside a column of times look like a track, with a height at every "
-                "moment; of that only the peaks can be read"
-            )
-        return None
 
     def facts(self, records: Sequence[Peak]) -> Mapping[str, str]:
         return {

@@ -14,6 +14,7 @@ import numpy as np
 
 from .._parameter import POSITIVE, did_you_mean, rendered, require_choice, require_number
 from .._sound import Sound
+from .._track import Track
 from ._clock import with_clock
 from ._fault import RecordingError
 from ._heading import Meaning, suggestion
@@ -21,6 +22,7 @@ from ._layout import LAYOUTS, Layout, Record
 from ._match import Match, Told, as_told, check_usual, match, unknown_name
 from ._sheet import Sheet, sheet_of
 from ._sound import heard, sound_in
+from ._track import counts_frames, tracks_of
 
 _SHIPPED_BALL = "blue"
 
@@ -44,6 +46,11 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.records)
+
+    @property
+    def tracks(self) -> tuple[Track, ...]:
+        """What was seen in tracks from video, one of each trial; none for anything else."""
+        return tracks_of(self.records)
 
     def __repr__(self) -> str:
         facts = {
@@ -80,7 +87,9 @@ def read_recording(
     - "peaks": `height_m`, the heights in m of successive flights of a trial;
     - "force", "acceleration", "indentation": `time` in s and what an instrument reads, in N, m/s²
       or m, with one or several impacts in it, which are cut apart; a record without `time` has the
-      `rate` in Hz at which it was sampled.
+      `rate` in Hz at which it was sampled;
+    - "track": `y`, the height of a ball in each moment, and `x`, in m, pixels or any unit, with
+      `time` in s, or the number `frame` of the frame and the `rate` in frames per second.
 
     `ball`, `trial`, `bounce` and the drop height of intervals may be left out, which means one ball
     and one trial whose bounces are counted in order. Headings are understood by their meaning
@@ -91,7 +100,9 @@ def read_recording(
     polars, or anything with `.columns` and `[name]`); other columns are ignored. A sound file is
     read, too: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`; the bounces that
     are found in it give intervals, each drop a trial, with the errors of their times, and `notes`
-    list doubtful sounds, which are not used. A text file may be
+    list doubtful sounds, which are not used. In a track parabolas are fitted between the impacts,
+    which are found, with errors of their times; `notes` give the scale and the tilt of the camera
+    that follow from g, and doubtful impacts. A text file may be
     separated by commas, semicolons, tabs or blanks, have decimal commas, comments (#, %, //) and
     any line ends, in UTF-8, UTF-16 or Latin-1. Spreadsheets (.xlsx, .ods) and parquet files
     take `pip install 'jaxcontact[data]'`. None reads the bounce intervals that ship with the
@@ -129,7 +140,7 @@ def read_recording(
             f"{rendered(columns)}."
         )
     if (found := sound_in(source)) is not None:
-        _check_sound(layout, ball, {**told, **({} if decimal is None else {"decimal": 1})})
+        _check_sound(layout, ball, {**told, **({} if decimal is None else {"decimal": 1})}, rate)
         sound, intervals, words = heard(*found)
         return Recording(found[0], LAYOUTS["intervals"], "", tuple(intervals), tuple(words), sound)
     meanings = {
@@ -158,14 +169,11 @@ def read_recording(
         return isinstance(text, str) and is_heading(text)
 
     sheet = sheet_of(source, values, known, decimal)
-    if rate is not None:
-        sheet = with_clock(sheet, require_number("rate", rate, POSITIVE))
+    rate = None if rate is None else require_number("rate", rate, POSITIVE)
+    if rate is not None and not counts_frames([*sheet.names, *told]):
+        sheet = with_clock(sheet, rate)
     meant, found = _layout_of(sheet, layout, told, meanings)
-    if rate is not None and not meant.fitted:
-        raise ValueError(
-            f"Argument `rate` must be None for columns of the layout {meant.name!r}, which are no "
-            f"readings over time, but is {rate:g}."
-        )
+    meant = meant.at_rate(rate)
     rows = found.rows(sheet)
     if not rows:
         what = "columns" if sheet.header_row is None else "a header"
@@ -195,7 +203,9 @@ def read_recording(
     return Recording(sheet.source, meant, ball, mine, notes)
 
 
-def _check_sound(layout: str | None, ball: Any, told: Mapping[str, Any]) -> None:
+def _check_sound(
+    layout: str | None, ball: Any, told: Mapping[str, Any], rate: float | None
+) -> None:
     """Raise ValueError for what says nothing of a sound."""
     if layout not in (None, "intervals"):
         raise ValueError(
@@ -204,6 +214,11 @@ def _check_sound(layout: str | None, ball: Any, told: Mapping[str, Any]) -> None
     for name, there in (("ball", ball is not None), ("columns or decimal", bool(told))):
         if there:
             raise ValueError(f"Argument `{name}` must be None for a sound, which has no columns.")
+    if rate is not None:
+        raise ValueError(
+            "Argument `rate` must be None for a sound, whose file says it, but is "
+            f"{rendered(rate)}."
+        )
 
 
 def _layout_of(
@@ -234,18 +249,21 @@ def _layout_of(
         made = found[one]
         return made.places if isinstance(made, Match) else dict.fromkeys(meanings[one], 0)
 
-    def misfit(one: str) -> tuple[int, int]:
-        missing = [column for column in LAYOUTS[one].measured if column not in places(one)]
-        return len(missing), sum(column not in places(one) for column in LAYOUTS[one].columns)
+    def misfit(one: str) -> tuple[int, bool, int]:
+        there = places(one)
+        missing = LAYOUTS[one].lacking(there)
+        return len(missing), not there, sum(name not in there for name in LAYOUTS[one].columns)
 
     complete = [one for one in found if misfit(one)[0] == 0]
+    # What is told by the very name of a column means the layout that has it.
+    complete.sort(key=lambda one: -sum(name in LAYOUTS[one].columns for name in told))
     # The layout that lacks least is meant. What it lacks is then named, rather than all columns of
     # all layouts.
     meant = LAYOUTS[complete[0] if complete else min(found, key=misfit)]
     made = found[meant.name]
     if isinstance(made, RecordingError):
         raise made
-    missing = [column for column in meant.measured if column not in made.places]
+    missing = meant.lacking(made.places)
     if missing and not made.places and name is None:
         choices = "; ".join(", ".join(one.measured) for one in layouts)
         every = {key: m for one in meanings.values() for key, m in one.items()}
@@ -264,10 +282,6 @@ def _layout_of(
             f"{meant.instead.get(column, '')}{guess}",
             column,
         )
-    if not told and (against := meant.unlike(sheet.names)):
-        column = meant.measured[0]
-        say = f'; if they are, say so with `columns="{column}={made.places[column] + 1}"`'
-        raise sheet.fault(against + say, made.headings[column].text)
     return meant, made
 
 

@@ -81,6 +81,9 @@ class Records(Layout[Impact]):
     def made_of(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
         return f"impacts in a record of {self.quantity}"
 
+    def at_rate(self, rate: float | None) -> Records:
+        return self  # whose times were made of it
+
     def read(self, rows: Sequence[Row]) -> list[Impact]:
         clock, value = column_of(rows, "time"), column_of(rows, self.quantity)
         time, notes = even(rows, clock)

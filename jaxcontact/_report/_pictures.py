@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from .._calibration import Calibration
+from .._measurements import tracks_of
 from ._html import Html, element, picture
 
 if TYPE_CHECKING:
@@ -40,6 +41,15 @@ def pictures(calibration: Calibration) -> Html:
             picture(
                 _drawn(lambda f: record(calibration, ax=f.subplots(2)), 2 * _HEIGHT),
                 "The record with the impacts that were cut out of it, and their fits",
+            )
+        )
+    if tracks_of(one for pair in calibration.pairs.records for one in pair):
+        from ..plot import track
+
+        parts.append(
+            picture(
+                _one(lambda ax: track(calibration, ax=ax)),
+                "The track, with the parabolas between impacts",
             )
         )
     best = calibration.choice.best

@@ -15,4 +15,5 @@ from ._save import save as save
 from ._scene import scene as scene
 from ._sound import sound as sound
 from ._sweep import sweep as sweep
+from ._track import track as track
 from ._trajectory import trajectory as trajectory

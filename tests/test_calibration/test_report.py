@@ -8,7 +8,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._calibration._estimate import Estimate
-from jaxcontact._calibration._report import report
+from jaxcontact._calibration._report import report, side_by_side_rows
 
 DRAG = jc.Drag(mass=0.0027, radius=0.02, coefficient=0.5)
 
@@ -154,3 +154,13 @@ def test_how_the_file_was_read_is_told(blue):
     read = dataclasses.replace(blue.summary.recording, notes=notes)
     told = report(dataclasses.replace(blue.summary, recording=read))
     assert 'Read as    interval_s = "t / ms" / 1000; with decimal commas' in told
+
+
+def test_laws_are_compared_that_were_fitted_with_and_without_marked_pairs(blue):
+    """A pair more may allow a law with a parameter more."""
+    summary = blue.summary
+    _, rows = side_by_side_rows(summary)
+    few = dataclasses.replace(summary.choice, laws=summary.choice.laws[1:])
+    _, fewer = side_by_side_rows(dataclasses.replace(summary, choice=few))
+    assert len(rows) == 2 * len(summary.choice.laws)
+    assert fewer == rows[2:]

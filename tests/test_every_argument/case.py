@@ -85,5 +85,6 @@ V = np.linspace(0.5, 3.0, 7)
 OUT = 0.9 - 0.05 * V
 COLUMN = NOTHING  # no kind has six numbers
 NUMBERS_3 = frozenset({"tuple", "range", "Series"})
+TRACK = [abs(k / 20 - 1) * (2 - abs(k / 20 - 1)) for k in range(40)]  # before and after an impact
 COUNT = WHOLE
 SEED = WHOLE | {"zero"}

@@ -17,6 +17,7 @@ from tests.test_every_argument.case import (
     OUT,
     SEED,
     SWITCH,
+    TRACK,
     Case,
     V,
     blank,
@@ -277,6 +278,11 @@ def cases() -> dict[str, Case]:
             jc.read_recording,
             {"force": RECORD, "rate": 1000.0},
             {"force": NOTHING, "rate": NOTHING},
+        ),
+        "read_recording, track": Case(
+            jc.read_recording,
+            {"frame": list(range(40)), "y": TRACK, "rate": 60.0},
+            {"frame": NOTHING, "y": NOTHING, "rate": COUNT},
         ),
         "read_recording, columns": Case(
             jc.read_recording,

@@ -18,6 +18,7 @@ from tests.test_every_argument.case import (
     NOTHING,
     NUMBERS_3,
     PROGRESS,
+    TRACK,
     UNSOLVED,
     Case,
     blank,
@@ -206,6 +207,11 @@ def cases() -> dict[str, Case]:
         ),
         "plot.sound": Case(
             jc.plot.sound, {"recording": _heard()}, {"recording": NOTHING, "ax": NONE}
+        ),
+        "plot.track": Case(
+            jc.plot.track,
+            {"recording": jc.read_recording(time=np.arange(40) / 60, y=TRACK)},
+            {"recording": NOTHING, "ax": NONE},
         ),
         "plot.record": Case(
             jc.plot.record,

@@ -225,8 +225,8 @@ REFUSED = {
     "bounce,interval\n1,.4\n2,.3\n1,.4\n": r"row 4, column bounce: .*; name the trials in a column",
     "h\n.3\n.5\n.8\n": r"row 2, column h: balls rise to 1.63 times the height before",
     "v;e\n1;90%\n": r"row 2, column e: '90%' is not a number; leave the unit out and write it in",
-    "t,h\n0,1\n.1,.9\n": r"column h: heights beside a column of times look like a track, .*; if "
-    r'they are, say so with `columns="height_m=2"`',
+    "t,h\n0,1\n.1,.9\n": r"column h: is a track of 2 frames, too few .*; if these are heights of "
+    r'successive flights, say so with `columns="height_m=\.\.\."`',
     "intervalls\n.4\n": r"no known column; .*; did you mean 'interval_s'\?",
     b"%PDF-1.7": "is a PDF; save the table as CSV",
     b"\x1f\x8b\x08": "is compressed",

@@ -1,4 +1,4 @@
-"""Thirteen tasks as someone meets them who has a ball and a simulator, by what README and docs say.
+"""Fourteen tasks as someone meets them who has a ball and a simulator, by what README and docs say.
 
 Each is one command, or at most ten lines of Python. The recordings are made here from a ball whose
 restitution is known.
@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
+from benchmarks import track_truths
 from benchmarks.record_truths import impact
 from benchmarks.sound_truths import as_wave, draw
 from jaxcontact._cli import main
@@ -29,6 +30,9 @@ ROWS = np.stack([SPEED, SCATTERED], axis=1)
 
 CLEAR = 4
 """The draw of a sound with a clear drop: e = 0.64, 37 dB over the noise."""
+
+TRACKED = 705
+"""The draw of a track with five impacts, e = 0.84, at 120 frames per second."""
 
 FEW_ERRORS = 4.0
 """Standard errors: one draw in 16,000 is farther off, and these draws are fixed."""
@@ -171,6 +175,16 @@ def test_a_sound(here, capsys):
     (here / "bounce.wav").write_bytes(as_wave(truth))
     code, out, err = run("jaxcontact calibrate bounce.wav --quiet --json", here, capsys)
     assert (code, err) == (0, "") and (here / "sound.png").exists()
+    e = json.loads(out)["choice"]["laws"][0]["estimates"][0]
+    assert abs(e["value"] - truth.e) < FEW_ERRORS * e["standard_error"] < 0.05
+
+
+def test_a_video(here, capsys):
+    truth = track_truths.draw(np.random.default_rng([0, TRACKED]), kind="trackpy")
+    (here / "ball.csv").write_text(truth.text)
+    command = "jaxcontact calibrate ball.csv --rate 120 --quiet --json"
+    code, out, err = run(command, here, capsys)
+    assert (code, err) == (0, "") and (here / "track.png").exists()
     e = json.loads(out)["choice"]["laws"][0]["estimates"][0]
     assert abs(e["value"] - truth.e) < FEW_ERRORS * e["standard_error"] < 0.05
 

@@ -1,0 +1,257 @@
+"""Do intervals hold e, scale and tilt of tracks from video? `python benchmarks/tracks.py`.
+
+Tracks are simulated with known impacts (see track_truths.py), read as a user would, and the
+constant e is fitted as `calibrate` does. Counted are the impacts that are found, tracks in which
+one is invented, and how often 95 % intervals hold the e of each impact and of all, the scale and
+the tilt. Tracks without an impact, in air and of a rolled camera without x follow. Written to
+benchmarks/tracks.json; `--only N` draws fewer and writes nothing, `--page` writes the table of
+docs/tracks.md from the result.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import math
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+# From another folder, too.
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import jaxcontact as jc
+from benchmarks.sound import constant_e
+from benchmarks.track_truths import GRAVITY, Truth, draw
+from jaxcontact._flight import Flight
+from jaxcontact._measurements import make_pairs, tracks_of
+
+HERE = Path(__file__).parent
+RESULT = HERE / "tracks.json"
+PAGE = HERE.parent / "docs" / "tracks.md"
+SEED = 47
+DRAWS = 800
+OTHERS = 80
+FRAMES, STANDS_OUT = 5, 10.0
+"""A clear impact has so many frames of both flights, which rise so many times the noise."""
+
+SURE = 1.959964
+FEW = 20
+BEGIN, END = "<!-- table of benchmarks/tracks.py -->", "<!-- end of table -->"
+
+
+def read(truth: Truth) -> jc.Recording | None:
+    """The recording; None where nothing is found in it."""
+    rate = truth.rate if truth.kind in ("opencv", "trackpy") else None
+    try:
+        return jc.read_recording(io.StringIO(truth.text), rate=rate)
+    except jc.RecordingError:
+        return None
+
+
+def flight_of(truth: Truth) -> Flight:
+    """With the drag that was simulated, which is said to be known."""
+    if not math.isfinite(truth.terminal):
+        return Flight(GRAVITY, None)
+    drag = jc.Drag(mass=1.0, radius=1.0, coefficient=1.0)
+    mass = (truth.terminal / drag.terminal_speed(GRAVITY)) ** 2
+    return Flight(GRAVITY, jc.Drag(mass=mass, radius=1.0, coefficient=1.0))
+
+
+def inside(value: float, error: float, truth: float) -> bool:
+    """Whether the 95 % interval holds the truth."""
+    return bool(abs(value - truth) <= SURE * error)
+
+
+def clear(truth: Truth) -> np.ndarray:
+    """Which impacts (m,) have flights on both sides that can be seen."""
+    good = (truth.seen >= FRAMES) & (truth.height >= STANDS_OUT)
+    return good[:-1] & good[1:]
+
+
+def each_impact(truth: Truth, recording: jc.Recording) -> list[tuple[int, bool, float]]:
+    """The number of each impact that is used, -1 where it is invented; whether the interval holds
+    its e; and the relative error of its e.
+    """
+    pairs = make_pairs(recording, flight_of(truth))
+    found = []
+    for k, (first, _) in enumerate(pairs.records):
+        off = np.abs(truth.impact - first.drop.impact[first.number])
+        near = int(np.argmin(off)) if off.size and off.min() < 1 / truth.rate else -1
+        error = math.sqrt(pairs.covariance[k, k])
+        log = math.log(pairs.restitution[k])
+        found.append((near, near >= 0 and inside(log, error, math.log(truth.ratio[near])), error))
+    return found
+
+
+def one_of(random: np.random.Generator, **how: object) -> dict:
+    """What came of one simulated track."""
+    truth = draw(random, **how)
+    recording = read(truth)
+    visible = clear(truth)
+    row = {
+        "rate": truth.rate,
+        "noise": truth.noise,
+        "along": truth.kind != "heights",
+        "scatter": truth.scatter,
+        "misread": truth.outliers > 0,
+        "clear": int(visible.sum()),
+        "frames": truth.text.count("\n"),
+        "found": 0,
+        "invented": False,
+        "impacts": [],
+        "cameras": [],
+        "fitted": False,
+    }
+    if recording is None:
+        return row
+    each = each_impact(truth, recording)
+    there = {near for near, _, _ in each}
+    row["found"] = sum(int(k) in there for k in np.flatnonzero(visible))
+    row["invented"] = -1 in there
+    row["impacts"] = [(holds, error) for near, holds, error in each if near >= 0]
+    for drop in tracks_of(recording.records)[0].drops:
+        camera = drop.camera
+        scale = inside(camera.fall * truth.scale, camera.fall_error * truth.scale, GRAVITY)
+        tilt = None
+        if camera.tilt is not None:
+            tilt = inside(math.degrees(camera.tilt), math.degrees(camera.tilt_error), truth.tilt)
+        row["cameras"].append((scale, tilt, camera.fall_error / camera.fall, camera.tilt_error))
+    whole = constant_e(recording, flight_of(truth))
+    if whole is not None:
+        off = (whole[0] - math.log(truth.e)) / whole[1]
+        row |= {"fitted": True, "holds": abs(off) <= 1, "off": off, "half": whole[1]}
+    return row
+
+
+def summary(rows: list[dict]) -> dict:
+    """Counts and shares of some tracks."""
+    fitted = [row for row in rows if row["fitted"]]
+    visible = sum(row["clear"] for row in rows)
+    impacts = [one for row in rows for one in row["impacts"]]
+    cameras = [one for row in rows for one in row["cameras"]]
+    tilts = [one for one in cameras if one[1] is not None]
+
+    def share(values: list) -> float | None:
+        return sum(bool(one) for one in values) / len(values) if values else None
+
+    def middle(values: list) -> float | None:
+        return float(np.median(values)) if values else None
+
+    return {
+        "tracks": len(rows),
+        "clear impacts": visible,
+        "found": sum(row["found"] for row in rows) / visible if visible else None,
+        "none invented": 1 - sum(row["invented"] for row in rows) / max(len(rows), 1),
+        "impacts": len(impacts),
+        "e of an impact in its interval": share([holds for holds, _ in impacts]),
+        "error of e of an impact, relative, median": middle([error for _, error in impacts]),
+        "fitted": len(fitted),
+        "constant e in its interval": share([row["holds"] for row in fitted]),
+        "half interval of the constant e, relative, median": middle([r["half"] for r in fitted]),
+        "cameras": len(cameras),
+        "scale in its interval": share([one[0] for one in cameras]),
+        "error of the scale, relative, median": middle([one[2] for one in cameras]),
+        "tilt in its interval": share([one[1] for one in tilts]),
+        "error of the tilt in degrees, median": middle([math.degrees(one[3]) for one in tilts]),
+    }
+
+
+GROUPS: dict[str, Callable[[dict], bool]] = {
+    "30 to 60 frames/s": lambda row: row["rate"] <= 60,
+    "100 to 240 frames/s": lambda row: 100 <= row["rate"] <= 240,
+    "500 and 1000 frames/s": lambda row: row["rate"] >= 500,
+    "noise of 0.1 to 0.5 px": lambda row: row["noise"] < 0.5,
+    "noise of 0.5 to 2 px": lambda row: row["noise"] >= 0.5,
+    "with x": lambda row: row["along"],
+    "heights alone": lambda row: not row["along"],
+    "no scatter of e": lambda row: row["scatter"] == 0,
+    "scatter of e": lambda row: row["scatter"] > 0,
+    "no misreadings": lambda row: not row["misread"],
+    "misreadings": lambda row: row["misread"],
+}
+
+
+def study(draws: int, others: int) -> dict:
+    """All tracks: whole, in groups, and the other kinds."""
+    begin = time.process_time()
+    rows = [one_of(np.random.default_rng([SEED, k])) for k in range(draws)]
+    kinds = {
+        "in air, known": {"air": True},
+        "heights alone, camera rolled by up to 3°": {"kind": "heights", "rolled": 3.0},
+        "let go and caught, no impact": {"bounces": False},
+        "a pendulum, no impact": {"bounces": False, "swings": True},
+    }
+    more = {
+        name: summary([one_of(np.random.default_rng([SEED, k, j]), **how) for j in range(others)])
+        for k, (name, how) in enumerate(kinds.items(), 1)
+    }
+    off = [row["off"] for row in rows if row["fitted"]]
+    return {
+        "seed": SEED,
+        "all": summary(rows),
+        **{name: summary([row for row in rows if group(row)]) for name, group in GROUPS.items()},
+        **more,
+        "frames": sum(row["frames"] for row in rows),
+        "seconds of one core": round(time.process_time() - begin, 1),
+        "off, quantiles of 5, 25, 50, 75, 95 %": list(
+            np.quantile(off, (0.05, 0.25, 0.5, 0.75, 0.95))
+        ),
+    }
+
+
+def page(result: dict) -> str:
+    """The table of docs/tracks.md."""
+    head = (
+        "| tracks | clear impacts | found | none invented | e of an impact in its interval "
+        "| constant e in its interval | scale | tilt | median error of e of an impact |"
+    )
+    lines = [head, "|---|" + "---:|" * 8]
+
+    def percent(value: float | None, count: int, digits: int = 1) -> str:
+        return "-" if value is None or count < FEW else f"{100 * value:.{digits}f} %"
+
+    for name, row in result.items():
+        if not isinstance(row, dict):
+            continue
+        impacts, cameras = row["impacts"], row["cameras"]
+        cells = (
+            f"{name}: {row['tracks']}",
+            str(row["clear impacts"]),
+            percent(row["found"], row["clear impacts"]),
+            percent(row["none invented"], row["tracks"]),
+            percent(row["e of an impact in its interval"], impacts),
+            percent(row["constant e in its interval"], row["fitted"]),
+            percent(row["scale in its interval"], cameras),
+            percent(row["tilt in its interval"], cameras),
+            percent(row["error of e of an impact, relative, median"], impacts, 2),
+        )
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--only", type=int, help="so many tracks, and write nothing")
+    parser.add_argument("--page", action="store_true", help="write the table of docs/tracks.md")
+    arguments = parser.parse_args()
+    if arguments.page:
+        before, _, rest = PAGE.read_text().partition(BEGIN)
+        after = rest.partition(END)[2]
+        table = page(json.loads(RESULT.read_text()))
+        PAGE.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}")
+        return
+    draws = arguments.only or DRAWS
+    result = study(draws, OTHERS if not arguments.only else max(draws // 10, 5))
+    text = json.dumps(result, indent=1) + "\n"
+    print(text)
+    if not arguments.only:
+        RESULT.write_text(text)
+
+
+if __name__ == "__main__":
+    main()
