@@ -15,8 +15,9 @@ A table is clear where the best law that does not contain the truth misses it by
 
 Every table is counted in benchmarks/choice_confusion.json when it is done, and a run goes on where
 the last one was stopped; `--fresh` starts over. `--tables` sets the number of tables in a cell,
-`--only` runs the cells whose name contains a text, `--into` another folder. `python
-benchmarks/fit_adequacy.py --page` writes docs/trust.md from the result.
+`--only` runs the cells whose name contains a text, `--into` another folder. `--right` counts, in
+the same tables, how often the curve of the right law leaves the truth by that measure of 2 standard
+errors. `python benchmarks/fit_adequacy.py --page` writes docs/trust.md from the result.
 """
 
 from __future__ import annotations
@@ -230,12 +231,16 @@ def cells() -> Iterator[tuple[str, tuple[str, int, str, str]]]:
         yield f"{truth}, {n} points, noise {noise}, e {level}", what
 
 
+def drawn(name: str, what: tuple[str, int, str, str], i: int) -> Table:
+    """A table of a cell, from a seed of its own."""
+    random = np.random.default_rng([SEED, zlib.crc32(name.encode()), i])
+    return simulated(random, TRUTHS[what[0]], *what[1:])
+
+
 def more(cell: dict[str, Any], name: str, what: tuple[str, int, str, str], tables: int) -> None:
-    """Bring the counts of a cell to so many tables, each of which has a seed of its own."""
-    truth, n, noise, level = TRUTHS[what[0]], *what[1:]
+    """Bring the counts of a cell to so many tables."""
     for i in range(cell["tables"], tables):
-        random = np.random.default_rng([SEED, zlib.crc32(name.encode()), i])
-        one = judged(simulated(random, truth, n, noise, level), truth)
+        one = judged(drawn(name, what, i), TRUTHS[what[0]])
         right = one["sure"] is not None and not one["wrong"]
         cell["tables"] += 1
         cell["wrong"] += one["wrong"]
@@ -243,6 +248,22 @@ def more(cell: dict[str, Any], name: str, what: tuple[str, int, str, str], table
         cell["clear and right"] += one["clear"] and right
         if one["sure"] is not None:
             cell["sure"][one["sure"]] = cell["sure"].get(one["sure"], 0) + 1
+
+
+def right_and_left(name: str, what: tuple[str, int, str, str], tables: int) -> tuple[int, int]:
+    """Of the tables of a cell, of how many the choice is sure of the law that made them, and of how
+    many of these its curve leaves the truth.
+    """
+    truth, sure, out = TRUTHS[what[0]], 0, 0
+    for i in range(tables):
+        table = drawn(name, what, i)
+        try:
+            choice = jc.choose_law(table.velocity, table.e, CONTACT, groups=table.trials)
+        except jc.RecordingError:
+            continue
+        if choice.sure and choice.best == truth.kind:
+            sure, out = sure + 1, out + left(choice, choice.best, table)
+    return sure, out
 
 
 NOTHING = {"tables": 0, "wrong": 0, "clear": 0, "clear and right": 0}
@@ -253,6 +274,7 @@ def main(given: list[str] | None = None) -> None:
     parser.add_argument("--tables", type=int, default=8, help="in each of the cells")
     parser.add_argument("--only", default="")
     parser.add_argument("--fresh", action="store_true")
+    parser.add_argument("--right", action="store_true", help="count how the right law fares")
     parser.add_argument("--into", type=Path, default=HERE, help="folder of the result")
     arguments = parser.parse_args(given)
     path = arguments.into / RESULT.name
@@ -262,6 +284,18 @@ def main(given: list[str] | None = None) -> None:
     arguments.into.mkdir(parents=True, exist_ok=True)
     chosen = [one for one in cells() if arguments.only in one[0]]
     begun = time.perf_counter()
+    if arguments.right:
+        for name, what in chosen:
+            cell = result["cells"].get(name)
+            if cell is None or TRUTHS[what[0]].kind is None or "right" in cell:
+                continue
+            if cell["sure"].get(TRUTHS[what[0]].kind):
+                with jax.enable_x64(True):
+                    cell["right"], cell["left"] = right_and_left(name, what, cell["tables"])
+                path.write_text(json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+        sums = shares(result)["all"]
+        print(f"sure of the right law: {sums['right']}, its curve leaves the truth: {sums['left']}")
+        return
     # A table of every cell, then another: a run that is stopped has touched them all.
     for tables in range(1, arguments.tables + 1):
         for name, what in chosen:
@@ -286,6 +320,7 @@ def shares(result: dict[str, Any]) -> dict[str, dict[str, float]]:
             sums = found.setdefault(part, Counter())
             sums.update({key: cell[key] for key in ("tables", "wrong", "clear", "clear and right")})
             sums["sure"] += sum(cell["sure"].values())
+            sums.update({key: cell.get(key, 0) for key in ("right", "left")})
     return {part: dict(sums) for part, sums in found.items()}
 
 

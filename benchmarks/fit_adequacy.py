@@ -220,6 +220,7 @@ def page(result: dict[str, Any]) -> str:
         "CHOICE_TABLES": f"{sum(cell['tables'] for cell in choice['cells'].values()):,}",
         "CONFUSION": confusion_table(choice),
         "SURE": sure_table(choice),
+        **right_numbers(choice),
         "LEVELS": levels,
         "POWER": power,
         "CURVES": curves,
@@ -261,6 +262,17 @@ def sure_table(result: dict[str, Any]) -> str:
         rows.append([part, str(sums["tables"]), text, str(sums["clear"]), good])
     header = ["tables", "number", "sure and wrong, %", "clear", "of these sure and right, %"]
     return table(header, rows)
+
+
+def right_numbers(result: dict[str, Any]) -> dict[str, str]:
+    """How often the curve of the right law leaves the truth, in all tables, the smallest and the
+    largest ones.
+    """
+    sums = choice_confusion.shares(result)
+    few, many = (f"{n} points" for n in (min(choice_confusion.SIZES), max(choice_confusion.SIZES)))
+    parts = {"LEFT": "all", "LEFT_FEW": few, "LEFT_MANY": many}
+    of = {name: percent(sums[part]["left"] / sums[part]["right"]) for name, part in parts.items()}
+    return {"RIGHT": f"{sums['all']['right']:,}", **of}
 
 
 def _place(part: tuple[str, Any]) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from .._progress import Stages
 from .._whole_files import write_all
+from ._air import add_air_options, drag_asked, gravity_asked
 from ._files import output_path
 from ._options import InputError, positive
 from ._table import add_table_options, input_error
@@ -100,26 +101,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         default=".",
         help=f"folder for {FIGURE} and {NUMBERS}, made if missing (default: the current one)",
     )
-    air = parser.add_argument_group(
-        "drag of the air", "quadratic drag, taken out of the flights if all three are given"
-    )
+    add_air_options(parser, mass="mass of the ball in kg (also used for A, and for records)")
     follow = "Hertz stiffness in N/m^(3/2); reports the c, and with --mass the A, that follow"
-    for group, name, metavar, words in (
-        (parser, "--gravity", "M/S2", "gravity in m/s² (default: 9.81)"),
-        (air, "--mass", "KG", "mass of the ball in kg (also used for A, and for records)"),
-        (air, "--radius", "M", "radius of the ball in m"),
-        (air, "--drag-coefficient", "CD", "0.4 to 0.5 for a sphere"),
-        (air, "--air-density", "KG/M3", "in kg/m³ (default: 1.204)"),
-        (parser, "--stiffness", "K", follow),
-        (
-            parser,
-            "--rate",
-            "HZ",
-            "readings of a record, or frames of a video, per second",
-        ),
-        (parser, "--exponent", "N", "exponent n of the force of a record (default: 1.5)"),
+    for name, metavar, words in (
+        ("--stiffness", "K", follow),
+        ("--rate", "HZ", "readings of a record, or frames of a video, per second"),
+        ("--exponent", "N", "exponent n of the force of a record (default: 1.5)"),
     ):
-        group.add_argument(name, metavar=metavar, type=positive, help=words)
+        parser.add_argument(name, metavar=metavar, type=positive, help=words)
     parser.add_argument(
         "--report",
         metavar="FILE",
@@ -134,7 +123,6 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Calibrate as asked; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
     progress("reading the recording")
     from .._calibration import calibrate
-    from .._flight import STANDARD_GRAVITY
     from .._measurements import RecordingError, read_recording
     from ..plot import calibration, record, sound, track
     from ..plot._save import drawn
@@ -143,7 +131,6 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     out = pathlib.Path(arguments.out)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out} is not a folder")
-    gravity = STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity
     try:
         recording = read_recording(
             arguments.file,
@@ -163,7 +150,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             mass=arguments.mass,
             stiffness=arguments.stiffness,
             exponent=arguments.exponent,
-            gravity=gravity,
+            gravity=gravity_asked(arguments),
             progress=progress,
         )
     except RecordingError as error:
@@ -221,27 +208,9 @@ def _page(name: str | None) -> pathlib.Path | None:
 
 
 def _drag(arguments: argparse.Namespace) -> Drag | None:
-    from .._flight import AIR_DENSITY, Drag
-
-    named = {
-        "--mass": arguments.mass,
-        "--radius": arguments.radius,
-        "--drag-coefficient": arguments.drag_coefficient,
-    }
-    missing = [name for name, value in named.items() if value is None]
-    if not missing:
-        density = AIR_DENSITY if arguments.air_density is None else arguments.air_density
-        return Drag(arguments.mass, arguments.radius, arguments.drag_coefficient, density)
-    named["--air-density"] = arguments.air_density
-    useless = [name for name, value in named.items() if value is not None]
-    if arguments.mass is not None and arguments.stiffness is not None:
-        useless.remove("--mass")  # wanted for A
-    if arguments.radius is not None and arguments.report:
-        useless.remove("--radius")  # wanted for simulators
-    if useless:
-        hint = " (or --stiffness, for A)" if useless == ["--mass"] else ""
-        raise InputError(
-            f"{' and '.join(useless)} alone cannot correct for drag: "
-            f"also give {' and '.join(missing)}{hint}"
-        )
-    return None
+    used = []
+    if arguments.stiffness is not None:
+        used.append("--mass")  # wanted for A
+    if arguments.report:
+        used.append("--radius")  # wanted for simulators
+    return drag_asked(arguments, used=used, hint=" (or --stiffness, for A)")

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from .._progress import Stages
+from ._air import add_air_options, drag_asked, gravity_asked
 from ._law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
 from ._options import InputError, assignment, number, positive
 from ._printing import print_json
@@ -38,6 +39,9 @@ Headings may be any usual name, with a unit that is then converted ("t_c / ms", 
 
 --law, its parameters, --mass and --stiffness are where the fit starts. The mass stays as it is
 given; --hold NAME holds other numbers: stiffness, a parameter of the law, or velocity.
+
+--gravity and the drag of the air are for bounces; with --mass, --radius and --drag-coefficient the
+flights are those of a ball in air.
 
 Without --e a law with that parameter starts at 0.7.
 
@@ -109,7 +113,8 @@ def _bounces(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     # e(v) of most laws does not depend on them.
     contact = Contact(arguments.mass or 1.0, arguments.stiffness or 1.0, exponent)
     first, second = (np.array(data[name]) for name in ("first", "second"))
-    how = _robust(arguments)
+    drag = drag_asked(arguments, used=["--mass"])
+    how = {"gravity": gravity_asked(arguments), "drag": drag} | _robust(arguments)
     return fit_bounces(law, contact, first, second, kind=str(data["kind"]), **how)
 
 
@@ -152,6 +157,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="Huber's loss: outliers, wrong triggers say, count less",
     )
     parser.add_argument("--ball", metavar="NAME", help="ball to use, for bounces")
+    add_air_options(parser)
     add_table_options(parser)
 
 
@@ -159,6 +165,10 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Fit and print; return 0, or 1 if the fit did not converge. Raises InputError, OSError."""
     progress("reading the file")
     problem = _PROBLEMS[arguments.problem]
+    if arguments.problem != "bounces":
+        for name in ("gravity", "radius", "drag_coefficient", "air_density"):
+            if getattr(arguments, name) is not None:
+                raise InputError(f"--{name.replace('_', '-')} is for bounces only")
     source, data, notes = _read(arguments, problem)
     progress("compiling and fitting")
     try:

@@ -103,6 +103,7 @@ WRONG = {
         "sped=1",
     ): "--columns names 'sped', which is",
     ("fit", "damping", "{file}", *LAW[4:], "--sigma", "f=1"): "--sigma f: the columns are e",
+    ("fit", "damping", "{file}", *LAW[4:], "--gravity", "9.8"): "--gravity is for bounces only",
     ("fit", "bounces", "{file}", *LAW): "holds speeds and restitutions; fit them with",
 }
 
@@ -142,6 +143,29 @@ def test_fit_of_a_file_as_it_was_saved(tmp_path, capsys):
     bounces.write_text("height_mm\n800\n610\n470\n355\n272\n")
     told = asked(capsys, "fit", "bounces", str(bounces), "--law", "exact", "--robust")
     assert told["parameters"]["law.e"] == pytest.approx(0.873, abs=0.002)
+    # In air, which slows the ball, less is lost in the impacts.
+    ball = (
+        "--mass",
+        "0.0027",
+        "--radius",
+        "0.02",
+        "--drag-coefficient",
+        "0.45",
+        "--gravity",
+        "9.8",
+    )
+    told = asked(capsys, "fit", "bounces", str(bounces), "--law", "exact", "--robust", *ball)
+    heights = np.array([0.8, 0.61, 0.47, 0.355, 0.272])
+    drag = jc.Drag(0.0027, 0.02, 0.45)
+    wanted = jc.fit_bounces(
+        *(jc.ExactRestitution(e=0.7), jc.Contact(1.0, 1.0), heights[:-1], heights[1:]),
+        kind="heights",
+        gravity=9.8,
+        drag=drag,
+        loss=jc.Huber(),
+    )
+    assert told["parameters"]["law.e"] == pytest.approx(wanted.values[0], rel=1e-9)
+    assert told["parameters"]["law.e"] > 0.9
 
 
 def test_design(capsys):
