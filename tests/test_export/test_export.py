@@ -38,6 +38,7 @@ VARIANTS = [
     ("mujoco", {}, {}),
     ("bullet", {}, {}),
     ("mercurydpm", {}, {}),
+    ("newton", {}, {}),
     ("yade", {**R, "poisson_ratio": 0.25}, {}),
     ("chrono", R, {}),
     *[
@@ -83,7 +84,7 @@ def test_another_method_agrees():
     assert float(hit.duration) == pytest.approx(found.duration, rel=EVENT)
 
 
-@pytest.mark.parametrize("engine", ["bullet", "drake", "mercurydpm", "mujoco"])
+@pytest.mark.parametrize("engine", ["bullet", "drake", "mercurydpm", "mujoco", "newton"])
 def test_a_linear_engine_is_as_long_in_contact(engine):
     law = jc.ExactRestitution(e=0.4)
     found = export(law, CONTACT, SPEED, engine=engine)
@@ -194,6 +195,7 @@ def test_an_elastic_contact():
         ("simbody", R, "dissipation"),
         ("mujoco", {}, "damping"),
         ("bullet", {}, "contactDamping"),
+        ("newton", {}, "kd"),
         ("mercurydpm", {}, "dissipation"),
         ("lammps", {**R, "damping": "viscoelastic"}, "eta_n0"),
     ):
