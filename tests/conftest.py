@@ -86,15 +86,31 @@ def pytest_collection_modifyitems(config, items):
         items[:] = [item for item in items if not item.get_closest_marker("slow")]
 
 
+# Linux lets a process map 65,530 regions of memory, and ends it at the next one. A compiled program
+# takes a few, an impact by an adaptive solve and all that goes with it 500.
+_MAPS, _MEMORY = pathlib.Path("/proc/self/maps"), pathlib.Path("/proc/self/statm")
+_MOST_MAPS = 25_000
+_MOST_BYTES = 3_000_000_000
+
+
+def _is_full():
+    if not _MAPS.exists():
+        return False
+    held = int(_MEMORY.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    return held > _MOST_BYTES or _MAPS.read_bytes().count(b"\n") > _MOST_MAPS
+
+
 @pytest.fixture(scope="module", autouse=True)
 def room_for_programs():
-    """After a file, what was traced and compiled for it is dropped: little of it serves another,
-    which finds programs in the cache. Otherwise a worker grows to 8 GB, and Linux ends a process
-    that maps 65,530 regions of memory, of which an impact by an adaptive solve takes 500.
+    """After a file, programs are dropped where they are too many; the cache still has them.
+
+    After every file it would cost a tenth more: files share small programs. Never, a worker grows
+    to 8 GB.
     """
     yield
-    jax.clear_caches()
-    gc.collect()
+    if _is_full():
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture
