@@ -239,6 +239,9 @@ def drawn(name: str, what: tuple[str, int, str, str], i: int) -> Table:
 
 def more(cell: dict[str, Any], name: str, what: tuple[str, int, str, str], tables: int) -> None:
     """Bring the counts of a cell to so many tables."""
+    if cell["tables"] < tables:
+        # Counted of fewer tables.
+        cell.pop("right", None), cell.pop("left", None)
     for i in range(cell["tables"], tables):
         one = judged(drawn(name, what, i), TRUTHS[what[0]])
         right = one["sure"] is not None and not one["wrong"]

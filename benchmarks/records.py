@@ -10,7 +10,6 @@ docs/records.md from the result.
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import sys
@@ -27,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.record_truths import GRAVITY, Truth, draw
+from benchmarks.study import command
 from jaxcontact._calibration._choose import padded_data
 from jaxcontact._calibration._kinds import ConstantC, ConstantE
 from jaxcontact._calibration._outcomes import LogOutcomes
@@ -34,16 +34,12 @@ from jaxcontact._calibration._record_pairs import Fitted, fitted_impacts, weighe
 from jaxcontact._flight import Flight
 from jaxcontact._measurements._pairs import LEAST_PAIRS
 
-HERE = Path(__file__).parent
-RESULT = HERE / "records.json"
-PAGE = HERE.parent / "docs" / "records.md"
 SEED = 31
 DRAWS = 380
 EMPTY = 100
 STANDS_OUT = 10.0
 SURE = 1.959964
 FEW = 20
-BEGIN, END = "<!-- table of benchmarks/records.py -->", "<!-- end of table -->"
 
 
 def read(truth: Truth) -> jc.Recording | None:
@@ -274,25 +270,6 @@ def page(result: dict) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--only", type=int, help="so many records, and write nothing")
-    parser.add_argument("--page", action="store_true", help="write the table of docs/records.md")
-    arguments = parser.parse_args()
-    if arguments.page:
-        before, _, rest = PAGE.read_text().partition(BEGIN)
-        after = rest.partition(END)[2]
-        table = page(json.loads(RESULT.read_text()))
-        PAGE.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}")
-        return
-    draws = arguments.only or DRAWS
-    empty = EMPTY if not arguments.only else max(draws // 10, 5)
-    result = study(draws, empty)
-    text = json.dumps(result, indent=1) + "\n"
-    print(text)
-    if not arguments.only:
-        RESULT.write_text(text)
-
-
 if __name__ == "__main__":
-    main()
+    title = __doc__.split("\n")[0]
+    command("records", study, page, draws=DRAWS, others=EMPTY, title=title)

@@ -9,10 +9,8 @@ fewer and writes nothing, `--page` writes the table of docs/sound.md from the re
 
 from __future__ import annotations
 
-import argparse
 import io
 import itertools
-import json
 import math
 import sys
 import time
@@ -26,15 +24,13 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.sound_truths import Truth, as_wave, draw
+from benchmarks.study import command
 from jaxcontact._calibration._choose import weights_of
 from jaxcontact._flight import Flight
 from jaxcontact._measurements import make_pairs
 from jaxcontact._measurements._outliers import find_outliers
 from jaxcontact._measurements._pairs import LEAST_PAIRS
 
-HERE = Path(__file__).parent
-RESULT = HERE / "sound.json"
-PAGE = HERE.parent / "docs" / "sound.md"
 SEED = 20
 DRAWS = 2000
 OTHERS = 200
@@ -43,7 +39,6 @@ SAME = 3e-3
 
 STANDS_OUT = 6.0
 FEW = 20
-BEGIN, END = "<!-- table of benchmarks/sound.py -->", "<!-- end of table -->"
 LEVELS = (10, 20, 30, 40)
 
 
@@ -197,24 +192,6 @@ def page(result: dict) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--only", type=int, help="so many recordings, and write nothing")
-    parser.add_argument("--page", action="store_true", help="write the table of docs/sound.md")
-    arguments = parser.parse_args()
-    if arguments.page:
-        before, _, rest = PAGE.read_text().partition(BEGIN)
-        after = rest.partition(END)[2]
-        table = page(json.loads(RESULT.read_text()))
-        PAGE.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}")
-        return
-    draws = arguments.only or DRAWS
-    result = study(draws, OTHERS if not arguments.only else max(draws // 10, 5))
-    text = json.dumps(result, indent=1) + "\n"
-    print(text)
-    if not arguments.only:
-        RESULT.write_text(text)
-
-
 if __name__ == "__main__":
-    main()
+    title = __doc__.split("\n")[0]
+    command("sound", study, page, draws=DRAWS, others=OTHERS, title=title)

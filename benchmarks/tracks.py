@@ -10,9 +10,7 @@ docs/tracks.md from the result.
 
 from __future__ import annotations
 
-import argparse
 import io
-import json
 import math
 import sys
 import time
@@ -26,13 +24,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
 from benchmarks.sound import constant_e
+from benchmarks.study import command
 from benchmarks.track_truths import GRAVITY, Truth, draw
 from jaxcontact._flight import Flight
 from jaxcontact._measurements import make_pairs, tracks_of
 
-HERE = Path(__file__).parent
-RESULT = HERE / "tracks.json"
-PAGE = HERE.parent / "docs" / "tracks.md"
 SEED = 47
 DRAWS = 800
 OTHERS = 80
@@ -41,7 +37,6 @@ FRAMES, STANDS_OUT = 5, 10.0
 
 SURE = 1.959964
 FEW = 20
-BEGIN, END = "<!-- table of benchmarks/tracks.py -->", "<!-- end of table -->"
 
 
 def read(truth: Truth) -> jc.Recording | None:
@@ -198,8 +193,8 @@ def study(draws: int, others: int) -> dict:
         **more,
         "frames": sum(row["frames"] for row in rows),
         "seconds of one core": round(time.process_time() - begin, 1),
-        "off, quantiles of 5, 25, 50, 75, 95 %": list(
-            np.quantile(off, (0.05, 0.25, 0.5, 0.75, 0.95))
+        "off, quantiles of 5, 25, 50, 75, 95 %": (
+            list(np.quantile(off, (0.05, 0.25, 0.5, 0.75, 0.95))) if off else []
         ),
     }
 
@@ -234,24 +229,6 @@ def page(result: dict) -> str:
     return "\n".join(lines)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--only", type=int, help="so many tracks, and write nothing")
-    parser.add_argument("--page", action="store_true", help="write the table of docs/tracks.md")
-    arguments = parser.parse_args()
-    if arguments.page:
-        before, _, rest = PAGE.read_text().partition(BEGIN)
-        after = rest.partition(END)[2]
-        table = page(json.loads(RESULT.read_text()))
-        PAGE.write_text(f"{before}{BEGIN}\n{table}\n{END}{after}")
-        return
-    draws = arguments.only or DRAWS
-    result = study(draws, OTHERS if not arguments.only else max(draws // 10, 5))
-    text = json.dumps(result, indent=1) + "\n"
-    print(text)
-    if not arguments.only:
-        RESULT.write_text(text)
-
-
 if __name__ == "__main__":
-    main()
+    title = __doc__.split("\n")[0]
+    command("tracks", study, page, draws=DRAWS, others=OTHERS, title=title)

@@ -157,6 +157,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="Huber's loss: outliers, wrong triggers say, count less",
     )
     parser.add_argument("--ball", metavar="NAME", help="ball to use, for bounces")
+    parser.add_argument(
+        "--rate", metavar="HZ", type=positive, help="frames of a video per second, for bounces"
+    )
     add_air_options(parser)
     add_table_options(parser)
 
@@ -166,7 +169,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     progress("reading the file")
     problem = _PROBLEMS[arguments.problem]
     if arguments.problem != "bounces":
-        for name in ("gravity", "radius", "drag_coefficient", "air_density"):
+        for name in ("rate", "gravity", "radius", "drag_coefficient", "air_density"):
             if getattr(arguments, name) is not None:
                 raise InputError(f"--{name.replace('_', '-')} is for bounces only")
     source, data, notes = _read(arguments, problem)
@@ -214,7 +217,7 @@ def _read_bounces(
     from .._flight import Flight
     from .._measurements import make_pairs, read_recording
 
-    recording = read_recording(arguments.file, ball=arguments.ball, **how)
+    recording = read_recording(arguments.file, ball=arguments.ball, rate=arguments.rate, **how)
     pairs = make_pairs(recording, Flight())
     flights = recording.layout.flights(pairs.records)
     if flights is None:

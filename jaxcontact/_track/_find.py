@@ -9,7 +9,8 @@ import numpy as np
 from scipy import ndimage, signal
 
 from ._fit import LEAST_FRAMES, Guess
-from ._guess import MAD, SHARE, guess_of, line, trimmed
+from ._guess import SHARE, guess_of, line, trimmed
+from ._search import MAD
 from ._seen import Floats
 
 _STANDS_OUT = 8.0

@@ -10,10 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ._fit import LEAST_FRAMES, Guess
+from ._search import MAD
 from ._seen import Floats
-
-MAD = 1.4826
-"""The standard deviation of a normal law over its median absolute deviation."""
 
 SHARE = 0.6
 """Of the frames of a flight so many lie on its parabola."""

@@ -28,7 +28,8 @@ _FIRM_TURNS, _TURNS, _FEW = 5, 3, 6
 _LEAST = 1e-9
 """Of the range of places: no noise is smaller."""
 
-_MAD = 1.4826
+MAD = 1.4826
+"""The standard deviation of a normal law over its median absolute deviation."""
 
 
 def robustly(model: Model, time: Floats, seen: np.ndarray, vector: Floats) -> Floats | None:
@@ -106,6 +107,6 @@ def slope_of(model: Model, vector: Floats, time: Floats, sigma: np.ndarray) -> n
 
 def scatter(model: Model, vector: Floats, time: Floats, seen: np.ndarray) -> Floats:
     """The noise along and up (axes,), by what most frames leave beside the parameters."""
-    sigma = _MAD * np.median(np.abs(seen - model.places(vector, time)[0]), axis=0)
+    sigma = MAD * np.median(np.abs(seen - model.places(vector, time)[0]), axis=0)
     sigma *= math.sqrt(seen.size / max(seen.size - model.size, 1))
     return np.maximum(sigma, _LEAST * max(float(np.ptp(seen)), 1e-300))

@@ -142,6 +142,14 @@ def test_the_study_in_seconds(tmp_path):
         ["--tables", "2", "--only", "wet, 25 points, noise prop", "--into", str(tmp_path)]
     )
     assert json.loads((tmp_path / "choice_confusion.json").read_text()) == result
+    # How the right law fares is counted in the tables in which the choice is sure of it.
+    only = ["--only", "elastic-plastic", "--into", str(tmp_path)]
+    choice_confusion.main(["--right", *only])
+    result = json.loads((tmp_path / "choice_confusion.json").read_text())
+    cells = [cell for name, cell in result["cells"].items() if name.startswith("elastic-plastic")]
+    sure = sum(cell["sure"].get("elastic-plastic", 0) for cell in cells)
+    assert sum(cell.get("right", 0) for cell in cells) == sure > 0
+    assert all(0 <= cell.get("left", 0) <= cell.get("right", 0) for cell in cells)
 
 
 def test_the_committed_study_has_all_cells():

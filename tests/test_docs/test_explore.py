@@ -23,8 +23,8 @@ SHOWN = 0.51
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    # Programs of the system, which `pip` cannot bring; `.ci/run` installs them where it may.
     if chromium is None or driver is None:
+        # Programs of the system, which `pip` cannot bring; `.ci/run` installs them where it may.
         pytest.skip("there is no chromium, or no chromedriver (Debian: chromium-driver)")
     file = tmp_path_factory.mktemp("explore") / "explore.html"
     assert main(["explore", "--no-open", "--out", str(file), "--quiet"]) == 0

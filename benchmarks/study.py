@@ -1,0 +1,46 @@
+"""The command of a study of simulated recordings: its options, its result, and the table of a page.
+
+A study stands in benchmarks/NAME.py, its result in benchmarks/NAME.json, and its table in
+docs/NAME.md between two comments.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+HERE = Path(__file__).parent
+
+
+def command(
+    name: str,
+    study: Callable[[int, int], dict],
+    page: Callable[[dict], str],
+    *,
+    draws: int,
+    others: int,
+    title: str,
+) -> None:
+    """Draw what is simulated and write the result, or the table of an earlier one.
+
+    `study` takes the number of draws, and that of each other kind; `page` makes the table.
+    """
+    written, text = HERE / f"{name}.json", HERE.parent / "docs" / f"{name}.md"
+    parser = argparse.ArgumentParser(description=title)
+    parser.add_argument("--only", type=int, help="so many draws, and write nothing")
+    parser.add_argument("--page", action="store_true", help=f"write the table of docs/{name}.md")
+    arguments = parser.parse_args()
+    if arguments.page:
+        begin, end = f"<!-- table of benchmarks/{name}.py -->", "<!-- end of table -->"
+        before, _, rest = text.read_text().partition(begin)
+        table = page(json.loads(written.read_text()))
+        text.write_text(f"{before}{begin}\n{table}\n{end}{rest.partition(end)[2]}")
+        return
+    few = arguments.only
+    found = study(few or draws, max(few // 10, 5) if few else others)
+    result = json.dumps(found, indent=1) + "\n"
+    print(result)
+    if not few:
+        written.write_text(result)
