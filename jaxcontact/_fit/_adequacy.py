@@ -83,7 +83,9 @@ def adequacy_of(fit: FitData) -> Adequacy:
     Points are ordered by `x` where it has one number for each, else as they were given. Noise is
     simulated as normal; where points of one trial may be correlated, as the residuals with the sign
     of each trial drawn, and with Huber's loss, which is for noise that is not normal, with the
-    sign of each point drawn.
+    sign of each point drawn. With fewer than 8 trials there are too few signs: then what shifts all
+    points of a trial alike is taken out together with what the model describes, and the rest is
+    simulated as normal.
     Source: Davidson & Flachaire (2008), doi 10.1016/j.jeconom.2008.08.003, for drawn signs; Fisher
     (1932) for the combination.
     """
@@ -101,9 +103,12 @@ def adequacy_of(fit: FitData) -> Adequacy:
     if _is_exact(fit, z):
         reason = f"it meets them to {_EXACT:.0e} of their scatter"
         return dataclasses.replace(unknown, adequate=True, reason=reason)
-    model = basis_of(fit.jacobian[used])
+    model, left, trial = basis_of(fit.jacobian[used]), z, _trials(fit, used)
+    signs = trial is not None and trial.max() + 1 >= LEAST_GROUPS
+    if trial is not None and not signs and problem.threshold is None:
+        model = basis_of(np.concatenate([model, _shifts(fit, used, trial)], axis=1))
+        left = z - model @ (model.T @ z)
     statistics = Statistics(columns, model, factor[used])
-    trial = _trials(fit, used)
     ratio, chi2_p = None, None
     if fit.absolute and problem.threshold is None:
         ratio = float(z @ z) / fit.dof
@@ -114,17 +119,17 @@ def adequacy_of(fit: FitData) -> Adequacy:
         if ratio is not None:
             chi2_p = _above_f(fit.dof - statistics.pure, statistics.pure, ratio)
     structure_p = None
-    if statistics and (trial is None or trial.max() + 1 >= LEAST_GROUPS):
+    if statistics and (signs or trial is None or problem.threshold is None):
         if trial is None and problem.threshold is not None:
-            trial = np.arange(len(z))
-        noise = _noise(z, columns, fit.absolute) if trial is None else _signs(z, trial, model)
-        structure_p = chance(statistics, z, model, noise)
+            trial, signs = np.arange(len(z)), True
+        noise = _signs(z, trial, model) if signs else _noise(left, columns, fit.absolute)
+        structure_p = chance(statistics, left, model, noise)
     # Statistics without a size are independent of χ² (Basu), those of repeated points are not.
     independent = [structure_p, chi2_p if fit.absolute or structure_p is None else None]
     p = _combined([one for one in independent if one is not None])
     if p is None:
         few = f"{fit.dof} degrees of freedom" if fit.dof > 1 else "one degree of freedom"
-        why = f"{few}, and the noise is not known" if trial is None else "too few groups of points"
+        why = f"{few}, and the noise is not known" if trial is None else "too few trials of points"
         return dataclasses.replace(unknown, chi2_per_dof=ratio, reason=why)
     return Adequacy(p >= LEVEL, p, ratio, chi2_p, structure_p, along)
 
@@ -178,6 +183,18 @@ def _trials(fit: FitData, used: np.ndarray) -> np.ndarray | None:
         return None
     trial = np.unique(fit.groups[used], return_inverse=True)[1]
     return trial if trial.max() + 1 < len(trial) else None
+
+
+def _shifts(
+    fit: FitData, used: np.ndarray, trial: np.ndarray
+) -> Float[np.ndarray, "n trials*columns"]:
+    """What a shift of all points of a trial, in one column of the data, changes of z."""
+    factor, whitener = np.asarray(fit.problem.factor), fit.problem.whitener
+    column = np.repeat(*np.transpose([(i, math.prod(s)) for i, s in enumerate(fit.problem.shapes)]))
+    kind = np.unique(np.stack([column[used], trial]), axis=1, return_inverse=True)[1].ravel()
+    shifts = np.zeros((used.size, kind.max() + 1))
+    shifts[np.flatnonzero(used), kind] = factor[used]
+    return (shifts if whitener is None else np.asarray(whitener) @ shifts)[used]
 
 
 def _noise(

@@ -53,6 +53,34 @@ def test_points_of_a_trial_may_be_correlated():
     assert ALARMS[0] <= alarms <= ALARMS[1] < blind
 
 
+def test_what_shifts_a_trial_is_no_misfit():
+    """With few trials there are few signs: a shift of each is taken out instead."""
+    trial = np.arange(24) % 6
+    x = np.linspace(-1, 1, 24)
+    random, alarms, blind, seen = np.random.default_rng(2), 0, 0, 0
+    for noise in drawn(24, 8):
+        # The trials follow each other: a shift of each looks like a step of the curve.
+        y = x + noise + 3 * SIGMA * random.normal(size=6)[np.sort(trial)]
+        alarms += jc.fit(line, y, START, x=x, groups=np.sort(trial)).adequate is False
+        blind += jc.fit(line, y, START, x=x).adequate is False
+        # Each trial goes through all x: a misfit is seen within it.
+        y = x + misfit(x, 60) + noise + 3 * SIGMA * random.normal(size=6)[trial]
+        seen += jc.fit(line, y, START, x=x, groups=trial).adequate is False
+    assert ALARMS[0] <= alarms <= ALARMS[1] < blind
+    assert seen > SEEN * DRAWS
+
+
+def test_trials_shift_each_column_by_itself():
+    trial, alarms = np.arange(24) % 4, 0
+    x, random = np.linspace(-1, 1, 24), np.random.default_rng(3)
+    for first, second in zip(drawn(24, 13), drawn(24, 14), strict=True):
+        shift = random.normal(size=(2, 4))[:, np.sort(trial)]
+        y = {"first": x + first + shift[0], "second": -x + second + shift[1]}
+        groups = np.tile(np.sort(trial), 2)
+        alarms += jc.fit(both, y, START, x=x, groups=groups).adequate is False
+    assert ALARMS[0] <= alarms <= ALARMS[1]
+
+
 def misfit(x, size):
     """What a line leaves of a parabola, with λ = `size`."""
     left = x**2 - np.mean(x**2)
@@ -137,10 +165,13 @@ def test_what_cannot_be_told_is_said():
     assert two.adequate is None and "no degree of freedom" in two.adequacy.reason
     few = jc.fit(line, np.array([1.0, 2.0, 3.1]), START, x=np.arange(3.0))
     assert few.adequate is None and "cannot be told: one degree of freedom" in repr(few)
-    trials = [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
+    y = np.arange(6.0) + drawn(6, 1)[0]
+    some = jc.fit(line, y, START, x=np.arange(6.0), groups=[0, 1, 2, 0, 1, 2])
+    assert some.adequate is None and "too few trials" in str(some)
     y = np.arange(10.0) + drawn(10, 1)[0]
-    some = jc.fit(line, y, START, x=np.arange(10.0), groups=trials)
-    assert some.adequate is None and "too few groups" in str(some)
+    trials = [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
+    robust = jc.fit(line, y, START, x=np.arange(10.0), groups=trials, loss=jc.Huber())
+    assert robust.adequate is None and "too few trials" in str(robust)
     stopped = jc.fit(decay, 1 + X, {"a": 1.0, "b": 9.0}, x=X, max_steps=1)
     assert stopped.adequate is None and not stopped.converged
 
