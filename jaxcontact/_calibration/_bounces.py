@@ -178,4 +178,4 @@ def fit_bounces(
         found = fitted()
     if any(how.get(name) is not None for name in _OWN_ERRORS):
         return found
-    return with_shared_errors(fitted, found, _KINDS[kind].shared(before, after))
+    return with_shared_errors(fitted, found, before, after, _KINDS[kind].shared)

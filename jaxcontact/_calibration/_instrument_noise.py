@@ -8,7 +8,9 @@ zero that is as probable anywhere adds
 
 for readings expected at μ: q²/12 for each, shared by those between which neither signal nor noise
 moves by a step. It is the covariance of the Fourier series of rounding (Widrow, Kollár & Liu 1996,
-doi 10.1109/19.492748).
+doi 10.1109/19.492748). Fits weigh as if rounding were independent: with weights Q⁻¹ they would
+cancel rounding errors between readings by where in its step the fit itself puts each, and come out
+too sure. Standard errors are those of Q.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .._fit import Fit, basis_of
+from .._fit import Fit, basis_of, with_shared
 from ._limits import Limits
 from ._low_pass import LowPass
 from ._shared_noise import shared_noise, slope_of
@@ -68,6 +70,16 @@ class _Column(NamedTuple):
     rows: slice
     step: float
     sigma: Column | None
+
+
+class _Noise(NamedTuple):
+    """The standard deviations (n,) of readings and their correlation (n, n), by which a fit weighs
+    (None without one); and the whole covariance (n, n), where rounding shares more.
+    """
+
+    size: Column
+    correlation: Float[np.ndarray, "n n"] | None
+    whole: Float[np.ndarray, "n n"] | None
 
 
 def require_filterable(name: str, readings: Column | None) -> None:
@@ -139,17 +151,20 @@ def with_noise_of_instruments(
         for i, (name, readings) in enumerate(table["data"].items())
     ]
     notes, last = found.notes, np.zeros(0)
+    noises: list[_Noise | None] = []
     for _ in range(_ROUNDS):
         if not found.converged:
             return found
         noises = [_noise_of(found, column, time) for column in columns]
-        if all(one is None for one in noises):
+        given, state = _errors(columns, noises)
+        if not given or (last.size and np.max(np.abs(state - last)) < _SAME):
             break
-        given, whole = _errors(columns, noises)
-        if last.size and np.max(np.abs(whole - last)) < _SAME:
-            break
-        last = whole
-        found = fitted(found.params, correlation=whole, **given)
+        last = state
+        found = fitted(found.params, **given)
+    if not found.converged:
+        return found
+    if any(noise and noise.whole is not None for noise in noises):
+        found = with_shared(found, _covariance_of_z(found, columns, noises))
     outcome = "rounding is part of their noise"
     if time.size > _MOST:
         outcome = (
@@ -170,8 +185,8 @@ def _scatter(found: Fit, column: _Column) -> float:
     return max(float(np.sqrt(np.nanmean(found.residuals[column.rows] ** 2))), _NOTHING)
 
 
-def _noise_of(found: Fit, column: _Column, time: Column) -> Float[np.ndarray, "n n"] | None:
-    """The covariance (n, n) of a column; None where its readings are independent and as given."""
+def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
+    """The noise of a column; None where its readings are independent and as given."""
     factor = np.asarray(found.problem.factor)
     used = np.zeros(factor.size, bool)
     used[column.rows] = factor[column.rows] > 0
@@ -183,26 +198,30 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> Float[np.ndarray, "n
     else:
         sigma = np.where(np.isfinite(column.sigma), column.sigma, 1.0)
     low_pass: LowPass | None = getattr(found.params, f"low_pass_{column.name}")
-    passed = np.eye(time.size)
+    if low_pass is None and not step:
+        return None
+    passed = None
     if low_pass is not None:
         shape = np.eye(factor.size)
         shape[column.rows, column.rows] = behind = low_pass.correlation(time)
         # Where there are steps, what no filter has passed is their rounding.
         share = _PASSED if step else shared_noise(found, used, shape).share
-        passed = (1 - share) * passed + share * behind
-    elif (
-        time.size > _MOST
-        or not step
-        or (column.sigma is None and step < _SHARED * float(np.median(sigma)))
-    ):
-        return None
-    if not step:
-        return passed * np.outer(sigma, sigma)
-    expected = np.asarray(found.predict()[column.name])
-    if column.sigma is None:
-        sigma = np.full(time.size, step * _part_of(found, used, passed, expected / step, column))
-    noise = passed * np.outer(sigma, sigma)
-    return noise + rounding(noise, expected, step)
+        passed = (1 - share) * np.eye(time.size) + share * behind
+    whole = None
+    if time.size <= _MOST and step and (passed is not None or step > _SHARED * np.median(sigma)):
+        expected, before = np.asarray(found.predict()[column.name]), passed
+        if before is None:
+            before = np.eye(time.size)
+        if column.sigma is None:
+            part = _part_of(found, used, before, expected / step, column)
+            sigma = np.full(time.size, step * part)
+        noise = before * np.outer(sigma, sigma)
+        whole = noise + rounding(noise, expected, step)
+    size = np.sqrt(sigma**2 + step**2 / 12)
+    if passed is not None:
+        passed = passed * np.outer(sigma / size, sigma / size)
+        np.fill_diagonal(passed, 1)
+    return _Noise(size, passed, whole)
 
 
 def _part_of(
@@ -235,17 +254,42 @@ def _part_of(
 
 
 def _errors(
-    columns: list[_Column], noises: list[Float[np.ndarray, "n n"] | None]
-) -> tuple[dict[str, Any], Float[np.ndarray, "n n"]]:
-    """The arguments of `fit` for the noise of columns, and the correlation of all readings."""
+    columns: list[_Column], noises: list[_Noise | None]
+) -> tuple[dict[str, Any], Float[np.ndarray, " numbers"]]:
+    """The arguments of `fit` for the noise of columns, none where it is as given; and all numbers
+    in them.
+    """
+    given: dict[str, Any] = {}
     whole = np.eye(columns[-1].rows.stop)
     sigmas = {column.name: column.sigma for column in columns}
     for column, noise in zip(columns, noises, strict=True):
         if noise is None:
             continue
-        size = np.sqrt(np.diag(noise))
-        whole[column.rows, column.rows] = noise / np.outer(size, size)
+        if noise.correlation is not None:
+            whole[column.rows, column.rows] = noise.correlation
+            given["correlation"] = whole
         if column.sigma is not None:
-            sigmas[column.name] = np.where(np.isfinite(column.sigma), size, np.inf)
-    known = all(sigma is not None for sigma in sigmas.values())
-    return {"sigma": sigmas} if known else {}, whole
+            sigmas[column.name] = np.where(np.isfinite(column.sigma), noise.size, np.inf)
+    known = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
+    if len(known) == len(sigmas) and any(noises):
+        given["sigma"] = sigmas
+    sizes = [np.log(one[np.isfinite(one)]) for one in known.values()]
+    return given, np.concatenate([whole.ravel(), *sizes])
+
+
+def _covariance_of_z(
+    found: Fit, columns: list[_Column], noises: list[_Noise | None]
+) -> Float[np.ndarray, "m m"]:
+    """That of the standardised residuals of readings with weight, as rounding shares them."""
+    factor = np.asarray(found.problem.factor)
+    used, covariance = factor > 0, found.noise * np.eye(factor.size)
+    whitener = found.problem.whitener
+    for column, noise in zip(columns, noises, strict=True):
+        if noise is not None and noise.whole is not None:
+            rows = column.rows
+            block = noise.whole * np.outer(factor[rows], factor[rows])
+            if whitener is not None:
+                own = np.asarray(whitener)[rows, rows]
+                block = own @ block @ own.T
+            covariance[rows, rows] = block
+    return covariance[np.ix_(used, used)]

@@ -5,7 +5,9 @@ standard deviation σ, and a scatter of each bounce of the relative size s₀,
 
     ln T₂ - ln T₁ - ln e  has the error  (n₃ - n₂)/T₂ - (n₂ - n₁)/T₁ + s₀ ε,
 
-so that pairs which share triggers are correlated, to one and to two places. Drops from one height h
+so that pairs which share triggers are correlated, to one and to two places. The T that divide are
+those that the fit expects: divided by an interval that was read too long, its error would count
+less, and e come out too small. Drops from one height h
 share its error n, which enters ln h₂ - ln h as -n/h.
 """
 
@@ -46,17 +48,28 @@ class Shared(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def with_shared_errors(fitted: Callable[..., Fit], found: Fit, shared: Shared) -> Fit:
+def with_shared_errors(
+    fitted: Callable[..., Fit],
+    found: Fit,
+    first: Column,
+    second: Column,
+    shared_by: Callable[[Column, Column, Column], Shared],
+) -> Fit:
     """The fit with the correlation of pairs that share errors, found in turn with it.
 
-    Where no two pairs share one, or where they are too few or too many to tell, the same fit.
+    `shared_by` tells what they share from the readings and what the fit expects of the second.
+    Where no two pairs share an error, or where they are too few or too many to tell, the same fit.
     """
     used = np.asarray(found.problem.factor) > 0
-    if shared.shape is None or not _FEWEST <= np.count_nonzero(used) <= _MOST:
+    if not _FEWEST <= np.count_nonzero(used) <= _MOST:
         return found
     share = math.inf
     for _ in range(_ROUNDS):
         if not found.converged or found.dof < _FREE:
+            return found
+        expected = np.where(used, np.exp(np.asarray(found.predict())), np.nan)
+        shared = shared_by(first, second, expected)
+        if shared.shape is None:
             return found
         noise = shared_noise(found, used, shared.shape)
         weights = np.where(used, 1 / noise.variance, 0)
@@ -77,32 +90,41 @@ def with_shared_errors(fitted: Callable[..., Fit], found: Fit, shared: Shared) -
     )
     notes = (*found.notes, shared.words.format(*both), *shared.notes)
     return dataclasses.replace(
-        found, notes=notes, covariance=found.covariance * wider, noise=found.noise * wider
+        found,
+        notes=notes,
+        covariance=found.covariance * wider,
+        wider=np.full(len(found.names), wider),
     )
 
 
-def by_triggers(first: Column, second: Column) -> Shared:
+def by_triggers(first: Column, second: Column, expected: Column) -> Shared:
     """What pairs of intervals share.
 
-    Two pairs follow each other where the second interval of one is the first of the next.
+    Two pairs follow each other where the second interval of one is the first of the next. The
+    `expected` second intervals (NaN of a pair that does not count) give the ratios between those of
+    a run, and its length their size.
     """
     words = "errors of triggers {:.2g} ms, scatter of ln e {:.2g} %"
     follows = np.concatenate([[False], second[:-1] == first[1:]])
     if not follows.any():
         return Shared(None, words)
-    # By the interval that is expected: one that was read too short would else get less weight.
-    expected = first * np.median(second / first)
-    run = np.cumsum(~follows) - 1
-    at = np.arange(first.size) + 2 * run
-    slopes = np.zeros((first.size, at[-1] + 3))
-    rows = np.arange(first.size)
-    slopes[rows, at], slopes[rows, at + 1] = 1 / first, -1 / first - 1 / expected
-    slopes[rows, at + 2] = 1 / expected
+    good = np.isfinite(expected)
+    chained = follows & good & np.concatenate([[False], good[:-1]])
+    slopes = np.zeros((first.size, first.size + 2 * np.count_nonzero(~follows)))
+    for rows in np.split(np.arange(first.size), np.flatnonzero(~chained)[1:]):
+        read = np.append(first[rows], second[rows[-1]])
+        ratio = np.where(good[rows], expected[rows], second[rows]) / first[rows]
+        course = np.cumprod(np.append(1, ratio))
+        before, after = np.stack([course[:-1], course[1:]]) * read.sum() / course.sum()
+        at = rows + 2 * (np.cumsum(~follows)[rows] - 1)
+        slopes[rows, at], slopes[rows, at + 1] = 1 / before, -1 / before - 1 / after
+        slopes[rows, at + 2] = 1 / after
     alone = "one trial does not tell how much trials differ: that is not in the standard errors"
-    return Shared(slopes @ slopes.T, words, () if run[-1] else (alone,))
+    one = np.count_nonzero(~follows) == 1
+    return Shared(slopes @ slopes.T, words, (alone,) if one else ())
 
 
-def by_height(first: Column, second: Column) -> Shared:
+def by_height(first: Column, second: Column, expected: Column) -> Shared:
     """What drops share: all from one height its error."""
     same = first[:, None] == first
     shape = None if np.array_equal(same, np.eye(first.size)) else same / np.outer(first, first)

@@ -22,6 +22,7 @@ from ._posterior import Posterior as Posterior
 from ._posterior import posterior as posterior
 from ._profile import Profile as Profile
 from ._result import Fit as Fit
+from ._shared import with_shared as with_shared
 from ._space import Space as Space
 from ._space import space_of as space_of
 from ._target import groups_of as groups_of

@@ -113,8 +113,9 @@ def adequacy_of(fit: FitData) -> Adequacy:
     if fit.absolute and problem.threshold is None:
         ratio = float(z @ z) / fit.dof
         # Correlated points have no χ² distribution.
-        chi2_p = _above_chi2(fit.dof, ratio * fit.dof) if trial is None else None
-    elif statistics.repeated and problem.threshold is None and trial is None:
+        alone = trial is None and fit.shared is None
+        chi2_p = _above_chi2(fit.dof, ratio * fit.dof) if alone else None
+    elif statistics.repeated and problem.threshold is None and trial is None and fit.shared is None:
         ratio = float(statistics.lack_of_fit(z[None, :])[0]) or None
         if ratio is not None:
             chi2_p = _above_f(fit.dof - statistics.pure, statistics.pure, ratio)
@@ -122,7 +123,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
     if statistics and (signs or trial is None or problem.threshold is None):
         if trial is None and problem.threshold is not None:
             trial, signs = np.arange(len(z)), True
-        noise = _signs(z, trial, model) if signs else _noise(left, columns, fit.absolute)
+        noise = _signs(z, trial, model) if signs else _noise(left, columns, fit)
         structure_p = chance(statistics, left, model, noise)
     # Statistics without a size are independent of χ² (Basu), those of repeated points are not.
     independent = [structure_p, chi2_p if fit.absolute or structure_p is None else None]
@@ -198,13 +199,17 @@ def _shifts(
 
 
 def _noise(
-    z: np.ndarray, columns: list[Column], absolute: bool
+    z: np.ndarray, columns: list[Column], fit: FitData
 ) -> Callable[[int], Float[np.ndarray, "draws n"]]:
     """Normal noise; where its size is not known, in each column what neighbours differ by: the
     fit carries the noise of a column to others, where it is smooth.
     """
     random, size = np.random.default_rng(0), np.ones_like(z)
-    if not absolute and len(columns) > 1:
+    if fit.shared is not None:
+        value, vector = np.linalg.eigh(fit.shared)
+        root = vector * np.sqrt(np.maximum(value, 0))
+        return lambda draws: random.normal(size=(draws, len(z))) @ root.T
+    if not fit.absolute and len(columns) > 1:
         for column in columns:
             steps = np.diff(z[column.order])
             size[column.order] = np.sqrt(np.mean(steps**2) / 2) if steps.size else 1

@@ -29,7 +29,10 @@ class FitData:
     the degrees of freedom, `noise` is the variance of z that Laplace's standard errors assume.
     `starts` (lanes,) are the losses at which other starts ended. `adequate`: whether the model
     describes the data, None where that cannot be told, and `adequacy`, the tests of it. `notes`:
-    what else a ready-made problem found, in words.
+    what else a ready-made problem found, in words. `shared` (m, m): the covariance of z of the m
+    points with weight, where they share errors that the fit does not weigh by, None elsewhere;
+    `wider` (k,), by how much squared standard errors are larger than the curvature of the loss
+    says, for that or since the noise is little known; None where they are not.
     """
 
     params: Any
@@ -56,6 +59,8 @@ class FitData:
     absolute: bool = dataclasses.field(repr=False)
     rtol: float = dataclasses.field(repr=False)
     notes: tuple[str, ...] = ()
+    shared: np.ndarray | None = dataclasses.field(default=None, repr=False)
+    wider: np.ndarray | None = dataclasses.field(default=None, repr=False)
 
     @property
     def errors(self) -> np.ndarray:

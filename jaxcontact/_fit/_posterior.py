@@ -168,8 +168,8 @@ def posterior(
 
     Returns a `Posterior`; read its `converged` first. Raises ImportError without blackjax, which
     comes with `pip install 'jaxcontact[posterior]'`. Raises ValueError for a fit that did not
-    converge; one whose points are correlated (`groups`), which this likelihood takes as
-    independent; unknown noise without degrees of freedom; and where data and prior leave a
+    converge; one whose points are correlated (`groups`, or coarse steps), which this likelihood
+    takes as independent; unknown noise without degrees of freedom; and where data and prior leave a
     direction open, or a parameter at its bound.
     Source: Hoffman & Gelman (2014), JMLR 15:1593; Huber (1964), doi 10.1214/aoms/1177703732.
     """
@@ -200,6 +200,12 @@ def _check(fit: FitData) -> None:
         raise ValueError(
             "Argument `fit` must have independent points for a posterior, but has `groups` of "
             "correlated ones, which would make it too narrow; its standard errors allow for them."
+        )
+    if fit.shared is not None:
+        raise ValueError(
+            "Argument `fit` must have independent points for a posterior, but its readings share "
+            "errors of rounding, for which it would be too narrow; its standard errors allow for "
+            "them."
         )
     if fit.absolute:
         return

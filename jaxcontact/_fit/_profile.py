@@ -144,6 +144,9 @@ def held_at(
     unit, threshold = fit.noise, fit.problem.threshold
     if threshold is not None:
         unit *= float(np.mean(np.abs(fit.z) <= float(threshold)))
+    if fit.wider is not None:
+        # A lane holds the one parameter of which it is the profile.
+        unit = unit * fit.wider[np.argmax(~np.isnan(held), axis=1)]
     with np.errstate(invalid="ignore"):
         return np.sqrt(2 * np.maximum(loss - fit.loss, 0) / unit), loss
 
