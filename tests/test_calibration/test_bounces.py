@@ -1,6 +1,7 @@
 """Laws and drag from flights: held against integrated motion, known truths and `calibrate`."""
 
 import functools
+import itertools
 from pathlib import Path
 
 import jax
@@ -10,6 +11,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._calibration._bounces import BounceModel, NextFlight
+from jaxcontact._calibration._triggers import by_triggers
 from jaxcontact._flight import duration, landing_speed
 from jaxcontact._measurements import read_recording
 from tests.test_calibration import oracle
@@ -232,6 +234,31 @@ def test_shared_triggers_are_counted_once():
     assert (np.abs(np.mean(pulls, axis=0)) < 0.3).all()
     told = float(found.notes[0].split("triggers ")[1].split(" ms")[0])
     assert 0.7 < told < 1.4
+
+
+def test_a_late_trigger_gets_no_other_weight():
+    """The covariance of triggers is that of the flights which the fit expects, run by run."""
+    flights = 0.7 * 0.85 ** np.arange(9)
+    times = np.concatenate([[0], np.cumsum(flights)])
+
+    def covariance(read, wrong=()):
+        first, second = read[:-1], read[1:]
+        expected = 0.85 * first
+        expected[list(wrong)] = np.nan
+        return by_triggers(first, second, expected).shape
+
+    # By hand: an error of 1 s of each trigger, of which two neighbours share two.
+    slopes = np.zeros((8, 10))
+    for i, (one, next_one) in enumerate(itertools.pairwise(flights)):
+        slopes[i, i : i + 3] = 1 / one, -1 / one - 1 / next_one, 1 / next_one
+    right = covariance(flights)
+    np.testing.assert_allclose(right, slopes @ slopes.T, rtol=1e-12)
+    late = np.array(times)
+    late[7] += 0.03
+    np.testing.assert_allclose(covariance(np.diff(late)), right, rtol=1e-12)
+    # A pair that does not count ends a run: what follows it begins anew.
+    after = covariance(np.diff(late), wrong=(5, 6, 7))
+    np.testing.assert_allclose(after[:5, :5], right[:5, :5], rtol=1e-12)
 
 
 def test_one_speed_does_not_tell_air_from_law():

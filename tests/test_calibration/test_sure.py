@@ -68,13 +68,20 @@ def test_an_inadequate_law_is_never_sure():
     np.testing.assert_allclose(wavy.free(SPEED), wave, atol=0.01)
 
 
-def test_few_trials_leave_it_open(plastic):
-    """Whether a law describes the data cannot be told from fewer than eight of them."""
-    trials = np.arange(SPEED.size) % 5
-    few = jc.choose_law(SPEED, PLASTIC * (1 + SCATTER), CONTACT, groups=trials)
-    assert not few.sure and few.best == plastic.best
-    clear = PLASTIC * (1 + 0.3 * SCATTER)
-    assert jc.choose_law(SPEED, clear, CONTACT, groups=np.arange(25) % 12).sure
+@pytest.mark.parametrize("trials", [5, 12])
+def test_trials_may_be_shifted(plastic, trials):
+    """Few of them are asked about what is left beside a shift of each, many by their signs."""
+    trial = np.arange(SPEED.size) % trials
+    shift = 0.003 * np.random.default_rng(4).normal(size=trials)[trial]
+    found = jc.choose_law(SPEED, PLASTIC * (1 + 0.3 * SCATTER + shift), CONTACT, groups=trial)
+    assert found.sure and found.best == plastic.best
+
+
+def test_three_trials_of_two_points_leave_it_open():
+    six = slice(None, 24, 4)
+    e = (PLASTIC * (1 + 0.1 * SCATTER))[six]
+    found = jc.choose_law(SPEED[six], e, CONTACT, groups=[0, 1, 2, 0, 1, 2])
+    assert not found.sure and "whether it describes the data cannot be told" in found.verdict
 
 
 def test_laws_that_were_not_fitted_are_not_excluded():

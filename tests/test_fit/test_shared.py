@@ -15,7 +15,7 @@ COVARIANCE = rounding(SIGMA**2 * np.eye(60), TRUTH["a"] + TRUTH["b"] * X, 1.0)
 COVARIANCE += SIGMA**2 * np.eye(60)
 ALARMS = 44
 """Of 400 at a level of 5 %. Rounding is not normal, as the draws of the test are: measured 21, 25
-and 32 with three seeds. A fit that takes its points as independent is called wrong in 212 to 224."""
+and 32 with three seeds. Points taken as independent are called wrong in 212 to 224."""
 
 
 def line(p, x):
