@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .._fit import Fit, basis_of, with_shared
+from .._fit import Fit, Shared, basis_of, with_shared
 from ._limits import Limits
 from ._low_pass import LowPass
 from ._shared_noise import shared_noise, slope_of
@@ -74,12 +74,12 @@ class _Column(NamedTuple):
 
 class _Noise(NamedTuple):
     """The standard deviations (n,) of readings and their correlation (n, n), by which a fit weighs
-    (None without one); and the whole covariance (n, n), where rounding shares more.
+    (None without one); and all their errors, where rounding shares more.
     """
 
     size: Column
     correlation: Float[np.ndarray, "n n"] | None
-    whole: Float[np.ndarray, "n n"] | None
+    whole: Shared | None
 
 
 def require_filterable(name: str, readings: Column | None) -> None:
@@ -130,6 +130,19 @@ def rounding(
     return step**2 * total
 
 
+def rounding_of_white_noise(sigma: Column, expected: Column, step: float) -> Shared:
+    """The errors of readings of independent noise `sigma` (n,) in steps: C + Q as a diagonal and a
+    product of few columns, which readings without number do not make large.
+
+    Then exp(-2π²k² (σ_i² + σ_j²)/q²) is a product, and the cosine of a difference the sum of two.
+    """
+    turns = np.arange(1, _TERMS + 1)
+    kept = np.exp(-2 * (np.pi * sigma[:, None] * turns / step) ** 2) / (np.sqrt(2) * np.pi * turns)
+    turn = 2 * np.pi * expected[:, None] * turns / step
+    root = step * np.concatenate([kept * np.cos(turn), kept * np.sin(turn)], axis=1)
+    return Shared(sigma**2 + step**2 / 12 - np.sum(root**2, axis=1), root)
+
+
 def with_noise_of_instruments(
     fitted: Callable[..., Fit],
     found: Fit,
@@ -164,16 +177,10 @@ def with_noise_of_instruments(
     if not found.converged:
         return found
     if any(noise and noise.whole is not None for noise in noises):
-        found = with_shared(found, _covariance_of_z(found, columns, noises))
-    outcome = "rounding is part of their noise"
-    if time.size > _MOST:
-        outcome = (
-            f"of more than {_MOST} readings their rounding is counted as independent, and errors "
-            f"may be too small; give {_thinned(time.size)}"
-        )
+        found = with_shared(found, _errors_of_z(found, columns, noises))
     said = [
         f"readings of {one.name} come in steps of {one.step:.3g}, {part:.2g} of their scatter: "
-        f"{outcome}"
+        "rounding is part of their noise"
         for one in columns
         if (part := one.step / _scatter(found, one)) > _NOTICED
     ]
@@ -208,15 +215,11 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
         share = _PASSED if step else shared_noise(found, used, shape).share
         passed = (1 - share) * np.eye(time.size) + share * behind
     whole = None
-    if time.size <= _MOST and step and (passed is not None or step > _SHARED * np.median(sigma)):
-        expected, before = np.asarray(found.predict()[column.name]), passed
-        if before is None:
-            before = np.eye(time.size)
+    if step and (passed is not None or step > _SHARED * np.median(sigma)):
+        expected = np.asarray(found.predict()[column.name])
         if column.sigma is None:
-            part = _part_of(found, used, before, expected / step, column)
-            sigma = np.full(time.size, step * part)
-        noise = before * np.outer(sigma, sigma)
-        whole = noise + rounding(noise, expected, step)
+            sigma = np.full(time.size, step * _part_of(found, used, passed, expected, column))
+        whole = _rounded(sigma, passed, expected, step)
     size = np.sqrt(sigma**2 + step**2 / 12)
     if passed is not None:
         passed = passed * np.outer(sigma / size, sigma / size)
@@ -224,10 +227,21 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
     return _Noise(size, passed, whole)
 
 
+def _rounded(
+    sigma: Column, passed: Float[np.ndarray, "n n"] | None, expected: Column, step: float
+) -> Shared:
+    """The errors of readings in steps, of noise that a filter has `passed`, None without one."""
+    if passed is None:
+        return rounding_of_white_noise(sigma, expected, step)
+    noise = passed * np.outer(sigma, sigma)
+    root = np.linalg.cholesky(noise + rounding(noise, expected, step))
+    return Shared(np.zeros(sigma.size), root)
+
+
 def _part_of(
     found: Fit,
     used: Bool[np.ndarray, " n"],
-    passed: Float[np.ndarray, "n n"],
+    passed: Float[np.ndarray, "n n"] | None,
     expected: Column,
     column: _Column,
 ) -> float:
@@ -236,21 +250,37 @@ def _part_of(
     What a fit leaves does not tell it by its size alone: readings share rounding errors, which the
     parameters follow. Its logarithm is averaged with the likelihood, flat before.
     """
-    slope = basis_of(slope_of(found)[used])
-    residual = found.residuals[used] / column.step
+    seen = np.column_stack([basis_of(slope_of(found)[used]), found.residuals[used] / column.step])
     rows = np.flatnonzero(used) - column.rows.start
-    passed, expected = passed[np.ix_(rows, rows)], expected[rows]
-    logs = []
-    for part in _PARTS:
-        noise = part**2 * passed
-        factor = np.linalg.cholesky(noise + rounding(noise, expected, 1.0))
-        r, x = np.linalg.solve(factor, residual), np.linalg.solve(factor, slope)
-        q, corner = np.linalg.qr(x)
-        left = r - q @ (q.T @ r)
-        volume = np.log(np.diag(factor)).sum() + np.log(np.abs(np.diag(corner))).sum()
-        logs.append(-float(left @ left) / 2 - float(volume))
-    weight = np.exp(np.array(logs) - max(logs))
+    some = None if passed is None else passed[np.ix_(rows, rows)]
+    expected = expected[rows] / column.step
+    logs = np.array(
+        [
+            _log_likelihood(_rounded(np.full(rows.size, part), some, expected, 1.0), seen)
+            for part in _PARTS
+        ]
+    )
+    weight = np.exp(logs - logs.max())
     return float(np.exp(weight @ np.log(_PARTS) / weight.sum()))
+
+
+def _log_likelihood(errors: Shared, seen: Float[np.ndarray, "n k+1"]) -> float:
+    """The restricted one of the last column of `seen`, which the others may move."""
+    if errors.own.any():
+        # Woodbury's identity: only as many columns as are shared are solved for.
+        size = np.sqrt(errors.own)[:, None]
+        root, seen = errors.root / size, seen / size
+        inner = np.eye(root.shape[1]) + root.T @ root
+        along = root.T @ seen
+        products = seen.T @ seen - along.T @ np.linalg.solve(inner, along)
+        volume = np.log(errors.own).sum() + np.linalg.slogdet(inner)[1]
+    else:
+        white = np.linalg.solve(errors.root, seen)
+        products = white.T @ white
+        volume = 2 * np.log(np.diag(errors.root)).sum()
+    moved, pull = products[:-1, :-1], products[:-1, -1]
+    left = products[-1, -1] - pull @ np.linalg.solve(moved, pull)
+    return -float(left + volume + np.linalg.slogdet(moved)[1]) / 2
 
 
 def _errors(
@@ -277,19 +307,20 @@ def _errors(
     return given, np.concatenate([whole.ravel(), *sizes])
 
 
-def _covariance_of_z(
-    found: Fit, columns: list[_Column], noises: list[_Noise | None]
-) -> Float[np.ndarray, "m m"]:
-    """That of the standardised residuals of readings with weight, as rounding shares them."""
-    factor = np.asarray(found.problem.factor)
-    used, covariance = factor > 0, found.noise * np.eye(factor.size)
-    whitener = found.problem.whitener
+def _errors_of_z(found: Fit, columns: list[_Column], noises: list[_Noise | None]) -> Shared:
+    """Those of the standardised residuals of readings with weight, as rounding shares them."""
+    factor, whitener = np.asarray(found.problem.factor), found.problem.whitener
+    used, own = factor > 0, np.full(factor.size, found.noise)
+    roots = [np.zeros((factor.size, 0))]
     for column, noise in zip(columns, noises, strict=True):
-        if noise is not None and noise.whole is not None:
-            rows = column.rows
-            block = noise.whole * np.outer(factor[rows], factor[rows])
-            if whitener is not None:
-                own = np.asarray(whitener)[rows, rows]
-                block = own @ block @ own.T
-            covariance[rows, rows] = block
-    return covariance[np.ix_(used, used)]
+        if noise is None or noise.whole is None:
+            continue
+        rows, whole = column.rows, noise.whole
+        root = np.zeros((factor.size, whole.root.shape[1]))
+        root[rows] = whole.root * factor[rows, None]
+        if getattr(found.params, f"low_pass_{column.name}") is not None:
+            # Only what a filter has passed is whitened, and has no error of its own.
+            root[rows] = np.asarray(whitener)[rows, rows] @ root[rows]
+        own[rows] = whole.own * factor[rows] ** 2
+        roots.append(root)
+    return Shared(own[used], np.concatenate(roots, axis=1)[used])

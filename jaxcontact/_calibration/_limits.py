@@ -13,10 +13,12 @@ from .._fit import Fit
 _RUN = 3
 """Equal readings in a row from which a plateau is told."""
 
-_STEPS, _TIMES = 4.0, 8
+_STEPS, _TIMES, _LONGER = 4.0, 4, 8
 """A plateau is a limit where the readings beside it rise to it by more than so many of their steps
-of resolution, or where it is so many times as long as the run of equal readings beside it. A peak
-in coarse steps is flat, too, but reached slowly: of a parabola it is at most 5 times as long."""
+of resolution, where it is so many times as long as there are readings of the value beside it, or
+so many times as long as any other run of equal readings. A peak in coarse steps is flat, too, but
+reached slowly: of a parabola there are at most 1 + √2 times as many readings as of the value beside
+it, whose runs noise cuts short; and where noise cuts the peak, it cuts all else as well."""
 
 
 class Limits(NamedTuple):
@@ -52,8 +54,9 @@ def _plateau(y: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     for i in np.flatnonzero((level == y.max()) & (length >= _RUN)):
         beside = [j for j in (i - 1, i + 1) if 0 <= j < level.size]
         rise = min((y.max() - level[j] for j in beside), default=0.0)
-        longest = max((length[j] for j in beside), default=y.size)
-        if rise > _STEPS * step or length[i] > _TIMES * longest:
+        most = max((np.count_nonzero(y == level[j]) for j in beside), default=y.size)
+        others = max(length[level < y.max()], default=y.size)
+        if rise > _STEPS * step or length[i] > min(_TIMES * most, _LONGER * others):
             # One long plateau shows the limit; other readings there are at it, too.
             return at_top
     return np.zeros_like(at_top)

@@ -206,9 +206,11 @@ def _noise(
     """
     random, size = np.random.default_rng(0), np.ones_like(z)
     if fit.shared is not None:
-        value, vector = np.linalg.eigh(fit.shared)
-        root = vector * np.sqrt(np.maximum(value, 0))
-        return lambda draws: random.normal(size=(draws, len(z))) @ root.T
+        size, root = np.sqrt(fit.shared.own), fit.shared.root
+        return lambda draws: (
+            size * random.normal(size=(draws, len(z)))
+            + random.normal(size=(draws, root.shape[1])) @ root.T
+        )
     if not fit.absolute and len(columns) > 1:
         for column in columns:
             steps = np.diff(z[column.order])

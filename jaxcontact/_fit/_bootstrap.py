@@ -68,15 +68,13 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
         )
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         noise = jax.random.normal(jax.random.key(seed), (draws, fit.data.size))
-        noise = noise * np.sqrt(fit.noise)
-        if fit.shared is not None:
+        if fit.shared is None:
+            noise = noise * np.sqrt(fit.noise)
+        else:
+            size, root = fit.shared
+            shared = jax.random.normal(jax.random.key(seed), (draws, root.shape[1])) @ root.T
             used = np.flatnonzero(fit.problem.factor)
-            # The smallest of its eigenvalues may be negative by rounding.
-            noise = noise.at[:, used].set(
-                jax.random.multivariate_normal(
-                    jax.random.key(seed), np.zeros(used.size), fit.shared, (draws,), method="svd"
-                )
-            )
+            noise = noise.at[:, used].set(noise[:, used] * np.sqrt(size)[None, :] + shared)
         options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)
         found = _refits(fit.problem, jnp.asarray(fit.theta), noise, options)
         good = jnp.all(found.still, axis=1) & jnp.isfinite(found.loss)

@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
 from .._program import soon_compiled
 from ._inference import Direction
 from ._problem import Problem, evaluated, flattened, place_like
+
+
+class Shared(NamedTuple):
+    """Errors of n points of the covariance V = diag(own) + R Rᵀ: the variance `own` (n,) of each
+    alone, and the `root` R (n, m) of what they share.
+    """
+
+    own: Float[np.ndarray, " n"]
+    root: Float[np.ndarray, "n m"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -29,8 +39,8 @@ class FitData:
     the degrees of freedom, `noise` is the variance of z that Laplace's standard errors assume.
     `starts` (lanes,) are the losses at which other starts ended. `adequate`: whether the model
     describes the data, None where that cannot be told, and `adequacy`, the tests of it. `notes`:
-    what else a ready-made problem found, in words. `shared` (m, m): the covariance of z of the m
-    points with weight, where they share errors that the fit does not weigh by, None elsewhere;
+    what else a ready-made problem found, in words. `shared`: the errors of z of the points with
+    weight, where they share some that the fit does not weigh by, None elsewhere;
     `wider` (k,), by how much squared standard errors are larger than the curvature of the loss
     says, for that or since the noise is little known; None where they are not.
     """
@@ -59,7 +69,7 @@ class FitData:
     absolute: bool = dataclasses.field(repr=False)
     rtol: float = dataclasses.field(repr=False)
     notes: tuple[str, ...] = ()
-    shared: np.ndarray | None = dataclasses.field(default=None, repr=False)
+    shared: Shared | None = dataclasses.field(default=None, repr=False)
     wider: np.ndarray | None = dataclasses.field(default=None, repr=False)
 
     @property

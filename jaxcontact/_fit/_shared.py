@@ -11,16 +11,15 @@ import dataclasses
 from typing import TypeVar
 
 import numpy as np
-from jaxtyping import Float
 
-from ._data import FitData
+from ._data import FitData, Shared
 from ._found import SINGULAR
 
 _F = TypeVar("_F", bound=FitData)
 
 
-def with_shared(fit: _F, shared: Float[np.ndarray, "n n"]) -> _F:
-    """The fit with standard errors for z of the covariance `shared`, of the points with weight.
+def with_shared(fit: _F, shared: Shared) -> _F:
+    """The fit with standard errors for z of the errors `shared`, of the points with weight.
 
     Cov θ = H V Hᵀ, H the pseudoinverse of J = dz/dθ; the intervals widen as the errors do.
     """
@@ -31,7 +30,9 @@ def with_shared(fit: _F, shared: Float[np.ndarray, "n n"]) -> _F:
     inverse[moves] = np.linalg.pinv(jacobian[:, moves] / length[moves], rcond=SINGULAR)
     inverse[moves] /= length[moves, None]
     stretch = fit.problem.space.stretch(fit.values)
-    covariance = inverse @ shared @ inverse.T * np.outer(stretch, stretch)
+    together = inverse @ shared.root
+    covariance = (inverse * shared.own) @ inverse.T + together @ together.T
+    covariance *= np.outer(stretch, stretch)
     covariance = np.where(np.isfinite(fit.covariance), covariance, np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
         wider = np.diag(covariance) / np.diag(fit.covariance)

@@ -156,6 +156,22 @@ def test_a_peak_in_steps_is_no_limit(step):
         assert np.array_equal(cut.at_limit, peak >= 6) and cut.high == 6 and cut.low == -np.inf
 
 
+def test_noise_does_not_make_a_peak_a_limit():
+    """Of a fifth of a step it cuts the value beside a peak into short runs, and not the peak."""
+    time, random = np.linspace(0, np.pi, 2500), np.random.default_rng(6)
+    for noise in (0.2, 0.5, 1.0):
+        for _ in range(30):
+            peak = 33 * np.sin(time) + noise * random.normal(size=time.size)
+            zero = random.uniform(0, 1)
+
+            def steps(y, zero=zero):
+                return np.round(y - zero)
+
+            assert not limits_of(steps(peak), two_sided=False).at_limit.any()
+            cut = limits_of(steps(np.minimum(peak, 29.0)), two_sided=False)
+            assert cut.at_limit.any()
+
+
 def test_an_indentation_that_ends_at_the_lower_limit(clean):
     depth = clean[1] + NOISE_DEPTH * np.random.default_rng(5).normal(size=TIME.size)
     low = -2e-4

@@ -8,7 +8,11 @@ from scipy import integrate, signal
 
 import jaxcontact as jc
 from benchmarks import fit_truths as truths
-from jaxcontact._calibration._instrument_noise import rounding, step_of
+from jaxcontact._calibration._instrument_noise import (
+    rounding,
+    rounding_of_white_noise,
+    step_of,
+)
 from jaxcontact._calibration._low_pass import Course
 
 END, SPEED, LAST = 1.1e-3, 1.5, -1.0
@@ -125,6 +129,15 @@ def test_the_noise_of_steps():
     assert np.linalg.eigvalsh(found).min() > 0
 
 
+def test_white_noise_in_steps_needs_no_matrix():
+    sigma, expected = np.array([0.1, 0.2, 0.3, 0.15]), np.array([0.0, 0.5, 4.1, 7.3])
+    own, root = rounding_of_white_noise(sigma, expected, 0.7)
+    noise = np.diag(sigma**2)
+    whole = noise + rounding(noise, expected, 0.7)
+    np.testing.assert_allclose(np.diag(own) + root @ root.T, whole, rtol=0, atol=1e-15)
+    assert own.min() > 0 and root.shape == (4, 24)
+
+
 def test_steps_are_found():
     random = np.random.default_rng(5)
     smooth = np.sin(np.linspace(0, 6, 400)) + 0.01 * random.normal(size=400)
@@ -155,3 +168,18 @@ def test_a_record_behind_a_filter(monkeypatch):
         pulls.append((found.values[at] - [*own.values()]) / found.errors[at])
     assert np.abs(pulls).max() < 3.5 and np.sqrt(np.mean(np.square(pulls))) < 1.7
     assert "readings of force come in steps of 60, 2." in found.notes[-1]
+
+
+def test_a_long_record_in_steps_is_not_too_sure():
+    """Each step lasts for many readings, which share its error: errors grow tenfold."""
+    time = np.linspace(0, 2.2e-3, 2500)
+    clean = truths.course(time)["force"] + truths.FORCE_ZERO
+    step, random = truths.NOISE["force"] * clean.max(), np.random.default_rng(3)
+    read = step * np.round((clean + step / 5 * random.normal(size=time.size)) / step - 0.3)
+    law, contact = jc.ConstantDamping(c=3e6), jc.Contact(mass=truths.MASS, stiffness=4e7)
+    found = jc.fit_record(time, law, contact, 1.2, force=read + 0.3 * step)
+    own = {"law.c": truths.DAMPING, "contact.stiffness": truths.STIFFNESS}
+    own |= {"velocity": truths.SPEED, "start_time": truths.TOUCH, "force_offset": truths.FORCE_ZERO}
+    pulls = (found.values - [own[name] for name in found.names]) / found.errors
+    assert found.converged and np.abs(pulls).max() < 3 and found.wider.max() > 50
+    assert not any("limit" in note for note in found.notes)

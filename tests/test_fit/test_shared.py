@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration._instrument_noise import rounding
-from jaxcontact._fit import with_shared
+from jaxcontact._calibration._instrument_noise import rounding_of_white_noise
+from jaxcontact._fit import Shared, with_shared
 
 X = np.linspace(-1, 1, 60)
 TRUTH = {"a": 3.2, "b": 0.4}
 """A slope of so few steps that neighbours share their rounding errors."""
 SIGMA, DRAWS = 0.15, 400
-COVARIANCE = rounding(SIGMA**2 * np.eye(60), TRUTH["a"] + TRUTH["b"] * X, 1.0)
-COVARIANCE += SIGMA**2 * np.eye(60)
+ERRORS = rounding_of_white_noise(np.full(60, SIGMA), TRUTH["a"] + TRUTH["b"] * X, 1.0)
 ALARMS = 44
 """Of 400 at a level of 5 %. Rounding is not normal, as the draws of the test are: measured 21, 25
 and 32 with three seeds. Points taken as independent are called wrong in 212 to 224."""
@@ -30,7 +29,7 @@ def read(random):
 
 def fitted(y):
     plain = jc.fit(line, y, {"a": 3.0, "b": 0.5}, x=X)
-    return with_shared(plain, COVARIANCE)
+    return with_shared(plain, ERRORS)
 
 
 def test_standard_errors_are_the_scatter():
@@ -68,6 +67,6 @@ def test_a_posterior_refuses_them():
 
 def test_nothing_changes_where_nothing_is_shared():
     plain = jc.fit(line, read(np.random.default_rng(4)), {"a": 3.0, "b": 0.5}, x=X)
-    same = with_shared(plain, plain.noise * np.eye(60))
+    same = with_shared(plain, Shared(np.full(60, plain.noise), np.zeros((60, 0))))
     np.testing.assert_allclose(same.errors, plain.errors, rtol=1e-9)
     np.testing.assert_allclose(same.wider, 1, rtol=1e-9)
