@@ -63,14 +63,13 @@ def with_shared_errors(
     used = np.asarray(found.problem.factor) > 0
     if not _FEWEST <= np.count_nonzero(used) <= _MOST:
         return found
-    share = math.inf
+    share, shared = math.inf, shared_by(first, second, second)
     for _ in range(_ROUNDS):
-        if not found.converged or found.dof < _FREE:
+        if shared.shape is None or not found.converged or found.dof < _FREE:
             return found
         expected = np.where(used, np.exp(np.asarray(found.predict())), np.nan)
         shared = shared_by(first, second, expected)
-        if shared.shape is None:
-            return found
+        assert shared.shape is not None  # for the type checker
         noise = shared_noise(found, used, shared.shape)
         weights = np.where(used, 1 / noise.variance, 0)
         notes, found = found.notes, fitted(weights=weights, correlation=noise.correlation)
@@ -78,7 +77,7 @@ def with_shared_errors(
         if abs(noise.share - share) < _SAME:
             break
         share = noise.share
-    if not found.converged:
+    if not found.converged or shared.shape is None:
         return found
     wider = widening(found, used, shared.shape)
     # A robust fit has put the scale that it found into its weights.

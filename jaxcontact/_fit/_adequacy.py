@@ -104,8 +104,8 @@ def adequacy_of(fit: FitData) -> Adequacy:
         reason = f"it meets them to {_EXACT:.0e} of their scatter"
         return dataclasses.replace(unknown, adequate=True, reason=reason)
     model, left, trial = basis_of(fit.jacobian[used]), z, _trials(fit, used)
-    signs = trial is not None and trial.max() + 1 >= LEAST_GROUPS
-    if trial is not None and not signs and problem.threshold is None:
+    many = trial if trial is not None and trial.max() + 1 >= LEAST_GROUPS else None
+    if trial is not None and many is None and problem.threshold is None:
         model = basis_of(np.concatenate([model, _shifts(fit, used, trial)], axis=1))
         left = z - model @ (model.T @ z)
     statistics = Statistics(columns, model, factor[used])
@@ -120,10 +120,10 @@ def adequacy_of(fit: FitData) -> Adequacy:
         if ratio is not None:
             chi2_p = _above_f(fit.dof - statistics.pure, statistics.pure, ratio)
     structure_p = None
-    if statistics and (signs or trial is None or problem.threshold is None):
-        if trial is None and problem.threshold is not None:
-            trial, signs = np.arange(len(z)), True
-        noise = _signs(z, trial, model) if signs else _noise(left, columns, fit)
+    if trial is None and problem.threshold is not None:
+        trial = many = np.arange(len(z))
+    if statistics and (many is not None or problem.threshold is None):
+        noise = _noise(left, columns, fit) if many is None else _signs(z, many, model)
         structure_p = chance(statistics, left, model, noise)
     # Statistics without a size are independent of χ² (Basu), those of repeated points are not.
     independent = [structure_p, chi2_p if fit.absolute or structure_p is None else None]
