@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ._data import FitData
 from ._inference import LEAST_GROUPS, basis_of
-from ._structure import DRAWS, Column, Statistics, chance
+from ._structure import DRAWS, Column, Statistics, chance, share_left
 
 LEVEL = 0.05
 """Of models that are right so many are called inadequate."""
@@ -23,6 +23,9 @@ what they follow is rounding, or the accuracy of a solver."""
 
 _SAME = 1e-12
 """Scatter below this part of the data is rounding."""
+
+_WITHIN = 0.25
+"""Of the slowest misfits so much must be left within trials for shifts of them to be taken out."""
 
 _FOLLOWED = 1e-3
 """Of the variance of a trial the fit must leave so much for its size to be told."""
@@ -85,7 +88,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
     of each trial drawn, and with Huber's loss, which is for noise that is not normal, with the
     sign of each point drawn. With fewer than 8 trials there are too few signs: then what shifts all
     points of a trial alike is taken out together with what the model describes, and the rest is
-    simulated as normal.
+    simulated as normal, unless trials lie side by side, where nothing tells a shift from a misfit.
     Source: Davidson & Flachaire (2008), doi 10.1016/j.jeconom.2008.08.003, for drawn signs; Fisher
     (1932) for the combination.
     """
@@ -105,9 +108,11 @@ def adequacy_of(fit: FitData) -> Adequacy:
         return dataclasses.replace(unknown, adequate=True, reason=reason)
     model, left, trial = basis_of(fit.jacobian[used]), z, _trials(fit, used)
     many = trial if trial is not None and trial.max() + 1 >= LEAST_GROUPS else None
-    if trial is not None and many is None and problem.threshold is None:
-        model = basis_of(np.concatenate([model, _shifts(fit, used, trial)], axis=1))
-        left = z - model @ (model.T @ z)
+    told = many is not None or problem.threshold is None
+    if trial is not None and many is None and told:
+        shifted = basis_of(np.concatenate([model, _shifts(fit, used, trial)], axis=1))
+        told = share_left(columns, model, shifted) >= _WITHIN
+        model, left = shifted, z - shifted @ (shifted.T @ z)
     statistics = Statistics(columns, model, factor[used])
     ratio, chi2_p = None, None
     if fit.absolute and problem.threshold is None:
@@ -122,7 +127,8 @@ def adequacy_of(fit: FitData) -> Adequacy:
     structure_p = None
     if trial is None and problem.threshold is not None:
         trial = many = np.arange(len(z))
-    if statistics and (many is not None or problem.threshold is None):
+        told = True
+    if statistics and told:
         noise = _noise(left, columns, fit) if many is None else _signs(z, many, model)
         structure_p = chance(statistics, left, model, noise)
     # Statistics without a size are independent of χ² (Basu), those of repeated points are not.
@@ -130,7 +136,9 @@ def adequacy_of(fit: FitData) -> Adequacy:
     p = _combined([one for one in independent if one is not None])
     if p is None:
         few = f"{fit.dof} degrees of freedom" if fit.dof > 1 else "one degree of freedom"
-        why = f"{few}, and the noise is not known" if trial is None else "too few trials of points"
+        why = f"{few}, and the noise is not known"
+        if trial is not None:
+            why = "too few trials, or too little that they share of x"
         return dataclasses.replace(unknown, chi2_per_dof=ratio, reason=why)
     return Adequacy(p >= LEVEL, p, ratio, chi2_p, structure_p, along)
 
