@@ -2,7 +2,7 @@
 
 A pair is marked where ln e lies more than `THRESHOLD` standard deviations off a robust trend in
 speed, and in a table off a smooth curve; the standard deviation is that of its reading (see
-`_noise`). e > 1 alone marks nothing.
+`_noise`), or the known error of one that has its own. e > 1 alone marks nothing.
 """
 
 from __future__ import annotations
@@ -117,7 +117,9 @@ def find_outliers(pairs: Pairs) -> Outliers:
     In a table no pair is marked that lies on a smooth curve: e(v) may be steep and bent. Recordings
     of flights have spurious triggers, and speeds in a narrow range.
     """
-    found = mark(pairs.velocity, pairs.restitution, pairs.reading_factor)
+    # Few pairs may agree by chance to less than what their readings are known to be off.
+    least = 0.0 if pairs.covariance is None else np.sqrt(np.diag(pairs.covariance))
+    found = mark(pairs.velocity, pairs.restitution, pairs.reading_factor, least)
     if found.flagged.any() and not pairs.layout.uses_flight:
         found = found._replace(flagged=found.flagged & _off_curve(pairs))
     usual = float(np.exp(np.median(found.trend(pairs.velocity[~found.flagged]))))
@@ -126,8 +128,15 @@ def find_outliers(pairs: Pairs) -> Outliers:
     return Outliers(found.flagged, found.deviation, guess, found.trend, found.noise)
 
 
-def mark(velocity: Floats, restitution: Floats, reading_factor: Floats) -> Marked:
+def mark(
+    velocity: Floats,
+    restitution: Floats,
+    reading_factor: Floats,
+    least: Floats | float = 0.0,
+) -> Marked:
     """Mark the pairs that lie more than `THRESHOLD` robust standard deviations off the trend.
+
+    A standard deviation counts as `least` (n,) where it is found smaller.
 
     The trend (constant, or a Theil-Sen line in speed or in its logarithm, whichever leaves the
     least scatter) and the noise are estimated, pairs marked, and both estimated again from the
@@ -143,7 +152,7 @@ def mark(velocity: Floats, restitution: Floats, reading_factor: Floats) -> Marke
         trend = _robust_trend(kinds, velocity[keep], y[keep])
         residual = y - trend(velocity)
         noise = estimate_noise(residual[keep], reading_factor[keep], robust=True)
-        deviation = residual / noise.sigma(reading_factor)
+        deviation = residual / np.maximum(noise.sigma(reading_factor), least)
         keep = np.abs(deviation) <= THRESHOLD
         # The marks may alternate between two sets: stop when a set comes up again.
         if keep.tobytes() in seen:

@@ -152,3 +152,12 @@ def test_a_steep_and_bent_curve_is_no_outlier(n):
     e[n // 2] *= 0.6
     pairs = make_pairs(read_recording(velocity=v, restitution=e), Flight())
     assert np.flatnonzero(find_outliers(pairs).flagged).tolist() == [n // 2]
+
+
+def test_a_pair_within_its_known_error_is_no_outlier():
+    """Few pairs may agree by chance to less than that."""
+    v = np.linspace(1, 2, 5)
+    e = 0.8 * np.exp(np.array([1e-4, -1e-4, 0, 5e-3, 2e-4]))
+    assert mark(v, e, np.zeros(5)).flagged.tolist() == [False, False, False, True, False]
+    assert not mark(v, e, np.zeros(5), np.full(5, 2e-3)).flagged.any()
+    assert mark(v, e, np.zeros(5), np.full(5, 5e-4)).flagged[3]
