@@ -132,7 +132,7 @@ def rounding(
 
 def rounding_of_white_noise(sigma: Column, expected: Column, step: float) -> Shared:
     """The errors of readings of independent noise `sigma` (n,) in steps: C + Q as a diagonal and a
-    product of few columns, which readings without number do not make large.
+    product of a few columns, small for any number of readings.
 
     Then exp(-2π²k² (σ_i² + σ_j²)/q²) is a product, and the cosine of a difference the sum of two.
     """
@@ -290,21 +290,21 @@ def _errors(
     in them.
     """
     given: dict[str, Any] = {}
-    whole = np.eye(columns[-1].rows.stop)
+    if any(noise and noise.correlation is not None for noise in noises):
+        given["correlation"] = np.eye(columns[-1].rows.stop)
     sigmas = {column.name: column.sigma for column in columns}
     for column, noise in zip(columns, noises, strict=True):
         if noise is None:
             continue
         if noise.correlation is not None:
-            whole[column.rows, column.rows] = noise.correlation
-            given["correlation"] = whole
+            given["correlation"][column.rows, column.rows] = noise.correlation
         if column.sigma is not None:
             sigmas[column.name] = np.where(np.isfinite(column.sigma), noise.size, np.inf)
     known = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
     if len(known) == len(sigmas) and any(noises):
         given["sigma"] = sigmas
     sizes = [np.log(one[np.isfinite(one)]) for one in known.values()]
-    return given, np.concatenate([whole.ravel(), *sizes])
+    return given, np.concatenate([given.get("correlation", np.zeros(0)).ravel(), *sizes])
 
 
 def _errors_of_z(found: Fit, columns: list[_Column], noises: list[_Noise | None]) -> Shared:
