@@ -146,7 +146,7 @@ def fit_record(
     What instruments do to noise is found with the fit, and said in `notes`: readings at a limit
     count as at least that; a low-pass filter correlates noise; readings in steps q, larger than a
     third of their scatter, have the rounding errors of a random zero, of the variance q²/12, which
-    they share where the signal rests.
+    they share where the signal rests: standard errors and intervals know it, weights do not.
 
     A force alone determines the mass only if the speed is known, an indentation alone determines
     only K/m: hold what is not identifiable, or read it in `unidentified`. Returns a `Fit` whose
