@@ -110,8 +110,12 @@ def adequacy_of(fit: FitData) -> Adequacy:
     many = trial if trial is not None and trial.max() + 1 >= LEAST_GROUPS else None
     told = many is not None or problem.threshold is None
     if trial is not None and many is None and told:
-        shifted = basis_of(np.concatenate([model, _shifts(fit, used, trial)], axis=1))
-        told = share_left(columns, model, shifted) >= _WITHIN
+        # What is the same for all trials, a shift of each would hide in any order of them.
+        same, shifted = (
+            basis_of(np.concatenate([model, _shifts(fit, used, one)], axis=1))
+            for one in (np.zeros_like(trial), trial)
+        )
+        told = share_left(columns, same, shifted) >= _WITHIN
         model, left = shifted, z - shifted @ (shifted.T @ z)
     statistics = Statistics(columns, model, factor[used])
     ratio, chi2_p = None, None
