@@ -159,13 +159,13 @@ def _slow_waves(
 def share_left(
     columns: Sequence[Column], model: Float[np.ndarray, "n k"], more: Float[np.ndarray, "n m"]
 ) -> float:
-    """Of the slowest waves that the model does not describe, the least part that `more` (which
+    """Of the slowest waves that the model does not describe, the mean part that `more` (which
     holds the model) does not describe either; 0 where there are no such waves.
     """
     waves = _slow_waves(columns, model, _ORDERS[0])
     if waves is None:
         return 0.0
-    return float(np.min(1 - np.sum((more.T @ waves) ** 2, axis=0)))
+    return float(np.mean(1 - np.sum((more.T @ waves) ** 2, axis=0)))
 
 
 def _of_neighbours(z: Float[np.ndarray, "draws m"]) -> Float[np.ndarray, " draws"]:
