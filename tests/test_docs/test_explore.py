@@ -24,8 +24,8 @@ SHOWN = 0.51
 def browser(tmp_path_factory):
     chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if chromium is None or driver is None:
-        # Programs of the system, which `pip` cannot bring; `.ci/run` installs them where it may.
-        pytest.skip("there is no chromium, or no chromedriver (Debian: chromium-driver)")
+        why = "there is no chromium, or no chromedriver (Debian: chromium-driver)"
+        pytest.skip(why)  # `pip` cannot bring programs of the system; `.ci/run` installs them
     file = tmp_path_factory.mktemp("explore") / "explore.html"
     assert main(["explore", "--no-open", "--out", str(file), "--quiet"]) == 0
     options = webdriver.ChromeOptions()
