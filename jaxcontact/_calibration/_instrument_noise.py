@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .._fit import Fit, Shared, basis_of, with_shared
+from .._fit import Fit, SharedErrors, basis_of, with_shared
 from ._limits import Limits
 from ._low_pass import LowPass
 from ._shared_noise import shared_noise, slope_of
@@ -79,7 +79,7 @@ class _Noise(NamedTuple):
 
     size: Column
     correlation: Float[np.ndarray, "n n"] | None
-    whole: Shared | None
+    whole: SharedErrors | None
 
 
 def require_filterable(name: str, readings: Column | None) -> None:
@@ -130,7 +130,7 @@ def rounding(
     return step**2 * total
 
 
-def rounding_of_white_noise(sigma: Column, expected: Column, step: float) -> Shared:
+def rounding_of_white_noise(sigma: Column, expected: Column, step: float) -> SharedErrors:
     """The errors of readings of independent noise `sigma` (n,) in steps: C + Q as a diagonal and a
     product of a few columns, small for any number of readings.
 
@@ -140,7 +140,7 @@ def rounding_of_white_noise(sigma: Column, expected: Column, step: float) -> Sha
     kept = np.exp(-2 * (np.pi * sigma[:, None] * turns / step) ** 2) / (np.sqrt(2) * np.pi * turns)
     turn = 2 * np.pi * expected[:, None] * turns / step
     root = step * np.concatenate([kept * np.cos(turn), kept * np.sin(turn)], axis=1)
-    return Shared(sigma**2 + step**2 / 12 - np.sum(root**2, axis=1), root)
+    return SharedErrors(sigma**2 + step**2 / 12 - np.sum(root**2, axis=1), root)
 
 
 def with_noise_of_instruments(
@@ -229,13 +229,13 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
 
 def _rounded(
     sigma: Column, passed: Float[np.ndarray, "n n"] | None, expected: Column, step: float
-) -> Shared:
+) -> SharedErrors:
     """The errors of readings in steps, of noise that a filter has `passed`, None without one."""
     if passed is None:
         return rounding_of_white_noise(sigma, expected, step)
     noise = passed * np.outer(sigma, sigma)
     root = np.linalg.cholesky(noise + rounding(noise, expected, step))
-    return Shared(np.zeros(sigma.size), root)
+    return SharedErrors(np.zeros(sigma.size), root)
 
 
 def _part_of(
@@ -264,7 +264,7 @@ def _part_of(
     return float(np.exp(weight @ np.log(_PARTS) / weight.sum()))
 
 
-def _log_likelihood(errors: Shared, seen: Float[np.ndarray, "n k+1"]) -> float:
+def _log_likelihood(errors: SharedErrors, seen: Float[np.ndarray, "n k+1"]) -> float:
     """The restricted one of the last column of `seen`, which the others may move."""
     if errors.own.any():
         # Woodbury's identity: only as many columns as are shared are solved for.
@@ -307,7 +307,7 @@ def _errors(
     return given, np.concatenate([given.get("correlation", np.zeros(0)).ravel(), *sizes])
 
 
-def _errors_of_z(found: Fit, columns: list[_Column], noises: list[_Noise | None]) -> Shared:
+def _errors_of_z(found: Fit, columns: list[_Column], noises: list[_Noise | None]) -> SharedErrors:
     """Those of the standardised residuals of readings with weight, as rounding shares them."""
     factor, whitener = np.asarray(found.problem.factor), found.problem.whitener
     used, own = factor > 0, np.full(factor.size, found.noise)
@@ -323,4 +323,4 @@ def _errors_of_z(found: Fit, columns: list[_Column], noises: list[_Noise | None]
             root[rows] = np.asarray(whitener)[rows, rows] @ root[rows]
         own[rows] = whole.own * factor[rows] ** 2
         roots.append(root)
-    return Shared(own[used], np.concatenate(roots, axis=1)[used])
+    return SharedErrors(own[used], np.concatenate(roots, axis=1)[used])

@@ -11,7 +11,7 @@ from ._compare import has_trials as has_trials
 from ._compare import table as table
 from ._compare import undecided as undecided
 from ._data import FitData as FitData
-from ._data import Shared as Shared
+from ._data import SharedErrors as SharedErrors
 from ._fit import fit as fit
 from ._inference import LEAST_GROUPS as LEAST_GROUPS
 from ._inference import Direction as Direction

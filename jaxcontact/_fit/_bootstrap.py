@@ -72,7 +72,9 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
             noise = noise * np.sqrt(fit.noise)
         else:
             size, root = fit.shared
-            shared = jax.random.normal(jax.random.key(seed), (draws, root.shape[1])) @ root.T
+            # Another key: the same one would draw the same numbers again.
+            key = jax.random.fold_in(jax.random.key(seed), 1)
+            shared = jax.random.normal(key, (draws, root.shape[1])) @ root.T
             used = np.flatnonzero(fit.problem.factor)
             noise = noise.at[:, used].set(noise[:, used] * np.sqrt(size)[None, :] + shared)
         options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)

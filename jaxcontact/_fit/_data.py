@@ -15,7 +15,7 @@ from ._inference import Direction
 from ._problem import Problem, evaluated, flattened, place_like
 
 
-class Shared(NamedTuple):
+class SharedErrors(NamedTuple):
     """Errors of n points of the covariance V = diag(own) + R Rᵀ: the variance `own` (n,) of each
     alone, and the `root` R (n, m) of what they share.
     """
@@ -69,7 +69,7 @@ class FitData:
     absolute: bool = dataclasses.field(repr=False)
     rtol: float = dataclasses.field(repr=False)
     notes: tuple[str, ...] = ()
-    shared: Shared | None = dataclasses.field(default=None, repr=False)
+    shared: SharedErrors | None = dataclasses.field(default=None, repr=False)
     wider: np.ndarray | None = dataclasses.field(default=None, repr=False)
 
     @property

@@ -12,13 +12,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from ._data import FitData, Shared
+from ._data import FitData, SharedErrors
 from ._found import SINGULAR
 
 _F = TypeVar("_F", bound=FitData)
 
 
-def with_shared(fit: _F, shared: Shared) -> _F:
+def with_shared(fit: _F, shared: SharedErrors) -> _F:
     """The fit with standard errors for z of the errors `shared`, of the points with weight.
 
     Cov θ = H V Hᵀ, H the pseudoinverse of J = dz/dθ; the intervals widen as the errors do.

@@ -5,7 +5,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._calibration._instrument_noise import rounding_of_white_noise
-from jaxcontact._fit import Shared, with_shared
+from jaxcontact._fit import SharedErrors, with_shared
 
 X = np.linspace(-1, 1, 60)
 TRUTH = {"a": 3.2, "b": 0.4}
@@ -67,6 +67,6 @@ def test_a_posterior_refuses_them():
 
 def test_nothing_changes_where_nothing_is_shared():
     plain = jc.fit(line, read(np.random.default_rng(4)), {"a": 3.0, "b": 0.5}, x=X)
-    same = with_shared(plain, Shared(np.full(60, plain.noise), np.zeros((60, 0))))
+    same = with_shared(plain, SharedErrors(np.full(60, plain.noise), np.zeros((60, 0))))
     np.testing.assert_allclose(same.errors, plain.errors, rtol=1e-9)
     np.testing.assert_allclose(same.wider, 1, rtol=1e-9)
