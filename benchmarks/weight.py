@@ -1,0 +1,202 @@
+"""How much a first call has the compiler do: `python benchmarks/weight.py`.
+
+The weight of a call is the number of HLO instructions of all its programs before optimisation, and
+the number of programs. For one set of versions it is the same on every machine. Each row is a fresh
+process that optimises nothing and stores no program; `--seconds` runs it once more as a user does,
+for its CPU time. Solves of one impact by plain diffrax stand beside. `--only` takes the rows whose
+name contains a text, `--out` writes JSON as well.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from importlib.metadata import version
+from pathlib import Path
+
+START = """
+import time
+import jax
+jax.config.update("jax_enable_x64", True)
+import jax.numpy as jnp
+import numpy as np
+"""
+
+OURS = (
+    START
+    + """
+import jaxcontact as jc
+law, contact = jc.HuGuo(e=.5), jc.Contact(1., 1.4e8)
+time_s = np.linspace(0, 1.4e-3, 200)
+force = 1e4 * np.sin(np.pi * time_s / 1.4e-3) ** 1.5
+speeds = np.linspace(.1, 5, 20)
+
+def scene(places, v=0.):
+    discs = [
+        jc.Sphere(radius=.1, mass=.5, position=place, velocity=[v * (k == 0), 0.])
+        for k, place in enumerate(places)
+    ]
+    ground = jc.Plane(point=[0., 0.], normal=[0., 1.])
+    law = jc.HuGuo(e=.8)
+    return jc.Scene([*discs, ground], law=law, stiffness=1e7, gravity=[0., -9.81])
+
+def last(v):
+    run = jc.simulate(scene([[0., .3], [.5, .3]], v), .6, max_impacts=16)
+    return run.position[-1, 0, 0]
+
+three = [[-.6, .3], [.1, .2], [.62, .1]]
+"""
+)
+
+# x = w², dt = w dτ of docs/theory.md, as one who knows it writes it with diffrax.
+DIFFRAX = (
+    START
+    + """
+import diffrax
+import optimistix
+
+def slopes(t, y, e):
+    alpha, (w, v, _) = 1.5 * (1 - e) / e, y
+    return jnp.stack([v / 2, -w**4 * (1 + alpha * v), w])
+
+event = diffrax.Event(
+    lambda t, y, args, **_: y[0],
+    optimistix.Newton(1e-10, 1e-10),
+    direction=False,
+)
+
+def restitution(e, adjoint):
+    start = jnp.array([0., 1., 0.])
+    return -diffrax.diffeqsolve(
+        diffrax.ODETerm(slopes), diffrax.Dopri8(), 0., 1e4, .1, start, e, event=event,
+        stepsize_controller=diffrax.PIDController(1e-9, 1e-9), adjoint=adjoint,
+    ).ys[-1, 1]
+
+forward, reverse = diffrax.ForwardMode(), diffrax.RecursiveCheckpointAdjoint()
+value = jax.jit(lambda e: restitution(e, reverse))
+slope_forward = jax.jit(jax.jacfwd(lambda e: restitution(e, forward)))
+slope_reverse = jax.jit(jax.grad(lambda e: restitution(e, reverse)))
+"""
+)
+
+CALLS = {
+    "impact, exact": "jc.impact(law, contact, 4.2)",
+    "impact, exact: gradient": (
+        "jax.grad(lambda e: jc.impact(jc.HuGuo(e=e), contact, 4.2).duration)(.5)"
+    ),
+    "impact, event": "jc.impact(law, contact, 4.2, method='event')",
+    "impact, event: gradient": (
+        "jax.grad(lambda e: jc.impact(jc.HuGuo(e=e), contact, 4.2, method='event').restitution)(.5)"
+    ),
+    "impact with a push": "jc.impact(law, contact, 4.2, external_force=9.8)",
+    "trajectory": "jc.trajectory(law, contact, 4.2)",
+    "bounce with weight in contact": (
+        "jc.bounce(law, contact, 1., bounces=20, gravity_in_contact=True)"
+    ),
+    "fit_damping": "jc.fit_damping(speeds, np.linspace(.9, .7, 20), contact)",
+    "fit_record": "jc.fit_record(time_s, jc.ConstantDamping(c=1e7), contact, 4.2, force=force)",
+    "scene of 3 discs and a plane, instantaneous": (
+        "jc.simulate(scene(three), 1., instantaneous=True, progress=False)"
+    ),
+    "scene of 3 discs and a plane, soft": "jc.simulate(scene(three), 1., progress=False)",
+    "soft scene of 2 discs and a plane: gradient": "jax.grad(last)(1.)",
+}
+PLAIN = {
+    "plain diffrax, Dopri8": "value(.5)",
+    "plain diffrax: forward gradient": "slope_forward(.5)",
+    "plain diffrax: reverse gradient": "slope_reverse(.5)",
+}
+PROGRAMS = {
+    **{name: OURS + call for name, call in CALLS.items()},
+    **{name: DIFFRAX + call for name, call in PLAIN.items()},
+}
+VERSIONS = ("jax", "jaxlib", "diffrax", "equinox", "optax", "optimistix")
+
+
+def environment(**more: str) -> dict[str, str]:
+    """That of this process, without a store of programs and without flags of its own."""
+    ours = ("JAX_", "JAXCONTACT_", "XLA_")
+    return {**{k: v for k, v in os.environ.items() if not k.startswith(ours)}, **more}
+
+
+def run(program: str, **more: str) -> None:
+    command = [sys.executable, "-W", "ignore", "-c", program]
+    done = subprocess.run(
+        command, env=environment(**more), capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise RuntimeError(done.stderr[-2000:])
+
+
+def equals(files: list[Path]) -> list[int]:
+    """Of each file, how many of its lines define something: instructions, or equations."""
+    return [sum(" = " in line for line in file.read_text().splitlines()) for file in files]
+
+
+def weight(program: str) -> dict[str, int]:
+    """What a program has the compiler do: instructions, programs, the largest one, equations."""
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as traced:
+        flags = f"--xla_dump_to={folder} --xla_dump_hlo_as_text --xla_backend_optimization_level=0"
+        run(
+            program,
+            XLA_FLAGS=flags,
+            JAX_DISABLE_MOST_OPTIMIZATIONS="1",
+            JAX_DUMP_IR_TO=traced,
+            JAX_DUMP_IR_MODES="jaxpr",
+        )
+        counts = equals(list(Path(folder).glob("*before_optimizations.txt")))
+        equations = equals([file for file in Path(traced).iterdir() if "jaxpr" in file.name])
+    return {
+        "instructions": sum(counts),
+        "programs": len(counts),
+        "largest": max(counts),
+        "equations": sum(equations),
+    }
+
+
+def seconds(program: str) -> float:
+    """The CPU time of a first call, without that of the imports and of what comes before it."""
+    before, _, call = program.rstrip().rpartition("\n")
+    with tempfile.NamedTemporaryFile("r") as told:
+        start = "jax.block_until_ready(jnp.zeros(3) + 1)\nstart = time.process_time()"
+        end = f"print(time.process_time() - start, file=open({told.name!r}, 'w'))"
+        run(f"{before}\n{start}\njax.block_until_ready({call})\n{end}")
+        return float(told.read())
+
+
+def printed(row: dict) -> str:
+    time = f"{row['seconds']:8.2f}" if "seconds" in row else ""
+    return (
+        f"{row['call']:44}{row['instructions']:8,}{row['programs']:5}{row['largest']:8,}"
+        f"{row['equations']:8,}{time}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", default="", help="rows whose name contains this text")
+    parser.add_argument("--seconds", action="store_true", help="CPU seconds of each call, too")
+    parser.add_argument("--out", type=Path, help="write JSON as well")
+    asked = parser.parse_args()
+    head = "call", "instr.", "progs", "largest", "jaxpr", "CPU s" if asked.seconds else ""
+    print("{:44}{:>8}{:>5}{:>8}{:>8}{:>8}".format(*head))
+    rows = []
+    for name, program in PROGRAMS.items():
+        if asked.only not in name:
+            continue
+        row: dict = {"call": name, **weight(program)}
+        if asked.seconds:
+            row["seconds"] = round(seconds(program), 2)
+        rows.append(row)
+        print(printed(row), flush=True)
+    if asked.out:
+        found = {"versions": {name: version(name) for name in VERSIONS}, "rows": rows}
+        asked.out.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
