@@ -335,11 +335,14 @@ class Specialised(eqx.Module):
         return self.traced
 
 
-def parameter(name: str, allowed: Range = REAL) -> Any:
-    """A field of an equinox module that holds a differentiable number with a known range."""
+def parameter(name: str, allowed: Range = REAL, unit: str | None = None) -> Any:
+    """A field of an equinox module that holds a differentiable number with a known range.
+
+    The unit is that of `_units` for this name if none is given.
+    """
     return eqx.field(
         converter=functools.partial(as_parameter, name=name, allowed=allowed),
-        metadata={"allowed": allowed},
+        metadata={"allowed": allowed, "unit": unit},
     )
 
 
