@@ -24,7 +24,8 @@ class Space(eqx.Module):
     """Free coordinates θ (k,) of the fitted numbers in a pytree of parameters.
 
     `coordinates`, one for each number, select code; `units` are "" where none is known;
-    bounds and the other leaves are data. A number stays at `held` whatever its coordinate is, unless that is NaN.
+    bounds and the other leaves are data. A number stays at `held` whatever its coordinate is,
+    unless that is NaN.
     """
 
     low: Float[Array, " k"]
