@@ -110,9 +110,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     except ValueError as error:
         raise InputError(_in_options(str(error))) from error
     if arguments.json:
-        print_json(
-            _dict(found, holds) | ({} if at_step is None else {"at_time_step": vars(at_step)})
-        )
+        stepped = {} if at_step is None else {"at_time_step": vars(at_step)}
+        print_json(_dict(found, holds) | stepped)
     else:
         print(_text(found))
         print(holds)

@@ -29,8 +29,9 @@ class Export(Draft):
     `law` and `contact` are the engine's law as it was solved: `impact(law, contact, velocity)`
     gives the rest. `duration` in s is how long that contact lasts, and `time_step` in s the step at
     which the engine itself was measured to be within `expected_error` (relative, of the
-    restitution, for e of 0.12 and more), `steps` of them in one contact; all None where
-    the engine was not run; `at_time_step` says what e becomes at another. `limit` says in words where the parameters do not hold, `source` where
+    restitution, for e of 0.12 and more), `steps` of them in one contact; all None where the engine
+    was not run. `scheme` is how it steps, None where that is not known; `at_time_step` says what e
+    becomes at another step. `limit` says in words where the parameters do not hold, `source` where
     the engine's formula is given.
     """
 

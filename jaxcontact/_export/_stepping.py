@@ -92,7 +92,7 @@ def stepped(
     shorter in these: e depends on the number of steps in a contact alone.
     """
     with jax.enable_x64(True):
-        phases = (jnp.arange(_PHASES) + 1.0) / _PHASES
+        phases = jnp.linspace(1 / _PHASES, 1.0, _PHASES)
 
         def ends(count: float) -> tuple[float, float]:
             e = _rebounds(law, contact, jnp.asarray(velocity), duration / count, phases, scheme)
