@@ -111,10 +111,14 @@ def draw(
     air: bool = False,
     rolled: float | None = None,
     swings: bool = False,
+    rises: float = 0.0,
+    nearer: float = 0.0,
 ) -> Truth:
     """One track; without bounces the ball is let go and caught, or swings.
 
-    The camera is rolled by up to `rolled` degrees: 10, but heights alone are taken level.
+    The camera is rolled by up to `rolled` degrees: 10, but heights alone are taken level. While it
+    looks, the floor `rises` in the picture by a part of the first height; the ball comes `nearer`
+    by a part of its distance, seen from as high as it falls.
     """
     kind = kind or str(random.choice(KINDS))
     if rolled is None:
@@ -176,6 +180,8 @@ def draw(
     if swings:
         many *= random.uniform(0.5, 3)
         y = height * (1 + np.exp(-many / 5) * np.cos(2 * np.pi * many)).mean(axis=1) / 2
+    since = (time - time.mean()) / max(float(np.ptp(time)), 1e-9) if n > 1 else 0 * time
+    y = y + rises * height * since + nearer * since * (y - height)
     pixels = random.uniform(150, 1200) / height  # per metre
     tilt = np.radians(random.uniform(-1, 1) * rolled)
     u, v = x * np.cos(tilt) - y * np.sin(tilt), x * np.sin(tilt) + y * np.cos(tilt)

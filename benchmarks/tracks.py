@@ -180,6 +180,8 @@ def study(draws: int, others: int) -> dict:
         "heights alone, camera rolled by up to 3°": {"kind": "heights", "rolled": 3.0},
         "let go and caught, no impact": {"bounces": False},
         "a pendulum, no impact": {"bounces": False, "swings": True},
+        "the floor rises by 2.3 % of the first height": {"rises": 0.023},
+        "the ball comes nearer by 2.3 %": {"nearer": 0.023},
     }
     more = {
         name: summary([one_of(np.random.default_rng([SEED, k, j]), **how) for j in range(others)])

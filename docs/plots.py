@@ -35,6 +35,7 @@ import io
 
 import jax
 import numpy as np
+import scipy.io.wavfile
 
 import jaxcontact as jc
 
@@ -103,9 +104,17 @@ SECTIONS = (
         "A recording of sound",
         "Which sounds were taken for bounces; here in a simulated recording.",
         """\
-        from benchmarks.sound_truths import as_wave, draw  # or your own file
-
-        file = io.BytesIO(as_wave(draw(np.random.default_rng([0, 4]))))
+        rate, rng = 44100, np.random.default_rng(0)
+        touches = 0.4 + np.cumsum(0.55 * 0.8 ** np.arange(9))  # or your own file
+        clock = np.arange(int(rate * (touches[-1] + 0.4))) / rate
+        sound = 0.003 * rng.normal(size=clock.size)
+        for k, touch in enumerate(touches):
+            since = np.clip(clock - touch, 0, None)
+            sound += 0.5 * 0.8**k * np.exp(-since / 0.004) * np.sin(5000 * since)
+        sound = (32767 * np.clip(sound, -1, 1)).astype(np.int16)
+        file = io.BytesIO()
+        scipy.io.wavfile.write(file, rate, sound)
+        file.seek(0)
         ax = jc.plot.sound(jc.read_recording(file))
         """,
     ),
@@ -114,10 +123,15 @@ SECTIONS = (
         "A track from video",
         "The parabolas that were fitted and the impacts between them; here of a simulated track.",
         """\
-        from benchmarks.track_truths import draw  # or your own file
-
-        file = io.StringIO(draw(np.random.default_rng([0, 705]), kind="tracker").text)
-        ax = jc.plot.track(jc.read_recording(file))
+        e, touch, speed = 0.75, 0.25, 2.5  # m/s, or your own file
+        time, y = np.arange(0, 2, 1 / 120), 0.0
+        for _ in range(8):
+            fall = time - touch
+            y = np.where(fall < 0, y, e * speed * fall - 4.905 * fall**2)
+            touch, speed = touch + 2 * e * speed / 9.81, e * speed
+        y = np.where(time < 0.25, 2.5 * (0.25 - time) - 4.905 * (0.25 - time) ** 2, y)
+        y = y + 0.001 * rng.normal(size=time.size)
+        ax = jc.plot.track(jc.read_recording({"t (s)": time, "y (m)": y}))
         """,
     ),
     Section(
@@ -125,11 +139,13 @@ SECTIONS = (
         "A record of a force plate",
         "The impacts that were cut out of it, and their fits; here of a simulated record.",
         """\
-        from benchmarks.record_truths import draw  # or your own file
-
-        truth = draw(np.random.default_rng([0, 5]))
-        recording = jc.read_recording(rate=truth.rate, force=truth.reading)
-        ax = jc.plot.record(jc.calibrate(recording, mass=truth.mass, law="exact"))
+        time = np.arange(0, 0.5, 2e-5)
+        force = 0.3 * rng.normal(size=time.size)  # or your own file
+        for start, speed in ((0.05, 2.0), (0.25, 1.5), (0.4, 1.1)):
+            hit = jc.trajectory(jc.HuGuo(e=0.7), contact, speed)
+            force += np.interp(time - start, hit.time, hit.force, left=0, right=0)
+        recording = jc.read_recording(time=time, force=force)
+        ax = jc.plot.record(jc.calibrate(recording, mass=0.05, law="exact"))
         """,
     ),
     Section(

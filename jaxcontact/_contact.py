@@ -14,6 +14,7 @@ from ._parameter import (
     as_parameter,
     is_plain,
     parameter,
+    refuses_unknown,
     rendered,
     require_broadcast,
     require_kind,
@@ -34,10 +35,18 @@ class Material(eqx.Module):
 
     youngs_modulus: Float[Array, "..."] = parameter("youngs_modulus", POSITIVE)
     poisson_ratio: Float[Array, "..."] = parameter("poisson_ratio", POISSON)
-    density: Float[Array, "..."] | None = eqx.field(
-        default=None,
-        converter=lambda rho: None if rho is None else as_parameter(rho, "density", POSITIVE),
-    )
+    density: Float[Array, "..."] | None = None
+
+    @refuses_unknown
+    def __init__(
+        self,
+        youngs_modulus: ArrayLike,
+        poisson_ratio: ArrayLike,
+        density: ArrayLike | None = None,
+    ):
+        self.youngs_modulus = as_parameter(youngs_modulus, "youngs_modulus", POSITIVE)
+        self.poisson_ratio = as_parameter(poisson_ratio, "poisson_ratio", POISSON)
+        self.density = None if density is None else as_parameter(density, "density", POSITIVE)
 
     @property
     def compliance(self) -> Float[Array, "..."]:
@@ -88,6 +97,7 @@ class Contact(eqx.Module):
     # `__init__` always sets it: a default is asked for because the fields before have one.
     _exponent: Specialised = eqx.field(default=Specialised(1.5))
 
+    @refuses_unknown
     def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
         self.mass = as_parameter(mass, "mass", POSITIVE)
         self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)

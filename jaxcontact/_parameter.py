@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import functools
+import inspect
 import math
 import os
 import pathlib
+import re
 from collections.abc import Callable, Iterable
-from typing import Any, TypeGuard, TypeVar
+from typing import Any, ParamSpec, TypeGuard, TypeVar
 
 import equinox as eqx
 import jax
@@ -19,11 +21,23 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Bool
 
 Kind = TypeVar("Kind")
+Given = ParamSpec("Given")
+Returned = TypeVar("Returned")
 
 _LONG, _BEGINNING = 300, 100
 """Characters: what is longer is shown by its beginning, its type and its shape."""
 
 _MOST_BITS = 63
+
+_NOT_MODELLED = {
+    r"frict|^mu(_|$)|tangen|rolling": "there is no friction (yet), forces act along the normal",
+    r"spin|rotat|angular|omega|orient|torque|inertia": "bodies do not rotate (yet)",
+    r"drag|^air|wind|magnus|viscosity|fluid": "flights are in vacuum here (`calibrate` and "
+    "`fit_bounces` have `drag`)",
+    r"adhes|cohes|surface_energy|sticki": "bodies do not stick together (yet)",
+    r"^e$|restitution|damping": "it belongs to a law, such as `ExactRestitution(e=0.8)`",
+}
+"""Why an argument of such a name does not exist."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -228,6 +242,32 @@ def did_you_mean(given: Any, known: Iterable[str]) -> str:
     return f" Did you mean {near!r}?" if near else ""
 
 
+def not_modelled(name: str) -> str | None:
+    """Why nothing has an argument of this name, in words; None for a name that says nothing."""
+    found = (why for pattern, why in _NOT_MODELLED.items() if re.search(pattern, name.casefold()))
+    return next(found, None)
+
+
+def refuses_unknown(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
+    """Let a function say why it has no argument of some name; its signature stays.
+
+    The function then raises TypeError, as Python does.
+    """
+    known = [name for name in inspect.signature(function).parameters if name != "self"]
+    owner = function.__qualname__.removesuffix(".__init__")
+
+    @functools.wraps(function)
+    def called(*args: Given.args, **given: Given.kwargs) -> Returned:
+        for name in given:
+            if name not in known:
+                why = not_modelled(name)
+                hint = f": {why}." if why else f".{did_you_mean(name, known)}"
+                raise TypeError(f"`{owner}` has no argument `{name}`{hint}")
+        return function(*args, **given)
+
+    return called
+
+
 def require_kind(name: str, value: Any, kind: type[Kind], allowed: str) -> Kind:
     """An object of a class, `allowed` in words; ValueError for anything else."""
     if not isinstance(value, kind):
@@ -295,11 +335,14 @@ class Specialised(eqx.Module):
         return self.traced
 
 
-def parameter(name: str, allowed: Range = REAL) -> Any:
-    """A field of an equinox module that holds a differentiable number with a known range."""
+def parameter(name: str, allowed: Range = REAL, unit: str | None = None) -> Any:
+    """A field of an equinox module that holds a differentiable number with a known range.
+
+    The unit is that of `_units` for this name if none is given.
+    """
     return eqx.field(
         converter=functools.partial(as_parameter, name=name, allowed=allowed),
-        metadata={"allowed": allowed},
+        metadata={"allowed": allowed, "unit": unit},
     )
 
 

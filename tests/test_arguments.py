@@ -2,6 +2,7 @@
 
 import decimal
 import fractions
+import inspect
 
 import jax.numpy as jnp
 import numpy as np
@@ -98,3 +99,51 @@ def test_flags_are_weights():
     ]
     assert all(fit.params == fits[0].params for fit in fits)
     assert fits[0].params == pytest.approx(2.0, rel=1e-9)
+
+
+NOT_MODELLED = {
+    "friction": "there is no friction (yet), forces act along the normal.",
+    "mu": "there is no friction (yet), forces act along the normal.",
+    "rolling_friction": "there is no friction (yet), forces act along the normal.",
+    "spin": "bodies do not rotate (yet).",
+    "angular_velocity": "bodies do not rotate (yet).",
+    "drag": "flights are in vacuum here (`calibrate` and `fit_bounces` have `drag`).",
+    "cohesion": "bodies do not stick together (yet).",
+    "restitution": "it belongs to a law, such as `ExactRestitution(e=0.8)`.",
+}
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        jc.Scene,
+        jc.Sphere,
+        jc.Plane,
+        jc.Box,
+        jc.Shell,
+        jc.Contact,
+        jc.Material,
+        jc.bounce,
+        jc.impact,
+        jc.simulate,
+        jc.random_spheres,
+    ],
+)
+def test_what_is_not_modelled_is_said(made):
+    for name, why in NOT_MODELLED.items():
+        with pytest.raises(TypeError) as error:
+            made(**{name: 0.5})
+        assert str(error.value) == f"`{made.__name__}` has no argument `{name}`: {why}"
+    known = next(iter(inspect.signature(made).parameters))
+    with pytest.raises(TypeError, match=f"`{known}x`. Did you mean '{known}'?"):
+        made(**{f"{known}x": 0.5})
+    with pytest.raises(TypeError, match="required positional arg"):
+        made()
+    with pytest.raises(TypeError) as error:
+        made(nothing_of_the_kind=0.5)
+    assert str(error.value) == f"`{made.__name__}` has no argument `nothing_of_the_kind`."
+
+
+def test_drag_is_where_the_message_says():
+    for function in (jc.calibrate, jc.fit_bounces):
+        assert "drag" in inspect.signature(function).parameters

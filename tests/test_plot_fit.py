@@ -60,6 +60,11 @@ def test_speeds_over_decades_are_logarithmic():
 
 
 def test_what_has_no_line():
+    # Points without weight, such as padding, have no place in the order.
+    padded = jc.fit(line, Y, [0.0, 1.0], x=X, weights=np.arange(20) % 3 > 0)
+    in_order = jc.plot.residuals(padded)[1].lines[0].get_xydata()
+    there = in_order[~np.isnan(in_order[:, 1]), 0]
+    assert np.array_equal(there, np.arange(np.count_nonzero(np.arange(20) % 3)))
     lone = jc.fit(lambda p: p * np.ones(3), np.arange(3.0), 1.0)
     with pytest.raises(ValueError, match="one-dimensional `x`"):
         jc.plot.fit(lone)
@@ -143,6 +148,11 @@ def test_residuals_over_x_in_order_and_against_normal_ones(fitted):
     theirs = stats.probplot(z, fit=False)
     assert np.array_equal(quantiles.get_ydata(), theirs[1])
     assert np.allclose(quantiles.get_xdata(), theirs[0], atol=0.15)
+    # Points without weight, such as padding, have no place in the order.
+    padded = jc.fit(line, Y, [0.0, 1.0], x=X, weights=np.arange(20) % 3 > 0)
+    in_order = jc.plot.residuals(padded)[1].lines[0].get_xydata()
+    there = in_order[~np.isnan(in_order[:, 1]), 0]
+    assert np.array_equal(there, np.arange(np.count_nonzero(np.arange(20) % 3)))
     lone = jc.fit(lambda p: p * np.ones(3), np.arange(3.0), 1.0)
     assert len(jc.plot.residuals(lone)) == 2
     with pytest.raises(ValueError, match="3 axes of matplotlib, one for each picture"):

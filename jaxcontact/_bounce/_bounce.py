@@ -23,6 +23,7 @@ from .._parameter import (
     POSITIVE,
     Range,
     as_parameter,
+    refuses_unknown,
     require_broadcast,
     require_count,
     require_flag,
@@ -36,6 +37,7 @@ _REST = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 _STATIC = 1e-4
 
 
+@refuses_unknown
 def bounce(
     law: AbstractLaw,
     contact: Contact,

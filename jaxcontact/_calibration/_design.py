@@ -21,7 +21,7 @@ from .._parameter import POSITIVE, rendered, require_choice, require_count, requ
 from .._text_table import text_table, wrapped
 from ._checks import column
 from ._exchange import best_rows, by_parameter, by_volume, shared_out
-from ._impacts import ImpactModel, Outcome, holds, transforms_of
+from ._impacts import ImpactModel, Outcome, full_name, transforms_of
 from ._telling_apart import distance_of, readings_of, telling_apart
 
 QUANTITIES = "e", "duration", "max_force"
@@ -193,11 +193,11 @@ def _transforms(
     names: Any = fixed
     if isinstance(other, str) or not isinstance(names, list | tuple | set | frozenset):
         return transforms_of(model, fixed)
-    owners = model, model.contact, model.law
-    own = tuple(name for name in names if any(holds(owner, name) for owner in owners))
+    own = tuple(name for name in names if full_name(model, name) is not None)
     unknown = set(names) - set(own) if other is not None else set()
     # A name that no law holds is refused there, with the others.
-    all_known = all(holds(other, name) for name in unknown)
+    rival = ImpactModel(other, model.contact)
+    all_known = all(full_name(rival, name) is not None for name in unknown)
     return transforms_of(model, own if all_known else tuple(names))
 
 

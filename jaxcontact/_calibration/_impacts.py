@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import EXPONENT, Contact, require_contact
-from .._fit import AbstractTransform, Between, Fit, Fixed, fit
+from .._fit import AbstractTransform, Between, Fit, Fixed, fit, names_in
 from .._impact import AbstractMethod, impact, method_of
 from .._laws import AbstractLaw, require_law
 from .._measurements import MEASURED_RESTITUTION_FROM_ZERO
-from .._parameter import POSITIVE, rendered
+from .._parameter import POSITIVE, did_you_mean, rendered
 from .._units import Shown
 from ._checks import column, measured, with_transforms
 
@@ -70,9 +70,10 @@ def fit_impacts(
     """A law and a contact from restitutions, contact times and peak forces over the closing speed.
 
     Arguments: the `law` and the `contact` to start from, all of whose numbers are fitted but the
-    `fixed` ones ("mass" by default: times determine only K/m; n is fitted if the contact's exponent
-    is an array); `velocity` in m/s; `e` in [0, 1.2], `duration` in s and `max_force` in N, at least
-    one of them, NaN where a speed was not measured, all (points,). `sigma_e`, and `sigma_duration`
+    `fixed` ones, by their names as the fit prints them ("law.c") or without the owner ("mass" by
+    default: times determine only K/m; n is fitted if the contact's exponent is an array);
+    `velocity` in m/s; `e` in [0, 1.2], `duration` in s and `max_force` in N, at least one of them,
+    NaN where a speed was not measured, all (points,). `sigma_e`, and `sigma_duration`
     and `sigma_max_force` relative to their column (one number, or one for each point), are standard
     deviations; give those of all columns or of none. `method` as in `impact`; what else `fit` takes
     (`noise="by column"`, say).
@@ -103,11 +104,19 @@ def holds(owner: Any, name: Any) -> bool:
     return isinstance(name, str) and name in fields and name != "tension"
 
 
+def full_name(start: Any, name: Any) -> str | None:
+    """The name of a number with its owner in front, "law.c" of "c"; None where nothing has it."""
+    for prefix, owner in (("", start), ("contact.", start.contact), ("law.", start.law)):
+        if isinstance(name, str) and holds(owner, name.removeprefix(prefix)):
+            return prefix + name.removeprefix(prefix)
+    return None
+
+
 def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTransform]:
     """The transforms of the numbers of a model.
 
-    `fixed` names numbers of the model, its contact or its law. A number that is None, or an
-    exponent that is no array, is not fitted anyway.
+    `fixed` names numbers of the model, its contact or its law, as "c" or as "law.c". A number that
+    is None or static, such as an exponent that is no array, is not fitted anyway.
     """
     transforms: dict[str, AbstractTransform] = {}
     if not isinstance(start.contact.exponent, float):
@@ -117,15 +126,14 @@ def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTrans
             "Argument `fixed` must be a tuple of names of numbers of the law or the contact, but "
             f"is {rendered(fixed)}."
         )
-    owners = {"": start, "contact.": start.contact, "law.": start.law}
-    for name in fixed:
-        places = [prefix for prefix, owner in owners.items() if holds(owner, name)]
-        if not places:
+    known = names_in(start)
+    for given in fixed:
+        name = full_name(start, given)
+        if name is None:
             raise ValueError(
-                "Argument `fixed` must name numbers of the law or the contact, but holds "
-                f"{rendered(name)}."
+                "Argument `fixed` must name numbers of the law or the contact "
+                f"({', '.join(known)}), but holds {rendered(given)}.{did_you_mean(given, known)}"
             )
-        value = getattr(owners[places[0]], name)
-        if value is not None and not (name == "exponent" and isinstance(value, float)):
-            transforms[places[0] + name] = Fixed()
+        if any(one == name or one.startswith((f"{name}.", f"{name}[")) for one in known):
+            transforms[name] = Fixed()
     return transforms

@@ -58,7 +58,7 @@ class LowPass(eqx.Module):
     Source: Butterworth (1930), Wireless Engineer 7:536.
     """
 
-    cutoff: Float[Array, ""] = parameter("cutoff", POSITIVE)
+    cutoff: Float[Array, ""] = parameter("cutoff", POSITIVE, "Hz")
     order: int = eqx.field(static=True, default=2, converter=_order)
 
     def read(self, course: Course, since: Float[Array, " n"], parts: int) -> Float[Array, " n"]:

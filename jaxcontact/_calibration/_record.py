@@ -40,9 +40,9 @@ class RecordModel(eqx.Module):
     law: AbstractLaw
     contact: Contact
     velocity: Float[Array, ""] = parameter("velocity", POSITIVE)
-    start_time: Float[Array, ""] = parameter("start_time", REAL)
-    force_offset: Float[Array, ""] | None = None
-    indentation_offset: Float[Array, ""] | None = None
+    start_time: Float[Array, ""] = parameter("start_time", REAL, "s")
+    force_offset: Float[Array, ""] | None = eqx.field(default=None, metadata={"unit": "N"})
+    indentation_offset: Float[Array, ""] | None = eqx.field(default=None, metadata={"unit": "m"})
     low_pass_force: LowPass | None = None
     low_pass_indentation: LowPass | None = None
 
@@ -186,8 +186,9 @@ def fit_record(
     numbers: Any = velocity, start_time
     offsets = (jnp.zeros(()) if name in table["data"] else None for name in columns)
     start = RecordModel(law, contact, *numbers, *offsets, *filters.values())
-    how = with_transforms(transforms_of(start, fixed), how)
-    start = near(start, moments, reading, fixed)
+    transforms = transforms_of(start, fixed)
+    start = near(start, moments, reading, transforms)
+    how = with_transforms(transforms, how)
     if "sigma" not in table:
         how = {"noise": "by column"} | how
     # The zero before and after a contact is no limit of a force.

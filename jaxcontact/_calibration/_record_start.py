@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Container
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -40,8 +41,10 @@ def touch_in(time: Column, reading: Column) -> float:
     return float(time[np.argmax(reading > _TOUCHED * reading.max())])
 
 
-def near(start: Model, time: Column, reading: Column, fixed: tuple[str, ...]) -> Model:
+def near(start: Model, time: Column, reading: Column, held: Container[str]) -> Model:
     """The start with a stiffness by which its contact lasts about as long as that of the record.
+
+    Numbers that are `held`, by their full names, stay.
 
     Without damping `T = 2√π/(n+1) Γ(1/(n+1))/Γ(1/(n+1) + 1/2) ((n+1) m/(2 K v^(n-1)))^(1/(n+1))`.
     """
@@ -49,7 +52,7 @@ def near(start: Model, time: Column, reading: Column, fixed: tuple[str, ...]) ->
     mass, stiffness, n = (float(getattr(contact, f)) for f in ("mass", "stiffness", "exponent"))
     width = np.sum(np.gradient(time)[reading > reading.max() / 2]) if time.size > 1 else 0.0
     duration, part = float(width) / _HALF, 1 / (n + 1)
-    if "stiffness" in fixed or not (reading.max() > 0 and 0 < duration < math.inf):
+    if "contact.stiffness" in held or not (reading.max() > 0 and 0 < duration < math.inf):
         return start
     whole = 2 * math.sqrt(math.pi) * part * math.gamma(part) / math.gamma(part + 0.5)
     better = mass / (2 * part * speed ** (n - 1)) * (whole / duration) ** (n + 1)
@@ -57,7 +60,7 @@ def near(start: Model, time: Column, reading: Column, fixed: tuple[str, ...]) ->
         return start
     start = eqx.tree_at(lambda s: s.contact.stiffness, start, jnp.asarray(better))
     law, c = start.law, getattr(start.law, "c", None)
-    if isinstance(law, AbstractHuntCrossley) and c is not None and "c" not in fixed:
+    if isinstance(law, AbstractHuntCrossley) and c is not None and "law.c" not in held:
         # A damping factor in units means another damping with another stiffness.
         alpha = float(law.damping_factor(start.contact, speed))
         if alpha > 0:

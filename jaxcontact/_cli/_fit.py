@@ -38,7 +38,8 @@ Headings may be any usual name, with a unit that is then converted ("t_c / ms", 
 --columns says what is what where that is not understood.
 
 --law, its parameters, --mass and --stiffness are where the fit starts. The mass stays as it is
-given; --hold NAME holds other numbers: stiffness, a parameter of the law, or velocity.
+given; --hold NAME holds other numbers, by their names in what is printed: contact.stiffness, law.c
+(or just stiffness, c), or velocity.
 
 --gravity and the drag of the air are for bounces; with --mass, --radius and --drag-coefficient the
 flights are those of a ball in air.
@@ -277,6 +278,7 @@ def _dict(
         "converged": found.converged,
         "reason": found.reason,
         "parameters": dict(zip(found.names, found.values.tolist(), strict=True)),
+        "units": dict(zip(found.names, found.problem.space.units, strict=True)),
         "standard_errors": dict(found.standard_errors),
         "adequate": found.adequate if found.converged else None,
         "unidentified": [str(direction) for direction in found.unidentified],

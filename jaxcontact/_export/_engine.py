@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import inspect
+import re
 from collections.abc import Mapping
 from typing import Any, ClassVar, TypeVar
 
@@ -61,9 +62,27 @@ def register_engine(kind: type[Kind]) -> type[Kind]:
     return kind
 
 
+_OTHERS = {
+    "isaac|physx|omniverse": "PhysX, which Isaac Sim and Isaac Lab use, takes `restitution` itself "
+    "as e, above the bounce threshold velocity (docs.omniverse.nvidia.com; in PhysX 4 it is 2 m/s "
+    "by default) and by the combine mode of both materials. Its compliant contacts are a spring "
+    "and a dashpot by implicit steps; their scheme was not found out, and nothing is exported",
+    "genesis": "Genesis takes MuJoCo's `solref` and `solimp` as `sol_params`, in the positive "
+    "format: export to 'mujoco', whose `solref` there is 2/`damping` and `dampratio`; Genesis "
+    "was not run",
+}
+"""What can be said of engines that have no export, by a pattern of their names."""
+
+
 def engine_of(name: str) -> Engine:
     """The registered engine of this name. Raises ValueError if there is none."""
-    return _ENGINES[require_choice("engine", name, sorted(_ENGINES))]
+    for pattern, why in _OTHERS.items():
+        if isinstance(name, str) and re.search(pattern, name.casefold()):
+            raise ValueError(
+                f"Argument `engine` must be one of {', '.join(map(repr, engines()))}, but is "
+                f"{name!r}. {why}."
+            )
+    return _ENGINES[require_choice("engine", name, engines())]
 
 
 def engines() -> list[str]:

@@ -58,7 +58,9 @@ def export(
     `velocity` is None. Options of the engine: `radius` in m, needed for Chrono, LAMMPS, Simbody and
     YADE, the effective one, R1 R2/(R1+R2), or that of a sphere on a plane; `poisson_ratio`, for
     Chrono and YADE: 0.3 by default; `damping`, for LAMMPS: "coeff_restitution" (default), "tsuji",
-    "tsuji_sqrt2" or "viscoelastic"; `impact_model`, for Exudyn: 2 (default) or 1.
+    "tsuji_sqrt2", "viscoelastic" or, with a hooke contact, "mass_velocity";
+    `discrete_contact_approximation`, for Drake: "lagged" (default), "similar" or "sap";
+    `impact_model`, for Exudyn: 2 (default) or 1.
 
     Returns an `Export`. Computes in double precision whatever JAX is set to, and is not for use
     under `jit`. Raises ValueError for an unknown engine, an option that it does not take or lacks,

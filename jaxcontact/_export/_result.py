@@ -9,9 +9,11 @@ from jaxtyping import Float
 
 from .._contact import Contact
 from .._laws import AbstractLaw
+from .._parameter import POSITIVE, require_number
 from .._text_table import text_table
 from .._units import quantity
 from ._holds import SpeedRange, signed, speed_range
+from ._stepping import Stepped, stepped
 from ._wanted import Draft
 
 
@@ -27,8 +29,9 @@ class Export(Draft):
     `law` and `contact` are the engine's law as it was solved: `impact(law, contact, velocity)`
     gives the rest. `duration` in s is how long that contact lasts, and `time_step` in s the step at
     which the engine itself was measured to be within `expected_error` (relative, of the
-    restitution, for e of 0.12 and more), `steps` of them in one contact; all None where
-    the engine was not run. `limit` says in words where the parameters do not hold, `source` where
+    restitution, for e of 0.12 and more), `steps` of them in one contact; all None where the engine
+    was not run. `scheme` is how it steps, None where that is not known; `at_time_step` says what e
+    becomes at another step. `limit` says in words where the parameters do not hold, `source` where
     the engine's formula is given.
     """
 
@@ -54,6 +57,37 @@ class Export(Draft):
         made = self.law, self.contact
         speeds = np.atleast_1d(self.velocity)
         return speed_range(self.wanted_law, self.wanted_contact, made, speeds, within)
+
+    def at_time_step(self, time_step: float, within: float = 0.01) -> Stepped:
+        """The engine's e at a time step in s that is not short beside the contact.
+
+        The engine's scheme is followed over all places within a step where the touch may fall.
+        Returns a `Stepped`: the least and the largest e, and how long a contact must last, softer
+        or at shorter steps, for e to stay `within` the target. Raises ValueError for several
+        speeds, numbers that are not positive, and an engine whose scheme is not known.
+        """
+        time_step = require_number("time_step", time_step, POSITIVE)
+        within = require_number("within", within, POSITIVE)
+        if self.scheme is None:
+            raise ValueError(
+                f"Argument `engine` must be one whose steps are known, but is {self.engine!r}: its "
+                "user chooses how it steps, or it was not found out."
+            )
+        if np.ndim(self.velocity) > 0:
+            raise ValueError(
+                "Argument `velocity` must be one speed for a time step, but there are "
+                f"{np.size(self.velocity)}."
+            )
+        return stepped(
+            self.law,
+            self.contact,
+            float(self.velocity),
+            target=float(self.target),
+            duration=self.duration,
+            scheme=self.scheme,
+            time_step=time_step,
+            within=within,
+        )
 
     @property
     def time_step(self) -> float | None:

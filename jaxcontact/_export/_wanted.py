@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from .._contact import Contact
 from .._impact import Impact, Status, impact
 from .._laws import AbstractLaw
+from ._stepping import Scheme
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,6 +38,8 @@ class Draft:
     steps: int | None = None
     """The time steps in one contact at which the engine was measured; None if it was not run."""
     expected_error: float | None = None
+    scheme: Scheme | None = None
+    """How the engine steps a contact; None where that is chosen by its user, or not known."""
 
 
 def solved(hit: Impact) -> Impact:

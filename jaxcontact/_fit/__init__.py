@@ -25,6 +25,7 @@ from ._profile import Profile as Profile
 from ._result import Fit as Fit
 from ._shared import with_shared as with_shared
 from ._space import Space as Space
+from ._space import names_in as names_in
 from ._space import space_of as space_of
 from ._target import groups_of as groups_of
 from ._transforms import AbstractTransform as AbstractTransform

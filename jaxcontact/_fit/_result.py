@@ -50,8 +50,10 @@ class Fit(FitData):
             )
         width = max(map(len, self.names))
         lines += [
-            f"  {name:{width}}  {value:.9g}{self._certainty(name)}"
-            for name, value in zip(self.names, self.values, strict=True)
+            f"  {name:{width}}  {f'{value:.9g} {unit}'.rstrip()}{self._certainty(name)}"
+            for name, value, unit in zip(
+                self.names, self.values, self.problem.space.units, strict=True
+            )
         ]
         lines += [f"  not identifiable: a change of {d}" for d in self.unidentified]
         lines += [f"  {note}" for note in self.notes]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
@@ -12,7 +14,8 @@ import numpy as np
 from jax.tree_util import DictKey, FlattenedIndexKey, GetAttrKey, SequenceKey
 from jaxtyping import Array, Float
 
-from .._parameter import Range, as_numbers, ranges, rendered
+from .._parameter import Range, as_numbers, rendered
+from .._units import meaning
 from ._checks import listed
 from ._transforms import AbstractTransform, Coordinate, Fixed, Free, of_range
 
@@ -20,8 +23,9 @@ from ._transforms import AbstractTransform, Coordinate, Fixed, Free, of_range
 class Space(eqx.Module):
     """Free coordinates θ (k,) of the fitted numbers in a pytree of parameters.
 
-    `coordinates`, one for each number, select code; bounds and the other leaves are data. A number
-    stays at `held` whatever its coordinate is, unless that is NaN.
+    `coordinates`, one for each number, select code; `units` are "" where none is known;
+    bounds and the other leaves are data. A number stays at `held` whatever its coordinate is,
+    unless that is NaN.
     """
 
     low: Float[Array, " k"]
@@ -32,6 +36,7 @@ class Space(eqx.Module):
     coordinates: tuple[Coordinate, ...] = eqx.field(static=True)
     shapes: tuple[tuple[int, ...] | None, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)
+    units: tuple[str, ...] = eqx.field(static=True)
 
     def values(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
         """The fitted numbers themselves, in the order of their names."""
@@ -91,7 +96,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             f"Argument `start` must be a tree of numbers, but is {rendered(start)}."
         ) from error
     chosen = _chosen(start, transforms)
-    names, coordinates, shapes, others, ends, theta = [], [], [], [], [], []
+    names, units, coordinates, shapes, others, ends, theta = [], [], [], [], [], [], []
     for (path, leaf), given in zip(paths, chosen, strict=True):
         if not _is_end(given):
             raise ValueError(
@@ -115,6 +120,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
                     f"move, but it is {value!r}."
                 )
             names.append(name or "parameter")
+            units.append(_unit_of(start, path))
             coordinates.append(transform.coordinate)
             ends.append(bounds)
             theta.append(transform.coordinate.to_free(value, *bounds))
@@ -128,9 +134,14 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
         )
     # Put together in NumPy: each operation of JAX outside a compiled function is a program.
     low, high = (jnp.asarray(end) for end in np.asarray(ends, float).T)
-    keys = tuple(coordinates), tuple(shapes), tuple(names)
+    keys = tuple(coordinates), tuple(shapes), tuple(names), tuple(units)
     held = jnp.asarray(np.full(len(names), np.nan))
     return Space(low, high, held, others, structure, *keys), np.array(theta)
+
+
+def names_in(tree: Any) -> list[str]:
+    """The names of all leaves."""
+    return [_name_of(path) for path, _ in jax.tree.leaves_with_path(tree)]
 
 
 def _name_of(path: tuple[Any, ...]) -> str:
@@ -178,7 +189,7 @@ def _chosen(start: Any, transforms: Any) -> list[Any]:
 
 def _named(start: Any, transforms: dict[str, Any]) -> list[Any]:
     """Transforms by the name of a number, or of what holds it."""
-    names = [_name_of(path) for path, _ in jax.tree.leaves_with_path(start)]
+    names = names_in(start)
     chosen = [None] * len(names)
     for wanted, transform in transforms.items():
         inside = f"{wanted}.", f"{wanted}["
@@ -200,14 +211,29 @@ def _is_end(x: Any) -> bool:
 
 def _declared(start: Any, path: tuple[Any, ...]) -> AbstractTransform:
     """The transform that follows from the range that a module declares for its field."""
-    owner, allowed = start, None
+    allowed = _declaration(start, path).get("allowed")
+    return Free() if allowed is None else of_range(allowed)
+
+
+def _unit_of(start: Any, path: tuple[Any, ...]) -> str:
+    """The unit that a module declares for its field, or that the name of one with a range has."""
+    declared = _declaration(start, path)
+    if declared.get("unit") is not None or "allowed" not in declared:
+        return declared.get("unit") or ""
+    return meaning(path[-1].name)[1]
+
+
+def _declaration(start: Any, path: tuple[Any, ...]) -> Mapping[str, Any]:
+    """What a module says of the field at the end of a path; nothing for what is no such field."""
+    owner, declared = start, {}
     for key in path:
         match key:
             case GetAttrKey(name):
-                allowed = ranges(owner).get(name) if isinstance(owner, eqx.Module) else None
+                fields = dataclasses.fields(owner) if isinstance(owner, eqx.Module) else ()
+                declared = next((f.metadata for f in fields if f.name == name), {})
                 owner = getattr(owner, name)
             case DictKey(index) | SequenceKey(index):
-                owner, allowed = owner[index], None
+                owner, declared = owner[index], {}
             case _:
-                return Free()
-    return Free() if allowed is None else of_range(allowed)
+                return {}
+    return declared

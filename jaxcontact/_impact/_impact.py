@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._contact import Contact, require_contact
 from .._forms import scale_of
 from .._laws import AbstractLaw, require_law
-from .._parameter import as_number, is_valid, require_broadcast, sanitised
+from .._parameter import as_number, is_valid, refuses_unknown, require_broadcast, sanitised
 from .._program import program, soon_compiled
 from ._front_door import (
     SPEED,
@@ -29,6 +29,7 @@ from ._methods import method_of
 from ._result import Impact, Status
 
 
+@refuses_unknown
 def impact(
     law: AbstractLaw,
     contact: Contact,

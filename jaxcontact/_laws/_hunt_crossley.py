@@ -121,7 +121,7 @@ class ConstantDamping(AbstractHuntCrossley):
     doi 10.1115/1.3423596.
     """
 
-    c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE)
+    c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE, "N s/m^(n+1)")
 
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
@@ -145,7 +145,7 @@ class MarhefkaOrin(AbstractHuntCrossley):
     doi 10.1109/3468.798060.
     """
 
-    a: Float[Array, "..."] = parameter("a", NOT_NEGATIVE)
+    a: Float[Array, "..."] = parameter("a", NOT_NEGATIVE, "s/m")
 
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None

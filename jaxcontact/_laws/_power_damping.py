@@ -31,9 +31,9 @@ class PowerDamping(AbstractHuntCrossley):
     42:440, doi 10.1115/1.3423596, for the force; the power is empirical.
     """
 
-    c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE)
+    c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE, "N s/m^(n+1)")
     power: Float[Array, "..."] = parameter("power", REAL)
-    reference: Float[Array, "..."] = parameter("reference", POSITIVE)
+    reference: Float[Array, "..."] = parameter("reference", POSITIVE, "m/s")
 
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None

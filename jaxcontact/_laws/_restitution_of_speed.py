@@ -51,7 +51,7 @@ class ThorntonPlastic(AbstractRestitutionOfSpeed):
     doi 10.1115/1.2787319; Johnson (1985), Contact Mechanics, doi 10.1017/CBO9781139171731.
     """
 
-    yield_speed: Float[Array, "..."] = parameter("yield_speed", POSITIVE)
+    yield_speed: Float[Array, "..."] = parameter("yield_speed", POSITIVE, "m/s")
 
     def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
         return plastic_restitution(self.yield_speed, as_parameter(velocity, "velocity"))
@@ -90,7 +90,7 @@ class PowerRestitution(AbstractRestitutionOfSpeed):
 
     loss: Float[Array, "..."] = parameter("loss", NOT_NEGATIVE)
     power: Float[Array, "..."] = parameter("power", REAL)
-    reference: Float[Array, "..."] = parameter("reference", POSITIVE)
+    reference: Float[Array, "..."] = parameter("reference", POSITIVE, "m/s")
 
     def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
         place = as_parameter(velocity, "velocity") / self.reference

@@ -41,7 +41,7 @@ def camera_notes(drops: Sequence[Drop]) -> tuple[str, ...]:
     ]
     if any(drop.frames.sign < 0 for drop in drops):
         notes.append("heights count downwards, since the ball falls to larger ones")
-    return (*notes, _scale(drops), _tilt(drops), *_air(drops))
+    return (*notes, _scale(drops), _tilt(drops), *_nearer(drops), *_air(drops))
 
 
 def _scale(drops: Sequence[Drop]) -> str:
@@ -75,6 +75,29 @@ def _tilt(drops: Sequence[Drop]) -> str:
     tilt, error = _mean(*zip(*tilts, strict=True))
     side = "left" if tilt > 0 else "right"
     return f"the vertical leans to the {side} by {with_error(abs(tilt), error)}°, taken out"
+
+
+def _nearer(drops: Sequence[Drop]) -> tuple[str, ...]:
+    """Whether the floor rises in the picture, and whether that was told from e."""
+    several = [drop for drop in drops if drop.impact.size > 1]
+    notes = []
+    if len(several) < len(drops):
+        notes.append("one impact alone does not tell e from a floor that rises in the picture")
+    if several:
+        rise, error = _mean(*zip(*[drop.rise for drop in several], strict=True))
+        growth, spread = _mean(*zip(*[drop.growth for drop in several], strict=True))
+        unit = f" {drops[0].frames.unit}".rstrip()
+        if abs(rise) > _SURE * error:
+            word = "rises" if rise > 0 else "sinks"
+            notes.append(
+                f"the floor {word} in the picture by {with_error(abs(rise), error)}{unit} in a "
+                "second, as where it is not level or the ball comes nearer: taken out"
+            )
+        if abs(growth) > _SURE * spread:
+            word = "nearer" if growth > 0 else "farther away"
+            shown = with_error(100 * abs(growth), 100 * spread)
+            notes.append(f"the ball comes {word}, by {shown} % in a second: taken out")
+    return tuple(notes)
 
 
 def _air(drops: Sequence[Drop]) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 from numpy.typing import NDArray
 
 from .._contact import Material
-from .._parameter import POSITIVE, rendered, require_flag, require_kind
+from .._parameter import POSITIVE, refuses_unknown, rendered, require_flag, require_kind
 from ._entry import one_number, vector
 from ._motion import AbstractMotion, Along, begun, checked, in_space, later
 
@@ -84,6 +84,7 @@ class Sphere(AbstractBody):
     name: str | None = eqx.field(static=True)
     fixed: bool = eqx.field(static=True)
 
+    @refuses_unknown
     def __init__(
         self,
         radius: ArrayLike,
@@ -181,6 +182,7 @@ class Plane(AbstractBody):
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
 
+    @refuses_unknown
     def __init__(
         self,
         point: ArrayLike | Sequence[ArrayLike],
@@ -235,6 +237,7 @@ class Box(AbstractBody):
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
 
+    @refuses_unknown
     def __init__(
         self,
         low: ArrayLike | Sequence[ArrayLike],
@@ -305,6 +308,7 @@ class Shell(AbstractBody):
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
 
+    @refuses_unknown
     def __init__(
         self,
         centre: ArrayLike | Sequence[ArrayLike],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib.resources
 import inspect
 import os
@@ -16,6 +15,8 @@ from .._contact import Material
 from .._laws import AbstractLaw, get_law, list_laws, parameters_of
 from .._parameter import (
     POSITIVE,
+    nearest,
+    not_modelled,
     rendered,
     require_choice,
     require_count,
@@ -103,8 +104,8 @@ class _Place(NamedTuple):
         known = list(known)
         if name in known:
             return
-        near = difflib.get_close_matches(str(name), known, n=1)
-        hint = f"; did you mean {near[0]!r}?" if near else "."
+        near, why = nearest(name, known), not_modelled(str(name))
+        hint = f": {why}." if why else f"; did you mean {near!r}?" if near else "."
         allowed = ", ".join(known) or "none here"
         raise self.error(f"{what} must be one of {allowed}, but is {rendered(name)}{hint}")
 

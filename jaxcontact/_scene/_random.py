@@ -11,7 +11,15 @@ from jaxtyping import ArrayLike
 from numpy.typing import NDArray
 
 from .._contact import Material
-from .._parameter import POSITIVE, as_numbers, rendered, require_count, require_kind, require_number
+from .._parameter import (
+    POSITIVE,
+    as_numbers,
+    refuses_unknown,
+    rendered,
+    require_count,
+    require_kind,
+    require_number,
+)
 from ._bodies import Box, Sphere
 from ._entry import vector
 
@@ -24,6 +32,7 @@ _CLEARANCE = 1e-9
 Places = NDArray[np.float64]
 
 
+@refuses_unknown
 def random_spheres(
     count: int,
     *,

@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import EXPONENT
 from .._laws import AbstractLaw
-from .._parameter import POSITIVE, Specialised, is_plain, rendered, require_kind
+from .._parameter import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
 from ._bodies import AbstractBody, Shell, Sphere, words
 from ._entry import one_number, vector
 from ._overlap import require_apart
@@ -48,6 +48,7 @@ class Scene(eqx.Module):
     _exponent: Specialised
     _kinds: tuple[int, ...] = eqx.field(static=True)
 
+    @refuses_unknown
     def __init__(
         self,
         bodies: Sequence[AbstractBody],

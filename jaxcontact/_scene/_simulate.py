@@ -15,6 +15,7 @@ from .._parameter import (
     FRACTION,
     POSITIVE,
     as_parameter,
+    refuses_unknown,
     rendered,
     require_choice,
     require_count,
@@ -58,6 +59,7 @@ _PIECE = 256
 """Impacts between two looks of Python at a run."""
 
 
+@refuses_unknown
 def simulate(
     scene: Scene,
     duration: ArrayLike,

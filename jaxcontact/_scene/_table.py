@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ._log import Log, Together
+from ._log import Called, Log, Together
 from ._result import Ending, Impacts, Way, flagged
 from ._side import side
 from ._slots import bodies_of, places
@@ -90,13 +93,50 @@ def table_of(
     return impacts, (nearest, slowest), total
 
 
-def _doubt(together: Together, counts: Array) -> Array:
-    """What the calls of a contact, from its touch to its end, add up to, in m/s: (K, P)."""
-    error = jnp.where(counts[:, 0], jax.lax.stop_gradient(together.error), 0)
+def _began_in(together: Together, counts: Bool[Array, " K"]) -> Int[Array, "K P"]:
+    """The row of the call in which a contact began: the first one at that time."""
+    began = jnp.where(counts, together.began.time, -jnp.inf)
+    row = jnp.searchsorted(jax.lax.cummax(began), together.end.since)
+    return jnp.minimum(row, began.shape[0] - 1)
+
+
+def _doubt(
+    together: Together, counts: Bool[Array, " K"], since: Int[Array, "K P"]
+) -> Float[Array, "K P"]:
+    """What the calls of a contact, from its touch to its end, add up to, in m/s."""
+    error = jnp.where(counts, jax.lax.stop_gradient(together.error), 0)
     before = jnp.cumsum(error) - error
-    began = jnp.where(counts[:, 0], together.began.time, -jnp.inf)
-    since = jnp.searchsorted(jax.lax.cummax(began), together.end.since)
-    return (before + error)[:, None] - before[jnp.minimum(since, error.shape[0] - 1)]
+    return (before + error)[:, None] - before[since]
+
+
+def _rested(
+    layout: Layout,
+    numbers: Numbers,
+    called: Called,
+    together: Together,
+    since: Int[Array, "K P"],
+) -> Bool[Array, "K P"]:
+    """Whether a sphere lay on a wall before its contact there began in a call, and was not hit.
+
+    A solve that others begin takes in what rests near them: that is no impact. What it lost then is
+    rounding, beside the energy of motion in the call and what all contacts lost.
+    """
+    seats, lost = called.decided.seats, jax.lax.stop_gradient(together.end.lost)
+    members = seats.who.shape[1]
+    first, second = places(layout, members)
+    at_walls = np.flatnonzero(second >= members)
+    sphere, wall = seats.who[:, first[at_walls]], second[at_walls] - members
+    then = since[:, at_walls]
+    lay = seats.present[then] & (called.support[then] == wall[None, :, None])
+    lay = jnp.any(lay & (seats.who[then] == sphere[..., None]), axis=-1)
+    square = jnp.sum(jnp.square(together.began.velocity[:, :members]), axis=-1)
+    inverse = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)]
+    free = seats.present & (inverse > 0)
+    motion = jnp.sum(jnp.where(free, square / jnp.where(free, 2 * inverse, 1), 0), axis=1)
+    rounding = math.sqrt(jnp.finfo(lost.dtype).eps)
+    scale = jax.lax.stop_gradient(motion)[then] + jnp.sum(lost, axis=1, keepdims=True)
+    idle = lay & (lost[:, at_walls] <= rounding * scale)
+    return jnp.zeros(lost.shape, bool).at[:, at_walls].set(idle)
 
 
 def _isolated(log: Log, written: Int[Array, ""]) -> _Rows:
@@ -122,7 +162,7 @@ def _isolated(log: Log, written: Int[Array, ""]) -> _Rows:
 
 
 def _coupled(layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""]) -> _Rows:
-    """The contacts that ended in a coupled solve, or came to rest there."""
+    """The contacts that ended in a coupled solve, or came to rest there; what lay still is none."""
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
     seats = called.decided.seats
@@ -132,8 +172,10 @@ def _coupled(layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""]
     # A fixed sphere comes second.
     turned = (other < layout.spheres) & (numbers.inverse_mass[one] == 0)
     one, other = jnp.where(turned, other, one), jnp.where(turned, one, other)
-    counts = (called.is_call & (jnp.arange(rows) < written))[:, None]
+    is_call = called.is_call & (jnp.arange(rows) < written)
+    counts = is_call[:, None]
     began, end = together.began, together.end
+    since = _began_in(together, is_call)
     opened = (began.closed > 0.5) & ~(end.closed > 0.5)
     rests = (end.closed > 0.5) & called.rest[:, None]
     # At the end of the run a contact may still go on.
@@ -167,8 +209,8 @@ def _coupled(layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""]
         end.lost,
         nothing,
         jnp.full(shape, int(Way.COUPLED)),
-        _doubt(together, counts) / closing,
+        _doubt(together, is_call, since) / closing,
         jnp.zeros(shape, bool),
-        counts & (opened | rests | lasts),
+        counts & (opened | ((rests | lasts) & ~_rested(layout, numbers, called, together, since))),
     )
     return jax.tree.map(lambda x: x.reshape(-1), columns)

@@ -36,7 +36,8 @@ class Sweep(Table):
     fixed; `dims` and `shape` are the names and lengths of the dimensions; `status` is that of the
     output, and if it has none: INVALID_INPUT where a parameter is out of its range, NOT_CONVERGED
     where a number is NaN for valid parameters, SEPARATED elsewhere. `complete` is False after an
-    interrupt: lanes that were not computed are then NaN, and NOT_CONVERGED.
+    interrupt: lanes that were not computed are then NaN, and NOT_CONVERGED. `resumed` is the part
+    of the work that was in the store before.
     """
 
     def __getattr__(self, name: str) -> Any:
@@ -103,6 +104,9 @@ class Sweep(Table):
         lines += _entry("fields", ", ".join(fields) or "none")
         counts = ", ".join(f"{n:,} {_status(code)}" for code, n in self.status_counts().items())
         lines += _entry("status", counts)
+        if self.resumed:
+            was = f"{100 * self.resumed:.0f} % of the work was in the store"
+            lines += _entry("resumed", was)
         if not self.complete:
             lines += _entry(
                 "stopped", f"{100 * self.done:.0f} % of the work is done; the other lanes are NaN"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -70,10 +70,12 @@ def work_off(
     keep: Callable[[Block, Arrays], None],
     *,
     exchange: bool = True,
+    note: str = "",
 ) -> tuple[list[Block], float]:
     """Compute the `missing` blocks: those that are left, and the part of all lanes that is done.
 
-    `keep` is called with each block that has results in this process, and with these. An interrupt
+    `keep` is called with each block that has results in this process, and with these; `note` is
+    told beside what is done. An interrupt
     from the keyboard ends it early. It is raised again if the rest has flags, without which no
     result is useful, or if other processes wait for the rest.
     """
@@ -86,7 +88,7 @@ def work_off(
                 keep(block, results)
             del left[block.number]
             done += block.lanes
-            tell(done, total)
+            tell(done, total, note)
     except KeyboardInterrupt:
         flags = any(is_flag(part.array.key) for block in left.values() for part in block.parts)
         if flags or workers.processes > 1:
@@ -104,6 +106,8 @@ class Results:
     """Flags that are false where an array was left out; none after a whole run."""
     done: float
     """The part of all lanes that was computed."""
+    resumed: float = 0.0
+    """The part of all lanes that was in the store before."""
 
 
 def collect(blocks: Sequence[Block], grid: Grid, workers: Workers, tell: Tell) -> Results:
@@ -168,10 +172,12 @@ def collect_stored(
     def keep(block: Block, results: Arrays) -> None:
         store.write(block.number, results)
 
-    left, done = work_off(missing, blocks, workers, tell, keep, exchange=False)
+    resumed = 1 - sum(block.lanes for block in missing) / sum(block.lanes for block in blocks)
+    note = f"{100 * resumed:.0f} % from the store" if resumed else ""
+    left, done = work_off(missing, blocks, workers, tell, keep, exchange=False, note=note)
     if left:
         arrays = {key: np.asarray(array[...]) for key, array in store.arrays.items()}
-        return _filled(arrays, left, grid, done)
+        return replace(_filled(arrays, left, grid, done), resumed=resumed)
     workers.meet("store complete")
     if lacking := store.lacking():
         raise ValueError(
@@ -179,7 +185,7 @@ def collect_stored(
             f"{workers.process} does not find {len(lacking)} blocks in {path}."
         )
     arrays = {k: np.asarray(a[...]) if is_flag(k) else a for k, a in store.arrays.items()}
-    return Results(arrays, (), done)
+    return Results(arrays, (), done, resumed)
 
 
 def _form(part: Part, grid: Grid, leaf: Dependence | None) -> Stored:

@@ -81,8 +81,9 @@ def sweep(
     sweep show what the cost depends on.
 
     `store`: a path (with the extra `data`) to which blocks are written as they are finished. A
-    killed sweep continues from there and ends with the same bits; the store of another function,
-    other axes or another version is refused. Results may then be larger than the memory: a field is
+    killed sweep continues from there, says so where it is printed (`table.resumed` is the part that
+    was there), and ends with the same bits; the store of another function, other axes or another
+    version is refused. Results may then be larger than the memory: a field is
     read on access. `mesh`: a `jax.sharding.Mesh` whose devices take blocks in turn; under
     `jax.distributed` processes do so too, without it. Neither changes the result.
 
@@ -178,7 +179,10 @@ def _table(
     }
     checks = masks(plan.checks)
     return Sweep(
-        grid, plan.fields, columns, checks, results.computed, done=results.done, function=function
+        *(grid, plan.fields, columns, checks, results.computed),
+        done=results.done,
+        resumed=results.resumed,
+        function=function,
     )
 
 

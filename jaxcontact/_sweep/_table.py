@@ -31,7 +31,8 @@ class Table:
     """All fields over a grid, each array stored over the dimensions that it depends on.
 
     The attributes are those of `Sweep`, and `function`, the name of what was swept, and `done`, the
-    part of the work that was done: 1, or less after an interrupt.
+    part of the work that was done: 1, or less after an interrupt; `resumed` is the part of it that
+    was found in the store.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class Table:
         computed: Sequence[Column] = (),
         *,
         done: float = 1.0,
+        resumed: float = 0.0,
         function: str = "",
     ):
         self.dims: tuple[str, ...] = grid.dims
@@ -54,6 +56,7 @@ class Table:
         self.fixed: dict[str, Any] = fixed | dict(grid.static)
         self.function: str = function
         self.done: float = done
+        self.resumed: float = resumed
         self.complete: bool = done == 1
         self._grid = grid
         self._fields = {field.name: field for field in fields}
@@ -139,5 +142,6 @@ class Table:
             [mask.taken(dim, place) for mask in self._checks],
             [flags.taken(dim, place) for flags in self._computed],
             done=self.done,
+            resumed=self.resumed,
             function=self.function,
         )

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from ._model import Model, Shape
-from ._search import CONTACT, POWER, robustly, scatter, search, slope_of
+from ._search import CONTACT, POWER, nearer_errors, robustly, scatter, search, slope_of
 from ._seen import Camera, Drop, Floats, Frames
 
 FAR = 5.0
@@ -232,7 +232,7 @@ def _result(
     # The size of both errors by what is left, beside the parameters.
     freedom = max(residual.size - model.size, 1) / residual.size
     sigma = np.sqrt(np.mean(residual**2, axis=0) / freedom)
-    slope = slope_of(model, vector, time[used], sigma)
+    slope = slope_of(model, vector, time[used], sigma, nearer_errors(model, vector))
     size = np.linalg.norm(slope, axis=0)
     size[size == 0] = 1.0
     covariance = np.linalg.pinv((slope / size).T @ (slope / size)) / np.outer(size, size)
@@ -259,6 +259,8 @@ def _result(
         floor=model.places(vector, vector[1:flights])[0][:, 0],
         camera=camera,
         air=None if model.shape else (float(vector[model.air]), float(error[model.air])),
+        rise=(float(vector[model.rise]), float(error[model.rise])),
+        growth=(float(vector[model.growth]), float(error[model.growth])),
         noise=(float(sigma[1]) if model.along else None, float(sigma[0])),
         used=used,
         off=off,

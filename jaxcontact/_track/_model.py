@@ -3,7 +3,9 @@
 Flight j lasts from s_j to e_j, and its height above the floor is a H(t - s_j, e_j - s_j), in vacuum
 with H(τ, T) = τ (T - τ)/2 and the fall a of the picture. Quadratic drag with the terminal speed v
 adds β h(τ, T), β = (g/v)², in its first order h = -T⁴ x (1 - |x|³)/192, x = 2τ/T - 1: the way down
-takes longer than the way up. Impact j in its middle c_j parts flight j - 1, which ends at
+takes longer than the way up. A ball that comes nearer is seen larger, and its floor lower: the
+floor rises in the picture by σ in each second, as one does that is not level, too, and heights
+above it grow by the part γ. Impact j in its middle c_j parts flight j - 1, which ends at
 c_j - t_j/2, from flight j, which begins at c_j + t_j/2. Contacts at speeds v_j last
 t_j = t_c (v_j/v_1)^(-p), by Hertz with p = 1/5; shells are nearer to 0. Along the floor a ball
 drifts at a speed that changes in impacts; drag adds β T² (1 - |x|³)/48 to the part τ/T of the way.
@@ -53,7 +55,8 @@ class Model:
     """Where the parameters of `flights` flights stand in a vector.
 
     Those are the start of the first flight, the impacts, the end of the last; the duration t_c of
-    contact, and p; the floor and the fall; β; with `along` the tilt, and the places along at
+    contact, and p; the floor and the fall halfway between `first` and `last`; β; σ and γ; with
+    `along` the tilt, and the places along at
     `first`, at the impacts, and at `last`. `speeds` (flights - 1,) are v_j/v_1. A `shape` that is
     known, with its `beta`, takes the place of H and of what β adds to it.
     """
@@ -87,12 +90,20 @@ class Model:
         return self.flights + 5
 
     @property
-    def tilt(self) -> int:
+    def rise(self) -> int:
         return self.flights + 6
 
     @property
+    def growth(self) -> int:
+        return self.flights + 7
+
+    @property
+    def tilt(self) -> int:
+        return self.flights + 8
+
+    @property
     def size(self) -> int:
-        return self.air + 1 + self.along * (self.flights + 2)
+        return self.tilt + self.along * (self.flights + 2)
 
     def beta_of(self, vector: Floats) -> float:
         """β in 1/s²."""
@@ -124,17 +135,20 @@ class Model:
         ends, ends_slope = self.ends(vector)
         start, end = ends.T
         since, whole = time - start[flight], (end - start)[flight]
-        fall, slope = vector[self.fall], np.zeros((n, self.size))
+        later, slope = time - (self.first + self.last) / 2, np.zeros((n, self.size))
+        size = 1 + vector[self.growth] * later
+        fall = vector[self.fall] * size
         if self.shape is None:
             plain, more, beta = parabola(since, whole), slowed(since, whole), self.beta_of(vector)
             shape, by_since, by_whole = (a + beta * b for a, b in zip(plain, more, strict=True))
             slope[:, self.air] = fall * more[0]
         else:
             shape, by_since, by_whole = self.shape(since, whole)
-        height = vector[self.floor] + fall * shape
+        height = vector[self.floor] + vector[self.rise] * later + fall * shape
         slope += (-fall * (by_since + by_whole))[:, None] * ends_slope[flight, 0]
         slope += (fall * by_whole)[:, None] * ends_slope[flight, 1]
-        slope[:, self.floor], slope[:, self.fall] = 1.0, shape
+        slope[:, self.floor], slope[:, self.fall] = 1.0, size * shape
+        slope[:, self.rise], slope[:, self.growth] = later, vector[self.fall] * later * shape
         if not self.along:
             return height[:, None], slope[:, None]
         drift, drift_slope = self._drift(vector, time, flight, ends, ends_slope)

@@ -19,6 +19,13 @@ POWER, POWER_ERROR = 0.1, 0.1
 AIR_ERROR = 2.0
 """The standard deviation of β in 1/s² about 0: a table-tennis ball has 1.2."""
 
+NEARER = 0.03
+"""The standard deviations of what heights grow in the picture while the ball bounces, and of what
+the floor rises, over the height of the highest flight: a camera is set up by eye."""
+
+LEVEL = 1e-6
+"""The same where one impact cannot tell a floor that rises from another e."""
+
 _FIRMLY = 100.0
 """What misreadings would stand in for is held so much more firmly at first."""
 
@@ -62,6 +69,7 @@ def search(
 
     `sigma` (axes,) or (n, axes).
     """
+    nearer = nearer_errors(model, start)
 
     def residuals(vector: Floats) -> Floats:
         rest = (seen - model.places(vector, time)[0]) / sigma
@@ -69,12 +77,14 @@ def search(
             (vector[model.contact] - CONTACT) / CONTACT_ERROR,
             (vector[model.power] - POWER) / POWER_ERROR,
             vector[model.air] / AIR_ERROR,
+            vector[model.rise] / nearer[0],
+            vector[model.growth] / nearer[1],
         )
         return np.append(rest, np.multiply(known, firmly))
 
     def slope(vector: Floats) -> np.ndarray:
-        found = slope_of(model, vector, time, sigma)
-        found[-3:] *= firmly
+        found = slope_of(model, vector, time, sigma, nearer)
+        found[-5:] *= firmly
         return found
 
     if not np.isfinite(residuals(start)).all():
@@ -95,13 +105,27 @@ def search(
     return found.x if good and np.isfinite(found.x).all() else None
 
 
-def slope_of(model: Model, vector: Floats, time: Floats, sigma: np.ndarray) -> np.ndarray:
+def nearer_errors(model: Model, vector: Floats) -> tuple[float, float]:
+    """The standard deviations of σ and γ about 0 before frames say more."""
+    growth = (NEARER if model.flights > 2 else LEVEL) / (model.last - model.first)
+    whole = float(np.max(np.diff(vector[: model.flights + 1])))
+    return growth * abs(vector[model.fall]) * whole**2 / 8, growth
+
+
+def slope_of(
+    model: Model,
+    vector: Floats,
+    time: Floats,
+    sigma: np.ndarray,
+    nearer: tuple[float, float],
+) -> np.ndarray:
     """The derivative of the residuals, that of what is known before included."""
     _, slope = model.places(vector, time)
     slope = (-slope / sigma[..., None]).reshape(-1, model.size)
-    known = np.zeros((3, model.size))
+    known = np.zeros((5, model.size))
     known[0, model.contact], known[1, model.power] = 1 / CONTACT_ERROR, 1 / POWER_ERROR
     known[2, model.air] = 1 / AIR_ERROR
+    known[3, model.rise], known[4, model.growth] = 1 / nearer[0], 1 / nearer[1]
     return np.concatenate([slope, known])
 
 

@@ -45,12 +45,13 @@ class Drop:
     `start` and `end` (m + 1,) in s of flights: of the first and of the last those of the whole
     parabola, of which the track has a part. `covariance` (m + 1, m + 1) of their durations in s².
     `impact` (m,) in s, in the middle of each contact, with its standard `error` (m,), and `floor`
-    (m,), its height. `camera`, `air` with β = (g/v)² in 1/s² for the terminal speed v and its
-    error, None where the drag was given, and
-    the errors of one place, `noise`, in lengths of the file along and up. `used` (n,) are the
-    frames that were fitted and `off` (n,) those within the flights that lie too far off.
-    `fitted` (n,) and `fitted_along` (n,) are the places that the parabolas have in each frame, NaN
-    outside of the flights. `vector` is where the search ended.
+    (m,), its height. `camera`; `air` with β = (g/v)² in 1/s² for the terminal speed v and its
+    error, None where the drag was given; `rise`, what the floor rises in the picture in lengths of
+    the file per s, and `growth`, what heights above it grow, in 1/s, with their errors; the errors
+    of one place, `noise`, in lengths of the file along and up. `used` (n,) are the frames that were
+    fitted and `off` (n,) those within the flights that lie too far off. `fitted` (n,) and
+    `fitted_along` (n,) are the places that the parabolas have in each frame, NaN outside of the
+    flights. `vector` is where the search ended.
     """
 
     frames: Frames
@@ -62,6 +63,8 @@ class Drop:
     floor: Floats
     camera: Camera
     air: tuple[float, float] | None
+    rise: tuple[float, float]
+    growth: tuple[float, float]
     noise: tuple[float | None, float]
     used: Bool[np.ndarray, " n"]
     off: Bool[np.ndarray, " n"]

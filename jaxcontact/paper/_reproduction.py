@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._text_table import text_table
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -26,3 +28,11 @@ class Reproduction(NamedTuple):
 
     figure: Figure
     tables: dict[str, Table]
+
+    def __repr__(self) -> str:
+        lines = [
+            [name, f"{len(next(iter(table.values())))} rows", ", ".join(table)]
+            for name, table in self.tables.items()
+        ]
+        header = ["tables", "", "columns"]
+        return "\n".join(["Reproduction", *text_table(lines, header=header, align="<><", indent=2)])

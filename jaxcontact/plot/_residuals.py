@@ -39,6 +39,8 @@ def residuals(result: Fit | VelocityProfile, *, ax: Any = None) -> Any:
     noise = result.noise if np.isfinite(result.noise) and result.noise > 0 else 1.0
     z = np.where(used, result.residuals * factor, np.nan) / np.sqrt(noise)
     ends = np.cumsum([0, *sizes])
+    # Points without weight, such as padding, have no place in the order.
+    order = np.cumsum(used) - 1
     looks = zip(CURVES, MARKERS, strict=True)
     for (_, own), begin, end, (curve, mark) in zip(shown, ends, ends[1:], looks, strict=False):
         part = z[begin:end]
@@ -46,7 +48,7 @@ def residuals(result: Fit | VelocityProfile, *, ax: Any = None) -> Any:
         dots = {"color": curve[0], "marker": mark, "ls": "none", "ms": 4, "mew": 0, "alpha": 0.75}
         if over_x:
             axes[0].plot(np.asarray(x), part, **dots)
-        axes[-2].plot(np.arange(begin, end), part, **dots)
+        axes[-2].plot(order[begin:end], part, **dots)
         words = own.words or meaning(own.name)[0]
         quantiles = ndtri((np.arange(there.size) + 0.5) / there.size)
         axes[-1].plot(quantiles, there, label=words, **dots)

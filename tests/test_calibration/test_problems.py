@@ -1,5 +1,8 @@
 """Ready-made fits: known truths come back, whatever method solves the impacts."""
 
+import re
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +10,7 @@ import pytest
 from scipy import optimize, special, stats
 
 import jaxcontact as jc
+from jaxcontact._calibration._impacts import ImpactModel, transforms_of
 
 CONTACT = jc.Contact(mass=1.0, stiffness=1.4e8)
 SPEED = np.geomspace(0.1, 5, 60)
@@ -190,6 +194,27 @@ def test_tables_may_have_gaps():
     found = jc.fit_impacts(jc.ConstantDamping(c=1e7), start, v, e=e, duration=hit.duration)
     assert found.params.contact.stiffness == pytest.approx(1.4e8, rel=1e-9) and found.dof == 5
     assert np.isnan(found.residuals).sum() == 1
+    lines = [line.split() for line in repr(found).splitlines()]
+    shown = {line[0]: " ".join(line[2 : line.index("±")]) for line in lines if "±" in line}
+    assert shown == {"law.c": "N s/m^(n+1)", "contact.stiffness": "N/m^n"}
+
+
+class _Stepped(jc.ConstantDamping):
+    d: float = eqx.field(static=True, default=1e-4)
+
+
+def test_numbers_are_held_by_the_names_that_are_printed():
+    model = ImpactModel(_Stepped(c=1e7), CONTACT)
+    known = transforms_of(model, ("mass", "c"))
+    assert known == transforms_of(model, ("contact.mass", "law.c")) and len(known) == 2
+    # What is static stays anyway.
+    assert transforms_of(model, ("mass", "law.d", "d", "exponent")).keys() == {"contact.mass"}
+    message = (
+        "`fixed` must name numbers of the law or the contact (law.c, contact.mass, "
+        "contact.stiffness), but holds 'law.c_max'. Did you mean 'law.c'?"
+    )
+    with pytest.raises(ValueError, match=re.escape(message)):
+        transforms_of(model, ("law.c_max",))
 
 
 @pytest.mark.parametrize(
@@ -215,7 +240,7 @@ def test_tables_may_have_gaps():
         ),
         (
             lambda: jc.fit_impacts(jc.Hertz(), CONTACT, [1.0], e=[0.5], fixed=("c",)),
-            "`fixed` must name numbers",
+            r"`fixed` must name numbers of the law or the contact \(contact.mass, contact.stiff",
         ),
         (
             lambda: jc.fit_impacts(

@@ -10,6 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import jaxcontact as jc
+from jaxcontact._export._stepping import Scheme
 from jaxcontact._sound import Envelope, Sound
 from tests.test_every_argument.case import (
     CONTACTS,
@@ -106,6 +107,20 @@ def cases() -> dict[str, Case]:
         ),
         "Export.holds": Case(
             jc.export(LAW, CONTACT, 1.0, engine="exudyn").holds, {}, {"within": POSITIVE}
+        ),
+        "Export.at_time_step": Case(
+            dataclasses.replace(
+                jc.export(LAW, CONTACT, 1.0, engine="exudyn"),
+                law=UNSOLVED,
+                scheme=Scheme.SEMI_IMPLICIT,
+            ).at_time_step,
+            {"time_step": 1e-3},
+            {"time_step": POSITIVE, "within": POSITIVE},
+        ),
+        "export, drake": Case(
+            jc.export,
+            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "drake"},
+            {"discrete_contact_approximation": NONE},
         ),
         "export, exudyn": Case(
             jc.export,

@@ -43,7 +43,16 @@ def exudyn(p, mass, radius, model=2):
     return lambda x, v, v0: -(k * x**n + scale * k / v0 * x**n * v) / mass
 
 
+def drake_sap(p, mass, radius):
+    # Springs in series, relaxation times that add.
+    k, tau = p["point_contact_stiffness"] / 2, 2 * p["relaxation_time"]
+    return lambda x, v, v0: -k * (x + tau * v) / mass
+
+
 def lammps(p, mass, radius, damping="coeff_restitution"):
+    if damping == "mass_velocity":
+        return lambda x, v, v0: -(p["k_n"] * x + p["eta_n0"] * mass * v) / mass
+
     def force(x, v, v0):
         contact_radius = math.sqrt(radius * x)
         elastic = p["k_n"] * contact_radius * x

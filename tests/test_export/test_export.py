@@ -43,7 +43,7 @@ VARIANTS = [
     ("chrono", R, {}),
     *[
         ("lammps", {**R, "damping": name}, {"damping": name})
-        for name in ("coeff_restitution", "tsuji", "tsuji_sqrt2", "viscoelastic")
+        for name in ("coeff_restitution", "tsuji", "tsuji_sqrt2", "viscoelastic", "mass_velocity")
     ],
 ]
 KEPT = [v for v in VARIANTS if v[0] in ("simbody", "exudyn", "yade") and not v[2]]

@@ -84,6 +84,12 @@ def test_the_new_law_is_the_best_of_the_four_but_not_exact(result):
         assert error["flores"] < error["hunt_crossley"] < error["lankarani_nikravesh"]
 
 
+def test_it_prints_what_there_is_and_no_numbers(result):
+    lines = repr(result).splitlines()
+    assert lines[0] == "Reproduction" and len(lines) == 5
+    assert lines[2].split()[:4] == ["curves", "199", "rows", "e_in,"]
+
+
 def test_the_picture(result):
     top, bottom = result.figure.axes
     assert faults(result.figure) == []

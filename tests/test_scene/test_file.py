@@ -126,6 +126,11 @@ FAULTS = {
         "[[sphere]] number 1: a key must be one of radius, mass, position, velocity, material, "
         "name, fixed, motion, but is 'raduis'; did you mean 'radius'?",
     ),
+    "not modelled": (
+        "radius = 0.1\nposition",
+        "radius = 0.1\nspin = 3.0\nposition",
+        "name, fixed, motion, but is 'spin': bodies do not rotate (yet).",
+    ),
     "missing": (
         "normal = [0.0, 1.0]",
         "",

@@ -86,6 +86,10 @@ def test_a_killed_sweep_goes_on_where_it_was(tmp_path, written, whole):
     assert len(written) == len(set(written)) == blocks - there
     assert same(arrays_of(resumed), whole)
     assert seen[-1][0] == seen[-1][1]
+    assert 0 < resumed.resumed < 1
+    assert f"resumed {100 * resumed.resumed:.0f} % of the work was in the store" in repr(resumed)
+    unstored = many()
+    assert unstored.resumed == 0 and "resumed" not in repr(unstored)
 
     # The files, too, are those of a sweep that was not killed.
     many(store=tmp_path / "other.zarr")

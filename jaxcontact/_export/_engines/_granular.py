@@ -10,6 +10,7 @@ from ..._contact import Contact
 from ..._laws import AntypovElliott, KelvinVoigt
 from ..._parameter import POSITIVE, Range, require_number
 from .._engine import Engine, register_engine
+from .._stepping import Scheme
 from .._wanted import Draft, Wanted, matched_stiffness
 from ._spring import SpringAndDashpot
 
@@ -134,6 +135,7 @@ class MercuryDPM(Engine):
                 f"species->setStiffness({stiffness:.12g});\n"
                 f"species->setDissipation({0 + dissipation:.12g});"
             ),
+            scheme=Scheme.SEMI_IMPLICIT,
             limit=(
                 "Linear: the duration is that of the law, at this speed; the force is not, it "
                 "jumps at touch and pulls at the end. e is the same at all speeds, for this "

@@ -1,4 +1,4 @@
-"""LAMMPS: pair_style granular with a hertz contact and four kinds of damping."""
+"""LAMMPS: pair_style granular, four kinds of damping of a hertz contact and one of hooke's."""
 
 from __future__ import annotations
 
@@ -12,7 +12,14 @@ from scipy.optimize import root_scalar
 
 from ..._contact import Contact
 from ..._impact import restitution
-from ..._laws import AbstractLaw, AbstractOscillator, AntypovElliott, KuwabaraKono, Tsuji
+from ..._laws import (
+    AbstractLaw,
+    AbstractOscillator,
+    AntypovElliott,
+    KelvinVoigt,
+    KuwabaraKono,
+    Tsuji,
+)
 from ..._parameter import (
     POSITIVE,
     RESTITUTION_FROM_ZERO,
@@ -21,7 +28,9 @@ from ..._parameter import (
     require_number,
 )
 from .._engine import Engine, register_engine
+from .._stepping import Scheme
 from .._wanted import Draft, Wanted, matched_stiffness
+from ._spring import SpringAndDashpot
 
 
 class TsujiWithoutRoot(AbstractOscillator):
@@ -41,7 +50,7 @@ class TsujiWithoutRoot(AbstractOscillator):
 
 
 Solved = tuple[AbstractLaw, float, float]
-"""A law that delivers the restitution, K in N/m^1.5, and the coefficient of the damping."""
+"""A law that delivers the restitution, K in N/mⁿ, and the coefficient of the damping."""
 
 
 class Damping(NamedTuple):
@@ -55,6 +64,8 @@ class Damping(NamedTuple):
     source: str
     run: bool = True
     """Whether LAMMPS itself was run with it."""
+    normal: str = "hertz"
+    """The elastic force that it belongs to here: "hertz", or "hooke" with n = 1."""
 
 
 def _coeff_restitution(wanted: Wanted, radius: float) -> Solved:
@@ -81,6 +92,14 @@ def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], S
         return law, matched_stiffness(wanted, 1.5, law), e
 
     return solve
+
+
+def _mass_velocity(wanted: Wanted, radius: float) -> Solved:
+    # LAMMPS has F = k δ + η m δ', which may pull.
+    scaled = KelvinVoigt(e=jnp.asarray(wanted.restitution))
+    stiffness = matched_stiffness(wanted, 1.0, scaled)
+    eta = max(0.0, 2 * float(scaled.damping_ratio()) * math.sqrt(stiffness / wanted.mass))
+    return SpringAndDashpot(rate=jnp.asarray(eta), tension=True), stiffness, eta
 
 
 def _viscoelastic(wanted: Wanted, radius: float) -> Solved:
@@ -139,12 +158,23 @@ DAMPINGS = {
         "e is that at this speed, mass and radius; it falls with speed.",
         "Brilliantov et al. 1996, doi 10.1103/PhysRevE.53.5382",
     ),
+    "mass_velocity": Damping(
+        _mass_velocity,
+        *("mass_velocity", "eta_n0", "1/s"),
+        "normal model hooke, linear: the duration is that of the law, at this speed; the force is "
+        f"not, it jumps at touch. {_CONSTANT} Not run.",
+        "Anagnostopoulos 1988, doi 10.1002/eqe.4290160311",
+        run=False,
+        normal="hooke",
+    ),
 }
 
 
 @register_engine
 class Lammps(Engine):
-    """The pair_coeff line of granular hertz: k_n = K/√R, and a coefficient for the damping."""
+    """The pair_coeff line of granular: k_n = K/√R of hertz and K of hooke, and a coefficient for
+    the damping.
+    """
 
     name = "lammps"
 
@@ -152,20 +182,22 @@ class Lammps(Engine):
         kind = DAMPINGS[require_choice("damping", damping, DAMPINGS)]
         radius = require_number("radius", radius, POSITIVE)
         law, stiffness, coefficient = kind.solve(wanted, radius)
-        normal = stiffness / math.sqrt(radius)
+        hooke = kind.normal == "hooke"
+        normal = stiffness if hooke else stiffness / math.sqrt(radius)
         return Draft(
-            model=f"pair_style granular, hertz, damping {kind.keyword}",
+            model=f"pair_style granular, {kind.normal}, damping {kind.keyword}",
             law=law,
-            contact=Contact(wanted.mass, stiffness, 1.5),
+            contact=Contact(wanted.mass, stiffness, 1.0 if hooke else 1.5),
             parameters={"k_n": normal, kind.coefficient: coefficient},
-            units={"k_n": "Pa", kind.coefficient: kind.unit},
+            units={"k_n": "N/m" if hooke else "Pa", kind.coefficient: kind.unit},
             snippet=(
                 "pair_style granular\n"
-                f"pair_coeff * * hertz {normal:.12g} {coefficient:.12g} "
+                f"pair_coeff * * {kind.normal} {normal:.12g} {coefficient:.12g} "
                 f"tangential linear_nohistory 0 0 damping {kind.keyword}"
             ),
             steps=400 if kind.run else None,
             expected_error=0.009 if kind.run else None,
+            scheme=Scheme.SEMI_IMPLICIT,
             limit=f"{kind.limit} The contact pulls at its end, so not for limit_damping. Units si.",
             source=f"docs.lammps.org/pair_granular.html; {kind.source}",
         )

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from ..._contact import Contact
 from ..._laws import KelvinVoigt
 from .._engine import Engine, register_engine
+from .._stepping import Scheme
 from .._wanted import Draft, Wanted, matched_stiffness
 from ._spring import SpringAndDashpot
 
@@ -53,6 +54,7 @@ class MuJoCo(Engine):
             ),
             steps=STEPS,
             expected_error=0.009,
+            scheme=Scheme.SEMI_IMPLICIT,
             limit=(
                 "for both geoms, here by default. Linear: the duration is that of the law, at this "
                 "speed; the force is not, it jumps at touch. e is the same at all speeds and "

@@ -15,23 +15,41 @@ from ..._laws import (
     Damped,
     Gonthier,
     HuntCrossley,
+    KelvinVoigt,
     MarhefkaOrin,
 )
-from ..._parameter import POSITIVE, RESTITUTION, concrete, parameter, rendered, require_number
+from ..._parameter import (
+    POSITIVE,
+    RESTITUTION,
+    concrete,
+    parameter,
+    rendered,
+    require_choice,
+    require_number,
+)
 from .._engine import Engine, register_engine
+from .._stepping import Scheme
 from .._wanted import Draft, Wanted, matched_stiffness
+from ._spring import SpringAndDashpot
+
+_DRAKE = "drake.mit.edu/doxygen_cxx/group__compliant__contact.html"
+_APPROXIMATIONS = "lagged", "similar", "sap"
 
 
 @register_engine
 class Drake(Engine):
     """Drake's point contact F = k δ (1 + d δ'): α = d v0, so d = α(e)/v0, exactly.
 
-    That is the law of Marhefka and Orin with a = (2/3) d.
+    That is the law of Marhefka and Orin with a = (2/3) d. Its approximation "sap" has the law
+    F = k (δ + τ δ') while that pushes, which is Kelvin-Voigt's without tension.
     """
 
     name = "drake"
 
-    def draft(self, wanted: Wanted) -> Draft:
+    def draft(self, wanted: Wanted, *, discrete_contact_approximation: str = "lagged") -> Draft:
+        name = "discrete_contact_approximation"
+        if require_choice(name, discrete_contact_approximation, _APPROXIMATIONS) == "sap":
+            return _sap(wanted)
         alpha = exact_damping_factor(wanted.restitution)
         dissipation = float(alpha) / wanted.velocity
         stiffness = matched_stiffness(wanted, 1.0, Damped(alpha=alpha))
@@ -58,12 +76,43 @@ class Drake(Engine):
             limit=(
                 "for both geometries, each with these numbers. e falls with speed. A discrete "
                 "plant adds damping of first order in the time step; a continuous one "
-                "(time_step=0) does not. Contact approximation lagged or similar; sap has another "
-                "law."
+                "(time_step=0) does not. Contact approximation lagged or similar; for sap ask for "
+                "discrete_contact_approximation=sap."
             ),
-            source="drake.mit.edu/doxygen_cxx/group__compliant__contact.html; "
-            "Hunt & Crossley 1975, doi 10.1115/1.3423596",
+            scheme=Scheme.IMPLICIT,
+            source=f"{_DRAKE}; Hunt & Crossley 1975, doi 10.1115/1.3423596",
         )
+
+
+def _sap(wanted: Wanted) -> Draft:
+    law = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
+    zeta = float(law.damping_ratio())
+    stiffness = matched_stiffness(wanted, 1.0, law)
+    # δ'' = -ω² (δ + τ δ'), and 2 ζ ω = ω² τ.
+    rate = math.sqrt(stiffness / wanted.mass)
+    relaxation = max(0.0, 2 * zeta / rate)
+    # Two geometries in series, whose relaxation times add.
+    parameters = {"relaxation_time": relaxation / 2, "point_contact_stiffness": 2 * stiffness}
+    lines = [f"  <drake:{name}>{x:.12g}</drake:{name}>\n" for name, x in parameters.items()]
+    return Draft(
+        model="point contact, discrete_contact_approximation sap",
+        law=SpringAndDashpot(rate=jnp.asarray(relaxation * rate**2)),
+        contact=Contact(wanted.mass, stiffness, 1.0),
+        parameters=parameters,
+        units={"relaxation_time": "s", "point_contact_stiffness": "N/m"},
+        snippet=f"<drake:proximity_properties>\n{''.join(lines)}</drake:proximity_properties>",
+        scheme=Scheme.IMPLICIT,
+        limit=(
+            "for both geometries, each with these numbers. Linear: the duration is that of the "
+            "law, at this speed; the force is not, it jumps at touch. e is the same at all speeds, "
+            "for this mass. Only for a discrete plant; stiffness that its time step does not "
+            "resolve is lowered by sap itself. Not run."
+        ),
+        source=(
+            f"{_DRAKE}; contact_properties.cc of github.com/RobotLocomotion/drake; Castro et al. "
+            "2021, arXiv 2110.10107; Schwager & Pöschel 2007, doi 10.1007/s10035-007-0065-z"
+        ),
+    )
 
 
 @register_engine

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from ..._contact import Contact
 from ..._laws import KelvinVoigt
 from .._engine import Engine, register_engine
+from .._stepping import Scheme
 from .._wanted import Draft, Wanted, matched_stiffness
 from ._spring import SpringAndDashpot
 
@@ -47,6 +48,7 @@ class Newton(Engine):
             snippet=f"newton.ModelBuilder.ShapeConfig({pasted})",
             steps=1800,
             expected_error=0.009,
+            scheme=Scheme.SEMI_IMPLICIT,
             limit=(
                 "for both shapes, each with these numbers (Newton takes their means), and no "
                 "margin. Linear: the duration is that of the law, at this speed; the force is not, "
