@@ -29,6 +29,9 @@ and with more they are longer."""
 _BENT = 0.375
 """A correction that is longer than this part of its step is not to be trusted."""
 
+_LINEAR = 1e-3
+"""A step that keeps its promise within this part may be followed by one of ten times its length."""
+
 _REFUSED = 16
 """Steps refused in a row after which none will be accepted: each is a quarter of the last."""
 
@@ -111,7 +114,8 @@ def least_squares(
         last = jnp.where(accepted & ~first, trial.promise, last)
         radius = jnp.where(trial.corrected, trial.length, radius)
         less = jnp.where(gain < 0, 0.25, 0.5) * jnp.minimum(radius, 10 * trial.length)
-        radius = jnp.where(gain > _GOOD, 2 * trial.length, jnp.where(gain < _POOR, less, radius))
+        more = jnp.where(jnp.abs(gain - 1) < _LINEAR, 10, 2) * trial.length
+        radius = jnp.where(gain > _GOOD, more, jnp.where(gain < _POOR, less, radius))
         again = ~(accepted | trial.corrected | hidden) & jnp.isfinite(fall)
         bend = jnp.where(again, there.r - here.r - here.slope @ trial.step, 0)
         begun, wide = _begun(problem, there)
