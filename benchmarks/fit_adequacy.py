@@ -31,7 +31,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
-from benchmarks import choice_confusion
+from benchmarks import choice_confusion, nist
 
 HERE = Path(__file__).parent
 RESULT = HERE / "fit_adequacy.json"
@@ -215,7 +215,10 @@ def page(result: dict[str, Any]) -> str:
     words = (HERE / "fit_adequacy.md").read_text()
     coverage, plans = (json.loads((HERE / f"fit_{name}.json").read_text()) for name in OTHERS)
     choice = json.loads(choice_confusion.RESULT.read_text())
+    problems = json.loads(nist.RESULT.read_text())
     numbers = {
+        "NIST": nist.table(problems, table),
+        "NIST_LEAST": f"{min(row['digits'] for row in problems):.1f}",
         "CHOICE_SEED": str(choice["seed"]),
         "CHOICE_TABLES": f"{sum(cell['tables'] for cell in choice['cells'].values()):,}",
         "CONFUSION": confusion_table(choice),

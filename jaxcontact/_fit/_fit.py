@@ -92,7 +92,7 @@ def fit(
     nothing. `starts`: the number of starts, the given one and normal ones around it, drawn from
     `seed`, whose standard deviation is `spread` in a logarithm or logit and `spread` times a number
     without bounds (from zero: times the change that moves the prediction by the size of the data);
-    the lowest loss is kept. `max_steps`: by default 200, 10000 for optax. `reverse`: take the
+    the lowest loss is kept. `max_steps`: by default 500, 10000 for optax. `reverse`: take the
     Jacobian in reverse mode, for predictions without a forward mode. `progress`: True shows step
     and loss on stderr, a function is called with them.
 

@@ -13,7 +13,8 @@ from jaxtyping import Array, Bool, Float, Int
 from .._program import soon_compiled
 from ._loss import shortened, shortened_slope
 from ._problem import Problem
-from ._solve import Options, scale_of, search
+from ._solve import Options, search
+from ._trust_region import scale_of
 
 SINGULAR = 1e-7
 """Singular values of the Jacobian, its columns scaled to length 1, that are smaller than this part
@@ -104,7 +105,7 @@ def in_numpy(tree: Any) -> Any:
 
 @eqx.filter_jit
 def _natural(problem: Problem, theta: Float[Array, " k"]) -> Float[Array, " k"]:
-    return scale_of(problem, problem.at(theta)).change
+    return scale_of(problem, problem.at(theta))
 
 
 def start_scale(problem: Problem, theta: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
@@ -145,7 +146,10 @@ def with_step(
     step, error, resolution = _gauss_newton(usable, r, xp.sum(used), blur, xp)
     # Steps of a logarithm or a logit are absolute.
     size = xp.where(problem.space.has_unit, 1, xp.maximum(xp.abs(found.theta), error))
-    allowed = xp.maximum(xp.maximum(rtol * size, NEGLIGIBLE * error), resolution)
+    # Of a search that was cut off the remaining step tells little: in a curved valley each step is
+    # small beside the way that is left.
+    enough = xp.where(found.stopped, NEGLIGIBLE * error, 0)
+    allowed = xp.maximum(xp.maximum(rtol * size, enough), resolution)
     return found._replace(step=step, allowed=allowed)
 
 
