@@ -3,7 +3,9 @@
 from ._columns import COLUMNS as COLUMNS
 from ._columns import read_columns as read_columns
 from ._fault import RecordingError as RecordingError
+from ._instants import Instants
 from ._intervals import Intervals
+from ._intervals import not_shrinking as not_shrinking
 from ._intervals import too_long as too_long
 from ._layout import LAYOUTS as LAYOUTS
 from ._layout import Layout as Layout
@@ -16,17 +18,21 @@ from ._recording import Recording as Recording
 from ._recording import read_recording as read_recording
 from ._records import Accelerations, Forces, Indentations
 from ._records import Impact as Impact
+from ._rest import Stops
 from ._restitution import MEASURED_RESTITUTION as MEASURED_RESTITUTION
 from ._restitution import MEASURED_RESTITUTION_FROM_ZERO as MEASURED_RESTITUTION_FROM_ZERO
 from ._restitution import in_percent as in_percent
+from ._samples import Samples
 from ._single import Heights, Table
 from ._speeds import Speeds
 from ._track import Tracks
 from ._track import tracks_of as tracks_of
 
 for _layout_class in (
-    *(Intervals, Heights, Table, Speeds),
+    *(Intervals, Heights, Stops, Table, Speeds),
     # Where forces are read, y is a place on the plate; beside places accelerations are derived.
-    *(Forces, Tracks, Peaks, Accelerations, Indentations),
+    *(Forces, Tracks, Peaks, Accelerations, Indentations, Samples),
+    # Beside anything that was measured over time, times are no bounces.
+    Instants,
 ):
     register_layout(_layout_class())

@@ -66,10 +66,14 @@ class Meaning:
 
 @dataclasses.dataclass(frozen=True)
 class Heading:
-    """A heading as it is written, and the unit in it; None where none is written."""
+    """A heading as it is written, and the unit in it; None where none is written.
+
+    `is_time`: whether it is that of times, which may be written as mm:ss.cc.
+    """
 
     text: str
     unit: Unit | None = None
+    is_time: bool = False
 
 
 def words(text: str) -> tuple[str, ...]:

@@ -13,12 +13,17 @@ import numpy as np
 
 from .._flight import Flight, Floats
 from ._heading import Meaning, words
-from ._sheet import Row
+from ._match import Match
+from ._sheet import Row, Sheet
 
 LABELS = {
     "ball": Meaning(words("ball, object, sample, specimen, material")),
     "trial": Meaning(words("trial, run, series, experiment, repetition, rep, drop number")),
-    "bounce": Meaning(words("bounce, bounce number, impact, impact number, number, n, k, i")),
+    "bounce": Meaning(
+        words(
+            "bounce, bounce number, impact, impact number, number, n, k, i, lap, lap number, lap no"
+        )
+    ),
 }
 """What layouts have in common."""
 
@@ -166,13 +171,17 @@ class Layout(abc.ABC, Generic[R]):
         """The columns that cannot be left out and are not among those that are there."""
         return [column for column in self.measured if column not in there]
 
+    def fits(self, made: Match, sheet: Sheet) -> bool:
+        """Whether columns that match mean this layout, where nobody says so."""
+        return True
+
     def at_rate(self, rate: float | None) -> Layout[R]:
         """The layout of a file of `rate` readings per second. Raises ValueError where none is."""
         if rate is None:
             return self
         raise ValueError(
-            f"Argument `rate` must be None for columns of the layout {self.name!r}, which are no "
-            f"readings over time, but is {rate:g}."
+            f"Argument `rate` must be None for {self.made_of}, which are no readings over time, "
+            f"but is {rate:g}."
         )
 
     def __repr__(self) -> str:

@@ -106,6 +106,9 @@ def match(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Match | 
                 raise sheet.fault(problem, text)
     # In the order of the layout, with the columns that were told among the others.
     order = [name for name in meanings if name in places]
+    for name in order:
+        if meanings[name].unit == "s":
+            headings[name] = dataclasses.replace(headings[name], is_time=True)
     return Match({n: places[n] for n in order}, {n: headings[n] for n in order})
 
 

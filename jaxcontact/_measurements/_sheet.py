@@ -115,10 +115,33 @@ class Row:
                 raise TypeError
             if type(value) is np.longdouble:
                 raise TypeError
+            if isinstance(value, str) and ":" in value and self._is_time(column):
+                return text, _seconds(value)
             return text, float(value)
         except (TypeError, ValueError, OverflowError):
             written = "; leave the unit out and write it in the heading" * _has_unit(value)
             self.refuse(column, f"{rendered(text)} is not {kind}{written}")
+
+    def _is_time(self, column: str) -> bool:
+        """Whether a column holds times, of which none is written in ms or another unit."""
+        heading = self.headings.get(column)
+        return (
+            heading is not None
+            and heading.is_time
+            and not (heading.unit is not None and heading.unit.converts)
+        )
+
+
+_CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d{1,2}(?:[.,]\d+)?)")
+
+
+def _seconds(text: str) -> float:
+    """The seconds of a time as hh:mm:ss.cc or mm:ss.cc. Raises ValueError for anything else."""
+    found = _CLOCK.fullmatch(text.strip())
+    if found is None:
+        raise ValueError
+    hours, minutes, seconds = found.groups()
+    return 3600.0 * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
 
 
 _NUMBER_AND_UNIT = re.compile(r"[+-]?[\d.,]+\s*([^\d\s].*)")
@@ -136,7 +159,7 @@ class Sheet:
 
     `source` and `header_row` (None where there is no header) are the places for messages; `wanted`
     are positions among `names`, of which some may be empty. `by_keyword` is true for columns given
-    by keyword, and `notes` say how a file was read.
+    by keyword, `notes` say how a file was read, and `repeats` are rows of headings within it.
     """
 
     source: str
@@ -145,6 +168,25 @@ class Sheet:
     lines: Callable[[Sequence[int]], list[tuple[int, list[Any]]]]
     notes: tuple[str, ...] = ()
     by_keyword: bool = False
+    repeats: tuple[int, ...] = ()
+
+    def beside(self, name: str, value: Callable[[int, int], Any], note: str) -> Sheet:
+        """The columns with one more, of `value(k, number)` for the row k, from 0."""
+        place = len(self.names)
+
+        def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
+            rows = self.lines([k for k in wanted if k != place])
+            if place not in wanted:
+                return rows
+            at = list(wanted).index(place)
+            return [
+                (number, [*cells[:at], value(k, number), *cells[at:]])
+                for k, (number, cells) in enumerate(rows)
+            ]
+
+        return dataclasses.replace(
+            self, names=[*self.names, name], lines=lines, notes=(*self.notes, note)
+        )
 
     def rows(self, places: Mapping[str, int], headings: Mapping[str, Heading]) -> list[Row]:
         """The rows, with the values of columns at some places under other names."""
@@ -269,6 +311,8 @@ def _of_grid(grid: Grid, source: str) -> Sheet:
 
     def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
         for number, cells in grid.rows:
+            if len(cells) <= len(names):
+                continue
             full = len(cells) - next((k for k, c in enumerate(reversed(cells)) if c != ""), 0)
             if full > len(names):
                 split = full == 2 * len(names)
@@ -281,4 +325,4 @@ def _of_grid(grid: Grid, source: str) -> Sheet:
             for number, cells in grid.rows
         ]
 
-    return Sheet(source, names, grid.header_row, lines, grid.notes)
+    return Sheet(source, names, grid.header_row, lines, grid.notes, repeats=grid.repeats)

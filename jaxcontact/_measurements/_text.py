@@ -82,8 +82,9 @@ def text_grid(text: str, source: str, known: Known, decimal: str | None = None) 
     # The beginning of a long file decides.
     readings = [_reading(data[:_ENOUGH], separator, source, known) for separator in allowed]
     best = max(readings, key=lambda one: one.score)
-    if len(data) > _ENOUGH:
-        best = _reading(data, best.separator, source, known)
+    if len(data) > _ENOUGH and best.score[1] > 0:
+        rows, error = _split(data, best.separator, source)
+        best = best._replace(rows=rows, error=error)
     if best.score[1] == 0:
         # One column, however it is read.
         rows = [(k, [line.strip().strip('"')]) for k, line in enumerate(data, 1) if line.strip()]
@@ -98,7 +99,33 @@ def text_grid(text: str, source: str, known: Known, decimal: str | None = None) 
     notes = [f"separated by {_SEPARATORS.get(best.separator, repr(best.separator))}"] * (
         best.separator not in ("", ",")
     ) + ["with decimal commas"] * commas
+    if (found := _labels(rows)) is not None:
+        names, rows = found
+        return Grid(names, None, rows, (*notes, "labels of an audio editor"))
     return grid_of(rows, known, notes)
+
+
+def _labels(rows: list[Line]) -> tuple[list[str], list[Line]] | None:
+    """The columns of labels: times in s, the ends of stretches, if any, and texts.
+
+    Audacity writes "0.52, 0.52, bounce", with a line of frequencies behind a backslash for some.
+    """
+    rows = [row for row in rows if row[1][0] != "\\"]
+    width = max((len(cells) for _, cells in rows), default=0)
+    if not 2 <= width <= 3:
+        return None
+    last, some = -1.0, False
+    for _, cells in rows:
+        try:
+            times = [float(cell) for cell in cells[: max(width - 1, 1)]]
+        except ValueError:
+            return None
+        text = cells[width - 1] if len(cells) == width else ""
+        if times[0] <= last or times != sorted(times) or (text and is_number(text) and width == 2):
+            return None
+        last, some = times[0], some or (bool(text) and not is_number(text)) or times[0] == times[-1]
+    names = ["start time", "end of label", "label"] if width == 3 else ["start time", "label"]
+    return (names, rows) if some and rows else None
 
 
 def _commented_heading(
@@ -116,8 +143,12 @@ def _commented_heading(
 def _reading(data: list[str], separator: str, source: str, known: Known) -> _Reading:
     rows, error = _split(data, separator, source)
     widths = Counter(len(cells) for _, cells in rows if any(map(is_number, cells)))
-    width = widths.most_common(1)[0][0] if widths else max((len(c) for _, c in rows), default=0)
     heading = max((known_cells(cells, known) for _, cells in rows), default=0)
+    if not widths:  # words, which blanks separate in any text
+        width = max((len(cells) for _, cells in rows), default=0)
+        share = 0.5 * (width > 1) * (heading > 0) * (separator != " ")
+        return _Reading(separator, rows, (0, share), error)
+    width = widths.most_common(1)[0][0]
     if width < 2:
         return _Reading(separator, rows, (heading > 0, 0.0), error)
     headings = [len(cells) for _, cells in rows if known_cells(cells, known) == heading > 0]
