@@ -1,6 +1,7 @@
 """Recordings of bouncing balls: reading them, pairs of speed and restitution, noise, outliers."""
 
 from ._columns import COLUMNS as COLUMNS
+from ._columns import Columns as Columns
 from ._columns import read_columns as read_columns
 from ._fault import RecordingError as RecordingError
 from ._instants import Instants
@@ -11,6 +12,7 @@ from ._layout import LAYOUTS as LAYOUTS
 from ._layout import Layout as Layout
 from ._layout import counted as counted
 from ._layout import register_layout as register_layout
+from ._outliers import marked_in as marked_in
 from ._pairs import Pairs as Pairs
 from ._pairs import make_pairs as make_pairs
 from ._peaks import Peaks

@@ -18,7 +18,8 @@ class Meaning:
     `or_unit`, another that it may be in.
 
     Numbers without a written unit whose median lies above `usual` are refused: `usual_words` say
-    what they would be, for the message.
+    what they would be, for the message. Where no unit is written, that of the column `like` is
+    meant. `remarks`: whether what is no unit may stand in brackets.
     """
 
     words: tuple[str, ...] = ()
@@ -27,6 +28,8 @@ class Meaning:
     usual_words: str = ""
     must_say: str = ""
     or_unit: str | None = None
+    like: str = ""
+    remarks: bool = True
 
     def heading(self, text: str) -> Heading | None:
         """The heading, if it means this: by its words, and a unit of the right kind, if any."""
@@ -35,6 +38,8 @@ class Meaning:
                 return Heading(text, unit)
         # "Restitution (e)": two names of one thing, or a remark behind the name of a label.
         found = _BRACKETS.fullmatch(text.strip())
+        if not self.remarks:
+            return None
         if found and self._says(found[1]) and self.unknown_unit(text) is None:
             return Heading(text)
         return None
@@ -42,7 +47,7 @@ class Meaning:
     def unknown_unit(self, text: str) -> str | None:
         """What stands in brackets behind words that mean this, where it is no unit of the kind."""
         found = _BRACKETS.fullmatch(text.strip())
-        if found is None or self.unit is None or not self._says(found[1]):
+        if found is None or self.unit is None or not self.remarks or not self._says(found[1]):
             return None
         unit = written_unit(found[2])
         if _plain(found[2]) in self.words or (unit and self._takes(unit)):

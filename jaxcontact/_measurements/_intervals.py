@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from .._flight import STANDARD_GRAVITY, Flight, Floats, landing_speed, launch_speed
 from ._clock import CLOCK
+from ._deviation import FROM_FILE, deviation_of
 from ._heading import Meaning, words
 from ._layout import (
     DROP_HEIGHT,
@@ -96,13 +97,14 @@ class Interval(Record):
     """Time in s between impacts `bounce` and `bounce + 1` of one trial.
 
     `drop_height` in m is None where it was not given, and so is `timing` where the errors of the
-    times are not known.
+    times are not known, and `sigma`, the standard deviation in s of the interval.
     """
 
     drop_height: float | None
     trial: str
     bounce: int
     timing: Timing | None = dataclasses.field(default=None, kw_only=True)
+    sigma: float | None = dataclasses.field(default=None, kw_only=True)
     seconds: float
 
     @property
@@ -118,7 +120,7 @@ class Intervals(Layout[Interval]):
     """Successive bounce intervals: in vacuum e = T₂/T₁ at approach speed g T₁/2."""
 
     name = "intervals"
-    columns = ("ball", "drop_height_m", "trial", "bounce", "interval_s")
+    columns = ("ball", "drop_height_m", "trial", "bounce", "sigma", "interval_s")
     measured = ("interval_s",)
     meanings = MappingProxyType(
         {
@@ -134,6 +136,9 @@ class Intervals(Layout[Interval]):
                     *_STEP,
                 ),
                 "s",
+            ),
+            "sigma": deviation_of(
+                "interval_s", ("t", "dt", "interval", "interval s", "flight time", "time"), "s"
             ),
         }
     )
@@ -166,7 +171,10 @@ class Intervals(Layout[Interval]):
     def read(self, rows: Sequence[Row]) -> list[Interval]:
         groups = interval_groups(rows)
         records = [
-            Interval(group[0], row.number, *group[1:], bounce, row.positive("interval_s"))
+            Interval(
+                *(group[0], row.number, *group[1:], bounce, row.positive("interval_s")),
+                sigma=row.positive("sigma") if "sigma" in row.values else None,
+            )
             for row, group, bounce in zip(rows, groups, bounces_of(rows, groups), strict=True)
         ]
         if records:
@@ -208,6 +216,9 @@ class Intervals(Layout[Interval]):
             "intervals": span([record.seconds for record in records], "s"),
         }
 
+    def notes(self, records: Sequence[Interval]) -> tuple[str, ...]:
+        return (FROM_FILE,) if records and records[0].sigma is not None else ()
+
     def pair(self, records: Sequence[Interval], flight: Flight) -> Paired[Interval]:
         at = {(record.group, record.bounce): record for record in records}
         couples = [
@@ -220,8 +231,11 @@ class Intervals(Layout[Interval]):
         # Three trigger times n₁, n₂, n₃ make two intervals. With independent errors of the
         # triggers, ln e = (n₃ - n₂) p - (n₂ - n₁) q, whose variance over σ² is 2 (p² + q² + p q).
         factor, covariance = 2 * (p**2 + q**2 + p * q), _known(couples, p, q)
+        square = 0.0 if covariance is None else _mean_square(couples)
+        if couples and couples[0][0].sigma is not None:
+            covariance, square = _by_sigma(couples, p, q)
         if covariance is not None:
-            factor = np.diag(covariance) / _mean_square(couples)
+            factor = np.diag(covariance) / square
         return Paired(
             velocity=landing,
             restitution=restitution,
@@ -230,7 +244,8 @@ class Intervals(Layout[Interval]):
             records=couples,
             unpaired=len(records) - len({record.row for couple in couples for record in couple}),
             covariance=covariance,
-            reading=0.0 if covariance is None else math.sqrt(_mean_square(couples)),
+            reading=math.sqrt(square),
+            absolute=bool(couples) and couples[0][0].sigma is not None,
         )
 
     def flights(self, records: Sequence[tuple[Interval, ...]]) -> Flights:
@@ -357,6 +372,25 @@ def _known(couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats) -
     matrix *= sigma
     shared = np.array(list(contacts.values()))
     return matrix @ matrix.T + shared.T @ shared
+
+
+def _by_sigma(
+    couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats
+) -> tuple[Floats, float]:
+    """The covariance (n, n) of ln e by independent errors of intervals, of which two pairs that
+    follow each other share one, and the mean square error in s² of a trigger, of which an interval
+    has two.
+    """
+    number: dict[tuple[Group, int], int] = {}
+    sigma: list[float] = []
+    slopes = np.zeros((len(couples), 2 * len(couples)))
+    for k, couple in enumerate(couples):
+        for one, slope in zip(couple, (-q[k], p[k]), strict=True):
+            place = number.setdefault((one.group, one.bounce), len(number))
+            if place == len(sigma):
+                sigma.append(one.sigma or 0.0)
+            slopes[k, place] = slope * sigma[place]
+    return slopes @ slopes.T, float(np.mean(np.square(sigma))) / 2
 
 
 def _mean_square(couples: Sequence[tuple[Interval, Interval]]) -> float:

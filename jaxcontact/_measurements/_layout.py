@@ -74,7 +74,7 @@ class Paired(NamedTuple, Generic[R]):
 
     Approach speeds `velocity` in m/s, the measured `restitution`, `reading_factor` and `records` as
     in `Pairs`; `clusters` names for each pair the group that shares errors; `unpaired` counts the
-    records that make no pair; `covariance` and `reading` as in `Pairs`.
+    records that make no pair; `covariance`, `reading` and `absolute` as in `Pairs`.
     """
 
     velocity: Floats
@@ -85,6 +85,7 @@ class Paired(NamedTuple, Generic[R]):
     unpaired: int = 0
     covariance: Floats | None = None
     reading: float = 0.0
+    absolute: bool = False
 
 
 class Flights(NamedTuple):

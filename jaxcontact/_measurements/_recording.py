@@ -18,6 +18,7 @@ from .._parameter import POSITIVE, did_you_mean, rendered, require_choice, requi
 from .._sound import Sound
 from .._track import Track
 from ._clock import with_clock
+from ._deviation import unused_notes
 from ._fault import RecordingError
 from ._heading import Meaning, suggestion
 from ._layout import LABELS, LAYOUTS, Layout, Record
@@ -205,7 +206,8 @@ def read_recording(
         problem = f"has no ball {ball!r}; it holds {named or 'no named ball'}"
         raise sheet.fault(problem + did_you_mean(ball, balls).rstrip("?"), "ball")
     mine = tuple(record for record in records if record.ball == ball)
-    notes = (*found.notes(), *sheet.notes, *meant.notes(mine))
+    unused = unused_notes(sheet.names, found.places)
+    notes = (*found.notes(), *sheet.notes, *meant.notes(mine), *unused)
     return Recording(sheet.source, meant, ball, mine, notes, sound_of(mine))
 
 
