@@ -76,7 +76,7 @@ def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     own = data.pop("sigma", None)
     sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
     how = _held(arguments) | _robust(arguments)
-    if own is not None and not sigmas and data.keys() == {"velocity", "e"}:
+    if own is not None and not sigmas:
         sigmas = {"sigma_e": own}
     if not sigmas and data.keys() == {"velocity", "e"}:
         # Errors are the same part of each e, as in `calibrate`, for ln e to the third order.
@@ -206,7 +206,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 def _read(
     arguments: argparse.Namespace, problem: _Problem
 ) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
-    from .._measurements import read_columns
+    from .._measurements import FROM_FILE, read_columns
 
     how = {"columns": arguments.columns, "decimal": arguments.decimal}
     try:
@@ -222,6 +222,14 @@ def _read(
             f'column holds it, say which, as in --columns "{problem.one_of[0]}=2"'
         )
     values, notes = read.values, read.notes
+    lone = [name for name in ("e", "duration", "max_force") if name in values] == ["e"]
+    if arguments.problem == "impacts" and "sigma" in values and not lone:
+        values = {name: one for name, one in values.items() if name != "sigma"}
+        notes = (
+            *(note for note in notes if note != FROM_FILE),
+            "the standard deviations are not used, since not all columns have them",
+        )
+        read = dataclasses.replace(read, values=values, notes=notes)
     if arguments.problem == "impacts" and "e" in values:
         values, notes = _without_marked(read)
     return read.source, values, notes

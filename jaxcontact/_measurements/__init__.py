@@ -3,6 +3,7 @@
 from ._columns import COLUMNS as COLUMNS
 from ._columns import Columns as Columns
 from ._columns import read_columns as read_columns
+from ._deviation import FROM_FILE as FROM_FILE
 from ._fault import RecordingError as RecordingError
 from ._instants import Instants
 from ._intervals import Intervals

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._flight import Floats
 from .._parameter import require_choice
-from ._deviation import unused_notes
+from ._deviation import FROM_FILE, unused_notes
 from ._heading import Meaning, suggestion, words
 from ._layout import LABELS
 from ._match import as_told, check_usual, match, unknown_name
@@ -107,7 +107,8 @@ def read_columns(
     numbers = [name for name in found.places if name != "ball"]
     values = {name: np.array([row.real(name) for row in rows]) for name in numbers}
     unused = unused_notes(sheet.names, found.places)
-    notes = (*found.notes(), *sheet.notes, *unused)
+    own = [FROM_FILE] * ("sigma" in found.places)
+    notes = (*found.notes(), *sheet.notes, *own, *unused)
     return Columns(sheet.source, values, notes, tuple(row.number for row in rows))
 
 

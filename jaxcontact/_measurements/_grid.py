@@ -70,6 +70,8 @@ def known_cells(cells: Sequence[Any], known: Known) -> int:
 
     A unit is none: N is the newton, and no number of a bounce.
     """
+    if is_number(cells[0]) and cells[0] != "":
+        return 0  # the usual row
     if any(is_number(cell) for cell in cells if cell != ""):
         return 0
     return sum(bool(cell) and known(cell) and written_unit(str(cell)) is None for cell in cells)
@@ -195,6 +197,7 @@ def with_points(
     comma: tuple[int, str] | None = None
     point: tuple[int, str] | None = None
     sure = written = False
+    simple = True
     for k, cells in rows:
         for c in cells:
             if not isinstance(c, str):
@@ -204,9 +207,10 @@ def with_points(
                     point = k, c
                 continue
             written = True
-            if _COMMA.fullmatch(c) or _THOUSANDS[","].fullmatch(c):
+            if one := _COMMA.fullmatch(c) or _THOUSANDS[","].fullmatch(c):
                 comma = comma or (k, c)
                 sure = sure or not _EITHER.fullmatch(c)
+            simple = simple and one is not None and "." not in c
             if point is None and "." in c and _THOUSANDS["."].fullmatch(c):
                 point = k, c
     mark = decimal
@@ -227,6 +231,12 @@ def with_points(
         mark = "," if comma else "."
     if not written:
         return rows, False
+    if simple and mark == "," and point is None:
+        # So it is nearly always, and a third of the time.
+        return [
+            (k, [c.replace(",", ".") if isinstance(c, str) else c for c in cells])
+            for k, cells in rows
+        ], True
 
     def plain(cell: Any) -> Any:
         if not isinstance(cell, str) or "," not in cell:

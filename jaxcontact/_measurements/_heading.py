@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from .._parameter import nearest
 from .._units import Unit, written_unit
@@ -97,17 +98,19 @@ def _plain(text: str) -> str:
     return re.sub(r"[\s_.\-]+", " ", text).strip()
 
 
-def _readings(text: str) -> Iterator[tuple[str, Unit | None]]:
+@functools.lru_cache(1024)
+def _readings(text: str) -> list[tuple[str, Unit | None]]:
     """The ways to read a heading: all of it as words, or its end as a unit."""
     text = text.strip()
-    yield text, None
+    ways: list[tuple[str, Unit | None]] = [(text, None)]
     if (found := _BRACKETS.fullmatch(text)) and (unit := written_unit(found[2])):
-        yield found[1], unit
+        ways.append((found[1], unit))
     for between in _BETWEEN.finditer(text):
         if unit := written_unit(text[between.end() :]):
-            yield text[: between.start()], unit
+            ways.append((text[: between.start()], unit))
     if (found := _RATE.fullmatch(text)) and (unit := written_unit(f"{found[2]}/{found[3]}")):
-        yield found[1], unit
+        ways.append((found[1], unit))
+    return ways
 
 
 def suggestion(text: str, meanings: Mapping[str, Meaning]) -> str:

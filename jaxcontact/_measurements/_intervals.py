@@ -41,7 +41,7 @@ _CONTRADICTS = 30.0
 """Shares of height that a ball keeps at its first impact and at its second do not differ by this
 factor, of five in e; even bounces that were not recorded before them do not make it."""
 
-_EVEN = 0.985
+EVEN = 0.985
 """Balls that keep so much of their speed are hardly found: what is evener is a clock."""
 
 _MOST_COMPARED = 200
@@ -61,12 +61,13 @@ def too_long(seconds: ArrayLike, gravity: float = STANDARD_GRAVITY) -> str:
     )
 
 
-def not_shrinking(chains: Iterable[Floats]) -> float | None:
+def not_shrinking(chains: Iterable[Floats], power: float = 1.0) -> float | None:
     """The median factor from one interval to the next, where those of no ball have it.
 
-    `chains` are successive intervals (n,) of one trial each. They do not shrink where the factor is
-    above `_EVEN`, and where not clearly more of them are shorter than one before than are longer:
-    by less than two standard deviations of Kendall's (1938) count, doi 10.1093/biomet/30.1-2.81.
+    `chains` are successive intervals (n,) of one trial each, or with `power` 2 heights. They do not
+    shrink where the factor is above `EVEN` to this power, and where not clearly more of them are
+    shorter than one before than are longer: by less than two standard deviations of Kendall's
+    (1938) count, doi 10.1093/biomet/30.1-2.81.
     """
     steps, score, variance = [], 0.0, 0.0
     for chain in chains:
@@ -79,7 +80,7 @@ def not_shrinking(chains: Iterable[Floats]) -> float | None:
     if not ratios.size or score <= -2 * math.sqrt(variance):
         return None
     middle = float(np.median(ratios))
-    return middle if middle > _EVEN else None
+    return middle if middle > EVEN**power else None
 
 
 class Timing(NamedTuple):
@@ -279,7 +280,8 @@ def interval_groups(rows: Sequence[Row]) -> list[Group]:
 def chains_of(records: Sequence[Interval]) -> list[Floats]:
     """The intervals of each trial that follow each other without a gap, in order."""
     chains: list[list[Interval]] = []
-    for record in sorted(records, key=lambda one: (str(one.group), one.bounce)):
+    order = {group: k for k, group in enumerate(dict.fromkeys(one.group for one in records))}
+    for record in sorted(records, key=lambda one: (order[one.group], one.bounce)):
         last = chains[-1][-1] if chains else None
         if last is None or (last.group, last.bounce + 1) != (record.group, record.bounce):
             chains.append([])
@@ -291,7 +293,7 @@ def _no_ball(factor: float, records: Sequence[Interval], column: str) -> str:
     """Why intervals that stay the same or grow are those of no ball, and what they may be."""
     usual = float(np.median([record.seconds for record in records]))
     ball = "those of a bouncing ball shrink"
-    if factor > 2 - _EVEN:
+    if factor > 2 - EVEN:
         return (
             f"intervals grow, by the factor {factor:.3g} from one to the next (the median), where "
             f"{ball}; are they in reverse order?"

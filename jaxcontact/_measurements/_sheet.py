@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.resources
 import math
+import operator
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +34,7 @@ _OTHER_KINDS = {
 """What begins so is no table."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(slots=True, eq=False)
 class Row:
     """The values of one measurement by column; texts, numbers, or None for what is missing.
 
@@ -65,7 +66,11 @@ class Row:
         if default is not None and column not in self.values:
             return default
         value = self.values[column]
-        if not isinstance(value, str | int | float) and np.ndim(value) > 0:
+        if isinstance(value, str):
+            if (text := value.strip()) in ("", "<NA>"):
+                self.refuse(column, "is empty")
+            return text
+        if not isinstance(value, int | float) and np.ndim(value) > 0:
             self.refuse(column, f"{rendered(value)} is no single value")
         # 1.0 names the same trial as 1.
         whole = isinstance(value, float) and value.is_integer()
@@ -110,13 +115,15 @@ class Row:
     def _number(self, column: str, kind: str) -> tuple[str, float]:
         text, value = self.text(column), self.values[column]
         try:
+            if isinstance(value, str):
+                if ":" in value and self._is_time(column):
+                    return text, _seconds(value)
+                return text, float(value)
             # `float` takes bytes and flags, too, and cuts digits off.
             if isinstance(value, bytes | bytearray | bool | np.bool_):
                 raise TypeError
             if type(value) is np.longdouble:
                 raise TypeError
-            if isinstance(value, str) and ":" in value and self._is_time(column):
-                return text, _seconds(value)
             return text, float(value)
         except (TypeError, ValueError, OverflowError):
             written = "; leave the unit out and write it in the heading" * _has_unit(value)
@@ -320,8 +327,12 @@ def _of_grid(grid: Grid, source: str) -> Sheet:
                 problem = f"has {full} fields where the header has {len(names)}{guess}"
                 raise RecordingError(problem, source, number, names[-1])
         # Fields that a short line lacks are empty.
+        end, some = max(wanted, default=-1), len(wanted) > 1
+        pick = operator.itemgetter(*wanted) if some else lambda cells: [cells[k] for k in wanted]
         return [
-            (number, [cells[k] if k < len(cells) else "" for k in wanted])
+            (number, list(pick(cells)))
+            if len(cells) > end
+            else (number, [cells[k] if k < len(cells) else "" for k in wanted])
             for number, cells in grid.rows
         ]
 

@@ -185,6 +185,9 @@ def _split(
 
 def _blanks(line: str) -> str:
     """A line whose columns blanks separate, with single ones, and units beside their words."""
+    parts = line.split()
+    if all(map(is_number, parts)):
+        return " ".join(parts) + "\n"
     text = re.sub(r"\s+(?=[\[(])", "", line.strip())
     text = re.sub(r"\s*/\s*", "/", text)
     if re.search(r"\S\s{2,}\S", text):
