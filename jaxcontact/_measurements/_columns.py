@@ -10,10 +10,12 @@ import numpy as np
 
 from .._flight import Floats
 from .._parameter import require_choice
+from ._clock import CLOCK
 from ._deviation import FROM_FILE, unused_notes
 from ._heading import Meaning, suggestion, words
 from ._layout import LABELS
 from ._match import as_told, check_usual, match, unknown_name
+from ._records import Forces
 from ._sheet import Row, Sheet, sheet_of
 from ._single import SIGMA_E, VELOCITY, E
 
@@ -35,8 +37,8 @@ COLUMNS: Mapping[str, Meaning] = {
     "e_out": Meaning(
         words("e out, eout, e delivered, delivered, output e, output restitution"), ""
     ),
-    "time": Meaning(words("time, t"), "s"),
-    "force": Meaning(words("force, f, normal force, load, contact force"), "N"),
+    "time": CLOCK,
+    "force": Forces.meanings["force"],
     "indentation": Meaning(
         words("indentation, displacement, deformation, penetration, compression, depth, δ, x"), "m"
     ),

@@ -148,7 +148,7 @@ def _is_summary(cells: Sequence[Any], width: int) -> bool:
     words = [text for text in texts if text]
     if not words or is_number(words[0]):
         return False
-    plain = re.sub(r"[\s_.:\-]+", " ", words[0].casefold()).strip()
+    plain = re.sub(r"[\s_:\-]+", " ", words[0].casefold().replace(".", "")).strip()
     return plain in _SUMMARIES or (len(texts) == 1 < width)
 
 
@@ -181,9 +181,12 @@ def _are_units(cells: Sequence[Any]) -> bool:
         return False
     others = [cell for cell in texts if written_unit(cell) is None]
     unknown = sum(cell.strip("[](){} ") not in _OTHER_UNITS for cell in others)
+    numbers = sum(map(is_number, texts))
     if len(others) == len(texts) or any(map(is_number, others)):
         return False
-    return 2 * unknown < len(texts) > sum(map(is_number, texts))
+    if numbers:  # 1 is a unit, of what has none
+        return not others and numbers < len(texts)
+    return 2 * unknown < len(texts)
 
 
 def with_points(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import itertools
 import re
 from collections import Counter
 from typing import NamedTuple
@@ -111,21 +112,24 @@ def _labels(rows: list[Line]) -> tuple[list[str], list[Line]] | None:
     Audacity writes "0.52, 0.52, bounce", with a line of frequencies behind a backslash for some.
     """
     rows = [row for row in rows if row[1][0] != "\\"]
-    width = max((len(cells) for _, cells in rows), default=0)
-    if not 2 <= width <= 3:
+    made: list[Line] = []
+    for row, cells in rows:
+        texts = [cell for cell in cells if not is_number(cell)]
+        times = cells[: len(cells) - len(texts)]
+        if not 1 <= len(times) <= 2 or cells[len(times) :] != texts or len(texts) > 1:
+            return None
+        made.append((row, [*(float(one) for one in times), *(texts or [""])]))
+    starts, widths = [cells[0] for _, cells in made], {len(cells) for _, cells in made}
+    if len(widths) != 1 or any(b <= a for a, b in itertools.pairwise(starts)):
         return None
-    last, some = -1.0, False
-    for _, cells in rows:
-        try:
-            times = [float(cell) for cell in cells[: max(width - 1, 1)]]
-        except ValueError:
-            return None
-        text = cells[width - 1] if len(cells) == width else ""
-        if times[0] <= last or times != sorted(times) or (text and is_number(text) and width == 2):
-            return None
-        last, some = times[0], some or (bool(text) and not is_number(text)) or times[0] == times[-1]
-    names = ["start time", "end of label", "label"] if width == 3 else ["start time", "label"]
-    return (names, rows) if some and rows else None
+    stretches = widths == {3}
+    if stretches and any(cells[1] < cells[0] for _, cells in made):
+        return None
+    if not any(cells[-1] for _, cells in made) and not (
+        stretches and all(cells[0] == cells[1] for _, cells in made)
+    ):
+        return None
+    return ["start time", *["end of label"] * stretches, "label"], made
 
 
 def _commented_heading(
