@@ -30,13 +30,16 @@ errors, whether the model describes the data, and what they do not determine.
 EPILOG = """\
 PROBLEM, the columns that it reads, and what it fits:
   impacts      velocity, and e, duration or max_force     a law and a contact
-  damping      velocity, e                                the factor c of K δⁿ + c δⁿ δ'
+               [sigma, of e alone; ball]
+  damping      velocity, e [sigma; ball]                  the factor c of K δⁿ + c δⁿ δ'
   energy_loss  e_in, e_out                                the power β of the energy-loss family
   record       time, and force or indentation             a law and a contact, from one impact
   bounces      as `jaxcontact calibrate`                  a law, from intervals or heights
 
 Headings may be any usual name, with a unit that is then converted ("t_c / ms", "peak force (kN)");
---columns says what is what where that is not understood.
+--columns says what is what where that is not understood. Of impacts with e alone the rows that
+`jaxcontact calibrate` marks are left out, and errors are the same part of each e unless their
+standard deviations are known: the verdict is that of `calibrate`.
 
 --law, its parameters, --mass and --stiffness are where the fit starts. The mass stays as it is
 given; --hold NAME holds other numbers: stiffness, a parameter of the law, or velocity.

@@ -218,7 +218,7 @@ FIT = ("--law", "exact", "--mass", "1", "--stiffness", "1e6")
 
 
 def judged(folder, capsys, text):
-    """Whether a constant e describes a table, by `calibrate` and `fit impacts`, and how it was read."""
+    """Whether a constant e describes a table, by `calibrate` and `fit impacts`; the notes."""
     path = folder / "table.csv"
     path.write_text(text)
     told = jc.calibrate(jc.read_recording(path), law="constant_damping")
@@ -255,6 +255,6 @@ def test_fit_impacts_gives_the_verdict_of_calibrate(tmp_path, capsys):
     calibrated, fitted, _ = judged(tmp_path, capsys, falling)
     assert (calibrated, fitted) == (False, False)
     two = tmp_path / "two.csv"
-    two.write_text("ball,v,e\n" + "".join(f"{'ab'[a < 2]},{a},{b}\n" for a, b in rows))
+    two.write_text("ball,v,e\n" + "".join(f"{'ab'[int(a < 2)]},{a},{b}\n" for a, b in rows))
     assert main(["fit", "impacts", str(two), *FIT]) == 2
     assert "holds several balls (b, a); choose one with --ball" in capsys.readouterr().err
