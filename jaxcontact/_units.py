@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from typing import NamedTuple
 
 _MEANING = {
@@ -160,10 +161,15 @@ _BY_WORD = {
 # mN is not MN; of the others people write capitals as they like.
 _ANY_CASE = {word.casefold(): found for word, found in _BY_WORD.items() if found[0] != "N"}
 
+_CLOCK = re.compile(r"(h+:)?(m|mm|min):(s|ss|sec)([.,](s+|c+|0+|f+|x+|ms))?")
+"""The form of times such as 01:02.50, which people write in place of a unit."""
+
 
 def written_unit(text: str) -> Unit | None:
     """The unit that a text such as "mm/s" or "[ms]" means; None for what is no unit we know."""
     plain = text.strip().strip("[](){}").strip()
     word = plain.replace(" ", "")
     found = _BY_WORD.get(word) or _ANY_CASE.get(word.casefold())
+    if found is None and _CLOCK.fullmatch(word.casefold()):
+        found = "s", 1.0, 1.0  # such cells are read in seconds
     return None if found is None else Unit(plain, *found)

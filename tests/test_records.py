@@ -84,7 +84,7 @@ def test_a_rate_stands_for_the_times():
         jc.read_recording(time=time, force=force, rate=RATE)
     with pytest.raises(ValueError, match="is it in kHz"):
         jc.read_recording(force=force, rate=50)
-    with pytest.raises(ValueError, match="`rate` must be None for columns of the layout 'table'"):
+    with pytest.raises(ValueError, match="`rate` must be None for rows of speed and restitution"):
         jc.read_recording({"v": [1.0], "e": [0.5]}, rate=RATE)
     with pytest.raises(jc.RecordingError, match="or give `rate`, the readings per second"):
         jc.read_recording({"Fz (N)": force})

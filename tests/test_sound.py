@@ -283,3 +283,23 @@ def test_the_picture_has_marks():
     ax.figure.clear()
     with pytest.raises(ValueError, match="must be that of a sound file"):
         jc.plot.sound(jc.read_recording())
+
+
+def test_samples_in_a_column_are_heard_as_those_of_a_file():
+    rate = truth().rate
+    known = times(jc.read_recording(file_of(truth().samples, rate)))
+    column = 2.5 + 40 * truth().samples  # in any unit, over any level
+    head = column[: int(2 * rate)]
+    by_rate = jc.read_recording({"Sound Pressure (a.u.)": head}, rate=rate)
+    assert by_rate.layout.name == "sound" and by_rate.sound is not None
+    found = times(by_rate)
+    some = known[known < 2 - 0.1]
+    assert len(some) >= 4
+    np.testing.assert_allclose(found[: len(some)], some, atol=2e-6)
+    assert any("samples" in note or "bounces" in note for note in by_rate.notes)
+    timed = {"t (ms)": np.round(1e3 * np.arange(head.size) / rate, 4), "amplitude": head}
+    np.testing.assert_allclose(times(jc.read_recording(timed)), found, atol=1e-6)
+    with pytest.raises(jc.RecordingError, match="is the same everywhere"):
+        jc.read_recording({"sound": np.ones(20_000)}, rate=rate)
+    with pytest.raises(jc.RecordingError, match="is missing; beside amplitude a column time"):
+        jc.read_recording({"amplitude": head})

@@ -26,7 +26,7 @@ from .._flight import (
 )
 from .._impact import AbstractMethod, method_of, restitution
 from .._laws import AbstractLaw, require_law
-from .._measurements import too_long
+from .._measurements import not_shrinking, too_long
 from .._parameter import POSITIVE, require_choice
 from .._units import Shown
 from ._checks import column, with_transforms
@@ -156,6 +156,12 @@ def fit_bounces(
     after = column(second, "second", POSITIVE, ("first", before))
     if kind == "intervals" and (why := too_long(before, flight.gravity)):
         raise ValueError(f"Argument `first` must be in s, but {why}.")
+    pairs = np.stack([before, after], axis=1)
+    if (factor := not_shrinking(list(pairs), 1.0 if kind == "intervals" else 2.0)) is not None:
+        raise ValueError(
+            f"Argument `second` must be shorter than `first`, as flights of a ball are after a "
+            f"bounce, but is {factor:.3g} times as long (the median)."
+        )
     start, slowing, transforms = BounceModel(law, contact), None, {}
     with jax.enable_x64(True):
         if drag is not None:

@@ -175,7 +175,7 @@ def calibrate(
         if impacts is None:
             good.needs_enough(marked=int(outliers.flagged.sum()))
             noise, weights, correlation = weights_of(pairs, outliers, keep)
-            others, more = NONE, {}
+            others, more = NONE, {"sigma": weights**-0.5} if pairs.absolute else {}
         else:
             noise, weights, correlation, others = weighed(impacts, keep)
             # Impacts of one record are independent: their errors are those of their readings.

@@ -89,7 +89,9 @@ def choose_law(
         )
     v = column(velocity, "velocity", POSITIVE)
     measured = column(e, "e", MEASURED_RESTITUTION, ("velocity", v))
-    pairs = make_pairs(read_recording(velocity=v, restitution=measured), Flight())
+    own = None if sigma is None else for_each(sigma, "sigma", len(v))
+    known = {"sigma": own} if own is not None and np.isfinite(own).all() else {}
+    pairs = make_pairs(read_recording(velocity=v, restitution=measured, **known), Flight())
     pairs.needs_enough()
     word = "row"
     if groups is not None:
@@ -105,8 +107,8 @@ def choose_law(
         sigma,
         weights,
     )
-    if sigma is not None:
-        how["sigma"] = for_each(sigma, "sigma", len(v)) / measured
+    if own is not None:
+        how["sigma"] = relative**-0.5 if known else own / measured
     elif weights is not None:
         relative = for_each(as_weights(weights), "weights", len(v), zero=True) * measured**2
     return choose(pairs, ~marked, relative, kinds, contact, others=others, group=word, **how)
@@ -126,9 +128,18 @@ def weights_of(pairs: Pairs, outliers: Outliers, keep: np.ndarray) -> Weighed:
     """The noise of ln e about the trend of the pairs to `keep`, and what follows for all.
 
     Where the errors of the readings are known, they are taken as they are, with what pairs share of
-    them; the scatter of the bounces is estimated beside them.
+    them; the scatter of the bounces is estimated beside them, unless they contain it.
     """
     good = pairs.where(keep)
+    if pairs.absolute and pairs.covariance is not None:
+        size = np.sqrt(np.diag(pairs.covariance))
+        if not pairs.reading:  # σ/√(e e₀) of ln e are σ of e, to the third order
+            size = size * np.sqrt(pairs.restitution / np.exp(outliers.trend(pairs.velocity)))
+        usual = 0.0 if pairs.reading else float(np.median(size[keep]))
+        correlation = pairs.covariance / np.outer(size, size)
+        alone = not np.any(np.triu(correlation, 1))
+        noise = Noise(usual, pairs.reading)
+        return Weighed(noise, size**-2, None if alone else correlation)
     if pairs.covariance is not None and good.covariance is not None:
         trend = outliers.trend
         relative = scatter_beside(

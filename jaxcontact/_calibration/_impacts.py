@@ -95,7 +95,7 @@ def fit_impacts(
     start = ImpactModel(law, contact)
     how = with_transforms(transforms_of(start, fixed), how)
     model = Outcome(method, tuple(table["data"]))
-    return fit(model, start=start, x=v, **table, **how)
+    return fit(model, start=start, x=v, **(table | how))
 
 
 def holds(owner: Any, name: Any) -> bool:

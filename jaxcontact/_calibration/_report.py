@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .._measurements import LAYOUTS, Layout, counted
+from .._measurements import FROM_FILE, LAYOUTS, Layout, counted
 from .._text_table import text_table, wrapped
 from ._choice import ChoiceData
 from ._estimate import Estimate
@@ -10,10 +10,18 @@ from ._summary import CalibrationSummary, contact_note
 
 Row = tuple[str, ...]
 
-NOISE_NOTE = (
-    "the scatter was fitted to the same pairs about a free trend: a reduced chi² near 1 says that "
-    "a law describes them as well as that trend, not that the noise is understood"
-)
+
+def noise_note(s: CalibrationSummary) -> str:
+    """What a reduced chi² near 1 says."""
+    if FROM_FILE in s.recording.notes:
+        return (
+            "the standard deviations in the file are taken as they are: a reduced chi² far above 1 "
+            "says that a law does not describe the pairs, or that they are too small"
+        )
+    return (
+        "the scatter was fitted to the same pairs about a free trend: a reduced chi² near 1 says "
+        "that a law describes them as well as that trend, not that the noise is understood"
+    )
 
 
 def report(summary: CalibrationSummary) -> str:
@@ -69,6 +77,8 @@ def data_words(s: CalibrationSummary, layout: Layout) -> list[tuple[str, str]]:
 
 
 def _scatter_of(s: CalibrationSummary) -> str:
+    if FROM_FILE in s.recording.notes:
+        return "the standard deviations in the file"
     if any(law.errors_by == "readings" for law in s.choice.laws):
         return LAYOUTS[s.recording.layout].known_errors[0]
     return "fitted to the pairs that were kept"
@@ -174,7 +184,7 @@ def errors_sentence(s: CalibrationSummary, layout: Layout) -> str:
 
 def _fits(s: CalibrationSummary, layout: Layout) -> list[str]:
     lines = wrapped("Fits", f"standard errors {errors_sentence(s, layout)}")
-    lines += wrapped("", NOISE_NOTE)
+    lines += wrapped("", noise_note(s))
     aicc = {c.name: c.aicc for c in s.choice.candidates}
     for law in s.choice.laws:
         lines.append(f"  {law.kind}")

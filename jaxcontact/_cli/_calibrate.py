@@ -37,18 +37,27 @@ ball that ship with the package.
 EPILOG = """\
 FILE is a table: text (CSV and its relatives, decimal commas too), a spreadsheet or parquet. It has
 one of these sets of columns, with headings by any usual name ("v", "COR", "speed (mm/s)"):
-  interval_s [ball, drop_height_m, trial, bounce]      seconds between successive impacts; `bounce`
-                                                       counts the intervals of a trial
+  interval_s [ball, drop_height_m, trial, bounce, sigma]
+                                                       seconds between successive impacts, or laps
+                                                       of a stopwatch; `bounce` counts the
+                                                       intervals of a trial
+  bounce_time_s [ball, drop_height_m, trial, bounce, label]
+                                                       instants of bounces: split times of a
+                                                       stopwatch, labels of an audio editor
+  drop_height_m, rest_time_s [ball, trial]             a drop and the time until the ball rests
   drop_height_m, rebound_height_m [ball, trial]        a drop and the height of its first rebound
-  velocity, restitution [ball]                         approach speed in m/s and e
+  velocity, restitution [ball, sigma]                  approach speed in m/s and e
   velocity, rebound_velocity [ball]                    speeds in m/s before and after an impact
   height_m [ball, trial, bounce]                       heights of successive flights
   y, time | frame [x, ball | particle, trial]          places of a ball in a video (a track), in m,
                                                        pixels or any unit, counted up or down
   time, force | acceleration | indentation            what an instrument reads over time, with one
                                                        or several impacts in it
+  time, sound                                          samples of a sound
 Those in brackets may be left out; other columns are ignored. A unit that is written in a heading is
-converted, and the report says so. Rows in messages are lines of the file; the header is row 1.
+converted, and the report says so. `sigma` holds standard deviations of e or of the intervals, which
+are taken as they are; others are named as not used. Rows in messages are lines of the file; the
+header is row 1.
 
 FILE may be a sound, too: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. Bounces
 are found in it by their shrinking intervals and like sounds, each drop a trial, and timed to some

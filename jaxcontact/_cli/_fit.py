@@ -18,6 +18,7 @@ from ._table import add_table_options, input_error
 if TYPE_CHECKING:
     from .._fit import Fit
     from .._laws import AbstractLaw
+    from .._measurements import Columns
 
 SUMMARY = "parameters from a file of columns"
 
@@ -29,13 +30,16 @@ errors, whether the model describes the data, and what they do not determine.
 EPILOG = """\
 PROBLEM, the columns that it reads, and what it fits:
   impacts      velocity, and e, duration or max_force     a law and a contact
-  damping      velocity, e                                the factor c of K δⁿ + c δⁿ δ'
+               [sigma, of e alone; ball]
+  damping      velocity, e [sigma; ball]                  the factor c of K δⁿ + c δⁿ δ'
   energy_loss  e_in, e_out                                the power β of the energy-loss family
   record       time, and force or indentation             a law and a contact, from one impact
   bounces      as `jaxcontact calibrate`                  a law, from intervals or heights
 
 Headings may be any usual name, with a unit that is then converted ("t_c / ms", "peak force (kN)");
---columns says what is what where that is not understood.
+--columns says what is what where that is not understood. Of impacts with e alone the rows that
+`jaxcontact calibrate` marks are left out, and errors are the same part of each e unless their
+standard deviations are known: the verdict is that of `calibrate`.
 
 --law, its parameters, --mass and --stiffness are where the fit starts. The mass stays as it is
 given; --hold NAME holds other numbers, by their names in what is printed: contact.stiffness, law.c
@@ -66,19 +70,30 @@ class _Problem:
 
 
 def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    import numpy as np
+
     from .._calibration import fit_impacts
+    from .._measurements import marked_in
 
     law, exponent = _law(arguments)
+    data = dict(data)
+    own = data.pop("sigma", None)
     sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
-    how = _held(arguments)
-    how |= _robust(arguments)
+    how = _held(arguments) | _robust(arguments)
+    if own is not None and not sigmas:
+        sigmas = {"sigma_e": own}
+    if not sigmas and data.keys() == {"velocity", "e"}:
+        # Errors are the same part of each e, as in `calibrate`, for ln e to the third order.
+        product = data["e"] * marked_in(data["velocity"], data["e"])[1]
+        how["weights"] = {"e": np.where(product > 0, product, np.inf) ** -1.0}
     return fit_impacts(law, contact_asked(arguments, exponent), **data, **sigmas, **how)
 
 
 def _damping(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     from .._calibration import fit_damping
 
-    sigma = _sigmas(arguments, {"e": data["e"]})
+    sigma = {"e": data["sigma"]} if "sigma" in data else {}
+    sigma |= _sigmas(arguments, {"e": data["e"]})
     how: dict[str, Any] = {"sigma": sigma["e"]} if sigma else {}
     how |= _robust(arguments)
     contact = contact_asked(arguments, arguments.exponent or 1.5)
@@ -116,17 +131,18 @@ def _bounces(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     first, second = (np.array(data[name]) for name in ("first", "second"))
     drag = drag_asked(arguments, used=["--mass"])
     how = {"gravity": gravity_asked(arguments), "drag": drag} | _robust(arguments)
+    how |= {name: data[name] for name in ("sigma", "correlation") if name in data}
     return fit_bounces(law, contact, first, second, kind=str(data["kind"]), **how)
 
 
 _PROBLEMS = {
     "impacts": _Problem(
-        ("velocity", "e", "duration", "max_force"),
+        ("velocity", "e", "duration", "max_force", "sigma", "ball"),
         ("velocity",),
         _impacts,
         ("e", "duration", "max_force"),
     ),
-    "damping": _Problem(("velocity", "e"), ("velocity", "e"), _damping),
+    "damping": _Problem(("velocity", "e", "sigma", "ball"), ("velocity", "e"), _damping),
     "energy_loss": _Problem(("e_in", "e_out"), ("e_in", "e_out"), _energy_loss),
     "record": _Problem(
         ("time", "force", "indentation"), ("time",), _record, ("force", "indentation")
@@ -157,7 +173,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="Huber's loss: outliers, wrong triggers say, count less",
     )
-    parser.add_argument("--ball", metavar="NAME", help="ball to use, for bounces")
+    parser.add_argument("--ball", metavar="NAME", help="ball to use where the file holds several")
     parser.add_argument(
         "--rate", metavar="HZ", type=positive, help="frames of a video per second, for bounces"
     )
@@ -194,12 +210,13 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 def _read(
     arguments: argparse.Namespace, problem: _Problem
 ) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
-    from .._measurements import read_columns
+    from .._measurements import FROM_FILE, read_columns
 
     how = {"columns": arguments.columns, "decimal": arguments.decimal}
     try:
         if not problem.columns:
             return _read_bounces(arguments, how)
+        how["ball"] = arguments.ball
         read = read_columns(arguments.file, problem.columns, needed=problem.needed, **how)
     except ValueError as error:
         raise input_error(error) from error
@@ -208,13 +225,42 @@ def _read(
             f"{arguments.file}: one of the columns {', '.join(problem.one_of)} is needed; if a "
             f'column holds it, say which, as in --columns "{problem.one_of[0]}=2"'
         )
-    return read.source, read.values, read.notes
+    values, notes = read.values, read.notes
+    lone = [name for name in ("e", "duration", "max_force") if name in values] == ["e"]
+    if arguments.problem == "impacts" and "sigma" in values and not lone:
+        values = {name: one for name, one in values.items() if name != "sigma"}
+        notes = (
+            *(note for note in notes if note != FROM_FILE),
+            "the standard deviations are not used, since not all columns have them",
+        )
+        read = dataclasses.replace(read, values=values, notes=notes)
+    if arguments.problem == "impacts" and "e" in values:
+        values, notes = _without_marked(read)
+    return read.source, values, notes
+
+
+def _without_marked(read: Columns) -> tuple[Mapping[str, Any], tuple[str, ...]]:
+    """The columns without what `calibrate` marks, and what they were read as."""
+    import numpy as np
+
+    from .._measurements import marked_in
+
+    columns = read.values
+    marked, _ = marked_in(columns["velocity"], columns["e"], columns.get("sigma"))
+    if not marked.any():
+        return read.values, read.notes
+    numbers = [str(row) for row, off in zip(read.rows, marked, strict=True) if off]
+    told = f"e off the trend and left out, as in `calibrate`: row {', '.join(numbers)}"
+    e = np.where(marked, np.nan, read.values["e"])
+    return {**read.values, "e": e}, (*read.notes, told)
 
 
 def _read_bounces(
     arguments: argparse.Namespace, how: Mapping[str, Any]
 ) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
     """The flights before and after each bounce; pairs off the trend are for `calibrate`."""
+    import numpy as np
+
     from .._flight import Flight
     from .._measurements import make_pairs, read_recording
 
@@ -227,7 +273,11 @@ def _read_bounces(
             "impacts` or `jaxcontact calibrate`"
         )
     kind, first, second = flights
-    return recording.source, {"kind": kind, "first": first, "second": second}, recording.notes
+    data: dict[str, Any] = {"kind": kind, "first": first, "second": second}
+    if pairs.absolute and pairs.covariance is not None:
+        size = np.sqrt(np.diag(pairs.covariance))
+        data |= {"sigma": size, "correlation": pairs.covariance / np.outer(size, size)}
+    return recording.source, data, recording.notes
 
 
 def _law(arguments: argparse.Namespace) -> tuple[AbstractLaw, float]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -37,20 +35,7 @@ def with_clock(sheet: Sheet, rate: float) -> Sheet:
     own = next((text for text in sheet.names if CLOCK.heading(text)), None)
     if own is not None:
         raise sheet.fault("gives the times already; leave `rate` out", own)
-    clock = len(sheet.names)
-
-    def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
-        others = [k for k in wanted if k != clock]
-        rows = sheet.lines(others)
-        if clock not in wanted:
-            return rows
-        at = list(wanted).index(clock)
-        return [
-            (number, [*cells[:at], k / rate, *cells[at:]]) for k, (number, cells) in enumerate(rows)
-        ]
-
-    notes = (*sheet.notes, f"{rate:g} readings per second")
-    return dataclasses.replace(sheet, names=[*sheet.names, "time"], lines=lines, notes=notes)
+    return sheet.beside("time", lambda k, _: k / rate, f"{rate:g} readings per second")
 
 
 def column_of(rows: Sequence[Row], name: str) -> Floats:

@@ -10,14 +10,20 @@ import numpy as np
 
 from .._flight import Floats
 from .._parameter import require_choice
+from ._clock import CLOCK
+from ._deviation import FROM_FILE, unused_notes
 from ._heading import Meaning, suggestion, words
-from ._match import as_told, match, unknown_name
-from ._sheet import sheet_of
-from ._single import VELOCITY, E
+from ._layout import LABELS
+from ._match import as_told, check_usual, match, unknown_name
+from ._records import Forces
+from ._sheet import Row, Sheet, sheet_of
+from ._single import SIGMA_E, VELOCITY, E
 
 COLUMNS: Mapping[str, Meaning] = {
     "velocity": VELOCITY,
     "e": E,
+    "sigma": dataclasses.replace(SIGMA_E, like="e"),
+    "ball": LABELS["ball"],
     "duration": Meaning(
         words(
             "duration, contact time, contact duration, duration of contact, collision time, tc, t c"
@@ -31,8 +37,8 @@ COLUMNS: Mapping[str, Meaning] = {
     "e_out": Meaning(
         words("e out, eout, e delivered, delivered, output e, output restitution"), ""
     ),
-    "time": Meaning(words("time, t"), "s"),
-    "force": Meaning(words("force, f, normal force, load, contact force"), "N"),
+    "time": CLOCK,
+    "force": Forces.meanings["force"],
     "indentation": Meaning(
         words("indentation, displacement, deformation, penetration, compression, depth, δ, x"), "m"
     ),
@@ -44,12 +50,14 @@ COLUMNS: Mapping[str, Meaning] = {
 class Columns:
     """Columns in SI units by name, all of the shape (n,); NaN for empty cells.
 
-    `source` is where they come from, and `notes` say how they were read.
+    `source` is where they come from, `notes` say how they were read, and `rows` (n,) where they
+    stand in it.
     """
 
     source: str
     values: Mapping[str, Floats]
     notes: tuple[str, ...]
+    rows: tuple[int, ...] = ()
 
 
 def read_columns(
@@ -59,11 +67,12 @@ def read_columns(
     needed: Sequence[str],
     columns: Any = None,
     decimal: str | None = None,
+    ball: str | None = None,
 ) -> Columns:
     """Those of the columns `names` (of `COLUMNS`) that a table has; `needed` ones must be there.
 
-    `source`, `columns` and `decimal` as in `read_recording`. Raises RecordingError and ValueError
-    as that does.
+    `source`, `columns`, `decimal` and `ball` as in `read_recording`. Raises RecordingError and
+    ValueError as that does.
     """
     if decimal is not None:
         require_choice("decimal", decimal, (".", ","))
@@ -94,5 +103,26 @@ def read_columns(
     rows = found.rows(sheet)
     if not rows:
         raise sheet.fault("holds a header but no measurement", needed[0])
-    values = {name: np.array([row.real(name) for row in rows]) for name in found.places}
-    return Columns(sheet.source, values, (*found.notes(), *sheet.notes))
+    check_usual(rows, {name: meanings[name] for name in needed})
+    if "ball" in found.places:
+        rows = _of_ball(sheet, rows, ball)
+    numbers = [name for name in found.places if name != "ball"]
+    values = {name: np.array([row.real(name) for row in rows]) for name in numbers}
+    unused = unused_notes(sheet.names, found.places)
+    own = [FROM_FILE] * ("sigma" in found.places)
+    notes = (*found.notes(), *sheet.notes, *own, *unused)
+    return Columns(sheet.source, values, notes, tuple(row.number for row in rows))
+
+
+def _of_ball(sheet: Sheet, rows: list[Row], ball: str | None) -> list[Row]:
+    """The rows of one ball, which must be chosen among several."""
+    names = [row.text("ball") for row in rows]
+    there = dict.fromkeys(names)
+    if ball is None and len(there) > 1:
+        named = ", ".join(there)
+        problem = f"holds several balls ({named}); choose one with `ball=`, as in ball={names[0]!r}"
+        row = next(row for row, name in zip(rows, names, strict=True) if name != names[0])
+        raise sheet.fault(problem, "ball", row.number)
+    if ball is not None and ball not in there:
+        raise sheet.fault(f"has no ball {ball!r}; it holds {', '.join(there)}", "ball")
+    return [row for row, name in zip(rows, names, strict=True) if ball in (None, name)]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 from .._parameter import nearest
 from .._units import Unit, written_unit
@@ -18,7 +19,8 @@ class Meaning:
     `or_unit`, another that it may be in.
 
     Numbers without a written unit whose median lies above `usual` are refused: `usual_words` say
-    what they would be, for the message.
+    what they would be, for the message. Where no unit is written, that of the column `like` is
+    meant. `remarks`: whether what is no unit may stand in brackets.
     """
 
     words: tuple[str, ...] = ()
@@ -27,6 +29,8 @@ class Meaning:
     usual_words: str = ""
     must_say: str = ""
     or_unit: str | None = None
+    like: str = ""
+    remarks: bool = True
 
     def heading(self, text: str) -> Heading | None:
         """The heading, if it means this: by its words, and a unit of the right kind, if any."""
@@ -35,6 +39,8 @@ class Meaning:
                 return Heading(text, unit)
         # "Restitution (e)": two names of one thing, or a remark behind the name of a label.
         found = _BRACKETS.fullmatch(text.strip())
+        if not self.remarks:
+            return None
         if found and self._says(found[1]) and self.unknown_unit(text) is None:
             return Heading(text)
         return None
@@ -42,7 +48,7 @@ class Meaning:
     def unknown_unit(self, text: str) -> str | None:
         """What stands in brackets behind words that mean this, where it is no unit of the kind."""
         found = _BRACKETS.fullmatch(text.strip())
-        if found is None or self.unit is None or not self._says(found[1]):
+        if found is None or self.unit is None or not self.remarks or not self._says(found[1]):
             return None
         unit = written_unit(found[2])
         if _plain(found[2]) in self.words or (unit and self._takes(unit)):
@@ -66,10 +72,14 @@ class Meaning:
 
 @dataclasses.dataclass(frozen=True)
 class Heading:
-    """A heading as it is written, and the unit in it; None where none is written."""
+    """A heading as it is written, and the unit in it; None where none is written.
+
+    `is_time`: whether it is that of times, which may be written as mm:ss.cc.
+    """
 
     text: str
     unit: Unit | None = None
+    is_time: bool = False
 
 
 def words(text: str) -> tuple[str, ...]:
@@ -88,17 +98,19 @@ def _plain(text: str) -> str:
     return re.sub(r"[\s_.\-]+", " ", text).strip()
 
 
-def _readings(text: str) -> Iterator[tuple[str, Unit | None]]:
+@functools.lru_cache(1024)
+def _readings(text: str) -> list[tuple[str, Unit | None]]:
     """The ways to read a heading: all of it as words, or its end as a unit."""
     text = text.strip()
-    yield text, None
+    ways: list[tuple[str, Unit | None]] = [(text, None)]
     if (found := _BRACKETS.fullmatch(text)) and (unit := written_unit(found[2])):
-        yield found[1], unit
+        ways.append((found[1], unit))
     for between in _BETWEEN.finditer(text):
         if unit := written_unit(text[between.end() :]):
-            yield text[: between.start()], unit
+            ways.append((text[: between.start()], unit))
     if (found := _RATE.fullmatch(text)) and (unit := written_unit(f"{found[2]}/{found[3]}")):
-        yield found[1], unit
+        ways.append((found[1], unit))
+    return ways
 
 
 def suggestion(text: str, meanings: Mapping[str, Meaning]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .._flight import STANDARD_GRAVITY, Flight, Floats, landing_speed, launch_speed
+from ._clock import CLOCK
+from ._deviation import FROM_FILE, deviation_of
 from ._heading import Meaning, words
 from ._layout import (
     DROP_HEIGHT,
@@ -24,8 +26,9 @@ from ._layout import (
     bounces_of,
     span,
 )
+from ._match import Match
 from ._restitution import MEASURED_RESTITUTION, length_guess
-from ._sheet import Row
+from ._sheet import Row, Sheet
 
 _TOLERANCE = 0.06
 _LATE_TOLERANCE = 0.25  # of the deviation that a late trigger would explain
@@ -37,6 +40,11 @@ _LONG = 20.0
 _CONTRADICTS = 30.0
 """Shares of height that a ball keeps at its first impact and at its second do not differ by this
 factor, of five in e; even bounces that were not recorded before them do not make it."""
+
+EVEN = 0.985
+"""Balls that keep so much of their speed are hardly found: what is evener is a clock."""
+
+_MOST_COMPARED = 200
 
 Group = tuple[str, float | None, str]
 
@@ -51,6 +59,28 @@ def too_long(seconds: ArrayLike, gravity: float = STANDARD_GRAVITY) -> str:
         f"half of the intervals are longer than {typical:g} s, in which a ball rises {rise:.0f} m; "
         "are they in ms? then divide by 1000"
     )
+
+
+def not_shrinking(chains: Iterable[Floats], power: float = 1.0) -> float | None:
+    """The median factor from one interval to the next, where those of no ball have it.
+
+    `chains` are successive intervals (n,) of one trial each, or with `power` 2 heights. They do not
+    shrink where the factor is above `EVEN` to this power, and where not clearly more of them are
+    shorter than one before than are longer: by less than two standard deviations of Kendall's
+    (1938) count, doi 10.1093/biomet/30.1-2.81.
+    """
+    steps, score, variance = [], 0.0, 0.0
+    for chain in chains:
+        one = chain[:_MOST_COMPARED]
+        n = one.size
+        steps.append(one[1:] / one[:-1])
+        score += float(np.sum(np.tril(np.sign(one[:, None] - one), -1)))
+        variance += n * (n - 1) * (2 * n + 5) / 18
+    ratios = np.concatenate(steps or [np.zeros(0)])
+    if not ratios.size or score <= -2 * math.sqrt(variance):
+        return None
+    middle = float(np.median(ratios))
+    return middle if middle > EVEN**power else None
 
 
 class Timing(NamedTuple):
@@ -68,13 +98,14 @@ class Interval(Record):
     """Time in s between impacts `bounce` and `bounce + 1` of one trial.
 
     `drop_height` in m is None where it was not given, and so is `timing` where the errors of the
-    times are not known.
+    times are not known, and `sigma`, the standard deviation in s of the interval.
     """
 
     drop_height: float | None
     trial: str
     bounce: int
     timing: Timing | None = dataclasses.field(default=None, kw_only=True)
+    sigma: float | None = dataclasses.field(default=None, kw_only=True)
     seconds: float
 
     @property
@@ -83,22 +114,32 @@ class Interval(Record):
         return self.ball, self.drop_height, self.trial
 
 
+_STEP = words("dt, δt, delta t, time step, step")
+
+
 class Intervals(Layout[Interval]):
     """Successive bounce intervals: in vacuum e = T₂/T₁ at approach speed g T₁/2."""
 
     name = "intervals"
-    columns = ("ball", "drop_height_m", "trial", "bounce", "interval_s")
+    columns = ("ball", "drop_height_m", "trial", "bounce", "sigma", "interval_s")
     measured = ("interval_s",)
     meanings = MappingProxyType(
         {
             **LABELS,
             "drop_height_m": DROP_HEIGHT,
             "interval_s": Meaning(
-                words(
-                    "interval, interval s, bounce interval, time between bounces, "
-                    "time between impacts, dt, δt, delta t, flight time, time of flight, t flight"
+                (
+                    *words(
+                        "interval, interval s, bounce interval, time between bounces, "
+                        "time between impacts, flight time, time of flight, t flight, lap time, "
+                        "lap duration"
+                    ),
+                    *_STEP,
                 ),
                 "s",
+            ),
+            "sigma": deviation_of(
+                "interval_s", ("t", "dt", "interval", "interval s", "flight time", "time"), "s"
             ),
         }
     )
@@ -116,25 +157,39 @@ class Intervals(Layout[Interval]):
         "correlated within a trial, which this allows for"
     )
 
+    @staticmethod
+    def is_step(text: str) -> bool:
+        """Whether a heading may be that of the steps of any clock."""
+        return Meaning(_STEP, "s").heading(text) is not None
+
+    def fits(self, made: Match, sheet: Sheet) -> bool:
+        """Not where a word for any step of a clock stands beside its times."""
+        heading = made.headings.get("interval_s")
+        if heading is None or not self.is_step(heading.text):
+            return True
+        return not any(CLOCK.heading(text) for text in sheet.names)
+
     def read(self, rows: Sequence[Row]) -> list[Interval]:
-        groups: list[Group] = [
-            (
-                row.place[0],
-                row.positive("drop_height_m") if "drop_height_m" in row.values else None,
-                row.text("trial", "1"),
-            )
-            for row in rows
-        ]
+        groups = interval_groups(rows)
         records = [
-            Interval(group[0], row.number, *group[1:], bounce, row.positive("interval_s"))
+            Interval(
+                *(group[0], row.number, *group[1:], bounce, row.positive("interval_s")),
+                sigma=row.positive("sigma") if "sigma" in row.values else None,
+            )
             for row, group, bounce in zip(rows, groups, bounces_of(rows, groups), strict=True)
         ]
-        if records and (why := too_long([record.seconds for record in records])):
-            rows[0].refuse(
-                "interval_s", why + ", or write the unit in the heading, 'interval [ms]'"
-            )
-        self._check_drops(rows, records)
+        if records:
+            self.check(rows, records, "interval_s")
         return records
+
+    def check(self, rows: Sequence[Row], records: Sequence[Interval], column: str) -> None:
+        """Refuse intervals, made of a `column`, that are those of no ball."""
+        if records and (why := too_long([record.seconds for record in records])):
+            word = column.partition("_")[0]
+            rows[0].refuse(column, why + f", or write the unit in the heading, '{word} [ms]'")
+        if (factor := not_shrinking(chains_of(records))) is not None:
+            rows[0].refuse(column, _no_ball(factor, records, column))
+        self._check_drops(rows, records)
 
     def _check_drops(self, rows: Sequence[Row], records: Sequence[Interval]) -> None:
         """Refuse drop heights to which the flights after the first impact do not fit."""
@@ -162,6 +217,9 @@ class Intervals(Layout[Interval]):
             "intervals": span([record.seconds for record in records], "s"),
         }
 
+    def notes(self, records: Sequence[Interval]) -> tuple[str, ...]:
+        return (FROM_FILE,) if records and records[0].sigma is not None else ()
+
     def pair(self, records: Sequence[Interval], flight: Flight) -> Paired[Interval]:
         at = {(record.group, record.bounce): record for record in records}
         couples = [
@@ -174,8 +232,11 @@ class Intervals(Layout[Interval]):
         # Three trigger times n₁, n₂, n₃ make two intervals. With independent errors of the
         # triggers, ln e = (n₃ - n₂) p - (n₂ - n₁) q, whose variance over σ² is 2 (p² + q² + p q).
         factor, covariance = 2 * (p**2 + q**2 + p * q), _known(couples, p, q)
+        square = 0.0 if covariance is None else _mean_square(couples)
+        if couples and couples[0][0].sigma is not None:
+            covariance, square = _by_sigma(couples, p, q)
         if covariance is not None:
-            factor = np.diag(covariance) / _mean_square(couples)
+            factor = np.diag(covariance) / square
         return Paired(
             velocity=landing,
             restitution=restitution,
@@ -184,7 +245,8 @@ class Intervals(Layout[Interval]):
             records=couples,
             unpaired=len(records) - len({record.row for couple in couples for record in couple}),
             covariance=covariance,
-            reading=0.0 if covariance is None else math.sqrt(_mean_square(couples)),
+            reading=math.sqrt(square),
+            absolute=bool(couples) and couples[0][0].sigma is not None,
         )
 
     def flights(self, records: Sequence[tuple[Interval, ...]]) -> Flights:
@@ -201,6 +263,48 @@ class Intervals(Layout[Interval]):
             near = [at.get((group, bounce + step), math.nan) for step in range(-2, 4)]
             guesses[k] = _trigger_fault(near, e)
         return guesses
+
+
+def interval_groups(rows: Sequence[Row]) -> list[Group]:
+    """The ball, the drop height and the trial of each row."""
+    return [
+        (
+            row.place[0],
+            row.positive("drop_height_m") if "drop_height_m" in row.values else None,
+            row.text("trial", "1"),
+        )
+        for row in rows
+    ]
+
+
+def chains_of(records: Sequence[Interval]) -> list[Floats]:
+    """The intervals of each trial that follow each other without a gap, in order."""
+    chains: list[list[Interval]] = []
+    order = {group: k for k, group in enumerate(dict.fromkeys(one.group for one in records))}
+    for record in sorted(records, key=lambda one: (order[one.group], one.bounce)):
+        last = chains[-1][-1] if chains else None
+        if last is None or (last.group, last.bounce + 1) != (record.group, record.bounce):
+            chains.append([])
+        chains[-1].append(record)
+    return [np.array([one.seconds for one in chain]) for chain in chains]
+
+
+def _no_ball(factor: float, records: Sequence[Interval], column: str) -> str:
+    """Why intervals that stay the same or grow are those of no ball, and what they may be."""
+    usual = float(np.median([record.seconds for record in records]))
+    ball = "those of a bouncing ball shrink"
+    if factor > 2 - EVEN:
+        return (
+            f"intervals grow, by the factor {factor:.3g} from one to the next (the median), where "
+            f"{ball}; are they in reverse order?"
+            + ' Or are these the times of bounces? Then say so with `columns="bounce time=..."`'
+            * (column == "interval_s")
+        )
+    return (
+        f"intervals stay the same, {usual:.3g} s (the median), where {ball}; such are the steps of "
+        "a clock, of frames or of a sampled record: give the column that was measured at these "
+        "times, a height say, or more bounces"
+    )
 
 
 class Ratios(NamedTuple):
@@ -270,6 +374,25 @@ def _known(couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats) -
     matrix *= sigma
     shared = np.array(list(contacts.values()))
     return matrix @ matrix.T + shared.T @ shared
+
+
+def _by_sigma(
+    couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats
+) -> tuple[Floats, float]:
+    """The covariance (n, n) of ln e by independent errors of intervals, of which two pairs that
+    follow each other share one, and the mean square error in s² of a trigger, of which an interval
+    has two.
+    """
+    number: dict[tuple[Group, int], int] = {}
+    sigma: list[float] = []
+    slopes = np.zeros((len(couples), 2 * len(couples)))
+    for k, couple in enumerate(couples):
+        for one, slope in zip(couple, (-q[k], p[k]), strict=True):
+            place = number.setdefault((one.group, one.bounce), len(number))
+            if place == len(sigma):
+                sigma.append(one.sigma or 0.0)
+            slopes[k, place] = slope * sigma[place]
+    return slopes @ slopes.T, float(np.mean(np.square(sigma))) / 2
 
 
 def _mean_square(couples: Sequence[tuple[Interval, Interval]]) -> float:

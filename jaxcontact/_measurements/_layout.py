@@ -13,12 +13,17 @@ import numpy as np
 
 from .._flight import Flight, Floats
 from ._heading import Meaning, words
-from ._sheet import Row
+from ._match import Match
+from ._sheet import Row, Sheet
 
 LABELS = {
     "ball": Meaning(words("ball, object, sample, specimen, material")),
     "trial": Meaning(words("trial, run, series, experiment, repetition, rep, drop number")),
-    "bounce": Meaning(words("bounce, bounce number, impact, impact number, number, n, k, i")),
+    "bounce": Meaning(
+        words(
+            "bounce, bounce number, impact, impact number, number, n, k, i, lap, lap number, lap no"
+        )
+    ),
 }
 """What layouts have in common."""
 
@@ -69,7 +74,7 @@ class Paired(NamedTuple, Generic[R]):
 
     Approach speeds `velocity` in m/s, the measured `restitution`, `reading_factor` and `records` as
     in `Pairs`; `clusters` names for each pair the group that shares errors; `unpaired` counts the
-    records that make no pair; `covariance` and `reading` as in `Pairs`.
+    records that make no pair; `covariance`, `reading` and `absolute` as in `Pairs`.
     """
 
     velocity: Floats
@@ -80,6 +85,7 @@ class Paired(NamedTuple, Generic[R]):
     unpaired: int = 0
     covariance: Floats | None = None
     reading: float = 0.0
+    absolute: bool = False
 
 
 class Flights(NamedTuple):
@@ -166,13 +172,17 @@ class Layout(abc.ABC, Generic[R]):
         """The columns that cannot be left out and are not among those that are there."""
         return [column for column in self.measured if column not in there]
 
+    def fits(self, made: Match, sheet: Sheet) -> bool:
+        """Whether columns that match mean this layout, where nobody says so."""
+        return True
+
     def at_rate(self, rate: float | None) -> Layout[R]:
         """The layout of a file of `rate` readings per second. Raises ValueError where none is."""
         if rate is None:
             return self
         raise ValueError(
-            f"Argument `rate` must be None for columns of the layout {self.name!r}, which are no "
-            f"readings over time, but is {rate:g}."
+            f"Argument `rate` must be None for {self.made_of}, which are no readings over time, "
+            f"but is {rate:g}."
         )
 
     def __repr__(self) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._parameter import rendered
+from ._deviation import is_bare
 from ._heading import Heading, Meaning, suggestion
 from ._sheet import Row, Sheet
 
@@ -79,13 +80,17 @@ def match(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Match | 
         places[name] = at = _place(sheet, place)
         unit = asked.unit or meanings[name].unit_in(sheet.names[at])
         headings[name] = Heading(sheet.names[at], unit)
-    for name, meaning in meanings.items():
+    for name, meaning in sorted(meanings.items(), key=lambda one: bool(one[1].like)):
         if name in places:
             continue
         free = [k for k in range(len(sheet.names)) if k not in places.values()]
         # The very name wins over what else means the same.
         found = [k for k in free if sheet.names[k] == name]
         found = found or [k for k in free if meaning.heading(sheet.names[k])]
+        if meaning.like and len(found) > 1:  # "v, ±, e, ±"
+            found = [k for k in found if k - 1 == places.get(meaning.like)] or found
+        if meaning.like and found and name not in told:
+            _check_beside(sheet, found[0], meaning, meanings, places)
         if len(found) > 1:
             first, second = (sheet.names[k] for k in found[:2])
             problem = f"is there twice in the header{_say(name, found[0])}"
@@ -106,7 +111,29 @@ def match(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Match | 
                 raise sheet.fault(problem, text)
     # In the order of the layout, with the columns that were told among the others.
     order = [name for name in meanings if name in places]
+    for name in order:
+        own, like = headings[name], headings.get(meanings[name].like)
+        unit = like.unit if own.unit is None and like is not None else own.unit
+        headings[name] = dataclasses.replace(own, unit=unit, is_time=meanings[name].unit == "s")
     return Match({n: places[n] for n in order}, {n: headings[n] for n in order})
+
+
+def _check_beside(
+    sheet: Sheet,
+    place: int,
+    meaning: Meaning,
+    meanings: Mapping[str, Meaning],
+    places: Mapping[str, int],
+) -> None:
+    """Refuse "v, ±, e", whose deviations may be those of either."""
+    left = next((name for name, k in places.items() if k == place - 1), meaning.like)
+    if left == meaning.like or meanings[left].unit is None or not is_bare(sheet.names[place]):
+        return
+    raise sheet.fault(
+        f"may be the standard deviation of {left} or of {meaning.like}; say so in the heading, as "
+        f"in 'u({sheet.names[place - 1]})', or with `columns=\"sigma={place + 1}\"`",
+        sheet.names[place],
+    )
 
 
 def _named(key: str, meanings: Mapping[str, Meaning]) -> tuple[str, Heading] | None:

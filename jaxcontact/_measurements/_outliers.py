@@ -14,9 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._flight import Floats
+from .._flight import Flight, Floats
 from ._noise import RELATIVE_FLOOR, Noise, estimate_noise, mad_sigma
-from ._pairs import Pairs
+from ._pairs import LEAST_PAIRS, Pairs, make_pairs
+from ._recording import read_recording
 
 THRESHOLD = 6.0
 """Pairs beyond this many robust standard deviations are marked. Real scatter has longer tails than
@@ -100,6 +101,24 @@ def _off_curve(pairs: Pairs) -> NDArray[np.bool_]:
     # Readings differ in their noise.
     noise = estimate_noise(residual[keep], pairs.reading_factor[keep], robust=True)
     return np.abs(residual) > THRESHOLD * noise.sigma(pairs.reading_factor)
+
+
+def marked_in(
+    velocity: Floats, e: Floats, sigma: Floats | None = None
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Which rows (n,) of a table are marked, and e on the trend; NaN in `e` is no row.
+
+    `sigma` is the standard deviation of e.
+    """
+    there = (velocity > 0) & (e > 0)
+    marked = np.zeros(e.shape, bool)
+    if there.sum() < LEAST_PAIRS:
+        return marked, np.where(there, e, 1.0)
+    known = {} if sigma is None else {"sigma": sigma[there]}
+    table = read_recording(velocity=velocity[there], restitution=e[there], **known)
+    found = find_outliers(make_pairs(table, Flight()))
+    marked[there] = found.flagged
+    return marked, np.exp(found.trend(velocity))
 
 
 class Marked(NamedTuple):

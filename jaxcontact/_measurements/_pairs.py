@@ -30,7 +30,8 @@ class Pairs:
     `layout.reading_error.unit`) gives ln e the variance σ² · `reading_factor`. `cluster` numbers
     the group of pairs that share errors, whose names are `cluster_names`. `records` are those of
     each pair; `unpaired` counts the records that make no pair. Where the errors of the readings are
-    known, `covariance` (n, n) is that of ln e by them, and `reading` is their usual size.
+    known, `covariance` (n, n) is that of ln e by them, and `reading` is their usual size;
+    `absolute`, whether that is all of the noise, as where a file gives standard deviations.
     """
 
     source: str
@@ -48,6 +49,7 @@ class Pairs:
     unpaired: int
     covariance: Floats | None = None
     reading: float = 0.0
+    absolute: bool = False
 
     def __len__(self) -> int:
         return len(self.velocity)
@@ -100,4 +102,5 @@ def make_pairs(recording: Recording, flight: Flight) -> Pairs:
         unpaired=made.unpaired,
         covariance=made.covariance,
         reading=made.reading,
+        absolute=made.absolute,
     )

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._flight import Flight, speed_after_drop, speed_to_reach
 from ._heading import Meaning, words
+from ._intervals import not_shrinking
 from ._layout import LABELS, Flights, Layout, Paired, ReadingError, Record, bounces_of, span
 from ._restitution import MEASURED_RESTITUTION, length_guess
 from ._sheet import Row
@@ -66,6 +67,13 @@ class Peaks(Layout[Peak]):
         if rises and (rise := float(np.median(rises))) > MEASURED_RESTITUTION.high**2:
             told = f"balls rise to {rise:.3g} times the height before (the median)"
             rows[0].refuse("height_m", told + length_guess(rise))
+        if rises and (factor := not_shrinking(_chains(records), 2.0)) is not None:
+            rows[0].refuse(
+                "height_m",
+                f"each height is {factor:.4g} times the one before (the median), where those of a "
+                "bouncing ball shrink; heights over time need their times beside them, in a "
+                "column `time`",
+            )
         return records
 
     def facts(self, records: Sequence[Peak]) -> Mapping[str, str]:
@@ -95,6 +103,17 @@ class Peaks(Layout[Peak]):
             records=couples,
             unpaired=len(records) - len({one.row for couple in couples for one in couple}),
         )
+
+
+def _chains(records: Sequence[Peak]) -> list[np.ndarray]:
+    """The heights of successive flights of each trial."""
+    chains: dict[tuple[str, str], list[Peak]] = {}
+    for one in records:
+        chains.setdefault((one.ball, one.trial), []).append(one)
+    return [
+        np.array([one.height for one in sorted(chain, key=lambda one: one.bounce)])
+        for chain in chains.values()
+    ]
 
 
 def _couples(records: Sequence[Peak]) -> list[tuple[Peak, Peak]]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 import functools
 import itertools
 import math
 import os
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from typing import IO, Any
 
 import numpy as np
@@ -16,15 +18,19 @@ from .._parameter import POSITIVE, did_you_mean, rendered, require_choice, requi
 from .._sound import Sound
 from .._track import Track
 from ._clock import with_clock
+from ._deviation import unused_notes
 from ._fault import RecordingError
 from ._heading import Meaning, suggestion
-from ._layout import LAYOUTS, Layout, Record
+from ._layout import LABELS, LAYOUTS, Layout, Record
 from ._match import Match, Told, as_told, check_usual, match, unknown_name
+from ._samples import sound_of
 from ._sheet import Sheet, sheet_of
 from ._sound import heard, sound_in
 from ._track import counts_frames, tracks_of
 
 _SHIPPED_BALL = "blue"
+
+_UNIT_ALONE = re.compile(r"\[[^\]]*\]")
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -172,6 +178,7 @@ def read_recording(
     rate = None if rate is None else require_number("rate", rate, POSITIVE)
     if rate is not None and not counts_frames([*sheet.names, *told]):
         sheet = with_clock(sheet, rate)
+    sheet = _with_trials(sheet, every, told)
     meant, found = _layout_of(sheet, layout, told, meanings)
     meant = meant.at_rate(rate)
     rows = found.rows(sheet)
@@ -199,8 +206,20 @@ def read_recording(
         problem = f"has no ball {ball!r}; it holds {named or 'no named ball'}"
         raise sheet.fault(problem + did_you_mean(ball, balls).rstrip("?"), "ball")
     mine = tuple(record for record in records if record.ball == ball)
-    notes = (*found.notes(), *sheet.notes, *meant.notes(mine))
-    return Recording(sheet.source, meant, ball, mine, notes)
+    unused = unused_notes(sheet.names, found.places)
+    notes = (*found.notes(), *sheet.notes, *meant.notes(mine), *unused)
+    return Recording(sheet.source, meant, ball, mine, notes, sound_of(mine))
+
+
+def _with_trials(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Sheet:
+    """The columns with the number of the part, where headings are repeated, as the trial."""
+    trial = meanings["trial"]
+    if not sheet.repeats or any(map(trial.heading, [*sheet.names, *told])):
+        return sheet
+    ends = sheet.repeats
+    return sheet.beside(
+        "trial", lambda _, number: 1 + bisect.bisect(ends, number), "each part is a trial"
+    )
 
 
 def _check_sound(
@@ -226,7 +245,7 @@ def _layout_of(
 ) -> tuple[Layout[Any], Match]:
     """The layout called `name`, or the one that the columns fit best; its columns are there."""
     layouts = [one for one in LAYOUTS.values() if name in (None, one.name)]
-    if not told and sheet.names and not any(sheet.names):
+    if not told and sheet.names and not any(_UNIT_ALONE.sub("", text) for text in sheet.names):
         raise _without_headings(sheet)
     found: dict[str, Match | RecordingError] = {}
     for one in layouts:
@@ -234,8 +253,12 @@ def _layout_of(
             made = match(sheet, meanings[one.name], told)
         except RecordingError as error:
             made = error
-        guessed = one.fitted and name is None and not told
-        if made is not None and not (guessed and _only_a_letter(made)):
+        guessed = name is None and not told
+        if guessed and one.fitted and _only_a_letter(made):
+            continue
+        if guessed and isinstance(made, Match) and not one.fits(made, sheet):
+            continue
+        if made is not None:
             found[one.name] = made
     if not found:
         raise ValueError(
@@ -264,7 +287,7 @@ def _layout_of(
     if isinstance(made, RecordingError):
         raise made
     missing = meant.lacking(made.places)
-    if missing and not made.places and name is None:
+    if missing and not made.places.keys() - LABELS.keys() and name is None:
         choices = "; ".join(", ".join(one.measured) for one in layouts)
         every = {key: m for one in meanings.values() for key, m in one.items()}
         guesses = (suggestion(text, every) for text in sheet.names if text)
@@ -277,27 +300,50 @@ def _layout_of(
         near = {column: meant.meaning(column)}
         guess = next((f"; is it {t!r}?" for t in others if t and suggestion(t, near)), "")
         raise sheet.fault(
-            f"is missing; the layout {meant.name!r} needs the columns "
-            f"{', '.join(meant.measured)}{_how_to_say(sheet, column)}"
+            f"is missing; {_needed(meant, found, sheet, name is not None)}"
+            f"{_how_to_say(sheet, column, made.places.values())}"
             f"{meant.instead.get(column, '')}{guess}",
             column,
         )
     return meant, made
 
 
-def _only_a_letter(made: Match | RecordingError) -> bool:
+def _needed(
+    one: Layout[Any], found: Mapping[str, Match | RecordingError], sheet: Sheet, asked: bool
+) -> str:
+    """What is needed beside the columns that are there.
+
+    A layout has a name only where that was `asked` for.
+    """
+    if asked:
+        return f"the layout {one.name!r} needs the columns {', '.join(one.measured)}"
+    made = {
+        name: match
+        for name, match in found.items()
+        if isinstance(match, Match) and match.places.keys() - LABELS.keys()
+    }
+    lacks = {name: LAYOUTS[name].lacking(match.places) for name, match in made.items()}
+    mine = lacks[one.name]
+    sets = [", ".join(few) for few in lacks.values() if len(few) == len(mine)]
+    beside = [h.text for name, h in made[one.name].headings.items() if name not in LABELS]
+    needed = " or ".join(dict.fromkeys([", ".join(mine), *sets]))
+    return f"beside {', '.join(beside)} a column {needed} is needed"
+
+
+def _only_a_letter(made: Match | RecordingError | None) -> bool:
     """Whether all that a table has of a layout is a letter, which may mean anything."""
-    if isinstance(made, RecordingError) or len(made.headings) != 1:
+    if not isinstance(made, Match) or len(made.headings) != 1:
         return False
     (heading,) = made.headings.values()
     return len(heading.text) == 1
 
 
-def _how_to_say(sheet: Sheet, column: str = "velocity") -> str:
-    """How to name a column whose heading is not understood."""
+def _how_to_say(sheet: Sheet, column: str = "velocity", used: Iterable[int] = ()) -> str:
+    """How to name a column whose heading is not understood, and that is not `used`."""
     if sheet.by_keyword or not sheet.names:
         return ""
-    return f'; if a column holds it, say which, as in `columns="{column}=1"`'
+    free = min({*range(len(sheet.names))} - {*used}, default=0) + 1
+    return f'; if a column holds it, say which, as in `columns="{column}={free}"`'
 
 
 def _without_headings(sheet: Sheet) -> RecordingError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.resources
 import math
+import operator
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -33,7 +34,7 @@ _OTHER_KINDS = {
 """What begins so is no table."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(slots=True, eq=False)
 class Row:
     """The values of one measurement by column; texts, numbers, or None for what is missing.
 
@@ -65,7 +66,11 @@ class Row:
         if default is not None and column not in self.values:
             return default
         value = self.values[column]
-        if not isinstance(value, str | int | float) and np.ndim(value) > 0:
+        if isinstance(value, str):
+            if (text := value.strip()) in ("", "<NA>"):
+                self.refuse(column, "is empty")
+            return text
+        if not isinstance(value, int | float) and np.ndim(value) > 0:
             self.refuse(column, f"{rendered(value)} is no single value")
         # 1.0 names the same trial as 1.
         whole = isinstance(value, float) and value.is_integer()
@@ -110,6 +115,10 @@ class Row:
     def _number(self, column: str, kind: str) -> tuple[str, float]:
         text, value = self.text(column), self.values[column]
         try:
+            if isinstance(value, str):
+                if ":" in value and self._is_time(column):
+                    return text, _seconds(value)
+                return text, float(value)
             # `float` takes bytes and flags, too, and cuts digits off.
             if isinstance(value, bytes | bytearray | bool | np.bool_):
                 raise TypeError
@@ -119,6 +128,27 @@ class Row:
         except (TypeError, ValueError, OverflowError):
             written = "; leave the unit out and write it in the heading" * _has_unit(value)
             self.refuse(column, f"{rendered(text)} is not {kind}{written}")
+
+    def _is_time(self, column: str) -> bool:
+        """Whether a column holds times, of which none is written in ms or another unit."""
+        heading = self.headings.get(column)
+        return (
+            heading is not None
+            and heading.is_time
+            and not (heading.unit is not None and heading.unit.converts)
+        )
+
+
+_CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d{1,2}(?:[.,]\d+)?)")
+
+
+def _seconds(text: str) -> float:
+    """The seconds of a time as hh:mm:ss.cc or mm:ss.cc. Raises ValueError for anything else."""
+    found = _CLOCK.fullmatch(text.strip())
+    if found is None:
+        raise ValueError
+    hours, minutes, seconds = found.groups()
+    return 3600.0 * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
 
 
 _NUMBER_AND_UNIT = re.compile(r"[+-]?[\d.,]+\s*([^\d\s].*)")
@@ -136,7 +166,7 @@ class Sheet:
 
     `source` and `header_row` (None where there is no header) are the places for messages; `wanted`
     are positions among `names`, of which some may be empty. `by_keyword` is true for columns given
-    by keyword, and `notes` say how a file was read.
+    by keyword, `notes` say how a file was read, and `repeats` are rows of headings within it.
     """
 
     source: str
@@ -145,6 +175,25 @@ class Sheet:
     lines: Callable[[Sequence[int]], list[tuple[int, list[Any]]]]
     notes: tuple[str, ...] = ()
     by_keyword: bool = False
+    repeats: tuple[int, ...] = ()
+
+    def beside(self, name: str, value: Callable[[int, int], Any], note: str) -> Sheet:
+        """The columns with one more, of `value(k, number)` for the row k, from 0."""
+        place = len(self.names)
+
+        def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
+            rows = self.lines([k for k in wanted if k != place])
+            if place not in wanted:
+                return rows
+            at = list(wanted).index(place)
+            return [
+                (number, [*cells[:at], value(k, number), *cells[at:]])
+                for k, (number, cells) in enumerate(rows)
+            ]
+
+        return dataclasses.replace(
+            self, names=[*self.names, name], lines=lines, notes=(*self.notes, note)
+        )
 
     def rows(self, places: Mapping[str, int], headings: Mapping[str, Heading]) -> list[Row]:
         """The rows, with the values of columns at some places under other names."""
@@ -269,6 +318,8 @@ def _of_grid(grid: Grid, source: str) -> Sheet:
 
     def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
         for number, cells in grid.rows:
+            if len(cells) <= len(names):
+                continue
             full = len(cells) - next((k for k, c in enumerate(reversed(cells)) if c != ""), 0)
             if full > len(names):
                 split = full == 2 * len(names)
@@ -276,9 +327,13 @@ def _of_grid(grid: Grid, source: str) -> Sheet:
                 problem = f"has {full} fields where the header has {len(names)}{guess}"
                 raise RecordingError(problem, source, number, names[-1])
         # Fields that a short line lacks are empty.
+        end, some = max(wanted, default=-1), len(wanted) > 1
+        pick = operator.itemgetter(*wanted) if some else lambda cells: [cells[k] for k in wanted]
         return [
-            (number, [cells[k] if k < len(cells) else "" for k in wanted])
+            (number, list(pick(cells)))
+            if len(cells) > end
+            else (number, [cells[k] if k < len(cells) else "" for k in wanted])
             for number, cells in grid.rows
         ]
 
-    return Sheet(source, names, grid.header_row, lines, grid.notes)
+    return Sheet(source, names, grid.header_row, lines, grid.notes, repeats=grid.repeats)

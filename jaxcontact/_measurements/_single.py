@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from .._flight import Flight, speed_after_drop, speed_to_reach
+from ._deviation import FROM_FILE, deviation_of
 from ._heading import Meaning, words
 from ._layout import DROP_HEIGHT, LABELS, Flights, Layout, Paired, ReadingError, Record, span
 from ._restitution import MEASURED_RESTITUTION, in_percent, length_guess
@@ -113,19 +114,27 @@ E = Meaning(
 
 @dataclasses.dataclass(frozen=True)
 class Point(Record):
-    """A restitution measured at a known approach speed in m/s."""
+    """A restitution measured at a known approach speed in m/s, and its standard deviation."""
 
     velocity: float
     restitution: float
+    sigma: float | None = None
+
+
+SIGMA_E = deviation_of(
+    "restitution", ("e", "cor", "en", "ε", "restitution", "coefficient of restitution"), ""
+)
 
 
 class Table(Layout[Point]):
     """Rows of approach speed and restitution, taken as they are; a column `ball` is optional."""
 
     name = "table"
-    columns = ("ball", "velocity", "restitution")
+    columns = ("ball", "sigma", "velocity", "restitution")
     measured = ("velocity", "restitution")
-    meanings = MappingProxyType({"ball": LABELS["ball"], "velocity": VELOCITY, "restitution": E})
+    meanings = MappingProxyType(
+        {"ball": LABELS["ball"], "velocity": VELOCITY, "restitution": E, "sigma": SIGMA_E}
+    )
     reading_error = None
     uses_flight = False
     made_of = "rows of speed and restitution"
@@ -135,7 +144,8 @@ class Table(Layout[Point]):
     errors_words = "by row (sandwich), which allows for scatter that differs from row to row"
 
     def read(self, rows: Sequence[Row]) -> list[Point]:
-        points = [Point(*row.place, *map(row.positive, self.measured)) for row in rows]
+        there = [name for name in (*self.measured, "sigma") if rows and name in rows[0].values]
+        points = [Point(*row.place, *map(row.positive, there)) for row in rows]
         e = np.array([point.restitution for point in points])
         if (high := e > MEASURED_RESTITUTION.high).any():
             i = int(np.argmax(high))
@@ -153,12 +163,18 @@ class Table(Layout[Point]):
             "restitutions": span([record.restitution for record in records]),
         }
 
+    def notes(self, records: Sequence[Point]) -> tuple[str, ...]:
+        return (FROM_FILE,) if records and records[0].sigma is not None else ()
+
     def pair(self, records: Sequence[Point], flight: Flight) -> Paired[Point]:
         velocity, restitution = np.array([(one.velocity, one.restitution) for one in records]).T
+        sigma = np.array([one.sigma for one in records if one.sigma is not None])
         return Paired(
             velocity=velocity,
             restitution=restitution,
             reading_factor=np.zeros(len(records)),
             clusters=[f"row {record.row}" for record in records],
             records=[(record,) for record in records],
+            covariance=np.diag((sigma / restitution) ** 2) if sigma.size else None,
+            absolute=sigma.size > 0,
         )

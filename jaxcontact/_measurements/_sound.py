@@ -6,12 +6,15 @@ import io
 import itertools
 import os
 import pathlib
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .._parameter import require_path
 from .._sound import Sound, SoundError, is_sound
 from ._fault import RecordingError
 from ._intervals import Interval, Timing
+
+if TYPE_CHECKING:
+    from .._sound._audio import Audio
 
 _CONTACT = 4e-4
 """In s: contacts of balls that bounce on hard floors last up to a millisecond."""
@@ -45,8 +48,10 @@ def sound_in(source: Any) -> tuple[str, pathlib.Path | bytes] | None:
     return name if isinstance(name, str) else "the sound", source.read()
 
 
-def heard(name: str, source: pathlib.Path | bytes) -> tuple[Sound, list[Interval], list[str]]:
-    """What is in a sound file: the intervals of each drop, as a trial, and notes.
+def heard(
+    name: str, source: pathlib.Path | bytes | Audio
+) -> tuple[Sound, list[Interval], list[str]]:
+    """What is in a sound: the intervals of each drop, as a trial, and notes.
 
     Raises RecordingError for a file that cannot be read, and where no ball bounces in it.
     """

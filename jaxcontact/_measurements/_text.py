@@ -9,6 +9,7 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import itertools
 import re
 from collections import Counter
 from typing import NamedTuple
@@ -82,8 +83,9 @@ def text_grid(text: str, source: str, known: Known, decimal: str | None = None) 
     # The beginning of a long file decides.
     readings = [_reading(data[:_ENOUGH], separator, source, known) for separator in allowed]
     best = max(readings, key=lambda one: one.score)
-    if len(data) > _ENOUGH:
-        best = _reading(data, best.separator, source, known)
+    if len(data) > _ENOUGH and best.score[1] > 0:
+        rows, error = _split(data, best.separator, source)
+        best = best._replace(rows=rows, error=error)
     if best.score[1] == 0:
         # One column, however it is read.
         rows = [(k, [line.strip().strip('"')]) for k, line in enumerate(data, 1) if line.strip()]
@@ -98,7 +100,36 @@ def text_grid(text: str, source: str, known: Known, decimal: str | None = None) 
     notes = [f"separated by {_SEPARATORS.get(best.separator, repr(best.separator))}"] * (
         best.separator not in ("", ",")
     ) + ["with decimal commas"] * commas
+    if (found := _labels(rows)) is not None:
+        names, rows = found
+        return Grid(names, None, rows, (*notes, "labels of an audio editor"))
     return grid_of(rows, known, notes)
+
+
+def _labels(rows: list[Line]) -> tuple[list[str], list[Line]] | None:
+    """The columns of labels: times in s, the ends of stretches, if any, and texts.
+
+    Audacity writes "0.52, 0.52, bounce", with a line of frequencies behind a backslash for some.
+    """
+    rows = [row for row in rows if row[1][0] != "\\"]
+    made: list[Line] = []
+    for row, cells in rows:
+        texts = [cell for cell in cells if not is_number(cell)]
+        times = cells[: len(cells) - len(texts)]
+        if not 1 <= len(times) <= 2 or cells[len(times) :] != texts or len(texts) > 1:
+            return None
+        made.append((row, [*(float(one) for one in times), *(texts or [""])]))
+    starts, widths = [cells[0] for _, cells in made], {len(cells) for _, cells in made}
+    if len(widths) != 1 or any(b <= a for a, b in itertools.pairwise(starts)):
+        return None
+    stretches = widths == {3}
+    if stretches and any(cells[1] < cells[0] for _, cells in made):
+        return None
+    if not any(cells[-1] for _, cells in made) and not (
+        stretches and all(cells[0] == cells[1] for _, cells in made)
+    ):
+        return None
+    return ["start time", *["end of label"] * stretches, "label"], made
 
 
 def _commented_heading(
@@ -116,8 +147,12 @@ def _commented_heading(
 def _reading(data: list[str], separator: str, source: str, known: Known) -> _Reading:
     rows, error = _split(data, separator, source)
     widths = Counter(len(cells) for _, cells in rows if any(map(is_number, cells)))
-    width = widths.most_common(1)[0][0] if widths else max((len(c) for _, c in rows), default=0)
     heading = max((known_cells(cells, known) for _, cells in rows), default=0)
+    if not widths:  # words, which blanks separate in any text
+        width = max((len(cells) for _, cells in rows), default=0)
+        share = 0.5 * (width > 1) * (heading > 0) * (separator != " ")
+        return _Reading(separator, rows, (0, share), error)
+    width = widths.most_common(1)[0][0]
     if width < 2:
         return _Reading(separator, rows, (heading > 0, 0.0), error)
     headings = [len(cells) for _, cells in rows if known_cells(cells, known) == heading > 0]
@@ -154,6 +189,9 @@ def _split(
 
 def _blanks(line: str) -> str:
     """A line whose columns blanks separate, with single ones, and units beside their words."""
+    parts = line.split()
+    if all(map(is_number, parts)):
+        return " ".join(parts) + "\n"
     text = re.sub(r"\s+(?=[\[(])", "", line.strip())
     text = re.sub(r"\s*/\s*", "/", text)
     if re.search(r"\S\s{2,}\S", text):

@@ -117,5 +117,6 @@ def _waves(time: Floats, frequencies: list[float]) -> np.ndarray:
 def _gain(time: Floats, value: Floats, frequency: float) -> float:
     """By how much a wave of this frequency lowers the sum of squares."""
     columns = _waves(time, [frequency])
-    left = value - columns @ np.linalg.lstsq(columns, value)[0]
+    # Of orthogonal columns, nearly: the normal equations lose no digits, and take a tenth.
+    left = value - columns @ np.linalg.solve(columns.T @ columns, columns.T @ value)
     return float(np.sum((value - value.mean()) ** 2) - left @ left)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from .._calibration import CalibrationSummary
 from .._calibration._report import (
-    NOISE_NOTE,
     data_words,
     drag_caution,
     equivalents_sentence,
@@ -13,6 +12,7 @@ from .._calibration._report import (
     line_sentence,
     marked_rows,
     marking_rule,
+    noise_note,
     open_questions,
     side_by_side_rows,
     speed_rows,
@@ -114,7 +114,7 @@ def compared(s: CalibrationSummary) -> Html:
         paragraphs(
             "lower is better; k counts parameters; held out is the root mean square of residual "
             "over noise at speeds that were left out",
-            NOISE_NOTE,
+            noise_note(s),
             line_sentence(s.choice),
         ),
         element("h3", "Whether they describe the data"),

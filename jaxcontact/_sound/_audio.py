@@ -27,9 +27,9 @@ class SoundError(ValueError):
 
 
 class Audio(NamedTuple):
-    """A sound file: frames per second, counts, and `read(start, count)` of frames from -1 to 1."""
+    """A sound: frames per second, counts, and `read(start, count)` of frames from -1 to 1."""
 
-    rate: int
+    rate: float
     frames: int
     channels: int
     words: str

@@ -45,16 +45,16 @@ _LOUD = 12.0
 _AMPLITUDES = 0.15, 2.5
 
 
-def listen(source: pathlib.Path | bytes) -> Sound:
-    """Find the bounces in a file of sound, or in its bytes.
+def listen(source: pathlib.Path | bytes | Audio) -> Sound:
+    """Find the bounces in a file of sound, in its bytes, or in samples.
 
     Raises SoundError for what cannot be read and for a recording that is too short; a recording
     without bounces has no drops.
     """
-    audio = open_sound(source)
+    audio = source if isinstance(source, Audio) else open_sound(source)
     if audio.rate < _LEAST_RATE:
         raise SoundError(
-            f"has {audio.rate} samples per second, but at least {_LEAST_RATE} are needed to tell "
+            f"has {audio.rate:g} samples per second, but at least {_LEAST_RATE} are needed to tell "
             "the time of an impact"
         )
     if audio.seconds < _SHORT:
@@ -72,7 +72,7 @@ def listen(source: pathlib.Path | bytes) -> Sound:
         least = np.sort(rises.ratio)[-_MOST_RISES]
         rises = rises.some(rises.ratio >= least)
     drops, others = _drops(audio, filters[channel], rises)
-    bits = f"{audio.words}, {audio.rate} Hz"
+    bits = f"{audio.words}, {audio.rate:g} Hz"
     if audio.channels > 1:
         bits += f", channel {channel + 1} of {audio.channels}"
     return Sound(bits, audio.seconds, channel + 1, drops, others, found[channel])

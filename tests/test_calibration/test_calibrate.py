@@ -7,8 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.stats import chi2
 
 import jaxcontact as jc
+from jaxcontact._flight import Flight
+from jaxcontact._measurements import make_pairs
 from tests.test_calibration import oracle
 from tests.test_measurements.simulate import recording
 
@@ -346,3 +349,48 @@ def test_stages_are_reported_to_a_function(capsys):
     assert stages[0].startswith("looking for spurious and missed triggers in 220 pairs")
     assert "fitting constant c" in stages
     assert capsys.readouterr().err == ""
+
+
+def test_standard_deviations_of_a_file_are_taken_as_they_are():
+    """As `choose_law` takes them: weights, and a χ² of SciPy's."""
+    random = np.random.default_rng(5)
+    v = np.linspace(0.5, 4, 16)
+    sigma = np.where(np.arange(16) % 2, 0.004, 0.02)
+    e = np.round(0.8 + sigma * random.normal(size=16), 6)
+    rows = "".join(f"{a},{b},{c}\n" for a, b, c in zip(v, e, sigma, strict=True))
+    found = calibrated("v,e,std\n" + rows, law="constant_damping")
+    mean = np.sum(e / sigma**2) / np.sum(sigma**-2)
+    fit = found.choice.fits["constant e"]
+    # ln e instead of e, with σ/√(e e₀), moves it by a hundredth of its error.
+    np.testing.assert_allclose(fit.params["e"], mean, atol=0.02 * np.sum(sigma**-2) ** -0.5)
+    square = np.sum((e - mean) ** 2 / sigma**2)
+    np.testing.assert_allclose(fit.adequacy.chi2_p, chi2.sf(square, 15), rtol=0.02)
+    told = jc.choose_law(v, e, jc.Contact(1.0, 1.0), law="constant_damping", sigma=sigma)
+    np.testing.assert_allclose(told.fits["constant e"].params["e"], fit.params["e"], rtol=SAME)
+    np.testing.assert_allclose(told.candidates[0].aicc, found.choice.candidates[0].aicc, rtol=1e-6)
+    assert "the standard deviations in the file" in found.report()
+    # Ten times as small they are too small: no law describes the rows, by χ² alone.
+    rows = "".join(f"{a},{b},{c / 10}\n" for a, b, c in zip(v, e, sigma, strict=True))
+    small = calibrated("v,e,std\n" + rows, law="constant_damping").choice.fits["constant e"]
+    assert small.adequacy.chi2_p < 1e-6 and not small.adequate
+
+
+def test_standard_deviations_of_intervals_are_shared_by_pairs():
+    seconds = 0.5 * 0.85 ** np.arange(7)
+    random = np.random.default_rng(1)
+    seconds *= np.exp(0.002 * random.normal(size=7))
+    sigma = 1e-3 * (1 + np.arange(7) % 3)
+    recording = jc.read_recording(interval_s=seconds, sigma=sigma)
+    pairs = make_pairs(recording, Flight())
+    # ln e = ln T₂ - ln T₁; the noise is that of the interval that is expected.
+    expected = seconds[:-1] * np.median(seconds[1:] / seconds[:-1])
+    slope = np.zeros((6, 7))
+    slope[np.arange(6), np.arange(6)] = -1 / seconds[:-1]
+    slope[np.arange(6), np.arange(6) + 1] = 1 / expected
+    np.testing.assert_allclose(pairs.covariance, slope @ np.diag(sigma**2) @ slope.T, rtol=1e-12)
+    fit = jc.calibrate(recording, law="constant_damping").choice.fits["constant e"]
+    inverse = np.linalg.inv(pairs.covariance)
+    y = np.log(pairs.restitution)
+    mean, error = inverse.sum(axis=0) @ y / inverse.sum(), inverse.sum() ** -0.5
+    np.testing.assert_allclose(np.log(fit.params["e"]), mean, rtol=1e-6)
+    np.testing.assert_allclose(fit.standard_errors["e"] / fit.params["e"], error, rtol=1e-3)

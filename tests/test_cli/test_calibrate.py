@@ -212,3 +212,49 @@ def test_a_fit_that_does_not_converge_is_said(good, tmp_path, capsys, monkeypatc
     assert "NO, in 2 steps: 2 steps were not enough" in printed
     loaded = jc.load_calibration(tmp_path / NUMBERS)
     assert not loaded.converged and loaded.law is None
+
+
+FIT = ("--law", "exact", "--mass", "1", "--stiffness", "1e6")
+
+
+def judged(folder, capsys, text):
+    """Whether a constant e describes a table, by `calibrate` and `fit impacts`; the notes."""
+    path = folder / "table.csv"
+    path.write_text(text)
+    told = jc.calibrate(jc.read_recording(path), law="constant_damping")
+    assert main(["fit", "impacts", str(path), *FIT, "--json"]) == 0
+    fitted = json.loads(capsys.readouterr().out)
+    marked = [row for pair in told.summary.pairs if pair.marked for row in pair.rows]
+    assert ", ".join(map(str, marked)) in "; ".join(fitted["read_as"])
+    constant = told.choice.laws[0]
+    # Of a law that is wrong, errors of e and of ln e weigh rows differently.
+    np.testing.assert_allclose(
+        fitted["parameters"]["law.e"],
+        told.choice.fits["constant e"].params["e"],
+        rtol=1e-4 if constant.adequate else 5e-3,
+    )
+    return constant.adequate, fitted["adequate"], fitted["read_as"]
+
+
+def test_fit_impacts_gives_the_verdict_of_calibrate(tmp_path, capsys):
+    """The same rows, weights and standard deviations, in a file of two balls."""
+    random = np.random.default_rng(2)
+    v = np.linspace(0.5, 4, 20)
+    e = 0.8 + 0.01 * random.normal(size=20)
+    e[4] = 0.4
+    rows = list(zip(v, e, strict=True))
+    plain = "v,e\n" + "".join(f"{a},{b}\n" for a, b in rows)
+    calibrated, fitted, notes = judged(tmp_path, capsys, plain)
+    assert (calibrated, fitted) == (True, True)
+    assert "left out, as in `calibrate`: row 6" in notes[-1]
+    small = "v,e,u(e)\n" + "".join(f"{a},{b},0.003\n" for a, b in rows)
+    calibrated, fitted, notes = judged(tmp_path, capsys, small)
+    assert (calibrated, fitted) == (False, False)
+    assert any("standard deviations" in one for one in notes)
+    falling = "v,e\n" + "".join(f"{a},{b - 0.03 * a}\n" for a, b in rows)
+    calibrated, fitted, _ = judged(tmp_path, capsys, falling)
+    assert (calibrated, fitted) == (False, False)
+    two = tmp_path / "two.csv"
+    two.write_text("ball,v,e\n" + "".join(f"{'ab'[int(a < 2)]},{a},{b}\n" for a, b in rows))
+    assert main(["fit", "impacts", str(two), *FIT]) == 2
+    assert "holds several balls (b, a); choose one with --ball" in capsys.readouterr().err

@@ -1,5 +1,6 @@
 """Recordings with a known truth: a ball that bounces with a given e(v), timed by noisy triggers."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -51,3 +52,29 @@ def recording(
     rng = np.random.default_rng(seed)
     speeds = np.linspace(fastest / 2, fastest, trials)
     return as_csv([trial(law, v, bounces, rng, jitter=jitter, scatter=scatter) for v in speeds])
+
+
+def time_to_rest(height, restitution, drag, gravity=9.81):
+    """The time in s from a drop until the flights are over, one flight after the other.
+
+    `restitution` is a function of the speed in m/s; flights in air by the closed forms of v' =
+    -g (1 + b v|v|), written down here once more.
+    """
+    b = 0.0 if drag is None else drag.terminal_speed(gravity) ** -2
+
+    def fall(h):
+        if not b:
+            return math.sqrt(2 * h / gravity), math.sqrt(2 * gravity * h)
+        time = math.acosh(math.exp(gravity * b * h)) / (gravity * math.sqrt(b))
+        return time, math.sqrt(-math.expm1(-2 * gravity * b * h) / b)
+
+    total, speed = fall(height)
+    first = speed
+    while speed > 1e-12 * first:
+        launch = restitution(speed) * speed
+        s = math.sqrt(b) * launch
+        up = math.atan(s) / (gravity * math.sqrt(b)) if b else launch / gravity
+        top = math.log1p(s * s) / (2 * gravity * b) if b else launch**2 / (2 * gravity)
+        down, speed = fall(top)
+        total += up + down
+    return total

@@ -298,3 +298,217 @@ def test_the_beginning_of_a_long_file_decides(tmp_path):
     assert len(recording) == 1000 and recording.records[-1].row == 1001
     with pytest.raises(jc.RecordingError, match="row 1002, column e: is empty"):
         jc.read_recording(written(tmp_path, "long.csv", "v;e\n" + body + "3\n"))
+
+
+T = np.array([0.52, 0.97, 1.36, 1.70, 2.0])
+"""Instants of bounces, whose intervals shrink by 0.87 or so."""
+
+
+def clock(seconds):
+    return f"00:{seconds:05.2f}"
+
+
+LABELS = "".join(f"{t:.6f}\t{t:.6f}\tbounce\n" for t in T)
+INSTANTS = {
+    "labels of Audacity": LABELS,
+    "labels without a name, in German": LABELS.replace("bounce", "").replace(".", ","),
+    "labels with frequencies": LABELS.replace("bounce\n", "b\n\\\t500\t2000\n"),
+    "labels of Sonic Visualiser": "".join(f"{t},New Point\n" for t in T),
+    "markers of Audition": "Name\tStart\tDuration\tTime Format\tType\tDescription\n"
+    + "".join(f"Marker {k}\t0:{t:06.3f}\t0:00.000\tdecimal\tCue\t\n" for k, t in enumerate(T)),
+    "markers of Reaper": "#,Name,Start,End,Length\n"
+    + "".join(f"M{k},bounce,0:{t:06.3f},,\n" for k, t in enumerate(T)),
+    "a stopwatch, the last lap first": "Lap;Split time\n"
+    + "".join(f"{k};{clock(T[k])}\n" for k in (4, 3, 2, 1, 0)).replace(".", ","),
+    "total times with their form": "Lap,Time (mm:ss.cc)\n"
+    + "".join(f"{k},{clock(t)}\n" for k, t in enumerate(T)),
+    "times and nothing else": "time\n" + "".join(f"{t}\n" for t in T),
+    "times and their steps": "t,dt\n" + "".join(f"{t},\n" for t in T),
+    "events": "t [ms],event\n100,release\n" + "".join(f"{1000 * t:.0f},Bounce\n" for t in T),
+}
+
+
+@pytest.mark.parametrize("form", INSTANTS)
+def test_instants_of_bounces(form, tmp_path):
+    recording = jc.read_recording(written(tmp_path, "f.txt", INSTANTS[form]))
+    assert recording.layout.name == "instants"
+    np.testing.assert_allclose([r.seconds for r in recording.records], np.diff(T), rtol=1e-12)
+    assert [r.bounce for r in recording.records] in ([1, 2, 3, 4], [0, 1, 2, 3])
+    assert ("release" in str(recording)) == (form == "events")
+
+
+def test_a_pause_parts_drops_and_a_gap_makes_no_interval():
+    told = {"bounce_time_s": [*T, *(T + 9)], "bounce": [1, 2, 3, 5, 6, 11, 12, 13, 14, 15]}
+    recording = jc.read_recording(told)
+    assert [(r.trial, r.bounce) for r in recording.records] == [
+        *(("1", k) for k in (1, 2, 5)),
+        *(("1, 2", k) for k in (11, 12, 13, 14)),
+    ]
+    with pytest.raises(jc.RecordingError, match=r"0.4 s does not come after 0.5 s; if these are"):
+        jc.read_recording(bounce_time_s=[0.5, 0.4])
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("Lap,Lap time,Total time\n1,00:00.52,00:00.52\n2,00:00.45,00:00.97\n", [0.52, 0.45]),
+        ("Lap time\n0:00:00.52\n0:00:00.45\n", [0.52, 0.45]),
+        ("interval;std (ms)\n01:00,52;1\n00:45,5;2\n", None),
+    ],
+)
+def test_times_by_the_clock(text, wanted, tmp_path):
+    path = written(tmp_path, "f.csv", text)
+    if wanted is None:  # read, as 60.52 s, in which a ball rises 3 km
+        with pytest.raises(jc.RecordingError, match=r"longer than 53.01 s"):
+            jc.read_recording(path)
+        return
+    recording = jc.read_recording(path)
+    assert recording.layout.name == "intervals"
+    np.testing.assert_allclose([r.seconds for r in recording.records], wanted, rtol=1e-14)
+    with pytest.raises(jc.RecordingError, match=r"'00:00\.52' is not a number"):
+        jc.read_recording({"interval [ms]": ["00:00.52"]})
+    with pytest.raises(jc.RecordingError, match=r"'00:00\.52' is not a number"):
+        jc.read_recording(velocity=["00:00.52"], restitution=[0.5])
+
+
+STEPS = (0.0085,) * 6
+NO_BALLS = {
+    "equal": STEPS,
+    "equal but for rounding": (0.0083, 0.0084, 0.0083, 0.0083, 0.0084, 0.0083),
+    "growing": (0.3, 0.33, 0.37, 0.4),
+    "two that are equal": (0.4, 0.4),
+}
+
+
+@pytest.mark.parametrize("case", NO_BALLS)
+def test_intervals_that_do_not_shrink_are_those_of_no_ball(case):
+    steps = np.array(NO_BALLS[case])
+    word = "grow, by the factor" if case == "growing" else "stay the same, "
+    sources = [{"interval_s": steps}, {"dt": steps}, {"flight time (ms)": 1e3 * steps}]
+    for source in [*sources, pd.DataFrame(sources[1])]:
+        with pytest.raises(jc.RecordingError, match=f"row 1, .*intervals {word}"):
+            jc.read_recording(source)
+    if case != "two that are equal":
+        with pytest.raises(jc.RecordingError, match=r"row [12].*intervals "):
+            jc.read_recording(bounce_time_s=np.cumsum(steps))
+        with pytest.raises(jc.RecordingError, match=r"each height is|balls rise to"):
+            jc.read_recording(height_m=steps)
+    law, contact = jc.ConstantDamping(1.0), jc.Contact(1.0, 1.0)
+    with pytest.raises(ValueError, match="`second` must be shorter than `first`"):
+        jc.fit_bounces(law, contact, steps[:-1], steps[1:])
+
+
+def test_intervals_of_balls_shrink_with_scatter():
+    """Of 1,000 drops none is refused: e to 0.97, ten intervals, 2 % of scatter, one of them wrong;
+    and with e = 0.99, and 0.5 %.
+    """
+    from jaxcontact._measurements import not_shrinking
+
+    random = np.random.default_rng(0)
+    for e, scatter in ((0.6, 0.02), (0.9, 0.02), (0.97, 0.02), (0.99, 0.005)):
+        steps = 0.5 * e ** np.arange(10) * np.exp(scatter * random.normal(size=(1000, 10)))
+        steps[:, 6] *= 1 + (e < 0.99)
+        assert not any(not_shrinking([one]) for one in steps)
+    # Of steps of a clock with jitter, by chance some shrink: those of Kendall's count.
+    jitter = 1 + 0.02 * random.normal(size=(1000, 10))
+    seen = np.mean([not_shrinking([one]) is not None for one in jitter])
+    assert seen > 0.9
+
+
+def test_steps_of_a_clock_beside_its_times_are_no_intervals():
+    text = "t,y,dt\n0,0.23,0.0085\n0.0085,0.28,0.0085\n0.0170,0.31,0.0085\n"
+    with pytest.raises(jc.RecordingError, match="column y: is a track of 3 frames, too few"):
+        jc.read_recording(io.StringIO(text))
+    told = jc.read_recording(io.StringIO("t,y,dt\n0,1,.5\n.5,2,.4\n.9,3,.3\n"), columns="dt=3")
+    assert told.layout.name == "intervals"
+    # A word that means flights stays what it is.
+    laps = jc.read_recording(io.StringIO("time,flight time\n.5,.5\n.9,.4\n"))
+    assert laps.layout.name == "intervals"
+
+
+@pytest.mark.parametrize("e", [0.3, 0.6, 0.9])
+def test_the_time_to_rest_contains_the_fall(e):
+    """Against flights added one by one, in vacuum and in air."""
+    from jaxcontact._flight import Drag, Flight
+    from jaxcontact._measurements import make_pairs
+    from tests.test_measurements.simulate import time_to_rest
+
+    height = np.array([0.3, 1.0, 2.0])
+    for drag in (None, Drag(0.0027, 0.02, 0.5)):
+        total = [time_to_rest(h, lambda v: e, drag) for h in height]
+        recording = jc.read_recording(drop_height_m=height, rest_time_s=total)
+        pairs = make_pairs(recording, Flight(drag=drag))
+        np.testing.assert_allclose(pairs.restitution, e, rtol=1e-6)
+    # Where e falls with the speed, it is that at v₀ e^(e/(1-e)), to first order in the power.
+    power = 1e-4
+    total = [time_to_rest(h, lambda v: e * v**-power, None) for h in height]
+    pairs = make_pairs(jc.read_recording(drop_height_m=height, rest_time_s=total), Flight())
+    off = np.log(pairs.restitution / e) / -power - np.log(pairs.velocity)
+    np.testing.assert_allclose(off, 0, atol=3e-3)
+    with pytest.raises(jc.RecordingError, match=r"0.4 s is not longer than the fall of 1 m"):
+        jc.read_recording(drop_height_m=[1.0], rest_time_s=[0.4])
+
+
+FORCES = [(k * 1e-3, 0.1, 0.2, float(k % 7)) for k in range(30)]
+UNITS = {
+    "of a force plate": ("abs time (s);Fx;Fy;Fz\ns;N;N;N\n", "Fz [N]"),
+    "with moments": ("time;Mx;My;Fz\ns;N m;Nm;kN\n", "Fz [kN]"),
+    "above the headings": ("s;N;N;N\ntime;Fx;Fy;Fz\n", "Fz [N]"),
+    "unknown words between": ("time;a1;a2;Fz\n[s];[V];[V];[N]\n", "Fz [N]"),
+}
+
+
+@pytest.mark.parametrize("case", UNITS)
+def test_a_row_of_units_is_no_heading(case):
+    from jaxcontact._measurements import read_columns
+
+    head, wanted = UNITS[case]
+    body = lines("", FORCES, ";", number=german)
+    read = read_columns(io.StringIO(head.rstrip("\n") + body), ("time", "force"), needed=("time",))
+    assert read.values["force"].size == 30
+    assert read.values["force"].max() == (6000 if "kN" in wanted else 6)
+    assert wanted in " ".join(read.notes) or wanted == "Fz [N]"
+
+
+def test_units_alone_are_no_header():
+    with pytest.raises(jc.RecordingError, match="row 2: has no header, and 2 columns; say what"):
+        jc.read_recording(io.StringIO("m/s;-\n1;0,9\n2;0,8\n"))
+    told = jc.read_recording(io.StringIO("mm/s;-\n1000;0,9\n2000;0,8\n"), columns="v=1,e=2")
+    assert [r.velocity for r in told.records] == [1, 2]
+
+
+def test_what_people_write_around_a_table(tmp_path):
+    head = "Run label,interval\n"
+    text = head + "x,.5\nx,.45\nx,.4\n" + head + "x,.5\nx,.44\nMean,.46\nS.D.,.01\n"
+    recording = jc.read_recording(written(tmp_path, "f.csv", text))
+    assert [(r.trial, r.bounce) for r in recording.records] == [
+        *(("1", k) for k in (1, 2, 3)),
+        *(("2", k) for k in (1, 2)),
+    ]
+    said = "; ".join(recording.notes)
+    assert (
+        "headings repeated in row 5 left out; rows 8 to 9 below the measurements left out" in said
+    )
+    rows = jc.read_recording(io.StringIO("v,e\n1,.9\n2,.8\nend of data\n"))
+    assert len(rows) == 2
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_marks_of_numbers_are_told_in_linear_time(apart):
+    """No row is compared with the rows before it."""
+    from jaxcontact._measurements._grid import with_points
+
+    compared = []
+
+    class Number(int):
+        __hash__ = int.__hash__
+
+        def __eq__(self, other):
+            compared.append(self)
+            return int(self) == other
+
+    cells = ["1,234.5", "2.5"] if apart else ["0,25", "1,5"]
+    rows = [(Number(k), list(cells)) for k in range(2000)]
+    found, commas = with_points(rows, "f", "." if apart else None, apart=apart)
+    assert len(compared) <= len(rows) and commas == (not apart)
+    assert found[-1][1] == (["1234.5", "2.5"] if apart else ["0.25", "1.5"])

@@ -92,7 +92,8 @@ def test_its_faults_are_named(gates):
     assert len(jc.read_recording(columns())) == 12
     del bad["rebound_speed"]
     with pytest.raises(
-        jc.RecordingError, match="column rebound_speed: is missing; the layout 'gates' needs"
+        jc.RecordingError,
+        match="column rebound_speed: is missing; beside drop_speed a column rebound_speed",
     ):
         jc.read_recording(bad)
     few = make_pairs(jc.read_recording(**columns(1)), Flight())

@@ -161,3 +161,17 @@ def test_a_pair_within_its_known_error_is_no_outlier():
     assert mark(v, e, np.zeros(5)).flagged.tolist() == [False, False, False, True, False]
     assert not mark(v, e, np.zeros(5), np.full(5, 2e-3)).flagged.any()
     assert mark(v, e, np.zeros(5), np.full(5, 5e-4)).flagged[3]
+
+
+def test_rows_of_a_table_are_marked_as_its_pairs_are():
+    """NaN is no row, a row with a large known error is no outlier, and three rows are too few."""
+    from jaxcontact._measurements import marked_in
+
+    v = np.linspace(1, 4, 12)
+    e = 0.8 + 0.005 * np.cos(7 * v)
+    e[2], e[5] = np.nan, 0.5
+    marked, usual = marked_in(v, e)
+    assert np.flatnonzero(marked).tolist() == [5]
+    np.testing.assert_allclose(usual, 0.8, rtol=0.01)
+    assert not marked_in(v, e, np.full(12, 0.06))[0].any()
+    assert not marked_in(v[4:7], e[4:7])[0].any()
