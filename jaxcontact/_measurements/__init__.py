@@ -9,6 +9,7 @@ from ._layout import LAYOUTS as LAYOUTS
 from ._layout import Layout as Layout
 from ._layout import counted as counted
 from ._layout import register_layout as register_layout
+from ._layout import span as span
 from ._pairs import Pairs as Pairs
 from ._pairs import make_pairs as make_pairs
 from ._peaks import Peaks

@@ -238,6 +238,7 @@ def cases() -> dict[str, Case]:
                 "stiffness": POSITIVE | NONE,
                 "exponent": NONE,
                 "gravity": POSITIVE,
+                "at": NUMBERS_3 | POSITIVE | {"shape (1,)", "jax shape (1,)"},
                 "progress": FLAG | {"function"},
             },
             # Classes are functions, which are called with a text here.
