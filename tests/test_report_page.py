@@ -141,9 +141,7 @@ def test_other_endings_and_bad_arguments(calibrated, tmp_path):
     assert calibrated.report().partition("\n\n")[2].rstrip() in text
     with pytest.raises(ValueError, match=r"`file` must end in .html, .md, .txt or .json"):
         jc.report(calibrated, "a.doc")
-    with pytest.raises(
-        ValueError, match=r"not end in .pdf: write it as .html, .* print to PDF"
-    ):
+    with pytest.raises(ValueError, match=r"not end in .pdf: write it as .html, .* print to PDF"):
         jc.report(calibrated, "a.pdf")
     with pytest.raises(ValueError, match="`radius` must be"):
         jc.report(calibrated, "a.html", radius=-1.0)

@@ -18,7 +18,7 @@ from .._measurements import Pairs, Recording, make_pairs
 from .._measurements._noise import Noise
 from .._measurements._outliers import THRESHOLD, Outliers, find_outliers
 from .._measurements._pairs import LEAST_PAIRS
-from .._parameter import POSITIVE, require_kind, require_number
+from .._parameter import POSITIVE, as_numbers, require_kind, require_number
 from .._progress import stages_of
 from ._at_speed import at_speeds
 from ._checks import column
@@ -151,7 +151,7 @@ def calibrate(
     """
     require_kind("recording", recording, Recording, "a `Recording` (see `read_recording`)")
     n = exponent_of(recording, exponent)
-    asked_at = column(np.atleast_1d(at), "at", POSITIVE, least=0).tolist()
+    asked_at = column(np.atleast_1d(as_numbers(at, "at")), "at", POSITIVE, least=0).tolist()
     kinds = kinds_of(law, n)
     numbers = {"mass": mass, "stiffness": stiffness}
     given = tuple(name for name, value in numbers.items() if value is not None)

@@ -17,7 +17,7 @@ _PLACES = 40
 _WANTED = 40.0
 """λ at which the wrong law is seen in all but one of ten thousand tables."""
 
-_MANY = 1_000
+_MANY = 2_000
 """More readings than these do not average out what they share: a scale that reads 1 % too much."""
 
 _SHOWN = 12
