@@ -1,7 +1,7 @@
 """Numbers that several pages quote, each from the result that it comes from.
 
-In a page a number stands between `<!--NAME-->` and `<!--/-->`. `python docs/quoted.py` writes all of
-them into the README and the pages; a test compares.
+In a page a number stands between `<!--NAME-->` and `<!--/-->`. `python docs/quoted.py` writes all
+of them into the README and the pages; a test compares.
 """
 
 from __future__ import annotations

@@ -37,6 +37,11 @@ ball that ship with the package.
 """
 
 EPILOG = """\
+It prints e with its 95 % interval at the slowest and the fastest measured speed (and at those of
+--at), the law, the data, and what to measure next. The interval is that of the mean e at a speed,
+if the law is right. --details prints all tables. Of one to three pairs it prints the e of each and
+their mean; a law takes four.
+
 FILE is a table: text (CSV and its relatives, decimal commas too), a spreadsheet or parquet. It has
 one of these sets of columns, with headings by any usual name ("v", "COR", "speed (mm/s)"):
   interval_s [ball, drop_height_m, trial, bounce]      seconds between successive impacts; `bounce`

@@ -318,21 +318,35 @@ def test_one_pair_has_no_error_and_equal_ones_none_that_they_tell():
     assert "95 %" not in repr(same)
 
 
-def test_known_errors_of_readings_give_that_of_one_pair(monkeypatch):
+@pytest.mark.parametrize(
+    ("e", "relative"),
+    [
+        ([0.8], 0.02),
+        # They share a reading, as successive intervals do: var = (4e-4 - 1e-4)/2.
+        ([0.8, 0.81], np.sqrt(1.5e-4)),
+        # They differ by more than their errors: their own scatter counts.
+        ([0.8, 0.9], np.log(0.9 / 0.8) / 2),
+    ],
+)
+def test_known_errors_of_readings_give_that_of_few_pairs(monkeypatch, e, relative):
     """As of a sound, whose times have known errors."""
     from jaxcontact._calibration import _calibrate
 
-    made = _calibrate.make_pairs
-    covariance = np.array([[4e-4]])
+    made, n = _calibrate.make_pairs, len(e)
+    shared = {"covariance": np.array([[4e-4, -1e-4], [-1e-4, 4e-4]])[:n, :n], "reading": 0.02}
 
     def with_errors(recording, flight):
-        return dataclasses.replace(made(recording, flight), covariance=covariance, reading=0.02)
+        return dataclasses.replace(made(recording, flight), **shared)
 
     monkeypatch.setattr(_calibrate, "make_pairs", with_errors)
-    one = jc.calibrate(jc.read_recording(velocity=[2.0], restitution=[0.8]))
-    assert repr(one).splitlines()[2].startswith("e = 0.800 ± 0.016 (standard error of the reading)")
-    assert one.summary.pairs[0].error == pytest.approx(0.02 * 0.8)
-    assert one.standard_errors["e"] == pytest.approx(0.02 * 0.8, rel=1e-6)
+    few = jc.calibrate(jc.read_recording(velocity=[2.0, 2.5][:n], restitution=e))
+    assert few.summary.pairs[0].error == pytest.approx(0.02 * 0.8)
+    assert few.standard_errors["e"] == pytest.approx(relative * float(few.law.e), rel=1e-4)
+    if n == 1:
+        first = repr(few).splitlines()[2]
+        assert first.startswith("e = 0.800 ± 0.016 (standard error of the reading) at 2 m/s, from")
+    else:
+        assert "0.800 ± 0.016" in repr(few)
 
 
 def test_a_law_of_the_speed_is_not_fitted_to_few_pairs():
