@@ -114,11 +114,8 @@ def _mean(s: SummaryData, law: AtSpeed) -> str:
         return f"e = {_number(law)}, the mean of {len(kept)} pairs at {speeds}" + _bracket(
             _interval(law)
         )
-    (one,) = kept
-    if one.error is None:
-        return f"e = {one.restitution:.4g} at {speeds}, from one pair"
-    e = with_error(one.restitution, one.error)
-    return f"e = {e} (standard error of the reading) at {speeds}, from one pair"
+    e = _number(law) if _interval(law) else f"{kept[0].restitution:.4g}"
+    return f"e = {e} at {speeds}, from one pair{_bracket(_interval(law))}"
 
 
 def _where(slow: AtSpeed, fast: AtSpeed) -> str:
@@ -185,9 +182,12 @@ def meaning(s: SummaryData) -> list[str]:
     said = []
     wrong = s.chosen is not None and s.chosen.adequate is False
     if not wrong and any(one.low is not None for one in s.at):
-        mean = "the mean e" if s.only_mean else "the mean e at a speed"
-        right = "e does not depend on the speed" if s.only_mean else "the law is right"
-        said.append(f"The 95 % interval is that of {mean}, if {right}.")
+        what = "that of the mean e at a speed, if the law is right"
+        if s.choice.count == 1:
+            what = "by the known error of the reading"
+        elif s.only_mean:
+            what = "that of the mean e, if it does not depend on the speed"
+        said.append(f"The 95 % interval is {what}.")
     if s.scatter is not None:
         said.append(f"A single reading of e scatters by {scatter_said(s.scatter)}.")
     off = max(map(_spread, s.at[:2]))
