@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib.metadata
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax
 import numpy as np
@@ -121,7 +121,7 @@ def calibrate(
     stiffness: float | None = None,
     exponent: float | None = None,
     gravity: float = STANDARD_GRAVITY,
-    at: ArrayLike = (),
+    at: ArrayLike | Sequence[float] = (),
     progress: bool | Callable[[str], None] = False,
 ) -> Calibration:
     """Fit a constant e and speed-dependent laws to a recording of bounces, and compare them.
