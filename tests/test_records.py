@@ -221,7 +221,10 @@ def test_one_impact_gives_e_and_the_stiffness():
     truth = pieces()[0][2] / SPEEDS[0]
     assert e.standard_error is not None
     assert abs(e.value - truth) < FEW_ERRORS * e.standard_error < 0.05
-    assert "One impact does not tell laws apart" in found.report()
+    assert "1 impact does not tell laws apart" in found.report()
+    # The e of the impact, with the error of its readings.
+    (one,) = found.impacts
+    assert f"  {one.restitution.value:.4f} ± {one.restitution.error:.4f}" in repr(found)
     with pytest.raises(ValueError, match=r"`law` must be one of"):
         jc.calibrate(jc.read_recording(time=time, force=force), mass=MASS, law="nobody")
 

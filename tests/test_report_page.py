@@ -76,15 +76,15 @@ def test_nothing_of_the_file_is_code_and_nothing_is_loaded(page):
 def test_the_verdict_comes_first_and_everything_is_said(page, calibrated):
     text = " ".join(Page(page).text.split())
     summary = calibrated.summary
-    best = summary.choice.law_fit(summary.choice.best)
     order = [
         "Calibration of",
-        best.said,
-        summary.choice.verdict,
+        "e = 0.",
+        summary.chosen.said,
         "Pictures",
         "Parameters",
         "For your simulator",
         "The laws compared",
+        summary.choice.verdict,
         "What was done to the data",
         "Gravity",
         "jaxcontact",
@@ -135,10 +135,24 @@ def test_other_endings_and_bad_arguments(calibrated, tmp_path):
     assert (tmp_path / "a.txt").read_text(encoding="utf-8") == calibrated.report()
     jc.report(calibrated, tmp_path / "a.JSON")
     assert json.loads((tmp_path / "a.JSON").read_text()) == json.loads(calibrated.to_json())
-    with pytest.raises(ValueError, match=r"`file` must end in .html, .txt or .json, but is 'a.md'"):
-        jc.report(calibrated, "a.md")
+    jc.report(calibrated, tmp_path / "a.md")
+    text = (tmp_path / "a.md").read_text(encoding="utf-8")
+    assert text.startswith("# Calibration of ")
+    assert calibrated.report().partition("\n\n")[2].rstrip() in text
+    with pytest.raises(ValueError, match=r"`file` must end in .html, .md, .txt or .json"):
+        jc.report(calibrated, "a.doc")
+    with pytest.raises(ValueError, match=r"not end in .pdf: write it as .html, .* print to PDF"):
+        jc.report(calibrated, "a.pdf")
     with pytest.raises(ValueError, match="`radius` must be"):
         jc.report(calibrated, "a.html", radius=-1.0)
+
+
+def test_it_prints_on_paper(page):
+    """Seen with Chromium on A4: nothing cut, no scroll bars."""
+    style = page.partition("<style>")[2].partition("</style>")[0]
+    assert "@page { size: A4;" in style
+    paper = style.partition("@media print")[2]
+    assert ".wide, pre { overflow: visible; }" in paper and "pre { white-space: pre-wrap;" in paper
 
 
 def test_text_is_escaped_once():

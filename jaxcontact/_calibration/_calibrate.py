@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 import importlib.metadata
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import ArrayLike, Float
 
 from .._contact import Contact
 from .._flight import STANDARD_GRAVITY, Drag, Flight
@@ -18,23 +18,20 @@ from .._measurements import Pairs, Recording, make_pairs
 from .._measurements._noise import Noise
 from .._measurements._outliers import THRESHOLD, Outliers, find_outliers
 from .._measurements._pairs import LEAST_PAIRS
-from .._parameter import POSITIVE, require_kind, require_number
+from .._parameter import POSITIVE, as_numbers, require_kind, require_number
 from .._progress import stages_of
+from ._at_speed import at_speeds
+from ._checks import column
 from ._choice import LawChoice
 from ._choose import choose, weights_of
-from ._few import only_constant
+from ._few import known_errors, none_marked, only_constant
 from ._file import save, to_json
 from ._kinds import kinds_of
 from ._outcomes import NONE
 from ._record_impacts import ImpactFit
 from ._record_pairs import exponent_of, fitted_impacts, require_mass, summaries, weighed
-from ._report import report
-from ._summary import (
-    CalibrationSummary,
-    PairSummary,
-    RecordingSummary,
-    SpeedBand,
-)
+from ._summary import CalibrationSummary
+from ._summary_data import PairSummary, RecordingSummary, SpeedBand
 
 _SPEED_BANDS = 5
 _PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")
@@ -42,7 +39,7 @@ _PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """What a recording says about laws; prints itself, and `report()` says everything.
+    """What a recording says about laws; prints its verdict, and `report()` says everything.
 
     `pairs` (speed, e) of the recording, `outliers` which of them the robust rule marked, and
     `noise`, the scatter of the others; `choice`, the laws fitted without the marked pairs, and
@@ -86,8 +83,10 @@ class Calibration:
         return self.choice.table()
 
     def report(self) -> str:
-        """Everything in words: data, marked pairs, fits, their comparison, what stays open."""
-        return report(self.summary)
+        """Everything in words, the verdict first: what `print` shows, then data, marked pairs,
+        fits, their comparison, and what stays open.
+        """
+        return self.summary.report()
 
     def __export__(
         self, contact: Contact | None
@@ -122,6 +121,7 @@ def calibrate(
     stiffness: float | None = None,
     exponent: float | None = None,
     gravity: float = STANDARD_GRAVITY,
+    at: ArrayLike | Sequence[float] = (),
     progress: bool | Callable[[str], None] = False,
 ) -> Calibration:
     """Fit a constant e and speed-dependent laws to a recording of bounces, and compare them.
@@ -136,20 +136,22 @@ def calibrate(
     which is compared with a constant e, or the name of a law with parameter e, which then delivers
     the constant e; `drag` to correct the flights for the drag of the air; `mass` in kg and
     `stiffness` in N/m^(3/2) of the contact, from which c and A follow; `exponent` n of the force
-    of a record, by default 3/2 of spheres; `gravity` in m/s²;
+    of a record, by default 3/2 of spheres; `gravity` in m/s²; `at`, closing speeds in m/s at
+    which to say e, beside the slowest and the fastest one measured;
     `progress`, True to show the stages on stderr, or a function that is called with each.
 
     Impacts in a record of force, acceleration or indentation are fitted one by one with their time
     of touch and zero, F = K δ^n (1 + α δ'/v₀), which with the `mass` gives speed, e and K of each
     (m v₀ T = ∫ F (T - t) dt); laws are then fitted to all e and largest forces, and the stiffness
-    with them. With fewer than four impacts only a constant e is.
+    with them. Of fewer than four pairs e of each is told, and the constant e that is their mean.
 
     Returns a `Calibration`. Computes in double precision whatever JAX is set to. Raises ValueError
-    for a recording with too few pairs and for arguments out of range.
+    for a recording without a pair and for arguments out of range.
     Source: Burnham & Anderson (2002), doi 10.1007/b97636; the laws' own.
     """
     require_kind("recording", recording, Recording, "a `Recording` (see `read_recording`)")
     n = exponent_of(recording, exponent)
+    asked_at = column(np.atleast_1d(as_numbers(at, "at")), "at", POSITIVE, least=0).tolist()
     kinds = kinds_of(law, n)
     numbers = {"mass": mass, "stiffness": stiffness}
     given = tuple(name for name, value in numbers.items() if value is not None)
@@ -167,13 +169,15 @@ def calibrate(
             pairs, contact, given = impacts.pairs, impacts.contact, ("mass", "stiffness")
         else:
             pairs = make_pairs(recording, flight)
-            pairs.needs_enough()
-        tell(f"looking for spurious and missed triggers in {len(pairs)} pairs")
-        outliers = find_outliers(pairs)
+            pairs.needs_enough(least=1)
+        if len(pairs) < LEAST_PAIRS:
+            outliers = none_marked(pairs)
+        else:
+            tell(f"looking for spurious and missed triggers in {len(pairs)} pairs")
+            outliers = find_outliers(pairs)
         keep = ~outliers.flagged
         good = pairs.where(keep)
         if impacts is None:
-            good.needs_enough(marked=int(outliers.flagged.sum()))
             noise, weights, correlation = weights_of(pairs, outliers, keep)
             others, more = NONE, {"sigma": weights**-0.5} if pairs.absolute else {}
         else:
@@ -182,9 +186,14 @@ def calibrate(
             more = {"groups": None}
 
         def chosen(use: np.ndarray) -> LawChoice:
-            known = impacts is not None and use.sum() < LEAST_PAIRS
-            if known and use.sum() == 1 and correlation is not None:
-                return only_constant(pairs, use, weights, correlation, others, kinds[0], contact)
+            few = use.sum() < LEAST_PAIRS
+            known = few and impacts is not None
+            if few and (impacts is None or use.sum() == 1):
+                own = (weights, correlation) if known else known_errors(pairs, use)
+                size, shared = (weights, None) if own is None else own
+                sure = own is not None
+                of = pairs, use, size, shared, others, kinds[0], contact
+                return only_constant(*of, known=sure)
             return choose(
                 pairs,
                 use,
@@ -208,6 +217,10 @@ def calibrate(
     found = _law_of(choice, kind)
     if impacts is not None and found is not None:
         contact = choice.contact_of(kind)
+    at_ends = ()
+    if found is not None and kind is not None:
+        others_open = [choice.fits[name] for name in choice.rivals]
+        at_ends = at_speeds(choice.fits[kind], others_open, good.velocity, asked_at)
     summary = CalibrationSummary(
         law=found,
         contact=contact,
@@ -225,6 +238,8 @@ def calibrate(
         with_marked=with_marked.data,
         by_speed=_by_speed(good, choice),
         impacts=() if impacts is None else summaries(impacts),
+        at=at_ends,
+        scatter=float(np.median(weights[keep] ** -0.5)) if keep.sum() >= LEAST_PAIRS else None,
         versions={name: _version(name) for name in _PACKAGES},
     )
     fits = () if impacts is None else impacts.fits
@@ -261,6 +276,7 @@ def _recording(recording: Recording, pairs: Pairs, notes: tuple[str, ...]) -> Re
 
 
 def _pairs(pairs: Pairs, outliers: Outliers) -> tuple[PairSummary, ...]:
+    errors = None if pairs.covariance is None else np.sqrt(np.diag(pairs.covariance))
     return tuple(
         PairSummary(
             rows=tuple(sorted({int(pairs.first_row[k]), int(pairs.second_row[k])})),
@@ -269,6 +285,7 @@ def _pairs(pairs: Pairs, outliers: Outliers) -> tuple[PairSummary, ...]:
             deviation=float(outliers.deviation[k]),
             marked=bool(outliers.flagged[k]),
             may_be=outliers.guess.get(k),
+            error=None if errors is None else float(errors[k] * pairs.restitution[k]),
         )
         for k in range(len(pairs))
     )

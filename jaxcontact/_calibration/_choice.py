@@ -80,7 +80,7 @@ class ChoiceData:
     they were made, a constant e first; `line`, the trend without a law, and `free`, the smooth
     curve that shows how much better any law could be; `asked`, the e to set in each law of constant
     e so that it delivers the constant e found; `next_measurement`, in words, what would settle an
-    undecided choice.
+    undecided choice; `rivals`, the laws that are not ruled out beside the best.
     """
 
     count: int
@@ -93,6 +93,7 @@ class ChoiceData:
     free: Curve
     asked: tuple[Asked, ...]
     next_measurement: str
+    rivals: tuple[str, ...] = dataclasses.field(default=(), kw_only=True)
 
     def law_fit(self, kind: str) -> LawFit:
         """The fit of a kind of law, by its name; ValueError for an unknown one."""
@@ -110,14 +111,27 @@ class ChoiceData:
 
         Nothing with few points, and where contact times or peak forces were fitted with it.
         """
-        if self.free.aicc is None:
+        gain = self._gain
+        if gain is None:
             return ""
-        gain = min(c.aicc for c in self.candidates) - self.free.aicc
         free = f"a free smooth curve of {counted(len(self.free.coefficients), _NUMBERS)}"
-        if gain > CLEAR_AICC:
-            return f"{free} has an AICc {gain:.1f} below the best law: a better law is possible"
-        place = f"{abs(gain):.1f} {'below' if gain > 0 else 'above'} the best law"
-        return f"no curve could be clearly better: {free} has an AICc {place}"
+        place = f"{abs(gain):.1f} {'below' if gain > 0 else 'above'} the lowest of the laws"
+        if self.better_possible:
+            return f"{free} has an AICc {place}: a better law is possible"
+        return f"no smooth curve is clearly better: {free} has an AICc {place}"
+
+    @property
+    def better_possible(self) -> bool:
+        """Whether a free smooth curve is clearly better than every law."""
+        return self._gain is not None and self._gain > CLEAR_AICC
+
+    @property
+    def _gain(self) -> float | None:
+        """By how much the AICc of the free curve is below that of every law."""
+        converged = [c.aicc for c in self.candidates if c.converged]
+        if self.free.aicc is None or not converged:
+            return None
+        return min(converged) - self.free.aicc
 
     def table(self) -> str:
         """The kinds of laws with their parameters and criteria; lower is better."""

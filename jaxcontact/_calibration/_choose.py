@@ -24,7 +24,7 @@ from ._checks import column, for_each
 from ._choice import LawChoice, LawFit
 from ._kinds import AbstractKind, LogRestitution, is_identifiable, kinds_of, padded
 from ._outcomes import NONE, Columns, LogOutcomes, columns_of
-from ._sure import sure_of, sure_sentence
+from ._sure import rivals_of, sure_of, sure_sentence
 from ._trend import curve_of, line_of
 from ._undecided import what_settles
 
@@ -241,6 +241,7 @@ def choose(
         free=free,
         asked=asked_of(constant.value, constant.standard_error, grid),
         next_measurement=what_settles(fits, comparison.best, rivals, ends),
+        rivals=rivals_of(fits, kinds, comparison.best, standing),
         fits=fits,
         kinds=kinds,
         contact=contact,

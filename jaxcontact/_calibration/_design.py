@@ -58,7 +58,7 @@ class Design:
         """
         wanted = require_number("noncentrality", noncentrality, POSITIVE)
         if self.noncentrality is None:
-            raise ValueError("Only a plan that tells two laws apart has a number of readings.")
+            raise ValueError("`readings_for` needs a design made with a second law as `goal`.")
         if not self.noncentrality > 0:
             raise ValueError(f"This plan has no number of readings: {self.meaning}")
         places = {*zip(self.quantity, self.velocity.tolist(), strict=True)}

@@ -11,7 +11,7 @@ from .._whole_files import read_whole, write_all
 from ._json import FormatError, dumps, loads
 from ._summary import CalibrationSummary
 
-VERSION = 4
+VERSION = 5
 """Of the file's format; raised whenever a field is added, removed or changes its meaning."""
 
 

@@ -85,7 +85,7 @@ def said(limits: Mapping[str, Limits]) -> list[str]:
     """The limits in words."""
     return [
         f"{np.count_nonzero(one.at_limit)} of {one.at_limit.size} readings of {name} are at a "
-        "limit of the instrument and count as at least that"
+        "limit of the instrument and count as that or beyond"
         for name, one in limits.items()
         if one.at_limit.any()
     ]

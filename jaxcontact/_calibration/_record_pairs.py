@@ -18,7 +18,7 @@ from .._measurements._pairs import LEAST_PAIRS
 from .._parameter import rendered, require_number
 from ._outcomes import Columns
 from ._record_impacts import ImpactFit, fitted_impact, with_free_exponent
-from ._summary import ImpactSummary
+from ._summary_data import ImpactSummary
 
 _AT_REST = 10
 """Readings from which the weight of a body is told that lies on a plate, and as many errors."""
@@ -188,13 +188,20 @@ def _exponent(one: ImpactFit, contact: Contact) -> list[str]:
 def _shape(good: list[ImpactFit]) -> list[str]:
     """Whether the force that is fitted has the shape of the records."""
     wrong = [one.impact.number for one in good if one.adequate is False]
-    if not wrong:
-        return [f"the force K δ^n (1 + α δ'/v₀) describes all {len(good)} of these records"]
-    which = ", ".join(map(str, wrong))
-    return [
-        f"the force K δ^n (1 + α δ'/v₀) does not describe the record of impact {which} within its "
-        "noise: errors of speed, e and K are too small there"
-    ]
+    told = sum(one.adequate is True for one in good)
+    force = "the force K δ^n (1 + α δ'/v₀)"
+    if wrong:
+        which = ", ".join(map(str, wrong))
+        return [
+            f"{force} does not describe the record of impact {which} within its noise: errors of "
+            "speed, e and K are too small there"
+        ]
+    if told < len(good):
+        return [
+            f"{force} describes {told} of these {len(good)} records; of the others that cannot be "
+            "told"
+        ]
+    return [f"{force} describes all {told} of these records"]
 
 
 def _flights(good: list[ImpactFit], flight: Flight) -> list[str]:

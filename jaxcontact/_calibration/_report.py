@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from .._fit import AT_BOUND
 from .._measurements import FROM_FILE, LAYOUTS, Layout, counted
 from .._text_table import text_table, wrapped
 from ._choice import ChoiceData
 from ._estimate import Estimate
-from ._summary import CalibrationSummary, contact_note
+from ._short import data_sentence, scatter_said, verdict_lines
+from ._summary_data import SummaryData
 
 Row = tuple[str, ...]
 
 
-def noise_note(s: CalibrationSummary) -> str:
-    """What a reduced chi² near 1 says."""
+def noise_note(s: SummaryData) -> str:
+    """What a reduced chi² near 1 says; nothing where the noise is not that of the pairs."""
+    if s.few:
+        return ""
     if FROM_FILE in s.recording.notes:
         return (
             "the standard deviations in the file are taken as they are: a reduced chi² far above 1 "
@@ -24,59 +28,62 @@ def noise_note(s: CalibrationSummary) -> str:
     )
 
 
-def report(summary: CalibrationSummary) -> str:
-    """The calibration as text: data, marked pairs, fits, comparison, what e(v) leaves open."""
+def report(summary: SummaryData) -> str:
+    """The calibration as text: the verdict, then data, marked pairs, fits, comparison, and what
+    e(v) leaves open.
+    """
     layout = LAYOUTS[summary.recording.layout]
     parts = [
+        verdict_lines(summary),
         _data(summary, layout),
         _impacts(summary),
         _marked(summary),
         _fits(summary, layout),
         _by_speed(summary),
-        _choice(summary, layout),
+        _choice(summary),
         _equivalents(summary.choice),
         _side_by_side(summary),
         _open_questions(summary),
-        wrapped("Next", summary.choice.next_measurement) if summary.choice.next_measurement else [],
     ]
     return "\n\n".join("\n".join(lines) for lines in parts if lines) + "\n"
 
 
-def _data(s: CalibrationSummary, layout: Layout) -> list[str]:
+def _data(s: SummaryData, layout: Layout) -> list[str]:
     words = data_words(s, layout)
     return [line for head, text in words for line in wrapped(head, text)]
 
 
-def data_words(s: CalibrationSummary, layout: Layout) -> list[tuple[str, str]]:
+def data_words(s: SummaryData, layout: Layout) -> list[tuple[str, str]]:
     """What the data are and what was done to them: a word and a sentence of each."""
     r = s.recording
-    speeds = [pair.velocity for pair in s.pairs]
     words = [("Recording", r.source + (f", ball {r.ball}" if r.ball else ""))]
     if r.notes:
         words.append(("Read as", "; ".join(r.notes)))
-    words.append(
-        (
-            "Pairs",
-            f"{r.pairs} of approach speed and e, from {layout.made_of}; {min(speeds):.3g} to "
-            f"{max(speeds):.3g} m/s, {counted(len(r.trials), layout.cluster_words)}",
-        )
-    )
+    words.append(("Pairs", data_sentence(s)))
+    words.append(("", f"they come from {counted(len(r.trials), layout.cluster_words)}"))
     if r.unpaired:
         one = r.unpaired == 1
         verbs = "has no successor and makes" if one else "have no successor and make"
-        words.append(("", f"{counted(r.unpaired, ('interval', 'intervals'))} {verbs} no pair"))
-    scatter = f"{100 * s.noise.relative:.2g} % of e"
+        words.append(("", f"{counted(r.unpaired, ('reading', 'readings'))} {verbs} no pair"))
+    words.append(("Air drag", drag_sentence(s, layout)))
+    if s.scatter is not None:
+        words.append(("Scatter", _scatter(s, s.scatter, layout)))
+    return words
+
+
+def _scatter(s: SummaryData, scatter: float, layout: Layout) -> str:
+    """The scatter of a usual pair, and what it is made of."""
+    said = f"{scatter_said(scatter)} of e in a usual pair"
     error = layout.reading_error
     if error is not None:
-        scatter += f", and {error.factor * s.noise.reading:.2g} {error.shown} in {error.of}"
-    return [
-        *words,
-        ("Air drag", drag_sentence(s, layout)),
-        ("Scatter", f"{scatter} ({_scatter_of(s)})"),
-    ]
+        said += (
+            f": {scatter_said(s.noise.relative)} from bounce to bounce, and "
+            f"{error.factor * s.noise.reading:.2g} {error.shown} in {error.of}"
+        )
+    return f"{said} ({_scatter_of(s)})"
 
 
-def _scatter_of(s: CalibrationSummary) -> str:
+def _scatter_of(s: SummaryData) -> str:
     if FROM_FILE in s.recording.notes:
         return "the standard deviations in the file"
     if any(law.errors_by == "readings" for law in s.choice.laws):
@@ -84,14 +91,14 @@ def _scatter_of(s: CalibrationSummary) -> str:
     return "fitted to the pairs that were kept"
 
 
-def drag_sentence(s: CalibrationSummary, layout: Layout) -> str:
+def drag_sentence(s: SummaryData, layout: Layout) -> str:
     """Whether and how the drag of the air was taken out of the flights."""
     if not layout.uses_flight:
         return "plays no part: the speeds are those at the impact itself"
     if s.drag is None:
         return (
             "is left in: e contains what the air takes in flight, and for a light ball a trend of "
-            "e with speed is mostly that; give --mass --radius --drag-coefficient (in Python "
+            "e with speed is often that; give --mass --radius --drag-coefficient (in Python "
             "`drag`) to take it out"
         )
     return (
@@ -103,7 +110,7 @@ def drag_sentence(s: CalibrationSummary, layout: Layout) -> str:
     )
 
 
-def impact_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
+def impact_rows(s: SummaryData) -> tuple[Row, list[Row]]:
     """The header and the rows of a table of the impacts in a record."""
     rows = [
         (
@@ -127,7 +134,7 @@ def impact_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
     return header, rows
 
 
-def _impacts(s: CalibrationSummary) -> list[str]:
+def _impacts(s: SummaryData) -> list[str]:
     header, rows = impact_rows(s)
     if not rows:
         return []
@@ -138,12 +145,15 @@ def _impacts(s: CalibrationSummary) -> list[str]:
     ]
 
 
-def marking_rule(s: CalibrationSummary) -> str:
+def marking_rule(s: SummaryData) -> str:
     """When a pair is marked."""
-    return f"more than {s.threshold:g} robust standard deviations off the trend"
+    rule = f"more than {s.threshold:g} robust standard deviations off the trend"
+    # A table may be steep and bent.
+    flights = LAYOUTS[s.recording.layout].uses_flight
+    return rule if flights else f"{rule} and off a smooth curve"
 
 
-def marked_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
+def marked_rows(s: SummaryData) -> tuple[Row, list[Row]]:
     """The header and the rows of a table of the marked pairs."""
     rows = [
         (
@@ -159,18 +169,23 @@ def marked_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
     return ("rows", "v (m/s)", "e", "deviation", "may be"), rows
 
 
-def _marked(s: CalibrationSummary) -> list[str]:
+def _marked(s: SummaryData) -> list[str]:
     header, rows = marked_rows(s)
+    if not rows and s.few:
+        return wrapped("Marked", "no pair: of so few nothing tells which is wrong")
     if not rows:
-        return [f"Marked     none of {len(s.pairs)} pairs is {marking_rule(s)}"]
+        return wrapped("Marked", f"none of {len(s.pairs)} pairs is {marking_rule(s)}")
     return [
-        f"Marked     {len(rows)} of {len(s.pairs)} pairs are {marking_rule(s)}",
-        "           and are left out of the fits (shown with them further down)",
+        *wrapped(
+            "Marked",
+            f"{len(rows)} of {len(s.pairs)} pairs {'is' if len(rows) == 1 else 'are'} "
+            f"{marking_rule(s)}: left out of the fits (shown with them further down)",
+        ),
         *text_table(rows, header=header, align="<>>><", indent=2),
     ]
 
 
-def errors_sentence(s: CalibrationSummary, layout: Layout) -> str:
+def errors_sentence(s: SummaryData, layout: Layout) -> str:
     """How the standard errors were found, and what they allow for."""
     if any(law.errors_by == "point" for law in s.choice.laws):
         return (
@@ -182,9 +197,10 @@ def errors_sentence(s: CalibrationSummary, layout: Layout) -> str:
     return layout.errors_words
 
 
-def _fits(s: CalibrationSummary, layout: Layout) -> list[str]:
+def _fits(s: SummaryData, layout: Layout) -> list[str]:
     lines = wrapped("Fits", f"standard errors {errors_sentence(s, layout)}")
-    lines += wrapped("", noise_note(s))
+    if noise_note(s):
+        lines += wrapped("", noise_note(s))
     aicc = {c.name: c.aicc for c in s.choice.candidates}
     for law in s.choice.laws:
         lines.append(f"  {law.kind}")
@@ -198,12 +214,15 @@ def _fits(s: CalibrationSummary, layout: Layout) -> list[str]:
             lines += wrapped("describes them", f"{word}: {law.grounds}", indent=20, lead="    ")
         answer = "yes" if law.converged else "NO"
         lines.append(f"    {'converged':<16}{answer}, in {law.steps} steps: {law.reason}")
-        if law.converged and not law.identifiable:
-            lines.append("    the best value lies at the edge of the law's range: not identifiable")
+        if law.converged and not law.identifiable and not s.few:
+            why = "the data do not determine every parameter"
+            if law.reason.endswith(AT_BOUND):
+                why = "the best value lies at the edge of the law's range"
+            lines.append(f"    {why}: not identifiable")
     return lines
 
 
-def speed_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
+def speed_rows(s: SummaryData) -> tuple[Row, list[Row]]:
     """The header and the rows of a table of medians by speed, and of the fits there."""
     kinds = [law.kind for law in s.choice.laws]
     rows = [
@@ -218,7 +237,7 @@ def speed_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
     return ("v (m/s)", "pairs", "e", *kinds), rows
 
 
-def _by_speed(s: CalibrationSummary) -> list[str]:
+def _by_speed(s: SummaryData) -> list[str]:
     header, rows = speed_rows(s)
     if not rows:
         return []
@@ -228,19 +247,16 @@ def _by_speed(s: CalibrationSummary) -> list[str]:
     ]
 
 
-def _choice(s: CalibrationSummary, layout: Layout) -> list[str]:
+def _choice(s: SummaryData) -> list[str]:
     lines = wrapped(
         "Choice",
         "lower is better; held out: root mean square of residual over noise, at speeds left out",
     )
     lines += ["  " + line for line in s.choice.table().splitlines()]
-    trend = line_sentence(s.choice), drag_caution(s, layout)
-    for sentence in (s.choice.verdict, s.choice.yardstick, *trend):
+    for sentence in (s.choice.verdict, s.choice.yardstick, line_sentence(s.choice)):
         if sentence:
             lines += wrapped("", sentence)
-    law = f"the law is {s.law!r}, for {s.contact!r}" if s.law else "no fit converged"
-    note = f" ({contact_note(s.given)})" if len(s.given) < 2 else ""
-    return lines + wrapped("Result", law + note)
+    return lines
 
 
 def _equivalents(choice: ChoiceData) -> list[str]:
@@ -251,21 +267,14 @@ def equivalents_sentence(choice: ChoiceData) -> str:
     """The e to set in each law of constant e."""
     e = choice.constant.value
     able = [f"{a.law} {a.e:.4f}" for a in choice.asked if a.e is not None]
-    unable = [f"{a.law} ({a.least:.3f} at least)" for a in choice.asked if a.e is None]
-    text = f"laws deliver a constant e of {e:.4f} where their parameter e is: {', '.join(able)}"
+    unable = [f"{a.law} ({a.least:.3g} to {a.most:.3g})" for a in choice.asked if a.e is None]
+    said = []
+    if able:
+        where = f"laws deliver a constant e of {e:.4f} where their parameter e is"
+        said.append(f"{where}: {', '.join(able)}")
     if unable:
-        text += f"; not within reach of {', '.join(unable)}"
-    return text
-
-
-def drag_caution(s: CalibrationSummary, layout: Layout) -> str | None:
-    """A warning where e falls with speed while the drag of the air was left in."""
-    error = s.choice.line.slope_error
-    if not layout.uses_flight or s.drag is not None or error is None:
-        return None
-    if s.choice.line.slope > -2 * error:
-        return None
-    return "the drag of the air is left in: the fall of e with speed may be drag, not the contact"
+        said.append(f"a constant e of {e:.4f} is not within reach of {', '.join(unable)}")
+    return "; ".join(said)
 
 
 def line_sentence(choice: ChoiceData) -> str:
@@ -281,7 +290,7 @@ def line_sentence(choice: ChoiceData) -> str:
     )
 
 
-def side_by_side_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
+def side_by_side_rows(s: SummaryData) -> tuple[Row, list[Row]]:
     """The header and the rows of a table of the laws without and with the marked pairs."""
     rows: list[Row] = []
     # With more pairs, laws may be fitted that have too many parameters without.
@@ -297,7 +306,7 @@ def side_by_side_rows(s: CalibrationSummary) -> tuple[Row, list[Row]]:
     return ("", f"without ({s.choice.count})", f"with ({s.with_marked.count})"), rows
 
 
-def _side_by_side(s: CalibrationSummary) -> list[str]:
+def _side_by_side(s: SummaryData) -> list[str]:
     if not any(pair.marked for pair in s.pairs):
         return []
     header, rows = side_by_side_rows(s)
@@ -309,7 +318,7 @@ def _side_by_side(s: CalibrationSummary) -> list[str]:
     ]
 
 
-def open_questions(s: CalibrationSummary) -> list[str]:
+def open_questions(s: SummaryData) -> list[str]:
     """What e(v) does not determine, law by law, and what would."""
     lines = [f"{law.kind}: {law.unidentified}" for law in s.choice.laws]
     if len(s.given) < 2:
@@ -317,7 +326,7 @@ def open_questions(s: CalibrationSummary) -> list[str]:
     return lines
 
 
-def _open_questions(s: CalibrationSummary) -> list[str]:
+def _open_questions(s: SummaryData) -> list[str]:
     if s.impacts:  # whose forces tell K, and with it the rest
         return []
     return ["What e(v) alone leaves open", *(f"  {line}" for line in open_questions(s))]

@@ -53,6 +53,15 @@ def sure_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind]) -> Standing 
     return next((one for one in found if one.sure), None)
 
 
+def rivals_of(
+    fits: Mapping[str, Fit], kinds: Sequence[AbstractKind], best: str | None, sure: Standing | None
+) -> tuple[str, ...]:
+    """The laws that are not ruled out beside the best; only those that converged."""
+    if best is None or sure is not None:
+        return ()
+    return tuple(n for n in standing_of(fits, kinds, best).rivals if fits[n].converged)
+
+
 def _keeps_open(found: FitData, own: AbstractKind, fit: FitData, other: AbstractKind) -> bool:
     """Whether another law, which may contain this one, has to be reckoned with."""
     if not (found.converged and fit.converged):

@@ -17,7 +17,9 @@ _PLACES = 40
 _WANTED = 40.0
 """λ at which the wrong law is seen in all but one of ten thousand tables."""
 
-_HOPELESS = 10_000
+_MANY = 2_000
+"""More readings than these do not average out what they share: a scale that reads 1 % too much."""
+
 _SHOWN = 12
 """Into so many parts the readings are shared to see at which speeds they are needed."""
 
@@ -29,9 +31,10 @@ def what_settles(
 
     The law with more parameters is taken as right, as it was fitted; the other's are moved so that
     its largest distance from it, between the slowest and the fastest speed, is least: it is best
-    read where it has that distance (see `design`). Nothing where the choice is clear.
+    read where it has that distance (see `design`). Nothing where the choice is clear, and where
+    the best law does not describe the data.
     """
-    if best is None or not rivals:
+    if best is None or not rivals or fits[best].adequate is False:
         return ""
     # Where both have as many, the best is taken as right.
     right, other = sorted((best, rivals[0]), key=lambda name: -len(fits[name].names))
@@ -44,17 +47,18 @@ def what_settles(
     noise = float(np.nanmedian(scatter(fits[right])[: len(fits[right].problem.x)]))
     between = f"to tell {best} from {rivals[0]}"
     count = math.inf if distance == 0 else math.ceil(_WANTED * (noise / distance) ** 2)
-    if count > _HOPELESS:
+    if count > _MANY:
+        most = "nothing" if distance == 0 else f"{100 * distance:.1g} % of e at most"
         return (
-            f"{between}, measure at other speeds than {low:.3g} to {high:.3g} m/s: there the two "
-            "differ too little"
+            f"{between}, measure e at other speeds than {low:.3g} to {high:.3g} m/s: there they "
+            f"differ by {most}, which the scatter of single readings hides"
         )
     places = speeds[shared_out(share, _SHOWN) > 0]
     at = " and ".join(f"{v:.3g}" for v in places)
-    count = max(count, len(places) + 1)
+    count = float(f"{max(count, len(places) + 1):.2g}")
     return (
-        f"{between}, measure e at {at} m/s, equally often: about {count} readings with this "
-        f"scatter ({100 * noise:.2g} % of e) settle it, if {right} is right"
+        f"{between}, measure e at {at} m/s, equally often: about {count:g} independent readings "
+        f"that scatter as these do rule out {other}, if {right} is right"
     )
 
 

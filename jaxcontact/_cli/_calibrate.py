@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import os
 import pathlib
 import re
 from typing import TYPE_CHECKING
 
 from .._progress import Stages
+from .._text_table import wrapped
 from .._whole_files import write_all
 from ._air import add_air_options, drag_asked, gravity_asked
 from ._files import output_path
@@ -35,6 +37,11 @@ ball that ship with the package.
 """
 
 EPILOG = """\
+It prints e with its 95 % interval at the slowest and the fastest measured speed (and at those of
+--at), the law, the data, and what to measure next. The interval is that of the mean e at a speed,
+if the law is right. --details prints all tables. Of one to three pairs it prints the e of each and
+their mean; a law takes four.
+
 FILE is a table: text (CSV and its relatives, decimal commas too), a spreadsheet or parquet. It has
 one of these sets of columns, with headings by any usual name ("v", "COR", "speed (mm/s)"):
   interval_s [ball, drop_height_m, trial, bounce, sigma]
@@ -124,7 +131,20 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const="",
         help="also write a report: .html, one page with pictures and what to type into simulators, "
-        f".txt or .json; without FILE {REPORT}, a page of Markdown beside the figure",
+        f".md, .txt or .json; without FILE {REPORT} beside the figure",
+    )
+    parser.add_argument(
+        "--at",
+        metavar="V",
+        type=positive,
+        action="append",
+        default=[],
+        help="also say e at this approach speed in m/s; may be repeated",
+    )
+    parser.add_argument(
+        "--details",
+        action="store_true",
+        help="print everything: marked pairs, parameters of all laws, their comparison",
     )
 
 
@@ -136,8 +156,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     from ..plot import calibration, record, sound, track
     from ..plot._save import drawn
 
-    page = _page(arguments.report)
     out = pathlib.Path(arguments.out)
+    page = _page(arguments.report, out)
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out} is not a folder")
     try:
@@ -160,6 +180,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             stiffness=arguments.stiffness,
             exponent=arguments.exponent,
             gravity=gravity_asked(arguments),
+            at=arguments.at,
             progress=progress,
         )
     except RecordingError as error:
@@ -172,7 +193,6 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
             raise InputError(str(error).replace(option[0], f"--{option[1]}", 1)) from error
         raise InputError(f"--law: {error}") from error
     progress("drawing and writing")
-    report = result.report()
     figure = drawn(lambda f: calibration(result, ax=f.add_subplot()), (7.0, 4.6), out / FIGURE)
     files = {out / FIGURE: figure, out / NUMBERS: result.to_json().encode()}
     if recording.sound is not None:
@@ -187,27 +207,27 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     if page is not None:
         from .._report import content_of
 
-        files[page] = content_of(result, page, arguments.radius, progress)
-    elif arguments.report is not None:
-        text = (
-            f"# Calibration\n\n![e over the approach speed]({FIGURE})\n\n```text\n{report}\n```\n"
-        )
-        files[out / REPORT] = text.encode()
+        picture = pathlib.Path(os.path.relpath(out / FIGURE, page.parent)).as_posix()
+        files[page] = content_of(result, page, arguments.radius, progress, picture)
     write_all(files)
     if arguments.json:
         print(files[out / NUMBERS].decode(), end="")
     else:
-        print(report)
-        print(f"Written    {', '.join(map(str, files))}")
+        print(result.report() if arguments.details else result)
+        print("\n".join(wrapped("Written", ", ".join(map(str, files)))))
     return 0 if result.converged else 1
 
 
-def _page(name: str | None) -> pathlib.Path | None:
-    """The file of `--report`; None where none is named. Raises InputError for another ending."""
-    if not name:
+def _page(name: str | None, out: pathlib.Path) -> pathlib.Path | None:
+    """The file of `--report`; None without it. Raises InputError for another ending."""
+    if name is None:
         return None
-    from .._report import SUFFIXES
+    if not name:
+        return out / REPORT
+    from .._report import PDF, SUFFIXES
 
+    if pathlib.Path(name).suffix.lower() == ".pdf":
+        raise InputError(f"--report {name}: {PDF.format(pathlib.Path(name).stem)}")
     if pathlib.Path(name).suffix.lower() not in SUFFIXES and pathlib.Path(name).exists():
         raise InputError(
             f"--report {name}: is this the recording? Then put it first: "

@@ -33,3 +33,4 @@ from ._transforms import Between as Between
 from ._transforms import Fixed as Fixed
 from ._transforms import Free as Free
 from ._transforms import Positive as Positive
+from ._verdict import AT_BOUND as AT_BOUND

@@ -106,7 +106,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
     threshold = np.inf if problem.threshold is None else float(problem.threshold)
     z = np.clip(fit.z, -threshold, threshold)
     if _is_exact(fit, z):
-        reason = f"it meets them to {_EXACT:.0e} of their scatter"
+        reason = "it meets them to one part in a million"
         return dataclasses.replace(unknown, adequate=True, reason=reason)
     model, left, trial = basis_of(fit.jacobian[used]), z, _trials(fit, used)
     many = trial if trial is not None and trial.max() + 1 >= LEAST_GROUPS else None

@@ -26,6 +26,9 @@ from ._target import groups_of, whitener_of
 CLEAR_AICC = 2.0
 """Below this difference of AICc two fits count as equally good (Burnham & Anderson 2002)."""
 
+_SAME = 5e-3
+"""Two criteria that differ by less are printed as one: the same curve, but for rounding."""
+
 CLEAR_ADVANTAGE = 2.0
 """The same for the advantage summed over groups, in its standard errors."""
 
@@ -60,7 +63,7 @@ class Comparison:
 
     `best` is the simplest of those that describe the data equally well: whose AICc is less than 2
     above the lowest, or whose disadvantage is below two of its standard errors by group; of equally
-    simple ones, the one given first. If it does not describe the data the verdict says so, and
+    simple ones, the one of lowest AICc. If it does not describe the data the verdict says so, and
     which others may. None where no fit converged.
     """
 
@@ -302,19 +305,17 @@ def _verdict(
     if not good:
         return None, "No fit converged."
     first = good[0]
-    best = min(equal, key=lambda c: (c.k, order.index(c.name)))
+    best = min(equal, key=lambda c: (c.k, c.aicc > _least(equal, c.k) + _SAME, order.index(c.name)))
     values = f": {parameters(best.name)}" if parameters else ""
-    if best.adequate is not False:
-        how = "best" if len(equal) == 1 else "as well as any"
-        text = f"Use {best.name}, which describes the data {how}{values}."
+    if best.adequate is False:
+        text = _none_describes(best, first, good, values)
     else:
-        them = [c.name for c in good if c.adequate is not False]
-        rest = f"; {' or '.join(them)} may" if them else ", and none of these does"
-        assert best.p is not None  # for the type checker
-        text = (
-            f"The best is {best.name}{values}. But it does not describe the data "
-            f"({shown(best.p)}){rest}."
-        )
+        alone = len(equal) == 1 and best is first
+        if best.adequate is None:
+            how = "comes closest to the data" if alone else "comes as close to the data as any"
+        else:
+            how = f"describes the data {'best' if alone else 'as well as any'}"
+        text = f"Use {best.name}, which {how}{values}."
     others = [_distance(c, first, group) for c in equal if c is not best]
     if others:
         text += f" The data do not distinguish it from {' or '.join(others)}."
@@ -322,16 +323,34 @@ def _verdict(
     if worse:
         text += f" Next is {_distance(worse[0], first, group)}."
     brief = min(good, key=lambda c: c.bic)
-    if brief is not best:
-        text += (
-            " BIC, which has a larger penalty for each parameter, prefers "
-            f"{brief.name} by {best.bic - brief.bic:.1f}."
-        )
+    if best.bic - brief.bic > _SAME:
+        why = ""
+        if brief.k < best.k and brief.aicc > best.aicc:
+            why = ", which has a larger penalty for each parameter,"
+        text += f" BIC{why} prefers {brief.name} by {best.bic - brief.bic:.1f}."
     judged = [(c.held_out, c) for c in good if c.held_out is not None]
-    held = min(judged, key=operator.itemgetter(0), default=(0.0, best))[1]
-    if held not in equal:
+    error, held = min(judged, key=operator.itemgetter(0), default=(0.0, best))
+    # Where the errors are printed as one, none is smaller.
+    equally = [c for e, c in judged if f"{e:.4g}" == f"{error:.4g}"]
+    if judged and not any(c in equal for c in equally):
         text += f" But {left_out} that were left out are predicted best by {held.name}."
     return best.name, text
+
+
+def _least(equal: list[Candidate], k: int) -> float:
+    """The lowest AICc with k parameters."""
+    return min(c.aicc for c in equal if c.k == k)
+
+
+def _none_describes(best: Candidate, first: Candidate, good: list[Candidate], values: str) -> str:
+    """That the fit to use does not describe the data, and which may."""
+    them = [c.name for c in good if c.adequate is not False]
+    assert best.p is not None  # for the type checker
+    head = f"The best is {best.name}{values}"
+    if best is not first:
+        head = f"{best.name} comes as close as any{values}"
+    rest = f"; {' or '.join(them)} may" if them else ", and none of these does"
+    return f"{head}. But it does not describe the data ({shown(best.p)}){rest}."
 
 
 def _distance(c: Candidate, first: Candidate, group: str) -> str:

@@ -10,6 +10,9 @@ from ._inference import Direction
 from ._problem import Problem
 from ._space import Space
 
+AT_BOUND = "at the bound"
+"""How a reason ends where parameters ran there."""
+
 _AT_BOUND = 1e-6
 """A parameter nearer to a bound than this part of the interval has run there."""
 
@@ -85,7 +88,7 @@ def verdict(found: Found, at_bound: np.ndarray, space: Space, most: int) -> tupl
     if not (np.isfinite(found.loss) and np.isfinite(found.jacobian).all()):
         return False, "the prediction is not finite there"
     ran = [name for name, there in zip(space.names, at_bound, strict=True) if there]
-    bound = f", {' and '.join(ran)} at the bound" if ran else ""
+    bound = f", {' and '.join(ran)} {AT_BOUND}" if ran else ""
     left = ~(found.still | at_bound)
     if not left.any():
         return True, "no step is left" + bound

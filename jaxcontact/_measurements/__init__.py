@@ -13,6 +13,7 @@ from ._layout import LAYOUTS as LAYOUTS
 from ._layout import Layout as Layout
 from ._layout import counted as counted
 from ._layout import register_layout as register_layout
+from ._layout import span as span
 from ._outliers import marked_in as marked_in
 from ._pairs import Pairs as Pairs
 from ._pairs import make_pairs as make_pairs

@@ -19,6 +19,11 @@ Ints = NDArray[np.int64]
 LEAST_PAIRS = 4
 """One parameter of the law, two of the noise, and one left over to judge the fit by."""
 
+_NEEDED = (
+    "is needed",
+    "are needed (one parameter of the law, two of the noise, one to judge the fit by)",
+)
+
 
 @dataclasses.dataclass(frozen=True)
 class Pairs:
@@ -62,17 +67,16 @@ class Pairs:
         records = tuple(itertools.compress(self.records, keep))
         return dataclasses.replace(self, records=records, **kept)
 
-    def needs_enough(self, marked: int = 0) -> None:
-        """Raise RecordingError for too few pairs to fit; `marked` pairs were left out before."""
+    def needs_enough(self, marked: int = 0, least: int = LEAST_PAIRS) -> None:
+        """Raise RecordingError for fewer pairs than `least`; `marked` ones were left out before."""
         count = len(self)
-        if count >= LEAST_PAIRS:
+        if count >= least:
             return
         what = self.layout.pair_words[count != 1] + (f" of {self.ball}" if self.ball else "")
         left_out = f"; {marked} more lie off the trend and are left out" if marked else ""
         raise RecordingError(
-            f"{count} usable {what}, but at least {LEAST_PAIRS} are needed (one parameter of the "
-            f"law, two of the noise, one to judge the fit by){left_out}; {self.layout.pair_rule}; "
-            "add rows",
+            f"{count} usable {what}, but at least {least} {_NEEDED[least > 1]}{left_out}; "
+            f"{self.layout.pair_rule}; add rows",
             self.source,
             int(self.second_row.max()) if count else None,
             self.layout.columns[-1],

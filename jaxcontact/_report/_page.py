@@ -6,9 +6,10 @@ import string
 from collections.abc import Callable
 
 from .._calibration import Calibration
+from .._calibration._short import title
 from ._html import element, joined, section, text
 from ._pictures import pictures
-from ._sections import compared, footer, impacts, parameters, title, treatment, verdict
+from ._sections import compared, footer, impacts, parameters, treatment, verdict
 from ._simulators import simulators
 
 _PAGE = string.Template("""\
@@ -46,9 +47,15 @@ pre { background: #f4f4f4; padding: .6rem; overflow-x: auto; font-size: .85rem;
   overflow-wrap: normal; }
 footer { margin-top: 2rem; font-size: .85rem; color: #444; }
 @media (max-width: 40rem) { .pictures { columns: 1; } }
-@media print { body { max-width: none; padding: 0; font-size: 10pt; }
-  article, tr { break-inside: avoid; } h2, h3 { break-after: avoid; }
-  pre { white-space: pre-wrap; } }
+@page { size: A4; margin: 15mm; }
+@media print { body { max-width: none; padding: 0; font-size: 9.5pt; }
+  .verdict { -webkit-print-color-adjust: exact; print-color-adjust: exact; }
+  .verdict, figure, tr, pre { break-inside: avoid; } h2, h3 { break-after: avoid; }
+  .pictures { columns: 2; } figure img { max-height: 22cm; object-fit: contain; }
+  .wide, pre { overflow: visible; } table { font-size: 8.5pt; }
+  th, td { padding-right: .5rem; overflow-wrap: anywhere; }
+  th.number, td.number { white-space: normal; }
+  pre { white-space: pre-wrap; overflow-wrap: anywhere; } }
 </style>
 </head>
 <body>

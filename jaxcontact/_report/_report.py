@@ -12,8 +12,14 @@ from .._progress import stages_of
 from .._whole_files import write_all
 from ._page import page_of
 
-SUFFIXES = (".html", ".txt", ".json")
+SUFFIXES = (".html", ".md", ".txt", ".json")
 """What a report may be written as."""
+
+PDF = (
+    "write it as .html, open that in a browser and print to PDF (Ctrl+P), or run `chromium "
+    "--headless --no-pdf-header-footer --print-to-pdf={0}.pdf {0}.html`"
+)
+"""How a page becomes a PDF."""
 
 
 def report(
@@ -25,10 +31,11 @@ def report(
 ) -> None:
     """Write what a calibration found as one file; its ending says as what.
 
-    `.html` is a page to read, print and send: the verdict first, then pictures, parameters with
-    standard errors, what to type into each simulator, the laws compared, and what was done to the
-    data. It needs no script and nothing from elsewhere. `.txt` is `calibration.report()`, `.json`
-    what `calibration.save` writes.
+    `.html` is a page to read, print (on A4, or to PDF from the browser) and send: the verdict
+    first, then pictures, parameters with standard errors, what to type into each simulator, the
+    laws compared, and what was done to the data. It needs no script and nothing from elsewhere.
+    `.txt` is `calibration.report()`, `.md` the same as Markdown, `.json` what `calibration.save`
+    writes.
 
     Arguments: what `calibrate` returned; the `file`, which appears whole or not at all; the
     `radius` of the ball in m, by default that of the drag, for simulators that ask for it;
@@ -38,6 +45,8 @@ def report(
     """
     require_kind("calibration", calibration, Calibration, "a `Calibration` (see `calibrate`)")
     path = require_path("file", file)
+    if path.suffix.lower() == ".pdf":
+        raise ValueError(f"Argument `file` must not end in .pdf: {PDF.format(path.stem)}.")
     if path.suffix.lower() not in SUFFIXES:
         raise ValueError(
             f"Argument `file` must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}, but is "
@@ -53,13 +62,19 @@ def content_of(
     file: pathlib.Path,
     radius: float | None,
     tell: Callable[[str], None],
+    picture: str = "",
 ) -> bytes:
-    """The content of a report of this name."""
+    """The content of a report of this name; a Markdown page shows the `picture` beside it."""
     kind = file.suffix.lower()
     if kind == ".json":
         return calibration.to_json().encode()
     if kind == ".txt":
         return calibration.report().encode()
+    if kind == ".md":
+        shown = f"![e over the approach speed]({picture})\n\n" if picture else ""
+        head, _, rest = calibration.report().partition("\n\n")
+        title = " ".join(head.split())
+        return f"# {title}\n\n```text\n{rest.rstrip()}\n```\n\n{shown}".rstrip().encode() + b"\n"
     drag = calibration.summary.drag
     if radius is None and drag is not None:
         radius = float(drag.radius)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from .._calibration import CalibrationSummary
 from .._calibration._report import (
     data_words,
-    drag_caution,
     equivalents_sentence,
     errors_sentence,
     impact_rows,
@@ -17,48 +16,40 @@ from .._calibration._report import (
     side_by_side_rows,
     speed_rows,
 )
-from .._calibration._summary import contact_note
+from .._calibration._short import (
+    bounce_rows,
+    cautions,
+    headlines,
+    law_in_python,
+    law_sentence,
+)
 from .._measurements import LAYOUTS
 from ._html import Html, definitions, element, joined, paragraphs, section, table
 
 _ADEQUATE = {True: "yes", False: "no", None: "cannot be told"}
 
 
-def title(s: CalibrationSummary) -> str:
-    """What was calibrated."""
-    ball = f", ball {s.recording.ball}" if s.recording.ball else ""
-    return f"Calibration of {s.recording.source}{ball}"
-
-
 def verdict(s: CalibrationSummary) -> Html:
-    """What to believe, before anything else."""
-    head, mood = _headline(s)
-    choice, layout = s.choice, LAYOUTS[s.recording.layout]
-    law = "" if s.law is None else f"the law is {s.law!r}, for {s.contact!r}"
-    if s.law is not None and len(s.given) < 2:
-        law += f" ({contact_note(s.given)})"
-    cautions = drag_caution(s, layout), choice.yardstick, law
-    ask = choice.next_measurement
+    """What to believe, before anything else: as `print` says it."""
+    first, *rest = headlines(s)
+    ask = s.choice.next_measurement
     return element(
         "section",
-        element("h2", head),
-        paragraphs(choice.verdict, *(one for one in cautions if one)),
+        element("h2", first),
+        paragraphs(*rest),
+        table(*bounce_rows(s)),
+        paragraphs(law_sentence(s), *cautions(s), f"in Python: {law_in_python(s)}"),
         paragraphs(f"next: {ask}") if ask else Html(""),
-        class_=f"verdict {mood}",
+        class_=f"verdict {_mood(s)}",
     )
 
 
-def _headline(s: CalibrationSummary) -> tuple[str, str]:
-    """The verdict in a line, and whether it is good, open or bad."""
-    choice = s.choice
-    if choice.best is None:
-        return "No fit converged", "bad"
-    best = choice.law_fit(choice.best)
-    if best.adequate is False:
-        return f"{best.kind} is the best of these laws, but does not describe the data", "bad"
-    if choice.sure:
-        return f"It is {best.kind}: {best.said}", "good"
-    return f"Use {best.kind}: {best.said}. Other laws are not excluded", "open"
+def _mood(s: CalibrationSummary) -> str:
+    """Whether the verdict is good, open or bad."""
+    law = s.chosen
+    if law is None or law.adequate is False:
+        return "bad"
+    return "good" if s.choice.sure and s.choice.best == law.kind else "open"
 
 
 def parameters(s: CalibrationSummary) -> Html:
@@ -115,6 +106,8 @@ def compared(s: CalibrationSummary) -> Html:
             "lower is better; k counts parameters; held out is the root mean square of residual "
             "over noise at speeds that were left out",
             noise_note(s),
+            s.choice.verdict,
+            s.choice.yardstick,
             line_sentence(s.choice),
         ),
         element("h3", "Whether they describe the data"),

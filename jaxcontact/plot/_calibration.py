@@ -9,9 +9,9 @@ import numpy as np
 from .._calibration import Calibration
 from .._parameter import require_kind
 from ._axes import axes_of
-from ._choice import curves_of
+from ._choice import curves_of, draw_points
 from ._labels import put_label
-from ._style import DATA, LEFT_OUT, legend_above
+from ._style import LEFT_OUT, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +33,7 @@ def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
     low, high = float(e[~flagged].min()), float(e[~flagged].max())
     room = _ROOM * max(high - low, 0.02)
     low, high = low - room, high + room
-    ax.plot(v[~flagged], e[~flagged], ".", color=DATA, alpha=0.6, ms=5, mew=0, label="kept")
+    draw_points(ax, v[~flagged], e[~flagged], "kept")
     _draw_marked(ax, v[flagged], e[flagged], (low, high))
     speeds = np.linspace(v[~flagged].min(), v[~flagged].max(), _FINE)
     styles = curves_of(result.choice)

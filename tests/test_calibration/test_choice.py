@@ -222,10 +222,11 @@ def test_what_would_settle_it_is_said_where_the_choice_is_open(choices):
     power = found.fits["c as a power of v"]
     scatter = np.sqrt(power.noise) / np.max(power.problem.factor)
     count = int(np.ceil(40 * (scatter / (np.ptp(curve) / 2)) ** 2))
-    assert f"at {SPEED.min():.3g} and {SPEED.max():.3g} m/s, equally often: about {count} " in said
+    about = f"{float(f'{count:.2g}'):g}"
+    assert f"at {SPEED.min():.3g} and {SPEED.max():.3g} m/s, equally often: about {about} " in said
     assert repr(found).endswith(f"{said[1:]}.")
     # A power that was found to be next to none would take more readings than anyone makes.
-    assert "differ too little" in choices["constant c"].next_measurement
+    assert "which the scatter of single readings hides" in choices["constant c"].next_measurement
 
 
 def test_nothing_is_said_where_the_choice_is_clear():

@@ -26,10 +26,14 @@ def good(tmp_path):
 
 def test_the_shipped_ball(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
-    assert main(["calibrate", "--out", str(out)]) == 0
+    assert main(["calibrate", "--out", str(out), "--at", "2", "--at=6"]) == 0
     printed = capsys.readouterr()
-    assert "ball blue" in printed.out
-    assert "23 of 294 pairs" in printed.out
+    lines = printed.out.splitlines()
+    assert "ball blue" in lines[0] and len(lines) <= 25
+    assert lines[2].startswith("e = 0.8799 at all speeds from 0.675 to 3.2 m/s (95 %: ± 0.0017)")
+    assert lines[3].startswith("e = 0.8799 at 2 m/s (95 %: ")
+    assert lines[4].startswith("e = 0.8799 at 6 m/s") and "no pair is that fast" in lines[4]
+    assert "294 pairs" in printed.out and "23" in printed.out
     assert str(out / NUMBERS) in printed.out
     # The first line of progress comes before anything is compiled.
     assert printed.err.startswith("[  0.0 s] reading the recording")
@@ -43,14 +47,15 @@ def test_the_shipped_ball(tmp_path, capsys):
 
 
 def test_a_file_of_one_s_own(good, tmp_path, capsys):
-    options = ["--out", str(tmp_path / "o"), "--law", "all", "--report", "--quiet"]
+    options = ["--out", str(tmp_path / "o"), "--law", "all", "--report", "--details", "--quiet"]
     assert main(["calibrate", str(good), *options]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
     page = (tmp_path / "o" / REPORT).read_text()
     assert f"({FIGURE})" in page
     # What was printed, but for the line that names the files.
-    assert printed.out.rpartition("Written")[0].strip() in page
+    title, _, rest = printed.out.rpartition("Written")[0].strip().partition("\n\n")
+    assert page.startswith(f"# {' '.join(title.split())}\n") and rest in page
     assert "none of 220 pairs" in printed.out
     data = json.loads((tmp_path / "o" / NUMBERS).read_text())
     found = data["choice"]["laws"][0]["estimates"][0]
@@ -60,7 +65,7 @@ def test_a_file_of_one_s_own(good, tmp_path, capsys):
 def test_a_report_is_what_its_ending_says(good, tmp_path, capsys):
     text, page = tmp_path / "a.txt", tmp_path / "a.html"
     options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet"]
-    assert main(["calibrate", str(good), *options, "--report", str(text)]) == 0
+    assert main(["calibrate", str(good), *options, "--details", "--report", str(text)]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith(text.read_text()) and str(text) in printed
     assert main(["calibrate", str(good), *options, f"--report={page}", "--radius", "0.02"]) == 0
@@ -90,12 +95,14 @@ def test_a_choice_of_law(good, tmp_path, capsys, law, laws):
     assert main(["calibrate", str(good), "--law", law, "--out", str(tmp_path), "--quiet"]) == 0
     data = json.loads((tmp_path / NUMBERS).read_text())
     assert [fit["law"] for fit in data["choice"]["laws"]] == laws
-    assert ("e delivered" in capsys.readouterr().out) == (law == "hu_guo")
+    estimates = [one["name"] for one in data["choice"]["laws"][0]["estimates"]]
+    assert ("e delivered" in estimates) == (law == "hu_guo")
 
 
 def test_drag_mass_and_stiffness(tmp_path, capsys):
     drag = ["--mass", "0.0027", "--radius", "0.02", "--drag-coefficient", "0.5"]
     options = ["--ball", "pingpong", *drag, "--stiffness", "1e6", "--law", "kuwabara_kono"]
+    options += ["--details"]
     assert main(["calibrate", *options, "--out", str(tmp_path), "--quiet"]) == 0
     assert "taken out of the flights" in capsys.readouterr().out
     data = json.loads((tmp_path / NUMBERS).read_text())
@@ -127,7 +134,7 @@ BAD_FILES = {
     "text": (HEADER + "a,1,1,1,0.4\na,1,1,2,fast\n", "row 3, column interval_s: 'fast'"),
     "negative": (HEADER + "a,1,1,1,0.4\na,1,1,2,-0.36\n", "row 3, column interval_s: must be"),
     "not a number": (HEADER + "a,1,1,1,nan\n", "row 2, column interval_s: 'nan'"),
-    "few": (HEADER + "a,1,1,1,0.4\na,1,1,2,0.36\n", "row 3, column interval_s: 1 usable pair of"),
+    "no pair": (HEADER + "a,1,1,1,0.4\n", "column interval_s: 0 usable pairs of successive"),
     "no rows": (HEADER, "row 1, column interval_s: holds a header"),
     "empty": ("", "row 1: is empty"),
     "two balls": (
@@ -163,7 +170,14 @@ BAD_OPTIONS = {
     "no such law": (["--law", "nonsense"], "--law: Argument `law` must be one of"),
     "half a drag": (["--radius", "0.02"], "also give --mass and --drag-coefficient"),
     "mass alone": (["--mass", "0.1"], "or --stiffness, for A"),
-    "report": (["--report", "ball.jpg"], "--report ball.jpg: the name must end in .html, .txt or"),
+    "report": (
+        ["--report", "ball.jpg"],
+        "ball.jpg: the name must end in .html, .md, .txt",
+    ),
+    "pdf": (
+        ["--report", "ball.pdf"],
+        "--report ball.pdf: write it as .html, open that",
+    ),
     "air alone": (["--air-density", "1.2"], "--air-density alone cannot correct for drag"),
 }
 
@@ -206,10 +220,12 @@ def test_a_fit_that_does_not_converge_is_said(good, tmp_path, capsys, monkeypatc
 
     impatient = functools.partial(_choose.fit, max_steps=2)
     monkeypatch.setattr(_choose, "fit", impatient)
-    options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet"]
+    options = ["--law", "constant_damping", "--out", str(tmp_path), "--quiet", "--details"]
     assert main(["calibrate", str(good), *options]) == 1
     printed = capsys.readouterr().out
     assert "NO, in 2 steps: 2 steps were not enough" in printed
+    assert "No law could be fitted: e of 220 pairs is" in printed
+    assert "NOT converged, and not to be believed: constant e, constant c" in printed
     loaded = jc.load_calibration(tmp_path / NUMBERS)
     assert not loaded.converged and loaded.law is None
 

@@ -42,6 +42,7 @@ MEASURED = jc.read_recording(velocity=V, restitution=OUT)
 RECORD = [*[0.0] * 30, *(k * (30 - k) for k in range(30)), *[0.0] * 30]
 LIST_OF_NUMBERS = frozenset({"tuple", "list of text", "shape (1,)", "jax shape (1,)", "Series"})
 """Text may be a number there, as it is in a file."""
+AT = frozenset({"shape (1,)", "jax shape (1,)", "shape (0,)", "empty list"})
 HOW = {"velocity": V, "e": OUT, "contact": CONTACT}
 RECORDED = {"velocity": V, "restitution": OUT}
 
@@ -238,6 +239,7 @@ def cases() -> dict[str, Case]:
                 "stiffness": POSITIVE | NONE,
                 "exponent": NONE,
                 "gravity": POSITIVE,
+                "at": NUMBERS_3 - {"range"} | POSITIVE | AT,
                 "progress": FLAG | {"function"},
             },
             # Classes are functions, which are called with a text here.

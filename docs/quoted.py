@@ -1,0 +1,151 @@
+"""Numbers that several pages quote, each from the result that it comes from.
+
+In a page a number stands between `<!--NAME-->` and `<!--/-->`. `python docs/quoted.py` writes all
+of them into the README and the pages; a test compares.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+# Run as a file, too.
+sys.path.insert(0, str(ROOT))
+
+from benchmarks import choice_confusion
+from benchmarks.time_and_error.reading import FAMILIES, cheapest, number, some
+
+MARK = re.compile(r"<!--(?P<name>[a-z_]+)-->(?P<text>.*?)<!--/-->", re.DOTALL)
+
+_TENS = "", "", "twenty", "thirty", "forty"
+_ONES = "", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine"
+
+
+def pages() -> list[Path]:
+    """The README and the pages that quote a number."""
+    every = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    return [page for page in every if MARK.search(page.read_text(encoding="utf-8"))]
+
+
+def numbers() -> dict[str, str]:
+    """Every number by name, as it is written."""
+    return {"laws": _laws(), **_choice(), **_coverage(), **_fits(), **_times(), **_lanes()}
+
+
+def _result(name: str) -> Any:
+    return json.loads((ROOT / "benchmarks" / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def _laws() -> str:
+    """How many laws there are, in words."""
+    from jaxcontact import list_laws
+
+    tens, ones = divmod(len(list_laws()), 10)
+    return "-".join(filter(None, [_TENS[tens], _ONES[ones]]))
+
+
+def _choice() -> dict[str, str]:
+    """How often a choice among laws is sure and wrong."""
+    parts = choice_confusion.shares(_result("choice_confusion"))
+    wrong = {name: parts[name]["wrong"] / parts[name]["tables"] for name in parts}
+    truth = max(choice_confusion.TRUTHS, key=lambda name: wrong.get(name, 0.0))
+    return {
+        "sure_and_wrong": _percent(wrong["all"]),
+        "choice_tables": f"{parts['all']['tables']:,}",
+        "worst_sure_and_wrong": _percent(wrong[truth]),
+    }
+
+
+def _coverage() -> dict[str, str]:
+    """The least share of 95 % intervals that hold the truth."""
+    cells = _result("fit_coverage")["cells"].values()
+    shares = [
+        share
+        for cell in cells
+        for what, share in cell["shares"].items()
+        if what != "no better grid point"
+    ]
+    return {"least_held": _percent(min(shares))}
+
+
+def _fits() -> dict[str, str]:
+    found = _result("fits")["coverage"]
+    short = {"law.c": "held_c", "contact.stiffness": "held_stiffness"}
+    short["contact.exponent"] = "held_exponent"
+    shares = found["coverage"]
+    return {"held_draws": f"{found['draws']:,}"} | {
+        name: f"{100 * shares[parameter]:.1f}" for parameter, name in short.items()
+    }
+
+
+@functools.cache
+def _impacts() -> list[dict[str, Any]]:
+    rows = _result("run_time_error")["rows"].values()
+    return [row for row in rows if row["group"] == "impacts"]
+
+
+def _cost(problem: str, batch: int, error: float, **which: str) -> float:
+    row = cheapest(some(_impacts(), problem=problem, batch=batch, **which), error)
+    assert row is not None, (problem, batch, error, which)
+    return row["cost"]
+
+
+def _span(ratios: list[float]) -> str:
+    return f"{number(min(ratios))} to {number(max(ratios))}"
+
+
+def _times() -> dict[str, str]:
+    """Ratios of run times: in the largest batch within 1e-9, and one by one within 1e-6."""
+    assert {"numba", "diffrax", "ours"} <= set(FAMILIES)
+    batch, error = 100_000, 1e-9
+    closed = {"hunt_crossley": "hunt_crossley", "kuwabara_kono": "kuwabara_kono"}
+    closed["oscillator"] = "spring_dashpot"
+    found = {
+        f"{name}_times_numba": number(
+            _cost(problem, batch, error, family="numba") / _cost(problem, batch, error, way="exact")
+        )
+        for problem, name in closed.items()
+    }
+    # A law of the user's own, and a push: without a closed form.
+    events = {p: _cost(p, batch, error, way="event") for p in ("own", "pushed")}
+    of = {
+        family: {p: _cost(p, batch, error, family=family) for p in events}
+        for family in ("diffrax", "numba")
+    }
+    found["event_times_diffrax"] = _span([of["diffrax"][p] / events[p] for p in events])
+    found["numba_times_event"] = _span([events[p] / of["numba"][p] for p in events])
+    alone = [
+        _cost(p, 1, 1e-6, family="ours") / _cost(p, 1, 1e-6, family="numba")
+        for p in (*closed, *events)
+    ]
+    found["numba_times_alone"] = _span(alone)
+    return found
+
+
+def _lanes() -> dict[str, str]:
+    """Lanes of the stability map in one precision, of which none is wrong without a flag."""
+    jobs = {name: _result(name) for name in ("stability", "stability_seed")}
+    every = [job for result in jobs.values() for job in result.values()]
+    assert not any(job["counts"]["wrong without a flag"] for job in every)
+    lanes = sum(job["lanes"] for name, job in jobs["stability"].items() if name.endswith("float64"))
+    return {"stability_lanes": f"{lanes / 1e6:.1f} million"}
+
+
+def written(text: str, known: dict[str, str]) -> str:
+    """A page with its numbers as they are known; KeyError for a name that is not."""
+    return MARK.sub(lambda m: f"<!--{m['name']}-->{known[m['name']]}<!--/-->", text)
+
+
+if __name__ == "__main__":
+    found = numbers()
+    for page in pages():
+        page.write_text(written(page.read_text(encoding="utf-8"), found), encoding="utf-8")
