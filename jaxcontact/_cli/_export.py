@@ -32,9 +32,9 @@ examples:
 speeds is least. With --from the measured range is taken if no velocity is given; mass and stiffness
 are those of the calibration, which must know them, unless they are given here.
 
-Engines and their options: bullet, drake, mercurydpm, mujoco, newton; chrono and yade (--radius,
---option poisson_ratio=0.3); exudyn (--option impact_model=1); lammps (--radius,
---option damping=viscoelastic); simbody (--radius).
+Engines and their options: bullet, drake, mercurydpm, mujoco, newton; adams (--option length=mm,
+--option d=1e-5); chrono and yade (--radius, --option poisson_ratio=0.3); exudyn
+(--option impact_model=1); lammps (--radius, --option damping=viscoelastic); simbody (--radius).
 
 exit codes: 0 done; 2 bad input, or a restitution that the engine's law cannot deliver.
 """
