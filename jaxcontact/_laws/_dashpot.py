@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
@@ -101,3 +102,9 @@ class StepDamping(AbstractLaw):
         damping = self.c_max * jnp.square(part) * (3 - 2 * part)
         force = contact.stiffness * power(depth, contact.exponent) + damping * rate
         return force if self.tension else jnp.maximum(force, 0)
+
+    def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
+        # A clamped force has no slope where it vanishes, which is where the contact ends.
+        unclamped = dataclasses.replace(self, tension=True)
+        form = AbstractLaw.form(unclamped, contact, scale)
+        return dataclasses.replace(form, tension=self.tension)
