@@ -77,9 +77,7 @@ def _at(states: State, index: Int[Array, ""]) -> State:
     return jax.tree.map(lambda leaf: leaf[index], states)
 
 
-def _steepness(
-    motion: Motion, state: State, compressing: Bool[Array, ""], sign: int = 1
-) -> Number:
+def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""], sign: int = 1) -> Number:
     """w dF/dτ beside F dw/dτ along the motion: from -1 to 1, of the sign of dF/dτ.
 
     Positive at touch, where a force that is a power of x has no slope of its own; bounded, because

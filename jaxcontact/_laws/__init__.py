@@ -4,8 +4,6 @@ from ._base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from ._base import AbstractLaw as AbstractLaw
 from ._base import force_of as force_of
 from ._base import require_law as require_law
-from ._dashpot import LinearDashpot as LinearDashpot
-from ._dashpot import StepDamping as StepDamping
 from ._energy_balance import EnergyLoss as EnergyLoss
 from ._energy_balance import ExactRestitution as ExactRestitution
 from ._hunt_crossley import AbstractHuntCrossley as AbstractHuntCrossley
@@ -13,6 +11,8 @@ from ._hunt_crossley import ConstantDamping as ConstantDamping
 from ._hunt_crossley import Damped as Damped
 from ._hunt_crossley import Hertz as Hertz
 from ._hunt_crossley import MarhefkaOrin as MarhefkaOrin
+from ._linear_damping import LinearDashpot as LinearDashpot
+from ._linear_damping import StepDamping as StepDamping
 from ._oscillator import AbstractOscillator as AbstractOscillator
 from ._oscillator import AntypovElliott as AntypovElliott
 from ._oscillator import Jankowski as Jankowski

@@ -22,9 +22,7 @@ def drake(p, mass, radius):
 
 def adams(p, mass, radius):
     """IMPACT with x1 = 0, x = -δ: STEP(x, x1 - d, c_max, x1, 0) by the manual's cubic."""
-    k, n, c_max, d = (
-        p[x] for x in ("stiffness", "force_exponent", "damping", "penetration_depth")
-    )
+    k, n, c_max, d = (p[x] for x in ("stiffness", "force_exponent", "damping", "penetration_depth"))
 
     def step(x, x0, h0, x1, h1):
         if x <= x0 or x >= x1:

@@ -31,7 +31,9 @@ LAWS = [
 
 def parameters(name, e, others):
     fields = inspect.signature(jc._laws.describe(name).cls).parameters
-    others = others | {"bridges": {"a": 2 * e - 0.8}, "linear_dashpot": {"c": 4e3 * (1 - e)}}.get(name, {})
+    others = others | {"bridges": {"a": 2 * e - 0.8}, "linear_dashpot": {"c": 4e3 * (1 - e)}}.get(
+        name, {}
+    )
     return {f: jnp.asarray(e if f == "e" else others[f]) for f in fields if f != "tension"}
 
 

@@ -97,8 +97,9 @@ class StepDamping(AbstractLaw):
     ) -> Float[Array, "..."]:
         """F in N, and zero for δ < 0."""
         depth, rate, _ = force_arguments(indentation, velocity, contact, impact_velocity)
-        # Where the step is flat, its cubic is not evaluated: it may overflow.
-        part = jnp.where(depth > self.d, 1, jnp.maximum(depth, 0) / self.d)
+        # Beyond d the cubic is not evaluated: it, or its derivative in d, may overflow.
+        inside = depth <= self.d
+        part = jnp.maximum(jnp.where(inside, depth, 1), 0) / jnp.where(inside, self.d, 1)
         damping = self.c_max * jnp.square(part) * (3 - 2 * part)
         force = contact.stiffness * power(depth, contact.exponent) + damping * rate
         return force if self.tension else jnp.maximum(force, 0)
