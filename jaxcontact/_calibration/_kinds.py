@@ -464,8 +464,8 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
 
     `law` "all" compares the exact constant e with all of them; the name of a speed-dependent law
     compares that one with the exact constant e, those without a formula for e(v) too; the name of a
-    law with parameter e makes that law deliver the constant e. Kinds that are not known for the exponent are left out. Raises
-    ValueError for any other name.
+    law with parameter e makes that law deliver the constant e. Kinds that are not known for the
+    exponent are left out. Raises ValueError for any other name.
     """
     others = tuple(kind for kind in SPEED_DEPENDENT if kind.serves(exponent))
     asked = tuple(kind for kind in ON_REQUEST if kind.serves(exponent))

@@ -70,11 +70,11 @@ marked only for lying far off the trend of all pairs; e above 1 is no reason. Ma
 listed with their rows and left out; the result with them is shown as well.
 
 --law NAME: `constant_damping`, `power_damping`, `kuwabara_kono`, `thornton_plastic`,
-`power_restitution`, `bridges`, `linear_dashpot` or `step_damping` is compared with a constant e; a law
-with parameter e (see `jaxcontact laws`) delivers the constant e and is compared with all of them but
-the last two, which have no formula for e(v). With --law all, the default, the exact constant e is
-compared with the same. Every law with parameter e delivers a constant one; the e to set in each of
-them is listed.
+`power_restitution`, `bridges`, `linear_dashpot` or `step_damping` is compared with a constant e; a
+law with parameter e (see `jaxcontact laws`) delivers the constant e and is compared with all of
+them but the last two, which have no formula for e(v). With --law all, the default, the exact
+constant e is compared with the same. Every law with parameter e delivers a constant one; the e to
+set in each of them is listed.
 
 e(v) alone determines only c/K of constant damping and only A (K/m)^(2/5) of Kuwabara-Kono. With
 --stiffness c follows, with --mass and --stiffness A does.

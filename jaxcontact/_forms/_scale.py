@@ -70,10 +70,10 @@ class ScaledImpact(eqx.Module):
     max_force: Float[Array, "..."]
     converged: Bool[Array, "..."] | bool = True
     settled: Bool[Array, "..."] | bool = False
-    min_force: Float[Array, "..."] | None = None
     energy_loss: Float[Array, "..."] | None = None
     error_estimate: Float[Array, "..."] | None = None
     steps: Int[Array, "..."] | None = None
+    min_force: Float[Array, "..."] | None = None
 
 
 class Change(NamedTuple):

@@ -38,10 +38,10 @@ class Impact(eqx.Module):
     `restitution` e = -v(+)/v(-), dimensionless; `rebound_velocity` in m/s; `duration` of contact
     and `compression_time` until the indentation is largest, in s; `max_indentation` in m;
     `max_force` in N, the largest force of the whole contact; `energy_loss` in J; `min_force` in N,
-    the least force, negative where the contact pulls, of laws that may pull and None for others; `status`, see
-    `Status`; `error_estimate`, the relative error estimated for restitution and duration (the
-    larger one), for methods that estimate it; `steps`, the accepted steps, for methods that step.
-    `method` names what was used.
+    the least force, negative where the contact pulls, of laws that may pull and None for others;
+    `status`, see `Status`; `error_estimate`, the relative error estimated for restitution and
+    duration (the larger one), for methods that estimate it; `steps`, the accepted steps, for
+    methods that step. `method` names what was used.
     """
 
     restitution: Float[Array, "..."]

@@ -240,8 +240,8 @@ class Jankowski(AbstractOscillator):
     """Damping on approach only: F = K δ^(3/2) + 2ξ √(mK√δ) δ' for δ' > 0, F = K δ^(3/2) after.
 
     ξ = (9√5/2)(1-e²)/(e(e(9π-16)+16)). `e` in (0, 1]; needs n = 3/2; delivers e within 0.008. It
-    never pulls, whatever `tension` is. Raises ValueError for a Python scalar out of range. Source: Jankowski (2005),
-    Earthquake Eng. Struct. Dyn. 34:595, doi 10.1002/eqe.434, and (2006), 35:517,
+    never pulls, whatever `tension` is. Raises ValueError for a Python scalar out of range. Source:
+    Jankowski (2005), Earthquake Eng. Struct. Dyn. 34:595, doi 10.1002/eqe.434, and (2006), 35:517,
     doi 10.1002/eqe.537.
     """
 

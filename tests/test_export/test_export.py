@@ -64,7 +64,7 @@ def test_the_engines_formula_delivers_the_target(engine, options, words):
         assert (found.target, found.delivered) == pytest.approx((e, e), rel=SCIPY)
 
 
-# The force of IMPACT that comes back after it vanished, at d = 1 % of the indentation: measured 6e-6.
+# The force of IMPACT that comes back after it vanished, at d = 1 % of the depth: measured 6e-6.
 COMES_BACK = 3e-5
 
 

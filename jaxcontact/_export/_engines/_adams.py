@@ -68,9 +68,9 @@ class Adams(Engine):
             snippet=f"IMPACT(DM(i, j), VR(i, j), x1, {numbers})",
             limit=(
                 f"for a model in N, {length} and s. i and j are the markers, x1 their distance at "
-                "touch (the radius of a ball on a plane). e depends on speed, and mostly rises with "
-                "it where d is small. Not run: Adams needs a licence; a step of its integrator must "
-                "resolve d."
+                "touch (the radius of a ball on a plane, with DZ and VZ). e depends on speed, and "
+                "mostly rises with it where d is small. Not run: Adams needs a licence. A step of "
+                "its integrator must resolve d."
             ),
             source="IMPACT and STEP in the Adams Solver documentation, MSC Software (Hexagon)",
         )
@@ -96,8 +96,8 @@ def _delivering(wanted: Wanted, contact: Contact, depth: float, usual: float) ->
         low, high = high, 4 * high
     if not math.isfinite(logarithm(high)) or logarithm(high) > 0:
         raise ValueError(
-            f"Argument `d` must let IMPACT deliver the restitution {wanted.restitution:.6g}, but is "
-            f"{depth:g} m, with which no c_max was found; take a smaller one."
+            f"Argument `d` must let IMPACT deliver the restitution {wanted.restitution:.6g}, but "
+            f"is {depth:g} m, with which no c_max was found; take a smaller one."
         )
     found = root_scalar(logarithm, bracket=(low, high), xtol=1e-13 * high, rtol=1e-13)
     return float(found.root)
