@@ -36,6 +36,8 @@ class Skip(NamedTuple):
 class PlainHertz(AbstractLaw):
     """Hertz's force, of which nothing is known but the force."""
 
+    tension = False
+
     def force(self, indentation, velocity, contact, impact_velocity):
         depth = jnp.maximum(indentation, 0)
         safe = jnp.where(depth > 0, depth, 1)

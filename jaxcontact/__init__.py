@@ -63,6 +63,7 @@ if _TYPE_CHECKING:
     from ._laws import AbstractHuntCrossley as AbstractHuntCrossley
     from ._laws import AbstractLaw as AbstractLaw
     from ._laws import AntypovElliott as AntypovElliott
+    from ._laws import Bridges as Bridges
     from ._laws import CarvalhoMartins as CarvalhoMartins
     from ._laws import ConstantDamping as ConstantDamping
     from ._laws import Damped as Damped
@@ -79,9 +80,11 @@ if _TYPE_CHECKING:
     from ._laws import KuwabaraKono as KuwabaraKono
     from ._laws import LankaraniNikravesh as LankaraniNikravesh
     from ._laws import LeeWang as LeeWang
+    from ._laws import LinearDashpot as LinearDashpot
     from ._laws import MarhefkaOrin as MarhefkaOrin
     from ._laws import PowerDamping as PowerDamping
     from ._laws import PowerRestitution as PowerRestitution
+    from ._laws import StepDamping as StepDamping
     from ._laws import Thornton as Thornton
     from ._laws import ThorntonPlastic as ThorntonPlastic
     from ._laws import Tsuji as Tsuji
@@ -132,11 +135,11 @@ _ROOMS = {
         "AbstractMethod Event Exact Impact Phase Status Trajectory impact restitution trajectory"
     ),
     "_laws": (
-        "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AntypovElliott CarvalhoMartins "
-        "ConstantDamping Damped EnergyLoss ExactRestitution Flores Gonthier HerbertMcWhannell "
-        "Hertz HuGuo HuntCrossley Jankowski KelvinVoigt KuwabaraKono LankaraniNikravesh LeeWang "
-        "MarhefkaOrin PowerDamping PowerRestitution Thornton ThorntonPlastic Tsuji ZhiyingQishao "
-        "get_law list_laws register_law"
+        "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AntypovElliott Bridges "
+        "CarvalhoMartins ConstantDamping Damped EnergyLoss ExactRestitution Flores Gonthier "
+        "HerbertMcWhannell Hertz HuGuo HuntCrossley Jankowski KelvinVoigt KuwabaraKono "
+        "LankaraniNikravesh LeeWang LinearDashpot MarhefkaOrin PowerDamping PowerRestitution "
+        "StepDamping Thornton ThorntonPlastic Tsuji ZhiyingQishao get_law list_laws register_law"
     ),
     "_measurements": "Recording RecordingError read_recording",
     "_report": "report",

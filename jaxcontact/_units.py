@@ -13,6 +13,7 @@ _MEANING = {
     "compression_time": ("time to the largest indentation", "s"),
     "max_indentation": ("largest indentation", "m"),
     "max_force": ("largest force", "N"),
+    "min_force": ("least force", "N"),
     "energy_loss": ("energy lost", "J"),
     "error_estimate": ("estimated relative error", ""),
     "steps": ("accepted steps", ""),

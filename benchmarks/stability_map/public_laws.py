@@ -107,6 +107,21 @@ def _by_loss(at: Setting) -> Made:
     return given, _alpha_of(1 - loss * factor)
 
 
+def _bridges(at: Setting) -> Made:
+    power, reference = at.random.uniform(0, 1, at.mass.size), at.between(0.1, 10)
+    factor = (at.speed / reference) ** -power.astype(EXTENDED)
+    # One in ten is elastic.
+    a = np.asarray(at.random.uniform(0.05, 1.1, at.mass.size) / factor, float)
+    given = {"a": a, "power": power, "reference": reference}
+    return given, _alpha_of(np.minimum(a * factor, 1))
+
+
+def _by_coefficient(at: Setting) -> Made:
+    root = np.sqrt(at.stiffness * at.mass)
+    c = at.between(1e-6, 10) * np.asarray(root, float)
+    return {"c": c}, c / root / 2
+
+
 def _without_memory(at: Setting) -> Made:
     a = at.between(1e-6, 1) / np.asarray(at.speed, float)
     return {"a": a}, EXTENDED(1.5) * a * at.speed
@@ -193,6 +208,7 @@ LAWS = (
     Published("power_damping", "hunt_crossley", _by_power),
     Published("thornton_plastic", "hunt_crossley", _plastic),
     Published("power_restitution", "hunt_crossley", _by_loss),
+    Published("bridges", "hunt_crossley", _bridges),
     _family("hunt_crossley", lambda e: 3 * (1 - e) / 2),
     _family("lankarani_nikravesh", lambda e: 3 * (1 - e) * (1 + e) / 4),
     _family("flores", lambda e: 8 * (1 - e) / (5 * e)),
@@ -203,6 +219,7 @@ LAWS = (
     _family("zhiying_qishao", lambda e: 3 * (1 - e) * (1 + e) / 4 * np.exp(2 * (1 - e))),
     _family("lee_wang", lambda e: 3 * (1 - e) / 4),
     Published("kelvin_voigt", "oscillator", _by_e(_ratio, 0.05), pulls=True, n=1.0),
+    Published("linear_dashpot", "oscillator", _by_coefficient, n=1.0),
     Published("antypov_elliott", "oscillator", _by_e(_ratio, 0.05), pulls=True),
     Published(
         "tsuji",

@@ -80,6 +80,7 @@ class OwnLaw(jc.AbstractLaw):
     """A law of a user's own: K (δ^(3/2) + δ^(5/2)) + c δ δ'."""
 
     c: jax.Array
+    tension = True
 
     def force(self, indentation, velocity, contact, impact_velocity):
         elastic = jc.power(indentation, 1.5) + jc.power(indentation, 2.5)

@@ -146,7 +146,7 @@ class LawChoice(ChoiceData):
     `laws`, `sure`, `line`, `free`, `asked`, `count`): `fits` by kind, each a `Fit` of ln e over the
     speed, padded with points without weight; the `contact` that was given, in whose units they are;
     `marked` (n,), the points left out as outliers; `reference` in m/s, the speed to which the c of
-    a power law and the b of 1 - b v^p belong.
+    a power law, the b of 1 - b v^p and the a of a v^-p belong.
     """
 
     fits: Mapping[str, Fit]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import math
 import operator
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -23,11 +24,14 @@ from .._fit import AbstractTransform, Between, FitData, Free, Positive
 from .._impact import impact, restitution
 from .._laws import (
     AbstractLaw,
+    Bridges,
     ConstantDamping,
     Damped,
     KuwabaraKono,
+    LinearDashpot,
     PowerDamping,
     PowerRestitution,
+    StepDamping,
     ThorntonPlastic,
     constant_laws,
     describe,
@@ -36,6 +40,7 @@ from .._laws import (
 )
 from .._parameter import did_you_mean, rendered
 from .._units import Shown
+from ._clamped import clamped_restitution
 from ._estimate import Estimate
 from ._plastic import plastic_impact
 
@@ -307,8 +312,108 @@ class PowerOfLoss(AbstractKind):
         return jnp.maximum(e, _LEAST_E)
 
 
+@dataclasses.dataclass(frozen=True)
+class PowerOfRestitution(AbstractKind):
+    """A restitution that falls as a power of the closing speed: e = min(1, a (v/v_r)^-p)."""
+
+    law: str = "bridges"
+    name: str = "a v^-p"
+    unidentified = "mass, stiffness and exponent: the curve is empirical"
+    transforms = MappingProxyType({"a": Positive(), "power": Free()})
+    special = (ConstantE,)
+
+    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
+        """A constant e."""
+        return {"a": e, "power": 0.0}
+
+    def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
+        return Bridges(params["a"], params["power"], reference)
+
+    def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
+        """a at the reference speed, and the power."""
+        return (("a", "a", 1.0, ""), ("power", "power", 1.0, ""))
+
+    def restitution(
+        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        return Bridges(params["a"], params["power"], reference).restitution_at(velocity)
+
+
+@dataclasses.dataclass(frozen=True)
+class Dashpot(AbstractKind):
+    """A linear dashpot beside Hertz's force: e depends on c/(m^(3/5) K^(2/5)) v^(-1/5)."""
+
+    law: str = "linear_dashpot"
+    name: str = "linear dashpot"
+    unidentified = "c, K and m one by one: e(v) determines only c/(m^(3/5) K^(2/5))"
+    transforms = MappingProxyType({"c": Positive()})
+    own = (("c", "N s/m", frozenset({"mass", "stiffness"})),)
+
+    def serves(self, exponent: float | Array) -> bool:
+        return isinstance(exponent, float) and exponent == 1.5
+
+    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
+        """ln e = -1.6 c/(m^(3/5) K^(2/5)) v^(-1/5), which nearly delivers e."""
+        return {"c": -math.log(e) / 1.6 * reference**0.2 * _dashpot(contact)}
+
+    def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
+        return LinearDashpot(c=params["c"])
+
+    def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
+        return {**params, "c": params["c"] * _dashpot(other) / _dashpot(contact)}
+
+    def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
+        return (("c", "c/(m^(3/5) K^(2/5))", 1 / float(_dashpot(contact)), "(m/s)^(1/5)"),)
+
+    def restitution(
+        self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        return clamped_restitution(self.law_of(params, contact, reference), contact, velocity)
+
+
+@dataclasses.dataclass(frozen=True)
+class Stepped(Dashpot):
+    """Adams' IMPACT beside Hertz's force: e depends on d (K/m)^(2/5) v^(-4/5), too."""
+
+    law: str = "step_damping"
+    name: str = "step damping"
+    unidentified = "c_max, d, K and m one by one: e(v) determines only two combinations"
+    transforms = MappingProxyType({"c_max": Positive(), "d": Positive()})
+    own = (
+        ("c_max", "N s/m", frozenset({"mass", "stiffness"})),
+        ("d", "m", frozenset({"mass", "stiffness"})),
+    )
+
+    def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
+        """A d of 0.3 of the elastic indentation."""
+        depth = 0.3 * reference**0.8 / _frequency(contact)
+        return {"c_max": 1.1 * super().start(e, contact, reference)["c"], "d": depth}
+
+    def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
+        return StepDamping(c_max=params["c_max"], d=params["d"])
+
+    def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
+        c_max = params["c_max"] * _dashpot(other) / _dashpot(contact)
+        return {**params, "c_max": c_max, "d": params["d"] * _depth(other) / _depth(contact)}
+
+    def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
+        (_, _, factor, unit), *_ = super().identified(contact)
+        return (
+            ("c_max", "c_max/(m^(3/5) K^(2/5))", factor, unit),
+            ("d", "d (K/m)^(2/5)", _frequency(contact), "(m/s)^(4/5)"),
+        )
+
+
 def _frequency(contact: Contact) -> float:
     return (float(contact.stiffness) / float(contact.mass)) ** 0.4
+
+
+def _depth(contact: Contact) -> Any:
+    return (contact.mass / contact.stiffness) ** 0.4
+
+
+def _dashpot(contact: Contact) -> Any:
+    return contact.mass**0.6 * contact.stiffness**0.4
 
 
 class LogRestitution(eqx.Module):
@@ -347,20 +452,24 @@ def padded(values: np.ndarray, filling: float) -> np.ndarray:
 
 SPEED_DEPENDENT: tuple[AbstractKind, ...] = (
     *(ConstantC(), PowerOfSpeed(), Viscoelastic()),
-    *(Plastic(), PowerOfLoss()),
+    *(Plastic(), PowerOfLoss(), PowerOfRestitution()),
 )
+
+ON_REQUEST: tuple[AbstractKind, ...] = (Dashpot(), Stepped())
+"""Kinds whose curve has no formula: they are compared where their law is asked for by name."""
 
 
 def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
     """The kinds to compare: a constant e first, then one or all speed-dependent kinds.
 
     `law` "all" compares the exact constant e with all of them; the name of a speed-dependent law
-    compares that one with the exact constant e; the name of a law with parameter e makes that law
-    deliver the constant e. Kinds that are not known for the exponent are left out. Raises
-    ValueError for any other name.
+    compares that one with the exact constant e, those without a formula for e(v) too; the name of a
+    law with parameter e makes that law deliver the constant e. Kinds that are not known for the
+    exponent are left out. Raises ValueError for any other name.
     """
     others = tuple(kind for kind in SPEED_DEPENDENT if kind.serves(exponent))
-    choices = ["all", *constant_laws(), *(kind.law for kind in others)]
+    asked = tuple(kind for kind in ON_REQUEST if kind.serves(exponent))
+    choices = ["all", *constant_laws(), *(kind.law for kind in (*others, *asked))]
     if not isinstance(law, str) or law not in choices:
         raise ValueError(
             f"Argument `law` must be one of {', '.join(choices)}, but is {rendered(law)}."
@@ -368,7 +477,7 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
         )
     if law == "all":
         return (ConstantE(), *others)
-    for kind in others:
+    for kind in (*others, *asked):
         if law == kind.law:
             return (ConstantE(), kind)
     name = "constant e" if law == "exact" else f"constant e ({law})"
@@ -377,7 +486,7 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
 
 def kind_of_law(law: AbstractLaw) -> AbstractKind:
     """The kind whose e(v) a law has."""
-    for kind in SPEED_DEPENDENT:
+    for kind in (*SPEED_DEPENDENT, *ON_REQUEST):
         if describe(kind.law).cls is type(law):
             return kind
     return ConstantE()

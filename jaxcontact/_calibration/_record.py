@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._contact import Contact, require_contact
 from .._fit import Fit, fit
 from .._impact import trajectory
-from .._laws import AbstractLaw, require_law
+from .._laws import AbstractLaw, force_of, require_law
 from .._parameter import POSITIVE, REAL, parameter, require_kind, require_number
 from .._units import Shown
 from ._checks import column, for_each, measured, with_transforms
@@ -68,7 +68,7 @@ class Recorded(eqx.Module):
         courses = {
             "force": Course(
                 jnp.zeros_like(end),
-                lambda t: model.law.force(*depth(t), model.contact, approach),
+                lambda t: force_of(model.law, *depth(t), model.contact, approach),
                 end,
                 (0.0, 0.0),
             ),

@@ -32,11 +32,11 @@ examples:
 speeds is least. With --from the measured range is taken if no velocity is given; mass and stiffness
 are those of the calibration, which must know them, unless they are given here.
 
-Engines and their options: bullet, mercurydpm, mujoco, newton; chrono and yade (--radius,
---option poisson_ratio=0.3); drake (--option discrete_contact_approximation=sap); exudyn
-(--option impact_model=1); lammps (--radius, --option damping=viscoelastic, or mass_velocity with
-hooke); simbody (--radius). What can be said of isaac, physx and genesis is said where one asks for
-them.
+Engines and their options: bullet, mercurydpm, mujoco, newton; adams (--option length=mm,
+--option d=1e-5); chrono and yade (--radius, --option poisson_ratio=0.3);
+drake (--option discrete_contact_approximation=sap); exudyn (--option impact_model=1);
+lammps (--radius, --option damping=viscoelastic, or mass_velocity with hooke); simbody (--radius).
+For isaac, physx and genesis the command says what is known of their contacts.
 
 --time-step 0.002 says what e becomes at a robot's step, which does not resolve most contacts, by
 where in a step the ball touches, and how long a contact must last to keep e within --within: of

@@ -47,10 +47,11 @@ def export(
 
     The wanted e is that of `impact(law, contact, velocity)`. The engine's own contact law is
     inverted for it, and then solved again with the parameters found; over several speeds the one
-    set of parameters is found whose largest error of e is least. Engines: "bullet", "chrono",
-    "drake", "exudyn", "lammps", "mercurydpm", "mujoco", "newton", "simbody", "yade". The stiffness
-    is the contact's where the engine has its exponent, and otherwise the one with which its contact
-    lasts as long as the law's, at the one speed or the geometric mean of the least and the largest.
+    set of parameters is found whose largest error of e is least. Engines: "adams", "bullet",
+    "chrono", "drake", "exudyn", "lammps", "mercurydpm", "mujoco", "newton", "simbody", "yade". The
+    stiffness is the contact's where the engine has its exponent, and otherwise the one with which
+    its contact lasts as long as the law's, at the one speed or the geometric mean of the least and
+    the largest.
 
     Arguments: scalars `law` and `contact`, and the closing `velocity` in m/s, one or several (n,).
     Instead of a law a calibration (`Calibration`, or what `load_calibration` returns): its contact
@@ -60,7 +61,8 @@ def export(
     Chrono and YADE: 0.3 by default; `damping`, for LAMMPS: "coeff_restitution" (default), "tsuji",
     "tsuji_sqrt2", "viscoelastic" or, with a hooke contact, "mass_velocity";
     `discrete_contact_approximation`, for Drake: "lagged" (default), "similar" or "sap";
-    `impact_model`, for Exudyn: 2 (default) or 1.
+    `impact_model`, for Exudyn: 2 (default) or 1; `d` in m, for Adams: the depth of the full damping, by default that of a `StepDamping`, of other
+    laws 1 % of the largest indentation without damping; `length`, for Adams: "m" (default) or "mm".
 
     Returns an `Export`. Computes in double precision whatever JAX is set to, and is not for use
     under `jit`. Raises ValueError for an unknown engine, an option that it does not take or lacks,
@@ -85,7 +87,7 @@ def export(
             middle = float(np.asarray(closing))
         hit = solved(impact(law, contact, middle))
         numbers = hit.restitution, hit.duration, contact.mass, contact.stiffness, contact.exponent
-        wanted = Wanted(*map(float, numbers), velocity=middle)
+        wanted = Wanted(*map(float, numbers), velocity=middle, law=law)
         if speeds is None or targets is None:
             draft = simulator.draft(wanted, **given)
         else:

@@ -13,7 +13,10 @@ from ._stepping import Scheme
 
 @dataclasses.dataclass(frozen=True)
 class Wanted:
-    """One impact as plain numbers: its outcome, and the contact in which it takes place."""
+    """One impact as plain numbers: its outcome, and the contact in which it takes place.
+
+    `law` is what is exported, for engines that have the same one.
+    """
 
     restitution: float
     duration: float
@@ -21,6 +24,7 @@ class Wanted:
     stiffness: float
     exponent: float
     velocity: float
+    law: AbstractLaw | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -6,6 +6,7 @@ from ._base import Flag as Flag
 from ._base import Lane as Lane
 from ._base import Momentum as Momentum
 from ._base import signed_power as signed_power
+from ._dashpot import DashpotForm as DashpotForm
 from ._general import GeneralForm as GeneralForm
 from ._hunt_crossley import HuntCrossleyForm as HuntCrossleyForm
 from ._hunt_crossley import exact_damping_factor as exact_damping_factor

@@ -161,6 +161,10 @@ class AbstractForm(eqx.Module):
         excess = 2 * p - (n + 1)
         return (c > 0) & ((excess > 0) | ((excess == 0) & (c >= 2 * jnp.sqrt(p))))
 
+    def may_pull(self, pushed: bool) -> bool:
+        """Whether f may become negative, in a free impact or in one with an external force."""
+        return self.tension and (pushed or not self.never_pulls)
+
     @property
     def follows_phase_angle(self) -> bool:
         """Whether a free contact lasts until x = 0, as the phase method needs."""

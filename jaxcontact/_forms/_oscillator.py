@@ -37,6 +37,9 @@ class OscillatorForm(AbstractForm):
             return "approach"
         return "tension" if self.tension else "clamped"
 
+    def may_pull(self, pushed: bool) -> bool:
+        return self.tension and not self.approach_only
+
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent]:
         zeta = jnp.where(compressing, self.zeta, 0) if self.approach_only else self.zeta
         return zeta * jnp.sqrt(jnp.asarray(2 * (n + 1), self.zeta.dtype)), (n + 1) / 2
@@ -55,7 +58,6 @@ class OscillatorForm(AbstractForm):
         """Restitution and extrema by formula, the times by quadrature (by formula for n = 1)."""
         zeta = self.zeta + jnp.zeros_like(jnp.asarray(n, self.zeta.dtype))
         settled = (zeta >= 1) & (self.ending == "tension")
-        zeta = jnp.where(settled, 0, zeta)
         s_max = jnp.exp(-zeta * arc_over_sine(zeta))
         compression, duration = lanewise(functools.partial(_times, self.ending), zeta, n)
         decay = _decay(zeta, self.ending)
@@ -64,10 +66,18 @@ class OscillatorForm(AbstractForm):
             duration=duration,
             compression_time=compression,
             max_indentation=((n + 1) / 2 * jnp.square(s_max)) ** (1 / (n + 1)),
-            max_force=_max_force(zeta, n),
+            max_force=_extreme_force(zeta, n),
+            min_force=self._min_force(zeta, settled, n),
             settled=settled,
             energy_loss=-jnp.expm1(-2 * decay),
         )
+
+    def _min_force(self, zeta: Lane, settled: Flag, n: Exponent) -> Lane | None:
+        """The least force; unknown (NaN) where the bodies stay together."""
+        if self.ending != "tension":
+            return None
+        least = _extreme_force(jnp.where(settled, 0, zeta), n, least=True)
+        return jnp.where(settled, jnp.nan, least)
 
 
 def _times(ending: str, zeta: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane]:
@@ -75,7 +85,8 @@ def _times(ending: str, zeta: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lan
     turn = arc_over_sine(zeta)
     compression = _compression_time(zeta, turn, n, unroll)
     if ending == "tension":
-        return compression, _half_period_time(zeta, n, unroll)
+        # From critical damping on there is no end.
+        return compression, _half_period_time(jnp.where(zeta < 1, zeta, 0), n, unroll)
     if ending == "clamped":
         return compression, compression + _clamped_rebound_time(zeta, turn, n, unroll)
     return compression, compression + _elastic_rebound_time(jnp.exp(-zeta * turn), n)
@@ -180,8 +191,11 @@ def _elastic_rebound_time(s_max: Lane, n: Exponent) -> Lane:
     return _time_unit(n) * s_max ** (-_weakness(n)) * quarter
 
 
-def _max_force(zeta: Lane, n: Exponent) -> Lane:
-    """The largest of ((n+1)/2)^(n/(n+1)) s^q (s + 2ζv): where 2ζq v² + (1+q-4ζ²) s v = 2ζ s²."""
+def _extreme_force(zeta: Lane, n: Exponent, *, least: bool = False) -> Lane:
+    """The largest or the least of ((n+1)/2)^(n/(n+1)) s^q (s + 2ζv), until s = 0.
+
+    Both are where 2ζq v² + (1+q-4ζ²) s v = 2ζ s², the least with v < 0; it takes ζ < 1.
+    """
     q = _weakness(n)
     b = 1 + q - 4 * jnp.square(zeta)
     # For n = 1 the root is |b|; the derivative of the square root is guarded where it vanishes.
@@ -190,12 +204,23 @@ def _max_force(zeta: Lane, n: Exponent) -> Lane:
     early = b <= 0
     v = jnp.where(early, jnp.where(square > 0, root - b, 1), 4 * zeta)
     s = jnp.where(early, 4 * zeta * q, root + b)
+    if least:
+        # The product of both v/s is -1/q.
+        s, v = jnp.where(early, v, 4 * zeta * q), -jnp.where(early, 4 * zeta, s)
     # Along the motion s² + v² + 2ζsv = e^(-2ζτ), which turns the direction into the moment.
     size = jnp.sqrt(jnp.square(s) + jnp.square(v) + 2 * zeta * s * v)
     s, v = s / size, v / size
-    amplitude = jnp.exp(-zeta * s * arc_over_sine(v + zeta * s))
+    cosine = v + zeta * s
+    if least:
+        # From the end of the half period, at which the other formula is 0 times infinity.
+        omega = jnp.sqrt((1 - zeta) * (1 + zeta))
+        moment = jnp.pi / omega - s * arc_over_sine(-cosine)
+    else:
+        moment = s * arc_over_sine(cosine)
+    amplitude = jnp.exp(-zeta * moment)
     s, v = s * amplitude, v * amplitude
-    # s vanishes (the force is largest at touch) only for n = 1, where s^q is 1.
+    # s vanishes (the force is largest at touch, or least at the end) for n = 1, where s^q is 1, and
+    # without damping, where the least force is zero.
     positive = s > 0
     return (
         jnp.where(positive, jnp.where(positive, s, 1) ** q, 1) * (s + 2 * zeta * v) / _time_unit(n)

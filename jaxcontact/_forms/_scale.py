@@ -56,6 +56,7 @@ class ScaledImpact(eqx.Module):
 
     `restitution` e; `duration` until separation and `compression_time` until the turn, in units of
     X/v0; `max_indentation` in X and `max_force` in m v0²/X, with X = (m v0²/K)^(1/(n+1)).
+    `min_force`: the least force, of a contact that may pull; None for others and where unknown.
     `converged`: whether the numbers can be trusted; `settled`: whether the bodies stay together.
     `energy_loss`: the part of the initial energy that is lost, for solutions that know it without
     forming 1 - e², which has few digits where e is near 1; None for 1 - e².
@@ -72,6 +73,7 @@ class ScaledImpact(eqx.Module):
     energy_loss: Float[Array, "..."] | None = None
     error_estimate: Float[Array, "..."] | None = None
     steps: Int[Array, "..."] | None = None
+    min_force: Float[Array, "..."] | None = None
 
 
 class Change(NamedTuple):

@@ -62,8 +62,13 @@ class ViscoelasticSpheresForm(ViscoelasticForm):
             compression_time=self._series("compression_time") / slowly,
             max_indentation=self._series("max_indentation") / slowly,
             max_force=self._series("max_force") * slowly,
+            min_force=self._min_force() if self.tension else None,
             energy_loss=-jnp.expm1(-2 * decay),
         )
+
+    def _min_force(self) -> Lane:
+        half = self._series("min_force_half") * self._weak(1.5)
+        return -(self._series("min_force") + half) * jnp.exp(jnp.log1p(self.a) * (-8 / 3))
 
     def _decay(self) -> Lane:
         """-ln e."""

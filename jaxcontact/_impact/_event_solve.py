@@ -67,7 +67,8 @@ class Steps(NamedTuple):
 class Leg(eqx.Module):
     """One half of an impact: its last state, whether its event ended it, and its number of steps.
 
-    `nearest`: the states around the largest force. `creeps`: whether a state showed that the bodies
+    `nearest`: the states around the largest force, and `least` those around the least one, None
+    where the contact cannot pull. `creeps`: whether a state showed that the bodies
     creep to rest. `path`: all states, None where nobody asked for them.
     """
 
@@ -75,6 +76,7 @@ class Leg(eqx.Module):
     arrived: Bool[Array, ""]
     steps: Int[Array, ""]
     nearest: Nearest
+    least: Nearest | None
     creeps: Bool[Array, ""] | None
     path: Steps | None
 
@@ -161,6 +163,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
         arrived=arrived,
         steps=steps,
         nearest=watch.nearest,
+        least=watch.least,
         creeps=watch.creeps,
         path=path,
     )
@@ -294,9 +297,18 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
         max_force=max_force,
         converged=converged,
         settled=settled,
+        min_force=_least_force(motion, legs.least),
         energy_loss=balance.energy_loss,
         steps=followed.steps,
     )
+
+
+def _least_force(motion: Motion, least: Nearest | None) -> Number | None:
+    """The least force of the way out, which is not above that at touch."""
+    if least is None:
+        return None
+    near, out = jax.tree.map(operator.itemgetter(1), least), jnp.asarray(False)
+    return -jnp.maximum(largest_near(motion, near.before, near.at, near.after, out, -1), 0)
 
 
 def _finest(tolerance: float, dtype: Any) -> float:

@@ -124,6 +124,7 @@ def _summary(lanes: Lanes, method: AbstractMethod) -> Impact:
         error_estimate=jax.tree.map(fill, scaled.error_estimate),
         steps=jax.tree.map(fill, scaled.steps),
         method=method.name,
+        min_force=None if scaled.min_force is None else result(scaled.min_force, scale.force),
     )
 
 

@@ -304,6 +304,11 @@ class Motion(eqx.Module):
         return jnp.where(parts, 1 / fastest, 1)
 
     @property
+    def may_pull(self) -> bool:
+        """Whether the force of the contact may become negative."""
+        return self.form.may_pull(self.push is not None)
+
+    @property
     def always_parts(self) -> bool:
         """Whether a contact parts in the end, however slowly: nothing pushes or sticks."""
         return self.push is None and self.form.damping(self.n, jnp.asarray(True)) is not None

@@ -20,20 +20,28 @@ class Path(NamedTuple):
     states: State
 
 
-def largest_force(motion: Motion, path: Path, compressing: Bool[Array, ""]) -> Number:
-    """The largest force among the states of a path and between them."""
+def largest_force(
+    motion: Motion, path: Path, compressing: Bool[Array, ""], sign: int = 1
+) -> Number:
+    """The largest force among the states of a path and between them; of -F where `sign` is -1."""
     moments, states = path.moments, path.states._replace(loss=None)
-    forces = jax.vmap(lambda state: motion.force(state, compressing))(states)
+    forces = jax.vmap(lambda state: sign * motion.force(state, compressing))(states)
     best = jnp.argmax(jax.lax.stop_gradient(forces))
     near = jnp.clip(best + jnp.arange(-1, 2), 0, moments.size - 1)
     before, at, after = (Moment(moments[index], _at(states, index)) for index in near)
-    return largest_near(motion, before, at, after, compressing)
+    return largest_near(motion, before, at, after, compressing, sign)
 
 
 def largest_near(
-    motion: Motion, before: Moment, best: Moment, after: Moment, compressing: Bool[Array, ""]
+    motion: Motion,
+    before: Moment,
+    best: Moment,
+    after: Moment,
+    compressing: Bool[Array, ""],
+    sign: int = 1,
 ) -> Number:
-    """The largest force near the best of three neighbouring states, to the accuracy of a step.
+    """The largest force near the best of three neighbouring states, to the accuracy of a step; of
+    -F where `sign` is -1.
 
     The step that holds the maximum is taken again by one Runge-Kutta step of a fraction θ, chosen
     so that the force is stationary. A stationary value does not move with θ to first order, so θ
@@ -42,7 +50,7 @@ def largest_near(
     frozen, fixed = jax.lax.stop_gradient((motion, (before, best, after)))
 
     def slope(state: State) -> Number:
-        return _steepness(frozen, state, compressing)
+        return _steepness(frozen, state, compressing, sign)
 
     slopes = jax.vmap(slope)(
         jax.tree.map(lambda *leaves: jnp.stack(leaves), *(m.state for m in fixed))
@@ -62,21 +70,21 @@ def largest_near(
     theta = jnp.where(inside, bracketed_root(later, first, last, iterations=100), 0)
     start = jax.tree.map(chosen, best.state, before.state)
     between = motion.force(motion.later(start, theta * size, compressing), compressing)
-    return jnp.maximum(between, motion.force(best.state, compressing))
+    return jnp.maximum(sign * between, sign * motion.force(best.state, compressing))
 
 
 def _at(states: State, index: Int[Array, ""]) -> State:
     return jax.tree.map(lambda leaf: leaf[index], states)
 
 
-def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Number:
+def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""], sign: int = 1) -> Number:
     """w dF/dτ beside F dw/dτ along the motion: from -1 to 1, of the sign of dF/dτ.
 
     Positive at touch, where a force that is a power of x has no slope of its own; bounded, because
     regula falsi crawls where one end is much steeper than the other.
     """
     rate = motion.rate(state, compressing)
-    force, change = jax.jvp(lambda s: motion.force(s, compressing), (state,), (rate,))
+    force, change = jax.jvp(lambda s: sign * motion.force(s, compressing), (state,), (rate,))
     pushing = (state.w > 0) & (force > 0)
     alone = jnp.where(force == 0, rate.w, change)
     slope = jnp.where(pushing, state.w * change, alone)

@@ -131,12 +131,13 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
     sine[steps] = cosine[half] = 0
     states = in_plane(polars, jnp.asarray(sine, dtype), jnp.asarray(cosine, dtype))
 
-    def peak(indices: Int[Array, " nodes"], flag: Flag) -> Number:
+    def peak(indices: Int[Array, " nodes"], flag: Flag, sign: int = 1) -> Number:
         part = jax.tree.map(lambda leaf: leaf[indices], states)
-        return largest_force(motion, Path(polars.tau[indices], part), flag)
+        return largest_force(motion, Path(polars.tau[indices], part), flag, sign)
 
     legs = jnp.asarray(np.arange(half + 1) + np.array([[0], [half]]))
     forces = jax.vmap(peak)(legs, jnp.array([True, False]))
+    least = -jnp.maximum(peak(legs[1], jnp.asarray(False), -1), 0) if motion.may_pull else None
     # Strong damping makes the way in much the shorter one.
     of_time = jnp.maximum(error[1] / last.t, t_errors[half - 1] / polars.t[half])
     estimate = jnp.maximum(error[0], of_time)
@@ -151,6 +152,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
         max_force=jnp.max(forces),
         converged=forward & (estimate <= tolerance) & (balance.error <= tolerance),
         settled=jnp.asarray(False),
+        min_force=least,
         energy_loss=balance.energy_loss,
         error_estimate=estimate,
         steps=jnp.asarray(steps),

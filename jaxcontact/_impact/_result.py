@@ -37,10 +37,11 @@ class Impact(eqx.Module):
 
     `restitution` e = -v(+)/v(-), dimensionless; `rebound_velocity` in m/s; `duration` of contact
     and `compression_time` until the indentation is largest, in s; `max_indentation` in m;
-    `max_force` in N, the largest force of the whole contact; `energy_loss` in J; `status`, see
-    `Status`; `error_estimate`, the relative error estimated for restitution and duration (the
-    larger one), for methods that estimate it; `steps`, the accepted steps, for methods that step.
-    `method` names what was used.
+    `max_force` in N, the largest force of the whole contact; `energy_loss` in J; `min_force` in N,
+    the least force, negative where the contact pulls, of laws that may pull and None for others;
+    `status`, see `Status`; `error_estimate`, the relative error estimated for restitution and
+    duration (the larger one), for methods that estimate it; `steps`, the accepted steps, for
+    methods that step. `method` names what was used.
     """
 
     restitution: Float[Array, "..."]
@@ -54,9 +55,12 @@ class Impact(eqx.Module):
     error_estimate: Float[Array, "..."] | None
     steps: Int[Array, "..."] | None
     method: str = eqx.field(static=True)
+    min_force: Float[Array, "..."] | None = None
 
     def __repr__(self) -> str:
         texts = {name: quantity(name, _show(getattr(self, name))) for name in NUMBERS}
+        if self.min_force is not None:
+            texts["min_force"] = quantity("min_force", _show(self.min_force))
         texts["status"] = status_words(self.status)
         lines = (f"  {name:<17}{text}" for name, text in texts.items())
         return "\n".join([f"Impact by method {self.method!r}", *lines])

@@ -42,13 +42,16 @@ class Nearest(NamedTuple):
 
 
 class Watch(NamedTuple):
-    """The last state seen; the largest force; whether the bodies creep to rest; a dip of the force.
+    """The last state seen; the largest force and the least; whether the bodies creep to rest; a dip
+    of the force.
 
-    `creeps` and `dip` are None where there is no push, or the force cannot vanish.
+    `least` is None where the contact cannot pull, and has -F as its force; `creeps` and `dip` are
+    None where there is no push, or the force cannot vanish.
     """
 
     last: Moment
     nearest: Nearest
+    least: Nearest | None
     creeps: Bool[Array, ""] | None
     dip: Dip | None
 
@@ -61,6 +64,7 @@ class Watch(NamedTuple):
         return Watch(
             last=start,
             nearest=Nearest(nothing, lean, lean, lean, no),
+            least=Nearest(nothing, lean, lean, lean, no) if motion.may_pull else None,
             creeps=None if motion.push is None else no,
             dip=Dip.begin(start) if motion.may_dip else None,
         )
@@ -74,7 +78,13 @@ class Watch(NamedTuple):
         if dip is not None:
             dip = dip.seen(motion, self.last, now)
         force = frozen.force(state, compressing)
-        return Watch(now, self.nearest.seen(self.last, now, force), creeps, dip)
+        least = self.least
+        if least is not None:
+            # Rounding may put the end below w = 0, where there is no force.
+            inside = now._replace(state=now.state._replace(w=_not_negative(now.state.w)))
+            pull = -frozen.force(state._replace(w=_not_negative(state.w)), compressing)
+            least = least.seen(self.last, inside, pull)
+        return Watch(now, self.nearest.seen(self.last, now, force), least, creeps, dip)
 
 
 class Watching(diffrax.AbstractWrappedSolver):
@@ -132,6 +142,10 @@ class Watching(diffrax.AbstractWrappedSolver):
             terms, t0, t1, y0, args, inner, made_jump
         )
         return after, error, dense, (inner, watch), result
+
+
+def _not_negative(w: Number) -> Number:
+    return jnp.where(w < 0, 0, w)
 
 
 def _chosen(first: Flag, yes: Any, no: Any) -> Any:

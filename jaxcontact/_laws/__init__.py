@@ -2,7 +2,7 @@
 
 from ._base import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
 from ._base import AbstractLaw as AbstractLaw
-from ._base import as_tension as as_tension
+from ._base import force_of as force_of
 from ._base import require_law as require_law
 from ._energy_balance import EnergyLoss as EnergyLoss
 from ._energy_balance import ExactRestitution as ExactRestitution
@@ -11,6 +11,8 @@ from ._hunt_crossley import ConstantDamping as ConstantDamping
 from ._hunt_crossley import Damped as Damped
 from ._hunt_crossley import Hertz as Hertz
 from ._hunt_crossley import MarhefkaOrin as MarhefkaOrin
+from ._linear_damping import LinearDashpot as LinearDashpot
+from ._linear_damping import StepDamping as StepDamping
 from ._oscillator import AbstractOscillator as AbstractOscillator
 from ._oscillator import AntypovElliott as AntypovElliott
 from ._oscillator import Jankowski as Jankowski
@@ -34,6 +36,7 @@ from ._registry import get_law as get_law
 from ._registry import list_laws as list_laws
 from ._registry import parameters_of as parameters_of
 from ._registry import register_law as register_law
+from ._restitution_of_speed import Bridges as Bridges
 from ._restitution_of_speed import PowerRestitution as PowerRestitution
 from ._restitution_of_speed import ThorntonPlastic as ThorntonPlastic
 from ._restitution_of_speed import plastic_restitution as plastic_restitution

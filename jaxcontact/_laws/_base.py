@@ -5,9 +5,11 @@ from __future__ import annotations
 import abc
 import dataclasses
 import functools
+import inspect
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._forms import AbstractForm, GeneralForm, Scale
@@ -37,6 +39,15 @@ as_tension = functools.partial(require_flag, "tension")
 """The converter of a law's keyword `tension`."""
 
 
+def _tension_field(default: bool | None) -> Any:
+    return eqx.field(static=True, default=default, kw_only=True, converter=as_tension)
+
+
+def _is_abstract(cls: type) -> bool:
+    """Whether a class has abstract methods; `inspect.isabstract` does not know it this early."""
+    return any(getattr(getattr(cls, n, None), "__isabstractmethod__", False) for n in dir(cls))
+
+
 class AbstractLaw(eqx.Module):
     """A contact law: parameters as leaves, and the force they make.
 
@@ -45,14 +56,33 @@ class AbstractLaw(eqx.Module):
     indentation. Every array held by a law broadcasts with the contact and the speed. A law with a
     closed form or another shortcut returns it from `form`.
 
-    The keyword `tension` (static) says whether the contact may pull. With False a pull counts as no
-    force, and the contact ends when its force vanishes; with True it ends when δ is back at zero.
+    A subclass must say whether its contact may pull: it sets `tension = False` or `tension = True`,
+    or inherits it. With False a negative force counts as zero, and the contact ends where its force
+    vanishes; with True the force may pull, and the contact ends where δ is back at zero. Raises
+    TypeError where a class with a force says neither. The keyword `tension` (static) of an instance
+    replaces the choice of its class: `MyLaw(c=1e4, tension=True)`.
     """
 
-    tension: bool = eqx.field(static=True, default=True, kw_only=True, converter=as_tension)
+    tension: bool = _tension_field(None)
 
     exponents: ClassVar[tuple[float, ...] | None] = None
     """The contact exponents n the law is made for; None if any will do."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        stated = vars(cls).get("tension")
+        if stated is not None and not isinstance(stated, dataclasses.Field):
+            # The attribute becomes the default of the keyword.
+            annotations = {**inspect.get_annotations(cls), "tension": bool}
+            cls.__annotations__ = annotations
+            cls.tension = _tension_field(as_tension(stated))
+        elif stated is None and cls.tension is None and not _is_abstract(cls):
+            raise TypeError(
+                f"Law `{cls.__name__}` must say whether its contact may pull: set `tension = "
+                "False` in the class (a negative force counts as zero, and the contact ends where "
+                "the force vanishes) or `tension = True` (the force may pull, and the contact ends "
+                "where the indentation is back at zero)."
+            )
 
     @property
     def damped(self) -> bool:
@@ -105,6 +135,21 @@ class AbstractLaw(eqx.Module):
             if field.name != "tension" or self.tension is not field.default
         )
         return f"{type(self).__name__}({', '.join(numbers)})"
+
+
+def force_of(
+    law: AbstractLaw,
+    indentation: ArrayLike,
+    velocity: ArrayLike,
+    contact: Contact,
+    impact_velocity: ArrayLike,
+) -> Float[Array, "..."]:
+    """The force of a law in N, where a pull counts as none if the law has no tension.
+
+    Laws of the package clamp their own force; one of a user's own need not.
+    """
+    force = law.force(indentation, velocity, contact, impact_velocity)
+    return force if law.tension else jnp.where(force < 0, 0, force)
 
 
 def require_law(value: object) -> AbstractLaw:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import abc
 from typing import TYPE_CHECKING
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -15,7 +14,6 @@ from .._parameter import NOT_NEGATIVE, parameter
 from ._base import (
     VELOCITY_THRESHOLD,
     AbstractLaw,
-    as_tension,
     contact_for,
     force_arguments,
     speed_for,
@@ -34,7 +32,7 @@ class AbstractHuntCrossley(AbstractLaw):
     then clamped at zero, unless the law was made with `tension=True`.
     """
 
-    tension: bool = eqx.field(static=True, default=False, kw_only=True, converter=as_tension)
+    tension = False
 
     @abc.abstractmethod
     def damping_factor(

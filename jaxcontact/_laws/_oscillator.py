@@ -9,7 +9,6 @@ from __future__ import annotations
 import abc
 from typing import TYPE_CHECKING, ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
@@ -17,7 +16,7 @@ from .._elementary import arc_over_sine, horner, power
 from .._forms import OscillatorForm
 from .._implicit import implicit_root
 from .._parameter import RESTITUTION, RESTITUTION_FROM_ZERO, parameter
-from ._base import AbstractLaw, as_tension, force_arguments
+from ._base import AbstractLaw, force_arguments
 from ._registry import register_law
 
 if TYPE_CHECKING:
@@ -112,6 +111,7 @@ class KelvinVoigt(AbstractOscillator):
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
+    tension = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
 
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
@@ -136,6 +136,7 @@ class AntypovElliott(AbstractOscillator):
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
+    tension = True
 
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
         return _log_decrement_ratio(self.e)
@@ -161,6 +162,7 @@ class Tsuji(AbstractOscillator):
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
+    tension = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
@@ -214,7 +216,7 @@ class Thornton(AbstractOscillator):
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
-    tension: bool = eqx.field(static=True, default=False, kw_only=True, converter=as_tension)
+    tension = False
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
@@ -238,12 +240,13 @@ class Jankowski(AbstractOscillator):
     """Damping on approach only: F = K δ^(3/2) + 2ξ √(mK√δ) δ' for δ' > 0, F = K δ^(3/2) after.
 
     ξ = (9√5/2)(1-e²)/(e(e(9π-16)+16)). `e` in (0, 1]; needs n = 3/2; delivers e within 0.008. It
-    never pulls. Raises ValueError for a Python scalar out of range. Source: Jankowski (2005),
-    Earthquake Eng. Struct. Dyn. 34:595, doi 10.1002/eqe.434, and (2006), 35:517,
+    never pulls, whatever `tension` is. Raises ValueError for a Python scalar out of range. Source:
+    Jankowski (2005), Earthquake Eng. Struct. Dyn. 34:595, doi 10.1002/eqe.434, and (2006), 35:517,
     doi 10.1002/eqe.537.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
+    tension = True
     approach_only: ClassVar[bool] = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 

@@ -73,6 +73,34 @@ def plastic_restitution(
 
 
 @register_law(
+    "bridges",
+    formula="that of e = min(1, a (v0/v_r)^-p)",
+    source="Bridges, Hatzes & Lin 1984, doi 10.1038/309333a0",
+    valid="a > 0; e = 1 below the speed v_r a^(1/p)",
+)
+class Bridges(AbstractRestitutionOfSpeed):
+    """A restitution that falls as a power of the closing speed: e = min(1, a (v0/v_r)^-p).
+
+    `a` > 0 is e at the reference speed, where that is below the bound; `power` p, dimensionless;
+    `reference` v_r > 0 in m/s. The force is the one of the Hunt-Crossley family that delivers this
+    e. Where a (v0/v_r)^-p > 1 all derivatives are zero; at the kink, where it is 1, they are those
+    of the power. Raises ValueError for a Python scalar out of range. Source: Bridges, Hatzes & Lin
+    (1984), Nature 309:333, doi 10.1038/309333a0: ice spheres, p = 0.234, v_r = 7.7e-5 m/s with
+    a = 1. For plastic spheres p = 1/4 (Johnson 1985, doi 10.1017/CBO9781139171731).
+    """
+
+    a: Float[Array, "..."] = parameter("a", POSITIVE)
+    power: Float[Array, "..."] = parameter("power", REAL)
+    reference: Float[Array, "..."] = parameter("reference", POSITIVE)
+
+    def restitution_at(self, velocity: ArrayLike) -> Float[Array, "..."]:
+        place = as_parameter(velocity, "velocity") / self.reference
+        # Of the logarithm, whose bound cannot overflow.
+        logarithm = jnp.log(self.a) - self.power * jnp.log(place)
+        return jnp.exp(jnp.where(logarithm > 0, 0, logarithm))
+
+
+@register_law(
     "power_restitution",
     formula="that of e = 1 - b (v0/v_r)^p",
     source="empirical; p = 1/5 is Kuwabara & Kono's small loss, doi 10.1143/JJAP.26.1230",

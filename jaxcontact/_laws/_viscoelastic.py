@@ -41,6 +41,7 @@ class KuwabaraKono(AbstractLaw):
     """
 
     A: Float[Array, "..."] = parameter("A", NOT_NEGATIVE)
+    tension = True
 
     def force(
         self,

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._contact import Contact
-from .._laws import AbstractLaw
+from .._laws import AbstractLaw, force_of
 
 
 class MixedLaw(AbstractLaw):
@@ -21,6 +21,7 @@ class MixedLaw(AbstractLaw):
 
     laws: tuple[AbstractLaw, ...]
     kind: Float[Array, "..."]
+    tension = True  # whether each law pulls is in its force
 
     @property
     def damped(self) -> bool:
@@ -34,7 +35,7 @@ class MixedLaw(AbstractLaw):
         impact_velocity: ArrayLike,
     ) -> Float[Array, "..."]:
         first, *rest = (
-            law.force(indentation, velocity, contact, impact_velocity) for law in self.laws
+            force_of(law, indentation, velocity, contact, impact_velocity) for law in self.laws
         )
         for number, other in enumerate(rest, 1):
             first = jnp.where(self.kind == number, other, first)

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._contact import Contact
 from .._elementary import contraction, small_product
-from .._laws import AbstractLaw
+from .._laws import AbstractLaw, force_of
 from ._motion import Own
 from ._side import side
 
@@ -192,7 +192,7 @@ class Touching(eqx.Module):
         if not self.law.damped:
             rate = jnp.zeros_like(rate)
         given = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
-        force = self.law.force(*given) / units.force
+        force = force_of(self.law, *given) / units.force
         return jnp.where(modes.closed & self.pairs.used, force, 0)
 
     def stored(self, depth: PerPair, modes: Modes) -> PerPair:

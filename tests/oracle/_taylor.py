@@ -44,7 +44,7 @@ class Phase:
 @dataclass
 class Trace:
     """What was met on the way, in scaled units; ``stopped`` names the event that ended the last
-    phase.
+    phase, and ``last_max_force`` is the largest force in it.
     """
 
     velocity: mpf
@@ -52,6 +52,8 @@ class Trace:
     compression_time: mpf | None
     max_indentation: mpf | None
     max_force: mpf
+    min_force: mpf
+    last_max_force: mpf
     stopped: str
 
 
@@ -134,7 +136,7 @@ def shoot(q: int, phases: Sequence[Phase], *, order: int = ORDER, bits: int = BI
 
     w, v, t = 0, one, 0
     turn = indentation = None
-    peak = 0
+    peak = last_peak = least = 0
     stopped = ""
     step = one // 16
     with mp.workprec(bits + 40):
@@ -145,7 +147,7 @@ def shoot(q: int, phases: Sequence[Phase], *, order: int = ORDER, bits: int = BI
             right_side = [(-c, i + q - 1, j) for c, i, j in force]
             if phase.push:
                 right_side.append((fix(phase.push), q - 1, 0))
-            stopped = ""
+            stopped, last_peak = "", 0
             for _ in range(MAX_STEPS):
                 while True:
                     series = _Series(w, v, t, bits)
@@ -179,9 +181,14 @@ def shoot(q: int, phases: Sequence[Phase], *, order: int = ORDER, bits: int = BI
                     turn = _horner(series.t, where, bits)
                     indentation = mp.power(unfix(_horner(series.w, where, bits)), q)
                 pressure = [series.polynomial(force, k) for k in range(order + 1)]
-                crest = _descent(_derivative(pressure), end, bits)
+                slope = _derivative(pressure)
+                crest = _descent(slope, end, bits)
                 for place in (0, crest or 0, end):
-                    peak = max(peak, _horner(pressure, place, bits))
+                    last_peak = max(last_peak, _horner(pressure, place, bits))
+                peak = max(peak, last_peak)
+                trough = _descent([-c for c in slope], end, bits)
+                for place in (0, trough or 0, end):
+                    least = min(least, _horner(pressure, place, bits))
                 w, v, t = (_horner(c, end, bits) for c in (series.w, series.v, series.t))
                 if event:
                     stopped = event
@@ -197,5 +204,7 @@ def shoot(q: int, phases: Sequence[Phase], *, order: int = ORDER, bits: int = BI
             compression_time=None if turn is None else unfix(turn),
             max_indentation=indentation,
             max_force=unfix(peak),
+            min_force=unfix(least),
+            last_max_force=unfix(last_peak),
             stopped=stopped,
         )

@@ -1,6 +1,6 @@
 """Writes the Chebyshev series of viscoelastic spheres.
 
-``python -m tests.oracle.viscoelastic_series`` takes ten minutes on one core.
+``python -m tests.oracle.viscoelastic_series`` takes fifteen minutes on one core.
 
 ``x'' = -(x**1.5 + 1.5 a x**0.5 x')`` depends on one number, ``a``. Every outcome becomes a bounded
 or slowly growing function of ``s = ln(1 + a)``, by factors that follow from its limits:
@@ -8,13 +8,16 @@ or slowly growing function of ``s = ln(1 + a)``, by factors that follow from its
 - with tension ``e = C a**-5`` up to ``exp(-1.6 a**(5/3))``, as the creep back forgets the impact;
 - the turn lies at ``x = a**(-2/3)`` for strong damping, and its moment and that of the end without
   tension are ``a**(-2/3)`` times a linear function of ``ln a``, up to ``a**(-5/3) ln a``;
-- with tension the end comes at ``a`` times such a function.
+- with tension the end comes at ``a`` times such a function, and the least force, that of bodies
+  that have just begun to creep, is ``-a**(-8/3)`` times a bounded one.
 
 The series end at a = 1e14, where these limits hold to the last digit of double precision.
 
 Without tension the contact ends where ``w**2 = -1.5 a v`` (``x = w**2``), at the first of two roots
 ``w = +-sqrt(-1.5 a v)`` of the same analytic motion. What both have in common is analytic in a, and
-half their difference is ``a**(5/2)`` times an analytic function: two series.
+half their difference is ``a**(5/2)`` times an analytic function: two series. So has the force two
+extrema of equal size and opposite sign near ``w = +-sqrt(a e/2)``, whose half difference is
+``a**(3/2)`` times an analytic function.
 """
 
 import itertools
@@ -80,6 +83,36 @@ def beyond(a: mpf) -> Trace:
 
 
 @cache
+def least(a: mpf) -> mpf:
+    """The least force until x = 0 with tension."""
+    if a < STRONG:
+        return _shoot(a, {"end": _is_out()}).min_force
+    # The bodies have forgotten how they turned after a tenth of the way to this place.
+    return _shoot(a, {"next": _TURNS}, {"end": _is_out(_forgets(a))}).min_force
+
+
+@cache
+def greatest_beyond(a: mpf) -> mpf:
+    """The other extremum of the force, on the motion continued to w < 0."""
+    return beyond(a).last_max_force
+
+
+def _steeply(a: mpf) -> mpf:
+    return (1 + a) ** (mpf(8) / 3)
+
+
+def _least_common(a: mpf) -> mpf:
+    first = least(a)
+    return -_steeply(a) * ((first + greatest_beyond(a)) / 2 if _is_weak(a) else first)
+
+
+def _least_half(a: mpf) -> mpf:
+    if not _is_weak(a):
+        return mpf(0)
+    return -_steeply(a) * (least(a) - greatest_beyond(a)) / 2 / mp.sqrt(a) ** 3
+
+
+@cache
 def _creep() -> list[mpf]:
     """v_k of the slow motion v = sum v_k w**(2-k) at a = 1, an asymptotic series for large w.
 
@@ -114,11 +147,15 @@ def _creep_time(w: mpf) -> mpf:
     return 3 * mp.log(w) + _shortest([-3 * u[k] / (k * w**k) for k in range(1, len(u))])
 
 
+def _forgets(a: mpf) -> mpf:
+    """The w at which the motion has forgotten how it turned."""
+    w = mp.sqrt(_shoot(a, {"end": _TURNS}).max_indentation)
+    return max(w / 2, w - 25 / a**2)
+
+
 def _until_creeping(a: mpf) -> tuple[mpf, mpf]:
     """When the motion has forgotten how it turned, and w at that time in the units of a = 1."""
-    turn = _shoot(a, {"end": _TURNS})
-    w = mp.sqrt(turn.max_indentation)
-    stop = max(w / 2, w - 25 / a**2)
+    stop = _forgets(a)
     found = _shoot(a, {"next": _TURNS}, {"end": _is_out(stop)})
     w = stop * a**2
     slow = _shortest([x * w ** (2 - k) for k, x in enumerate(_creep())])
@@ -195,6 +232,8 @@ COLUMNS: dict[str, Callable[[mpf], mpf]] = {
     "max_force": lambda a: clamped(a).max_force / _slowly(a),
     "decay": lambda a: _decay(tension(a)[0], mpf(5), a),
     "duration": lambda a: tension(a)[1] / (1 + a),
+    "min_force": _least_common,
+    "min_force_half": _least_half,
     "clamped_decay": _common(_clamped_decay),
     "clamped_decay_half": _half(_clamped_decay, 3),
     "clamped_duration": _common(_clamped_time),

@@ -193,6 +193,7 @@ def test_a_law_that_cannot_deliver_says_what_it_can():
 def test_a_law_of_the_users_that_needs_a_contact_is_left_out(monkeypatch):
     class Own(jc.AbstractLaw):
         e: jax.Array
+        tension = True
 
         def force(self, indentation, velocity, contact, impact_velocity):
             return contact.stiffness * indentation * (1 + (1 - self.e) * velocity)

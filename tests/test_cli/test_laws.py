@@ -56,6 +56,9 @@ def test_every_law_with_e_delivers_something(rows):
                 "power_damping",
                 "thornton_plastic",
                 "power_restitution",
+                "bridges",
+                "linear_dashpot",
+                "step_damping",
             }
         else:
             assert all(e is not None and 0 <= e <= 1 for e in row["delivers"].values())

@@ -30,6 +30,8 @@ def reached(*given, **named):
 class Unsolved(jc.AbstractLaw):
     """A law that is never solved."""
 
+    tension = False
+
     def force(self, indentation, velocity, contact, impact_velocity):
         raise Reached
 

@@ -180,6 +180,11 @@ def cases() -> dict[str, Case]:
                     jc.PowerRestitution(loss=0.1, power=0.2, reference=1.0),
                     {"velocity": REALS},
                 ),
+                (
+                    "Bridges",
+                    jc.Bridges(a=0.5, power=0.2, reference=1.0),
+                    {"velocity": REALS},
+                ),
                 ("MarhefkaOrin", jc.MarhefkaOrin(a=1.0), {"velocity": REALS}),
                 ("EnergyLoss", jc.EnergyLoss(e=0.5, beta=2.5), {"contact": CONTACTS | NONE}),
             ]
@@ -191,6 +196,7 @@ def cases() -> dict[str, Case]:
             for law in (
                 jc.ThorntonPlastic(yield_speed=0.1),
                 jc.PowerRestitution(loss=0.1, power=0.2, reference=1.0),
+                jc.Bridges(a=0.5, power=0.2, reference=1.0),
             )
         },
         "get_law": Case(jc.get_law, {"name": "hertz"}, {"name": NOTHING}),

@@ -127,6 +127,11 @@ def cases() -> dict[str, Case]:
             {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "exudyn"},
             {"impact_model": NONE},
         ),
+        "export, adams": Case(
+            jc.export,
+            {"law": LAW, "contact": CONTACT, "velocity": 1.0, "engine": "adams"},
+            {"d": POSITIVE | NONE, "length": NONE},
+        ),
         # Pictures
         "plot.trajectory": Case(
             jc.plot.trajectory,

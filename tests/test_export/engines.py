@@ -20,6 +20,19 @@ def drake(p, mass, radius):
     return lambda x, v, v0: -k * x * max(0, 1 + d * v) / mass
 
 
+def adams(p, mass, radius):
+    """IMPACT with x1 = 0, x = -δ: STEP(x, x1 - d, c_max, x1, 0) by the manual's cubic."""
+    k, n, c_max, d = (p[x] for x in ("stiffness", "force_exponent", "damping", "penetration_depth"))
+
+    def step(x, x0, h0, x1, h1):
+        if x <= x0 or x >= x1:
+            return h0 if x <= x0 else h1
+        part = (x - x0) / (x1 - x0)
+        return h0 + (h1 - h0) * part**2 * (3 - 2 * part)
+
+    return lambda x, v, v0: -max(0, k * x**n - step(-x, -d, c_max, 0, 0) * -v) / mass
+
+
 def simbody(p, mass, radius):
     k1 = k2 = p["stiffness"] ** (2 / 3)
     s = k2 / (k1 + k2)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
 from jaxcontact._export import Draft, Engine, export, register_engine
@@ -61,6 +62,57 @@ def test_the_engines_formula_delivers_the_target(engine, options, words):
         assert delivered == pytest.approx(e, rel=SCIPY)
         assert duration == pytest.approx(found.duration, rel=SCIPY)
         assert (found.target, found.delivered) == pytest.approx((e, e), rel=SCIPY)
+
+
+# The force of IMPACT that comes back after it vanished, at d = 1 % of the depth: measured 6e-6.
+COMES_BACK = 3e-5
+
+
+def impact_function(found, length=1.0):
+    """What the line for Adams delivers, its numbers read from the text, until x = 0."""
+    numbers = [float(x) for x in found.snippet.removesuffix(")").split(",")[-4:]]
+    names = ("stiffness", "force_exponent", "damping", "penetration_depth")
+    acceleration = engines.adams(dict(zip(names, numbers, strict=True)), MASS, RADIUS)
+    end = length * SPEED * found.duration
+
+    def rate(t, y):
+        return [y[1], length * acceleration(max(y[0], 0.0), y[1], SPEED)]
+
+    def out(t, y):
+        return y[0]
+
+    out.terminal, out.direction = True, -1
+    steps = {"rtol": 1e-10, "atol": 1e-12 * end, "max_step": found.duration / 1000}
+    found = solve_ivp(rate, (0, 30 * found.duration), (0, length * SPEED), events=out, **steps)
+    return -found.y[1, -1] / (length * SPEED)
+
+
+def test_the_line_for_adams_delivers_the_target():
+    for e in (0.95, 0.6, 0.25):
+        found = export(jc.ExactRestitution(e=e), CONTACT, SPEED, engine="adams")
+        assert found.snippet.startswith("IMPACT(DM(i, j), VR(i, j), x1, 300000000, 1.5, ")
+        assert impact_function(found) == pytest.approx(e, rel=COMES_BACK)
+        deepest = (1.25 * MASS * SPEED**2 / 3e8) ** 0.4
+        assert found.parameters["penetration_depth"] == pytest.approx(deepest / 100, rel=CLOSED)
+    # In millimetres, where m v² is in t mm²/s² N: lengths in mm, forces in N.
+    found = export(jc.ExactRestitution(e=0.6), CONTACT, SPEED, engine="adams", length="mm")
+    assert impact_function(found, length=1000.0) == pytest.approx(0.6, rel=COMES_BACK)
+    assert found.units["damping"] == "N s/mm"
+
+
+def test_adams_law_is_exported_as_it_is():
+    law = jc.StepDamping(c_max=700.0, d=2e-4)
+    found = export(law, CONTACT, SPEED, engine="adams")
+    assert found.parameters["damping"] == pytest.approx(700, rel=SINGLE)
+    assert found.parameters["penetration_depth"] == 2e-4
+    # Over several speeds, too, where the one set of parameters is its own.
+    found = export(law, CONTACT, [1.0, 2.5, 4.0], engine="adams")
+    assert found.parameters["damping"] == pytest.approx(700, rel=SINGLE)
+    assert np.max(np.abs(found.error)) < SINGLE
+    with pytest.raises(ValueError, match="`length` must be one of 'm', 'mm'"):
+        export(law, CONTACT, SPEED, engine="adams", length="cm")
+    with pytest.raises(ValueError, match=r"`d` must be in \(0, inf\)"):
+        export(law, CONTACT, SPEED, engine="adams", d=-1.0)
 
 
 @pytest.mark.parametrize(("engine", "options", "words"), VARIANTS, ids=LABEL)

@@ -17,6 +17,7 @@ class GivenRatio(AbstractOscillator):
     """The oscillator with its damping ratio given."""
 
     zeta: jax.Array
+    tension = True
 
     def damping_ratio(self, contact=None):
         return self.zeta

@@ -78,6 +78,7 @@ class Viscoelastic(jc.AbstractLaw):
     """Kuwabara and Kono's force as a user would write it, unknown to the solver."""
 
     A: jnp.ndarray
+    tension = True
 
     def force(self, indentation, velocity, contact, impact_velocity):
         root = jnp.sqrt(jnp.where(indentation > 0, indentation, 0))

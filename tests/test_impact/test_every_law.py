@@ -21,16 +21,28 @@ DIFFERENCE, STEP, MODES = 1e-8, 1e-5, 1e-12
 CONTACT = jc.Contact(0.7, 3e8)
 LINEAR = jc.Contact(0.7, 3e8, 1.0)
 MILLISECOND = 1e-3
-LAWS = [x for x in jc.list_laws() if jc._laws.describe(x).cls.__module__.startswith("jaxcontact.")]
+# The force of `step_damping` has no closed form: see test_dashpots.
+LAWS = [
+    x
+    for x in jc.list_laws()
+    if jc._laws.describe(x).cls.__module__.startswith("jaxcontact.") and x != "step_damping"
+]
 
 
 def parameters(name, e, others):
     fields = inspect.signature(jc._laws.describe(name).cls).parameters
+    others = others | {"bridges": {"a": 2 * e - 0.8}, "linear_dashpot": {"c": 4e3 * (1 - e)}}.get(
+        name, {}
+    )
     return {f: jnp.asarray(e if f == "e" else others[f]) for f in fields if f != "tension"}
 
 
+def contact_of(name):
+    return LINEAR if name in ("kelvin_voigt", "linear_dashpot") else CONTACT
+
+
 def solver(name):
-    contact = LINEAR if name == "kelvin_voigt" else CONTACT
+    contact = contact_of(name)
 
     def solve(p):
         law = jc.get_law(name, **p["law"])
@@ -82,6 +94,6 @@ def test_all_transformations(name):
 @pytest.mark.parametrize("name", LAWS)
 def test_the_law_alone_delivers_the_restitution_of_the_impact(name):
     law = jc.get_law(name, **parameters(name, 0.7, OTHER))
-    contact = LINEAR if name == "kelvin_voigt" else CONTACT
+    contact = contact_of(name)
     hit = jc.impact(law, contact, 1.3)
     assert jc.restitution(law, contact, 1.3) == pytest.approx(float(hit.restitution), rel=1e-14)

@@ -51,6 +51,7 @@ class Dashpot(jc.AbstractLaw):
     """F = K δ + c δ'."""
 
     c: jax.Array = eqx.field(converter=jnp.asarray)
+    tension = True
     exponents = (1.0,)
 
     def force(self, indentation, velocity, contact, impact_velocity):

@@ -35,6 +35,7 @@ class Counting(jc.AbstractLaw):
 
     c: jax.Array | float
     seen: list = eqx.field(static=True)
+    tension = True
 
     def force(self, indentation, velocity, contact, impact_velocity):
         self.seen.append(1)

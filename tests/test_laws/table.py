@@ -157,6 +157,14 @@ def jankowski_term(d, v, K, m, e):
     return 2 * jankowski(e) * mp.sqrt(m * K * mp.sqrt(d)) * v if v > 0 else mp.mpf(0)
 
 
+def impact_function(d, v, K, m, c_max, depth):
+    """Adams' STEP as its manual defines it, from x1 - d to x1 with the values c_max and 0."""
+    if d >= depth:
+        return c_max * v
+    place = (depth - d) / depth  # (x - x0)/(x1 - x0) with x = x1 - delta
+    return (c_max + (0 - c_max) * place**2 * (3 - 2 * place)) * v
+
+
 def antypov_elliott(e):
     return mp.sqrt(5) * zeta_of_half_period(e)
 
@@ -233,6 +241,24 @@ LAWS = {
         alpha=lambda b, p, reference, K, v: exact_alpha(1 - b * (v / reference) ** p),
         names=("loss", "power", "reference"),
     ),
+    "bridges": Law(
+        jc.Bridges,
+        ((0.6, 0.25, 1.5), (0.4, 0.1, 5.0), (3.0, 0.1, 1.0)),
+        alpha=lambda a, p, reference, K, v: exact_alpha(min(mp.mpf(1), a * (v / reference) ** -p)),
+        names=("a", "power", "reference"),
+    ),
+    "linear_dashpot": Law(
+        jc.LinearDashpot,
+        ((50.0,), (2e3,), (0.0,)),
+        damping=lambda d, v, K, m, c: c * v,
+        names=("c",),
+    ),
+    "step_damping": Law(
+        jc.StepDamping,
+        ((700.0, 1e-3), (5e3, 2e-4), (0.0, 1e-3)),
+        damping=impact_function,
+        names=("c_max", "d"),
+    ),
     "kuwabara_kono": Law(
         jc.KuwabaraKono,
         ((2e-4,), (5e-3,), (0.0,)),
@@ -260,7 +286,10 @@ PULLING = {
     f"{name} with tension": dataclasses.replace(
         LAWS[name], pulls=True, options=(("tension", True),)
     )
-    for name in ("hu_guo", "exact", "thornton", "constant_damping")
+    for name in (
+        *("hu_guo", "exact", "thornton", "constant_damping"),
+        *("linear_dashpot", "step_damping"),
+    )
 }
 
 VARIANTS = LAWS | CLAMPED | PULLING

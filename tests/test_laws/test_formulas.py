@@ -242,5 +242,5 @@ def test_every_law_says_where_it_comes_from():
     for name, law in LAWS.items():
         text = inspect.getdoc(law.cls)
         assert text
-        if name not in ("damped",):
+        if name not in ("damped", "step_damping"):  # the latter's is a manual
             assert "doi" in text or "Dyn" in text or "J. Mech" in text, name

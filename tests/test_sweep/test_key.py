@@ -34,6 +34,7 @@ class Law(jc.AbstractLaw):
     """Whose method reads a global."""
 
     stiffness: float = 3.0
+    tension = False
 
     def force(self, indentation, velocity, contact, impact_velocity):
         return scale * self.stiffness * indentation

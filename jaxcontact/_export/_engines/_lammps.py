@@ -42,6 +42,7 @@ class TsujiWithoutRoot(AbstractOscillator):
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
+    tension = True
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:

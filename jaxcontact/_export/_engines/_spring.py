@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._contact import Contact
-from ..._laws import AbstractOscillator, as_tension
+from ..._laws import AbstractOscillator
 from ..._parameter import NOT_NEGATIVE, parameter
 
 
@@ -21,7 +20,7 @@ class SpringAndDashpot(AbstractOscillator):
     """
 
     rate: Float[Array, "..."] = parameter("rate", NOT_NEGATIVE)
-    tension: bool = eqx.field(static=True, default=False, kw_only=True, converter=as_tension)
+    tension = False
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
 
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:

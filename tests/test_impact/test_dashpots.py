@@ -1,0 +1,199 @@
+"""Dashpots by their coefficient, against Newton's equations solved by SciPy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import jaxcontact as jc
+
+MASS, STIFFNESS, SPEED = 1.0, 1e8, 3.0
+LENGTH = (MASS * SPEED**2 / STIFFNESS) ** 0.4
+CONTACT = jc.Contact(MASS, STIFFNESS)
+
+TRUTH = 2e-9
+"""An event solve at 1e-9 of restitution: measured 4e-10."""
+
+DIFFERENCE = 2e-6
+"""Central differences with step 1e-4 of SciPy's answers: measured 1e-7."""
+
+COMES_BACK = 3e-5
+"""The force of STEP that comes back after it vanished, at d = 0.07 X: measured 7e-6."""
+
+
+def manual_step(x, d, c_max):
+    """STEP(x, 0, 0, d, c_max) by the manual's cubic."""
+    if x <= 0:
+        return 0.0
+    return c_max if x >= d else c_max * (x / d) ** 2 * (3 - 2 * x / d)
+
+
+def truth(damping, n=1.5, speed=SPEED, pulls=False):
+    """e, the duration until the force vanishes for good, and the least and the largest force.
+
+    `damping` of the indentation is in N s/m. The clamped force is followed until δ = 0: where it
+    has vanished the bodies fly apart. Steps begin and end where the force or its slope jumps.
+    """
+    length = (MASS * speed**2 / STIFFNESS) ** (1 / (n + 1))
+
+    def unclamped(x, v):
+        return STIFFNESS * max(x, 0.0) ** n + damping(x) * v
+
+    def force(x, v):
+        return unclamped(x, v) if pulls else max(unclamped(x, v), 0.0)
+
+    def out(t, y):
+        return y[0]
+
+    out.terminal, out.direction = True, -1
+    found = solve_ivp(
+        lambda t, y: [y[1], -force(*y) / MASS],
+        (0, 40 * length / speed),
+        (0.0, speed),
+        events=out,
+        method="DOP853",
+        rtol=1e-12,
+        atol=1e-15,
+        max_step=length / speed / 150,
+        dense_output=True,
+    )
+    times = np.linspace(0, found.t[-1], 20001)
+    forces = np.array([force(*y) for y in found.sol(times).T])
+    return -found.y[1, -1] / speed, forces.min(), forces.max()
+
+
+# Coefficients beside m v0/X, and d beside X; e from 0.93 to 0.3. No force that comes back.
+COEFFICIENTS = np.array([0.05, 0.3, 0.9, 0.3, 0.9]) * MASS * SPEED / LENGTH
+DEPTHS = np.array([1e-3, 1e-3, 1.0, 2.0, 4.0]) * LENGTH
+
+
+def solved(p):
+    """Both laws in one batch each: restitution and largest force."""
+    dashpot = jc.impact(jc.LinearDashpot(c=p["c"][:3]), CONTACT, SPEED)
+    step = jc.impact(jc.StepDamping(c_max=p["c"], d=p["d"]), CONTACT, SPEED)
+    return (dashpot.restitution, dashpot.max_force), (step.restitution, step.max_force)
+
+
+@pytest.fixture(scope="module")
+def both():
+    """Outcomes, and their derivatives along ln c and ln d, lane by lane."""
+    place = {"c": jnp.asarray(COEFFICIENTS), "d": jnp.asarray(DEPTHS)}
+    zero = jax.tree.map(jnp.zeros_like, place)
+    values, forward = jax.linearize(solved, place)
+    return values, forward({**zero, "c": place["c"]}), forward({**zero, "d": place["d"]})
+
+
+def test_restitution_and_force_are_newtons(both):
+    (dashpot, step), _, _ = both
+    expected = np.array([truth(lambda x, c=c: c) for c in COEFFICIENTS[:3]])
+    np.testing.assert_allclose(dashpot[0], expected[:, 0], rtol=TRUTH)
+    np.testing.assert_allclose(dashpot[1], expected[:, 2], rtol=1e-7)  # of 20,001 samples
+    assert dashpot[1][2] == pytest.approx(COEFFICIENTS[2] * SPEED, rel=1e-12)  # largest at touch
+    lanes = zip(COEFFICIENTS, DEPTHS, strict=True)
+    expected = np.array([truth(lambda x, c=c, d=d: manual_step(x, d, c)) for c, d in lanes])
+    np.testing.assert_allclose(step[0], expected[:, 0], rtol=TRUTH)
+    np.testing.assert_allclose(step[1], expected[:, 2], rtol=1e-7)
+
+
+def test_derivatives_are_those_of_newtons(both):
+    _, (by_c, step_by_c), (_, step_by_d) = both
+    h = 1e-4
+    c, d = COEFFICIENTS[2], DEPTHS[2]
+
+    def slope(at):
+        return (at(1 + h)[0] - at(1 - h)[0]) / (2 * h)
+
+    expected = slope(lambda s: truth(lambda x: s * c))
+    assert by_c[0][2] == pytest.approx(expected, rel=DIFFERENCE)
+    expected = slope(lambda s: truth(lambda x: manual_step(x, d, s * c)))
+    assert step_by_c[0][2] == pytest.approx(expected, rel=DIFFERENCE)
+    expected = slope(lambda s: truth(lambda x: manual_step(x, s * d, c)))
+    assert step_by_d[0][2] == pytest.approx(expected, rel=DIFFERENCE)
+
+
+def test_a_linear_spring_is_kelvin_and_voigts():
+    linear = jc.Contact(MASS, 4e4, 1.0)
+    for tension in (False, True):
+        zeta = jc.KelvinVoigt(e=0.6, tension=tension).damping_ratio()
+        law = jc.LinearDashpot(c=2 * zeta * jnp.sqrt(4e4 * MASS), tension=tension)
+        hit = jc.impact(law, linear, SPEED)
+        assert hit.method == "exact"
+        assert hit.restitution == pytest.approx(0.6, rel=1e-14)
+    assert jc.LinearDashpot(c=1.0).tension is jc.StepDamping(c_max=1.0, d=1.0).tension is False
+
+
+def test_where_the_step_begins_and_ends():
+    """F and its first derivatives are continuous at δ = 0 and δ = d; no derivative is infinite."""
+    d, v = 1e-3, 0.7
+
+    def force(x, c_max, depth):
+        return jc.StepDamping(c_max=c_max, d=depth).force(x, v, jc.Contact(1.0, 1e8, 2.0), 1.0)
+
+    x = jnp.array([0.0, 1e-12, d * (1 - 1e-9), d, d * (1 + 1e-9)])
+    slopes = jax.vmap(jax.grad(force, (0, 1, 2)), (0, None, None))(x, 500.0, d)
+    part = np.minimum(x, d) / d
+    expected = 2e8 * np.asarray(x) + 6 * 500.0 / d * part * (1 - part) * v
+    np.testing.assert_allclose(slopes[0], expected, rtol=1e-14)
+    np.testing.assert_allclose(slopes[1], [0, 3e-18 * v, v, v, v], rtol=1e-8)
+    np.testing.assert_allclose(slopes[2], 0, atol=1e-2)
+    # Beyond d nothing is left of the cubic, which would overflow in single precision.
+    tiny = jax.grad(force, (0, 1, 2))(jnp.float32(1.0), jnp.float32(5.0), jnp.float32(1e-30))
+    assert all(np.isfinite(s) for s in tiny) and tiny[1] == jnp.float32(v)
+
+
+def test_the_kink_of_a_restitution_that_is_bounded():
+    """At the kink derivatives are those of the power, above it they are zero."""
+
+    def e(a, power, v):
+        return jc.Bridges(a=a, power=power, reference=1.0).restitution_at(v)
+
+    slopes = jax.vmap(jax.grad(e, (0, 1, 2)), (0, None, 0))
+    falling, kink, elastic = np.transpose(slopes(jnp.array([0.8, 1.0, 2.0]), 0.25, jnp.ones(3)))
+    np.testing.assert_allclose(falling, [1, 0, -0.2], atol=1e-15)
+    np.testing.assert_allclose(kink, [1, 0, -0.25], atol=1e-15)
+    np.testing.assert_array_equal(elastic, 0)
+    # Neither does the power overflow: v^-p is 1e400 here.
+    assert all(s == 0 for s in jax.grad(e, (0, 1, 2))(1.0, 100.0, 1e-4))
+    # The ice of Bridges, Hatzes and Lin: e = 0.32 (v in cm/s)^-0.234.
+    ice = jc.Bridges(a=1.0, power=0.234, reference=7.7e-5)
+    assert ice.restitution_at(0.01) == pytest.approx(0.32, abs=5e-3)
+    assert jc.restitution(ice, velocity=jnp.array([1e-5, 0.03])) == pytest.approx(
+        [1.0, float(ice.restitution_at(0.03))], rel=1e-14
+    )
+
+
+class Impact(jc.AbstractLaw):
+    """Adams' force as a user writes it down, without the clamp."""
+
+    c_max: jax.Array
+    d: float = 1e-4
+    tension = False
+
+    def force(self, indentation, velocity, contact, impact_velocity):
+        part = jnp.clip(indentation / self.d, 0, 1)
+        damping = self.c_max * part**2 * (3 - 2 * part)
+        return contact.stiffness * jc.power(indentation, contact.exponent) + damping * velocity
+
+
+SPEEDS = np.array([1.0, 2.0, 3.0, 5.0])
+
+
+def test_a_clamped_force_is_fitted_by_its_own_coefficient():
+    """The force of IMPACT with c_max = 798: a law that pulls would need 676, and 1586 N of pull."""
+    e = np.array([truth(lambda x: manual_step(x, 1e-4, 798.0), speed=v)[0] for v in SPEEDS])
+
+    def fitted(law, **how):
+        def model(p, v):
+            return jc.restitution(law(p["c_max"], 1e-4, **how), CONTACT, v)
+
+        positive = {"c_max": jc.Positive()}
+        found = jc.fit(model, e, {"c_max": 400.0}, x=SPEEDS, transforms=positive)
+        assert found.converged
+        return float(found.params["c_max"])
+
+    assert fitted(jc.StepDamping) == pytest.approx(798, rel=COMES_BACK)
+    assert fitted(Impact) == pytest.approx(798, rel=COMES_BACK)
+    pulling = fitted(Impact, tension=True)
+    print(pulling)
+    assert pulling < 0.9 * 798
