@@ -1,7 +1,5 @@
 """Laws by name, and a law of one's own."""
 
-import re
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -84,16 +82,6 @@ def test_laws_are_abstract_or_final():
         jc.AbstractLaw()
     with pytest.raises(TypeError, match="abstract"):
         jc.AbstractHuntCrossley()
-
-
-WORDS = {26: "twenty-six", 27: "twenty-seven", 28: "twenty-eight", 29: "twenty-nine", 30: "thirty"}
-
-
-def test_the_readme_counts_the_laws():
-    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
-    counted = re.findall(r"for (\S+) laws|law of (\S+) \|", readme)
-    assert len(counted) == 2
-    assert {a or b for a, b in counted} == {WORDS[len(jc.list_laws())]}
 
 
 # --- A law of one's own, in ten lines -------------------------------------------------------------
