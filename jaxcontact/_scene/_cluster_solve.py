@@ -300,6 +300,10 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     modes = Modes(state.closed & pairs.used, state.rising, state.latched / units.speed)
     nobody = jnp.zeros_like(modes.closed)
     here = look(y, modes, Clock(jnp.asarray(True), nobody))
+    if rules.peak:
+        # A closing speed that is the largest one yet, and grows, is what v0 follows.
+        largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
+        modes = modes._replace(rising=modes.rising | (largest & (here.second > 0)))
     force = jax.jvp(
         lambda d, r: system.force(d, r, modes), (here.depth, here.rate), (here.rate, here.second)
     )[1]
