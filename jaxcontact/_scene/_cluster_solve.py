@@ -89,7 +89,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         contact=problem.contact,
         units=units,
         pairs=pairs,
-        apart=(state.position[pairs.first] - state.position[pairs.second]) / units.length,
+        apart=pairs.between(state.position) / units.length,
         depth=state.indentation / units.length,
         inverse_mass=problem.inverse_mass * units.mass,
         acceleration=jnp.where(free, problem.acceleration, 0) / (units.speed / units.time),

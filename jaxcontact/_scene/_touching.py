@@ -35,7 +35,8 @@ class Pairs(NamedTuple):
     of it. `distance` in m at which they touch: R1 + R2, negative in a shell (see `_side`), or the
     radius for a plane. `normal`, shape
     (P, D): of a plane, of unit length, to its free side; any finite numbers for spheres. `flat`:
-    whether the second is a plane. `used`: False for slots that hold no pair.
+    whether the second is a plane. `used`: False for slots that hold no pair. `away` (P, D) in m:
+    how far the image of the second that is meant is from where it is; None without periodic axes.
     """
 
     first: Int[Array, " pairs"]
@@ -44,6 +45,12 @@ class Pairs(NamedTuple):
     normal: Float[Array, "pairs dim"]
     flat: Bool[Array, " pairs"]
     used: Bool[Array, " pairs"]
+    away: Float[Array, "pairs dim"] | None = None
+
+    def between(self, position: PerBody) -> Float[Array, "pairs dim"]:
+        """From the second bodies to the first."""
+        apart = position[self.first] - position[self.second]
+        return apart if self.away is None else apart - self.away
 
 
 class Drive(NamedTuple):
