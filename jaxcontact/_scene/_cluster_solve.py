@@ -161,6 +161,11 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         passing = y[TIME] - c.y[TIME]
         peak, inside = highest(passing, c.look.depth, c.look.rate, now.depth, now.rate)
         grazed = jnp.any(pairs.used & ~modes.closed & inside & (peak > 0) & (now.depth < 0))
+        if rules.peak:
+            # So is a closing speed that exceeds its peak and falls again.
+            faster, _ = highest(passing, c.look.rate, c.look.second, now.rate, now.second)
+            hidden = modes.closed & ~modes.rising & (now.second < 0)
+            grazed = grazed | jnp.any(pairs.used & hidden & (faster > modes.latched + together))
         fine = fine & (~grazed | (c.size < 1e-6))
         left = stop(to_root(c.size, before, fell, gaps, fall))
         seeking = jnp.any(c.sought)

@@ -21,7 +21,7 @@ from ._progress import Coupling, State
 from ._search import simultaneous
 from ._side import side
 from ._slots import Seats, bodies_of, everyone, in_line, own_places
-from ._system import Layout, Numbers, known_contact_of, nearest_image
+from ._system import Layout, Numbers, known_contact_of, least_speed, nearest_image
 
 _CALLS = 64
 """Into how many calls the first third of an impact may be cut, where there is no place for all that
@@ -44,8 +44,7 @@ def pace_of(
     """A third of the duration of an impact, about: X/v with X = (μ v²/K)^(1/(n+1)), in s."""
     contact = known_contact_of(layout, numbers, choice.first, choice.second)
     n = contact.exponent
-    floor = jnp.finfo(numbers.dtype).eps * (1 + jnp.max(jnp.abs(numbers.velocity)))
-    speed = jnp.maximum(closing, floor)
+    speed = jnp.maximum(closing, least_speed(numbers))
     return (contact.mass / contact.stiffness / speed ** (n - 1)) ** (1 / (n + 1))
 
 

@@ -142,7 +142,10 @@ def call(
     first, second = places(layout, members)
 
     # The time: of the touch that starts it, or where the last call ended.
-    two = jnp.stack([jnp.argmax(seats.who == choice.first), jnp.argmax(seats.who == choice.second)])
+    one = jnp.argmax(seats.who == choice.first)
+    # A wall has no place: the first body stands in for it, as another one may be ahead in time.
+    other = jnp.argmax(seats.who == choice.second)
+    two = jnp.stack([one, jnp.where(choice.second < layout.spheres, other, one)])
     nobody = two_that_meet(layout, choice.time)
     struck = jax.tree.map(lambda x, y: jnp.where(decided.starts, x[two], y), spheres, nobody)
     met = choice._replace(second=jnp.where(decided.starts, choice.second, choice.first))

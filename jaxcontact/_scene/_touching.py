@@ -24,6 +24,9 @@ from .._laws import AbstractLaw
 from ._motion import Own
 from ._side import side
 
+_SLOWEST = 1e-9
+"""The least v0, in units of speed: one of zero has no damping."""
+
 PerPair = Float[Array, " pairs"]
 PerBody = Float[Array, "bodies dim"]
 
@@ -195,6 +198,7 @@ class Touching(eqx.Module):
         """Of the closed pairs."""
         units = self.units
         speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
+        speed = jnp.maximum(speed, _SLOWEST)
         depth = jnp.maximum(depth, 0)
         if not self.law.damped:
             rate = jnp.zeros_like(rate)

@@ -139,6 +139,7 @@ def followed(discs: Discs, duration: float, rtol: np.ndarray) -> tuple[np.ndarra
     low, high = np.zeros(lanes), np.full(lanes, np.nan)
     gap_low, gap_high = np.zeros(lanes), np.zeros(lanes)
     sought = np.zeros((lanes, 4 * none.shape[1]), bool)
+    _, _, fast, faster = equations.motion(s.y, s.closed, s.rising, s.latched)
     side = np.zeros(lanes)
     while len(who):
         tick, left = length / speed, duration - s.t
@@ -147,7 +148,11 @@ def followed(discs: Discs, duration: float, rtol: np.ndarray) -> tuple[np.ndarra
         _, depth, rate, second = equations.motion(y, s.closed, s.rising, s.latched)
         gaps, passed = _events(equations, s, depth, rate, second, speed, length)
         seeks = ~np.isnan(high)
-        fine = (error <= 1) | seeks
+        # Where a closing speed exceeds its peak within a step, by the cubic through its ends.
+        over = s.closed & ~s.rising & (equations.discs.alpha > 0)[:, None] & (second < 0)
+        over = over & (_highest(h, fast, faster, rate, second) > s.latched + 1e-13 * speed[:, None])
+        hidden = over.any(axis=1) & (h > 1e-5 * tick)
+        fine = ((error <= 1) & ~hidden) | seeks
         begins = fine & ~seeks & passed.any(axis=1)
         # Where a step begins to seek its gaps at the start are needed.
         if begins.any():
@@ -179,9 +184,13 @@ def followed(discs: Discs, duration: float, rtol: np.ndarray) -> tuple[np.ndarra
         s.y = np.where(taken[:, None], y, s.y)
         with np.errstate(divide="ignore"):
             factor = np.clip(0.9 * error ** (-1 / 8), 0.2, 6)
-        h = np.where(seeks | begins, trial, h * factor)
+        fast, faster = (
+            np.where(taken[:, None], a, b) for a, b in ((rate, fast), (second, faster))
+        )
+        h = np.where(seeks | begins, trial, h * np.where(hidden, np.minimum(factor, 0.5), factor))
         if found.any():
             hits = _happen(equations, s, found, sought, speed, length)
+            _, _, fast, faster = equations.motion(s.y, s.closed, s.rising, s.latched)
             touches[who] += hits
             new = equations.units(s.y)
             speed, length = (np.where(found, a, b) for a, b in zip(new, (speed, length), strict=True))
@@ -202,6 +211,7 @@ def followed(discs: Discs, duration: float, rtol: np.ndarray) -> tuple[np.ndarra
             s = _State(*(x[on] for x in vars(s).values()))
             h, low, high, gap_low, gap_high = (x[on] for x in (h, low, high, gap_low, gap_high))
             sought, side, speed, length = (x[on] for x in (sought, side, speed, length))
+            fast, faster = fast[on], faster[on]
     n = discs.position.shape[1]
     return end[:, : 2 * n].reshape(lanes, n, 2), end[:, 2 * n :].reshape(lanes, n, 2), touches
 
@@ -224,6 +234,15 @@ def _step(equations, s, h, rtol, speed, length):
     five, three = np.sum(fifth**2, axis=1), np.sum(third**2, axis=1)
     both = np.sqrt((five + 0.01 * three) * s.y.shape[1])
     return y, h * five / np.where(both > 0, both, 1)
+
+
+def _highest(h, before, pace, after, slope):
+    """The most of the cubic that has these values and slopes at the ends of a step."""
+    at = np.linspace(0, 1, 9)[:, None, None]
+    rest = at * (1 - at)
+    h, rise = h[:, None], after - before
+    bend = (1 - at) * (h * pace - rise) + at * (rise - h * slope)
+    return np.max(before + at * rise + rest * bend, axis=0)
 
 
 def _events(equations, s, depth, rate, second, speed, length):

@@ -15,15 +15,17 @@ from tests.oracle.many_discs import Discs, followed
 from tests.oracle.scene_oracle import Ball, Spring, Wall
 
 ANSWERS = Path(__file__).with_name("random_scenes.json")
-COUNT, PIECE = 1000, 200
+COUNT, PIECE = 1000, 100
 """How many there are, and how many are solved at once and then stored."""
 LAWS = "hunt_crossley", "flores", "kuwabara_kono", "antypov_elliott", "kelvin_voigt"
+ALIKE = tuple(k for k in range(250) if k % len(LAWS) < 2 and k // len(LAWS) % 2)
+"""Fifty with four discs and a law of Hunt and Crossley's family."""
 GRAVITY = (0.0, -9.81)
 DURATION = 0.5
 """In s: some ten touches."""
 NUDGE = 1e-7
 """The change of the start, in m and m/s, that tells how a run magnifies one."""
-RTOL, NUDGED = 1e-12, 1e-10
+RTOL, NUDGED = 1e-13, 1e-10
 """Of the integration, and where the start is changed."""
 MOST = 4
 
@@ -167,7 +169,9 @@ def answers() -> dict[str, dict]:
 
 def main() -> None:
     found = answers()
-    while missing := [k for k in range(COUNT) if str(k) not in found][:PIECE]:
+    # What tests ask for comes first.
+    order = [*ALIKE, *(k for k in range(COUNT) if k not in ALIKE)]
+    while missing := [k for k in order if str(k) not in found][:PIECE]:
         found |= solved(missing)
         rows = (f'"{k}": {json.dumps(found[k])}' for k in sorted(found, key=int))
         ANSWERS.write_text("{\n" + ",\n".join(rows) + "\n}\n")
