@@ -184,16 +184,16 @@ def followed(discs: Discs, duration: float, rtol: np.ndarray) -> tuple[np.ndarra
         s.y = np.where(taken[:, None], y, s.y)
         with np.errstate(divide="ignore"):
             factor = np.clip(0.9 * error ** (-1 / 8), 0.2, 6)
-        fast, faster = (
-            np.where(taken[:, None], a, b) for a, b in ((rate, fast), (second, faster))
-        )
+        fast, faster = (np.where(taken[:, None], a, b) for a, b in ((rate, fast), (second, faster)))
         h = np.where(seeks | begins, trial, h * np.where(hidden, np.minimum(factor, 0.5), factor))
         if found.any():
             hits = _happen(equations, s, found, sought, speed, length)
             _, _, fast, faster = equations.motion(s.y, s.closed, s.rising, s.latched)
             touches[who] += hits
             new = equations.units(s.y)
-            speed, length = (np.where(found, a, b) for a, b in zip(new, (speed, length), strict=True))
+            speed, length = (
+                np.where(found, a, b) for a, b in zip(new, (speed, length), strict=True)
+            )
             h = np.where(found, np.where(hits > 0, 1e-5, 1e-3) * length / speed, h)
             high = np.where(found, np.nan, high)
             sought = sought & ~found[:, None]
