@@ -121,12 +121,14 @@ class Lanes(eqx.Module):
         return Motion(*jax.tree.map(jax.lax.optimization_barrier, numbers))
 
 
-def lanes_of(problem: Problem) -> Lanes:
-    """The scaled problem; in lanes with invalid input valid numbers replace it."""
+def lanes_of(problem: Problem, speeds: Range = SPEED) -> Lanes:
+    """The scaled problem; in lanes with invalid input valid numbers replace it. `speeds`: those
+    that are valid.
+    """
     problem = uniform(problem)
     contact = problem.contact
     n = contact.exponent
-    valid = is_valid(problem.law) & is_valid(contact) & SPEED.holds(problem.velocity)
+    valid = is_valid(problem.law) & is_valid(contact) & speeds.holds(problem.velocity)
     if not isinstance(n, float):
         good = EXPONENT.holds(n)
         if problem.law.exponents is not None:
@@ -140,7 +142,7 @@ def lanes_of(problem: Problem) -> Lanes:
         valid = valid & FORCE.holds(push)
         push = jnp.where(FORCE.holds(push), push, 0)
     contact = sanitised(contact)
-    velocity = jnp.where(SPEED.holds(problem.velocity), problem.velocity, SPEED.inside)
+    velocity = jnp.where(speeds.holds(problem.velocity), problem.velocity, speeds.inside)
     scale = scale_of(contact, velocity)
     form, good_form = sanitised(problem.law).form(contact, scale).sound()
     return Lanes(

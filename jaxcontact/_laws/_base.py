@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 _Given = TypeVar("_Given")
 
 VELOCITY_THRESHOLD = 1e-9
-"""Closing speed in m/s below which the damping of a law stops growing.
+"""Closing speed in m/s below which `impact` and `bounce` know no impact.
 
-The hysteresis damping factor c = α K/v0 has no limit as v0 → 0. A contact that closes more slowly
-than this speed (a resting one, say) is given the c of this speed, in `force` and in `impact` alike.
+The hysteresis damping factor c = α K/v0 has no limit as v0 → 0. The force of a law and the soft
+impacts of a scene have no such threshold.
 """
 
 

@@ -12,7 +12,6 @@ from .._elementary import power
 from .._forms import HuntCrossleyForm
 from .._parameter import NOT_NEGATIVE, parameter
 from ._base import (
-    VELOCITY_THRESHOLD,
     AbstractLaw,
     contact_for,
     force_arguments,
@@ -53,11 +52,11 @@ class AbstractHuntCrossley(AbstractLaw):
     ) -> Float[Array, "..."]:
         """F = K δⁿ max(0, 1 + α δ'/v0) in N, and zero for δ < 0.
 
-        Below `VELOCITY_THRESHOLD` the threshold replaces v0. With `tension=True` the force is not
-        clamped.
+        The square root of the smallest number replaces a v0 below it, so that α/v0 stays finite:
+        it depends on no units. With `tension=True` the force is not clamped.
         """
         depth, rate, speed = force_arguments(indentation, velocity, contact, impact_velocity)
-        speed = jnp.maximum(speed, VELOCITY_THRESHOLD)
+        speed = jnp.maximum(speed, float(jnp.finfo(speed.dtype).tiny) ** 0.5)
         elastic = contact.stiffness * power(depth, contact.exponent)
         damping = self.damping_factor(contact, speed) / speed
         factor = 1 + damping * rate

@@ -93,8 +93,7 @@ def touched(
 
     v0 rises for pairs that touch without closing yet.
     """
-    first, second = position[pairs.first], position[pairs.second]
-    apart = first - second
+    apart = pairs.between(position)
     relative = velocity[pairs.first] - velocity[pairs.second]
     curved = (pairs.used & ~pairs.flat)[:, None]
     between = jnp.where(curved, apart, 1)

@@ -89,7 +89,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         contact=problem.contact,
         units=units,
         pairs=pairs,
-        apart=(state.position[pairs.first] - state.position[pairs.second]) / units.length,
+        apart=pairs.between(state.position) / units.length,
         depth=state.indentation / units.length,
         inverse_mass=problem.inverse_mass * units.mass,
         acceleration=jnp.where(free, problem.acceleration, 0) / (units.speed / units.time),
@@ -161,6 +161,11 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         passing = y[TIME] - c.y[TIME]
         peak, inside = highest(passing, c.look.depth, c.look.rate, now.depth, now.rate)
         grazed = jnp.any(pairs.used & ~modes.closed & inside & (peak > 0) & (now.depth < 0))
+        if rules.peak:
+            # So is a closing speed that exceeds its peak and falls again.
+            faster, _ = highest(passing, c.look.rate, c.look.second, now.rate, now.second)
+            hidden = modes.closed & ~modes.rising & (now.second < 0)
+            grazed = grazed | jnp.any(pairs.used & hidden & (faster > modes.latched + together))
         fine = fine & (~grazed | (c.size < 1e-6))
         left = stop(to_root(c.size, before, fell, gaps, fall))
         seeking = jnp.any(c.sought)
@@ -300,6 +305,10 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     modes = Modes(state.closed & pairs.used, state.rising, state.latched / units.speed)
     nobody = jnp.zeros_like(modes.closed)
     here = look(y, modes, Clock(jnp.asarray(True), nobody))
+    if rules.peak:
+        # A closing speed that is the largest one yet, and grows, is what v0 follows.
+        largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
+        modes = modes._replace(rising=modes.rising | (largest & (here.second > 0)))
     force = jax.jvp(
         lambda d, r: system.force(d, r, modes), (here.depth, here.rate), (here.rate, here.second)
     )[1]

@@ -21,7 +21,7 @@ from ._progress import Coupling, State
 from ._search import simultaneous
 from ._side import side
 from ._slots import Seats, bodies_of, everyone, in_line, own_places
-from ._system import Layout, Numbers, known_contact_of, nearest_image
+from ._system import Layout, Numbers, known_contact_of, least_speed, nearest_image
 
 _CALLS = 64
 """Into how many calls the first third of an impact may be cut, where there is no place for all that
@@ -44,8 +44,7 @@ def pace_of(
     """A third of the duration of an impact, about: X/v with X = (μ v²/K)^(1/(n+1)), in s."""
     contact = known_contact_of(layout, numbers, choice.first, choice.second)
     n = contact.exponent
-    floor = jnp.finfo(numbers.dtype).eps * (1 + jnp.max(jnp.abs(numbers.velocity)))
-    speed = jnp.maximum(closing, floor)
+    speed = jnp.maximum(closing, least_speed(numbers))
     return (contact.mass / contact.stiffness / speed ** (n - 1)) ** (1 / (n + 1))
 
 
@@ -136,10 +135,13 @@ def company_of(
     crowded = (jnp.sum(core) > members) | (alone <= coupling.pace / _CALLS)
     seats, wide = _seated(layout, numbers, there, coupling, who, filled)
     if any(layout.periodic):
-        # No image of one of them is nearer than half a period.
-        least = jnp.min(jnp.where(jnp.asarray(layout.periodic), numbers.period, jnp.inf))
+        # Of a pair the image that is nearest may touch, at half a period or less; no other one
+        # comes as near before two of them have gone what is left of the half.
+        half = jnp.min(jnp.where(jnp.asarray(layout.periodic), numbers.period, jnp.inf)) / 2
+        radius = numbers.radius[jnp.minimum(seats.who, count - 1)]
+        room = half - 2 * jnp.max(jnp.where(seats.present, jnp.abs(radius), 0))
         speed = jnp.max(fastest(who, filled))
-        alone = jnp.minimum(alone, least / 4 / jnp.where(speed > 0, speed, 1))
+        alone = jnp.minimum(alone, room / 2 / jnp.where(speed > 0, speed, 1))
     return Company(seats, alone, crowded | wide)
 
 
@@ -167,7 +169,7 @@ def _seated(
 ) -> tuple[Seats, Bool[Array, ""]]:
     """The places of those chosen, next to each other in their images; in a line by their order.
 
-    Whether they span more than half a period, so that one might meet another twice.
+    Whether those in a line span more than half a period: the last might meet the first.
     """
     count, members = layout.spheres, who.shape[0]
     present = jnp.arange(members) < filled
@@ -185,13 +187,13 @@ def _seated(
         base = position[anchor] - jnp.where(stays[anchor], before[anchor], 0) * numbers.period
         near = nearest_image(layout, numbers, position - base[None])[1]
         shift = jnp.where(stays[:, None], before, near)
-        placed = position - shift * numbers.period[None]
-        low = jnp.min(jnp.where(present[:, None], placed, jnp.inf), axis=0)
-        high = jnp.max(jnp.where(present[:, None], placed, -jnp.inf), axis=0)
-        reach = 2 * jnp.max(jnp.where(present, jnp.abs(numbers.radius[sure]), 0))
-        wide = jnp.any(jnp.asarray(layout.periodic) & (high - low + reach > numbers.period / 2))
     if in_line(layout):
         place = (position - shift * numbers.period[None])[:, 0]
+        if any(layout.periodic):
+            low = jnp.min(jnp.where(present, place, jnp.inf))
+            high = jnp.max(jnp.where(present, place, -jnp.inf))
+            reach = 2 * jnp.max(jnp.where(present, numbers.radius[sure], 0))
+            wide = high - low + reach > numbers.period[0] / 2
         order = jnp.argsort(jnp.where(present, place, jnp.inf))
         who, present, shift = who[order], present[order], shift[order]
     return Seats(jnp.where(present, who, count), present, shift), wide

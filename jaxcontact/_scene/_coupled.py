@@ -21,7 +21,7 @@ from ._overlap import ROUNDINGS
 from ._side import side
 from ._slots import Change, Seats, bodies_of, in_line, pairs_of, places, put, rearranged
 from ._stored import stored_in
-from ._system import Layout, Numbers, known_contact_of, law_of
+from ._system import Layout, Numbers, known_contact_of, law_of, nearest_image
 from ._touching import ClusterState, Drive, Pairs
 
 MOST = 8
@@ -87,7 +87,7 @@ def touching(
     first, second = places(layout, members)
     pairs = pairs_of(layout, numbers, members, seats)
     position, velocity = placed(layout, numbers, seats, there, time)
-    apart = position[first] - position[second]
+    apart = _imaged(layout, numbers, pairs, position).between(position)
     rate = velocity[first] - velocity[second]
     gap, opening = _gap(pairs, apart, rate)
     eps = jnp.finfo(numbers.dtype).eps
@@ -98,6 +98,14 @@ def touching(
         speed = jnp.maximum(speed, jnp.max(jnp.abs(velocity[members:])))
     touches = (gap <= ROUNDINGS * eps * scale) & (opening <= ROUNDINGS * eps * speed)
     return pairs.used & (touches | _resting(layout, members, support))
+
+
+def _imaged(layout: Layout, numbers: Numbers, pairs: Pairs, position: Array) -> Pairs:
+    """The pairs, each of two bodies in their images that are nearest to each other."""
+    if not any(layout.periodic):
+        return pairs
+    shift = nearest_image(layout, numbers, pairs.between(position))[1]
+    return pairs._replace(away=jnp.where(pairs.flat[:, None], 0, shift * numbers.period[None]))
 
 
 def _gap(pairs: Pairs, apart: Array, rate: Array) -> tuple[Array, Array]:
@@ -134,7 +142,10 @@ def call(
     first, second = places(layout, members)
 
     # The time: of the touch that starts it, or where the last call ended.
-    two = jnp.stack([jnp.argmax(seats.who == choice.first), jnp.argmax(seats.who == choice.second)])
+    one = jnp.argmax(seats.who == choice.first)
+    # A wall has no place: the first body stands in for it, as another one may be ahead in time.
+    other = jnp.argmax(seats.who == choice.second)
+    two = jnp.stack([one, jnp.where(choice.second < layout.spheres, other, one)])
     nobody = two_that_meet(layout, choice.time)
     struck = jax.tree.map(lambda x, y: jnp.where(decided.starts, x[two], y), spheres, nobody)
     met = choice._replace(second=jnp.where(decided.starts, choice.second, choice.first))
@@ -150,6 +161,7 @@ def call(
     position = jnp.where(came, position, before.position)
     velocity = jnp.where(came, velocity, before.velocity)
     fresh = decided.starts | change.fresh
+    pairs = _imaged(layout, numbers, pairs, position)
     start = touched(pairs, position, velocity, decided.closed & fresh, v0=v0)
     rests = _resting(layout, members, support)
     none = jnp.zeros(members, numbers.dtype)
@@ -157,7 +169,7 @@ def call(
     sunk = pairs.distance - height + jnp.concatenate([none, numbers.walls_at(time).offset])[second]
     # What touches beside the pair whose touch says when this begins, or later than a solve began,
     # does so at a time that is not its own: the depth, which is rounding, has the derivative.
-    apart = position[first] - position[second]
+    apart = pairs.between(position)
     depth = -_gap(pairs, apart, jnp.zeros_like(apart))[0]
     depth = depth - jax.lax.stop_gradient(depth)
     outside = jnp.where(start.closed, depth, jnp.minimum(start.indentation, 0))
@@ -177,6 +189,10 @@ def call(
             if name not in ("time", "position", "velocity")
         }
     )
+    if pairs.away is not None:
+        # Which image is meant of what is apart may be another one than in the last call.
+        depth = jnp.where(begin.closed, begin.indentation, start.indentation)
+        begin = begin._replace(indentation=depth)
 
     inverse = jnp.where(seats.present, numbers.inverse_mass[who], 0)
     inverse = jnp.concatenate([inverse, numbers.inverse_mass[layout.spheres :]])

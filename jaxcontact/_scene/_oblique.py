@@ -15,7 +15,7 @@ from .._impact import Status
 from .._impact._front_door import lanes_of, problem_of, uniform
 from .._impact._lanes import with_sensitivity
 from .._laws import AbstractLaw
-from .._parameter import Specialised
+from .._parameter import POSITIVE, Specialised
 from ._radial import Number, Radial, RadialOutcome, solve_radial
 
 CLOSED_FORM, CORRECTED, RADIAL = range(3)
@@ -83,7 +83,8 @@ def oblique(
     carries its sensitivities. Nothing is raised; see `Rebound.status`.
     """
     problem = uniform(problem_of(law, contact, normal_speed))
-    lanes = lanes_of(problem)
+    # In a scene no speed is too small: its units may be any.
+    lanes = lanes_of(problem, POSITIVE)
     scale, dtype = lanes.scale, problem.velocity.dtype
     given = (jnp.asarray(value, dtype) for value in (tangential_speed, distance, pull))
     across, distance, pull = given

@@ -84,8 +84,9 @@ def simulate(
     comes to rest. It has room for `max_cluster` spheres, two at the least: those in contact and
     those that they may reach soon; a run that needs more is flagged (`Ending.CROWDED`). If it is
     not given it is 8, and from Python a run that needs more begins anew with room for 16 or 32.
-    `v0` is the speed that the damping of a law refers to: "peak", the largest closing speed of the
-    contact; "touch", that at touch; a number, the least one in m/s.
+    `v0` is the speed that the damping of a law refers to: "peak", the largest closing speed since
+    touch, which in a free impact is that at touch; "touch", that at touch; a number, that at touch
+    or this least one in m/s.
 
     With `instantaneous` impacts are out of time: each has the law's e at its own closing speed.
     Impacts at the same time are taken pair by pair, the largest closing speed first, and marked.

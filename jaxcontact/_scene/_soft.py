@@ -9,12 +9,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._impact import Status
-from .._laws import VELOCITY_THRESHOLD
 from ._flying import Flying, accelerations
 from ._hit import Choice, Outcome, driven_work, meeting_of
 from ._oblique import oblique
 from ._result import Way
-from ._system import Layout, Numbers, known_contact_of, laws_of
+from ._system import Layout, Numbers, known_contact_of, laws_of, least_speed
 
 _HEAD_ON = 1e-8
 """Sliding over closing speed below which an impact is head-on."""
@@ -46,7 +45,7 @@ def soft(
     pull = accelerations(layout, numbers, who, choice.support)
     steady = jnp.where(is_wall, meeting.driven * normal, flying.velocity[1])
     relative = flying.velocity[0] - steady
-    closing = jnp.maximum(meeting.closing, VELOCITY_THRESHOLD)
+    closing = jnp.maximum(meeting.closing, least_speed(numbers))
     across = relative + meeting.closing * normal
     square = jnp.sum(jnp.square(across))
     # A head-on impact is taken as the limit of oblique ones: turn and sliding are proportional, and

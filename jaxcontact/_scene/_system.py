@@ -230,6 +230,15 @@ def law_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> AbstractLaw:
     return laws[0] if len(laws) == 1 else MixedLaw(tuple(laws), kind.astype(numbers.dtype))
 
 
+def least_speed(numbers: Numbers) -> Float[Array, ""]:
+    """A rounding of the speeds of a scene in m/s, as they are at the start or weight makes them."""
+    radius = jnp.max(jnp.abs(numbers.radius))
+    pull = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity))) * radius
+    square = jnp.max(jnp.square(numbers.velocity)) + pull
+    small = jnp.finfo(numbers.dtype)
+    return jax.lax.stop_gradient(small.eps * jnp.sqrt(square + float(small.tiny) ** 0.5))
+
+
 def restitution_of(
     layout: Layout, numbers: Numbers, i: Array, j: Array, closing: Lane
 ) -> Float[Array, ""]:

@@ -24,6 +24,9 @@ from .._laws import AbstractLaw, force_of
 from ._motion import Own
 from ._side import side
 
+_SLOWEST = 1e-9
+"""The least v0, in units of speed: one of zero has no damping."""
+
 PerPair = Float[Array, " pairs"]
 PerBody = Float[Array, "bodies dim"]
 
@@ -35,7 +38,8 @@ class Pairs(NamedTuple):
     of it. `distance` in m at which they touch: R1 + R2, negative in a shell (see `_side`), or the
     radius for a plane. `normal`, shape
     (P, D): of a plane, of unit length, to its free side; any finite numbers for spheres. `flat`:
-    whether the second is a plane. `used`: False for slots that hold no pair.
+    whether the second is a plane. `used`: False for slots that hold no pair. `away` (P, D) in m:
+    how far the image of the second that is meant is from where it is; None without periodic axes.
     """
 
     first: Int[Array, " pairs"]
@@ -44,6 +48,12 @@ class Pairs(NamedTuple):
     normal: Float[Array, "pairs dim"]
     flat: Bool[Array, " pairs"]
     used: Bool[Array, " pairs"]
+    away: Float[Array, "pairs dim"] | None = None
+
+    def between(self, position: PerBody) -> Float[Array, "pairs dim"]:
+        """From the second bodies to the first."""
+        apart = position[self.first] - position[self.second]
+        return apart if self.away is None else apart - self.away
 
 
 class Drive(NamedTuple):
@@ -188,6 +198,7 @@ class Touching(eqx.Module):
         """Of the closed pairs."""
         units = self.units
         speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
+        speed = jnp.maximum(speed, _SLOWEST)
         depth = jnp.maximum(depth, 0)
         if not self.law.damped:
             rate = jnp.zeros_like(rate)

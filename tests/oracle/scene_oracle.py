@@ -91,13 +91,15 @@ def run(
     v0: str | float = "peak",
     closed: Sequence[tuple[int, int]] = (),
     until_apart: bool = False,
+    period: float = np.inf,
 ) -> Run:
     """The scene after ``duration``, or when ``until_apart`` all contacts are over.
 
     Walls are numbered after the balls. Balls whose gap is within 1e-12 of a radius and who do not
-    recede touch at the start; ``closed`` names pairs that do whatever their gap says.
+    recede touch at the start; ``closed`` names pairs that do whatever their gap says. With a
+    ``period`` balls meet in their nearest images along all axes.
     """
-    scene = _Scene(balls, spring, walls, gravity, v0, closed)
+    scene = _Scene(balls, spring, walls, gravity, v0, closed, period)
     return scene.run(duration, until_apart)
 
 
@@ -106,9 +108,9 @@ def _dot(a, b) -> float:
 
 
 class _Scene:
-    def __init__(self, balls, spring, walls, gravity, v0, closed):
+    def __init__(self, balls, spring, walls, gravity, v0, closed, period):
         self.n, self.dim = len(balls), len(balls[0].position)
-        self.balls, self.walls, self.v0 = balls, walls, v0
+        self.balls, self.walls, self.v0, self.period = balls, walls, v0, period
         self.pairs = [(i, j) for i in range(self.n) for j in range(i + 1, self.n)]
         self.pairs = [p for p in self.pairs if not all(np.isinf(balls[k].mass) for k in p)]
         self.pairs += [
@@ -143,12 +145,21 @@ class _Scene:
     def _restart(self):
         """Where the pairs of balls stand to each other, from which they move."""
         pairs = [(i, j) for i, j in self.pairs if j < self.n]
-        before = {(i, j): (self.x[i] - self.x[j]).tolist() for i, j in pairs}
+        before = {(i, j): self._apart(i, j).tolist() for i, j in pairs}
         self.before = [before.get(pair) for pair in self.pairs]
+        if np.isfinite(self.period):
+            for k, pair in enumerate(self.pairs):
+                if not self.closed[k] and abs(self._gap(pair) - self.depth[k]) > 1e-6:
+                    # Another image is the nearest now.
+                    self.depth[k] = float(self._gap(pair))
 
     def _state(self):
         """No displacement, the velocities, and no energy lost."""
         return np.concatenate([0 * self.v.ravel(), self.v.ravel(), np.zeros(len(self.pairs))])
+
+    def _apart(self, i, j):
+        away = self.x[i] - self.x[j]
+        return away if np.isinf(self.period) else away - self.period * np.round(away / self.period)
 
     def _radius(self, pair) -> float:
         return self.balls[pair[0]].radius
@@ -163,7 +174,7 @@ class _Scene:
         i, j = pair
         if j < self.n:
             touching = self.balls[i].radius + self.balls[j].radius
-            return touching - np.linalg.norm(self.x[i] - self.x[j])
+            return touching - np.linalg.norm(self._apart(i, j))
         point, normal, speed = self._wall(j)
         return self.balls[i].radius - normal @ (self.x[i] - point - speed * self.t)
 
@@ -279,12 +290,19 @@ class _Scene:
 
     def run(self, duration, until_apart) -> Run:
         while self.t < duration and (any(self.closed) or not until_apart):
-            if not self._to_next_event(duration - self.t):
+            left, images = duration - self.t, self._images_for()
+            if not self._to_next_event(min(left, images)) and left <= images:
                 break
         for k, touch in enumerate(self.current):
             if touch is not None:
                 touch.latched = self.latched[k]
         return Run(self.t, self.x, self.v, self.touches)
+
+    def _images_for(self) -> float:
+        """How long no two balls can meet in other images than those that are nearest now."""
+        largest = max(ball.radius for ball in self.balls)
+        fastest = np.linalg.norm(self.v, axis=1).max() + self._units()[0]
+        return (self.period / 2 - 2 * largest) / (4 * fastest)
 
     def _to_next_event(self, left) -> bool:
         """Integrate for the time left or up to the next event; whether there was one."""

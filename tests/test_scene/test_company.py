@@ -83,3 +83,29 @@ def test_two_press_a_disc_that_shakes_one_after_the_other():
         known = pressed([mover], *start, [0.0, 0.0], *given)[-1]
         np.testing.assert_allclose(found.position[-1, k], known[:2], atol=1e-8)
         np.testing.assert_allclose(found.velocity[-1, k], known[2:], atol=1e-8)
+
+
+def test_three_meet_across_the_edges_of_a_small_cell():
+    """They span more than half a period, and each pair meets in its own images."""
+    random, period = np.random.default_rng([9, 0]), 0.8
+    radius, mass = random.uniform(0.08, 0.12, 3), 10 ** random.uniform(-0.3, 0.5, 3)
+    places: list[np.ndarray] = []
+    while len(places) < 3:
+        place, k = random.uniform(0, period, 2), len(places)
+        away = [place - other for other in places]
+        gaps = [np.linalg.norm(x - period * np.round(x / period)) for x in away]
+        if all(gap > radius[k] + radius[i] + 0.005 for i, gap in enumerate(gaps)):
+            places.append(place)
+    velocity = random.normal(0, 1.5, (3, 2))
+    balls = [Ball(places[k].tolist(), velocity[k].tolist(), radius[k], mass[k]) for k in range(3)]
+    stiffness = 10 ** random.uniform(5, 7)
+    exact = run(balls, Spring(stiffness, alpha=ALPHA), 0.7, period=period)
+    discs = [jc.Sphere(b.radius, b.mass, b.position, b.velocity) for b in balls]
+    scene = jc.Scene(discs, jc.Damped(alpha=ALPHA), stiffness=stiffness, periodic=[period, period])
+    found = jc.simulate(scene, 0.7, rtol=RTOL)
+    assert found.status == jc.Ending.COMPLETED
+    assert len(found.impacts) == len(exact.touches) >= 4
+    # A change of the start grows about seven thousandfold.
+    assert np.abs(found.velocity[-1] - exact.velocity).max() <= 100 * RTOL
+    away = found.position[-1] - exact.position
+    assert np.abs(away - period * np.round(away / period)).max() <= 100 * RTOL

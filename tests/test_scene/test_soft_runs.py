@@ -54,6 +54,14 @@ RUNS = {
         1.5,
         0.3,
     ),
+    # The weight counts from the touch on: v0 is a little more than the speed at touch.
+    "bounces": (
+        [Ball([0.6], [0.0], 0.1, 1.0)],
+        [Wall([0.0], [1.0])],
+        [-9.81],
+        0.9,
+        1.6,
+    ),
 }
 
 
