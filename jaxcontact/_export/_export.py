@@ -61,8 +61,9 @@ def export(
     Chrono and YADE: 0.3 by default; `damping`, for LAMMPS: "coeff_restitution" (default), "tsuji",
     "tsuji_sqrt2", "viscoelastic" or, with a hooke contact, "mass_velocity";
     `discrete_contact_approximation`, for Drake: "lagged" (default), "similar" or "sap";
-    `impact_model`, for Exudyn: 2 (default) or 1; `d` in m, for Adams: the depth of the full damping, by default that of a `StepDamping`, of other
-    laws 1 % of the largest indentation without damping; `length`, for Adams: "m" (default) or "mm".
+    `impact_model`, for Exudyn: 2 (default) or 1; `d` in m, for Adams: the depth of the full
+    damping, by default that of a `StepDamping`, of other laws 1 % of the largest indentation
+    without damping; `length`, for Adams: "m" (default) or "mm".
 
     Returns an `Export`. Computes in double precision whatever JAX is set to, and is not for use
     under `jit`. Raises ValueError for an unknown engine, an option that it does not take or lacks,
