@@ -30,6 +30,9 @@ class Status(enum.IntEnum):
     """The numbers cannot be trusted and are NaN; try another method, or more `steps`."""
     INVALID_INPUT = 3
     """A parameter of this lane is out of its range; its numbers are NaN."""
+    GAINED = 4
+    """The bodies part faster than they met, though nothing pushes: the law gives them energy, e > 1.
+    The numbers are those of the law as it is written; look for the sign of its damping."""
 
 
 class Impact(eqx.Module):
