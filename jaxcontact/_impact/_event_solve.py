@@ -325,6 +325,9 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     )
     seen = legs.arrived[0] | above | ~is_rising(motion, left, flags[0])
     converged = converged & seen
+    steps = followed.steps
+    if returned is not None:
+        steps = steps + jnp.where(returned, legs.steps[2], 0)
     end_indentation = None if motion.form.tension else jnp.where(settled, 0, end.w**motion.order)
     spare_energy = None if motion.push is None else motion.spare_energy(end)
     return ScaledImpact(
@@ -336,7 +339,7 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
         converged=converged,
         settled=settled,
         energy_loss=balance.energy_loss,
-        steps=followed.steps if returned is None else followed.steps + returned * legs.steps[2],
+        steps=steps,
         end_indentation=end_indentation,
         spare_energy=spare_energy,
     )
