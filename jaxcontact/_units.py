@@ -40,6 +40,8 @@ _MEANING = {
     "energy": ("energy", "J"),
     "drop_height": ("drop height", "m"),
     "rest_time": ("time when rest begins", "s"),
+    "return_time": ("time until the ball is back at its height of touch", "s"),
+    "margin": ("distance of a speed from another number of bounces", "m/s"),
     "rest_velocity": ("speed below which a touch counts as rest", "m/s"),
     "rest_indentation": ("indentation at rest", "m"),
     "remaining_flight": ("flight after the last touch listed", "s"),

@@ -11,6 +11,7 @@ import jaxcontact as jc
 from jaxcontact._laws import AbstractHuntCrossley, AbstractOscillator, constant_laws
 from tests.oracle import bouncing_ball
 from tests.oracle.bouncing_ball import Touch
+from tests.test_impact.test_new_form import Step
 
 SAME = 1e-8
 """Of the speeds and times of a run, in units of the first touch: measured 3e-10."""
@@ -24,7 +25,7 @@ def hunt_crossley(law, n):
     """F = K δⁿ (1 + α(v0) δ'/v0)."""
     alpha = jax.jit(lambda v, K: law.damping_factor(jc.Contact(MASS, K, n), v))
 
-    @functools.lru_cache(maxsize=None)
+    @functools.cache
     def at(v0, K):
         return float(alpha(v0, K))
 
@@ -54,30 +55,18 @@ def viscoelastic(law, n):
 
 def given(law, n):
     """F as a user wrote it."""
-    return lambda K, depth, rate, v0: law.by_hand(K, depth, rate)
-
-
-class Step(jc.AbstractLaw):
-    """A damper that grows with the indentation, F = K δⁿ + c step(δ, d) δ', of no known shape."""
-
-    c: jax.Array
-    d: jax.Array
-
-    def force(self, indentation, velocity, contact, impact_velocity):
-        s = jnp.clip(indentation / self.d, 0, 1)
-        elastic = contact.stiffness * jnp.maximum(indentation, 0) ** contact.exponent
-        return elastic + self.c * s * s * (3 - 2 * s) * velocity
-
-    def by_hand(self, K, depth, rate):
-        s = min(depth / float(self.d), 1.0)
-        return K * depth**1.5 + float(self.c) * s * s * (3 - 2 * s) * rate
+    return lambda K, depth, rate, v0: law.by_hand(K, n, depth, rate, v0)
 
 
 def assert_same(law, n, make, balls=BALLS, v0="peak"):
     """Every touch of every ball, its rest, and what is derived from them."""
     K, height = np.array(list(balls.values())).T
     run = jc.bounce(
-        law, jc.Contact(MASS, jnp.asarray(K), n), jnp.asarray(height), gravity_in_contact=True, v0=v0
+        law,
+        jc.Contact(MASS, jnp.asarray(K), n),
+        jnp.asarray(height),
+        gravity_in_contact=True,
+        v0=v0,
     )
     force, longest = make(law, n), 0
     for lane, (stiffness, drop) in enumerate(balls.values()):

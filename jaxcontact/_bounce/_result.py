@@ -14,7 +14,6 @@ from .._impact._result import status_words
 from .._parameter import as_parameter, require_broadcast, shown
 from .._units import quantity
 
-
 TOUCHES = (
     *("time", "duration", "return_time", "impact_velocity"),
     *("restitution", "height", "status"),
@@ -48,26 +47,26 @@ class Bounce(eqx.Module):
 
     time: Float[Array, "..."]
     duration: Float[Array, "..."]
-    return_time: Float[Array, "..."]
     impact_velocity: Float[Array, "..."]
     restitution: Float[Array, "..."]
     height: Float[Array, "..."]
     status: Int[Array, "..."]
-    at_rest: Bool[Array, "..."]
     rest_time: Float[Array, "..."]
-    margin: Float[Array, "..."]
     rest_velocity: Float[Array, "..."]
     rest_indentation: Float[Array, "..."]
     remaining_flight: Float[Array, "..."] | None
     drop_height: Float[Array, "..."]
     gravity: Float[Array, "..."]
+    return_time: Float[Array, "..."]
+    at_rest: Bool[Array, "..."]
+    margin: Float[Array, "..."]
 
     def height_at(self, time: ArrayLike) -> Float[Array, "..."]:
         """The height of the ball's lowest point above the ground at any time, in m.
 
         `time` in s, shape (samples,) or (..., samples). 0 until the ball is back at δ = 0
-        (indentations are not resolved) and at rest; NaN after the flight that follows the last touch listed, and in bad
-        lanes; the drop height before the release.
+        (indentations are not resolved) and at rest; NaN after the flight that follows the last
+        touch listed, and in bad lanes; the drop height before the release.
         """
         time = as_parameter(time, "time").astype(self.time.dtype)
         require_broadcast(time=time, bounces=self.rest_time[..., None])
@@ -114,7 +113,6 @@ class Bounce(eqx.Module):
             "status": self._status_words(),
         }
         return "Bounce\n" + "\n".join(f"  {name:<17}{text}" for name, text in numbers.items())
-
 
     def _status_words(self) -> str:
         """How the balls ended, counted by ball."""

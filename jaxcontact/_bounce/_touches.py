@@ -145,9 +145,7 @@ def one_by_one(
     return left, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), touches)
 
 
-def _risen(
-    run: Run, speed: Array, depth: Array, leaves: Array
-) -> tuple[Array, Array, Array]:
+def _risen(run: Run, speed: Array, depth: Array, leaves: Array) -> tuple[Array, Array, Array]:
     """The speed at δ = 0 after a rise from a depth, the time of it, and whether δ = 0 is reached.
 
     Without weight in contact gravity acts above δ = 0 alone.

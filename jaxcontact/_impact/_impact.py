@@ -132,10 +132,11 @@ def _summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impa
     # What stays has neither, wherever the solve of its way out came to.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)
     solved = scaled.converged & (finite | scaled.settled)
-    status = jnp.where(scaled.settled, int(Status.SETTLED), int(Status.SEPARATED))
+    parted = int(Status.SEPARATED)
     if lanes.may_gain:
         gained = scaled.restitution > 1 + method.error(scaled.restitution.dtype)
-        status = jnp.where(gained & ~scaled.settled, int(Status.GAINED), status)
+        parted = jnp.where(gained, int(Status.GAINED), parted)
+    status = jnp.where(scaled.settled, int(Status.SETTLED), parted)
     status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
     status = fill(jnp.where(lanes.valid, status, int(Status.INVALID_INPUT)))
     good = lanes.valid & solved

@@ -354,7 +354,7 @@ class Motion(eqx.Module):
     def may_return(self) -> bool:
         """Whether a force that vanished before x = 0 may come back on the way there.
 
-        A force x^(n-p) (x^p + c v) does so under a push alone, and laws of other shapes without one.
+        A force x^(n-p) (x^p + c v) does so only under a push, other forces also without one.
         """
         if self.form.tension or self.form.never_pulls:
             return False

@@ -31,8 +31,8 @@ class Status(enum.IntEnum):
     INVALID_INPUT = 3
     """A parameter of this lane is out of its range; its numbers are NaN."""
     GAINED = 4
-    """The bodies part faster than they met, though nothing pushes: the law gives them energy, e > 1.
-    The numbers are those of the law as it is written; look for the sign of its damping."""
+    """The bodies separated faster than they met, e > 1, without an external force: the law adds
+    energy. The numbers are those of the law as written. Check the sign of its damping."""
 
 
 class Impact(eqx.Module):

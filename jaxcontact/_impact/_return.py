@@ -13,7 +13,8 @@ from .._elementary import power
 from .._implicit import bracketed_root
 from ._motion import Motion, Number, State
 
-# Moments at which the force is looked at. A law whose force comes and goes between two is missed.
+# Moments at which the force is looked at, the last but one at 1e-6 of the depth. A force that comes
+# and goes between two of them, or returns later, is missed.
 _SAMPLES = 32
 
 
@@ -58,14 +59,17 @@ def onward(motion: Motion, end: State, max_indentation: Number) -> Onward:
     def force(fraction: Number) -> Number:
         return frozen.pulling(at(frozen, still, fraction * longest), jnp.asarray(False))
 
-    fractions = jnp.arange(1, _SAMPLES + 1, dtype=depth.dtype) / _SAMPLES
-    forces = jax.vmap(force)(fractions)
-    first = jnp.argmax(forces > 0)
+    passed = jnp.arange(_SAMPLES + 1, dtype=depth.dtype) / _SAMPLES
+    # Closer near x = 0, where a spring may win over damping that falls faster: at x = 0 neither.
+    fractions = jnp.where(reaches, 1 - (1 - passed) ** 4, passed)
+    forces = jax.vmap(force)(fractions[1:])
+    present = (forces > 0) & ~(reaches & (passed[1:] == 1))
+    first = jnp.argmax(present)
     # What is left of an elastic contact at x = 0 is rounding.
     rounding = math.sqrt(jnp.finfo(depth.dtype).eps)
     deep = (end.w > 0) & (still.w**k > rounding * deepest) & (speed > 0)
-    returns = deep & jnp.any(forces > 0)
-    low, size, last = fractions[first] - fractions[0], fractions[0], forces[first]
+    returns = deep & jnp.any(present)
+    low, size, last = fractions[first], fractions[first + 1] - fractions[first], forces[first]
 
     floor = jnp.where(returns, last / 100, 0.5)
 

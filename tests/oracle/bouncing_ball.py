@@ -43,8 +43,11 @@ def touches(force, *, mass, gravity, height, unit, most=40, tension=False, peak=
     return rows, None
 
 
-def contact(force, mass, gravity, speed, unit, tension=False, peak=False):
-    """When the force vanishes, when the ball is back at δ = 0, and how fast; None where it rests."""
+def contact(force, mass, gravity, speed, unit, tension=False, peak=False, finest=0.02):
+    """When the force vanishes, and when and how fast the ball is back at δ = 0; None at rest.
+
+    `finest`: no step is longer, in units of `unit`. What begins and ends within one is not seen.
+    """
     t, y, v0, ended = 0.0, np.array([0.0, speed]), speed, None
     kind = "rises" if peak else "in"
     while True:
@@ -80,7 +83,7 @@ def contact(force, mass, gravity, speed, unit, tension=False, peak=False):
             events=functions,
             rtol=RTOL,
             atol=1e-15 * np.array([speed * unit, speed]),
-            max_step=0.02 * unit,
+            max_step=finest * unit,
         )
         t, y = piece.t[-1], piece.y[:, -1]
         (what,) = (name for name, at in zip(names, piece.t_events, strict=True) if at.size)
