@@ -39,6 +39,7 @@ _MEANING = {
     "force": ("force", "N"),
     "energy": ("energy", "J"),
     "drop_height": ("drop height", "m"),
+    "at_rest": ("whether the ball came to rest", ""),
     "rest_time": ("time when rest begins", "s"),
     "return_time": ("time until the ball is back at its height of touch", "s"),
     "margin": ("distance of a speed from another number of bounces", "m/s"),

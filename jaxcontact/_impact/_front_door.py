@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._contact import EXPONENT, Contact, require_contact
 from .._forms import AbstractForm, HuntCrossleyForm, Scale, SpeedDependentForm, scale_of
-from .._laws import VELOCITY_THRESHOLD, AbstractLaw, ConstantDamping, MarhefkaOrin, require_law
+from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
 from .._parameter import (
     Range,
     Specialised,
@@ -157,10 +157,11 @@ def lanes_of(problem: Problem, peak: bool = False) -> Lanes:
     scale = scale_of(contact, velocity)
     law = sanitised(problem.law)
     form, good_form = law.form(contact, scale).sound()
-    peak = peak and push is not None and _refers_to_speed(law, form)
+    peak = peak and push is not None and law.refers_to_peak
     if peak and not _same_at_all_speeds(law):
+        alpha = cast(HuntCrossleyForm, form).alpha
         form = SpeedDependentForm(
-            alpha=form.alpha, tension=form.tension, law=law, contact=contact, scale=scale
+            alpha=alpha, tension=law.tension, law=law, contact=contact, scale=scale
         )
     return Lanes(
         form=form,
@@ -171,12 +172,6 @@ def lanes_of(problem: Problem, peak: bool = False) -> Lanes:
         shape=problem.shape,
         peak=peak,
     )
-
-
-def _refers_to_speed(law: AbstractLaw, form: AbstractForm) -> bool:
-    """Whether the force of a law of the Hunt-Crossley family mentions v0."""
-    free = isinstance(law, ConstantDamping | MarhefkaOrin) or not law.damped
-    return isinstance(form, HuntCrossleyForm) and not free
 
 
 def _same_at_all_speeds(law: AbstractLaw) -> bool:

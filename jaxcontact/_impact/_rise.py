@@ -9,7 +9,7 @@ to 1, in which the motion is smooth, and neither an event nor a step control is 
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -34,8 +34,8 @@ class _Risen(NamedTuple):
 
 def risen(motion: Motion) -> tuple[Motion, State]:
     """The motion from the largest closing speed on, to which damping now refers, and that state."""
-    form = motion.form
-    assert isinstance(form, HuntCrossleyForm) and motion.push is not None
+    form = cast(HuntCrossleyForm, motion.form)
+    assert motion.push is not None
     n, pushed = motion.n, motion.push > 0
     push = jnp.where(pushed, motion.push, 1)
 

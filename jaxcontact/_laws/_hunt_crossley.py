@@ -36,6 +36,10 @@ class AbstractHuntCrossley(AbstractLaw):
 
     tension: bool = eqx.field(static=True, default=False, kw_only=True, converter=as_tension)
 
+    @property
+    def refers_to_peak(self) -> bool:
+        return self.damped
+
     @abc.abstractmethod
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
@@ -123,6 +127,10 @@ class ConstantDamping(AbstractHuntCrossley):
 
     c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE)
 
+    @property
+    def refers_to_peak(self) -> bool:
+        return False
+
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
@@ -146,6 +154,10 @@ class MarhefkaOrin(AbstractHuntCrossley):
     """
 
     a: Float[Array, "..."] = parameter("a", NOT_NEGATIVE)
+
+    @property
+    def refers_to_peak(self) -> bool:
+        return False
 
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
