@@ -146,7 +146,7 @@ def test_rest_with_gravity_in_contact():
     options = {"gravity": 9.8, "bounces": 30, "gravity_in_contact": True}
     out = jc.bounce(law, contact, 0.9, **options)
     assert np.isnan(out.time[1]).all() and (out.status[1] == jc.Status.INVALID_INPUT).all()
-    assert np.isinf(out.rest_time[2]) and (out.status[2] == jc.Status.SEPARATED).all()
+    assert np.isnan(out.rest_time[2]) and (out.status[2] == jc.Status.SEPARATED).all()
     left = np.asarray(out.status[0] == jc.Status.SEPARATED)
     count = int(left.sum())
     assert left[:count].all() and 15 < count < 25
@@ -198,3 +198,71 @@ def test_single_precision_stays():
     assert out.time.dtype == out.remaining_flight.dtype == jnp.float32
     double = jc.bounce(jc.HuGuo(e=0.7), jc.Contact(0.5, 1e8), 1.0, bounces=5)
     np.testing.assert_allclose(out.time, double.time, rtol=1e-5)
+
+
+DROP = jc.Contact(1.0, 1.4e8)
+
+
+def test_by_default_every_ball_is_followed_to_rest():
+    """From Python through as many touches as it takes; a ball that never rests is said to."""
+    out = jc.bounce(jc.HuGuo(e=jnp.array([0.5, 0.8, 1.0, 2.0])), DROP, 0.9)
+    settled = np.asarray(out.status == jc.Status.SETTLED)
+    count = np.argmax(settled, axis=-1)
+    assert out.at_rest.tolist() == [True, True, False, False]
+    assert out.time.shape == (4, count.max() + 1) and count[1] > 20
+    speed, e = out.impact_velocity, out.restitution
+    for ball in (0, 1):
+        last = count[ball]
+        assert out.rest_time[ball] == out.time[ball, last]
+        bounds = out.rest_velocity[ball] - speed[ball, last], speed[ball, last - 1]
+        margin = min(bounds[0], bounds[1] - out.rest_velocity[ball])
+        np.testing.assert_allclose(out.margin[ball], margin, rtol=SERIES)
+    assert np.isnan(out.rest_time[2]) and np.isfinite(out.height[2]).all()
+    above = (e * speed)[2, -1] - out.rest_velocity[2]
+    np.testing.assert_allclose(out.margin[2], above, rtol=SERIES)
+    words = f"2 balls at rest after {count[0]} to {count[1]} bounces, "
+    words += f"1 ball not at rest after {count[1] + 1} bounces, 1 invalid_input"
+    assert words in repr(out)
+    assert repr(jc.bounce(jc.Hertz(), DROP, 0.9)).endswith("not at rest after 20 bounces")
+    slow = jc.bounce(jc.HuGuo(e=0.97), DROP, 0.9)
+    assert slow.at_rest and f"at rest after {slow.time.size - 1} bounces" in repr(slow)
+
+
+def test_a_ball_that_is_not_at_rest_has_no_rest_time_and_no_derivative_of_it():
+    e = jnp.array([0.5, 0.8])
+
+    @jax.jit
+    def rest_time(e):
+        return jc.bounce(jc.HuGuo(e=e), DROP, 0.9).rest_time
+
+    np.testing.assert_array_equal(np.isnan(rest_time(e)), [False, True])
+    forward = jax.jvp(rest_time, (e,), (jnp.ones(2),))[1]
+    (reverse,) = jax.vjp(rest_time, e)[1](jnp.ones(2))
+    for slope in (forward, reverse):
+        np.testing.assert_array_equal(np.isnan(slope), [False, True])
+    # What a neighbour shares with it stays.
+    height = jax.grad(lambda h: jc.bounce(jc.HuGuo(e=e), DROP, h, bounces=20).rest_time[0])(0.9)
+    alone = jax.grad(lambda h: jc.bounce(jc.HuGuo(e=0.5), DROP, h, bounces=20).rest_time)(0.9)
+    np.testing.assert_allclose(height, alone, rtol=SERIES)
+
+
+def test_rest_jumps_where_the_margin_is_zero():
+    """By e of a threshold: one touch more, and the margin goes through zero there."""
+
+    def run(e):
+        return jc.bounce(jc.HuGuo(e=e), DROP, 0.9, bounces=40)
+
+    e = jnp.linspace(0.70, 0.76, 61)
+    out = run(e)
+    touches = np.sum(np.asarray(out.status) == jc.Status.SEPARATED, axis=-1)
+    (jump,) = np.flatnonzero(np.diff(touches))[:1]
+    low, high = float(e[jump]), float(e[jump + 1])
+    for _ in range(5):
+        e = jnp.linspace(low, high, 61)
+        out = run(e)
+        touches = np.sum(np.asarray(out.status) == jc.Status.SEPARATED, axis=-1)
+        jump = int(np.argmax(np.diff(touches)))
+        low, high = float(e[jump]), float(e[jump + 1])
+    assert touches[jump + 1] == touches[jump] + 1
+    assert max(out.margin[jump], out.margin[jump + 1]) < 1e-9
+    assert out.rest_time[jump + 1] - out.rest_time[jump] > 1e-3

@@ -40,7 +40,7 @@ def _bounce() -> Any:
     def run(law, contact, height, *, method, gravity_in_contact, bounces):
         found = jc.bounce(
             law, contact, height, gravity=GRAVITY, method=method,
-            gravity_in_contact=gravity_in_contact, bounces=bounces,
+            gravity_in_contact=gravity_in_contact, bounces=bounces, v0="touch",
         )  # fmt: skip
         return found.rest_time
 

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from typing import Any, NamedTuple
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike
 
 from .. import _flight as flight
 from .._contact import EXPONENT, Contact, require_contact
 from .._impact import (
     AbstractMethod,
+    Landing,
     Status,
-    impact,
+    landing,
     method_of,
     problem_of,
     restitution_is_constant,
@@ -25,16 +32,23 @@ from .._parameter import (
     as_parameter,
     refuses_unknown,
     require_broadcast,
+    require_choice,
     require_count,
     require_flag,
     sanitised,
 )
-from ._result import Bounce
-from ._touches import Touches, alike, one_by_one
+from ._result import TOUCHES, Bounce
+from ._touches import Left, Run, Touches, alike, begin, one_by_one
 
 _REST = Range(low=VELOCITY_THRESHOLD, inside=1.0)
 # A law's own force under the weight may differ from the weight by its rounding.
 _STATIC = 1e-4
+
+ROOM = 20
+"""Touches that a traced run has room for, and that are solved between two looks of Python."""
+
+_MOST = 10_000
+"""Touches that a run to rest takes at most."""
 
 
 @refuses_unknown
@@ -44,9 +58,10 @@ def bounce(
     height: ArrayLike,
     *,
     gravity: ArrayLike = 9.81,
-    bounces: int = 20,
+    bounces: int | None = None,
     gravity_in_contact: bool = False,
     rest_velocity: ArrayLike | None = None,
+    v0: str = "peak",
     method: str | AbstractMethod = "auto",
 ) -> Bounce:
     """Drop a ball and follow its touches: v_1 = √(2gh), v_(k+1) = e(v_k) v_k, h_k = v_(k+1)²/(2g).
@@ -64,12 +79,28 @@ def bounce(
     threshold, `rest_velocity` in m/s, √(g δ_s) if not given (`VELOCITY_THRESHOLD` where gravity
     acts in contact).
 
+    The damping of a law refers to the largest closing speed since touch (`v0="peak"`). In a free
+    impact this is the speed at touch. A contact that is pressed together keeps a finite damping,
+    even if it begins at rest. With `v0="touch"` it refers to the speed at touch. The two differ
+    with `gravity_in_contact`, for laws of the Hunt-Crossley family whose force depends on v0. A law
+    of your own that is not of this family gets the speed at touch.
+
+    A force that only pushes vanishes while δ > 0. The ball then rises from that depth: under its
+    weight with `gravity_in_contact`, at constant speed without. Restitution is the ratio of the
+    speeds at δ = 0.
+
+    By default each ball is followed to rest, through up to 10,000 touches. A ball that would need
+    more, such as an elastic one, is followed for 20. Under tracing there is room for 20. With
+    `bounces` the run has exactly that many. If a ball is not at rest by then, `at_rest` is False,
+    and `rest_time` and its derivative are NaN.
+
     Returns a `Bounce`; a bad lane is NaN and flagged. Raises ValueError for a Python scalar out of
     range. Source: elementary ballistics, and `impact`.
     """
     require_law(law)
     require_contact(contact)
-    bounces = require_count("bounces", bounces, 1)
+    bounces = None if bounces is None else require_count("bounces", bounces, 1)
+    require_choice("v0", v0, ("peak", "touch"))
     gravity_in_contact = require_flag("gravity_in_contact", gravity_in_contact)
     height = as_parameter(height, "height", POSITIVE)
     gravity = as_parameter(gravity, "gravity", POSITIVE)
@@ -79,43 +110,119 @@ def bounce(
     require_broadcast(
         law=law, contact=contact, height=height, gravity=gravity, rest_velocity=rest_velocity
     )
-    return _bounce(law, contact, height, gravity, rest_velocity, bounces, gravity_in_contact, how)
+    given = _Given(law, contact, height, gravity, rest_velocity, gravity_in_contact, v0 == "peak")
+    return _to_rest(given, how) if bounces is None else _bounce(given, bounces, how)
 
 
-class _Run(eqx.Module):
-    """What the touches of a run share, in one shape and precision; invalid numbers replaced."""
+def _traced(tree: Any) -> bool:
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
 
+
+def _to_rest(given: _Given, how: AbstractMethod) -> Bounce:
+    """Follow every ball to rest, as far as it comes to rest in `_MOST` touches.
+
+    Traced numbers, and a caller that compiles, get `ROOM` touches.
+    """
+    if _traced(given):
+        return _bounce(given, ROOM, how)
+    run, first = _begun(given, how)
+    if _traced(run):
+        return _bounce(given, ROOM, how)
+    if first is not None:
+        count = _needed(np.asarray(first.impact.restitution), run)
+        return _trimmed(_constant(given.contact, run, first, count))
+    left, parts = begin(run), []
+    while True:
+        speed = left.speed
+        left, touches = _more(given, run, left, how)
+        parts.append(touches)
+        if not _falls(speed, left, run, len(parts) * ROOM):
+            break
+    touches = jax.tree.map(lambda *part: jnp.concatenate(part, axis=-1), *parts)
+    return _trimmed(_assembled(touches, run, None))
+
+
+def _needed(e: np.ndarray, run: Run) -> int:
+    """How many touches the balls of a constant e need that come to rest in `_MOST`."""
+    with np.errstate(all="ignore"):
+        touches = np.log(np.asarray(run.rest) / np.asarray(run.speed)) / np.log(e)
+    least = np.max(touches, where=(touches < _MOST) & (e < 1), initial=0)
+    return ROOM * math.ceil((least + 3) / ROOM)
+
+
+def _falls(speed: Array, left: Left, run: Run, listed: int) -> bool:
+    """Whether a ball still bounces and may come to rest in `_MOST` touches.
+
+    Its last `ROOM` touches tell how much slower it becomes.
+    """
+    before, now = np.asarray(speed), np.asarray(left.speed)
+    flying = np.asarray(left.status) == int(Status.SEPARATED)
+    # Under its weight a ball rests when it is still a tenth as fast as this, or faster.
+    felt = np.nan_to_num(np.sqrt(np.asarray(run.gravity * run.static))) / 10
+    target = np.maximum(felt, np.asarray(run.rest))
+    with np.errstate(all="ignore"):
+        blocks = np.log(target / now) / np.log(now / before)
+    return bool(np.any(flying & (now < before) & (ROOM * blocks + listed < _MOST)))
+
+
+def _trimmed(run: Bounce) -> Bounce:
+    """Without touches at which every ball rests already; `ROOM` of what never rests."""
+    status = np.asarray(run.status)
+    settled = np.any(status == int(Status.SETTLED), axis=-1)
+    lasts = np.where(settled, np.argmax(status == int(Status.SETTLED), axis=-1) + 1, 1)
+    endless = np.any(status[..., -1] == int(Status.SEPARATED))
+    count = max(int(np.max(lasts)), ROOM if endless else 1)
+    listed = {name: getattr(run, name)[..., :count] for name in TOUCHES}
+    return dataclasses.replace(run, **listed)
+
+
+class _Given(NamedTuple):
+    """A ball and its ground, as they were given; `felt`: whether gravity acts in contact; `peak`:
+    whether damping refers to the largest closing speed since touch.
+    """
+
+    law: AbstractLaw
+    contact: Contact
     height: Array
     gravity: Array
-    speed: Array
-    rest: Array
-    static: Array
-    weight: Array
-    valid: Array
+    rest: Array | None
+    felt: bool
+    peak: bool
+
+
+def _start(given: _Given, method: AbstractMethod) -> tuple[Run, Landing | None]:
+    """What the touches share, and the first one where all follow from it."""
+    run = _run(given)
+    if given.felt or not restitution_is_constant(given.law, given.contact):
+        return run, None
+    return run, landing(problem_of(given.law, given.contact, run.speed), method)
+
+
+_begun = eqx.filter_jit(_start)
 
 
 @eqx.filter_jit
-def _bounce(
-    law: AbstractLaw,
-    contact: Contact,
-    height: Array,
-    gravity: Array,
-    rest: Array | None,
-    bounces: int,
-    gravity_in_contact: bool,
-    method: AbstractMethod,
-) -> Bounce:
-    run = _run(law, contact, height, gravity, rest, gravity_in_contact)
-    if not gravity_in_contact and restitution_is_constant(law, contact):
-        first = impact(law, contact, run.speed, method=method)
-        n = _exponent(contact)
-        power = (1 - n) / (1 + n)
-        power = power if isinstance(power, float) else jnp.expand_dims(power, -1)
-        touches = alike(first, run.speed, power, run.rest, bounces)
-        e = jnp.where(first.status == int(Status.SEPARATED), first.restitution, 0)
-        return _assembled(touches, run, e)
-    weight = run.weight if gravity_in_contact else None
-    touches = one_by_one(law, contact, run.speed, run.rest, weight, method, bounces)
+def _constant(contact: Contact, run: Run, first: Landing, count: int) -> Bounce:
+    n = _exponent(contact)
+    power = (1 - n) / (1 + n)
+    power = power if isinstance(power, float) else jnp.expand_dims(power, -1)
+    e = jnp.where(first.impact.status == int(Status.SEPARATED), first.impact.restitution, 0)
+    return _assembled(alike(first, run, power, count), run, e)
+
+
+@eqx.filter_jit
+def _more(
+    given: _Given, run: Run, left: Left, method: AbstractMethod, count: int = ROOM
+) -> tuple[Left, Touches]:
+    return one_by_one(given.law, given.contact, run, left, method, given.peak, count)
+
+
+@eqx.filter_jit
+def _bounce(given: _Given, count: int, method: AbstractMethod) -> Bounce:
+    run, first = _start(given, method)
+    if first is not None:
+        return _constant(given.contact, run, first, count)
+    _, touches = _more(given, run, begin(run), method, count)
     return _assembled(touches, run, None)
 
 
@@ -124,14 +231,8 @@ def _exponent(contact: Contact) -> float | Array:
     return n if isinstance(n, float) else jnp.where(EXPONENT.holds(n), n, EXPONENT.inside)
 
 
-def _run(
-    law: AbstractLaw,
-    contact: Contact,
-    height: Array,
-    gravity: Array,
-    rest: Array | None,
-    gravity_in_contact: bool,
-) -> _Run:
+def _run(given: _Given) -> Run:
+    law, contact, height, gravity, rest, gravity_in_contact, _ = given
     valid = POSITIVE.holds(height) & POSITIVE.holds(gravity)
     height, gravity = jnp.where(valid, height, 1), jnp.where(valid, gravity, 1)
     speed = flight.speed_after_drop(height, gravity, None)
@@ -146,7 +247,8 @@ def _run(
 
     height, gravity, speed = fill(height), fill(gravity), fill(speed)
     safe = sanitised(contact)
-    weight = safe.mass.astype(dtype) * gravity
+    mass = fill(safe.mass)
+    weight = mass * gravity
     static = fill((weight / safe.stiffness.astype(dtype)) ** (1 / _exponent(contact)))
     if rest is None:
         felt = jnp.zeros_like(static) if gravity_in_contact else jnp.sqrt(gravity * static)
@@ -156,17 +258,52 @@ def _run(
         rest = jnp.where(_REST.holds(rest), rest, _REST.inside)
     held = law.force(static, jnp.zeros_like(static), contact, jnp.ones_like(static))
     static = jnp.where(jnp.abs(held - weight) <= _STATIC * weight, static, jnp.nan)
-    return _Run(height, gravity, speed, fill(rest), static, weight, fill(valid).astype(bool))
+    return Run(
+        height=height,
+        gravity=gravity,
+        speed=speed,
+        rest=fill(rest),
+        static=static,
+        mass=mass,
+        weight=weight if gravity_in_contact else None,
+        valid=fill(valid).astype(bool),
+    )
 
 
-def _assembled(touches: Touches, run: _Run, constant_e: Array | None) -> Bounce:
+@jax.custom_jvp
+def _known(value: Array, good: Array) -> Array:
+    """`value`, NaN where it is not good, and its derivative with it."""
+    return jnp.where(good, value, jnp.nan)
+
+
+@_known.defjvp
+def _known_jvp(values: tuple[Array, Array], tangents: tuple[Array, Any]) -> tuple[Array, Array]:
+    (value, good), (change, _) = values, tangents
+    # inf - inf is NaN, but nothing stays nothing: a cotangent of zero must not spoil what a lane
+    # shares with its neighbours, as NaN times zero would.
+    huge = jnp.where(good, 1, jnp.finfo(value.dtype).max)
+    minus = jnp.where(good, 0, -huge)
+    return _known(value, good), change * huge * huge + change * minus * huge
+
+
+def _margin(touches: Touches, run: Run, leaves: Array, settled: Array) -> Array:
+    """The least distance of a speed from that at which there is one touch more or fewer, in m/s."""
+    rest = run.rest[..., None]
+    rebound = jnp.abs(touches.restitution * touches.speed - rest)
+    found = settled & (touches.lack > 0)
+    distance = jnp.where(leaves, rebound, jnp.where(found, touches.lack, jnp.inf))
+    return jnp.minimum(jnp.min(distance, axis=-1), jnp.abs(run.speed - run.rest))
+
+
+@eqx.filter_jit
+def _assembled(touches: Touches, run: Run, constant_e: Array | None) -> Bounce:
     """The record of a run; `constant_e` is the restitution where it is the same at all speeds."""
     status = jnp.where(run.valid[..., None], touches.status, int(Status.INVALID_INPUT))
     leaves = status == int(Status.SEPARATED)
     settled = status == int(Status.SETTLED)
     gravity = run.gravity[..., None]
     rebound = touches.restitution * touches.speed
-    away = touches.duration + flight.duration(rebound, gravity, None)
+    away = touches.return_time + flight.duration(rebound, gravity, None)
     # The first touch ends the fall; each other one ends a contact and a flight.
     fall = flight.time_to_fall(run.height, run.gravity, None)[..., None]
     time = jnp.cumsum(jnp.concatenate([fall, away[..., :-1]], axis=-1), axis=-1)
@@ -181,9 +318,11 @@ def _assembled(touches: Touches, run: _Run, constant_e: Array | None) -> Bounce:
         # The launch speeds e v, e² v, ... add up to e v/(1 - e).
         launches = constant_e * speed / lost
         remaining = jnp.where(ends, flight.duration(launches, run.gravity, None), jnp.inf)
+    # Where no touch is the last one, a later time than any depends on all of the run.
     rest_time = jnp.take_along_axis(time, first_rest, axis=-1)[..., 0]
-
+    rest_time = jnp.where(rests, rest_time, time[..., -1] + away[..., -1])
     good = leaves | settled
+    at_rest = rests & jnp.all(good, axis=-1)
 
     def flagged(value: Array) -> Array:
         return jnp.where(good, value, jnp.nan)
@@ -194,11 +333,14 @@ def _assembled(touches: Touches, run: _Run, constant_e: Array | None) -> Bounce:
     return Bounce(
         time=flagged(time),
         duration=flagged(jnp.where(leaves, touches.duration, jnp.inf)),
+        return_time=flagged(jnp.where(leaves, touches.return_time, jnp.inf)),
         impact_velocity=flagged(touches.speed),
         restitution=flagged(touches.restitution),
         height=flagged(flight.height_reached(rebound, gravity, None)),
         status=status,
-        rest_time=of_run(jnp.where(rests, rest_time, jnp.inf)),
+        at_rest=at_rest,
+        rest_time=_known(rest_time, at_rest),
+        margin=of_run(_margin(touches, run, leaves, settled)),
         rest_velocity=of_run(run.rest),
         rest_indentation=of_run(run.static),
         remaining_flight=None if remaining is None else of_run(remaining),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._flight import duration, height_after
 from .._impact import Status
@@ -13,19 +14,30 @@ from .._impact._result import status_words
 from .._parameter import as_parameter, require_broadcast, shown
 from .._units import quantity
 
+TOUCHES = (
+    *("time", "duration", "return_time", "impact_velocity"),
+    *("restitution", "height", "status"),
+)
+"""The fields of a `Bounce` with a number for every touch."""
+
 
 class Bounce(eqx.Module):
-    """The touches of a bouncing ball, in order: shape (..., bounces).
+    """The touches of a bouncing ball, in order: shape (..., touches).
 
-    `time` in s, when touch k begins, counted from the release; its `duration` in s;
-    `impact_velocity` in m/s; `restitution`; `height` in m, to which the ball rises after it;
-    `status` as in `Impact`.
+    `time` in s, when touch k begins, counted from the release; its `duration` in s, until the force
+    vanishes; `return_time` in s, from the touch until the ball is back at δ = 0, longer than the
+    duration if a force that only pushes vanishes before; `impact_velocity` v in m/s; `restitution`
+    e, the speed back at δ = 0 over that at the touch; `height` (e v)²/(2g) in m, to which the ball
+    rises after it; `status` as in `Impact`.
 
     At its touch of status SETTLED the ball comes to rest: it never leaves, restitution and height
-    are 0 and the duration is infinite. What follows repeats that touch, with no speed.
+    are 0 and both times are infinite. Later touches repeat it with no speed.
 
-    Of the whole run, shape (...): `rest_time` in s, when that touch begins, infinite if `bounces`
-    were too few to see it; `rest_velocity` in m/s, below which a touch counts as rest;
+    Of the whole run, shape (...): `at_rest`, whether the ball came to rest in the touches listed;
+    `rest_time` in s, when its last touch begins, NaN (and so its derivative) if it is not at rest;
+    `margin` in m/s, the smallest change of a speed at a touch with which the ball would touch once
+    more or once less: `rest_time` jumps there, so its derivative holds within the margin only;
+    `rest_velocity` in m/s, below which a touch counts as rest;
     `rest_indentation` δ = (m g/K)^(1/n) in m, how far the ball then sinks in, NaN for a law whose
     force at rest is not K δⁿ; `remaining_flight` in s, the sum of the infinitely many flights
     after the last touch listed (if no threshold ended them), 2 e v/(g (1-e)), without the contacts
@@ -45,13 +57,16 @@ class Bounce(eqx.Module):
     remaining_flight: Float[Array, "..."] | None
     drop_height: Float[Array, "..."]
     gravity: Float[Array, "..."]
+    return_time: Float[Array, "..."]
+    at_rest: Bool[Array, "..."]
+    margin: Float[Array, "..."]
 
     def height_at(self, time: ArrayLike) -> Float[Array, "..."]:
         """The height of the ball's lowest point above the ground at any time, in m.
 
-        `time` in s, shape (samples,) or (..., samples). 0 in contact (indentations are not
-        resolved) and at rest; NaN after the flight that follows the last touch listed, and in bad
-        lanes; the drop height before the release.
+        `time` in s, shape (samples,) or (..., samples). 0 until the ball is back at δ = 0
+        (indentations are not resolved) and at rest; NaN after the flight that follows the last
+        touch listed, and in bad lanes; the drop height before the release.
         """
         time = as_parameter(time, "time").astype(self.time.dtype)
         require_broadcast(time=time, bounces=self.rest_time[..., None])
@@ -75,7 +90,7 @@ class Bounce(eqx.Module):
         drop = height_after(jnp.maximum(time, 0), jnp.zeros_like(time), gravity, None)
         falling = of_run(self.drop_height) + drop
         resting = of_last(self.status) == int(Status.SETTLED)
-        leaves = of_last(self.time) + jnp.where(resting, 0, of_last(self.duration))
+        leaves = of_last(self.time) + jnp.where(resting, 0, of_last(self.return_time))
         speed = of_last(self.restitution * self.impact_velocity)
         flown = jnp.maximum(time - leaves, 0)
         flying = height_after(flown, speed, gravity, None)
@@ -89,14 +104,39 @@ class Bounce(eqx.Module):
             quantity(name, _shown(getattr(self, name), 0)) for name in ("time", "impact_velocity")
         ]
         numbers = {
-            "bounces": str(self.time.shape[-1]),
+            "touches": str(self.time.shape[-1]),
             "first touch": ", ".join(first),
             "last height": quantity("height", _shown(self.height, -1)),
             "rest_time": quantity("rest_time", shown(self.rest_time)),
+            "margin": quantity("margin", shown(self.margin)),
             "rest_indentation": quantity("rest_indentation", shown(self.rest_indentation)),
-            "status": status_words(self.status),
+            "status": self._status_words(),
         }
         return "Bounce\n" + "\n".join(f"  {name:<17}{text}" for name, text in numbers.items())
+
+    def _status_words(self) -> str:
+        """How the balls ended, counted by ball."""
+        status, at_rest = self.status, self.at_rest
+        if any(isinstance(x, Tracer) or not eqx.is_array(x) for x in (status, at_rest)):
+            return str(status)
+        status, at_rest = np.asarray(status), np.asarray(at_rest)
+        bounces = np.sum(status == int(Status.SEPARATED), axis=-1)
+        # What is wrong with a touch lasts to the end of its run.
+        last = status[..., -1]
+        flying, many = last == int(Status.SEPARATED), status.ndim > 1
+        words = []
+        for chosen, what in ((at_rest, "at rest after"), (flying, "not at rest after")):
+            if np.any(chosen):
+                least, most = np.min(bounces[chosen]), np.max(bounces[chosen])
+                count = f"{least}" if least == most else f"{least} to {most}"
+                word = "bounce" if least == most == 1 else "bounces"
+                balls = int(np.sum(chosen))
+                head = f"{balls} {'ball' if balls == 1 else 'balls'} " if many else ""
+                words.append(f"{head}{what} {count} {word}")
+        bad = last[~at_rest & ~flying]
+        if bad.size:
+            words.append(status_words(bad if many else bad[0]))
+        return ", ".join(words)
 
 
 def _shown(values: Array, index: int) -> str:

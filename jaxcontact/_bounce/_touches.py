@@ -1,84 +1,159 @@
-"""The sequence of touches: speed, restitution and duration of each."""
+"""The sequence of touches: speed, restitution and times of each."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from .._contact import Contact
-from .._impact import AbstractMethod, Impact, Status, impact
+from .._impact import AbstractMethod, Landing, Status, landing, problem_of
 from .._laws import AbstractLaw
 
 _SEPARATED, _SETTLED = int(Status.SEPARATED), int(Status.SETTLED)
 
 
+class Run(eqx.Module):
+    """What the touches of a run share, in one shape and precision; invalid numbers replaced.
+
+    `speed` of the first touch; `rest`, the speed below which a touch is none; `static`, the
+    indentation at rest; `weight` in N where it acts in contact, else None.
+    """
+
+    height: Array
+    gravity: Array
+    speed: Array
+    rest: Array
+    static: Array
+    mass: Array
+    weight: Array | None
+    valid: Array
+
+
 class Touches(NamedTuple):
     """The touches of a run, along the last axis.
 
-    Restitution and duration are 0 where the ball does not leave; `status` says why.
+    Restitution is that of the speeds at δ = 0, where the ball is back after `return_time`. It and
+    the times are 0 where the ball does not leave; `status` says why. `lack`: by how much the speed
+    at δ = 0 is too small there, 0 where nothing tells.
     """
 
     speed: Array
     restitution: Array
     duration: Array
+    return_time: Array
+    status: Array
+    lack: Array
+
+
+class Left(NamedTuple):
+    """Where a run goes on: the speed of the next touch, and how the last one ended."""
+
+    speed: Array
     status: Array
 
 
-def alike(first: Impact, speed: Array, power: float | Array, rest: Array, count: int) -> Touches:
+def begin(run: Run) -> Left:
+    """The first touch is still to come."""
+    return Left(run.speed, jnp.full(run.speed.shape, _SEPARATED, jnp.int32))
+
+
+def alike(first: Landing, run: Run, power: float | Array, count: int) -> Touches:
     """All touches from the first one, for a law whose e does not depend on the speed.
 
-    In scaled units they are the same impact: v_k = e^k v_0, and the duration goes with v^power.
+    In scaled units they are the same impact: v_k = e^k v_0, and times go with v^power.
     """
-    status = first.status[..., None]
+    hit, rest = first.impact, run.rest[..., None]
+    status = hit.status[..., None]
     leaves = status == _SEPARATED
-    e = jnp.where(leaves, first.restitution[..., None], 0)
-    ratio = jnp.cumprod(jnp.concatenate([jnp.ones_like(e), *[e] * (count - 1)], axis=-1), axis=-1)
-    speeds = speed[..., None] * ratio
-    moving = speeds >= rest[..., None]
+    e = jnp.where(leaves, hit.restitution[..., None], 0)
+    following = jnp.broadcast_to(e, (*e.shape[:-1], count - 1))
+    ratio = jnp.cumprod(jnp.concatenate([jnp.ones_like(e), following], axis=-1), axis=-1)
+    speeds = run.speed[..., None] * ratio
+    moving = speeds >= rest
     begun = jnp.concatenate([jnp.ones_like(leaves), moving[..., :-1]], axis=-1)
     slower = jnp.where(moving, ratio, 1) ** power
+    flown = leaves & moving
+    duration = jnp.where(flown, hit.duration[..., None], 0) * slower
+    return_time = duration
+    if first.end_indentation is not None:
+        back = jnp.where(leaves, hit.rebound_velocity[..., None], 1)
+        return_time = duration + slower * jnp.where(
+            flown, first.end_indentation[..., None] / back, 0
+        )
     return Touches(
         speed=jnp.where(begun, speeds, 0),
         restitution=jnp.where(moving, e, 0),
-        duration=jnp.where(leaves & moving, first.duration[..., None], 0) * slower,
+        duration=duration,
+        return_time=return_time,
         status=jnp.where(leaves & ~moving, _SETTLED, status),
+        lack=jnp.zeros_like(speeds),
     )
 
 
 def one_by_one(
     law: AbstractLaw,
     contact: Contact,
-    speed: Array,
-    rest: Array,
-    weight: Array | None,
+    run: Run,
+    left: Left,
     method: AbstractMethod,
+    peak: bool,
     count: int,
-) -> Touches:
-    """Each touch solved with its own speed; `weight` in N acts in contact, where it is given."""
-    first = speed
+) -> tuple[Left, Touches]:
+    """`count` more touches, each solved with its own speed, and where they leave the run.
 
-    def one(carry: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], Touches]:
-        speed, state = carry
+    `peak`: whether damping refers to the largest closing speed since touch.
+    """
+
+    def one(left: Left, _: None) -> tuple[Left, Touches]:
+        speed, state = left
         begun = state == _SEPARATED
-        moving = begun & (speed >= rest)
+        moving = begun & (speed >= run.rest)
         # A lane that has ended solves its first impact again, whose outcome is finite.
-        speed_here = jnp.where(moving, speed, first)
-        hit = impact(law, contact, speed_here, method=method, external_force=weight)
+        speed_here = jnp.where(moving, speed, run.speed)
+        touch = landing(problem_of(law, contact, speed_here, run.weight), method, peak)
+        hit = touch.impact
         status = jnp.where(begun, jnp.where(moving, hit.status, _SETTLED), state)
         # Nothing infinite and no NaN goes on: 0 times them is no derivative of a good number.
         leaves = status == _SEPARATED
-        restitution = jnp.where(leaves, hit.restitution, 0)
-        touch = Touches(
+        rebound = jnp.where(leaves, hit.rebound_velocity, 0)
+        duration = return_time = jnp.where(leaves, hit.duration, 0)
+        depth = touch.end_indentation
+        if depth is not None:
+            rebound, delay, leaves = _risen(run, rebound, jnp.where(leaves, depth, 0), leaves)
+            return_time = duration + delay
+            status = jnp.where((status == _SEPARATED) & ~leaves, _SETTLED, status)
+        lack = jnp.zeros_like(speed)
+        if touch.spare_energy is not None:
+            missing = moving & (status == _SETTLED) & (touch.spare_energy < 0)
+            square = jnp.where(missing, -2 * touch.spare_energy / run.mass, 1)
+            lack = jnp.where(missing, jnp.sqrt(square), 0)
+        found = Touches(
             speed=jnp.where(begun, speed, 0),
-            restitution=restitution,
-            duration=jnp.where(leaves, hit.duration, 0),
+            restitution=rebound / jnp.where(leaves, speed, 1),
+            duration=duration,
+            return_time=return_time,
             status=status,
+            lack=lack,
         )
-        return (restitution * speed, status.astype(jnp.int32)), touch
+        return Left(rebound, status.astype(jnp.int32)), found
 
-    start = (speed, jnp.full(speed.shape, _SEPARATED, jnp.int32))
-    _, touches = jax.lax.scan(one, start, None, length=count)
-    return jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), touches)
+    left, touches = jax.lax.scan(one, left, None, length=count)
+    return left, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), touches)
+
+
+def _risen(run: Run, speed: Array, depth: Array, leaves: Array) -> tuple[Array, Array, Array]:
+    """The speed at δ = 0 after a rise from a depth, the time of it, and whether δ = 0 is reached.
+
+    Without weight in contact gravity acts above δ = 0 alone.
+    """
+    square = jnp.square(speed)
+    if run.weight is not None:
+        square = square - 2 * run.gravity * depth
+    leaves = leaves & (square > 0)
+    risen = jnp.where(leaves, jnp.sqrt(jnp.where(leaves, square, 1)), 0)
+    delay = jnp.where(leaves, 2 * depth / jnp.where(leaves, speed + risen, 1), 0)
+    return risen, delay, leaves

@@ -9,6 +9,7 @@ from ._base import signed_power as signed_power
 from ._dashpot import DashpotForm as DashpotForm
 from ._general import GeneralForm as GeneralForm
 from ._hunt_crossley import HuntCrossleyForm as HuntCrossleyForm
+from ._hunt_crossley import SpeedDependentForm as SpeedDependentForm
 from ._hunt_crossley import exact_damping_factor as exact_damping_factor
 from ._hunt_crossley import rebound_exponent as rebound_exponent
 from ._hunt_crossley import restitution_of as restitution_of

@@ -126,6 +126,14 @@ class AbstractForm(eqx.Module):
         """The x at which f(x, 0) balances a push Γ > 0; None where it is not known."""
         return None if self.damping(n, jnp.asarray(True)) is None else push ** (1 / n)
 
+    def end_indentation(self, n: Exponent, e: Lane) -> Lane | None:
+        """The x at which a contact that may not pull ends at the speed e, x^p = c e; None for 0."""
+        damping = self.damping(n, jnp.asarray(False))
+        if self.tension or self.never_pulls or damping is None:
+            return None
+        c, p = damping
+        return power(c * e, 1 / p)
+
     def creeping_speed(self, n: Exponent) -> Lane | float:
         """The speed that strong damping leaves at the turn, in units of that of the impact.
 

@@ -13,7 +13,7 @@ way out. Every term is positive, so nothing cancels, at any α.
 
 from __future__ import annotations
 
-from typing import ClassVar
+from typing import Any, ClassVar, Protocol
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -32,7 +32,7 @@ from .._implicit import expanded_root, implicit_root
 from .._parameter import RESTITUTION, as_parameter
 from ._base import AbstractForm, Exponent, Flag, Lane, Momentum, signed_power, sound_damping
 from ._quadrature import integrate, to_power
-from ._scale import Change, ScaledImpact
+from ._scale import Change, ContactLike, Scale, ScaledImpact
 from ._sensitivity import lanewise
 from ._weak_push import weak_push
 
@@ -46,6 +46,10 @@ class HuntCrossleyForm(AbstractForm):
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent]:
         return self.alpha, 0.0
+
+    def alpha_at(self, speed: Lane) -> Lane:
+        """The α of an impact at another speed, in units of v0: here the same at every speed."""
+        return self.alpha
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
         return power(x, n) * (1 + self.alpha * v)
@@ -115,6 +119,25 @@ class HuntCrossleyForm(AbstractForm):
         fastest = restitution_of(self.alpha) + jnp.abs(change.restitution) + doubt.restitution
         met = self.alpha * fastest >= 1
         return change, doubt._replace(restitution=jnp.where(met, jnp.inf, doubt.restitution))
+
+
+class HasDamping(Protocol):
+    """What a form whose α depends on the speed needs of a law."""
+
+    def damping_factor(self, contact: Any = None, velocity: Any = None) -> Lane:
+        """The α of F = K δⁿ (1 + α δ'/v0)."""
+        ...
+
+
+class SpeedDependentForm(HuntCrossleyForm):
+    """The same with an α that the law knows at every speed; `alpha` is that at v0."""
+
+    law: HasDamping
+    contact: ContactLike
+    scale: Scale
+
+    def alpha_at(self, speed: Lane) -> Lane:
+        return self.law.damping_factor(self.contact, self.scale.speed * speed)
 
 
 def _rebound_expansion(rho: Lane, alpha: Lane) -> tuple[Lane, Lane, Lane, Lane]:

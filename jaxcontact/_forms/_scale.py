@@ -61,6 +61,9 @@ class ScaledImpact(eqx.Module):
     `energy_loss`: the part of the initial energy that is lost, for solutions that know it without
     forming 1 - e², which has few digits where e is near 1; None for 1 - e².
     `error_estimate` (relative, of restitution and duration) and `steps` for methods that have them.
+    `end_indentation` in X, at which the contact ends, where it may end before x = 0; None for 0 or,
+    beside a form that knows its damping, for where that force vanishes. `spare_energy` in m v0²:
+    that with which bodies under a push come to x = 0 again, or what they lack to do so, negative.
     """
 
     restitution: Float[Array, "..."]
@@ -74,6 +77,8 @@ class ScaledImpact(eqx.Module):
     error_estimate: Float[Array, "..."] | None = None
     steps: Int[Array, "..."] | None = None
     min_force: Float[Array, "..."] | None = None
+    end_indentation: Float[Array, "..."] | None = None
+    spare_energy: Float[Array, "..."] | None = None
 
 
 class Change(NamedTuple):

@@ -3,7 +3,9 @@
 from ._event import Event as Event
 from ._front_door import problem_of as problem_of
 from ._front_door import uniform as uniform
+from ._impact import Landing as Landing
 from ._impact import impact as impact
+from ._impact import landing as landing
 from ._impact import restitution as restitution
 from ._impact import restitution_is_constant as restitution_is_constant
 from ._impact import restitutions as restitutions

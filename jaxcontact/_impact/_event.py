@@ -65,6 +65,10 @@ class Event(AbstractMethod):
         """Itself, for every form."""
         return self
 
+    def error(self, dtype: Any) -> float:
+        """A hundred times the relative tolerance."""
+        return 100 * self.tolerances(dtype)[0]
+
     def solve(self, lanes: Lanes) -> ScaledImpact:
         """The outcome of every different lane."""
         # Loaded here, with diffrax: a closed form does without.

@@ -22,6 +22,8 @@ from ._event_in_step import event_in_step
 from ._lean_dopri8 import LeanDopri8
 from ._motion import Moment, Motion, Number, State
 from ._peak import is_rising, largest_near
+from ._return import onward
+from ._rise import risen
 from ._stiff import Followed, follow_on
 from ._under_push import end_is_sharp, is_spent, turn_is_sharp
 from ._watch import Nearest, Watch, Watching
@@ -196,19 +198,42 @@ def _ready(solver: Any, rtol: Number, atol: Number | float, backwards: bool) -> 
     return solver
 
 
-def solve_legs(motion: Motion, solve: Solve) -> tuple[Leg, Bool[Array, "2"]]:
-    """Both legs of an impact, stacked, and whether each is the compression.
+class Legs(NamedTuple):
+    """The legs of an impact, stacked: the way in, the way out and, where the force of a contact may
+    vanish and return before the bodies are apart, the way out from there.
 
-    They run through the same compiled solve.
+    `compressing`: whether each is the way in. `returned`: whether the last leg took place. None
+    where there are two.
     """
 
-    def run(state: State, compressing: Flag) -> tuple[State, Leg]:
+    leg: Leg
+    compressing: Bool[Array, " legs"]
+    returned: Bool[Array, ""] | None
+
+
+def solve_legs(motion: Motion, solve: Solve, start: State | None = None) -> Legs:
+    """All legs of an impact, from touch or a later `start`, by the same compiled solve."""
+    # A sampled motion has two.
+    third = motion.may_return and not solve.keep
+    start = motion.start() if start is None else start
+
+    def run(carry: tuple[State, Number], compressing: Flag) -> tuple[Any, Any]:
+        state, deepest = carry
         leg = solve_leg(motion, state, compressing, solve)
         # The event puts the velocity at the turn within its tolerance of zero: now it is zero.
-        return motion.still(leg.end), leg
+        following = motion.still(leg.end)
+        if not third:
+            return (following, deepest), (leg, None)
+        deepest = jnp.where(compressing, leg.end.w**motion.order, deepest)
+        on = onward(motion, leg.end, deepest)
+        returned = on.returns & leg.arrived & ~compressing & ~motion.settled(leg.end)
+        back = _chosen(returned, on.state, motion.parting(leg.end))
+        following = _chosen(compressing, following, back)
+        return (following, deepest), (leg, returned)
 
-    flags = jnp.asarray([True, False])
-    return jax.lax.scan(run, motion.start(), flags)[1], flags
+    flags = jnp.asarray([True, False, False][: 3 if third else 2])
+    legs, returned = jax.lax.scan(run, (start, start.w), flags)[1]
+    return Legs(legs, flags, None if returned is None else returned[1])
 
 
 def was_followed(
@@ -229,7 +254,7 @@ def was_followed(
 def follow(motion: Motion, legs: Leg, creeps: Bool[Array, ""], how: Options) -> Followed:
     """Both legs to their ends, those that are too stiff for explicit steps by implicit ones."""
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
-    followed = Followed(turn, end, legs.arrived, creeps, jnp.sum(legs.steps))
+    followed = Followed(turn, end, legs.arrived[:2], creeps, jnp.sum(legs.steps[:2]))
     # A solver or an adjoint of the user's is not replaced.
     if not motion.may_creep or how.solver is not None or how.adjoint is not None:
         return followed
@@ -239,22 +264,32 @@ def follow(motion: Motion, legs: Leg, creeps: Bool[Array, ""], how: Options) -> 
 
 def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     """The outcome of one lane, of `many` or of few."""
+    motion, start = risen(motion) if motion.peak else (motion, None)
     motion = motion.ready()
-    legs, flags = solve_legs(motion, Solve(how, many))
+    legs, flags, returned = solve_legs(motion, Solve(how, many), start)
     creeps_early = jnp.asarray(False) if legs.creeps is None else legs.creeps[0]
     followed = follow(motion, legs, creeps_early, how)
     turn, creeps = followed.turn, followed.creeps
     max_indentation = turn.w**motion.order
-    end = at_end(motion, followed.end, followed.arrived[1], max_indentation)
+    last, arrived = followed.end, followed.arrived
+    if returned is not None:
+        # Not where implicit steps have taken the way out again.
+        returned = returned & (followed.end.t == legs.end.t[1])
+        last = _chosen(returned, jax.tree.map(operator.itemgetter(2), legs.end), last)
+        arrived = arrived & jnp.stack([flags[0], ~returned | legs.arrived[2]])
+    end = at_end(motion, last, arrived[1], max_indentation)
     # Apart from the solve, so that it is removed where the largest force is not used.
     forces = jax.vmap(
         lambda near, flag: largest_near(motion, near.before, near.at, near.after, flag)
     )(legs.nearest, flags)
     # With so much damping that implicit steps are taken the force is largest in the beginning.
-    max_force = jnp.maximum(jnp.max(forces), motion.force(turn, flags[0]))
+    largest = jnp.maximum(forces[0], forces[1])
+    if returned is not None:
+        largest = jnp.where(returned, jnp.maximum(largest, forces[2]), largest)
+    max_force = jnp.maximum(largest, motion.force(turn, flags[0]))
     compression_time = turn.t
     balance = balance_of(motion, end, max_indentation)
-    converged = was_followed(motion, followed.arrived, end, balance, how)
+    converged = was_followed(motion, arrived, end, balance, how)
     settled = motion.settled(end)
     if motion.push is not None:
         # What has too little energy to part stays, wherever the solve of its way out came to.
@@ -275,6 +310,10 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
             max_indentation = jnp.where(creeps, static, max_indentation)
         max_force = jnp.where(creeps, jnp.maximum(forces[0], motion.push), max_force)
         compression_time = jnp.where(creeps, jnp.inf, compression_time)
+    if motion.may_return:
+        # A force that returns once more has no leg left.
+        onwards = onward(motion, end, max_indentation)
+        converged = converged & (settled | ~onwards.returns)
     if motion.always_parts:
         # Nothing but a creep for ever keeps these bodies together.
         settled = motion.creeps_back()
@@ -289,6 +328,11 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     )
     seen = legs.arrived[0] | above | ~is_rising(motion, left, flags[0])
     converged = converged & seen
+    steps = followed.steps
+    if returned is not None:
+        steps = steps + jnp.where(returned, legs.steps[2], 0)
+    end_indentation = None if motion.form.tension else jnp.where(settled, 0, end.w**motion.order)
+    spare_energy = None if motion.push is None else motion.spare_energy(end)
     return ScaledImpact(
         restitution=balance.restitution,
         duration=end.t,
@@ -299,7 +343,9 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
         settled=settled,
         min_force=_least_force(motion, legs.least),
         energy_loss=balance.energy_loss,
-        steps=followed.steps,
+        steps=steps,
+        end_indentation=end_indentation,
+        spare_energy=spare_energy,
     )
 
 
@@ -309,6 +355,10 @@ def _least_force(motion: Motion, least: Nearest | None) -> Number | None:
         return None
     near, out = jax.tree.map(operator.itemgetter(1), least), jnp.asarray(False)
     return -jnp.maximum(largest_near(motion, near.before, near.at, near.after, out, -1), 0)
+
+
+def _chosen(first: Flag, yes: State, no: State) -> State:
+    return jax.tree.map(functools.partial(jnp.where, first), yes, no)
 
 
 def _finest(tolerance: float, dtype: Any) -> float:

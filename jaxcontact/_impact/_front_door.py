@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from .._contact import EXPONENT, Contact, require_contact
-from .._forms import AbstractForm, Scale, scale_of
+from .._forms import AbstractForm, HuntCrossleyForm, Scale, SpeedDependentForm, scale_of
 from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
 from .._parameter import (
     Range,
@@ -98,7 +98,7 @@ class Lanes(eqx.Module):
 
     `form` and the exponent `n`, the external force `push` in scaled units (None without one) and
     the `scale`, unbroadcast: a number that is the same in all lanes is a scalar. `shape`: that of
-    the problem.
+    the problem. `peak`: whether damping refers to the largest closing speed since touch.
     """
 
     form: AbstractForm
@@ -107,23 +107,35 @@ class Lanes(eqx.Module):
     scale: Scale
     valid: Bool[Array, "..."]
     shape: tuple[int, ...] = eqx.field(static=True)
+    peak: bool = eqx.field(static=True, default=False)
 
     @property
     def n(self) -> float | Float[Array, "..."]:
         """The exponent, a float where it is concrete."""
         return self.exponent.value
 
+    @property
+    def may_gain(self) -> bool:
+        """Whether an impact may end faster than it began: nothing pushes, and the force is one of
+        which it is not known that its damping only takes energy.
+        """
+        return self.push is None and self.form.damping(self.n, jnp.asarray(True)) is None
+
     def motion(self) -> Motion:
         """The equation of motion of the lanes, for methods that solve one lane."""
         # XLA would fold a solve of constants (Hertz's law has no other numbers), for forty seconds.
         # Number by number: a barrier around all would give a tangent to each that has none.
         numbers = (self.form, self.exponent, self.push)
-        return Motion(*jax.tree.map(jax.lax.optimization_barrier, numbers))
+        form, exponent, push = jax.tree.map(jax.lax.optimization_barrier, numbers)
+        return Motion(form, exponent, push, peak=self.peak)
 
 
-def lanes_of(problem: Problem, speeds: Range = SPEED) -> Lanes:
-    """The scaled problem; in lanes with invalid input valid numbers replace it. `speeds`: those
-    that are valid.
+def lanes_of(problem: Problem, peak: bool = False, speeds: Range = SPEED) -> Lanes:
+    """The scaled problem; in lanes with invalid input valid numbers replace it.
+
+    `peak`: whether damping refers to the largest closing speed since touch, which a push makes
+    larger than that at touch. It matters for the Hunt-Crossley family. `speeds`: those that are
+    valid.
     """
     problem = uniform(problem)
     contact = problem.contact
@@ -144,7 +156,14 @@ def lanes_of(problem: Problem, speeds: Range = SPEED) -> Lanes:
     contact = sanitised(contact)
     velocity = jnp.where(speeds.holds(problem.velocity), problem.velocity, speeds.inside)
     scale = scale_of(contact, velocity)
-    form, good_form = sanitised(problem.law).form(contact, scale).sound()
+    law = sanitised(problem.law)
+    form, good_form = law.form(contact, scale).sound()
+    peak = peak and push is not None and law.refers_to_peak
+    if peak and not _same_at_all_speeds(law):
+        alpha = cast(HuntCrossleyForm, form).alpha
+        form = SpeedDependentForm(
+            alpha=alpha, tension=law.tension, law=law, contact=contact, scale=scale
+        )
     return Lanes(
         form=form,
         exponent=contact._exponent,
@@ -152,4 +171,14 @@ def lanes_of(problem: Problem, speeds: Range = SPEED) -> Lanes:
         scale=scale,
         valid=valid & good_form,
         shape=problem.shape,
+        peak=peak,
     )
+
+
+def _same_at_all_speeds(law: AbstractLaw) -> bool:
+    """Whether a law tells its α without contact and speed."""
+    try:
+        jax.eval_shape(lambda law: law.damping_factor(None, None), law)
+    except (TypeError, ValueError):
+        return False
+    return True

@@ -5,14 +5,14 @@ from __future__ import annotations
 import collections
 import functools
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact, require_contact
-from .._forms import scale_of
+from .._forms import ScaledImpact, scale_of
 from .._laws import AbstractLaw, require_law
 from .._parameter import as_number, is_valid, refuses_unknown, require_broadcast, sanitised
 from .._program import program, soon_compiled
@@ -75,11 +75,47 @@ def _impact(problem: Problem, method: AbstractMethod) -> Impact:
     return _solved(_lanes(problem), method)
 
 
+class Landing(NamedTuple):
+    """What an impact does to bodies that move on under a push, beside its `impact`.
+
+    `end_indentation` in m, at which a force that only pushes vanishes; None where the contact lasts
+    until δ = 0. `spare_energy` in J, with which the bodies come to δ = 0, negative where it does
+    not suffice; None without a push.
+    """
+
+    impact: Impact
+    end_indentation: Float[Array, "..."] | None
+    spare_energy: Float[Array, "..."] | None
+
+
+@program
+def landing(problem: Problem, method: AbstractMethod, peak: bool = False) -> Landing:
+    """An impact, where it ends, and with which energy; `peak` as in `lanes_of`."""
+    lanes = lanes_of(problem, peak)
+    chosen = method.chosen(lanes.form, lanes.push is not None)
+    scaled = chosen.solve(lanes)
+    hit = _summary(lanes, chosen, scaled)
+    depth = scaled.end_indentation
+    if depth is None:
+        depth = lanes.form.end_indentation(lanes.n, scaled.restitution)
+    good = hit.status == int(Status.SEPARATED)
+
+    def result(value: Float[Array, "..."] | None, unit: Float[Array, "..."]) -> Any:
+        if value is None:
+            return None
+        value = jnp.where(jnp.isfinite(value), value, 0) * unit
+        return jnp.broadcast_to(value, lanes.shape)
+
+    depth = result(depth, lanes.scale.length)
+    depth = None if depth is None else jnp.where(good, depth, 0)
+    return Landing(hit, depth, result(scaled.spare_energy, 2 * lanes.scale.energy))
+
+
 @program
 def _by_formula(problem: Problem, method: AbstractMethod) -> Impact | None:
     lanes = lanes_of(problem)
     chosen = method.chosen(lanes.form, lanes.push is not None)
-    return _summary(lanes, chosen) if chosen.has_formula else None
+    return _summary(lanes, chosen, chosen.solve(lanes)) if chosen.has_formula else None
 
 
 _lanes = program(lanes_of)
@@ -87,17 +123,21 @@ _lanes = program(lanes_of)
 
 @program
 def _solved(lanes: Lanes, method: AbstractMethod) -> Impact:
-    return _summary(lanes, method.chosen(lanes.form, lanes.push is not None))
+    chosen = method.chosen(lanes.form, lanes.push is not None)
+    return _summary(lanes, chosen, chosen.solve(lanes))
 
 
-def _summary(lanes: Lanes, method: AbstractMethod) -> Impact:
-    scaled = method.solve(lanes)
+def _summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impact:
     scale, fill = lanes.scale, functools.partial(jnp.broadcast_to, shape=lanes.shape)
     # Of these two alone: what is not used must stay dead code. A force that is not finite shows.
     # What stays has neither, wherever the solve of its way out came to.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)
     solved = scaled.converged & (finite | scaled.settled)
-    status = jnp.where(scaled.settled, int(Status.SETTLED), int(Status.SEPARATED))
+    parted = int(Status.SEPARATED)
+    if lanes.may_gain:
+        gained = scaled.restitution > 1 + method.error(scaled.restitution.dtype)
+        parted = jnp.where(gained, int(Status.GAINED), parted)
+    status = jnp.where(scaled.settled, int(Status.SETTLED), parted)
     status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
     status = fill(jnp.where(lanes.valid, status, int(Status.INVALID_INPUT)))
     good = lanes.valid & solved

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import abc
 import functools
+import math
 from typing import Any, ClassVar
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from .._forms import AbstractForm, Lane, ScaledImpact
 from .._parameter import FRACTION, require_count, require_number
@@ -39,6 +41,10 @@ class AbstractMethod(eqx.Module):
         `lanes.form`, `lanes.n` and `lanes.push` (None without external force) are the scaled
         problem; lanes with invalid input hold valid numbers in its place.
         """
+
+    def error(self, dtype: Any) -> float:
+        """The error of restitutions that is taken for rounding."""
+        return math.sqrt(jnp.finfo(dtype).eps)
 
     def restitution(self, form: AbstractForm) -> Lane | None:
         """The e of a free impact where no solve is necessary for it; None where one is."""

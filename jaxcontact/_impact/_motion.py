@@ -60,14 +60,16 @@ class Motion(eqx.Module):
     """One lane of an impact: a form, an exponent and a scaled external force Γ (None for none).
 
     `smooth`: whether derivatives by a traced n shall be as smooth as the values: they have
-    logarithms of w at touch, of which the step control knows nothing. `prepared`: what `ready`
-    computed once for the whole lane.
+    logarithms of w at touch, of which the step control knows nothing. `peak`: whether damping
+    refers to the largest closing speed since touch, instead of that at touch. `prepared`: what
+    `ready` computed once for the whole lane.
     """
 
     form: AbstractForm
     exponent: Specialised
     push: Number | None
     smooth: bool = eqx.field(static=True, default=False)
+    peak: bool = eqx.field(static=True, default=False)
     prepared: Number | None = None
 
     def ready(self) -> Motion:
@@ -206,6 +208,20 @@ class Motion(eqx.Module):
         assert self.momentum is not None
         return self.momentum.lost(state.u)
 
+    def parting(self, state: State) -> State:
+        """A state that is nearly apart: what a leg that is not needed starts from."""
+        near = jnp.full_like(state.w, 1e-6)
+        return state._replace(w=near, u=self.creep(near) - jnp.ones_like(state.u))
+
+    def spare_energy(self, state: State) -> Number:
+        """The energy ½v² - Γx that a state without contact force has at x = 0; negative where the
+        push lets it not come so far. What settles counts with its elastic energy.
+        """
+        energy = jnp.square(self.velocity(state)) / 2
+        if self.push is not None:
+            energy = energy - self.push * jnp.maximum(state.w, 0) ** self.order
+        return energy + jnp.where(self.settled(state), self.stored(state), 0)
+
     def held(self, state: State) -> Bool[Array, ""]:
         """Whether the push keeps the bodies together for good: too little energy is left to part.
 
@@ -338,6 +354,16 @@ class Motion(eqx.Module):
     def may_dip(self) -> bool:
         """Whether a force that ends a contact where it vanishes might come back, under a push."""
         return self.push is not None and not (self.form.tension or self.form.never_pulls)
+
+    @property
+    def may_return(self) -> bool:
+        """Whether a force that vanished before x = 0 may come back on the way there.
+
+        A force x^(n-p) (x^p + c v) does so only under a push, other forces also without one.
+        """
+        if self.form.tension or self.form.never_pulls:
+            return False
+        return self.push is not None or self.form.damping(self.n, jnp.asarray(False)) is None
 
     def parts_at_touch(self) -> Bool[Array, ""]:
         """Whether the bodies, if at all, part at x = 0.

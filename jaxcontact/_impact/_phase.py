@@ -7,7 +7,7 @@ same steps for every lane needs neither an event nor a step controller.
 
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -57,10 +57,13 @@ class Phase(AbstractMethod):
             )
         return self
 
+    def error(self, dtype: Any) -> float:
+        """The tolerance of the error estimate."""
+        return self.tolerance or (1e-6 if dtype == jnp.float64 else 1e-4)
+
     def solve(self, lanes: Lanes) -> ScaledImpact:
         """The outcome of every different lane."""
-        double = lanes.scale.length.dtype == jnp.float64
-        tolerance = self.tolerance or (1e-6 if double else 1e-4)
+        tolerance = self.error(lanes.scale.length.dtype)
         solve = eqx.Partial(solve_phase, steps=self.steps, tolerance=tolerance)
         return over_lanes(with_sensitivity(solve), lanes.motion())
 

@@ -30,6 +30,9 @@ class Status(enum.IntEnum):
     """The numbers cannot be trusted and are NaN; try another method, or more `steps`."""
     INVALID_INPUT = 3
     """A parameter of this lane is out of its range; its numbers are NaN."""
+    GAINED = 4
+    """The bodies separated faster than they met, e > 1, without an external force: the law adds
+    energy. The numbers are those of the law as written. Check the sign of its damping."""
 
 
 class Impact(eqx.Module):

@@ -22,6 +22,7 @@ from ._method import AbstractMethod
 from ._methods import stepping_method
 from ._motion import Motion, Number, State
 from ._result import Status
+from ._return import onward
 
 if TYPE_CHECKING:
     from ._event_solve import Steps
@@ -106,6 +107,9 @@ def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
     scale = lanes.scale
     solved = path.converged & jnp.isfinite(path.t[..., -1])
     status = jnp.where(path.settled, int(Status.SETTLED), int(Status.SEPARATED))
+    if lanes.may_gain:
+        gained = -path.v[..., -1] > 1 + how.error(path.v.dtype)
+        status = jnp.where(gained & ~path.settled, int(Status.GAINED), status)
     status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
     status = jnp.where(lanes.valid, status, int(Status.INVALID_INPUT))
 
@@ -142,7 +146,7 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     from ._event_solve import Solve, solve_legs, was_followed
 
     motion = motion.ready()
-    legs, _ = solve_legs(motion, Solve(how, many, keep=True))
+    legs = solve_legs(motion, Solve(how, many, keep=True)).leg
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
     fractions = jnp.linspace(0, 1, samples, dtype=end.t.dtype)
 
@@ -158,6 +162,10 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     balance = balance_of(motion, end, turn.w**motion.order)
     states, forces, elastic = jax.vmap(sample)(fractions)
     w = jnp.maximum(states.w, 0).at[0].set(0)
+    converged = was_followed(motion, legs.arrived, end, balance, how)
+    if motion.may_return:
+        on = onward(motion, end, turn.w**motion.order)
+        converged = converged & (motion.settled(end) | ~on.returns)
     return _Path(
         t=fractions * end.t,
         x=w**motion.order,
@@ -165,7 +173,7 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
         force=forces if motion.form.tension else jnp.maximum(forces, 0),
         elastic=elastic,
         loss=jax.vmap(motion.lost)(states),
-        converged=was_followed(motion, legs.arrived, end, balance, how),
+        converged=converged,
         settled=motion.settled(end),
     )
 

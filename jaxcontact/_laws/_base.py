@@ -91,6 +91,13 @@ class AbstractLaw(eqx.Module):
         """
         return True
 
+    @property
+    def refers_to_peak(self) -> bool:
+        """Whether the damping of a pushed impact refers to the largest closing speed since touch,
+        where that is asked for. It makes no difference to forces without v0.
+        """
+        return False
+
     @abc.abstractmethod
     def force(
         self,

@@ -33,6 +33,10 @@ class AbstractHuntCrossley(AbstractLaw):
 
     tension = False
 
+    @property
+    def refers_to_peak(self) -> bool:
+        return self.damped
+
     @abc.abstractmethod
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
@@ -120,6 +124,10 @@ class ConstantDamping(AbstractHuntCrossley):
 
     c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE, "N s/m^(n+1)")
 
+    @property
+    def refers_to_peak(self) -> bool:
+        return False
+
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
@@ -143,6 +151,10 @@ class MarhefkaOrin(AbstractHuntCrossley):
     """
 
     a: Float[Array, "..."] = parameter("a", NOT_NEGATIVE, "s/m")
+
+    @property
+    def refers_to_peak(self) -> bool:
+        return False
 
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None

@@ -84,7 +84,7 @@ def oblique(
     """
     problem = uniform(problem_of(law, contact, normal_speed))
     # In a scene no speed is too small: its units may be any.
-    lanes = lanes_of(problem, POSITIVE)
+    lanes = lanes_of(problem, speeds=POSITIVE)
     scale, dtype = lanes.scale, problem.velocity.dtype
     given = (jnp.asarray(value, dtype) for value in (tangential_speed, distance, pull))
     across, distance, pull = given

@@ -6,6 +6,7 @@ import functools
 import jax.numpy as jnp
 
 import jaxcontact as jc
+from jaxcontact._bounce._result import TOUCHES
 from jaxcontact._laws._registry import _REGISTRY
 from tests.test_every_argument.case import (
     CONTACTS,
@@ -56,8 +57,7 @@ def constructed(law):
 def a_bounce():
     two, one = jnp.ones(2), jnp.ones(())
     names = [field.name for field in dataclasses.fields(jc.Bounce)]
-    per_touch = {"time", "duration", "impact_velocity", "restitution", "height", "status"}
-    return jc.Bounce(**{name: two if name in per_touch else one for name in names})
+    return jc.Bounce(**{name: two if name in TOUCHES else one for name in names})
 
 
 def _register(name, cls=Unsolved, **words):
@@ -244,9 +244,10 @@ def cases() -> dict[str, Case]:
                 "contact": CONTACTS,
                 "height": POSITIVES,
                 "gravity": POSITIVES,
-                "bounces": COUNT,
+                "bounces": COUNT | NONE,
                 "gravity_in_contact": SWITCH,
                 "rest_velocity": POSITIVES | NONE,
+                "v0": NOTHING,
                 "method": METHODS,
             },
         ),

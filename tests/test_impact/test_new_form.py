@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._impact import landing, method_of, problem_of
+from tests.oracle import bouncing_ball
 from tests.test_impact.support import both_jacobians
 
 # Closed forms round; event solves at rtol 1e-9, measured 3.3e-9; what the phase method promises.
@@ -16,6 +18,9 @@ FORMULA, EVENT, PHASE = 1e-13, 1e-8, 1e-6
 # Derivatives of event solves at rtol 1e-11; measured 3e-11, or 1.6e-8 where the compiler does not
 # optimise and the steps round otherwise.
 SLOPE = 1e-7
+# Of a contact whose force returns, at rtol 1e-9: differences of step 1e-5, and the corner of the
+# damper, in which the steps do not end. Measured 3.5e-5.
+RETURNED = 1e-4
 
 
 class DashpotForm(jc.AbstractForm):
@@ -110,6 +115,68 @@ def test_impact(law, method, used, tolerance):
         # The grid misses the largest force by the square of its step.
         within = max(tolerance, 1e-9) if name == "max_force" else tolerance
         np.testing.assert_allclose(getattr(hit, name), expected, rtol=within, err_msg=name)
+
+
+class Step(jc.AbstractLaw):
+    """A damper that grows with the indentation: F = K δ^n + c (3 - 2s) s² δ', s = δ/d up to 1.
+
+    Where the force vanished it returns, because damping falls faster than the spring.
+    """
+
+    c: jax.Array
+    d: jax.Array
+
+    def force(self, indentation, velocity, contact, impact_velocity):
+        s = jnp.clip(indentation / self.d, 0, 1)
+        elastic = contact.stiffness * jnp.maximum(indentation, 0) ** contact.exponent
+        return elastic + self.c * s * s * (3 - 2 * s) * velocity
+
+    def by_hand(self, K, n, depth, rate, v0):
+        s = min(depth / float(self.d), 1.0)
+        return K * depth**n + float(self.c) * s * s * (3 - 2 * s) * rate
+
+
+@pytest.mark.parametrize("push", [None, 0.003])
+def test_a_clamped_force_that_returns(push):
+    """The contact ends where its force vanishes and stays away until δ = 0."""
+    c, d = jnp.array([0.3, 2.0, 1.0, 3.0]), jnp.array([0.1, 0.1, 0.5, 0.5])
+    contact, step = jc.Contact(1.0, 1.0, 1.5), 1e-5
+    shifted = jnp.stack([c, c * (1 + step), c * (1 - step)])
+
+    def solve(c):
+        law = Step(c=c, d=d, tension=False)
+        found = landing(problem_of(law, contact, 1.0, push), method_of("event"))
+        return found.impact.duration, (found.impact, found.end_indentation)
+
+    durations, slopes, (hit, depth) = jax.jit(lambda c: jax.jvp(solve, (c,), (c,), has_aux=True))(
+        shifted
+    )
+    assert (hit.status == jc.Status.SEPARATED).all()
+    weight = push or 0.0
+    for k in range(4):
+        force = functools.partial(Step(c=c[k], d=d[k]).by_hand, 1.0, 1.5)
+        # The first force returns at a thousandth of the depth at which it vanished.
+        duration, back, speed = bouncing_ball.contact(force, 1.0, weight, 1.0, 3.0, finest=1e-4)
+        e, end = float(hit.restitution[0, k]), float(depth[0, k])
+        np.testing.assert_allclose(durations[0, k], duration, rtol=EVENT)
+        np.testing.assert_allclose(np.sqrt(e**2 - 2 * weight * end), speed, rtol=EVENT)
+        assert duration == back and abs(end) < 1e-12
+    difference = (durations[1] - durations[2]) / (2 * step)
+    np.testing.assert_allclose(slopes[0], difference, rtol=RETURNED)
+
+
+def test_a_law_that_gives_energy_is_flagged():
+    """A damper of the wrong sign; its neighbours and a law without damping are as they were."""
+    c = jnp.array([-40.0, 0.0, 40.0])
+    for law in (Plain(c=c), Plain(c=c, tension=False), Dashpot(c=c)):
+        hit = jc.impact(law, CONTACT, SPEED)
+        assert hit.status.tolist() == [jc.Status.GAINED, *[jc.Status.SEPARATED] * 2]
+        assert hit.restitution[0] > 1.2
+    path = jc.trajectory(Plain(c=c), CONTACT, SPEED, samples=5)
+    assert path.status.tolist() == [jc.Status.GAINED, *[jc.Status.SEPARATED] * 2]
+    # A push gives energy, too.
+    pushed = jc.impact(Plain(c=c), CONTACT, SPEED, external_force=1.0)
+    assert (pushed.status == jc.Status.SEPARATED).all()
 
 
 def test_restitution_alone():

@@ -1,6 +1,5 @@
 """Laws by name, and a law of one's own."""
 
-
 import jax
 import jax.numpy as jnp
 import numpy as np

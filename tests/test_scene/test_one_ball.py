@@ -17,6 +17,7 @@ def test_a_scene_of_one_ball_bounces_as_bounce_does():
         height,
         bounces=12,
         gravity_in_contact=True,
+        v0="touch",
         method=jc.Event(rtol=1e-10),
     )
     rests = int(np.argmax(np.asarray(known.status) == jc.Status.SETTLED))

@@ -1,0 +1,144 @@
+"""A ball that feels its weight in contact, down to rest, against Newton's equation by SciPy."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxcontact as jc
+from jaxcontact._laws import AbstractHuntCrossley, AbstractOscillator, constant_laws
+from tests.oracle import bouncing_ball
+from tests.oracle.bouncing_ball import Touch
+from tests.test_impact.test_new_form import Step
+
+SAME = 1e-8
+"""Of the speeds and times of a run, in units of the first touch: measured 3e-10."""
+
+GRAVITY, MASS = 9.81, 1.0
+BALLS = {"light": (1e6, 0.4), "between": (3e4, 0.1), "heavy": (2e3, 0.05)}
+"""Stiffness and drop height of balls that sink in by 1e-3 to a fifth of the way at rest."""
+
+
+def hunt_crossley(law, n):
+    """F = K δⁿ (1 + α(v0) δ'/v0)."""
+    alpha = jax.jit(lambda v, K: law.damping_factor(jc.Contact(MASS, K, n), v))
+
+    @functools.cache
+    def at(v0, K):
+        return float(alpha(v0, K))
+
+    def force(K, depth, rate, v0):
+        return K * depth**n * (1 + at(v0, K) * rate / v0)
+
+    return force
+
+
+def oscillator(law, n):
+    """F = K δⁿ + 2ζ √((n+1)/2) √(Km) δ^((n-1)/2) δ', of approach alone for Jankowski's law."""
+    zeta = float(law.damping_ratio(jc.Contact(MASS, 1.0, n)))
+
+    def force(K, depth, rate, v0):
+        rate = max(rate, 0.0) if isinstance(law, jc.Jankowski) else rate
+        damping = 2 * zeta * np.sqrt((n + 1) / 2 * K * MASS) * depth ** ((n - 1) / 2)
+        return K * depth**n + damping * rate
+
+    return force
+
+
+def viscoelastic(law, n):
+    """F = K (δⁿ + n A δ^(n-1) δ')."""
+    A = float(law.A)
+    return lambda K, depth, rate, v0: K * (depth**n + n * A * depth ** (n - 1) * rate)
+
+
+def given(law, n):
+    """F as a user wrote it."""
+    return lambda K, depth, rate, v0: law.by_hand(K, n, depth, rate, v0)
+
+
+def assert_same(law, n, make, balls=BALLS, v0="peak"):
+    """Every touch of every ball, its rest, and what is derived from them."""
+    K, height = np.array(list(balls.values())).T
+    run = jc.bounce(
+        law,
+        jc.Contact(MASS, jnp.asarray(K), n),
+        jnp.asarray(height),
+        gravity_in_contact=True,
+        v0=v0,
+    )
+    force, longest = make(law, n), 0
+    for lane, (stiffness, drop) in enumerate(balls.values()):
+        speed = np.sqrt(2 * GRAVITY * drop)
+        unit = 3 * (MASS / stiffness) ** (1 / (n + 1)) * speed ** ((1 - n) / (n + 1))
+        rows, rest = bouncing_ball.touches(
+            functools.partial(force, stiffness),
+            mass=MASS,
+            gravity=GRAVITY,
+            height=drop,
+            unit=unit,
+            tension=law.tension,
+            peak=v0 == "peak",
+        )
+        count = len(rows)
+        longest = max(longest, count + 1)
+        assert rest is not None and bool(run.at_rest[lane])
+        assert (np.asarray(run.status)[lane] == jc.Status.SEPARATED).sum() == count
+        scales = Touch(rest, unit, unit, speed, 1, drop)
+        for name, scale in scales._asdict().items():
+            ours = np.asarray(getattr(run, name))[lane, :count]
+            theirs = np.array([getattr(row, name) for row in rows])
+            assert np.all(np.abs(ours - theirs) <= SAME * scale), (name, lane, ours - theirs)
+        assert abs(run.rest_time[lane] - rest) <= SAME * rest
+    # No longer than the last ball needs.
+    assert run.time.shape == (len(balls), longest)
+
+
+def test_a_force_that_only_pushes_ends_below_the_touch():
+    """Thornton's law: weight takes the depth of the end off every flight."""
+    assert_same(jc.Thornton(e=0.5), 1.5, oscillator)
+
+
+def test_damping_refers_to_the_largest_closing_speed():
+    assert_same(jc.HuGuo(e=0.7), 1.5, hunt_crossley)
+
+
+def every_law():
+    """Every registered law that comes to rest, with and without tension where that matters."""
+    for name in constant_laws():
+        law = jc.get_law(name, e=0.5)
+        if isinstance(law, AbstractOscillator):
+            n = law.exponents[0] if law.exponents else 1.5
+            for tension in (False, True):
+                yield jc.get_law(name, e=0.5, tension=tension), n, oscillator
+        elif isinstance(law, AbstractHuntCrossley):
+            yield law, 1.5, hunt_crossley
+    yield jc.Damped(alpha=0.8, tension=True), 2.2, hunt_crossley
+    yield jc.EnergyLoss(e=0.5, beta=1.3), 1.5, hunt_crossley
+    yield jc.ConstantDamping(c=4e4), 1.5, hunt_crossley
+    yield jc.MarhefkaOrin(a=0.2), 1.5, hunt_crossley
+    yield jc.PowerDamping(c=2e4, power=-0.4, reference=1.0), 1.5, hunt_crossley
+    yield jc.PowerRestitution(loss=0.4, power=0.1, reference=1.0), 1.5, hunt_crossley
+    yield jc.ThorntonPlastic(yield_speed=0.02), 1.5, hunt_crossley
+    for tension in (False, True):
+        yield jc.KuwabaraKono(A=4e-3, tension=tension), 1.5, viscoelastic
+        yield jc.KuwabaraKono(A=4e-3, tension=tension), 2.0, viscoelastic
+        yield Step(c=jnp.array(150.0), d=jnp.array(1e-2), tension=tension), 1.5, given
+
+
+def words(case):
+    law, n, _ = case
+    return f"{type(law).__name__}-{n:g}-{'pulls' if law.tension else 'pushes'}"
+
+
+CASES = list(every_law())
+
+
+@pytest.mark.parametrize(("law", "n", "make"), CASES, ids=map(words, CASES))
+def test_every_law(law, n, make):
+    assert_same(law, n, make)
+
+
+def test_damping_that_refers_to_the_touch():
+    assert_same(jc.HuGuo(e=0.5), 1.5, hunt_crossley, v0="touch")
