@@ -1,7 +1,7 @@
-"""Many scenes of discs in boxes at once, by Newton's equations: DOP853 in NumPy, restarted at events.
+"""Many scenes of discs in boxes at once: Newton's equations by DOP853 in NumPy, with restarts.
 
-Each lane has steps of its own. A step that passes an event is tried again, shorter, up to the event,
-by a secant. Nothing of ``jaxcontact`` is imported, nor of ``scene_oracle``.
+Each lane has steps of its own. A step that passes an event is tried again, up to the event, by a
+secant. Nothing of ``jaxcontact`` is imported, nor of ``scene_oracle``.
 """
 
 from dataclasses import dataclass
