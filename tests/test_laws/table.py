@@ -14,7 +14,7 @@ import mpmath as mp
 
 import jaxcontact as jc
 
-THRESHOLD = "1e-9"
+THRESHOLD = mp.sqrt(mp.ldexp(1, -1022))
 
 
 def of(text: str) -> mp.mpf:
@@ -134,7 +134,7 @@ class Law:
             return mp.mpf(0)
         elastic = K * mp.power(d, self.exponent)
         if self.alpha is not None:
-            speed = max(v0, of(THRESHOLD))
+            speed = max(v0, THRESHOLD)
             force = elastic * (1 + self.alpha(*parameters, K, speed) / speed * v)
         else:
             force = elastic + self.damping(d, v, K, m, *parameters)
