@@ -11,7 +11,6 @@ import jaxcontact as jc
 from jaxcontact._laws import AbstractHuntCrossley, AbstractOscillator, constant_laws
 from tests.oracle import bouncing_ball
 from tests.oracle.bouncing_ball import Touch
-from tests.test_impact.test_new_form import Step
 
 SAME = 1e-8
 """Of the speeds and times of a run, in units of the first touch: measured 3e-10."""
@@ -51,11 +50,6 @@ def viscoelastic(law, n):
     """F = K (δⁿ + n A δ^(n-1) δ')."""
     A = float(law.A)
     return lambda K, depth, rate, v0: K * (depth**n + n * A * depth ** (n - 1) * rate)
-
-
-def given(law, n):
-    """F as a user wrote it."""
-    return lambda K, depth, rate, v0: law.by_hand(K, n, depth, rate, v0)
 
 
 def assert_same(law, n, make, balls=BALLS, v0="peak"):
@@ -124,7 +118,6 @@ def every_law():
     for tension in (False, True):
         yield jc.KuwabaraKono(A=4e-3, tension=tension), 1.5, viscoelastic
         yield jc.KuwabaraKono(A=4e-3, tension=tension), 2.0, viscoelastic
-        yield Step(c=jnp.array(150.0), d=jnp.array(1e-2), tension=tension), 1.5, given
 
 
 def words(case):
