@@ -52,9 +52,10 @@ def choose_law(
 
     Laws fall into kinds by e(v): a constant e, which most of them deliver (each for a different
     parameter e); a constant c, with α = c v/K (also Marhefka and Orin's law, with a = c/K); c as a
-    power of v; 1 - b v^p; min(1, a v^-p); and, for n = 3/2, Kuwabara and Kono's, and Thornton's of
-    elastic-plastic spheres. "linear_dashpot" and "step_damping", for n = 3/2 too, are compared with
-    a constant e where `law` names them: their e(v) has no formula. One fit for each kind minimises
+    power of v; 1 - b v^p; and, for n = 3/2, Kuwabara and Kono's, and Thornton's of elastic-plastic
+    spheres. Three more are compared with a constant e where `law` names them: "bridges", of
+    min(1, a v^-p), which few tables tell from that of plastic spheres; and, for n = 3/2,
+    "linear_dashpot" and "step_damping". One fit for each kind minimises
     Σ ((ln e_k - ln e(v_k))/σ_k)². It is the calibration that `jaxcontact calibrate` and `calibrate`
     make of the same table. Where contact times or peak forces were measured, too, their logarithms
     are fitted with ln e, and the stiffness with them: they are those of the force of each law, for

@@ -452,18 +452,22 @@ def padded(values: np.ndarray, filling: float) -> np.ndarray:
 
 SPEED_DEPENDENT: tuple[AbstractKind, ...] = (
     *(ConstantC(), PowerOfSpeed(), Viscoelastic()),
-    *(Plastic(), PowerOfLoss(), PowerOfRestitution()),
+    *(Plastic(), PowerOfLoss()),
 )
 
-ON_REQUEST: tuple[AbstractKind, ...] = (Dashpot(), Stepped())
-"""Kinds whose curve has no formula: they are compared where their law is asked for by name."""
+ON_REQUEST: tuple[AbstractKind, ...] = (PowerOfRestitution(), Dashpot(), Stepped())
+"""Kinds that are compared where their law is asked for by name.
+
+Few tables of e(v) tell a v^-p from the curve of plastic spheres, which falls as v^(-1/4): beside it
+no choice would be sure of these. The curves of dashpots have no formula.
+"""
 
 
 def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
     """The kinds to compare: a constant e first, then one or all speed-dependent kinds.
 
     `law` "all" compares the exact constant e with all of them; the name of a speed-dependent law
-    compares that one with the exact constant e, those without a formula for e(v) too; the name of a
+    compares that one with the exact constant e, those on request too; the name of a
     law with parameter e makes that law deliver the constant e. Kinds that are not known for the
     exponent are left out. Raises ValueError for any other name.
     """

@@ -31,7 +31,7 @@ SUMMARY = "fit laws to a recording of bounces"
 DESCRIPTION = """\
 Turns a recording of bounces into pairs (approach speed, e), finds spurious and missed triggers by
 a robust rule, fits a constant e and speed-dependent laws (constant damping, damping as a power of
-the speed, Kuwabara-Kono, elastic-plastic spheres, 1 - b v^p, a v^-p), compares them, and writes
+the speed, Kuwabara-Kono, elastic-plastic spheres, 1 - b v^p), compares them, and writes
 calibration.png and calibration.json. Without FILE it uses the bounce intervals of a small rubber
 ball that ship with the package.
 """
@@ -88,9 +88,9 @@ listed with their rows and left out; the result with them is shown as well.
 --law NAME: `constant_damping`, `power_damping`, `kuwabara_kono`, `thornton_plastic`,
 `power_restitution`, `bridges`, `linear_dashpot` or `step_damping` is compared with a constant e; a
 law with parameter e (see `jaxcontact laws`) delivers the constant e and is compared with all of
-them but the last two, which have no formula for e(v). With --law all, the default, the exact
-constant e is compared with the same. Every law with parameter e delivers a constant one; the e to
-set in each of them is listed.
+them but the last three, which few recordings tell from the others. With --law all, the default, the
+exact constant e is compared with the same. Every law with parameter e delivers a constant one; the
+e to set in each of them is listed.
 
 e(v) alone determines only c/K of constant damping and only A (K/m)^(2/5) of Kuwabara-Kono. With
 --stiffness c follows, with --mass and --stiffness A does.
@@ -104,7 +104,7 @@ exit codes: 0 done; 1 a fit did not converge (everything is written); 2 bad inpu
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", nargs="?", metavar="FILE", help="recording (default: the shipped)")
     parser.add_argument(
-        "--law", metavar="NAME", default="all", help="law to fit (default: all, of seven kinds)"
+        "--law", metavar="NAME", default="all", help="law to fit (default: all, of six kinds)"
     )
     parser.add_argument(
         "--ball",

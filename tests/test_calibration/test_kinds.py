@@ -18,7 +18,7 @@ SLOPE = 1e-6
 
 SPEEDS = np.geomspace(0.05, 5.0, 40)
 UNIT = jc.Contact(1.0, 1.0)
-ANY_EXPONENT = ["exact", "constant_damping", "power_damping", "power_restitution", "bridges"]
+ANY_EXPONENT = ["exact", "constant_damping", "power_damping", "power_restitution"]
 KINDS = {kind.law: kind for kind in kinds_of("all", 1.5)}
 
 
@@ -76,14 +76,12 @@ def test_a_kind_contains_another_where_it_has_its_curves():
         ("power_damping", "exact"),
         ("power_damping", "constant_damping"),
         ("power_restitution", "exact"),
-        ("bridges", "exact"),
     }
     e = curve(KINDS["exact"], e=0.7)
     alpha = float(jc.exact_damping_factor(0.7))
     c = {"c": alpha / 1.5, "power": -1.0}
     np.testing.assert_allclose(curve(KINDS["power_damping"], **c), e, rtol=1e-12)
     np.testing.assert_allclose(curve(KINDS["power_restitution"], loss=0.3, power=0.0), e)
-    np.testing.assert_allclose(curve(KINDS["bridges"], a=0.7, power=0.0), e)
 
 
 def test_a_loss_of_more_than_all_is_held_above_zero():
@@ -144,6 +142,17 @@ STEPPED = 2e-5
 DASHPOTS = {"linear_dashpot": {"c": 0.06}, "step_damping": {"c_max": 0.06, "d": 3.0}}
 
 
+def test_a_restitution_that_falls_as_a_power_is_found():
+    """The two numbers of e = min(1, a v^-p), with the elastic part; it contains a constant e."""
+    v = np.geomspace(0.02, 5.0, 30)
+    found = jc.choose_law(v, np.minimum(1, 0.6 * v**-0.2), UNIT, law="bridges")
+    law = found.law("a v^-p")
+    assert law.restitution_at(1.0) == pytest.approx(0.6, rel=1e-6)
+    assert law.power == pytest.approx(0.2, rel=1e-6)
+    constant, kind = kinds_of("bridges", 1.5)
+    assert kind.contains(constant)
+
+
 @pytest.mark.parametrize("law", DASHPOTS)
 def test_the_curve_of_a_dashpot_is_that_of_its_law(law):
     """In any contact, by the combinations on which it depends; with the slope of its formula."""
@@ -181,12 +190,13 @@ def test_kinds_to_compare():
         return [kind.law for kind in kinds_of(*arguments)]
 
     everything = ["constant_damping", "power_damping", "kuwabara_kono"]
-    everything += ["thornton_plastic", "power_restitution", "bridges"]
+    everything += ["thornton_plastic", "power_restitution"]
     assert laws("all", 1.5) == ["exact", *everything]
     assert laws("all", 2.0) == laws("all", jnp.asarray(1.5)) == ANY_EXPONENT
-    for law in [*everything, "linear_dashpot", "step_damping"]:
+    for law in [*everything, "bridges", "linear_dashpot", "step_damping"]:
         assert laws(law, 1.5) == ["exact", law]
     assert laws("hu_guo", 1.5) == ["hu_guo", *everything]
+    assert laws("bridges", 2.0) == ["exact", "bridges"]
     for bad in ("linear_dashpot", "step_damping"):
         with pytest.raises(ValueError, match=f"`law` must be one of all, exact.*{bad}"):
             kinds_of(bad, 1.0)
