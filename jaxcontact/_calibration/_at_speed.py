@@ -50,7 +50,8 @@ def at_speeds(
             velocity=float(speeds[i]),
             restitution=float(curve[i]),
             low=float(low[i]) if known[i] else None,
-            high=float(high[i]) if known[i] else None,
+            # No law delivers more.
+            high=min(float(high[i]), 1.0) if known[i] else None,
             measured=ends[0] <= speeds[i] <= ends[1],
             least=float(all_curves[:, i].min()),
             most=float(all_curves[:, i].max()),

@@ -153,6 +153,13 @@ def marking_rule(s: SummaryData) -> str:
     return rule if flights else f"{rule} and off a smooth curve"
 
 
+def none_marked_sentence(s: SummaryData) -> str:
+    """That no pair is marked."""
+    if s.few:
+        return "no pair: of so few nothing tells which is wrong"
+    return f"none of {len(s.pairs)} pairs is {marking_rule(s)}"
+
+
 def marked_rows(s: SummaryData) -> tuple[Row, list[Row]]:
     """The header and the rows of a table of the marked pairs."""
     rows = [
@@ -171,10 +178,8 @@ def marked_rows(s: SummaryData) -> tuple[Row, list[Row]]:
 
 def _marked(s: SummaryData) -> list[str]:
     header, rows = marked_rows(s)
-    if not rows and s.few:
-        return wrapped("Marked", "no pair: of so few nothing tells which is wrong")
     if not rows:
-        return wrapped("Marked", f"none of {len(s.pairs)} pairs is {marking_rule(s)}")
+        return wrapped("Marked", none_marked_sentence(s))
     return [
         *wrapped(
             "Marked",

@@ -12,6 +12,7 @@ from .._calibration._report import (
     marked_rows,
     marking_rule,
     noise_note,
+    none_marked_sentence,
     open_questions,
     side_by_side_rows,
     speed_rows,
@@ -112,7 +113,7 @@ def compared(s: CalibrationSummary) -> Html:
         ),
         element("h3", "Whether they describe the data"),
         definitions(grounds),
-        element("h3", "e by speed"),
+        element("h3", "e by speed") if s.by_speed else Html(""),
         table(*speed_rows(s), left=0),
         element("h3", "The e to set in a law of constant e"),
         paragraphs(equivalents_sentence(s.choice)),
@@ -131,7 +132,7 @@ def treatment(s: CalibrationSummary) -> Html:
     if rows:
         marked = f"{len(rows)} of {len(s.pairs)} pairs are {marking_rule(s)}, and were left out"
     else:
-        marked = f"none of {len(s.pairs)} pairs is {marking_rule(s)}"
+        marked = none_marked_sentence(s)
     both = table(*side_by_side_rows(s), left=1) if rows else Html("")
     return section(
         "What was done to the data",

@@ -296,6 +296,11 @@ def test_two_pairs_give_e_of_each_and_their_mean(two):
     assert "NOT" not in two.report() and two.converged
 
 
+def test_an_interval_ends_at_one():
+    far = jc.calibrate(jc.read_recording(velocity=[0.9, 3.4], restitution=[0.835, 0.775]))
+    assert repr(far).splitlines()[2].endswith("at 0.9 to 3.4 m/s (95 %: 0.50 to 1.00)")
+
+
 def test_few_pairs_are_saved_drawn_and_exported(two, tmp_path):
     from matplotlib import pyplot
 
