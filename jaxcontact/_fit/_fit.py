@@ -98,9 +98,9 @@ def fit(
 
     `converged` does not depend on the optimizer: the remaining Gauss-Newton step must be below
     `rtol` of each parameter (of its logarithm, of its logit), or, where the search ended by itself,
-    below a thousandth of its standard error. Computes in double precision whatever JAX is set to, and is not for use under `jit`. The
-    same `predict` (and optax optimiser) over data of the same shapes does not compile again; a
-    lambda written anew is another function and does.
+    below a thousandth of its standard error. Computes in double precision whatever JAX is set to,
+    and is not for use under `jit`. The same `predict` (and optax optimiser) over data of the same
+    shapes does not compile again; a lambda written anew is another function and does.
 
     Returns a `Fit`. Raises ValueError for data that are not finite where they count (the points are
     named) or fewer than the named numbers to fit, a start outside its bounds, without a finite
