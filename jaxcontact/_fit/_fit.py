@@ -97,15 +97,16 @@ def fit(
     and loss on stderr, a function is called with them.
 
     `converged` does not depend on the optimizer: the remaining Gauss-Newton step must be below
-    `rtol` of each parameter (of its logarithm, of its logit), or a thousandth of its standard
-    error. Computes in double precision whatever JAX is set to, and is not for use under `jit`. The
-    same `predict` (and optax optimiser) over data of the same shapes does not compile again; a
-    lambda written anew is another function and does.
+    `rtol` of each parameter (of its logarithm, of its logit), or, where the search ended by itself,
+    below a thousandth of its standard error. Computes in double precision whatever JAX is set to,
+    and is not for use under `jit`. The same `predict` (and optax optimiser) over data of the same
+    shapes does not compile again; a lambda written anew is another function and does.
 
     Returns a `Fit`. Raises ValueError for data that are not finite where they count (the points are
     named) or fewer than the named numbers to fit, a start outside its bounds, without a finite
     prediction or with a number that the prediction does not use, and arguments that do not match.
-    Source: Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030.
+    Source: Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030; in a
+    trust region: Moré (1978), doi 10.1007/BFb0067700.
     """
     require_function("predict", predict)
     _check(loss, optimizer)

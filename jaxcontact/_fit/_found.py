@@ -26,6 +26,9 @@ _ROUNDING = 16 * float(jnp.finfo(jnp.float64).eps)
 NEGLIGIBLE = 1e-3
 """A remaining step of less than this part of a standard error counts as none."""
 
+COARSE = 1e-2
+"""A remaining step of a logarithm or logit of more than this counts, even if rounding hides it."""
+
 
 Numbers = Any
 """Arrays: of JAX while a search is compiled, of NumPy once its end is judged."""
@@ -149,6 +152,8 @@ def with_step(
     # Of a search that was cut off the remaining step tells little: in a curved valley each step is
     # small beside the way that is left.
     enough = xp.where(found.stopped, NEGLIGIBLE * error, 0)
+    # Rounding may hide the way to a bound: a logarithm that is so badly known has not converged.
+    resolution = xp.where(problem.space.has_unit, xp.minimum(resolution, COARSE), resolution)
     allowed = xp.maximum(xp.maximum(rtol * size, enough), resolution)
     return found._replace(step=step, allowed=allowed)
 
