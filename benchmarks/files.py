@@ -92,6 +92,7 @@ def measured(text: str, line: Callable[[str], list[float]]) -> tuple[float, floa
 
 
 def main() -> None:
+    jc.read_recording(io.StringIO(forms(6000)["commas"][0]))  # SciPy comes in
     print(f"{ROWS} rows; s of CPU     by hand  text to columns  recording")
     for name, (text, line) in forms().items():
         hand, sheet, whole = measured(text, line)

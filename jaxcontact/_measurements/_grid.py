@@ -210,6 +210,9 @@ def with_points(
                     point = k, c
                 continue
             written = True
+            # The usual number, without the price of patterns.
+            if sure and c.lstrip("+-").replace(",", "", 1).isdecimal():
+                continue
             if one := _COMMA.fullmatch(c) or _THOUSANDS[","].fullmatch(c):
                 comma = comma or (k, c)
                 sure = sure or not _EITHER.fullmatch(c)
