@@ -196,7 +196,7 @@ def _transforms(
     own = tuple(name for name in names if full_name(model, name) is not None)
     unknown = set(names) - set(own) if other is not None else set()
     # A name that no law holds is refused there, with the others.
-    rival = ImpactModel(other, model.contact)
+    rival: Any = None if other is None else ImpactModel(other, model.contact)
     all_known = all(full_name(rival, name) is not None for name in unknown)
     return transforms_of(model, own if all_known else tuple(names))
 

@@ -333,8 +333,8 @@ NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
         (EXACT, {"engine": "simbody", "radius": -1.0}, "`radius` must be a number in"),
         (
             EXACT,
-            {"engine": "drake", "radius": 0.1},
-            "`radius` must be an option of engine 'drake', which takes none",
+            {"engine": "mujoco", "radius": 0.1},
+            "`radius` must be an option of engine 'mujoco', which takes none",
         ),
         (
             EXACT,
@@ -342,7 +342,7 @@ NAN_LANE = jc.ExactRestitution(e=jnp.asarray(1.5))
             "`damping` must be an option of engine 'mujoco', which takes none",
         ),
         (EXACT, {"engine": "lammps", **R, "model": 1}, "which takes `radius`, `damping`."),
-        (EXACT, {"engine": "lammps", **R, "damping": "hooke"}, "'viscoelastic', but is 'hooke'"),
+        (EXACT, {"engine": "lammps", **R, "damping": "hooke"}, "'mass_velocity', but is 'hooke'"),
         (EXACT, {"engine": "exudyn", "impact_model": 0}, "`impact_model` must be 1 or 2"),
         (EXACT, {"engine": "exudyn", "impact_model": 1}, "`impact_model` must be 2 here"),
         (jc.ExactRestitution(e=0.1), {"engine": "lammps", **R, "damping": "tsuji"}, "0.1136 to"),

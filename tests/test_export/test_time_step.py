@@ -86,7 +86,7 @@ def test_what_has_no_answer(engine, words):
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("isaac", "takes `restitution` itself as e"),
+        ("isaac", "takes restitution itself as e"),
         ("PhysX", "bounce threshold velocity"),
         ("genesis", "export to 'mujoco'"),
         ("mujoko", "Did you mean 'mujoco'?"),
