@@ -63,8 +63,9 @@ class Comparison:
 
     `best` is the simplest of those that describe the data equally well: whose AICc is less than 2
     above the lowest, or whose disadvantage is below two of its standard errors by group; of equally
-    simple ones, the one of lowest AICc. If it does not describe the data the verdict says so, and
-    which others may. None where no fit converged.
+    simple ones, the first of the given fits where it is among them, else the one of lowest AICc.
+    If it does not describe the data the verdict says so, and which others may. None where no fit
+    converged.
     """
 
     candidates: tuple[Candidate, ...]
@@ -305,7 +306,10 @@ def _verdict(
     if not good:
         return None, "No fit converged."
     first = good[0]
-    best = min(equal, key=lambda c: (c.k, c.aicc > _least(equal, c.k) + _SAME, order.index(c.name)))
+    least = {c.k: _least(equal, c.k) + _SAME for c in equal}
+    best = min(
+        equal, key=lambda c: (c.k, c.name != order[0], c.aicc > least[c.k], order.index(c.name))
+    )
     values = f": {parameters(best.name)}" if parameters else ""
     if best.adequate is False:
         text = _none_describes(best, first, good, values)
