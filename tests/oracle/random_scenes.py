@@ -1,7 +1,8 @@
 """Random discs in a box under gravity, and where Newton's equations take them.
 
-The answers of a thousand scenes are stored; ``python -m tests.oracle.random_scenes`` makes those
-that are missing (by ``many_discs``, without ``jaxcontact``; an hour on one core for all).
+The answers of a hundred of a thousand scenes are stored so far; ``python -m
+tests.oracle.random_scenes`` makes those that are missing (by ``many_discs``, without
+``jaxcontact``; half an hour on one free core).
 """
 
 import json

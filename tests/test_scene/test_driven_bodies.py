@@ -37,7 +37,9 @@ def _seen_from(velocity, gravity):
 )
 def test_impacts_on_driven_bodies_do_not_know_the_frame(gravity, instantaneous, way):
     velocity, duration = np.array([-0.3, 0.1]), 3.5
-    given = {"duration": duration, "instantaneous": instantaneous}
+    # In the bowl the largest closing speed is a coupled solve.
+    how = {"instantaneous": instantaneous, "v0": "touch" if way == jc.Way.RADIAL else "peak"}
+    given = {"duration": duration, **how}
     still = jc.simulate(_seen_from(0 * velocity, gravity), **given)
     run = jc.simulate(_seen_from(velocity, gravity), **given)
     assert len(run.impacts) == len(still.impacts) >= 2
@@ -51,8 +53,8 @@ def test_impacts_on_driven_bodies_do_not_know_the_frame(gravity, instantaneous, 
     missing = run.energy[0] + run.wall_work - lost - run.energy[-1]
     assert abs(missing) < 100 * 1e-9 * run.energy[0]
     assert abs(still.wall_work) < 1e-12
-    half = jc.simulate(_seen_from(velocity, gravity), 1.0, instantaneous=instantaneous).final
-    rest = jc.simulate(half, duration - 1.0, instantaneous=instantaneous)
+    half = jc.simulate(_seen_from(velocity, gravity), 1.0, **how).final
+    rest = jc.simulate(half, duration - 1.0, **how)
     np.testing.assert_allclose(rest.position[-1], run.position[-1], atol=FRAME)
 
 

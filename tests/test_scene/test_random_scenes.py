@@ -1,7 +1,7 @@
 """Random discs in a box under gravity: where Newton's equations take them.
 
-The answers are stored (``tests/oracle/random_scenes.py``); all thousand are compared by
-``benchmarks/random_scenes.py``.
+The answers are stored (``tests/oracle/random_scenes.py``); ``benchmarks/random_scenes.py``
+compares all of them.
 """
 
 import numpy as np
