@@ -103,9 +103,10 @@ def read_recording(
 
     `ball`, `trial`, `bounce` and the drop height of intervals may be left out, which means one ball
     and one trial whose bounces are counted in order; `sigma`, standard deviations of e or of
-    intervals, may be left out, too. Times may be written as mm:ss.cc. Headings are understood by their meaning
-    ("v", "COR", "speed (mm/s)", "t_flight / ms"); a unit that is written there is converted, and
-    `notes` of the recording say so. Numbers that look wrong without a unit are refused.
+    intervals, may be left out, too. Times may be written as mm:ss.cc. Headings are understood by
+    their meaning ("v", "COR", "speed (mm/s)", "t_flight / ms"); a unit that is written there is
+    converted, and `notes` of the recording say so. Numbers that look wrong without a unit are
+    refused.
 
     `source` is the path of a file or an open file, a dict of columns, or a data frame (of pandas,
     polars, or anything with `.columns` and `[name]`); other columns are ignored. A sound file is
@@ -129,9 +130,9 @@ def read_recording(
     Returns a `Recording`. Raises RecordingError, which names source, row and column, for a file
     that cannot be read, a column that is missing, repeated, not one-dimensional or of another
     length, a row with too many fields, a number that is missing, text, not finite or not positive,
-    a repeated bounce, intervals that stay the same or grow, and a ball that does not exist or has to be chosen. Rows of a file are its
-    lines, the header included; in columns of values they count from 1. Raises ValueError for other
-    arguments, unknown columns among the keywords included.
+    a repeated bounce, intervals that stay the same or grow, and a ball that does not exist or has
+    to be chosen. Rows of a file are its lines, the header included; in columns of values they count
+    from 1. Raises ValueError for other arguments, unknown columns among the keywords included.
     """
     if layout is not None:
         require_choice("layout", layout, LAYOUTS)
