@@ -87,6 +87,9 @@ def read_recording(
 
     - "intervals": `interval_s`, the time in s between impacts `bounce` and `bounce` + 1 of a
       `trial`, and `drop_height_m`;
+    - "instants": `bounce_time_s`, the times in s of successive bounces; where a `label` names some,
+      the others are left out;
+    - "stops": `drop_height_m` and `rest_time_s`, the time in s from the release until rest;
     - "heights": `drop_height_m` and `rebound_height_m`, a drop and its first rebound in m;
     - "table": `velocity`, the approach speed in m/s, and `restitution`;
     - "speeds": `velocity` and `rebound_velocity`, the speeds in m/s before and after an impact;
@@ -94,13 +97,16 @@ def read_recording(
     - "force", "acceleration", "indentation": `time` in s and what an instrument reads, in N, m/s²
       or m, with one or several impacts in it, which are cut apart; a record without `time` has the
       `rate` in Hz at which it was sampled;
+    - "sound": `time` or a `rate`, and `sound`, its samples in any unit;
     - "track": `y`, the height of a ball in each moment, and `x`, in m, pixels or any unit, with
       `time` in s, or the number `frame` of the frame and the `rate` in frames per second.
 
     `ball`, `trial`, `bounce` and the drop height of intervals may be left out, which means one ball
-    and one trial whose bounces are counted in order. Headings are understood by their meaning
-    ("v", "COR", "speed (mm/s)", "t_flight / ms"); a unit that is written there is converted, and
-    `notes` of the recording say so. Numbers that look wrong without a unit are refused.
+    and one trial whose bounces are counted in order; `sigma`, standard deviations of e or of
+    intervals, may be left out, too. Times may be written as mm:ss.cc. Headings are understood by
+    their meaning ("v", "COR", "speed (mm/s)", "t_flight / ms"); a unit that is written there is
+    converted, and `notes` of the recording say so. Numbers that look wrong without a unit are
+    refused.
 
     `source` is the path of a file or an open file, a dict of columns, or a data frame (of pandas,
     polars, or anything with `.columns` and `[name]`); other columns are ignored. A sound file is
@@ -124,9 +130,9 @@ def read_recording(
     Returns a `Recording`. Raises RecordingError, which names source, row and column, for a file
     that cannot be read, a column that is missing, repeated, not one-dimensional or of another
     length, a row with too many fields, a number that is missing, text, not finite or not positive,
-    a repeated bounce, and a ball that does not exist or has to be chosen. Rows of a file are its
-    lines, the header included; in columns of values they count from 1. Raises ValueError for other
-    arguments, unknown columns among the keywords included.
+    a repeated bounce, intervals that stay the same or grow, and a ball that does not exist or has
+    to be chosen. Rows of a file are its lines, the header included; in columns of values they count
+    from 1. Raises ValueError for other arguments, unknown columns among the keywords included.
     """
     if layout is not None:
         require_choice("layout", layout, LAYOUTS)
