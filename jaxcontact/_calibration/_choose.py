@@ -93,7 +93,7 @@ def choose_law(
     v = column(velocity, "velocity", POSITIVE)
     measured = column(e, "e", MEASURED_RESTITUTION, ("velocity", v))
     own = None if sigma is None else for_each(sigma, "sigma", len(v))
-    known = {"sigma": own} if own is not None and np.isfinite(own).all() else {}
+    known: dict[str, Any] = {"sigma": own} if own is not None and np.isfinite(own).all() else {}
     pairs = make_pairs(read_recording(velocity=v, restitution=measured, **known), Flight())
     pairs.needs_enough()
     word = "row"

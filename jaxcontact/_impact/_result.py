@@ -79,7 +79,7 @@ def _show(value: Array) -> str:
     return f"shape {array.shape}, from {good.min():.6g} to {good.max():.6g}"
 
 
-def status_words(value: Array) -> str:
+def status_words(value: Array | np.ndarray) -> str:
     """The names of `Status`, with their counts where there are several lanes."""
     if isinstance(value, Tracer) or not eqx.is_array(value):
         return str(value)

@@ -6,7 +6,7 @@ import abc
 import dataclasses
 import functools
 import inspect
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -38,9 +38,8 @@ impacts of a scene have no such threshold.
 as_tension = functools.partial(require_flag, "tension")
 """The converter of a law's keyword `tension`."""
 
-
-def _tension_field(default: bool | None) -> Any:
-    return eqx.field(static=True, default=default, kw_only=True, converter=as_tension)
+# Type checkers know `eqx.field`, and would take the converter for the type of the field.
+_TENSION: dict[str, Any] = {"static": True, "converter": as_tension}
 
 
 def _is_abstract(cls: type) -> bool:
@@ -63,7 +62,7 @@ class AbstractLaw(eqx.Module):
     replaces the choice of its class: `MyLaw(c=1e4, tension=True)`.
     """
 
-    tension: bool = _tension_field(None)
+    tension: bool = eqx.field(default=None, kw_only=True, **_TENSION)
 
     exponents: ClassVar[tuple[float, ...] | None] = None
     """The contact exponents n the law is made for; None if any will do."""
@@ -75,7 +74,8 @@ class AbstractLaw(eqx.Module):
             # The attribute becomes the default of the keyword.
             annotations = {**inspect.get_annotations(cls), "tension": bool}
             cls.__annotations__ = annotations
-            cls.tension = _tension_field(as_tension(stated))
+            field = eqx.field(default=as_tension(stated), kw_only=True, **_TENSION)
+            cls.tension = cast(bool, field)
         elif stated is None and cls.tension is None and not _is_abstract(cls):
             raise TypeError(
                 f"Law `{cls.__name__}` must say whether its contact may pull: set `tension = "

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +114,7 @@ def marked_in(
     marked = np.zeros(e.shape, bool)
     if there.sum() < LEAST_PAIRS:
         return marked, np.where(there, e, 1.0)
-    known = {} if sigma is None else {"sigma": sigma[there]}
+    known: dict[str, Any] = {} if sigma is None else {"sigma": sigma[there]}
     table = read_recording(velocity=velocity[there], restitution=e[there], **known)
     found = find_outliers(make_pairs(table, Flight()))
     marked[there] = found.flagged

@@ -254,8 +254,13 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         fresh = jnp.where(touches, 0, 1).astype(dtype)
         max_force = fresh * jnp.maximum(c.max_force, strongest)
         max_indentation = fresh * jnp.maximum(c.max_indentation, deepest)
-        acts = modes.closed & (c.look.force > 0)
-        force_until = jnp.where(touches | acts, time, c.force_until)
+        acts = modes.closed & (c.look.force != 0)
+        # A force that vanishes while the pair is closed does so about where its slope leads to.
+        vanishes = acts & (now.force == 0) & ~opens & (c.slope.force < 0)
+        lasted = -c.look.force / jnp.where(vanishes, c.slope.force, -1)
+        lasted = jnp.where(vanishes, jnp.minimum(lasted, passing), passing)
+        until_then = state.time + units.time * (c.y[TIME] + lasted)
+        force_until = jnp.where(acts, until_then, jnp.where(touches, time, c.force_until))
 
         speed = layout.velocity(y) + frame / units.speed
         pace = layout.velocity(toward) / (2 * now_w)

@@ -104,7 +104,8 @@ def oblique(
     closed = form.solve(lanes.n) if form.closed_form else None
     numbers = (form, lanes.exponent, push, swirl, ratio)
     if free and closed is not None:
-        out, way = _free(closed, jnp.zeros_like(swirl)), jnp.full(swirl.shape, CLOSED_FORM)
+        no_error, way = jnp.zeros_like(swirl), jnp.full(swirl.shape, CLOSED_FORM)
+        out = _free(closed, _back(form, lanes.exponent, closed), no_error)
     else:
         out, way = _solved(numbers, closed, across / scale.speed, rtol, needed)
     converged = out.done
@@ -148,9 +149,10 @@ def _solved(
     form, exponent, push, swirl, ratio = numbers
     way, formula, goal = jnp.full(swirl.shape, RADIAL), None, _goal(rtol, 0.1)
     if closed is not None:
+        back = _back(form, exponent, closed)
         bent = jnp.abs(push) + jnp.abs(swirl) + jnp.abs(sliding) * jnp.square(ratio)
-        bent = 2 * bent * (1 + closed.duration)
-        formula, unbent = _free(closed, bent), bent < goal
+        bent = 2 * bent * (1 + back)
+        formula, unbent = _free(closed, back, bent), bent < goal
         pushed = form.weakly_pushed(exponent.value, push, swirl, ratio)
         if pushed is not None:
             formula = _corrected(formula, *pushed, ratio, sliding)
@@ -173,13 +175,25 @@ def _solved(
     return out, way
 
 
-def _free(closed: ScaledImpact, error: Number) -> RadialOutcome:
-    """The free impact, in place of one that it is so far from."""
+def _back(form: AbstractForm, exponent: Specialised, closed: ScaledImpact) -> Number:
+    """When the bodies of a free impact are at x = 0 again.
+
+    From the indentation at which a force that only pushes vanishes they move at constant speed.
+    """
+    depth = form.end_indentation(exponent.value, closed.restitution)
+    if depth is None:
+        return closed.duration
+    parts = closed.restitution > 0
+    return closed.duration + jnp.where(parts, depth, 0) / jnp.where(parts, closed.restitution, 1)
+
+
+def _free(closed: ScaledImpact, back: Number, error: Number) -> RadialOutcome:
+    """The free impact, `back` at x = 0, in place of one that it is so far from."""
     loss, e = closed.energy_loss, closed.restitution
     return RadialOutcome(
         restitution=e,
-        elapsed=closed.duration,
-        theta=closed.duration,
+        elapsed=back,
+        theta=back,
         duration=closed.duration,
         max_force=closed.max_force,
         max_indentation=closed.max_indentation,

@@ -78,7 +78,7 @@ class ClusterState(NamedTuple):
     `time` in s; `position` and `velocity`, (M, D). Of every pair: its `indentation` δ in m, which
     the solve goes on from (differences of positions have fewer digits), negative where it is open;
     whether it is `closed`; whether its v0 is still `rising` with δ'; the `latched` v0 in m/s;
-    `since` and `force_until` in s, the last touch and when the force was last positive;
+    `since` and `force_until` in s, the last touch and when a force last acted;
     `max_force`, `max_indentation` and `lost`, the energy, since that touch.
     """
 

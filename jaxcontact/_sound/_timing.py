@@ -57,7 +57,7 @@ class Shape:
 
     samples: Float[np.ndarray, " m"]
     lead: int
-    rate: int
+    rate: float
 
 
 def shape_at(filters: Whitener, time: float) -> Shape:
@@ -68,7 +68,7 @@ def shape_at(filters: Whitener, time: float) -> Shape:
     return Shape(filters.part(at - lead, at + after) * _window(rate), lead, rate)
 
 
-def _window(rate: int) -> Float[np.ndarray, " m"]:
+def _window(rate: float) -> Float[np.ndarray, " m"]:
     lead, after = round(_LEAD * rate), round(_SHAPE * rate)
     t = (np.arange(lead + after) - lead) / rate
     return np.cos(np.pi / 2 * np.clip((t - _SHAPE + _FADE) / _FADE, 0, 1)) ** 2

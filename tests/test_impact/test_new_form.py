@@ -20,7 +20,10 @@ FORMULA, EVENT, PHASE = 1e-13, 1e-8, 1e-6
 SLOPE = 1e-7
 # Of a contact whose force returns, at rtol 1e-9: differences of step 1e-5, and the corner of the
 # damper, in which the steps do not end. Measured 3.5e-5.
-RETURNED = 1e-4
+RETURNED = 3e-6
+"""Of a derivative against differences: measured 4e-7. With a step of 1e-5 the error of the solves
+makes it 3e-5; with solves at rtol 1e-12 it is 4e-8.
+"""
 
 
 class DashpotForm(jc.AbstractForm):
@@ -125,6 +128,7 @@ class Step(jc.AbstractLaw):
 
     c: jax.Array
     d: jax.Array
+    tension = False
 
     def force(self, indentation, velocity, contact, impact_velocity):
         s = jnp.clip(indentation / self.d, 0, 1)
@@ -140,11 +144,11 @@ class Step(jc.AbstractLaw):
 def test_a_clamped_force_that_returns(push):
     """The contact ends where its force vanishes and stays away until δ = 0."""
     c, d = jnp.array([0.3, 2.0, 1.0, 3.0]), jnp.array([0.1, 0.1, 0.5, 0.5])
-    contact, step = jc.Contact(1.0, 1.0, 1.5), 1e-5
+    contact, step = jc.Contact(1.0, 1.0, 1.5), 1e-3
     shifted = jnp.stack([c, c * (1 + step), c * (1 - step)])
 
     def solve(c):
-        law = Step(c=c, d=d, tension=False)
+        law = Step(c=c, d=d)
         found = landing(problem_of(law, contact, 1.0, push), method_of("event"))
         return found.impact.duration, (found.impact, found.end_indentation)
 
