@@ -236,10 +236,10 @@ SHARP_32 = 2e-6
 def clamped_lanes(n, kind=float):
     """Durations, speeds at δ = 0, and their derivatives along ln c; the last lane's force jumps."""
     length = (MASS * SPEED**2 / STIFFNESS) ** (1 / (n + 1))
-    c = np.array([0.05, 0.3, 0.9, 0.3, 2.0, 0.3]) * MASS * SPEED / length
+    c = np.array([0.05, 0.3, 0.9, 2.0, 2.0, 0.3]) * MASS * SPEED / length
     # On a linear spring a force with a smaller d comes back for a time that the oracle may miss.
     least = 0.1 if n == 1 else 1e-3
-    d = np.array([least, least, 1.0, 0.1, 0.1, least]) * length
+    d = np.array([least, least, 1.0, 0.15, 0.1, least]) * length
     gap = jnp.asarray([0, 0, 0, 0, 0, 0.5 * length], kind)
     contact, speed = jax.tree.map(
         lambda x: jnp.asarray(x, kind), (jc.Contact(MASS, STIFFNESS), SPEED)
