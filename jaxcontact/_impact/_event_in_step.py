@@ -23,6 +23,9 @@ from ._motion import Moment, Motion, Number, State
 _ITERATIONS = 60
 # Of a regula falsi for the guess, which is no better than its polynomial.
 _GUESSES = 8
+# What is left of a force, by its tangent, where it has vanished. A power p of the time to the end
+# leaves 1-p of it.
+_JUMP = 0.9
 
 
 class _LastStep(NamedTuple):
@@ -43,11 +46,11 @@ def event_in_step(
     motion: Motion,
     compressing: Flag,
     arrived: Flag,
-) -> Moment:
+) -> tuple[Moment, Flag]:
     """The moment of the event in the last step, and its state; the end of the step without one.
 
     A polynomial through the ends of the step gives the first guess. It is corrected by steps of the
-    same solver that end there.
+    same solver that end there. The flag says whether the event has a derivative.
     """
     moving, still = eqx.partition(solver, eqx.is_array)
 
@@ -115,8 +118,33 @@ def event_in_step(
 
     inputs = _LastStep(before, after, motion, compressing, moving)
     closing, until = _closing(*jax.lax.stop_gradient((motion, before, after, compressing)))
-    fraction = with_implicit_derivative(find, gap)(inputs, closing, arrived, until)
-    return stepped(fraction, inputs)
+    found = with_implicit_derivative(find, gap)
+    if not motion.may_clamp:
+        return stepped(found(inputs, closing, arrived, until), inputs), jnp.asarray(True)
+    # Where the law clamps its force, the end is found by the sign of the force, and its derivative
+    # by the force that goes on along its tangent shortly before.
+    frozen = jax.lax.stop_gradient(inputs)
+    end = find(frozen, closing, arrived, until)
+    size = jnp.abs(frozen.after.tau - frozen.before.tau)
+    short = jnp.minimum(end / 2, jnp.sqrt(jnp.finfo(end.dtype).eps) / jnp.where(size > 0, size, 1))
+    inside = stepped(end - short, frozen).state
+    inputs = inputs._replace(motion=motion.continued(inside))
+    found = with_implicit_derivative(
+        lambda end, *rest: end, lambda x, end, short, *rest: gap(x - short, *rest)
+    )
+    place = found(end, short, inputs, closing, arrived)
+    at_end = stepped(place, inputs)
+    jumps = ~closing[0] & closing[-1] & _jumps(inputs.motion, inside, at_end.state)
+    return at_end, compressing | ~jumps
+
+
+def _jumps(motion: Motion, inside: State, end: State) -> Flag:
+    """Whether the force of a way out jumps to zero, inside of x = 0, instead of going there.
+
+    The tangent at the state `inside` then says nothing of the `end`, shortly afterwards.
+    """
+    forces = [motion.gap_of_force(state) for state in (inside, end)]
+    return (forces[1] >= _JUMP * forces[0]) & (2 * end.w > inside.w)
 
 
 def _closing(

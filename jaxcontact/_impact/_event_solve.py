@@ -154,7 +154,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
             for both in ((dip.start, before), (bottom, after))
         )
         arrived = arrived | dipped
-    found = event_in_step(term, solver, before, after, motion, compressing, arrived)
+    found, smooth = event_in_step(term, solver, before, after, motion, compressing, arrived)
     end = jax.tree.map(functools.partial(jnp.where, moved), found, before)
     watch = watch.seen(motion, compressing, end)
     path = None
@@ -162,7 +162,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
         path = _kept(moments[1], states[1], end, before.tau)
     return Leg(
         end=end.state,
-        arrived=arrived,
+        arrived=arrived & smooth,
         steps=steps,
         nearest=watch.nearest,
         least=watch.least,

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._elementary import power
-from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
+from .._forms import AbstractForm, Exponent, Flag, GeneralForm, Momentum, signed_power
 from .._parameter import Specialised
 from ._runge_kutta import step
 
@@ -365,6 +365,17 @@ class Motion(eqx.Module):
             return False
         return self.push is not None or self.form.damping(self.n, jnp.asarray(False)) is None
 
+    @property
+    def may_clamp(self) -> bool:
+        """Whether the law may clamp its own force to zero."""
+        return isinstance(self.form, GeneralForm) and self.form.may_clamp
+
+    def continued(self, inside: State) -> Motion:
+        """The motion under a force that a clamp does not end, from a state `inside` the contact."""
+        assert isinstance(self.form, GeneralForm)
+        form = self.form.continued(inside.w**self.order, self.velocity(inside))
+        return dataclasses.replace(self, form=form)
+
     def parts_at_touch(self) -> Bool[Array, ""]:
         """Whether the bodies, if at all, part at x = 0.
 
@@ -390,6 +401,8 @@ class Motion(eqx.Module):
         if self.softness is None:
             out = jnp.asarray(False)
             pulling = self.form.pulling(state.w, velocity, self.n, out, self.order)
+            # A force that is clamped to zero vanished before: its gap has a sign, if no slope.
+            pulling = jnp.where(pulling == 0, -1, pulling) if self.may_clamp else pulling
             return jnp.where(state.w < 0, jnp.minimum(pulling, velocity), pulling)
         softness, p = self.softness
         c, _ = self.damping_back()

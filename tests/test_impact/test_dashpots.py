@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
+from tests.oracle import bouncing_ball
 
 MASS, STIFFNESS, SPEED = 1.0, 1e8, 3.0
 LENGTH = (MASS * SPEED**2 / STIFFNESS) ** 0.4
@@ -195,3 +196,91 @@ def test_a_clamped_force_is_fitted_by_its_own_coefficient():
     assert fitted(jc.StepDamping) == pytest.approx(798, rel=COMES_BACK)
     assert fitted(Impact) == pytest.approx(798, rel=COMES_BACK)
     assert fitted(Impact, tension=True) < 0.9 * 798
+
+
+class Clamped(Impact):
+    """The same with its clamp, which opens at the depth `gap` on the way out."""
+
+    gap: jax.Array | float = 0.0
+
+    def force(self, indentation, velocity, contact, impact_velocity):
+        force = super().force(indentation, velocity, contact, impact_velocity)
+        open_ = (velocity < 0) & (indentation < self.gap)
+        return jnp.where(open_, 0, jnp.maximum(force, 0))
+
+
+def followed(c, d, n):
+    """The duration, and the speed at δ = 0, by the force without its clamp."""
+    length = (MASS * SPEED**2 / STIFFNESS) ** (1 / (n + 1))
+
+    def force(x, v, v0):
+        return STIFFNESS * x**n + manual_step(x, d, c) * v
+
+    unit = length / SPEED
+    duration, _, speed = bouncing_ball.contact(force, MASS, 0.0, SPEED, unit, finest=FINEST)
+    return np.array([duration, speed])
+
+
+FINEST = 1e-3
+"""What a force that comes back takes, at least, in units of X/v0."""
+
+SHARP = 1e-8
+"""An event solve at 1e-9 that ends where a clamp begins: measured 3e-10."""
+
+SHARP_32 = 2e-6
+"""The same in single precision: measured 2e-7."""
+
+
+def clamped_lanes(n, kind=float):
+    """Durations, speeds at δ = 0, and their derivatives along ln c; the last lane's force jumps."""
+    length = (MASS * SPEED**2 / STIFFNESS) ** (1 / (n + 1))
+    c = np.array([0.05, 0.3, 0.9, 2.0, 2.0, 0.3]) * MASS * SPEED / length
+    # On a linear spring a force with a smaller d comes back for a time that the oracle may miss.
+    least = 0.1 if n == 1 else 1e-3
+    d = np.array([least, least, 1.0, 0.15, 0.1, least]) * length
+    gap = jnp.asarray([0, 0, 0, 0, 0, 0.5 * length], kind)
+    contact, speed = jax.tree.map(
+        lambda x: jnp.asarray(x, kind), (jc.Contact(MASS, STIFFNESS), SPEED)
+    )
+    contact = jc.Contact(contact.mass, contact.stiffness, n)
+
+    def outcome(c):
+        hit = jc.impact(
+            Clamped(c, jnp.asarray(d, kind), gap=gap),
+            contact,
+            speed,
+            method="event",
+        )
+        return jnp.stack([hit.duration, hit.rebound_velocity]), hit.status
+
+    c = jnp.asarray(c, kind)
+    found, slopes, status = jax.jvp(outcome, (c,), (c,), has_aux=True)
+    # A force that jumps to zero has no tangent there, which the derivative of the end would need.
+    assert status.tolist() == [jc.Status.SEPARATED] * 5 + [jc.Status.NOT_CONVERGED]
+    assert np.isnan(found[:, 5]).all()
+    return c[:5], d[:5], found[:, :5], slopes[:, :5]
+
+
+def test_a_law_may_clamp_its_own_force():
+    """max(0, F) ends where F does: what lies beyond has no slope, and is no contact."""
+    c, d, found, slopes = clamped_lanes(1.5)
+    h = 1e-4
+    for k in range(5):
+        np.testing.assert_allclose(found[:, k], followed(c[k], d[k], 1.5), rtol=SHARP)
+        ends = [followed(c[k] * s, d[k], 1.5) for s in (1 + h, 1 - h)]
+        np.testing.assert_allclose(slopes[:, k], (ends[0] - ends[1]) / (2 * h), rtol=DIFFERENCE)
+
+
+@pytest.mark.parametrize(
+    ("n", "kind", "tolerance"), [(1.0, float, SHARP), (1.5, "float32", SHARP_32)]
+)
+def test_a_clamp_elsewhere(n, kind, tolerance):
+    """On a linear spring, whose equation is solved without w, and in single precision."""
+    c, d, found, slopes = clamped_lanes(n, kind)
+    h = 1e-4
+    for k in range(5):
+        at = float(c[k])
+        np.testing.assert_allclose(found[:, k], followed(at, d[k], n), rtol=tolerance)
+        ends = [followed(at * s, d[k], n) for s in (1 + h, 1 - h)]
+        rtol = max(DIFFERENCE, 100 * tolerance)
+        np.testing.assert_allclose(slopes[:, k], (ends[0] - ends[1]) / (2 * h), rtol=rtol)
