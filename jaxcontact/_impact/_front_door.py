@@ -115,11 +115,14 @@ class Lanes(eqx.Module):
         return self.exponent.value
 
     @property
+    def knows_no_damping(self) -> bool:
+        """Whether the force is one of which it is not known that its damping only takes energy."""
+        return self.form.damping(self.n, jnp.asarray(True)) is None
+
+    @property
     def may_gain(self) -> bool:
-        """Whether an impact may end faster than it began: nothing pushes, and the force is one of
-        which it is not known that its damping only takes energy.
-        """
-        return self.push is None and self.form.damping(self.n, jnp.asarray(True)) is None
+        """Whether an impact may end faster than it began: by its force, as nothing pushes."""
+        return self.push is None and self.knows_no_damping
 
     def motion(self) -> Motion:
         """The equation of motion of the lanes, for methods that solve one lane."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -99,6 +100,12 @@ def landing(problem: Problem, method: AbstractMethod, peak: bool = False) -> Lan
     if depth is None:
         depth = lanes.form.end_indentation(lanes.n, scaled.restitution)
     good = hit.status == int(Status.SEPARATED)
+    if scaled.spare_energy is not None and lanes.knows_no_damping:
+        # On the way to δ = 0 and back a constant push gives nothing.
+        most = jnp.square(1 + chosen.error(scaled.restitution.dtype)) / 2
+        gained = good & (scaled.spare_energy > most)
+        status = jnp.where(gained, int(Status.GAINED), hit.status)
+        hit = dataclasses.replace(hit, status=status)
 
     def result(value: Float[Array, "..."] | None, unit: Float[Array, "..."]) -> Any:
         if value is None:
