@@ -119,4 +119,4 @@ def suggestion(text: str, meanings: Mapping[str, Meaning]) -> str:
     known |= {_plain(name): name for name in meanings}
     stem = _plain(re.sub(r"[\[({/].*", "", text)) or _plain(text)
     near = nearest(stem, (word for word in known if len(word) > 2))
-    return f"; did you mean {known[near]!r}?" if near else ""
+    return f"; did you mean {known[near]!r}?" if near and near != stem else ""

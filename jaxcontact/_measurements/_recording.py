@@ -281,7 +281,7 @@ def _layout_of(
     def misfit(one: str) -> tuple[int, bool, int]:
         there = places(one)
         missing = LAYOUTS[one].lacking(there)
-        return len(missing), not there, sum(name not in there for name in LAYOUTS[one].columns)
+        return len(missing), not there, -sum(name in there for name in LAYOUTS[one].columns)
 
     complete = [one for one in found if misfit(one)[0] == 0]
     # What is told by the very name of a column means the layout that has it.

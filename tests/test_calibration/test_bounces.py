@@ -353,7 +353,7 @@ def test_single_precision_outside_changes_nothing():
     assert found.converged and found.values == pytest.approx([0.9, 0.45], rel=1e-9)
 
 
-TIMES = [0.5, 0.4]
+TIMES, LATER = [0.5, 0.4], [0.45, 0.36]
 
 
 @pytest.mark.parametrize(
@@ -371,6 +371,6 @@ TIMES = [0.5, 0.4]
     ],
 )
 def test_bad_readings_are_named(arguments, message):
-    good = {"first": TIMES, "second": TIMES}
+    good = {"first": TIMES, "second": LATER}
     with pytest.raises(ValueError, match=message):
         jc.fit_bounces(jc.ExactRestitution(e=0.9), CONTACT, **{**good, **arguments})

@@ -153,6 +153,8 @@ def cases() -> dict[str, Case]:
                 "Tsuji": jc.Tsuji(e=0.5),
                 "KuwabaraKono": jc.KuwabaraKono(A=1e-3),
                 "ConstantDamping": jc.ConstantDamping(c=1.0),
+                "LinearDashpot": jc.LinearDashpot(c=1.0),
+                "StepDamping": jc.StepDamping(c_max=1.0, d=0.1),
             }.items()
         },
         **{

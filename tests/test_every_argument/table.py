@@ -25,7 +25,7 @@ EXEMPT = {
     r"Prescribed\(args\)": "whatever the function takes",
     r"LowPass\.(read|correlation)\(.*\)": "called by the library",
     r"(Steady|Vibration|Prescribed)\.(start|along|after)\(.*\)": "called by the library",
-    r".*\.(form|chosen|solve|over|tolerances|damping_ratio)\(.*\)": "called by the library",
+    r".*\.(form|chosen|solve|error|over|tolerances|damping_ratio)\(.*\)": "called by the library",
     r"(Exact|Event|Phase)\.restitution\(.*\)": "called by the library",
     r".*\.damping_factor\(.*\)": "not used where α does not depend on it",
 }
