@@ -246,7 +246,7 @@ def restitution_of(
     which = layout.chosen(layout.laws, i, j) if layout.laws else jnp.asarray(0)
     if all(layout.constant):
         return numbers.restitution[which]
-    contact = contact_of(layout, numbers, i, j)
+    contact = known_contact_of(layout, numbers, i, j)
     speed = jnp.maximum(closing, least_speed(numbers))
 
     def of(k: int) -> Callable[[Lane], Lane]:
