@@ -7,6 +7,7 @@ from ._impact import Landing as Landing
 from ._impact import impact as impact
 from ._impact import landing as landing
 from ._impact import restitution as restitution
+from ._impact import restitution_at_any_speed as restitution_at_any_speed
 from ._impact import restitution_is_constant as restitution_is_constant
 from ._impact import restitutions as restitutions
 from ._method import AbstractMethod as AbstractMethod

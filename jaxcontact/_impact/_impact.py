@@ -15,7 +15,15 @@ from jaxtyping import Array, ArrayLike, Float
 from .._contact import Contact, require_contact
 from .._forms import ScaledImpact, scale_of
 from .._laws import AbstractLaw, require_law
-from .._parameter import as_number, is_valid, refuses_unknown, require_broadcast, sanitised
+from .._parameter import (
+    POSITIVE,
+    Range,
+    as_number,
+    is_valid,
+    refuses_unknown,
+    require_broadcast,
+    sanitised,
+)
 from .._program import program, soon_compiled
 from ._front_door import (
     SPEED,
@@ -230,13 +238,22 @@ def _restitution_alone(
 
 
 @program
-def _restitution(problem: Problem, method: AbstractMethod) -> Float[Array, "..."]:
-    lanes = lanes_of(problem)
+def _restitution(
+    problem: Problem, method: AbstractMethod, speeds: Range = SPEED
+) -> Float[Array, "..."]:
+    lanes = lanes_of(problem, speeds=speeds)
     e = method.chosen(lanes.form, pushed=False).restitution(lanes.form)
     if e is None:
         # Under this jit whatever else the solve computes is dead code, and removed.
-        return _impact(problem, method).restitution
+        return _solved(lanes, method).restitution
     return jnp.broadcast_to(jnp.where(lanes.valid, e, jnp.nan), problem.shape)
+
+
+def restitution_at_any_speed(
+    law: AbstractLaw, contact: Contact, velocity: Float[Array, "..."]
+) -> Float[Array, "..."]:
+    """As `restitution`, at all speeds above zero: no speed is too small in units of one's own."""
+    return _restitution(problem_of(law, contact, velocity), method_of("auto"), POSITIVE)
 
 
 def restitution_is_constant(law: AbstractLaw, contact: Contact | None) -> bool:

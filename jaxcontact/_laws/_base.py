@@ -30,7 +30,7 @@ _Given = TypeVar("_Given")
 VELOCITY_THRESHOLD = 1e-9
 """Closing speed in m/s below which `impact` and `bounce` know no impact.
 
-The hysteresis damping factor c = α K/v0 has no limit as v0 → 0. The force of a law and the soft
+The hysteresis damping factor c = α K/v0 has no limit as v0 → 0. The force of a law and the
 impacts of a scene have no such threshold.
 """
 

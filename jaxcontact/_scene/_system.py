@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._contact import Contact, Material
-from .._impact import restitution, restitution_is_constant
-from .._laws import VELOCITY_THRESHOLD, AbstractLaw
+from .._impact import restitution_at_any_speed, restitution_is_constant
+from .._laws import AbstractLaw
 from .._parameter import Specialised
 from ._bodies import Shell, Sphere
 from ._mixed_law import MixedLaw, one_of_each
@@ -246,13 +246,13 @@ def restitution_of(
     which = layout.chosen(layout.laws, i, j) if layout.laws else jnp.asarray(0)
     if all(layout.constant):
         return numbers.restitution[which]
-    contact = contact_of(layout, numbers, i, j)
-    speed = jnp.maximum(closing, VELOCITY_THRESHOLD)
+    contact = known_contact_of(layout, numbers, i, j)
+    speed = jnp.maximum(closing, least_speed(numbers))
 
     def of(k: int) -> Callable[[Lane], Lane]:
         if layout.constant[k]:
             return lambda speed: numbers.restitution[k]
-        return lambda speed: restitution(numbers.laws[k], contact, speed)
+        return lambda speed: restitution_at_any_speed(numbers.laws[k], contact, speed)
 
     if len(numbers.laws) == 1:
         return of(0)(speed)

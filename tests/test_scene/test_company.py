@@ -3,9 +3,19 @@
 Runs of the oracle share their programs: ten discs, two walls, places for five.
 """
 
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
+from jaxcontact._scene._company import company_of
+from jaxcontact._scene._coupled import touching
+from jaxcontact._scene._flying import Flying
+from jaxcontact._scene._log import blank_calls
+from jaxcontact._scene._numbers import numbers_of
+from jaxcontact._scene._system import layout_of
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.oracle.shaken_spheres import pressed, sine
 
@@ -110,3 +120,38 @@ def test_three_meet_across_the_edges_of_a_small_cell():
     assert np.abs(found.velocity[-1] - exact.velocity).max() <= 100 * RTOL
     away = found.position[-1] - exact.position
     assert np.abs(away - period * np.round(away / period)).max() <= 100 * RTOL
+
+
+def test_in_a_small_cell_each_pair_has_its_own_images():
+    """Three in a row that touch, the last one not far from the first one's other side."""
+    place = np.array([[0.1, 0.4], [0.7, 0.4], [0.48, 0.4]])
+    velocity = np.array([[-1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    given = zip((0.1, 0.1, 0.12), place, velocity, strict=True)
+    discs = [jc.Sphere(radius, 1.0, x, v) for radius, x, v in given]
+    scene = jc.Scene(discs, jc.Hertz(), stiffness=1e3, periodic=[0.8, 0.8])
+    layout = layout_of(scene)
+    numbers = numbers_of(scene, layout, contacts=True)[0]
+    blank = blank_calls(layout, 3, numbers.dtype)[1].decided
+    nowhere = jnp.full(3, -1)
+
+    @jax.jit
+    def met(position, velocity, now):
+        yes, spheres = now == 0, Flying(position, velocity, jnp.zeros(3))
+        coupling = SimpleNamespace(
+            starts=yes,
+            touches=yes,
+            choice=blank.choice._replace(second=jnp.asarray(1)),
+            seats=blank.seats,
+            pace=jnp.asarray(0.2),
+            reserve=now,
+            state=SimpleNamespace(closed=blank.closed),
+        )
+        state = SimpleNamespace(**spheres._asdict(), support=nowhere, coupling=coupling)
+        company = company_of(layout, numbers, 3, state, now)
+        seated = Flying(*(x[company.seats.who] for x in spheres))
+        return company, touching(layout, numbers, 3, company.seats, seated, nowhere, now)
+
+    company, touches = met(place, velocity, 0.0)
+    assert not company.crowded and company.alone > 0
+    seats = np.asarray(company.seats.who)[[[0, 1], [0, 2], [1, 2]]]
+    assert {tuple(sorted(pair)) for pair in seats[np.asarray(touches)]} == {(0, 1), (1, 2)}

@@ -186,17 +186,20 @@ def test_two_orders_of_the_same_scene_agree():
     )
 
 
-def test_laws_by_pair_in_either_order():
+@pytest.mark.parametrize("unit", [1.0, 1e-12])
+def test_laws_by_pair_in_either_order(unit):
+    """At 1 m/s, and in a unit of time 1e12 times as short: no speed is too small."""
     balls = [
-        jc.Sphere(0.1, 1.0, [0.0], [1.0], name="a"),
+        jc.Sphere(0.1, 1.0, [0.0], [unit], name="a"),
         jc.Sphere(0.1, 1.0, [1.0], name="b"),
         jc.Sphere(0.1, 1.0, [2.0], name="c"),
     ]
-    laws = {("b", "a"): jc.ExactRestitution(e=0.5), "default": jc.MarhefkaOrin(a=0.2)}
-    run = go(jc.Scene(balls, laws, stiffness=1e6), 4.0)
+    # Of e(v) in other units the length over time is divided out.
+    laws = {("b", "a"): jc.ExactRestitution(e=0.5), "default": jc.MarhefkaOrin(a=0.2 / unit)}
+    run = go(jc.Scene(balls, laws, stiffness=1e6), 4.0 / unit)
     e = run.impacts.restitution
     np.testing.assert_allclose(e[0], 0.5, rtol=1e-13)
-    speed = run.impacts.closing_speed[1]
+    speed = run.impacts.closing_speed[1] / unit
     wanted = jc.restitution(jc.MarhefkaOrin(a=0.2), jc.Contact(0.5, 1e6), speed)
     np.testing.assert_allclose(e[1], wanted, rtol=1e-13)
     assert speed == pytest.approx(0.75)
