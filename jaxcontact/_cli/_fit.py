@@ -274,7 +274,8 @@ def _read_bounces(
         )
     kind, first, second = flights
     data: dict[str, Any] = {"kind": kind, "first": first, "second": second}
-    if pairs.absolute and pairs.covariance is not None:
+    # The pairs of a track share the errors of its floor and scale, which no scatter shows.
+    if pairs.covariance is not None and (pairs.absolute or recording.tracks):
         size = np.sqrt(np.diag(pairs.covariance))
         data |= {"sigma": size, "correlation": pairs.covariance / np.outer(size, size)}
     return recording.source, data, recording.notes

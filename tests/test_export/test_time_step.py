@@ -93,6 +93,6 @@ def test_what_has_no_answer(engine, words):
     ],
 )
 def test_other_engines_are_named(name, said):
-    with pytest.raises(ValueError, match="`engine` must be one of 'bullet'") as error:
+    with pytest.raises(ValueError, match="`engine` must be one of 'adams', 'bullet'") as error:
         jc.export(LAW, CONTACT, 1.0, engine=name)
     assert said in str(error.value)
