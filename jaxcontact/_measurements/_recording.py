@@ -278,10 +278,11 @@ def _layout_of(
         made = found[one]
         return made.places if isinstance(made, Match) else dict.fromkeys(meanings[one], 0)
 
-    def misfit(one: str) -> tuple[int, bool, int]:
+    def misfit(one: str) -> tuple[int, bool, int, int]:
         there = places(one)
-        missing = LAYOUTS[one].lacking(there)
-        return len(missing), not there, -sum(name in there for name in LAYOUTS[one].columns)
+        held = sum(name in there for name in LAYOUTS[one].columns)
+        lacks = len(LAYOUTS[one].lacking(there))
+        return lacks, not there, -held, len(LAYOUTS[one].columns) - held
 
     complete = [one for one in found if misfit(one)[0] == 0]
     # What is told by the very name of a column means the layout that has it.
