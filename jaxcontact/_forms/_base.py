@@ -126,6 +126,15 @@ class AbstractForm(eqx.Module):
         """The x at which f(x, 0) balances a push Γ > 0; None where it is not known."""
         return None if self.damping(n, jnp.asarray(True)) is None else push ** (1 / n)
 
+    @property
+    def may_clamp(self) -> bool:
+        """Whether `force` may be clamped to zero, so that it has no slope where a contact ends."""
+        return False
+
+    def continued(self, x: Lane, v: Lane) -> AbstractForm:
+        """The same, without a clamp beyond the state (x, v) of a contact."""
+        return self
+
     def end_indentation(self, n: Exponent, e: Lane) -> Lane | None:
         """The x at which a contact that may not pull ends at the speed e, x^p = c e; None for 0."""
         damping = self.damping(n, jnp.asarray(False))

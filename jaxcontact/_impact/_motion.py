@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._elementary import power
-from .._forms import AbstractForm, Exponent, Flag, GeneralForm, Momentum, signed_power
+from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
 from .._parameter import Specialised
 from ._runge_kutta import step
 
@@ -368,11 +368,10 @@ class Motion(eqx.Module):
     @property
     def may_clamp(self) -> bool:
         """Whether the law may clamp its own force to zero."""
-        return isinstance(self.form, GeneralForm) and self.form.may_clamp
+        return self.form.may_clamp
 
     def continued(self, inside: State) -> Motion:
         """The motion under a force that a clamp does not end, from a state `inside` the contact."""
-        assert isinstance(self.form, GeneralForm)
         form = self.form.continued(inside.w**self.order, self.velocity(inside))
         return dataclasses.replace(self, form=form)
 
