@@ -258,7 +258,7 @@ def clamped_lanes(n, kind=float):
     # A force that jumps to zero has no tangent there, which the derivative of the end would need.
     assert status.tolist() == [jc.Status.SEPARATED] * 5 + [jc.Status.NOT_CONVERGED]
     assert np.isnan(found[:, 5]).all()
-    return c[:5], d[:5], found[:, :5], slopes[:, :5]
+    return c[:5], d[:5], np.asarray(found)[:, :5], np.asarray(slopes)[:, :5]
 
 
 def test_a_law_may_clamp_its_own_force():
@@ -283,4 +283,7 @@ def test_a_clamp_elsewhere(n, kind, tolerance):
         np.testing.assert_allclose(found[:, k], followed(at, d[k], n), rtol=tolerance)
         ends = [followed(at * s, d[k], n) for s in (1 + h, 1 - h)]
         rtol = max(DIFFERENCE, 100 * tolerance)
-        np.testing.assert_allclose(slopes[:, k], (ends[0] - ends[1]) / (2 * h), rtol=rtol)
+        # Where c hardly matters, what is left is the rounding of the outcome: measured half of it.
+        rounding = 20 * tolerance * np.abs(found[:, k]) if kind == "float32" else np.zeros(2)
+        off = np.abs(slopes[:, k] - (ends[0] - ends[1]) / (2 * h))
+        assert np.all(off <= rtol * np.abs(slopes[:, k]) + rounding)
