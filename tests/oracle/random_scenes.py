@@ -1,6 +1,6 @@
 """Random discs in a box under gravity, and where Newton's equations take them.
 
-The answers of a hundred of a thousand scenes are stored so far; ``python -m
+The answers of a thousand scenes, as far as they were made, are stored; ``python -m
 tests.oracle.random_scenes`` makes those that are missing (by ``many_discs``, without
 ``jaxcontact``; half an hour on one free core).
 """
