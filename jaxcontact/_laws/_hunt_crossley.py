@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import abc
+import math
 from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
@@ -60,7 +61,9 @@ class AbstractHuntCrossley(AbstractLaw):
         it depends on no units. With `tension=True` the force is not clamped.
         """
         depth, rate, speed = force_arguments(indentation, velocity, contact, impact_velocity)
-        speed = jnp.maximum(speed, float(jnp.finfo(speed.dtype).tiny) ** 0.5)
+        least = math.sqrt(jnp.finfo(speed.dtype).tiny)
+        # Chosen, not the larger one: derivatives by the floor overflow, and 0 times them is no 0.
+        speed = jnp.where(speed < least, least, speed)
         elastic = contact.stiffness * power(depth, contact.exponent)
         damping = self.damping_factor(contact, speed) / speed
         factor = 1 + damping * rate

@@ -30,16 +30,14 @@ def least(name, p, method):
 def sampled(name, p):
     made, _, n = LAWS[name]
     law = made(jnp.asarray(p))
-    if name == "kuwabara_kono":
-        root = lambda x: 1.5 * p * np.sqrt(x)  # noqa: E731
-    else:
-        zeta = -np.log(p) / np.hypot(np.pi, np.log(p))
-        root = lambda x: 2 * zeta * np.sqrt((n + 1) / 2) * x ** ((n - 1) / 2)  # noqa: E731
+    zeta = -np.log(p) / np.hypot(np.pi, np.log(p))
     duration = float(jc.impact(law, UNIT[n], 1.0).duration)
 
     def force(t, y):
         x = np.maximum(y[0], 0)
-        return x**n + root(x) * y[1]
+        if name == "kuwabara_kono":
+            return x**n + 1.5 * p * np.sqrt(x) * y[1]
+        return x**n + 2 * zeta * np.sqrt((n + 1) / 2) * x ** ((n - 1) / 2) * y[1]
 
     found = solve_ivp(
         lambda t, y: [y[1], -force(t, y)],

@@ -1,5 +1,7 @@
 """The force of every law and its first derivatives, against mpmath, in SI units."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import mpmath as mp
@@ -128,3 +130,16 @@ def slope(law, row, argument):
         if argument == 5 and row[5] == 0 and law.names[0] == "loss":
             return float((-3 * at(0) + 4 * at(h) - at(2 * h)) / (2 * h))
         return float((at(h) - at(-h)) / (2 * h))
+
+
+@pytest.mark.parametrize("kind", ["float32", "float64"])
+@pytest.mark.parametrize("e", [0.9, 0.5, 0.05])
+def test_a_derivative_by_no_closing_speed_is_zero(e, kind):
+    """Below its floor v0 does not matter; there the damping is so large that slopes overflow."""
+    number = functools.partial(jnp.asarray, dtype=kind)
+    contact = jc.Contact(number(0.5), number(1e8), 1.5)
+
+    def force(v0):
+        return jc.Flores(e=number(e)).force(number(1e-3), number(1.0), contact, v0)
+
+    assert jax.grad(force)(number(0.0)) == jax.jacfwd(force)(number(0.0)) == 0
