@@ -23,7 +23,7 @@ from ._cluster_end import APART, CHANGED, NOT_CONVERGED, PAUSED, TIME_IS_UP, Clu
 from ._cluster_problem import Problem, Rules, scaled, units_of
 from ._cluster_rest import ASLEEP, rest_of
 from ._cluster_vector import TIME, WORK, Parts, W
-from ._cubic import highest, to_root
+from ._cubic import ceiling, highest, to_root
 from ._step import factor
 from ._touching import ClusterState, Geometry, Modes, PerPair, Touching
 
@@ -157,10 +157,15 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         earlier = jax.tree.map(lambda x: 2 * c.y[W] * x, c.slope)
         fell = gaps_of(modes, clock, earlier, outset[W], 0, -outset[TIME])
         crossed = passed(modes, now, gaps)
-        # A pair that touches and opens again within a step is found by the cubic through its ends.
+        # A pair may touch and open again within a step, unless a bound of its depth says no: in a
+        # long step through a close pass the cubic through the ends is far too low.
         passing = y[TIME] - c.y[TIME]
-        peak, inside = highest(passing, c.look.depth, c.look.rate, now.depth, now.rate)
-        grazed = jnp.any(pairs.used & ~modes.closed & inside & (peak > 0) & (now.depth < 0))
+        peak, inside = ceiling(passing, c.look.depth, c.look.rate, now.depth, now.rate)
+        hidden = ~modes.closed & inside & (peak > 0)
+        # Or open and touch again. Where a step ends between, the rate at its end says nothing.
+        out, parts = highest(passing, -c.look.depth, -c.look.rate, -now.depth, -now.rate)
+        hidden = hidden | (modes.closed & ~clock.leaving & parts & (out > 16 * finest))
+        grazed = jnp.any(pairs.used & hidden)
         if rules.peak:
             # So is a closing speed that exceeds its peak and falls again.
             faster, _ = highest(passing, c.look.rate, c.look.second, now.rate, now.second)

@@ -1,4 +1,4 @@
-"""The cubic through the ends of a step, with its slopes there: where it is zero, how high it is."""
+"""What lies between the ends of a step, by the values and slopes there: zeros, how high it gets."""
 
 from __future__ import annotations
 
@@ -42,3 +42,15 @@ def highest(
     u = jnp.where(inside, a, 0) / bottom
     top = left + u * (a + u * (second + u * third))
     return jnp.where(inside, top, jnp.maximum(left, right)), inside
+
+
+def ceiling(
+    size: Float[Array, ""], left: Lanes, rises: Lanes, right: Lanes, falls: Lanes
+) -> tuple[Lanes, Array]:
+    """Where the tangents at the ends meet, and whether that is above both.
+
+    What bends down all the way, as the indentation of two bodies in flight does, stays below.
+    """
+    inside = (rises > 0) & (falls < 0)
+    bend = jnp.where(inside, rises - falls, 1)
+    return left + rises * (right - left - falls * size) / bend, inside
