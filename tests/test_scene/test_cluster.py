@@ -204,6 +204,22 @@ def test_momentum_and_energy_are_kept():
             assert abs(lost) < 1e-10
 
 
+def test_no_step_passes_over_a_touch():
+    """Beside a ball at rest, which needs no short steps, two others graze each other for 30 ms."""
+    offset, speed = 0.99, 10.0
+    waits = np.linspace(0.3, 0.4, len(LANES))
+    cases = []
+    for wait in waits:
+        flying = ball([-speed * wait - np.sqrt(1 - offset**2), offset, 20.0], [speed, 0.0, 0.0])
+        balls = [ball([9.0, 0.0, 0.5]), flying, ball([0.0, 0.0, 20.0])]
+        cases.append(numbers(balls, [FLOOR], GRAVITY))
+    alpha, until = jnp.full(len(LANES), 2.0), jnp.full(len(LANES), 0.6)
+    end = in_lanes(stacked(cases), alpha, until, 1e-6)
+    met = pairs_of(balls, [FLOOR]).index((1, 2))
+    np.testing.assert_allclose(end.state.since[:, met], waits, rtol=1e-5)
+    assert np.all(end.state.max_indentation[:, met] > 1e-3)
+
+
 LINE = [Ball([float(k)], [1.0 if k == 0 else 0.0]) for k in range(3)]
 """Three just touching balls in one dimension, the first one at speed one."""
 
