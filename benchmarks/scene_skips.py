@@ -47,7 +47,7 @@ class PlainHertz(AbstractLaw):
 class RadialForm(HuntCrossleyForm):
     """The same force, without a formula for slightly oblique impacts."""
 
-    def weakly_pushed(self, n, push, swirl, ratio):
+    def weakly_pushed(self, n, push, swirl, ratio, e):
         return None
 
 

@@ -58,6 +58,18 @@ def chebyshev(
     return coefficients[0] + x * last - before
 
 
+def chebyshev_polynomials(count: int, x: Float[Array, "..."]) -> Float[Array, "... count"]:
+    """The first of T_0, T_1, ... at x in [-1, 1], for many series at one place.
+
+    From a few of them twice as many follow by T_(n+j) = 2 T_n T_j - T_(n-j).
+    """
+    known = jnp.stack([jnp.ones_like(x), x], axis=-1)
+    while (last := known.shape[-1] - 1) + 1 < count:
+        more = 2 * known[..., -1:] * known[..., 1:] - known[..., last - 1 :: -1]
+        known = jnp.concatenate([known, more], axis=-1)
+    return known[..., :count]
+
+
 def chebyshev_by_piece(
     ends: Sequence[float], rows: Sequence[Sequence[float]], x: Float[Array, "..."]
 ) -> Float[Array, "..."]:
@@ -83,22 +95,25 @@ def chebyshev_by_piece(
     return chebyshev([chosen(row) for row in rows], inside) + slope * beyond
 
 
-def psi(z: Float[Array, "..."]) -> Float[Array, "..."]:
-    """ψ(z) = (e^z - 1 - z)/z², with ψ(0) = 1/2."""
+def kappa_and_psi(z: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """κ(z) = (e^z - 1)/z and ψ(z) = (e^z - 1 - z)/z², with κ(0) = 1 and ψ(0) = 1/2."""
     small = jnp.abs(z) < 1
     z_series = jnp.where(small, z, 0)
     z_closed = jnp.where(small, 1, z)
+    series, closed = horner(_PSI_SERIES, z_series), jnp.expm1(z_closed) / z_closed
+    kappa = jnp.where(small, 1 + z_series * series, closed)
     # Divided twice: z² would overflow, and earlier in the derivative.
-    closed = (jnp.expm1(z_closed) / z_closed - 1) / z_closed
-    return jnp.where(small, horner(_PSI_SERIES, z_series), closed)
+    return kappa, jnp.where(small, series, (closed - 1) / z_closed)
+
+
+def psi(z: Float[Array, "..."]) -> Float[Array, "..."]:
+    """ψ(z) = (e^z - 1 - z)/z², with ψ(0) = 1/2."""
+    return kappa_and_psi(z)[1]
 
 
 def kappa(z: Float[Array, "..."]) -> Float[Array, "..."]:
     """κ(z) = (e^z - 1)/z, with κ(0) = 1."""
-    small = jnp.abs(z) < 1
-    z_series = jnp.where(small, z, 0)
-    z_closed = jnp.where(small, 1, z)
-    return jnp.where(small, 1 + z * horner(_PSI_SERIES, z_series), jnp.expm1(z_closed) / z_closed)
+    return kappa_and_psi(z)[0]
 
 
 @jax.custom_jvp
@@ -130,7 +145,8 @@ def _speed_of_jvp(primals: tuple, tangents: tuple) -> tuple:
 
 def _kappa_slope(z: Float[Array, "..."]) -> Float[Array, "..."]:
     """κ'(z) = κ(z) - ψ(z)."""
-    return kappa(z) - psi(z)
+    first, second = kappa_and_psi(z)
+    return first - second
 
 
 def log1p_over(u: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -45,13 +45,13 @@ def expanded_root(
     """
 
     def householder(*parameters: Lane) -> Lane:
-        x = guess(*parameters)
-        for _ in range(iterations):
+        def improved(_: int, x: Lane) -> Lane:
             value, slope, second, third = expansion(x, *parameters)
             step, bend, twist = value / slope, second / slope, third / slope
             half = step * bend / 2
-            x = x - step * (1 - half) / (1 - 2 * half + jnp.square(step) * twist / 6)
-        return x
+            return x - step * (1 - half) / (1 - 2 * half + jnp.square(step) * twist / 6)
+
+        return jax.lax.fori_loop(0, iterations, improved, guess(*parameters))
 
     def residual(x: Lane, *parameters: Lane) -> Lane:
         return expansion(x, *parameters)[0]

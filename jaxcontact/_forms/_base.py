@@ -92,14 +92,14 @@ class AbstractForm(eqx.Module):
         return type(self).solve is not AbstractForm.solve
 
     def weakly_pushed(
-        self, n: Exponent, push: Lane, swirl: Lane, ratio: Lane
+        self, n: Exponent, push: Lane, swirl: Lane, ratio: Lane, e: Lane
     ) -> tuple[Change, Change] | None:
         """How the free impact changes under the force Γ - c/(1-κx)³, which is small, with bounds on
         the errors; None where no formula is known.
 
         `push` Γ presses the bodies together, `swirl` c is what their angular momentum adds, with
-        the `ratio` κ of the unit of length to their distance. Where the formula is not to be
-        trusted a bound is infinite. Only beside a `solve`.
+        the `ratio` κ of the unit of length to their distance. `e` is the restitution of the free
+        impact. Where the formula is not to be trusted a bound is infinite. Only beside a `solve`.
         """
         return None
 

@@ -16,11 +16,13 @@ from __future__ import annotations
 from typing import Any, ClassVar, Protocol
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import ArrayLike
 
 from .._elementary import (
     kappa,
+    kappa_and_psi,
     log1p_over,
     log_remainder,
     log_remainder_over,
@@ -93,8 +95,7 @@ class HuntCrossleyForm(AbstractForm):
         alpha = self.alpha
         if not isinstance(n, float):
             alpha, n = jnp.broadcast_arrays(alpha, n)
-        compression, rebound = lanewise(_times, alpha, n)
-        e = restitution_of(alpha)
+        compression, rebound, e = lanewise(_course, alpha, n)
         return ScaledImpact(
             restitution=e,
             duration=compression + rebound,
@@ -105,7 +106,7 @@ class HuntCrossleyForm(AbstractForm):
         )
 
     def weakly_pushed(
-        self, n: Exponent, push: Lane, swirl: Lane, ratio: Lane
+        self, n: Exponent, push: Lane, swirl: Lane, ratio: Lane, e: Lane
     ) -> tuple[Change, Change] | None:
         """By the series of `_weak_push`, for exponents that are known and for α up to 5."""
         if not isinstance(n, float):
@@ -116,7 +117,7 @@ class HuntCrossleyForm(AbstractForm):
         # The series knows a force without a clamp. That is met where 1 + αv falls below zero, which
         # a motion that is pulled apart does at its end, if at all.
         change, doubt = found
-        fastest = restitution_of(self.alpha) + jnp.abs(change.restitution) + doubt.restitution
+        fastest = e + jnp.abs(change.restitution) + doubt.restitution
         met = self.alpha * fastest >= 1
         return change, doubt._replace(restitution=jnp.where(met, jnp.inf, doubt.restitution))
 
@@ -145,8 +146,9 @@ def _rebound_expansion(rho: Lane, alpha: Lane) -> tuple[Lane, Lane, Lane, Lane]:
     # to write κ by ψ, or e^z by κ, would lose all digits at strong damping.
     z = -alpha * rho
     second = jnp.exp(z)
-    value = jnp.square(rho) * psi(z) - log_remainder(alpha)
-    return value, rho * kappa(z), second, -alpha * second
+    kappa_z, psi_z = kappa_and_psi(z)
+    value = jnp.square(rho) * psi_z - log_remainder(alpha)
+    return value, rho * kappa_z, second, -alpha * second
 
 
 def _rebound_guess(alpha: Lane) -> Lane:
@@ -168,7 +170,10 @@ rebound_exponent = expanded_root(_rebound_expansion, _rebound_guess, iterations=
 
 def restitution_of(alpha: Lane) -> Lane:
     """The e that the damping factor α ≥ 0 delivers in a free impact, for every exponent n."""
-    rho = rebound_exponent(alpha)
+    return _restitution_at(rebound_exponent(alpha), alpha)
+
+
+def _restitution_at(rho: Lane, alpha: Lane) -> Lane:
     return rho * kappa(-alpha * rho)
 
 
@@ -217,10 +222,13 @@ def exact_damping_factor(e: ArrayLike) -> Lane:
     return jnp.where(valid, -z * kappa(z) / safe, jnp.nan)
 
 
-def _times(alpha: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane]:
-    """From touch to the turn, and from there to separation."""
-    way_in = _half_time(alpha, log1p_over(alpha), n, unroll)
-    return way_in, _half_time(-alpha, rebound_exponent(alpha), n, unroll)
+def _course(alpha: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane, Lane]:
+    """The times from touch to the turn, and from there to separation, and the restitution."""
+    rho = rebound_exponent(alpha)
+    # One half after the other, by one piece of code. Both at a time would take vectors from lanes.
+    halves = jnp.stack([alpha, -alpha]), jnp.stack([log1p_over(alpha), rho])
+    way_in, way_out = jax.lax.map(lambda half: _half_time(*half, n, unroll), halves)
+    return way_in, way_out, _restitution_at(rho, alpha)
 
 
 def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
@@ -240,7 +248,8 @@ def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
         z = a * distance
         inner = length - distance
         speed = inner * kappa(a * inner)
-        slowness = to_power(speed * kappa(z) + distance * psi(z), -p) - creep
+        kappa_z, psi_z = kappa_and_psi(z)
+        slowness = to_power(speed * kappa_z + distance * psi_z, -p) - creep
         # The rule expects the singularity at the start of its span; here it may lie further out.
         return slowness * to_power(span * node / distance, p)
 

@@ -12,16 +12,17 @@ de/dΓ = (1-αe)/e α ∫ x/(1+αu)² du over the speed u from 1 to -e, by parts
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._elementary import chebyshev, small_product
+from .._elementary import chebyshev_polynomials, small_product
 from ._base import Lane
 from ._scale import Change
-from ._truncated import Powers
 from ._weak_push_table import MOST_DAMPING, ORDER, table_of
 
 _ACCURACY = 1e-9
@@ -47,13 +48,13 @@ def weak_push(
     dtype = alpha.dtype
     small = jnp.minimum(alpha, MOST_DAMPING)
     place = 2 * jnp.log1p(small) / math.log1p(MOST_DAMPING) - 1
-    rows = chebyshev(jnp.asarray(table.coefficients, dtype), place[..., None])
+    coefficients = jnp.asarray(table.coefficients, dtype)
+    rows = small_product(chebyshev_polynomials(len(coefficients), place), coefficients)
     # Elastic bodies part as fast as they met, whatever holds them or drives them apart.
     loses = (small / (1 + small))[..., None]
     rows = rows * jnp.where(table.output == 0, loses, 1)
-    numbers = (push - swirl, swirl, ratio)
-    terms = rows * jnp.stack([_monomial(numbers, powers) for powers in table.powers], axis=-1)
-    degree = np.array([sum(powers) for powers in table.powers])
+    terms = rows * _monomials((push - swirl, swirl, ratio), table.powers)
+    degree = table.powers.sum(axis=1)
     members = len(Change._fields)
     which = table.output[:, None] == np.arange(members)
 
@@ -75,8 +76,11 @@ def weak_push(
     )
 
 
-def _monomial(numbers: tuple[Lane, ...], powers: Powers) -> Lane:
-    result = jnp.ones_like(numbers[0])
-    for number, power in zip(numbers, powers, strict=True):
-        result = result * number**power if power else result
-    return result
+def _monomials(numbers: tuple[Lane, ...], powers: np.ndarray) -> Lane:
+    """The products (..., R) of the powers (R, 3) of numbers."""
+    factors = [
+        jnp.where(power > least, number[..., None], 1)
+        for number, power in zip(numbers, powers.T, strict=True)
+        for least in range(power.max())
+    ]
+    return functools.reduce(operator.mul, factors)

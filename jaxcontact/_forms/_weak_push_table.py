@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import functools
 import itertools
+import json
+from importlib.resources import files
 from typing import NamedTuple
 
 import numpy as np
@@ -24,20 +26,37 @@ MOST_DAMPING = 5.0
 
 _NODES = 24
 
+FILE = "weak_push_tables.json"
+"""Tables of the exponents that most contacts have; `python -m tests.weak_push_tables` writes it."""
+
 
 class Table(NamedTuple):
     """Rows (R,) of Chebyshev coefficients in ln(1+α): of which `output`, the place in `Change`,
-    times which powers of γ, c and κ. What is added to e is divided by α/(1+α).
+    times which `powers` (R, 3) of γ, c and κ. What is added to e is divided by α/(1+α).
     """
 
     coefficients: np.ndarray
     output: np.ndarray
-    powers: list[Powers]
+    powers: np.ndarray
 
 
 @functools.lru_cache
 def table_of(n: float, order: int) -> Table:
-    """The coefficients for an exponent and the k of x = w^k: half a second, once."""
+    """The coefficients for an exponent and the k of x = w^k.
+
+    Those of usual exponents are read, others take half a second, once.
+    """
+    stored = json.loads(files(__package__).joinpath(FILE).read_text()).get(name_of(n, order))
+    return computed(n, order) if stored is None else Table(*map(np.array, stored))
+
+
+def name_of(n: float, order: int) -> str:
+    """The name of a table in `FILE`."""
+    return f"n={n:g} k={order}"
+
+
+def computed(n: float, order: int) -> Table:
+    """The table by integration."""
     nodes = np.cos((np.arange(_NODES) + 0.5) * np.pi / _NODES)
     alpha = np.expm1(np.log1p(MOST_DAMPING) * (1 + nodes) / 2)
     fit = 2 / _NODES * np.cos(np.outer(np.arange(_NODES), np.arccos(nodes)))
@@ -53,7 +72,7 @@ def table_of(n: float, order: int) -> Table:
                 rows.append(fit @ row)
                 output.append(Change._fields.index(name))
                 powers.append(total)
-    return Table(np.array(rows).T, np.array(output), powers)
+    return Table(np.array(rows).T, np.array(output), np.array(powers))
 
 
 class _Now(NamedTuple):

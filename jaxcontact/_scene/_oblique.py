@@ -153,7 +153,7 @@ def _solved(
         bent = jnp.abs(push) + jnp.abs(swirl) + jnp.abs(sliding) * jnp.square(ratio)
         bent = 2 * bent * (1 + back)
         formula, unbent = _free(closed, back, bent), bent < goal
-        pushed = form.weakly_pushed(exponent.value, push, swirl, ratio)
+        pushed = form.weakly_pushed(exponent.value, push, swirl, ratio, closed.restitution)
         if pushed is not None:
             formula = _corrected(formula, *pushed, ratio, sliding)
             way = jnp.where(formula.error < goal, CORRECTED, way)
