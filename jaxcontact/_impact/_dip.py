@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -10,7 +9,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._implicit import bracketed_root
-from ._motion import Moment, Motion, Number, State
+from ._motion import Motion, Number, State
+from ._solver import Packed, Vector, in_time
+from ._way import Way
 
 
 class Dip(NamedTuple):
@@ -24,44 +25,45 @@ class Dip(NamedTuple):
     gap: Number
     slope: Number
     found: Bool[Array, ""]
-    start: Moment
+    start: Vector
     size: Number
     slopes: Float[Array, "2"]
 
     @staticmethod
-    def begin(start: Moment) -> Dip:
+    def begin(start: Vector) -> Dip:
         """Nothing seen yet of a motion from `start` on."""
-        zero = jnp.zeros_like(start.tau)
+        zero = jnp.zeros_like(start[0])
         return Dip(zero, zero, jnp.isnan(zero), start, zero, jnp.zeros(2, zero.dtype))
 
-    def seen(self, motion: Motion, last: Moment, now: Moment) -> Dip:
-        """With the state `now`, which followed on `last`."""
-        gap, slope = _gap(*jax.lax.stop_gradient((motion, now.state)))
+    def seen(self, motion: Motion, state: State, last: Vector, now: Vector) -> Dip:
+        """With the `state` of the moment `now`, which followed on `last`."""
+        gap, slope = _gap(motion, state)
         turns = ~self.found & (self.slope < 0) & (slope > 0) & (self.gap > 0) & (gap > 0)
-        size = jax.lax.stop_gradient(now.tau - last.tau)
+        size = jax.lax.stop_gradient(now[0] - last[0])
         return Dip(
             gap=gap,
             slope=slope,
             found=self.found | turns,
-            start=jax.tree.map(functools.partial(jnp.where, turns), last, self.start),
+            start=jnp.where(turns, last, self.start),
             size=jnp.where(turns, size, self.size),
             slopes=jnp.where(turns, jnp.stack([self.slope, slope]), self.slopes),
         )
 
-    def bottom(self, motion: Motion) -> tuple[Bool[Array, ""], Moment]:
-        """Whether the force vanishes at its minimum, and when, which is no event yet."""
-        motion, start = jax.lax.stop_gradient((motion, self.start.state))
-        size = jnp.where(self.found, self.size, 1)
+    def bottom(self, way: Way, packed: Packed[State]) -> tuple[Bool[Array, ""], Vector]:
+        """Whether the force vanishes at its minimum, and that moment, which is no event yet."""
+        way, start = jax.lax.stop_gradient((way, self.start))
+        size, step = jnp.where(self.found, self.size, 1), packed.step(in_time)
 
         def rise(fraction: Number) -> Number:
-            slope = _gap(motion, motion.later(start, fraction * size, jnp.asarray(False)))[1]
+            there, _ = step(way, start, fraction * size)
+            slope = _gap(way.motion, packed.state(there))[1]
             return jnp.where(self.found, -slope, 0.5 - fraction)
 
         ends = [jnp.where(self.found, -self.slopes[k], 0.5 - k) for k in (0, 1)]
         lowest = bracketed_root(rise, *ends, iterations=60) * size
-        state = motion.later(start, lowest, jnp.asarray(False))
-        closes = _gap(motion, state)[0] <= 0
-        return self.found & closes, Moment(self.start.tau + lowest, state)
+        there, _ = step(way, start, lowest)
+        closes = _gap(way.motion, packed.state(there))[0] <= 0
+        return self.found & closes, there
 
 
 def _gap(motion: Motion, state: State) -> tuple[Number, Number]:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from .._forms import AbstractForm, ScaledImpact
 from .._parameter import require_kind
@@ -24,8 +22,6 @@ if TYPE_CHECKING:
 
 Out = TypeVar("Out")
 
-# For so many lanes the stages of a step are written out, which takes longer to compile.
-_MANY = 1000
 # The rtol from which on somebody wants derivatives: for values alone more powers of w cost steps.
 _FOR_SLOPES = 1e-10
 
@@ -77,9 +73,8 @@ class Event(AbstractMethod):
         return self.over(lanes.motion(), solve_event)
 
     def over(self, motion: Motion, solve_lane: Callable[..., Out]) -> Out:
-        """`solve_lane(motion, how=self, many=)` for every different lane, with derivatives."""
-        shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(motion)))
-        lane = eqx.Partial(solve_lane, how=self, many=math.prod(shape) >= _MANY)
+        """`solve_lane(motion, how=self)` for every different lane, with derivatives."""
+        lane = eqx.Partial(solve_lane, how=self)
         rtol, _ = self.tolerances(jax.tree.leaves(motion)[0].dtype)
         motion = dataclasses.replace(motion, smooth=rtol <= _FOR_SLOPES)
         # An adjoint of the user's brings its own derivatives.

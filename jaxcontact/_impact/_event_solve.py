@@ -4,37 +4,36 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from .._forms import Flag, ScaledImpact
-from .._varying import varying
 from ._balance import Balance, balance_of
 from ._ending import at_end
-from ._event_in_step import event_in_step
-from ._lean_dopri8 import LeanDopri8
-from ._motion import Moment, Motion, Number, State
+from ._motion import Motion, Number, State
 from ._peak import is_rising, largest_near
 from ._return import onward
 from ._rise import risen
+from ._solver import Marched, Packed, Tolerance, Vector, land, march
 from ._stiff import Followed, follow_on
 from ._under_push import end_is_sharp, is_spent, turn_is_sharp
-from ._watch import Nearest, Watch, Watching
+from ._watch import Nearest, Watch
+from ._way import Way
 
-# Far beyond any contact: a nominal end close to the event makes the step controller stall.
-_FAR = 1e12
 # The controller bounds the error of a step. Measured, the outcome is up to twenty times worse.
 _SAFETY = 0.02
 # Energies that differ by more than this, in units of rtol, come from a solve that missed something:
 # measured up to 12.
 _IMBALANCE = 100
+# From this tolerance on the last step may be so long that its end is searched for.
+_ROUGH = 1e-6
+
+if TYPE_CHECKING:
+    import diffrax
 
 
 class Options(Protocol):
@@ -84,118 +83,73 @@ class Leg(eqx.Module):
 
 
 class Solve(NamedTuple):
-    """How a leg is solved: the method, whether for many lanes, and whether all states are kept."""
+    """How a leg is solved: the method, and whether all states are kept."""
 
     how: Options
-    many: bool
     keep: bool = False
 
 
 def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> Leg:
     """From touch to the turn if `compressing`, from the turn to the end otherwise."""
-    how = solve.how
+    how, dtype = solve.how, start.w.dtype
+    rough = how.tolerances(dtype)[0] > _ROUGH
+    way = Way(motion, compressing, searched=rough)
+    packed = Packed.of(start, how.adjoint is not None)
+    begun = Watch.begin(motion, packed.start)
 
-    def rate(t: object, state: State, args: tuple[Motion, Flag]) -> State:
-        motion, compressing = args
-        return motion.rate(state, compressing)
+    def see(watch: Watch, last: Vector, now: Vector) -> Watch:
+        return watch.seen(way, packed, last, now)
 
-    def gap(which: int) -> Callable[..., Array]:
-        # diffrax compares it with a Python 0.0, which has the default precision.
-        dtype = jnp.zeros(()).dtype
-        return lambda t, y, args, **kwargs: args[0].gaps(y, args[1])[which].astype(dtype)
+    given = way, packed, _tolerance(motion, how, dtype), begun, see, solve.keep
+    if how.solver is None and how.adjoint is None:
+        last = march(*given)
+    else:
+        from ._solver.by_diffrax import march_by_diffrax
 
-    count = len(motion.gaps(start, compressing))
-    # Neither a step nor a root can be more accurate than rounding.
-    dtype = start.w.dtype
-    finest = 10 * float(jnp.finfo(dtype).eps)
-    rtol, atol = (_finest(tolerance, dtype) for tolerance in how.tolerances(dtype))
-    ending, speed = jax.lax.stop_gradient(motion.smallness())
-    rtol, atol = jnp.maximum(rtol * ending, finest), atol * ending * speed
-    term = diffrax.ODETerm(rate)
-    solver = LeanDopri8(solve.many) if how.solver is None else how.solver
-    solver = _ready(solver, rtol, atol, how.adjoint is not None)
-    at_end = diffrax.SubSaveAt(t1=True)
-    all_states = [diffrax.SubSaveAt(t0=True, steps=True)] if solve.keep else []
-    # Python numbers would give the time the default precision, and the state with it. A first step
-    # given as an array would be checked at run time, by a callback: the controller chooses it. A
-    # root finder of diffrax would bring a callback into the derivative: the event's moment is found
-    # below, and the solve ends with the step that contains it.
-    solution = diffrax.diffeqsolve(
-        term,
-        Watching(solver),
-        t0=varying(start.w, jnp.zeros((), dtype)),
-        t1=jnp.asarray(_FAR, dtype),
-        dt0=None,
-        y0=start,
-        args=(motion, compressing),
-        saveat=diffrax.SaveAt(subs=[at_end, *all_states], solver_state=True),
-        stepsize_controller=diffrax.PIDController(rtol=rtol, atol=atol),
-        event=diffrax.Event(tuple(map(gap, range(count))), direction=(False,) * count),
-        adjoint=diffrax.ForwardMode() if how.adjoint is None else how.adjoint,
-        max_steps=how.max_steps,
-        throw=False,
-    )
-    steps = solution.stats["num_accepted_steps"]
-    arrived = jnp.asarray(solution.result == diffrax.RESULTS.event_occurred)
-    moments, states = cast(Any, solution.ts), cast(Any, solution.ys)
-    watch: Watch = cast(Any, solution.solver_state)[1]
-    # Where no step was accepted the last one has no length, which would make its lane NaN: the leg
-    # stays where it started.
-    moved = steps > 0
-    after = Moment(*jax.tree.map(lambda leaf: leaf[-1], (moments[0], states[0])))
-    after = after._replace(tau=jnp.where(moved, after.tau, 1))
-    before = watch.last
+        last = march_by_diffrax(*given, how.solver, how.adjoint)
+    # Where no step was accepted the leg stays where it started.
+    watch, moved = last.seen, last.steps > 0
     if watch.dip is not None:
-        dip = watch.dip.seen(motion, before, after)
-        closes, bottom = dip.bottom(motion)
+        frozen, after = jax.lax.stop_gradient((way, last.after))
+        seen = watch.dip.seen(frozen.motion, packed.state(after), last.before, after)
+        closes, bottom = seen.bottom(frozen, packed)
         dipped = closes & ~compressing
-        before, after = (
-            jax.tree.map(functools.partial(jnp.where, dipped), *both)
-            for both in ((dip.start, before), (bottom, after))
-        )
-        arrived = arrived | dipped
-    found, smooth = event_in_step(term, solver, before, after, motion, compressing, arrived)
-    end = jax.tree.map(functools.partial(jnp.where, moved), found, before)
-    watch = watch.seen(motion, compressing, end)
-    path = None
-    if solve.keep:
-        path = _kept(moments[1], states[1], end, before.tau)
+        ends = jnp.stack([seen.start, bottom])
+        opened, left = jax.vmap(lambda vector: packed.guards(frozen, vector))(ends)
+        closed = (opened > 0) & (left <= 0)
+        dip = last._replace(before=seen.start, after=bottom, closed=closed)
+        last = jax.tree.map(functools.partial(jnp.where, dipped), dip, last)
+    end, smooth = land(way, packed, last)
+    watch = see(watch, last.before, end)
     return Leg(
-        end=end.state,
-        arrived=arrived & smooth,
-        steps=steps,
+        end=packed.state(end),
+        arrived=jnp.any(last.closed) & smooth & moved,
+        steps=last.steps,
         nearest=watch.nearest,
         least=watch.least,
         creeps=watch.creeps,
-        path=path,
+        path=None if last.path is None else _kept(packed, last, end),
     )
 
 
-def _kept(moments: Float[Array, " steps"], states: State, end: Moment, last: Number) -> Steps:
-    """All states until `last`, the moment of the last but one, and the end after it."""
-    steps = jnp.sum(moments <= last)
-    is_end = jnp.arange(moments.size) == steps
-    return Steps(
-        jnp.where(is_end, end.tau, moments),
-        jax.tree.map(functools.partial(jnp.where, is_end), end.state, states),
-        jnp.arange(moments.size) <= steps,
-    )
+def _tolerance(motion: Motion, how: Options, dtype: Any) -> Tolerance:
+    """Of a step: neither it nor a root can be more accurate than rounding."""
+    finest = 10 * float(jnp.finfo(dtype).eps)
+    rtol, atol = (_finest(tolerance, dtype) for tolerance in how.tolerances(dtype))
+    ending, speed = jax.lax.stop_gradient(motion.smallness())
+    rtol = jnp.maximum(jnp.asarray(rtol * ending, dtype), finest)
+    return Tolerance(rtol, atol * ending * speed, how.max_steps)
 
 
-def _ready(solver: Any, rtol: Number, atol: Number | float, backwards: bool) -> Any:
-    """The solver with what diffrax fills in for a whole solve, so that it can take one step."""
-    if isinstance(solver, diffrax.AbstractRungeKutta):
-        # The fast loop over the stages has no reverse mode, which a given adjoint may need.
-        kind = "bounded" if backwards else "lax"
-        solver = eqx.tree_at(lambda s: s.scan_kind, solver, kind, is_leaf=lambda x: x is None)
-    if isinstance(solver, diffrax.AbstractImplicitSolver):
-        defaults = {"rtol": rtol, "atol": atol, "norm": optx.rms_norm}
-        for name, default in defaults.items():
-            given = getattr(solver.root_finder, name)
-            if not (callable(given) or eqx.is_array_like(given)):
-                at = operator.attrgetter(f"root_finder.{name}")
-                solver = eqx.tree_at(at, solver, default)
-    return solver
+def _kept(packed: Packed[State], last: Marched, end: Vector) -> Steps:
+    """All states until the last but one, and the end after it."""
+    path = last.path
+    assert path is not None
+    index = jnp.arange(path.shape[0])
+    steps = jnp.sum((index < last.steps) & (path[:, 0] <= last.before[0]))
+    path = jnp.where((index == steps)[:, None], end, path)
+    moments = jax.vmap(packed.moment)(path)
+    return Steps(moments.tau, moments.state, index <= steps)
 
 
 class Legs(NamedTuple):
@@ -262,11 +216,11 @@ def follow(motion: Motion, legs: Leg, creeps: Bool[Array, ""], how: Options) -> 
     return follow_on(motion, followed, _finest(how.tolerances(dtype)[0], dtype))
 
 
-def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
-    """The outcome of one lane, of `many` or of few."""
+def solve_event(motion: Motion, how: Options) -> ScaledImpact:
+    """The outcome of one lane."""
     motion, start = risen(motion) if motion.peak else (motion, None)
     motion = motion.ready()
-    legs, flags, returned = solve_legs(motion, Solve(how, many), start)
+    legs, flags, returned = solve_legs(motion, Solve(how), start)
     creeps_early = jnp.asarray(False) if legs.creeps is None else legs.creeps[0]
     followed = follow(motion, legs, creeps_early, how)
     turn, creeps = followed.turn, followed.creeps
@@ -279,9 +233,10 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
         arrived = arrived & jnp.stack([flags[0], ~returned | legs.arrived[2]])
     end = at_end(motion, last, arrived[1], max_indentation)
     # Apart from the solve, so that it is removed where the largest force is not used.
-    forces = jax.vmap(
-        lambda near, flag: largest_near(motion, near.before, near.at, near.after, flag)
-    )(legs.nearest, flags)
+    packed = Packed.of(turn, how.adjoint is not None)
+    forces = jax.vmap(lambda near, flag: largest_near(Way(motion, flag), packed, near))(
+        legs.nearest, flags
+    )
     # With so much damping that implicit steps are taken the force is largest in the beginning.
     largest = jnp.maximum(forces[0], forces[1])
     if returned is not None:
@@ -341,7 +296,7 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
         max_force=max_force,
         converged=converged,
         settled=settled,
-        min_force=_least_force(motion, legs.least),
+        min_force=_least_force(motion, packed, legs.least),
         energy_loss=balance.energy_loss,
         steps=steps,
         end_indentation=end_indentation,
@@ -349,12 +304,12 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     )
 
 
-def _least_force(motion: Motion, least: Nearest | None) -> Number | None:
+def _least_force(motion: Motion, packed: Packed[State], least: Nearest | None) -> Number | None:
     """The least force of the way out, which is not above that at touch."""
     if least is None:
         return None
-    near, out = jax.tree.map(operator.itemgetter(1), least), jnp.asarray(False)
-    return -jnp.maximum(largest_near(motion, near.before, near.at, near.after, out, -1), 0)
+    near, out = jax.tree.map(operator.itemgetter(1), least), Way(motion, jnp.asarray(False))
+    return -jnp.maximum(largest_near(out, packed, near, -1), 0)
 
 
 def _chosen(first: Flag, yes: State, no: State) -> State:

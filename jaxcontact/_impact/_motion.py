@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float
 from .._elementary import power
 from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
 from .._parameter import Specialised
-from ._runge_kutta import step
+from ._solver.runge_kutta import step
 
 Number = Float[Array, ""]
 
@@ -47,13 +47,6 @@ class State(NamedTuple):
     u: Number
     t: Number
     loss: Number | None = None
-
-
-class Moment(NamedTuple):
-    """A regularised time, and the state then."""
-
-    tau: Number
-    state: State
 
 
 class Motion(eqx.Module):

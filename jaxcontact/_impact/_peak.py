@@ -2,44 +2,31 @@
 
 from __future__ import annotations
 
-import functools
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool
 
 from .._implicit import bracketed_root, ratio
-from ._motion import Moment, Motion, Number, State
+from ._motion import Motion, Number, State
+from ._solver import Moment, Packed, Vector, in_time
+from ._watch import Nearest
+from ._way import Way
 
 
-class Path(NamedTuple):
-    """States along a stretch of motion, and when, in regularised time."""
-
-    moments: Float[Array, " steps"]
-    states: State
-
-
-def largest_force(
-    motion: Motion, path: Path, compressing: Bool[Array, ""], sign: int = 1
-) -> Number:
-    """The largest force among the states of a path and between them; of -F where `sign` is -1."""
-    moments, states = path.moments, path.states._replace(loss=None)
-    forces = jax.vmap(lambda state: sign * motion.force(state, compressing))(states)
+def largest_force(way: Way, moments: Moment[State], sign: int = 1) -> Number:
+    """The largest force among consecutive moments and between them; of -F where `sign` is -1."""
+    moments = Moment(moments.tau, moments.state._replace(loss=None))
+    forces = jax.vmap(lambda state: sign * way.motion.force(state, way.compressing))(moments.state)
     best = jnp.argmax(jax.lax.stop_gradient(forces))
-    near = jnp.clip(best + jnp.arange(-1, 2), 0, moments.size - 1)
-    before, at, after = (Moment(moments[index], _at(states, index)) for index in near)
-    return largest_near(motion, before, at, after, compressing, sign)
+    packed = Packed.of(jax.tree.map(lambda leaf: leaf[0], moments.state))
+    near = jnp.clip(best + jnp.arange(-1, 2), 0, moments.tau.size - 1)
+    near = jax.tree.map(lambda leaf: leaf[near], moments)
+    before, at, after = jax.vmap(lambda moment: ravel_pytree(moment)[0])(near)
+    return largest_near(way, packed, Nearest(forces[best], before, at, after, best < 0), sign)
 
 
-def largest_near(
-    motion: Motion,
-    before: Moment,
-    best: Moment,
-    after: Moment,
-    compressing: Bool[Array, ""],
-    sign: int = 1,
-) -> Number:
+def largest_near(way: Way, packed: Packed[State], near: Nearest, sign: int = 1) -> Number:
     """The largest force near the best of three neighbouring states, to the accuracy of a step; of
     -F where `sign` is -1.
 
@@ -47,34 +34,31 @@ def largest_near(
     so that the force is stationary. A stationary value does not move with θ to first order, so θ
     may be a constant to the derivative.
     """
-    frozen, fixed = jax.lax.stop_gradient((motion, (before, best, after)))
+    frozen, fixed = jax.lax.stop_gradient((way, near))
+    step = packed.step(in_time)
 
-    def slope(state: State) -> Number:
-        return _steepness(frozen, state, compressing, sign)
+    def slope(vector: Vector) -> Number:
+        return _steepness(frozen.motion, packed.state(vector), frozen.compressing, sign)
 
-    slopes = jax.vmap(slope)(
-        jax.tree.map(lambda *leaves: jnp.stack(leaves), *(m.state for m in fixed))
-    )
+    def force(vector: Vector) -> Number:
+        return sign * way.motion.force(packed.state(vector), way.compressing)
+
+    slopes = jax.vmap(slope)(jnp.stack([fixed.before, fixed.at, fixed.after]))
     # From the best state to the next one, or to it from the one before.
     rising = slopes[1] > 0
-    chosen = functools.partial(jnp.where, rising)
-    left = jax.tree.map(chosen, fixed[1], fixed[0])
-    size = chosen(fixed[2].tau, fixed[1].tau) - left.tau
-    first, last = chosen(slopes[1], slopes[0]), chosen(slopes[2], slopes[1])
+    left = jnp.where(rising, fixed.at, fixed.before)
+    size = jnp.where(rising, fixed.after[0], fixed.at[0]) - left[0]
+    first, last = (jnp.where(rising, slopes[k + 1], slopes[k]) for k in (0, 1))
 
     def later(fraction: Number) -> Number:
-        return slope(frozen.later(left.state, fraction * size, compressing))
+        return slope(step(frozen, left, fraction * size)[0])
 
     # Without a change of sign the maximum is at an end, at touch for a law that jumps there.
     inside = (first > 0) & (last < 0)
     theta = jnp.where(inside, bracketed_root(later, first, last, iterations=100), 0)
-    start = jax.tree.map(chosen, best.state, before.state)
-    between = motion.force(motion.later(start, theta * size, compressing), compressing)
-    return jnp.maximum(sign * between, sign * motion.force(best.state, compressing))
-
-
-def _at(states: State, index: Int[Array, ""]) -> State:
-    return jax.tree.map(lambda leaf: leaf[index], states)
+    start = jnp.where(rising, near.at, near.before)
+    between, _ = step(way, start, theta * size)
+    return jnp.max(jax.vmap(force)(jnp.stack([between, near.at])))
 
 
 def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""], sign: int = 1) -> Number:

@@ -22,8 +22,10 @@ from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion, Number, State
-from ._peak import Path, largest_force
-from ._runge_kutta import step_with_error, tableau
+from ._peak import largest_force
+from ._solver import Moment
+from ._solver.runge_kutta import step_with_error, tableau
+from ._way import Way
 
 
 class Phase(AbstractMethod):
@@ -136,7 +138,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
 
     def peak(indices: Int[Array, " nodes"], flag: Flag, sign: int = 1) -> Number:
         part = jax.tree.map(lambda leaf: leaf[indices], states)
-        return largest_force(motion, Path(polars.tau[indices], part), flag, sign)
+        return largest_force(Way(motion, flag), Moment(polars.tau[indices], part), sign)
 
     legs = jnp.asarray(np.arange(half + 1) + np.array([[0], [half]]))
     forces = jax.vmap(peak)(legs, jnp.array([True, False]))

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._impact._runge_kutta import step_in_loop
+from .._impact._solver.runge_kutta import step_in_loop
 from ._cluster_clock import LONG_AGO, Clock, chosen
 from ._cluster_end import APART, CHANGED, NOT_CONVERGED, PAUSED, TIME_IS_UP, ClusterEnd
 from ._cluster_problem import Problem, Rules, scaled, units_of

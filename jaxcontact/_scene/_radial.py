@@ -30,7 +30,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._forms import AbstractForm
 from .._impact._motion import Motion
 from .._impact._motion import State as Moving
-from .._impact._runge_kutta import step_in_loop
+from .._impact._solver.runge_kutta import step_in_loop
 from .._parameter import Specialised
 from .._varying import varying
 from ._step import State, factor

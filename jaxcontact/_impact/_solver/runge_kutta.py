@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from .._elementary import small_product
-from .._varying import varying
+from ..._elementary import small_product
+from ..._varying import varying
 
 State = TypeVar("State")
 Computed = TypeVar("Computed")

@@ -1,0 +1,146 @@
+"""The same march by diffrax: with a solver or an adjoint of a user's choice."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+from typing import Any, cast
+
+import diffrax
+import equinox as eqx
+import jax.numpy as jnp
+import optimistix as optx
+
+from .field import Field, Packed, Vector, in_time
+from .march import Marched, Seen, Tolerance
+
+# Far beyond any end: a nominal one close to the event makes the step controller stall.
+_FAR = 1e12
+
+
+class _Watching(diffrax.AbstractWrappedSolver):
+    """A solver that is watched: the starts of the last two steps, and what was seen before."""
+
+    solver: Any
+    see: Callable[[Any, Vector, Vector], Any]
+    begun: Any
+
+    @property
+    def term_structure(self) -> Any:
+        """That of the solver, as everything else."""
+        return self.solver.term_structure
+
+    @property
+    def interpolation_cls(self) -> Any:
+        return self.solver.interpolation_cls
+
+    @property
+    def scan_kind(self) -> Any:
+        return self.solver.scan_kind
+
+    @property
+    def root_finder(self) -> Any:
+        return self.solver.root_finder
+
+    def order(self, terms: Any) -> int | None:
+        return self.solver.order(terms)
+
+    def strong_order(self, terms: Any) -> Any:
+        return self.solver.strong_order(terms)
+
+    def error_order(self, terms: Any) -> Any:
+        return self.solver.error_order(terms)
+
+    def func(self, terms: Any, t0: Any, y0: Vector, args: Any) -> Vector:
+        return self.solver.func(terms, t0, y0, args)
+
+    def init(self, terms: Any, t0: Any, t1: Any, y0: Vector, args: Any) -> tuple[Any, Vector, Any]:
+        return self.solver.init(terms, t0, t1, y0, args), y0, self.begun
+
+    def step(
+        self,
+        terms: Any,
+        t0: Any,
+        t1: Any,
+        y0: Vector,
+        args: Any,
+        solver_state: tuple[Any, Vector, Any],
+        made_jump: Any,
+    ) -> tuple[Vector, Vector | None, Any, tuple[Any, Vector, Any], diffrax.RESULTS]:
+        # The start of a step is certain to be accepted. A step that is not leaves no memory.
+        inner, last, seen = solver_state
+        seen = self.see(seen, last, y0)
+        after, error, dense, inner, result = self.solver.step(
+            terms, t0, t1, y0, args, inner, made_jump
+        )
+        return after, error, dense, (inner, y0, seen), result
+
+
+def march_by_diffrax(
+    field: Field,
+    packed: Packed,
+    tolerance: Tolerance,
+    begun: Seen,
+    see: Callable[[Seen, Vector, Vector], Seen],
+    keep: bool = False,
+    solver: diffrax.AbstractSolver | None = None,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+) -> Marched:
+    """As `march`, which takes no solver and goes forward alone."""
+    dtype = packed.start.dtype
+
+    def slope(t: object, vector: Vector, field: Field) -> Vector:
+        return packed.slope(in_time, field, vector)
+
+    def guard(which: int) -> Callable[..., Any]:
+        # diffrax compares it with a Python 0.0, which has the default precision.
+        kind = jnp.zeros(()).dtype
+        return lambda t, y, field, **kwargs: packed.guards(field, y)[which].astype(kind)
+
+    opened = packed.guards(field, packed.start)
+    count = opened.size
+    all_steps = [diffrax.SubSaveAt(t0=True, steps=True)] if keep else []
+    # Python numbers would give the time the default precision, and the state with it. A first step
+    # given as an array would be checked at run time, by a callback: the controller chooses it. A
+    # root finder of diffrax would bring a callback into the derivative: the solve ends with the
+    # step that contains the event.
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(slope),
+        _Watching(_ready(solver, tolerance, adjoint is not None), see, begun),
+        t0=jnp.zeros((), dtype),
+        t1=jnp.asarray(_FAR, dtype),
+        dt0=None,
+        y0=packed.start,
+        args=field,
+        saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(t1=True), *all_steps], solver_state=True),
+        stepsize_controller=diffrax.PIDController(rtol=tolerance.rtol, atol=tolerance.atol),
+        event=diffrax.Event(tuple(map(guard, range(count))), direction=(False,) * count),
+        adjoint=diffrax.ForwardMode() if adjoint is None else adjoint,
+        max_steps=tolerance.max_steps,
+        throw=False,
+    )
+    states = cast(Any, solution.ys)
+    _, before, seen = cast(Any, solution.solver_state)
+    steps = solution.stats["num_accepted_steps"]
+    after = states[0][-1]
+    opened, left = (packed.guards(field, vector) for vector in (before, after))
+    closed = jnp.asarray(solution.result == diffrax.RESULTS.event_occurred)
+    path = states[1] if keep else None
+    return Marched(before, after, closed & (opened > 0) & (left <= 0), steps, seen, path)
+
+
+def _ready(solver: Any, tolerance: Tolerance, backwards: bool) -> Any:
+    """The solver, Dopri8 by default, with what diffrax fills in where nothing wraps it."""
+    solver = diffrax.Dopri8() if solver is None else solver
+    if isinstance(solver, diffrax.AbstractRungeKutta):
+        # The fast loop over the stages has no reverse mode, which a given adjoint may need.
+        kind = "bounded" if backwards else "lax"
+        solver = eqx.tree_at(lambda s: s.scan_kind, solver, kind, is_leaf=lambda x: x is None)
+    if isinstance(solver, diffrax.AbstractImplicitSolver):
+        defaults = {"rtol": tolerance.rtol, "atol": tolerance.atol, "norm": optx.rms_norm}
+        for name, default in defaults.items():
+            given = getattr(solver.root_finder, name)
+            if not (callable(given) or eqx.is_array_like(given)):
+                at = operator.attrgetter(f"root_finder.{name}")
+                solver = eqx.tree_at(at, solver, default)
+    return solver

@@ -1,0 +1,113 @@
+"""The steps of a motion until one passes its end."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..._varying import varying
+from .field import Field, Flags, Number, Packed, Vector, in_time
+
+Seen = TypeVar("Seen")
+
+# Of diffrax's step control, which is that of Hairer, Nørsett & Wanner (1993), section II.4.
+_SAFETY, _SHRINKS, _GROWS = 0.9, 0.2, 10.0
+_ORDER = 8
+# The first step of a motion whose scales are one, in units of the tolerance's eighth root.
+_FIRST = 1.3
+
+
+class Tolerance(NamedTuple):
+    """What the error of a step may be, `rtol` of a number and `atol`, and how many steps."""
+
+    rtol: Number
+    atol: Number | float
+    max_steps: int
+
+
+class Marched(NamedTuple):
+    """Where a march came to: the step that passed the end, `before` and `after`.
+
+    `closed`: which guards closed in it, none where no step passed an end. `steps`: of those that
+    were accepted. `seen`: what the watch saw of their starts. `path`: all of their starts, None
+    where nobody asked.
+    """
+
+    before: Vector
+    after: Vector
+    closed: Flags
+    steps: Int[Array, ""]
+    seen: Any
+    path: Float[Array, "steps numbers"] | None = None
+
+
+class _Way(NamedTuple):
+    now: Marched
+    size: Number
+    tries: Int[Array, ""]
+
+
+def march(
+    field: Field,
+    packed: Packed,
+    tolerance: Tolerance,
+    begun: Seen,
+    see: Callable[[Seen, Vector, Vector], Seen],
+    keep: bool = False,
+) -> Marched:
+    """Steps of order 8 from the start of a motion until a guard closes.
+
+    `see(seen, before, now)` looks at every accepted state once, and at the one before it. `keep`:
+    whether all are returned.
+    """
+    stop = jax.lax.stop_gradient
+    step, start = packed.step(in_time), packed.start
+
+    def guards(vector: Vector) -> Array:
+        return packed.guards(field, vector)
+
+    def unfinished(way: _Way) -> Bool[Array, ""]:
+        return ~jnp.any(way.now.closed) & (way.tries < tolerance.max_steps)
+
+    def advance(way: _Way) -> _Way:
+        last = way.now
+        here = last.after
+        there, error = step(field, here, way.size)
+        off = _norm(*stop((error, here, there)), tolerance)
+        fine = off < 1
+        opened, left = jax.vmap(guards)(stop(jnp.stack([here, there])))
+        passed = Marched(
+            before=here,
+            after=there,
+            closed=(opened > 0) & (left <= 0),
+            steps=last.steps + 1,
+            seen=see(last.seen, last.before, here),
+        )
+        now = jax.tree.map(functools.partial(jnp.where, fine), passed, last._replace(path=None))
+        if last.path is not None:
+            # One that is not accepted leaves the same.
+            now = now._replace(path=last.path.at[last.steps].set(here))
+        off = jnp.where(jnp.isfinite(off), jnp.maximum(off, 1e-12), 1e12)
+        least, most = jnp.where(fine, 1, _SHRINKS), jnp.where(fine, _GROWS, _SAFETY)
+        factor = jnp.clip(_SAFETY * off ** (-1 / _ORDER), least, most)
+        return _Way(now, way.size * factor, way.tries + 1)
+
+    none = jnp.zeros((), int)
+    closed = jnp.zeros(jax.eval_shape(guards, start).shape, bool)
+    path = jnp.zeros((tolerance.max_steps + 1, start.size), start.dtype) if keep else None
+    first = Marched(start, start, closed, none, begun, path)
+    size = jnp.asarray(_FIRST, start.dtype) * stop(tolerance.rtol) ** (1 / _ORDER)
+    begin = varying(start[0], _Way(first, size, none))
+    return jax.lax.while_loop(unfinished, advance, begin).now
+
+
+def _norm(error: Vector, before: Vector, after: Vector, tolerance: Tolerance) -> Number:
+    """The mean of the errors in units of what they may be; time has none."""
+    largest = jnp.maximum(jnp.abs(before), jnp.abs(after))
+    scaled = error / (tolerance.atol + tolerance.rtol * largest)
+    return jnp.sqrt(jnp.sum(jnp.square(scaled)) / (error.size - 1))
