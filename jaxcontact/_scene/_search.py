@@ -23,8 +23,10 @@ NOISE = 16
 TIED = 64
 """Roundings of a time within which two events are simultaneous."""
 
-AGAIN, LEAVES = -1, -2
-"""Partners that are none: only search again, or a sphere leaves its cell."""
+AGAIN, LEAVES, OUT_OF_DATE = -1, -2, -3
+"""Partners that are none: only search again, or a sphere leaves its cell, or its way is another one
+since the search.
+"""
 
 
 def simultaneous(numbers: Numbers, time: Float[Array, ""]) -> Float[Array, ""]:
