@@ -75,8 +75,8 @@ def called(
     seats = company.seats
     change = change_of(layout, members, coupling.seats, seats, coupling.starts)
     who, index = jnp.minimum(seats.who, count - 1), index_of(layout, seats)
-    spheres = jax.tree.map(lambda x: x[who], Flying(state.position, state.velocity, state.time))
-    support, held = state.support[who], state.held[who]
+    spheres = rows_of(Flying(state.position, state.velocity, state.time), who)
+    support, held, counts = rows_of((state.support, state.held, state.count), who)
     there = at_once(layout, numbers, who, spheres, support, now)[0]
     closed = touching(layout, numbers, members, seats, there, support, now)
     closed = closed | (coupling.touches & meets(layout, members, seats, coupling.choice))
@@ -96,7 +96,7 @@ def called(
     decided = Call(coupling.starts, coupling.choice, seats, change, closed, until, no)
     began, done = call(
         layout, numbers, members, spheres, support, held, coupling.state,
-        decided.where(needed & calls_first(state)), tolerance, rules.v0,
+        decided.where(needed & calls_first(state)), tolerance, rules.v0, derived=False,
     )  # fmt: skip
     after, status = done.state, done.status
     apart, rest = status == APART, status == AT_REST
@@ -130,7 +130,7 @@ def called(
         time=settled(state.time, jnp.broadcast_to(after.time, (members,))),
         support=settled(state.support, jnp.where(rest, resting, -1)),
         held=settled(state.held, jnp.where(rest, latched, 0)),
-        count=settled(state.count, state.count[who] + 1),
+        count=settled(state.count, counts + 1),
         owed=settled(state.owed, jnp.zeros(members, numbers.dtype)),
         now=jnp.maximum(state.now, began.time),
         idle=idle,

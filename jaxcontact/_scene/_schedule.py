@@ -254,7 +254,8 @@ def _event(
     if rules.soft and state.coupling is None:
         state = state._replace(status=jnp.where(starts, CROWDED, state.status))
     elif state.coupling is not None:
-        coupling = begins(layout, numbers, state.coupling, starts, choice, outcome.closing)
+        met_then = choice._replace(time=outcome.time)
+        coupling = begins(layout, numbers, state.coupling, starts, met_then, outcome.closing)
         state = state._replace(coupling=coupling)
     together = no_call = None
     if state.coupling is not None:
