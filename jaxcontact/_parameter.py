@@ -105,7 +105,8 @@ def _from_python(value: Any, name: str, allowed: Range) -> Array:
         return _weakly_typed(float(value))
     # Without double precision JAX would wrap large whole numbers around.
     whole = jnp.issubdtype(plain.dtype, jnp.integer)
-    return jnp.asarray(plain.astype(float) if whole else plain)
+    # Unlike `asarray` this compiles nothing, for no shape.
+    return jax.device_put(plain.astype(float) if whole else plain)
 
 
 def as_numbers(value: Any, name: str) -> np.ndarray:

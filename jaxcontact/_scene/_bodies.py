@@ -210,8 +210,10 @@ class Plane(AbstractBody):
         return self.point.shape[0]
 
     def walls(self) -> list[Wall]:
-        unit = self.normal / jnp.linalg.norm(self.normal)
-        return [_wall(-1, unit, jnp.sum(unit * self.point), self.motion)]
+        normal, point = _untraced(self.normal), _untraced(self.point)
+        known = isinstance(normal, np.ndarray)
+        unit = normal / (np if known else jnp).linalg.norm(normal)
+        return [_wall(-1, unit, (unit * point).sum(), self.motion)]
 
     def after(self, time: Array) -> Plane:
         """The same plane at a later time."""
@@ -270,15 +272,13 @@ class Box(AbstractBody):
     def walls(self) -> list[Wall]:
         made = []
         for axis in range(self.dimensions):
-            for side, ends in enumerate((self.low, self.high)):
-                # An entry of an array is traced under `jit`, even where the array is not.
-                if not isinstance(ends, Tracer) and np.isinf(np.asarray(ends)[axis]):
+            for side, ends in enumerate((_untraced(self.low), _untraced(self.high))):
+                if isinstance(ends, np.ndarray) and np.isinf(ends[axis]):
                     continue
                 at = ends[axis]
                 sign = 1.0 - 2.0 * side
-                normal = np.zeros(self.dimensions)
-                normal[axis] = sign
-                unit = jnp.asarray(normal, at.dtype)
+                unit = np.zeros(self.dimensions, at.dtype)
+                unit[axis] = sign
                 made.append(_wall(2 * axis + side, unit, sign * at, self.motion))
         return made
 
@@ -353,6 +353,11 @@ def words(bodies: Sequence[AbstractBody], k: int) -> str:
     body = bodies[k]
     name = "" if body.name is None else f" {body.name!r}"
     return f"{type(body).__name__}{name} (number {k})"
+
+
+def _untraced(numbers: Array) -> Any:
+    """Known numbers for NumPy, which compiles nothing; others as they are."""
+    return numbers if isinstance(numbers, Tracer) else np.asarray(numbers)
 
 
 def _wall(face: int, normal: Array, offset: Array, motion: AbstractMotion | None) -> Wall:

@@ -10,6 +10,7 @@ from ._cluster_end import APART, AT_REST, PAUSED, TIME_IS_UP
 from ._cluster_end import NOT_CONVERGED as FAILED
 from ._company import company_of, pace_of
 from ._coupled import Call, as_numbers, call, masses, meets, touching, work_of_walls
+from ._due import out_of_date
 from ._flying import Flying, at_once
 from ._hit import Choice, Outcome
 from ._log import Called, Facts, Figures, Together
@@ -24,7 +25,8 @@ from ._progress import (
     Rules,
     State,
 )
-from ._search import among_others, searched, seated, simultaneous
+from ._rows import rows_of
+from ._search import OUT_OF_DATE, among_others, seated, simultaneous
 from ._slots import change_of, index_of, places, put
 from ._system import Layout, Numbers
 
@@ -73,8 +75,8 @@ def called(
     seats = company.seats
     change = change_of(layout, members, coupling.seats, seats, coupling.starts)
     who, index = jnp.minimum(seats.who, count - 1), index_of(layout, seats)
-    spheres = jax.tree.map(lambda x: x[who], Flying(state.position, state.velocity, state.time))
-    support, held = state.support[who], state.held[who]
+    spheres = rows_of(Flying(state.position, state.velocity, state.time), who)
+    support, held, counts = rows_of((state.support, state.held, state.count), who)
     there = at_once(layout, numbers, who, spheres, support, now)[0]
     closed = touching(layout, numbers, members, seats, there, support, now)
     closed = closed | (coupling.touches & meets(layout, members, seats, coupling.choice))
@@ -85,7 +87,7 @@ def called(
     leaves = seated(layout, coupling) & ~inside & ~coupling.starts
     events = among_others(layout, numbers, going_on, state.events, now)
     expected = jnp.where(inside, jnp.inf, jnp.where(leaves, now, events.time))
-    events = events._replace(time=expected, partner=jnp.where(leaves, -1, events.partner))
+    events = events._replace(time=expected, partner=jnp.where(leaves, OUT_OF_DATE, events.partner))
     waiting = jnp.where(state.time > now + simultaneous(numbers, now), state.time, jnp.inf)
     until = jnp.minimum(jnp.minimum(jnp.min(expected), jnp.min(waiting)), now + company.alone)
     sooner = until < end
@@ -94,7 +96,7 @@ def called(
     decided = Call(coupling.starts, coupling.choice, seats, change, closed, until, no)
     began, done = call(
         layout, numbers, members, spheres, support, held, coupling.state,
-        decided.where(needed & calls_first(state)), tolerance, rules.v0,
+        decided.where(needed & calls_first(state)), tolerance, rules.v0, derived=False,
     )  # fmt: skip
     after, status = done.state, done.status
     apart, rest = status == APART, status == AT_REST
@@ -128,7 +130,7 @@ def called(
         time=settled(state.time, jnp.broadcast_to(after.time, (members,))),
         support=settled(state.support, jnp.where(rest, resting, -1)),
         held=settled(state.held, jnp.where(rest, latched, 0)),
-        count=settled(state.count, state.count[who] + 1),
+        count=settled(state.count, counts + 1),
         owed=settled(state.owed, jnp.zeros(members, numbers.dtype)),
         now=jnp.maximum(state.now, began.time),
         idle=idle,
@@ -136,11 +138,9 @@ def called(
         coupling=Coupling(~ends, no, no, coupling.choice, seats, coupling.pace, reserve, after),
     )
     # While the solve goes on nothing else happens to those in it.
-    found = jax.lax.cond(
-        ends,
-        lambda: searched(layout, numbers, state, who, after.time, end),
-        lambda: jax.tree.map(lambda x: x[who], events),
-    )
+    ended = out_of_date(jnp.broadcast_to(after.time, (members,)))
+    known = rows_of(events, who)
+    found = jax.tree.map(lambda new, old: jnp.where(ends, new, old), ended, known)
     state = state._replace(events=jax.tree.map(settled, events, found))
     zero = jnp.zeros((), numbers.dtype)
     two = jnp.zeros((2, layout.dimensions), numbers.dtype)

@@ -17,15 +17,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from .._impact._solver.runge_kutta import step_in_loop
 from ._cluster_clock import LONG_AGO, Clock, chosen
 from ._cluster_end import APART, CHANGED, NOT_CONVERGED, PAUSED, TIME_IS_UP, ClusterEnd
 from ._cluster_problem import Problem, Rules, scaled, units_of
 from ._cluster_rest import ASLEEP, rest_of
 from ._cluster_vector import TIME, WORK, Parts, W
 from ._cubic import ceiling, highest, to_root
-from ._step import factor
-from ._touching import ClusterState, Geometry, Modes, PerPair, Touching
+from ._step import factor, step_and_slope
+from ._touching import ClusterState, Geometry, Modes, PerPair, Touching, incidence_of
 
 _TOGETHER = 0.65
 _NEAR = 0.4
@@ -94,6 +93,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
         inverse_mass=problem.inverse_mass * units.mass,
         acceleration=jnp.where(free, problem.acceleration, 0) / (units.speed / units.time),
         drive=scaled(problem.drive, units),
+        incidence=incidence_of(pairs, bodies, dtype),
         in_line=rules.in_line,
     )
     until = (problem.until - state.time) / units.time
@@ -146,10 +146,10 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
 
     def advance(c: _Carry) -> _Carry:
         modes, clock = c.modes, c.clock
-        y, error, outset = step_in_loop(lambda y: rate(y, modes, clock), c.y, c.size)
+        y, error, outset, toward = step_and_slope(lambda y: rate(y, modes, clock), c.y, c.size)
         error = stop(jnp.max(jnp.abs(error) / (tolerance + 20 * finest * jnp.abs(y))))
         fine = error <= 1
-        toward, now_w = rate(y, modes, clock), y[W]
+        now_w = y[W]
         now, slope = looked(y, modes, clock, toward)
         gaps = gaps_of(modes, clock, now, y[W], modes.latched, until - y[TIME])
         fall = gaps_of(modes, clock, slope, toward[W], 0, -toward[TIME])

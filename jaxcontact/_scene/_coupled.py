@@ -18,6 +18,7 @@ from ._flying import Flying, accelerations, at_once
 from ._hit import Choice, meeting_of, two_that_meet
 from ._motion import Own
 from ._overlap import ROUNDINGS
+from ._rows import rows_of
 from ._side import side
 from ._slots import Change, Seats, bodies_of, in_line, pairs_of, places, put, rearranged
 from ._stored import stored_in
@@ -131,26 +132,24 @@ def call(
     rtol: Float[Array, ""],
     v0: Any,
     max_steps: int = MOST_STEPS,
+    derived: bool = True,
 ) -> tuple[ClusterState, ClusterEnd]:
     """One call of the coupled solve: the state that it starts from, and how it ends.
 
-    `spheres`, `support` and the v0 `held` by those that rest are of the bodies in the places.
+    `spheres`, `support` and the v0 `held` by those that rest are of the bodies in the places. The
+    time of the touch that starts it is known; where its derivative is asked for it is `derived`
+    from the two bodies.
     """
-    seats, change, choice = decided.seats, decided.change, decided.choice
+    seats, change = decided.seats, decided.change
     who = jnp.minimum(seats.who, layout.spheres - 1)
     pairs = pairs_of(layout, numbers, members, seats)
     first, second = places(layout, members)
 
     # The time: of the touch that starts it, or where the last call ended.
-    one = jnp.argmax(seats.who == choice.first)
-    # A wall has no place: the first body stands in for it, as another one may be ahead in time.
-    other = jnp.argmax(seats.who == choice.second)
-    two = jnp.stack([one, jnp.where(choice.second < layout.spheres, other, one)])
-    nobody = two_that_meet(layout, choice.time)
-    struck = jax.tree.map(lambda x, y: jnp.where(decided.starts, x[two], y), spheres, nobody)
-    met = choice._replace(second=jnp.where(decided.starts, choice.second, choice.first))
-    meeting = meeting_of(layout, numbers, struck, met)
-    time = jnp.where(decided.starts, meeting.time, before.time)
+    touch = decided.choice.time
+    if derived:
+        touch = _touch(layout, numbers, spheres, decided)
+    time = jnp.where(decided.starts, touch, before.time)
     before = rearranged(before, change, members)
 
     # Those that come, by their formulas; their pairs are fresh.
@@ -177,7 +176,7 @@ def call(
     start = start._replace(
         time=time,
         indentation=jnp.where(rests, sunk, outside),
-        latched=jnp.where(rests, held[first], start.latched),
+        latched=jnp.where(rests, rows_of(held, first), start.latched),
         rising=start.rising & ~rests,
         since=since,
         force_until=since,
@@ -194,7 +193,7 @@ def call(
         depth = jnp.where(begin.closed, begin.indentation, start.indentation)
         begin = begin._replace(indentation=depth)
 
-    inverse = jnp.where(seats.present, numbers.inverse_mass[who], 0)
+    inverse = jnp.where(seats.present, rows_of(numbers.inverse_mass, who), 0)
     inverse = jnp.concatenate([inverse, numbers.inverse_mass[layout.spheres :]])
     pull = accelerations(layout, numbers, who, jnp.full(members, -1))
     pull = jnp.where(seats.present[:, None], pull, 0)
@@ -202,7 +201,7 @@ def call(
     one, other = bodies_of(layout, members, seats.who)
     # A pair that is none is given the numbers of one.
     some = jnp.argmax(pairs.used)
-    one, other = (jnp.where(pairs.used, body, body[some]) for body in (one, other))
+    one, other = (jnp.where(pairs.used, body, rows_of(body, some)) for body in (one, other))
     contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
     law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
     end = cluster(
@@ -213,6 +212,19 @@ def call(
     # Without rounding, so that no other call is needed.
     over = jnp.where(end.status == TIME_IS_UP, decided.until, end.state.time)
     return begin, end._replace(state=end.state._replace(time=over))
+
+
+def _touch(layout: Layout, numbers: Numbers, spheres: Flying, decided: Call) -> Float[Array, ""]:
+    """The time of the touch that starts a solve."""
+    seats, choice = decided.seats, decided.choice
+    one = jnp.argmax(seats.who == choice.first)
+    # A wall has no place: the first body stands in for it, as another one may be ahead in time.
+    other = jnp.argmax(seats.who == choice.second)
+    two = jnp.stack([one, jnp.where(choice.second < layout.spheres, other, one)])
+    nobody = two_that_meet(layout, choice.time)
+    struck = jax.tree.map(lambda x, y: jnp.where(decided.starts, x[two], y), spheres, nobody)
+    met = choice._replace(second=jnp.where(decided.starts, choice.second, choice.first))
+    return meeting_of(layout, numbers, struck, met).time
 
 
 def _drive(layout: Layout, numbers: Numbers, seats: Seats, time: Array) -> Drive | None:
@@ -256,7 +268,7 @@ def _drive(layout: Layout, numbers: Numbers, seats: Seats, time: Array) -> Drive
 
 def masses(layout: Layout, numbers: Numbers, seats: Seats) -> Float[Array, " M"]:
     """Of the spheres that are present; 0 of fixed ones."""
-    inverse = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)]
+    inverse = rows_of(numbers.inverse_mass, jnp.minimum(seats.who, layout.spheres - 1))
     free = seats.present & (inverse > 0)
     return jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
 

@@ -11,7 +11,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._cells import Cells, Grid, Shift, placed, shift_of, shifted
 from ._progress import Events, State
-from ._search import LEAVES, flown, searched, simultaneous
+from ._rows import with_rows
+from ._search import LEAVES, OUT_OF_DATE, flown, searched, simultaneous
 from ._system import Layout, Numbers
 
 
@@ -20,29 +21,25 @@ def expecting(
     numbers: Numbers,
     state: State,
     now: Float[Array, ""],
-    end: Float[Array, ""],
     grid: Grid | None,
     needed: Bool[Array, ""] | None = None,
 ) -> State:
-    """The state with all spheres put down in other cells, or in none, and all events searched anew,
-    one row after the other; where that is not `needed` with the events there are.
+    """The state with all spheres put down in other cells, or in none, and all events out of date;
+    where that is not `needed` with the events there are.
     """
     cells = None
     if grid is not None:
         cells = placed(layout, numbers, grid, flown(layout, numbers, state, None, now)[0])
-    state = state._replace(cells=cells)
-    count = layout.spheres
-
-    def row(i: Int[Array, ""], events: Events) -> Events:
-        return _put(events, i, searched(layout, numbers, state, i[None], now, end))
-
-    rows = count if needed is None else jnp.where(needed, count, 0)
-    events = jax.lax.fori_loop(0, rows, row, state.events)
-    return state._replace(events=events)
+    events = out_of_date(jnp.broadcast_to(now, (layout.spheres,)))
+    if needed is not None:
+        events = jax.tree.map(lambda a, b: jnp.where(needed, a, b), events, state.events)
+    return state._replace(cells=cells, events=events)
 
 
-def _put(events: Events, i: Int[Array, ""], found: Events) -> Events:
-    return jax.tree.map(lambda all, new: all.at[i].set(new[0]), events, found)
+def out_of_date(time: Float[Array, " M"]) -> Events:
+    """Events that are none, to be searched anew at some times."""
+    far, none = jnp.full_like(time, jnp.inf), jnp.full(time.shape, OUT_OF_DATE)
+    return Events(time, none, jnp.zeros_like(none), far, far)
 
 
 class Due(NamedTuple):
@@ -80,8 +77,11 @@ def up_to_date(
     end: Float[Array, ""],
 ) -> tuple[State, Due]:
     """Search again the spheres whose events come first and are none, until one is an impact, or
-    none comes before a time `until`.
+    none comes before a time `until`: the one place where events are searched.
+
+    Two spheres at a time, as the two bodies of an impact are both out of date.
     """
+    everyone = jnp.arange(layout.spheres)
 
     def unfinished(carry: tuple[Events, Cells | None, Due]) -> Array:
         _, cells, due = carry
@@ -104,8 +104,13 @@ def up_to_date(
 
             cells = shifted(cells, i, in_branch(wanted, shift))
             here = here._replace(cells=cells)
-        row = in_branch(wanted, lambda: searched(layout, numbers, here, i[None], now, end))
-        events = _put(events, i, row)
+        marked = (events.partner == OUT_OF_DATE) & (events.time <= now) & (everyone != i)
+        other = jnp.min(jnp.where(marked, everyone, layout.spheres))
+        alone = other == layout.spheres
+        who = jnp.stack([i, jnp.where(alone, i, other)])
+        found = in_branch(wanted, lambda: searched(layout, numbers, here, who, now, end))
+        who = jnp.stack([i, other])
+        events = with_rows(events, who, found)
         return events, cells, next_event(layout, numbers, events, state.count)
 
     first = next_event(layout, numbers, state.events, state.count)
@@ -114,6 +119,20 @@ def up_to_date(
 
 
 def in_branch(wanted: Bool[Array, ""], of: Callable[[], Any]) -> Any:
-    """What a function returns where it is wanted, else zeros."""
-    blank = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(of))
-    return jax.lax.cond(wanted, of, lambda: blank)
+    """What a function returns where it is wanted, else zeros. It is traced once."""
+    kinds: list[Any] = []
+
+    def yes() -> Any:
+        out = of()
+        kinds[:] = [jax.tree.map(lambda x: (jnp.shape(x), jnp.result_type(x)), out)]
+        return out
+
+    def no() -> Any:
+        # JAX traces this one after the other.
+        return jax.tree.map(lambda kind: jnp.zeros(*kind), kinds[0], is_leaf=_is_kind)
+
+    return jax.lax.cond(wanted, yes, no)
+
+
+def _is_kind(kind: Any) -> bool:
+    return type(kind) is tuple

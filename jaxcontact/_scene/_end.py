@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from .._program import quick
 from ._company import pace_of
 from ._coupled import as_flags, stored_energy
 from ._inside import Entries
@@ -18,7 +18,7 @@ from ._states import looked_up
 from ._system import Layout, Numbers
 
 
-@eqx.filter_jit
+@quick
 def end_of(
     layout: Layout, numbers: Numbers, rules: Rules, log: Log, written: Int[Array, ""], time: Array
 ) -> Start:

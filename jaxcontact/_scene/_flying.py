@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ._rows import rows_of
 from ._system import Layout, Numbers
 
 Lane = Float[Array, "..."]
@@ -35,10 +36,10 @@ def accelerations(
     layout: Layout, numbers: Numbers, who: Int[Array, " M"], support: Int[Array, " M"]
 ) -> Float[Array, "M D"]:
     """Gravity of free spheres, less what the walls that they rest on hold."""
-    free = (numbers.inverse_mass[who] > 0)[:, None]
+    free = (rows_of(numbers.inverse_mass, who) > 0)[:, None]
     pull = jnp.broadcast_to(numbers.gravity, (who.shape[0], layout.dimensions))
     if layout.walls:
-        normal = numbers.normal[jnp.maximum(support, 0)]
+        normal = rows_of(numbers.normal, jnp.maximum(support, 0))
         held = jnp.sum(pull * normal, axis=-1, keepdims=True) * normal
         pull = pull - jnp.where((support >= 0)[:, None], held, 0)
     return jnp.where(free, pull, 0)

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from jaxtyping import Array
 
-from ._cells import AROUND, SKIN, Grid, cells_of, lattice_of, row_of
+from .._program import quick
+from ._cells import AROUND, SKIN, Grid, Lattice, cells_of, lattice_of, row_of
 from ._result import traced
 from ._system import Layout, Numbers
 
@@ -46,18 +47,18 @@ def grid_of(
     least = np.where(layout.periodic, AROUND, 3)
     while any(cut):
         grid = Grid(cut, 2**30, 0, FILLING[sum(cut)])
-        lattice = lattice_of(layout, numbers, grid, position)
+        lattice = _lattice_of(layout, numbers, grid, position)
         enough = np.asarray(lattice.number) >= least
         if np.all(enough | ~np.array(cut)):
             break
         cut = tuple(bool(x) for x in enough & np.array(cut))
     else:
         return None
-    row = row_of(lattice, layout, grid, cells_of(lattice, layout, position[:count]))
-    most = int(np.max(np.bincount(np.asarray(row))))
+    row = np.asarray(_rows_of(lattice, layout, grid, position))[:count]
+    most = int(np.max(np.bincount(row)))
     width = np.asarray(lattice.width)[np.array(cut)] * (1 + 2 * SKIN)
     density, volume = _DENSEST[sum(cut)]
-    diameter = 2 * float(np.min(np.asarray(numbers.radius[:count])))
+    diameter = 2 * float(np.min(np.asarray(numbers.radius)[:count]))
     packed = density * float(np.prod(width + diameter)) / (volume * diameter ** sum(cut))
     if sum(cut) < dimensions:
         packed = math.inf
@@ -67,6 +68,14 @@ def grid_of(
         # No smaller, so that the programs serve again.
         cells, capacity = max(cells, full.cells), max(capacity, full.capacity)
     return _worth(layout, Grid(cut, cells, capacity, FILLING[sum(cut)]))
+
+
+_lattice_of = quick(lattice_of)
+
+
+@quick
+def _rows_of(lattice: Lattice, layout: Layout, grid: Grid, position: Array) -> Array:
+    return row_of(lattice, layout, grid, cells_of(lattice, layout, position))
 
 
 def _worth(layout: Layout, grid: Grid) -> Grid | None:

@@ -14,6 +14,7 @@ from ._flying import Flying, accelerations
 from ._hit import Choice, meeting_of
 from ._log import Log, last_call
 from ._progress import Rules
+from ._rows import rows_of
 from ._slots import Seats, empty_seats, everyone, in_line, index_of, joining, put, unchanged
 from ._stored import stored_in
 from ._system import Layout, Numbers, known_contact_of, law_of
@@ -155,6 +156,28 @@ def in_contacts(
         jnp.sum(stored, axis=1)
         + at_rest(layout, numbers, found, here, times, jnp.any(who, axis=1)),
     )
+
+
+def stored_at_ends(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    times: Float[Array, " T"],
+    written: Int[Array, ""],
+) -> Float[Array, " T"]:
+    """The energy stored in contacts that go on at the times at which a call of theirs ended."""
+    rows, lasts = last_call(log, written, times)
+    called, together = log.facts.call, log.figures.coupled
+    assert called is not None and together is not None
+
+    def one(given: tuple[Array, Array, Array]) -> Array:
+        time, row, last = given
+        end, seats, ends = rows_of((together.end, called.decided.seats, called.ends), row)
+        stored = stored_energy(layout, numbers, rules.members, seats, as_flags(end))
+        return jnp.where(last & ~ends & (time == end.time), stored, 0)
+
+    return jax.lax.map(one, (times, rows, lasts))
 
 
 def at_rest(

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._parameter import shown
+from .._program import quick
 from ._log import Log
 from ._progress import Rules
 from ._replay import differentiable
@@ -89,7 +90,7 @@ def _growth(course: Course) -> Array:
     return _each(_largest if not inside else _largest_inside, course)
 
 
-@eqx.filter_jit
+@quick
 def _each(function: Callable[[Course], Array], course: Course) -> Array:
     for _ in range(course.status.ndim):
         function = eqx.filter_vmap(function)

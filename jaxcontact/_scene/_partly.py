@@ -2,55 +2,22 @@
 
 from __future__ import annotations
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from .._program import quick
 from ._flying import Flying, accelerations
 from ._hit import meeting_of, two_that_meet
 from ._log import Log
-from ._progress import Rules
-from ._result import Moment, traced
-from ._run import inside_of_any, moment_at
+from ._result import Moment
 from ._side import side
 from ._states import looked_up
 from ._stored import stored_in
 from ._system import Layout, Numbers, known_contact_of, law_of
 
 
-def moments(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    written: Array,
-    reached: Array,
-    asked: Array,
-    ends: Array,
-    tolerance: Array,
-) -> tuple[Moment, Log]:
-    """The states at the times `asked`, and the log with what happened between the `ends`."""
-    given = (layout, numbers, rules, log, written)
-    if not rules.soft:
-        return moment_at(*given, reached, asked, tolerance), log
-    if not traced((numbers, log, asked, ends)):
-        now = moment_at(*given, reached, asked, tolerance)
-        if not bool(inside_of_any(layout, numbers, log, written, ends)):
-            return now, log
-        there = moment_at(*given, reached, ends, tolerance)
-    else:
-        # One program for all times.
-        every = moment_at(*given, reached, jnp.concatenate([asked, ends]), tolerance)
-        count = asked.shape[0]
-        now, there = (
-            jax.tree.map(lambda x, cut=cut: x[cut], every)
-            for cut in (slice(count), slice(count, None))
-        )
-    return now, booked(layout, numbers, log, written, there, reached)
-
-
-@eqx.filter_jit
+@quick
 def booked(
     layout: Layout,
     numbers: Numbers,

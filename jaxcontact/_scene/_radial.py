@@ -30,10 +30,9 @@ from jaxtyping import Array, Bool, Float, Int
 from .._forms import AbstractForm
 from .._impact._motion import Motion
 from .._impact._motion import State as Moving
-from .._impact._solver.runge_kutta import step_in_loop
 from .._parameter import Specialised
 from .._varying import varying
-from ._step import State, factor
+from ._step import State, factor, step_and_slope
 
 Number = Float[Array, ""]
 
@@ -217,8 +216,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         def rate(y: State) -> State:
             return problem.rate(y, phase)
 
-        y, error, _ = step_in_loop(rate, c.y, c.size)
-        slope = rate(y)
+        y, error, _, slope = step_and_slope(rate, c.y, c.size)
         error = stop(jnp.max(jnp.abs(error) / (1 + jnp.abs(y))) / tolerance)
         fine = error <= 1
         gap, fall = jax.jvp(lambda y: problem.gap(y, phase), (y,), (slope,))

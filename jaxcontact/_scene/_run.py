@@ -6,21 +6,24 @@ import os
 from typing import TYPE_CHECKING, BinaryIO, TextIO
 
 import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
+from .._program import quick
 from ._bodies import Box, Plane, Shell, Sphere
 from ._columns import write_csv
 from ._dataset import dataset
 from ._end import end_of
+from ._inside import States
 from ._log import Log
 from ._margin import Course, Margin
 from ._progress import Rules
 from ._result import Impacts, Moment, ending_words, flagged, traced
 from ._scene import Scene
 from ._start import Start
-from ._states import any_inside, energy_of, states_at
+from ._states import energy_of, states_at, states_in_log
 from ._system import Layout, Numbers
 
 if TYPE_CHECKING:
@@ -106,12 +109,13 @@ class Run(eqx.Module):
         given = (self._layout, self._numbers, self._rules, self._log, self._written)
         start: Start | None = end_of(*given, self.duration)
         end = self.at(self.duration)
-        position = end.position
+        known = end if traced(end) else jax.tree.map(np.asarray, end)
+        position, velocity = known.position[0], known.velocity[0]
         bodies = list(self.scene.bodies)
         for k, sphere in enumerate(self.scene.spheres):
             place = self._layout.body[k]
             if sphere.motion is None:
-                bodies[place] = sphere.moved_to(position[0, k], end.velocity[0, k])
+                bodies[place] = sphere.moved_to(*jax.device_put((position[k], velocity[k])))
         for k, body in enumerate(bodies):
             if isinstance(body, Sphere | Plane | Box | Shell):
                 bodies[k] = body.after(self.duration)
@@ -184,18 +188,33 @@ def moment_at(
     tolerance: Array,
 ) -> Moment:
     """The states at some times. Motion inside of contacts is compiled only where it is needed."""
+    given = (layout, numbers, rules, log, written, reached)
+    if rules.soft and traced((numbers, log, written, times)):
+        return moment(*given, times, tolerance)
+    now, inside = moment_in_log(*given, times)
+    if rules.soft and np.any(np.asarray(inside)):
+        return moment(*given, times, tolerance)
+    return now
+
+
+@quick
+def moment_in_log(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    written: Array,
+    reached: Array,
+    times: Array,
+) -> tuple[Moment, Array]:
+    """The states at times that are not inside of a contact, and which of the times are."""
     times = times.astype(numbers.dtype)
-    inside = rules.soft
-    if inside and not traced((numbers, log, written, times)):
-        inside = bool(inside_of_any(layout, numbers, log, written, times))
-    return _moment(layout, numbers, rules, log, written, reached, times, tolerance, inside)
+    states, inside = states_in_log(layout, numbers, rules, log, written, times)
+    return _moment(layout, numbers, states, times, reached), inside
 
 
-inside_of_any = eqx.filter_jit(any_inside)
-
-
-@eqx.filter_jit
-def _moment(
+@quick
+def moment(
     layout: Layout,
     numbers: Numbers,
     rules: Rules,
@@ -204,9 +223,16 @@ def _moment(
     reached: Array,
     times: Array,
     tolerance: Array,
-    inside: bool,
 ) -> Moment:
-    states = states_at(layout, numbers, rules, log, written, times, tolerance, inside)
+    """The states at any times, inside of contacts, too."""
+    times = times.astype(numbers.dtype)
+    states = states_at(layout, numbers, rules, log, written, times, tolerance, True)
+    return _moment(layout, numbers, states, times, reached)
+
+
+def _moment(
+    layout: Layout, numbers: Numbers, states: States, times: Array, reached: Array
+) -> Moment:
     position, velocity, stored = states
     energy = energy_of(layout, numbers, position, velocity) + stored
     position, velocity = (x[:, : layout.visible] for x in (position, velocity))

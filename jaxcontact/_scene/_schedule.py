@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ._calls import begins, called, calls_first
 from ._cells import Grid
 from ._coupled import blank_state
-from ._due import Due, expecting, in_branch, up_to_date
+from ._due import Due, expecting, in_branch, out_of_date, up_to_date
 from ._end import going_on
 from ._flying import Flying, at_once, where_each
 from ._hit import Choice, Outcome, hit
@@ -31,11 +31,11 @@ from ._progress import (
     RUNNING,
     TWO_SUPPORTS,
     Coupling,
-    Events,
     Rules,
     State,
 )
-from ._search import NOISE, searched, seated, simultaneous
+from ._rows import with_row, with_rows
+from ._search import AGAIN, NOISE, seated, simultaneous
 from ._slots import empty_seats
 from ._soft import soft
 from ._start import Underway
@@ -46,30 +46,24 @@ SLOW = 2.0**14
 the impacts have accumulated."""
 
 
-def begun(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    end: Float[Array, ""],
-    grid: Grid | None = None,
-) -> State:
-    """The start: all spheres at time zero, and the first events of all."""
-    count = layout.spheres
+def begun(layout: Layout, numbers: Numbers, rules: Rules, grid: Grid | None = None) -> State:
+    """The start: all spheres at time zero, all events out of date, and the contacts that the run
+    begins in.
+    """
+    count, given = layout.spheres, numbers.start
     zero = jnp.zeros(count, numbers.dtype)
     whole = jnp.zeros(count, int)
-    none = whole - 1
     now = jnp.zeros((), numbers.dtype)
     state = State(
-        numbers.position, numbers.velocity, zero, none, whole,
-        Events(zero, none, whole, zero, zero), now, jnp.zeros((), int), jnp.zeros((), int),
-        zero, zero, None, None,
+        numbers.position, numbers.velocity, zero, whole - 1, whole, out_of_date(zero),
+        now, jnp.zeros((), int), jnp.zeros((), int), zero, zero, None, None,
     )  # fmt: skip
-    given = numbers.start
-    if given is not None:
-        state = state._replace(support=given.support, held=given.held)
-        if given.underway is not None:
-            return _amid(layout, numbers, rules, state, end, grid, given.underway)
-    return _expecting(layout, numbers, rules, state, end, grid)
+    if given is None:
+        return _expecting(layout, numbers, rules, state, grid)
+    state = state._replace(support=given.support, held=given.held)
+    if given.underway is None:
+        return _expecting(layout, numbers, rules, state, grid)
+    return _amid(layout, numbers, rules, state, grid, given.underway)
 
 
 def _amid(
@@ -77,7 +71,6 @@ def _amid(
     numbers: Numbers,
     rules: Rules,
     state: State,
-    end: Float[Array, ""],
     grid: Grid | None,
     underway: Underway,
 ) -> State:
@@ -88,38 +81,33 @@ def _amid(
     led = Flying(underway.position, underway.velocity, underway.time)
     spheres = where_each(on, led, spheres)
     state = state._replace(position=spheres.position, velocity=spheres.velocity, time=spheres.time)
-    state = _expecting(layout, numbers, rules, state, end, grid)
+    state = _expecting(layout, numbers, rules, state, grid)
     events = state.events
     events = events._replace(
         time=jnp.where(on, underway.touch, events.time),
         partner=jnp.where(on, underway.partner, events.partner),
-        count=jnp.where(on, 0, events.count),
         speed=jnp.where(on, 0, events.speed),
-        second=jnp.where(on, jnp.inf, events.second),
     )
     return state._replace(events=events, now=jnp.minimum(jnp.min(underway.touch), 0))
 
 
 def _expecting(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    state: State,
-    end: Float[Array, ""],
-    grid: Grid | None,
+    layout: Layout, numbers: Numbers, rules: Rules, state: State, grid: Grid | None
 ) -> State:
-    """The start with the contacts that the run begins in, and the first events of all."""
-    start, given = jnp.zeros((), numbers.dtype), numbers.start
-    if rules.members:
-        state = with_places(layout, numbers, rules.members, state)
-        assert state.coupling is not None
-        coupling = going_on(state.coupling, given)
-        state = expecting(layout, numbers, state._replace(coupling=coupling), start, end, grid)
-        # While a solve goes on nothing else happens to those in it.
-        inside = coupling.active & seated(layout, coupling)
-        waits = state.events._replace(time=jnp.where(inside, jnp.inf, state.events.time))
-        return state._replace(events=waits)
-    return expecting(layout, numbers, state, start, end, grid)
+    """The start with the contacts that the run begins in, and its cells."""
+    start = jnp.zeros((), numbers.dtype)
+    if not rules.members:
+        return expecting(layout, numbers, state, start, grid)
+    state = with_places(layout, numbers, rules.members, state)
+    assert state.coupling is not None
+    coupling = going_on(state.coupling, numbers.start)
+    # The search comes before the first call.
+    start = jnp.where(coupling.active, jnp.minimum(coupling.state.time, start), start)
+    state = expecting(layout, numbers, state._replace(coupling=coupling), start, grid)
+    # While a solve goes on nothing else happens to those in it.
+    inside = coupling.active & seated(layout, coupling)
+    waits = state.events._replace(time=jnp.where(inside, jnp.inf, state.events.time))
+    return state._replace(events=waits)
 
 
 def with_places(layout: Layout, numbers: Numbers, members: int, state: State) -> State:
@@ -133,6 +121,12 @@ def with_places(layout: Layout, numbers: Numbers, members: int, state: State) ->
         blank_state(layout, members, numbers.dtype),
     )  # fmt: skip
     return state._replace(coupling=coupling, status=jnp.full_like(state.status, RUNNING))
+
+
+def goes_on(state: State, end: Float[Array, ""]) -> Bool[Array, ""]:
+    """Whether anything is to come up to the `end`, once all events up to there are searched."""
+    more = jnp.min(state.events.time) <= end
+    return more if state.coupling is None else more | state.coupling.active
 
 
 def advance(
@@ -151,27 +145,39 @@ def advance(
     """
     rows = log.facts.tied.shape[0]
 
-    def unfinished(carry: tuple[State, Log, Array, Array]) -> Array:
-        state, _, written, more = carry
-        return more & (written < rows) & (state.status == RUNNING)
+    def unfinished(carry: tuple[State, Due, Log, Array]) -> Array:
+        state, _, _, written = carry
+        more = goes_on(state, end) & (written < rows) & (state.status == RUNNING)
+        return more if state.cells is None else more & ~state.cells.full
 
-    def step(carry: tuple[State, Log, Array, Array]) -> tuple[State, Log, Array, Array]:
-        state, log, written, _ = carry
+    def step(carry: tuple[State, Due, Log, Array]) -> tuple[State, Due, Log, Array]:
+        state, due, log, written = carry
         # In a batch a run that is over only waits.
-        given = (layout, numbers, rules, state, end, tolerance, unfinished(carry))
+        given, needed = (layout, numbers, rules, state), unfinished(carry)
         if state.coupling is None:
-            state, figures, facts, fresh = _event(*given)
+            state, figures, facts, fresh = _event(*given, due, end, tolerance, needed)
         else:
             state, figures, facts, fresh = jax.lax.cond(
-                calls_first(state), lambda: called(*given), lambda: _event(*given)
+                calls_first(state),
+                lambda: called(*given, end, tolerance, needed),
+                lambda: _event(*given, due, end, tolerance, needed),
             )
-        log = jax.tree.map(lambda all, one: all.at[written].set(one), log, Log(figures, facts))
-        # Nothing happens any more where nothing did.
-        more = fresh if state.coupling is None else fresh | state.coupling.active
-        return state, log, written + fresh.astype(written.dtype), more
+        log = with_row(log, written, Log(figures, facts))
+        until = end
+        if state.coupling is not None:
+            # Later than this the coupled solve goes first.
+            active, later = state.coupling.active, jnp.minimum(state.coupling.state.time, end)
+            until = jnp.where(active, later, end)
+            until = jnp.where(calls_first(state), -jnp.inf, until)
+        state, due = up_to_date(layout, numbers, state, until, end)
+        return state, due, log, written + fresh.astype(written.dtype)
 
     start = jnp.zeros((), int) if written is None else written
-    return jax.lax.while_loop(unfinished, step, (state, log, start, jnp.asarray(True)))[:3]
+    none = jnp.zeros((), int)
+    # Nothing is known to be due before the first search.
+    nothing = Due(state.now, state.now, none, none + AGAIN, none > 0)
+    state, _, log, written = jax.lax.while_loop(unfinished, step, (state, nothing, log, start))
+    return state, log, written
 
 
 class _Met(NamedTuple):
@@ -196,22 +202,21 @@ def _event(
     numbers: Numbers,
     rules: Rules,
     state: State,
+    due: Due,
     end: Float[Array, ""],
     tolerance: Float[Array, ""],
     needed: Bool[Array, ""],
 ) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
-    """The next impact, and whether there is one; `needed`: whether anything asks for it.
+    """The impact that is due, and whether there is one; `needed`: whether anything asks for it.
 
     What is read from the arrays of all spheres is read in a branch, and only then written, or
     these arrays would be copied.
     """
     until = end
     if state.coupling is not None:
-        # Later than this the coupled solve goes first.
         coupling = state.coupling
         until = jnp.where(coupling.active, jnp.minimum(coupling.state.time, end), end)
         needed = needed & ~calls_first(state)
-    state, due = up_to_date(layout, numbers, state, until, end)
     count, i, partner = layout.spheres, due.first, due.partner
     fresh = due.fresh & (due.least <= until)
     if state.cells is not None:
@@ -225,29 +230,33 @@ def _event(
     choice, outcome = met.choice, met.outcome
     happens = fresh & met.alone
     starts = fresh & ~met.alone
-    rows = jnp.where(happens & jnp.stack([happens, is_sphere]), who, count)
-
-    def put(all: Array, new: Array) -> Array:
-        return all.at[rows[1]].set(new[1], mode="drop").at[rows[0]].set(new[0], mode="drop")
-
+    there = happens & jnp.stack([happens, is_sphere])
+    rows = jnp.where(there, who, count + jnp.arange(2))
+    # Their events are out of date: the search that follows finds them first.
+    before = (state.position, state.velocity, state.time, state.support, state.count, state.owed)
+    owed, events = jnp.broadcast_to(outcome.energy_loss, (2,)), out_of_date(jnp.stack([now, now]))
+    after = (*outcome.after, met.support, met.count, owed)
+    (position, velocity, time, support, counts, owed), events = with_rows(
+        (before, state.events), rows, (after, events)
+    )
     state = state._replace(
-        position=put(state.position, outcome.after.position),
-        velocity=put(state.velocity, outcome.after.velocity),
-        time=put(state.time, outcome.after.time),
-        support=put(state.support, met.support),
-        count=put(state.count, met.count),
+        position=position,
+        velocity=velocity,
+        time=time,
+        support=support,
+        count=counts,
+        events=events,
         now=jnp.where(fresh, now, state.now),
         idle=jnp.where(happens, met.idle, state.idle),
         status=jnp.where(happens, met.status, state.status),
-        owed=put(state.owed, jnp.broadcast_to(outcome.energy_loss, (2,))),
+        owed=owed,
     )
     if rules.soft and state.coupling is None:
         state = state._replace(status=jnp.where(starts, CROWDED, state.status))
     elif state.coupling is not None:
-        coupling = begins(layout, numbers, state.coupling, starts, choice, outcome.closing)
+        met_then = choice._replace(time=outcome.time)
+        coupling = begins(layout, numbers, state.coupling, starts, met_then, outcome.closing)
         state = state._replace(coupling=coupling)
-    found = in_branch(happens, lambda: searched(layout, numbers, state, who, now, end))
-    state = state._replace(events=jax.tree.map(put, state.events, found))
     together = no_call = None
     if state.coupling is not None:
         together, no_call = blank_calls(layout, rules.members, numbers.dtype)

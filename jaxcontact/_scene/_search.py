@@ -12,6 +12,7 @@ from ._cells import everywhere, leaving, neighbours
 from ._flying import Flying, at_once
 from ._overlap import ROUNDINGS
 from ._progress import Coupling, Events, State
+from ._rows import rows_of
 from ._shaking_touch import shaking_sphere_time, shaking_wall_time
 from ._slots import index_of, put
 from ._system import Layout, Numbers, nearest_image
@@ -23,8 +24,10 @@ NOISE = 16
 TIED = 64
 """Roundings of a time within which two events are simultaneous."""
 
-AGAIN, LEAVES = -1, -2
-"""Partners that are none: only search again, or a sphere leaves its cell."""
+AGAIN, LEAVES, OUT_OF_DATE = -1, -2, -3
+"""Partners that are none: only search again, or a sphere leaves its cell, or its way is another one
+since the search.
+"""
 
 
 def simultaneous(numbers: Numbers, time: Float[Array, ""]) -> Float[Array, ""]:
@@ -286,4 +289,4 @@ def flown(
 
 def _of(all: Array, who: Int[Array, "..."] | None) -> Array:
     """Some rows of an array, or all of them, without a copy."""
-    return all if who is None else all[who.reshape(-1)]
+    return all if who is None else rows_of(all, who.reshape(-1))

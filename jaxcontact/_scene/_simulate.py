@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import time
+from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -23,6 +26,7 @@ from .._parameter import (
     require_kind,
     require_number,
 )
+from .._program import quick
 from .._progress import Listener, Tell, progress_of, require_progress
 from ._cells import Grid
 from ._coupled import MOST
@@ -30,21 +34,18 @@ from ._due import expecting
 from ._entry import one_number
 from ._grid import grid_of
 from ._log import Log, blank_log
-from ._movers import Movers
-from ._numbers import numbers_of, replaced
+from ._numbers import Given, gathered, given_in, replaced
 from ._overlap import require_clear_of_each_other
-from ._partly import moments
-from ._progress import CROWDED, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules, State
+from ._progress import CROWDED, RUNNING, Rules, State
+from ._reading import Course, read
 from ._replay import differentiable
-from ._result import Ending, traced
+from ._result import traced
 from ._run import Run
 from ._scene import Scene
-from ._schedule import advance, begun, with_places
+from ._schedule import advance, begun, goes_on, with_places
 from ._search import flown
 from ._slots import everyone
 from ._system import Layout, Numbers, first_overlap, layout_of
-from ._table import table_of
-from ._work import work_of
 
 ROOM = 256
 """Impacts that a traced run has room for."""
@@ -57,6 +58,9 @@ _MOST_GROWN = 32
 
 _PIECE = 256
 """Impacts between two looks of Python at a run."""
+
+_PATIENCE = 0.25
+"""Seconds for which pieces run in a program that was compiled quickly."""
 
 
 @refuses_unknown
@@ -125,57 +129,46 @@ def simulate(
     scene = _going_on(scene, soft, min(room_for, layout.spheres))
     require_clear_of_each_other(scene.bodies, length)
     rules = Rules(soft, followed, min(room_for, layout.spheres) if soft else 0)
-    numbers, valid = numbers_of(scene, layout, contacts=soft or not all(layout.constant))
-    length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
-    given = (numbers, length, asked)
-    within = jnp.asarray(tolerance, numbers.dtype)
-    last = length
-    for movers in (numbers.motion, numbers.shaking):
-        if movers is not None:
-            last = jnp.minimum(last, _kept_until(movers, length))
-    names = tuple(
-        body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
-        for k, body in enumerate(scene.bodies)
-    )
-    if traced(given):
+    start = _started(given_in(scene), layout, rules, length, asked)
+    numbers, valid, length, asked, last, _ = start
+    within = jax.device_put(np.asarray(tolerance, numbers.dtype))
+    if traced(start):
         room = ROOM if most is None else most
         # A call of the coupled solve ends where any pair touches or opens.
         rows = room * (_CALLS if rules.members else 1)
         grid = None if soft else grid_of(layout, numbers)
-        outcome = _all_at_once(layout, numbers, rules, valid, last, within, rows, grid)
+        numbers, *known = _all_at_once(layout, numbers, rules, valid, last, within, rows, grid)
     else:
         room = None
         grows = max_cluster is None and _places_of(scene, 0) == 0
         with progress_of(progress, "impacts", "simulate") as tell:
-            given = (layout, numbers, rules, valid, last, within, most, tell)
-            rules, outcome = _piece_by_piece(*given)
-            while grows and _crowded(outcome) and rules.members < min(_MOST_GROWN, layout.spheres):
-                rules = Rules(soft, followed, min(2 * rules.members, layout.spheres))
-                rules, outcome = _piece_by_piece(*given[:2], rules, *given[3:])
-    numbers, log, written, status, reached = outcome
-    abrupt = (last < length) & (status == int(Ending.COMPLETED))
-    status = jnp.where(abrupt, int(Ending.WALL_TOO_ABRUPT), status)
-    given = (layout, numbers, rules, log, written, reached)
-    now, book = moments(*given, asked, jnp.stack([jnp.zeros_like(length), length]), within)
-    impacts, nearest, total = table_of(layout, numbers, names, book, written, status, room)
-    if room is None:
-        impacts = jax.tree.map(lambda x: x[: int(total)], impacts)
+            given = (layout, start, within, most, tell)
+            rules, known = _piece_by_piece(rules, *given)
+            while grows and _crowded(known) and rules.members < min(_MOST_GROWN, layout.spheres):
+                more = min(2 * rules.members, layout.spheres)
+                rules, known = _piece_by_piece(Rules(soft, followed, more), *given)
+    course = Course(*known, last, length)
+    told = read(layout, numbers, rules, course, asked, within, room)
+    names = tuple(
+        body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
+        for k, body in enumerate(scene.bodies)
+    )
     return Run(
-        time=now.time,
-        position=now.position,
-        velocity=now.velocity,
-        energy=now.energy,
-        impacts=impacts,
-        status=status,
-        reached=reached,
-        wall_work=work_of(layout, numbers, book, written, status, reached, rules.soft),
+        time=told.now.time,
+        position=told.now.position,
+        velocity=told.now.velocity,
+        energy=told.now.energy,
+        impacts=dataclasses.replace(told.impacts, names=names),
+        status=told.status,
+        reached=told.reached,
+        wall_work=told.work,
         duration=length,
         scene=scene,
-        _nearest=nearest,
+        _nearest=told.nearest,
         _layout=layout,
         _numbers=numbers,
-        _log=log,
-        _written=written,
+        _log=course.log,
+        _written=course.written,
         _rules=rules,
         _tolerance=within,
     )
@@ -187,8 +180,8 @@ def _places_of(scene: Scene, otherwise: int) -> int:
     return otherwise if contacts is None else contacts.who.shape[0]
 
 
-def _crowded(outcome: tuple) -> bool:
-    return int(outcome[3]) == int(Ending.CROWDED)
+def _crowded(known: Sequence[Array]) -> bool:
+    return int(known[2]) == CROWDED
 
 
 def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
@@ -224,7 +217,9 @@ def _v0(given: Any) -> str | float:
 def _times(given: Any, duration: Array) -> Array:
     """The times asked for; ValueError unless they ascend within the duration."""
     if given is None:
-        return jnp.stack([jnp.zeros_like(duration), duration])
+        if isinstance(duration, Tracer):
+            return jnp.stack([jnp.zeros_like(duration), duration])
+        return jax.device_put(np.array([0, duration], duration.dtype))
     times = as_parameter(given, "times")
     if times.ndim != 1 or times.shape[0] == 0:
         raise ValueError(f"Argument `times` must be a list of numbers, but is {rendered(given)}.")
@@ -251,7 +246,7 @@ def _all_at_once(
     tolerance: Array,
     room: int,
     grid: Grid | None,
-) -> tuple[Numbers, Log, Array, Array, Array]:
+) -> tuple[Numbers, Log, Array, Array, Array, Array, Array]:
     """The whole run as one program with room for so many impacts, differentiable.
 
     Where a cell is full the run goes on without cells.
@@ -263,109 +258,152 @@ def _all_at_once(
         lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, numbers
     )
     last = jnp.where(valid, jax.lax.stop_gradient(end), -1)
-    state = begun(layout, fixed, rules, last, grid)
+    state = begun(layout, fixed, rules, grid)
     log = blank_log(room, layout, numbers.dtype, rules.members)
     state, log, written = advance(layout, fixed, rules, state, log, last, tolerance)
     if state.cells is not None:
         full = state.cells.full & valid
         now = jnp.maximum(jnp.min(state.events.time), state.now)
-        state = expecting(layout, fixed, state, now, last, None, full)
+        state = expecting(layout, fixed, state, now, None, full)
         state, log, written = advance(layout, fixed, rules, state, log, last, tolerance, written)
-    more = _goes_on(state, last)
-    status, reached = _ending(state, more, valid, end)
+    more = goes_on(state, last)
     log = differentiable(layout, numbers, rules, log, written, tolerance)
-    return numbers, log, written, status, reached
+    return numbers, log, written, state.status, state.now, more, valid
 
 
 def _with_room(
-    layout: Layout, numbers: Numbers, state: State, end: Array, before: float
+    layout: Layout, numbers: Numbers, state: State, before: float
 ) -> tuple[State, float]:
     """The run with other cells where one is full, and when that was; without cells where they were
     full at the same time `before`, so that they are no use.
     """
     assert state.cells is not None
-    now = jnp.maximum(jnp.min(state.events.time), state.now)
-    position = flown(layout, numbers, state, None, now)[0]
+    now, position = _here(layout, numbers, state)
     useful = float(now) > before
     grid = grid_of(layout, numbers, position, state.cells.grid) if useful else None
-    return _expecting(layout, numbers, state, now, end, grid), float(now)
+    return _expecting(layout, numbers, state, now, grid), float(now)
 
 
-def _goes_on(state: State, end: Array) -> Array:
-    more = jnp.min(state.events.time) <= end
-    return more if state.coupling is None else more | state.coupling.active
+@quick
+def _here(layout: Layout, numbers: Numbers, state: State) -> tuple[Array, Array]:
+    """When the next event is, and where all spheres are then."""
+    now = jnp.maximum(jnp.min(state.events.time), state.now)
+    return now, flown(layout, numbers, state, None, now)[0]
 
 
-def _ending(state: State, more: Array, valid: Array, end: Array) -> tuple[Array, Array]:
-    """How a run ended, and up to which time its values hold."""
-    # A run may end while bodies are in contact.
-    stuck = (state.status != RUNNING) & (state.status != OVER)
-    more = more & (state.status != OVER)
-    status = jnp.where(stuck, int(Ending.ACCUMULATED), int(Ending.COMPLETED))
-    crowded = (state.status == CROWDED) | (state.status == TWO_SUPPORTS)
-    status = jnp.where(crowded, int(Ending.CROWDED), status)
-    status = jnp.where(state.status == NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
-    status = jnp.where(~stuck & more, int(Ending.TOO_MANY_IMPACTS), status)
-    status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
-    reached = jnp.where(stuck, state.now, jnp.where(more | ~valid, -1, end))
-    return status, jax.lax.stop_gradient(reached)
+@quick
+def _started(
+    given: Given, layout: Layout, rules: Rules, length: Array, asked: Array
+) -> tuple[Numbers, Array, Array, Array, Array, State]:
+    """The numbers of a scene and whether they are valid, the duration and the times in their
+    precision, until when the run goes, and its start.
+    """
+    contacts = rules.soft or not all(layout.constant)
+    numbers, valid = gathered(given, layout, contacts, rules.soft)
+    numbers = replaced(numbers, valid)
+    length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
+    last = length
+    for movers in (numbers.motion, numbers.shaking):
+        if movers is not None:
+            last = jnp.minimum(last, movers.kept_until(length))
+    return numbers, valid, length, asked, last, begun(layout, numbers, rules)
 
 
-_kept_until = eqx.filter_jit(Movers.kept_until)
-_begun = eqx.filter_jit(begun)
-_expecting = eqx.filter_jit(expecting)
-_advance = eqx.filter_jit(advance)
-_with_places = eqx.filter_jit(with_places)
-_blank = eqx.filter_jit(blank_log)
-
-
-def _piece_by_piece(
+def _onward(
     layout: Layout,
     numbers: Numbers,
     rules: Rules,
+    state: State,
     valid: Array,
     end: Array,
     tolerance: Array,
-    most: int | None,
-    tell: Tell,
-) -> tuple[Rules, tuple[Numbers, Log, Array, Array, Array]]:
+) -> tuple[State, Log, Array, Array]:
+    """A piece of a run: with its own log; whether there is more to come."""
+    end = jnp.where(valid, end, -1)
+    log = blank_log(_PIECE, layout, numbers.dtype, rules.members)
+    state, log, written = advance(layout, numbers, rules, state, log, end, tolerance)
+    return state, log, written, goes_on(state, end)
+
+
+_quickly, _swiftly = quick(_onward), eqx.filter_jit(_onward)
+_expecting = quick(expecting)
+_with_places = quick(with_places)
+_blank = quick(blank_log)
+
+
+_SPENT: dict[Any, float] = {}
+"""How long pieces of a kind have run in a program that was compiled quickly, in s."""
+
+
+def _piece(
+    layout: Layout, numbers: Numbers, rules: Rules, state: State, *given: Array
+) -> tuple[State, Log, Array, Array]:
+    """A piece of a run: by the program that is compiled in a fraction of the time, until pieces of
+    its kind have run so long that a faster one is worth its compilation.
+    """
+    kind = jax.tree.structure((layout, numbers, rules, state)), numbers.dtype
+    spent = _SPENT.get(kind)
+    if spent is not None and spent > _PATIENCE:
+        return _swiftly(layout, numbers, rules, state, *given)
+    began = time.perf_counter()
+    piece = jax.block_until_ready(_quickly(layout, numbers, rules, state, *given))
+    # The first one was compiled meanwhile.
+    _SPENT[kind] = 0.0 if spent is None else spent + time.perf_counter() - began
+    return piece
+
+
+def _piece_by_piece(
+    rules: Rules, layout: Layout, start: tuple, tolerance: Array, most: int | None, tell: Tell
+) -> tuple[Rules, tuple[Log, Array, Array, Array, Array, Array]]:
     """The run from Python: one program goes on until all impacts are there.
 
     Among many spheres or in a periodic space most scenes need no coupled solve: there the program
     is one without, until one is needed. Returns the rules that it ended with.
     """
+    numbers, valid, _, _, end, state = start
     given = rules
     within = numbers.start is not None and bool(numbers.start.leans)
     if not everyone(layout, rules.members) and not within:
         rules = Rules(rules.soft, rules.v0, 0)
-    numbers = replaced(numbers, valid)
-    last = jnp.where(valid, end, -1)
+    places = 0 if state.coupling is None else state.coupling.seats.who.shape[0]
+    if not rules.members:
+        state = state._replace(coupling=None)
+    elif places != rules.members:
+        state = _with_places(layout, numbers, rules.members, state)
     grid = None if rules.soft else grid_of(layout, numbers)
-    state = _begun(layout, numbers, rules, last, grid)
-    pieces: list[Log] = []
+    if grid is not None:
+        state = _expecting(layout, numbers, state, state.now, grid)
+    pieces: list[tuple[Log, int]] = []
     total, more, crowded_at = 0, True, -1.0
-    blank = _blank(_PIECE, layout, numbers.dtype, rules.members)
     while more and int(state.status) == RUNNING and (most is None or total < most):
         if state.cells is not None and bool(state.cells.full):
-            state, crowded_at = _with_room(layout, numbers, state, last, crowded_at)
-        state, log, written = _advance(layout, numbers, rules, state, blank, last, tolerance)
+            state, crowded_at = _with_room(layout, numbers, state, crowded_at)
+        state, log, written, ahead = _piece(layout, numbers, rules, state, valid, end, tolerance)
         count = int(written) if most is None else min(int(written), most - total)
-        more = bool(_goes_on(state, last)) or count < int(written)
-        pieces.append(jax.tree.map(lambda x, n=count: np.asarray(x)[:n], log))
+        more = bool(ahead) or count < int(written)
+        pieces.append((log, count))
         total += count
         tell(total, None, f"t = {float(state.now):.4g} s")
         if int(state.status) == CROWDED and rules.members < given.members:
             rules = given
             state = _with_places(layout, numbers, rules.members, state)
-            blank = _blank(_PIECE, layout, numbers.dtype, rules.members)
+    log = pieces[0][0] if len(pieces) == 1 else _one_log(layout, numbers, rules, pieces)
+    written, ahead = jax.device_put((np.asarray(total), np.asarray(more)))
+    return rules, (log, written, state.status, state.now, ahead, valid)
+
+
+def _one_log(
+    layout: Layout, numbers: Numbers, rules: Rules, pieces: Sequence[tuple[Log, int]]
+) -> Log:
+    """The log of several pieces, with blank rows at its end."""
+    total = sum(count for _, count in pieces)
     # Rows of lengths that are powers of two share the programs that read them.
-    room = max(64, 1 << max(total - 1, 0).bit_length())
-    # All rows of a blank log are alike.
-    rest = jax.tree.map(lambda x: np.repeat(np.asarray(x)[:1], room - total, axis=0), blank)
-    pieces = [_with_calls(piece, blank) for piece in pieces]
-    log = jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)), *pieces, rest)
-    status, reached = _ending(state, jnp.asarray(more), valid, end)
-    return rules, (numbers, log, jnp.asarray(total), status, reached)
+    room = 1 << max(total - 1, 0).bit_length()
+    blank = _blank(1, layout, numbers.dtype, rules.members)
+    cut = [jax.tree.map(lambda x, n=count: np.asarray(x)[:n], log) for log, count in pieces]
+    rest = jax.tree.map(lambda x: np.repeat(np.asarray(x), room - total, axis=0), blank)
+    parts = [_with_calls(piece, blank) for piece in cut]
+    return jax.device_put(jax.tree.map(lambda *x: np.concatenate(x), *parts, rest))
 
 
 def _with_calls(piece: Log, blank: Log) -> Log:
@@ -374,7 +412,7 @@ def _with_calls(piece: Log, blank: Log) -> Log:
         return piece
     rows = piece.facts.tied.shape[0]
     together, called = jax.tree.map(
-        lambda x: np.repeat(np.asarray(x)[:1], rows, axis=0),
+        lambda x: np.repeat(np.asarray(x), rows, axis=0),
         (blank.figures.coupled, blank.facts.call),
     )
     return Log(piece.figures._replace(coupled=together), piece.facts._replace(call=called))

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ._rows import rows_of, with_rows
 from ._system import Layout, Numbers
 from ._touching import ClusterState, Pairs
 
@@ -78,7 +79,7 @@ def index_of(layout: Layout, seats: Seats) -> Int[Array, " M"]:
 
 def put(all: Array, index: Int[Array, " M"], new: Array) -> Array:
     """What the places hold, at their spheres."""
-    return all.at[index].set(new, mode="drop", unique_indices=True)
+    return with_rows(all, index, new)
 
 
 def bodies_of(
@@ -90,7 +91,11 @@ def bodies_of(
         layout.spheres + jnp.arange(layout.walls), (*who.shape[:-1], layout.walls)
     )
     all_of_them = jnp.concatenate([jnp.minimum(who, layout.spheres - 1), walls], axis=-1)
-    return all_of_them[..., first], all_of_them[..., second]
+
+    def named(which: np.ndarray) -> Array:
+        return all_of_them.at[..., which].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+    return named(first), named(second)
 
 
 def pairs_of(layout: Layout, numbers: Numbers, members: int, seats: Seats) -> Pairs:
@@ -105,10 +110,12 @@ def pairs_of(layout: Layout, numbers: Numbers, members: int, seats: Seats) -> Pa
     return Pairs(
         first=jnp.asarray(first),
         second=jnp.asarray(second),
-        distance=radius[one] + radius[other],
-        normal=jnp.concatenate([none, numbers.normal])[second],
+        distance=rows_of(radius, one) + rows_of(radius, other),
+        normal=rows_of(jnp.concatenate([none, numbers.normal]), second),
         flat=jnp.asarray(flat),
-        used=inside[first] & inside[second] & (moves[one] | moves[other]),
+        used=rows_of(inside, first)
+        & rows_of(inside, second)
+        & (rows_of(moves, one) | rows_of(moves, other)),
     )
 
 

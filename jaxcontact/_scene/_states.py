@@ -8,9 +8,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ._flying import accelerations
-from ._inside import Entries, States, at_rest, in_contacts, in_pairs
+from ._inside import Entries, States, at_rest, in_contacts, in_pairs, stored_at_ends
 from ._log import Log, last_call
 from ._progress import Rules
+from ._rows import rows_of
 from ._slots import places
 from ._system import Layout, Numbers
 
@@ -31,7 +32,44 @@ def states_at(
     sorted by sphere and time: no table of times, spheres and impacts. Inside of a contact its
     motion is solved from the touch, unless `inside` says that no time is.
     """
+    if not rules.soft or not inside:
+        return states_in_log(layout, numbers, rules, log, written, times)[0]
+    found = looked_up(layout, numbers, log, written, times, True)
+    here = _in_flight(layout, numbers, times, found)
+    given = (layout, numbers, rules, log, times, tolerance, found, here)
+    there = in_contacts(*given, written) if rules.members else in_pairs(*given)
+    return _prescribed(layout, numbers, times, there)
+
+
+def states_in_log(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    written: Int[Array, ""],
+    times: Float[Array, " T"],
+) -> tuple[States, Bool[Array, " T"]]:
+    """The states at times that are not inside of a contact, and which of the times are.
+
+    At the time at which a call of the coupled solve ended its state is in the log.
+    """
     found = looked_up(layout, numbers, log, written, times, rules.soft)
+    here = _in_flight(layout, numbers, times, found)
+    if not rules.soft:
+        return here, times < -jnp.inf
+    inside = _inside(log, written, times, found)
+    if not rules.members:
+        return here, inside
+    stored = stored_at_ends(layout, numbers, rules, log, times, written)
+    nobody = jnp.zeros(found.support.shape, bool)
+    stored = stored + at_rest(layout, numbers, found, here, times, nobody)
+    return here._replace(stored=stored), inside
+
+
+def _in_flight(
+    layout: Layout, numbers: Numbers, times: Float[Array, " T"], found: Entries
+) -> States:
+    """The states of spheres that fly or rest."""
     count, dimensions = layout.spheres, layout.dimensions
     who = jnp.tile(jnp.arange(count), times.shape[0])
     pull = accelerations(layout, numbers, who, found.support.reshape(-1))
@@ -39,17 +77,7 @@ def states_at(
     pull = pull.reshape(times.shape[0], count, dimensions)
     velocity = found.velocity + pull * since
     position = found.position + (found.velocity + velocity) / 2 * since
-    stored = jnp.zeros_like(times)
-    here = _prescribed(layout, numbers, times, States(position, velocity, stored))
-    if not rules.soft or not (inside or rules.members):
-        return here
-    if not inside:
-        return here._replace(
-            stored=at_rest(layout, numbers, found, here, times, found.support < -1)
-        )
-    given = (layout, numbers, rules, log, times, tolerance, found, here)
-    there = in_contacts(*given, written) if rules.members else in_pairs(*given)
-    return _prescribed(layout, numbers, times, there)
+    return _prescribed(layout, numbers, times, States(position, velocity, jnp.zeros_like(times)))
 
 
 def _prescribed(
@@ -71,12 +99,17 @@ def any_inside(
 ) -> Bool[Array, ""]:
     """Whether any of the times lies inside of a contact that takes time."""
     found = looked_up(layout, numbers, log, written, times, True)
-    inside = jnp.any((times[:, None] < found.began) & (found.row >= 0))
+    return jnp.any(_inside(log, written, times, found))
+
+
+def _inside(
+    log: Log, written: Int[Array, ""], times: Float[Array, " T"], found: Entries
+) -> Bool[Array, " T"]:
+    inside = jnp.any((times[:, None] < found.began) & (found.row >= 0), axis=1)
     if log.facts.call is None or log.figures.coupled is None:
         return inside
     row, last = last_call(log, written, times)
-    end, ends = log.figures.coupled.end.time[row], log.facts.call.ends[row]
-    return inside | jnp.any(last & ((times < end) | ~ends))
+    return inside | (last & (times < rows_of(log.figures.coupled.end.time, row)))
 
 
 def looked_up(

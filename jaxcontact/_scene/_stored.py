@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._contact import Contact
+from .._elementary import contraction
 from .._laws import AbstractLaw
 
 Lane = Float[Array, ""]
@@ -19,8 +21,10 @@ def stored_in(law: AbstractLaw, contact: Contact, depth: Lane, speed: Lane) -> L
     """
     nodes, weights = np.polynomial.legendre.leggauss(16)
     depth = jnp.maximum(depth, 0)
-    total = jnp.zeros_like(depth)
-    for node, weight in zip(((1 + nodes) / 2).tolist(), (weights / 2).tolist(), strict=True):
-        force = law.force(depth * node**2, jnp.zeros_like(depth), contact, speed)
-        total = total + 2 * node * weight * force * depth
-    return total
+    still = jnp.zeros_like(depth)
+
+    def one(node: Lane) -> Lane:
+        return node * law.force(depth * jnp.square(node), still, contact, speed)
+
+    forces = jax.vmap(one)(jnp.asarray((1 + nodes) / 2, depth.dtype))
+    return depth * contraction(jnp.asarray(weights, depth.dtype), forces)

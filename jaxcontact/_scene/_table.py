@@ -35,18 +35,16 @@ class _Rows(eqx.Module):
     valid: Bool[Array, " K"]
 
 
-@eqx.filter_jit
 def table_of(
     layout: Layout,
     numbers: Numbers,
-    names: tuple[str, ...],
     log: Log,
     written: Int[Array, ""],
     status: Int[Array, ""],
     rows: int | None,
 ) -> tuple[Impacts, tuple[Array, Array], Int[Array, ""]]:
-    """The impacts in order of time, padded to `rows`; the smallest time between rivals and the
-    smallest closing speed, see `Margin`; and how many impacts there are.
+    """The impacts in order of time, padded to `rows`, without names of bodies; the smallest time
+    between rivals and the smallest closing speed, see `Margin`; and how many impacts there are.
 
     Without `rows` there is one for every row of the log and every pair of a coupled solve.
     """
@@ -88,7 +86,7 @@ def table_of(
         error_estimate=number(found.error_estimate),
         tied=found.tied & valid,
         valid=valid,
-        names=names,
+        names=(),
     )
     return impacts, (nearest, slowest), total
 

@@ -7,7 +7,6 @@ gap that rounding made negative is a touch: it is neither found a second time no
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 
 import jax
@@ -112,13 +111,14 @@ def curved_time(
     other = 2 * c2 / jnp.where(q != 0, q, 1)
     lower = jnp.clip(jnp.minimum(one, other), zero, end)
     upper = jnp.clip(jnp.maximum(one, other), zero, end)
-    bends = [zero, lower, upper, end]
-    turns = [_crossing(slope, low, high) for low, high in itertools.pairwise(bends)]
-    ends = [zero, *turns, end]
-    time = jnp.full_like(c0, jnp.inf)
-    for low, high in reversed(list(itertools.pairwise(ends))):
-        falls = (value(low) > 0) & (value(high) <= 0)
-        time = jnp.where(falls, _crossing(value, low, high), time)
+    # All intervals side by side, so that a search is in the program once.
+    bends = jnp.stack([zero, lower, upper, end])
+    turns = _crossing(jax.vmap(slope), bends[:-1], bends[1:])
+    ends = jnp.concatenate([zero[None], turns, end[None]])
+    heights = jax.vmap(value)(ends)
+    falls = (heights[:-1] > 0) & (heights[1:] <= 0)
+    found = _crossing(jax.vmap(value), ends[:-1], ends[1:])
+    time = jnp.min(jnp.where(falls, found, jnp.inf), axis=0)
     starts = touching & ((c1 < 0) | ((c1 == 0) & (c2 < 0)))
     return jnp.where(starts, 0, time)
 

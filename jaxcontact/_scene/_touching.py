@@ -22,6 +22,7 @@ from .._contact import Contact
 from .._elementary import contraction, small_product
 from .._laws import AbstractLaw, force_of
 from ._motion import Own
+from ._rows import rows_of
 from ._side import side
 
 _SLOWEST = 1e-9
@@ -52,7 +53,7 @@ class Pairs(NamedTuple):
 
     def between(self, position: PerBody) -> Float[Array, "pairs dim"]:
         """From the second bodies to the first."""
-        apart = position[self.first] - position[self.second]
+        apart = rows_of(position, self.first) - rows_of(position, self.second)
         return apart if self.away is None else apart - self.away
 
 
@@ -136,8 +137,17 @@ class Geometry(NamedTuple):
     swirl: PerPair
 
 
+def incidence_of(pairs: Pairs, bodies: int, dtype: Any) -> Float[Array, "pairs bodies"]:
+    """1 at the first body of a pair, -1 at the second."""
+    numbered = jnp.arange(bodies)[None]
+    first, second = pairs.first[:, None] == numbered, pairs.second[:, None] == numbered
+    signs = first.astype(dtype) - second.astype(dtype)
+    return jnp.where(pairs.used[:, None], signs, 0)
+
+
 class Touching(eqx.Module):
-    """The equations of a cluster in its units; `apart` and `depth` belong to its start.
+    """The equations of a cluster in its units; `apart` and `depth` belong to its start, `incidence`
+    to its pairs.
 
     `in_line`: whether the bodies are spheres and walls in one dimension, without shells.
     """
@@ -151,21 +161,12 @@ class Touching(eqx.Module):
     inverse_mass: Float[Array, " bodies"]
     acceleration: PerBody
     drive: Drive | None
+    incidence: Float[Array, "pairs bodies"]
     in_line: bool = eqx.field(static=True)
-
-    @property
-    def _incidence(self) -> Float[Array, "pairs bodies"]:
-        """1 at the first body of a pair, -1 at the second."""
-        bodies = jnp.arange(self.inverse_mass.shape[0])
-        first = self.pairs.first[:, None] == bodies[None, :]
-        second = self.pairs.second[:, None] == bodies[None, :]
-        used = self.pairs.used[:, None]
-        zero = jnp.zeros((), self.depth.dtype)
-        return jnp.where(used & first, zero + 1, zero) - jnp.where(used & second, zero + 1, zero)
 
     def _between(self, vectors: PerBody) -> Float[Array, "pairs dim"]:
         """Those of the first bodies less those of the second."""
-        return small_product(self._incidence, vectors)
+        return small_product(self.incidence, vectors)
 
     def geometry(self, moved: PerBody, velocity: PerBody) -> Geometry:
         """Of all pairs, once the bodies have `moved` from the start."""
@@ -218,7 +219,7 @@ class Touching(eqx.Module):
         self, geometry: Geometry, force: PerPair, time: Float[Array, ""]
     ) -> tuple[PerBody, PerBody]:
         """Of the bodies under the forces of the pairs, and the sums of those forces."""
-        pushed = small_product(self._incidence.T, force[:, None] * geometry.normal)
+        pushed = small_product(self.incidence.T, force[:, None] * geometry.normal)
         acceleration = self.acceleration + self.inverse_mass[:, None] * pushed
         if self.drive is not None:
             swing = jnp.sin(self.drive.rate * time + self.drive.phase)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
@@ -12,7 +11,6 @@ from ._states import looked_up
 from ._system import Layout, Numbers
 
 
-@eqx.filter_jit
 def work_of(
     layout: Layout,
     numbers: Numbers,
