@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,6 +12,7 @@ from jaxtyping import Array, Float, Int
 from ._flying import Flying, accelerations
 from ._hit import meeting_of, two_that_meet
 from ._log import Log
+from ._outside import concretely, derived
 from ._progress import Rules
 from ._result import Moment, traced
 from ._run import inside_of_any, moment_at
@@ -34,9 +37,10 @@ def moments(
     given = (layout, numbers, rules, log, written)
     if not rules.soft:
         return moment_at(*given, reached, asked, tolerance), log
-    if not traced((numbers, log, asked, ends)):
+    inside = concretely(inside_of_any, layout, numbers, log, written, ends)
+    if not traced(inside):
         now = moment_at(*given, reached, asked, tolerance)
-        if not bool(inside_of_any(layout, numbers, log, written, ends)):
+        if not bool(inside):
             return now, log
         there = moment_at(*given, reached, ends, tolerance)
     else:
@@ -47,7 +51,11 @@ def moments(
             jax.tree.map(lambda x, cut=cut: x[cut], every)
             for cut in (slice(count), slice(count, None))
         )
-    return now, booked(layout, numbers, log, written, there, reached)
+    return now, derived(_booked, layout, numbers, log, written, there, reached)
+
+
+def _booked(choice: None, *given: Any) -> Log:
+    return booked(*given)
 
 
 @eqx.filter_jit

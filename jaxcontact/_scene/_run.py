@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, BinaryIO, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 
 import equinox as eqx
 import numpy as np
@@ -16,6 +16,7 @@ from ._dataset import dataset
 from ._end import end_of
 from ._log import Log
 from ._margin import Course, Margin
+from ._outside import derived
 from ._progress import Rules
 from ._result import Impacts, Moment, ending_words, flagged, traced
 from ._scene import Scene
@@ -104,7 +105,7 @@ class Run(eqx.Module):
         isolated impact is taken from its touch once more.
         """
         given = (self._layout, self._numbers, self._rules, self._log, self._written)
-        start: Start | None = end_of(*given, self.duration)
+        start: Start | None = derived(_end, *given, self.duration)
         end = self.at(self.duration)
         position = end.position
         bodies = list(self.scene.bodies)
@@ -173,6 +174,10 @@ class Run(eqx.Module):
         return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
 
 
+def _end(choice: None, *given: Any) -> Start:
+    return end_of(*given)
+
+
 def moment_at(
     layout: Layout,
     numbers: Numbers,
@@ -184,11 +189,17 @@ def moment_at(
     tolerance: Array,
 ) -> Moment:
     """The states at some times. Motion inside of contacts is compiled only where it is needed."""
-    times = times.astype(numbers.dtype)
-    inside = rules.soft
-    if inside and not traced((numbers, log, written, times)):
-        inside = bool(inside_of_any(layout, numbers, log, written, times))
-    return _moment(layout, numbers, rules, log, written, reached, times, tolerance, inside)
+    given = (layout, numbers, rules, log, written, reached, times, tolerance)
+    return derived(_of_choice, *given, choose=_inside)
+
+
+def _inside(*given: Any) -> bool:
+    layout, numbers, rules, log, written, _, times, _ = given
+    return rules.soft and bool(inside_of_any(layout, numbers, log, written, times))
+
+
+def _of_choice(inside: bool | None, *given: Any) -> Moment:
+    return _moment(*given, given[2].soft if inside is None else inside)
 
 
 inside_of_any = eqx.filter_jit(any_inside)
@@ -206,6 +217,7 @@ def _moment(
     tolerance: Array,
     inside: bool,
 ) -> Moment:
+    times = times.astype(numbers.dtype)
     states = states_at(layout, numbers, rules, log, written, times, tolerance, inside)
     position, velocity, stored = states
     energy = energy_of(layout, numbers, position, velocity) + stored

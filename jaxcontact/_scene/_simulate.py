@@ -23,19 +23,21 @@ from .._parameter import (
     require_kind,
     require_number,
 )
+from .._program import quick
 from .._progress import Listener, Tell, progress_of, require_progress
 from ._cells import Grid
 from ._coupled import MOST
 from ._due import expecting
 from ._entry import one_number
+from ._followed import Course, followed
 from ._grid import grid_of
 from ._log import Log, blank_log
 from ._movers import Movers
 from ._numbers import numbers_of, replaced
+from ._outside import derived
 from ._overlap import require_clear_of_each_other
 from ._partly import moments
 from ._progress import CROWDED, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules, State
-from ._replay import differentiable
 from ._result import Ending, traced
 from ._run import Run
 from ._scene import Scene
@@ -114,7 +116,7 @@ def simulate(
     length = one_number(duration, "duration", POSITIVE)
     tolerance = require_number("rtol", rtol, FRACTION)
     soft = not require_flag("instantaneous", instantaneous)
-    followed = _v0(v0)
+    rule = _v0(v0)
     room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     asked = _times(times, length)
@@ -124,40 +126,38 @@ def simulate(
         room_for = _places_of(scene, room_for)
     scene = _going_on(scene, soft, min(room_for, layout.spheres))
     require_clear_of_each_other(scene.bodies, length)
-    rules = Rules(soft, followed, min(room_for, layout.spheres) if soft else 0)
-    numbers, valid = numbers_of(scene, layout, contacts=soft or not all(layout.constant))
-    length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
-    given = (numbers, length, asked)
+    rules = Rules(soft, rule, min(room_for, layout.spheres) if soft else 0)
+    plain = not traced((scene, length, asked))
+    given = (scene, layout, soft or not all(layout.constant), length, asked)
+    numbers, valid, length, last, asked = _numbers(*given) if plain else derived(_sound, *given)
     within = jnp.asarray(tolerance, numbers.dtype)
-    last = length
-    for movers in (numbers.motion, numbers.shaking):
-        if movers is not None:
-            last = jnp.minimum(last, _kept_until(movers, length))
     names = tuple(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
         for k, body in enumerate(scene.bodies)
     )
-    if traced(given):
-        room = ROOM if most is None else most
-        # A call of the coupled solve ends where any pair touches or opens.
-        rows = room * (_CALLS if rules.members else 1)
-        grid = None if soft else grid_of(layout, numbers)
-        outcome = _all_at_once(layout, numbers, rules, valid, last, within, rows, grid)
-    else:
-        room = None
-        grows = max_cluster is None and _places_of(scene, 0) == 0
+    grows = max_cluster is None and _places_of(scene, 0) == 0
+    # A call of the coupled solve ends where any pair touches or opens.
+    calls = _CALLS if rules.members and not plain else 1
+
+    def from_python(given: tuple) -> tuple[Rules, Course]:
+        rows = None if most is None else most * calls
         with progress_of(progress, "impacts", "simulate") as tell:
-            given = (layout, numbers, rules, valid, last, within, most, tell)
-            rules, outcome = _piece_by_piece(*given)
-            while grows and _crowded(outcome) and rules.members < min(_MOST_GROWN, layout.spheres):
-                rules = Rules(soft, followed, min(2 * rules.members, layout.spheres))
-                rules, outcome = _piece_by_piece(*given[:2], rules, *given[3:])
-    numbers, log, written, status, reached = outcome
+            return _grown(*given[:2], rules, *given[2:], rows, tell, grows)
+
+    def at_once(given: tuple) -> Course:
+        grid = None if soft else grid_of(*given[:2])
+        rows = (ROOM if most is None else most) * calls
+        return _all_at_once(*given[:2], rules, *given[2:], rows, grid)
+
+    given = (layout, numbers, valid, last, within)
+    rules, (log, written, status, reached) = followed(rules, given, from_python, at_once)
+    room = (ROOM if most is None else most) if traced(written) else None
     abrupt = (last < length) & (status == int(Ending.COMPLETED))
     status = jnp.where(abrupt, int(Ending.WALL_TOO_ABRUPT), status)
     given = (layout, numbers, rules, log, written, reached)
     now, book = moments(*given, asked, jnp.stack([jnp.zeros_like(length), length]), within)
-    impacts, nearest, total = table_of(layout, numbers, names, book, written, status, room)
+    table = (layout, numbers, names, book, written, status, room)
+    impacts, nearest, total = derived(_table, *table)
     if room is None:
         impacts = jax.tree.map(lambda x: x[: int(total)], impacts)
     return Run(
@@ -168,7 +168,7 @@ def simulate(
         impacts=impacts,
         status=status,
         reached=reached,
-        wall_work=work_of(layout, numbers, book, written, status, reached, rules.soft),
+        wall_work=derived(_work, layout, numbers, book, written, status, reached, rules.soft),
         duration=length,
         scene=scene,
         _nearest=nearest,
@@ -181,14 +181,66 @@ def simulate(
     )
 
 
+def _table(choice: None, *given: Any) -> tuple:
+    return table_of(*given)
+
+
+def _work(choice: None, *given: Any) -> Array:
+    return work_of(*given)
+
+
 def _places_of(scene: Scene, otherwise: int) -> int:
     """For how many spheres the coupled solve that a scene begins in has room."""
     contacts = None if scene._start is None else scene._start.contacts
     return otherwise if contacts is None else contacts.who.shape[0]
 
 
-def _crowded(outcome: tuple) -> bool:
-    return int(outcome[3]) == int(Ending.CROWDED)
+def _numbers(
+    scene: Scene, layout: Layout, contacts: bool, length: Array, asked: Array
+) -> tuple[Numbers, Array, Array, Array, Array]:
+    """The numbers of a scene, whether they are valid, its duration, up to when its moving bodies
+    are followed, and the times that are asked for, of one precision.
+    """
+    numbers, valid = numbers_of(scene, layout, contacts=contacts)
+    length, asked = length.astype(numbers.dtype), asked.astype(numbers.dtype)
+    last = length
+    for movers in (numbers.motion, numbers.shaking):
+        if movers is not None:
+            last = jnp.minimum(last, _kept_until(movers, length))
+    return numbers, valid, length, last, asked
+
+
+@quick
+def _sound(choice: None, scene: Scene, layout: Layout, *given: Any) -> tuple:
+    """As `_numbers`, of one that nobody has looked at: it may overlap at the start."""
+    numbers, valid, length, *rest = _numbers(scene, layout, *given)
+    valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
+    valid = valid & POSITIVE.holds(length)
+    return replaced(numbers, valid), valid, length, *rest
+
+
+def _grown(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    valid: Array,
+    end: Array,
+    tolerance: Array,
+    most: int | None,
+    tell: Tell,
+    grows: bool,
+) -> tuple[Rules, Course]:
+    """The run from Python, with more places in coupled solves where it `grows`."""
+    given, soft = (valid, end, tolerance, most, tell), rules.soft
+    rules, course = _piece_by_piece(layout, numbers, rules, *given)
+    while grows and _crowded(course) and rules.members < min(_MOST_GROWN, layout.spheres):
+        rules = Rules(soft, rules.v0, min(2 * rules.members, layout.spheres))
+        rules, course = _piece_by_piece(layout, numbers, rules, *given)
+    return rules, course
+
+
+def _crowded(course: Course) -> bool:
+    return int(course.status) == int(Ending.CROWDED)
 
 
 def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
@@ -251,14 +303,11 @@ def _all_at_once(
     tolerance: Array,
     room: int,
     grid: Grid | None,
-) -> tuple[Numbers, Log, Array, Array, Array]:
-    """The whole run as one program with room for so many impacts, differentiable.
+) -> Course:
+    """The whole run as one program with room for so many impacts.
 
     Where a cell is full the run goes on without cells.
     """
-    valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
-    valid = valid & POSITIVE.holds(end)
-    numbers = replaced(numbers, valid)
     fixed = jax.tree.map(
         lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, numbers
     )
@@ -273,8 +322,7 @@ def _all_at_once(
         state, log, written = advance(layout, fixed, rules, state, log, last, tolerance, written)
     more = _goes_on(state, last)
     status, reached = _ending(state, more, valid, end)
-    log = differentiable(layout, numbers, rules, log, written, tolerance)
-    return numbers, log, written, status, reached
+    return Course(log, written, status, reached)
 
 
 def _with_room(
@@ -328,7 +376,7 @@ def _piece_by_piece(
     tolerance: Array,
     most: int | None,
     tell: Tell,
-) -> tuple[Rules, tuple[Numbers, Log, Array, Array, Array]]:
+) -> tuple[Rules, Course]:
     """The run from Python: one program goes on until all impacts are there.
 
     Among many spheres or in a periodic space most scenes need no coupled solve: there the program
@@ -365,7 +413,7 @@ def _piece_by_piece(
     pieces = [_with_calls(piece, blank) for piece in pieces]
     log = jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)), *pieces, rest)
     status, reached = _ending(state, jnp.asarray(more), valid, end)
-    return rules, (numbers, log, jnp.asarray(total), status, reached)
+    return rules, Course(log, jnp.asarray(total), status, reached)
 
 
 def _with_calls(piece: Log, blank: Log) -> Log:
