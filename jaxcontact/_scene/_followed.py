@@ -19,6 +19,7 @@ from ._log import Figures, Log
 from ._outside import Found, derived, outside
 from ._progress import Rules
 from ._replay import chained, pushed
+from ._result import Way
 from ._rows import Kept, Matrices, matrices
 from ._system import Layout, Numbers
 
@@ -48,16 +49,16 @@ def followed(
         if traced:
             return Found(at_once(given), None)
         rules, course = from_python(given)
-        way = course.log.figures.outcome.way[: int(course.written)]
-        return Found(course, (rules, int(np.max(np.asarray(way), initial=0))))
+        way = np.asarray(course.log.figures.outcome.way)[: int(course.written)]
+        return Found(course, (rules, not np.any(way == Way.RADIAL)))
 
     def slopes(given: Given, found: Found) -> Callable[[Any], Any]:
-        rules, most = found.choice
+        rules, by_formula = found.choice
         layout, numbers, _, _, tolerance = given
         course = found.value
         hits, calls, slot = _kinds(course)
         parts = (layout, rules, numbers, course.log, hits, calls, slot, tolerance)
-        known = numbers, course, derived(_matrices, *parts, choose=lambda *_: most)
+        known = numbers, course, derived(_matrices, *parts, choose=lambda *_: by_formula)
         data, static = eqx.partition(known, eqx.is_array)
         leaves, structure = jax.tree.flatten(static)
         map = Map(_chain, (layout, rules, tuple(leaves), structure))
@@ -106,8 +107,8 @@ def _kinds(course: Course) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:
 
 
 @quick
-def _matrices(most: Any, *given: Any) -> Matrices:
-    return matrices(*given, most)
+def _matrices(by_formula: bool | None, *given: Any) -> Matrices:
+    return matrices(*given, bool(by_formula))
 
 
 def _chain(static: Any, known: Any, along: Numbers) -> Figures:

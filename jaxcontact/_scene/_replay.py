@@ -85,7 +85,7 @@ def pushed(
     leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
 
     def hit(row: _Row, before: Flying) -> Outcome:
-        strike, place = struck(layout, rules, *row[:3], tolerance, None)
+        strike, place = struck(layout, rules, *row[:3], tolerance)
 
         def of(leaves: Any, before: Flying) -> Outcome:
             return strike(eqx.combine(leaves, rest), before)

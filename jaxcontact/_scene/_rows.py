@@ -55,7 +55,7 @@ def struck(
     facts: Facts,
     counts: Bool[Array, ""],
     tolerance: Float[Array, ""],
-    ways: int | None,
+    by_formula: bool = False,
 ) -> tuple[Callable[[Numbers, Flying], Outcome], Flying]:
     """The impact of a row, and the bodies before it, which are some that meet where none is."""
     place = two_that_meet(layout, facts.choice.time)
@@ -63,7 +63,7 @@ def struck(
 
     def strike(numbers: Numbers, before: Flying) -> Outcome:
         if rules.soft:
-            return soft(layout, numbers, before, facts.choice, tolerance, counts)
+            return soft(layout, numbers, before, facts.choice, tolerance, counts, by_formula)
         return hit(layout, numbers, before, facts.choice)
 
     return strike, before
@@ -215,7 +215,7 @@ def matrices(
     calls: Kept | None,
     slot: Int[Array, " K"],
     tolerance: Float[Array, ""],
-    ways: int | None,
+    by_formula: bool,
 ) -> Matrices:
     """Those of all rows, each by what it varies with."""
 
@@ -226,7 +226,7 @@ def matrices(
             assert facts.call is not None
             who = seated(layout, facts.call.decided.seats)
         else:
-            row, given = struck(layout, rules, known, facts, counts, tolerance, ways)
+            row, given = struck(layout, rules, known, facts, counts, tolerance, by_formula)
             who = two_of(layout, facts)
         start, unravel = ravel_pytree(_without_flags((own(layout, numbers, who), given)))
 
