@@ -65,6 +65,7 @@ def oblique(
     rtol: float | Number,
     needed: bool | Bool[Array, ""] = True,
     free: bool = False,
+    by_formula: bool = False,
 ) -> Rebound:
     """One isolated impact of two bodies: how fast they part, when, and how far they have turned.
 
@@ -75,7 +76,8 @@ def oblique(
     velocities relative to `normal_speed`; in float32 no less than 1e-5 is reached. Where it is not
     `needed`, as in some lanes of a batch, no step is made, and the outcome means nothing. `free`
     says that the bodies are known to meet head-on without a pull: a closed form is then all there
-    is in the program.
+    is in the program. `by_formula` says that a formula is known to be good enough, if the form has
+    any: the radial problem is then left out.
 
     The closed form is taken where turning and pull change less than rtol/10, else a formula that
     corrects it where the form has one and what that leaves out is less, else the radial problem is
@@ -107,7 +109,7 @@ def oblique(
         no_error, way = jnp.zeros_like(swirl), jnp.full(swirl.shape, CLOSED_FORM)
         out = _free(closed, _back(form, lanes.exponent, closed), no_error)
     else:
-        out, way = _solved(numbers, closed, across / scale.speed, rtol, needed)
+        out, way = _solved(numbers, closed, across / scale.speed, rtol, needed, by_formula)
     converged = out.done
     settled = converged & out.settled
     status = jnp.where(settled, int(Status.SETTLED), int(Status.SEPARATED))
@@ -144,6 +146,7 @@ def _solved(
     sliding: Number,
     rtol: Number,
     needed: bool | Bool[Array, ""],
+    by_formula: bool,
 ) -> tuple[RadialOutcome, Int[Array, ""]]:
     """By the cheapest way that is good enough, and which it is; `sliding` is v_t/v_n."""
     form, exponent, push, swirl, ratio = numbers
@@ -159,6 +162,8 @@ def _solved(
             way = jnp.where(formula.error < goal, CORRECTED, way)
             formula = formula._replace(error=jnp.minimum(bent, formula.error))
         way = jnp.where(unbent, CLOSED_FORM, way)
+        if by_formula:
+            return formula, way
     skip = jnp.where((way != RADIAL) | ~jnp.asarray(needed), jnp.ones_like(swirl), 0)
     tolerance = _goal(rtol, 0.01)
     radial = Radial(

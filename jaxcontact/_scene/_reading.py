@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,10 +11,11 @@ from jaxtyping import Array, Float, Int
 
 from .._program import quick
 from ._log import Log
+from ._outside import derived
 from ._partly import booked
 from ._progress import CROWDED, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules
 from ._result import Ending, Impacts, Moment, traced
-from ._run import moment, moment_at, moment_in_log
+from ._run import inside_of_any, moment, moment_at, moment_in_log
 from ._system import Layout, Numbers
 from ._table import table_of
 from ._work import work_of
@@ -78,19 +79,50 @@ def read(
         total = int(reading.total)
         whole = jax.tree.map(lambda x: np.asarray(x)[:total], reading.impacts)
         return reading._replace(impacts=jax.device_put(whole))
-    status, reached = _ending(course)
-    told = (course.log, course.written, reached)
+    reading = derived(_of_choice, *given, course, asked, tolerance, rows, choose=_inside)
+    if rows is not None:
+        return reading
+    total = int(reading.total)
+    return reading._replace(impacts=jax.tree.map(lambda x: x[:total], reading.impacts))
+
+
+def _inside(
+    layout: Layout, numbers: Numbers, rules: Rules, course: Course, asked: Array, *given: Any
+) -> tuple[bool, bool]:
+    """Whether a time is inside of a contact, and an end of the run."""
     if not rules.soft:
-        return _told(*given, course, status, moment_at(*given, *told, asked, tolerance), rows)
-    ends = jnp.stack([jnp.zeros_like(course.length), course.length])
-    # One program for all times.
-    every = moment_at(*given, *told, jnp.concatenate([asked, ends]), tolerance)
-    count = asked.shape[0]
-    now, there = (
-        jax.tree.map(lambda x, cut=cut: x[cut], every) for cut in (slice(count), slice(count, None))
-    )
-    log = booked(layout, numbers, *told[:2], there, reached)
-    return _told(*given, course._replace(log=log), status, now, rows)
+        return False, False
+    given = (layout, numbers, course.log, course.written)
+    return bool(inside_of_any(*given, asked)), bool(inside_of_any(*given, _ends(course)))
+
+
+@quick
+def _of_choice(
+    choice: tuple[bool, bool] | None,
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    course: Course,
+    asked: Float[Array, " T"],
+    tolerance: Float[Array, ""],
+    rows: int | None,
+) -> Reading:
+    """A reading with a derivative. All times are looked up by one program."""
+    inside, cut = (rules.soft, rules.soft) if choice is None else choice
+    status, reached = _ending(course)
+    told, log = (course.log, course.written, reached), course.log
+    times, count = jnp.concatenate([asked, _ends(course)]) if cut else asked, asked.shape[0]
+    given = (layout, numbers, rules, *told, times)
+    every = moment(*given, tolerance) if inside or cut else moment_in_log(*given)[0]
+    if cut:
+        there = jax.tree.map(lambda x: x[count:], every)
+        log = booked(layout, numbers, *told[:2], there, reached)
+    now = jax.tree.map(lambda x: x[:count], every)
+    return _told(layout, numbers, rules, course._replace(log=log), status, now, rows)
+
+
+def _ends(course: Course) -> Float[Array, "2"]:
+    return jnp.stack([jnp.zeros_like(course.length), course.length])
 
 
 @quick
@@ -101,8 +133,7 @@ def _read(
     that is on there.
     """
     status, reached = _ending(course)
-    ends = jnp.stack([jnp.zeros_like(course.length), course.length])
-    times, count = jnp.concatenate([asked, ends]), asked.shape[0]
+    times, count = jnp.concatenate([asked, _ends(course)]), asked.shape[0]
     every, inside = moment_in_log(layout, numbers, rules, *course[:2], reached, times)
     now = jax.tree.map(lambda x: x[:count], every)
     reading = _told(layout, numbers, rules, course, status, now, None)

@@ -8,6 +8,7 @@ taken at the states written down it does not drift away from them, however chaot
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,14 +16,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._cluster import MOST_STEPS
-from ._coupled import as_flags, as_numbers, call, work_of_walls
 from ._flying import Flying, where_each
-from ._hit import Outcome, hit, two_that_meet
+from ._hit import Outcome
 from ._log import Facts, Figures, Log, Together
+from ._matrices import Done, Entering, Matrices, called, flat, own, seated, struck, two_of, unflat
 from ._progress import Rules
-from ._slots import in_place, index_of, places, put, rearranged
-from ._soft import soft
+from ._slots import index_of, places, put, rearranged
 from ._system import Layout, Numbers
 from ._touching import ClusterState
 
@@ -38,33 +37,100 @@ def differentiable(
     """The log, whose figures have the derivatives by `numbers`."""
     leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
     # What is traced, and no number, is an argument of the rule.
-    underway = None if numbers.start is None else numbers.start.underway
-    amid = None if underway is None else underway.counts
+    others, rest = eqx.partition(rest, eqx.is_array)
 
     @jax.custom_jvp
-    def figures(
-        leaves: Any, log: Log, amid: Array | None, written: Array, tolerance: Array
-    ) -> Figures:
+    def figures(leaves: Any, others: Any, log: Log, written: Array, tolerance: Array) -> Figures:
         return log.figures
 
     @figures.defjvp
     def rule(primals: tuple, tangents: tuple) -> tuple[Figures, Figures]:
-        leaves, log, amid, written, tolerance = primals
-        known = figures(leaves, log, amid, written, tolerance)
-        found = _tangents(
-            layout,
-            rest,
-            rules,
-            leaves,
-            tangents[0],
-            log._replace(figures=known),
-            amid,
-            written,
-            tolerance,
-        )
-        return known, found
+        leaves, others, log, written, tolerance = primals
+        known = figures(*primals)
+        numbers = eqx.combine(leaves, others, rest)
+        log = log._replace(figures=known)
+        return known, pushed(layout, rules, numbers, log, written, tolerance, tangents[0])
 
-    return log._replace(figures=figures(leaves, log, amid, written, tolerance))
+    return log._replace(figures=figures(leaves, others, log, written, tolerance))
+
+
+class _Row(NamedTuple):
+    """A row of the log; whether it `counts`, and the `slot` of its matrix."""
+
+    known: Figures
+    facts: Facts
+    counts: Bool[Array, ""]
+    slot: Int[Array, ""]
+
+
+class _Ways(NamedTuple):
+    """How tangents go through a row: of the bodies before an impact to those of its outcome, of
+    what enters a call to what it does; None for what there is none of.
+    """
+
+    hit: Callable[[_Row, Flying], Outcome] | None
+    call: Callable[[_Row, Entering], Done] | None
+
+
+def pushed(
+    layout: Layout,
+    rules: Rules,
+    numbers: Numbers,
+    log: Log,
+    written: Int[Array, ""],
+    tolerance: Float[Array, ""],
+    along: Numbers,
+) -> Figures:
+    """Tangents of the figures, each row solved once more for its own."""
+    leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
+
+    def hit(row: _Row, before: Flying) -> Outcome:
+        strike, place = struck(layout, rules, *row[:3], tolerance)
+
+        def of(leaves: Any, before: Flying) -> Outcome:
+            return strike(eqx.combine(leaves, rest), before)
+
+        return jax.jvp(of, (leaves, place), (along, before))[1]
+
+    def coupled(row: _Row, entering: Entering) -> Done:
+        solve, given = called(layout, rules, *row[:3], tolerance)
+
+        def of(leaves: Any, entering: Entering) -> Done:
+            return solve(eqx.combine(leaves, rest), entering)
+
+        return jax.jvp(of, (leaves, given), (along, entering))[1]
+
+    ways = _Ways(hit, None if log.facts.call is None else coupled)
+    slot = jnp.arange(log.facts.tied.shape[0])
+    return _chained(layout, rules, numbers, log, written, along, ways, slot)
+
+
+def chained(
+    layout: Layout,
+    rules: Rules,
+    numbers: Numbers,
+    log: Log,
+    written: Int[Array, ""],
+    matrices: Matrices,
+    along: Numbers,
+) -> Figures:
+    """Tangents of the figures by the matrices of the rows."""
+    hits, calls = matrices.hits, matrices.calls
+
+    def hit(row: _Row, before: Flying) -> Outcome:
+        assert hits is not None
+        given = flat((own(layout, along, two_of(layout, row.facts)), before))
+        return unflat(hits[row.slot] @ given, row.known.outcome)
+
+    def coupled(row: _Row, entering: Entering) -> Done:
+        called, at = row.facts.call, row.known.coupled
+        assert calls is not None and called is not None and at is not None
+        given = flat((own(layout, along, seated(layout, called.decided.seats)), entering))
+        like = Done(at.began, at.end, at.work, entering.spheres.position)
+        return unflat(calls[row.slot] @ given, like)
+
+    ways = _Ways(None if hits is None else hit, None if calls is None else coupled)
+    return _chained(layout, rules, numbers, log, written, along, ways, matrices.slot)
 
 
 class _Carry(NamedTuple):
@@ -75,38 +141,26 @@ class _Carry(NamedTuple):
     held: Array
 
 
-def _tangents(
+def _chained(
     layout: Layout,
-    rest: Any,
     rules: Rules,
-    leaves: Any,
-    along: Any,
+    numbers: Numbers,
     log: Log,
-    amid: Bool[Array, " N"] | None,
     written: Int[Array, ""],
-    tolerance: Float[Array, ""],
+    along: Numbers,
+    ways: _Ways,
+    slot: Int[Array, " K"],
 ) -> Figures:
-    def blanked(tree: Any, counts: Array) -> Any:
-        return jax.tree.map(lambda x: jnp.where(counts, x, jnp.zeros_like(x)), tree)
-
-    def impact(
-        carry: _Carry, known: Figures, facts: Facts, counts: Array
-    ) -> tuple[_Carry, Figures]:
+    def impact(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
+        assert ways.hit is not None
+        known, facts, counts, _ = row
         first, second = facts.choice.first, jnp.minimum(facts.choice.second, layout.spheres - 1)
         is_sphere = facts.choice.second < layout.spheres
         who = jnp.stack([first, jnp.where(is_sphere, second, first)])
         before = jax.tree.map(lambda all: all[who], carry.spheres)
-
-        def strike(leaves: Any, before: Flying) -> Outcome:
-            numbers = eqx.combine(leaves, rest)
-            if rules.soft:
-                return soft(layout, numbers, before, facts.choice, tolerance, counts)
-            return hit(layout, numbers, before, facts.choice)
-
-        place = two_that_meet(layout, facts.choice.time)
-        safe = jax.tree.map(lambda a, b: jnp.where(counts, a, b), known.before, place)
-        _, outcome = jax.jvp(strike, (leaves, safe), (along, before))
-        outcome, before = blanked(outcome, counts), blanked(before, counts)
+        outcome, before = jax.tree.map(
+            lambda x: jnp.where(counts, x, jnp.zeros_like(x)), (ways.hit(row, before), before)
+        )
 
         def put(all: Array, new: Array) -> Array:
             old = all[who]
@@ -118,41 +172,17 @@ def _tangents(
         together = jax.tree.map(jnp.zeros_like, known.coupled)
         return moved, Figures(before, outcome, together)
 
-    def together(
-        carry: _Carry, known: Figures, facts: Facts, counts: Array
-    ) -> tuple[_Carry, Figures]:
-        called, at, members = facts.call, known.coupled, rules.members
-        assert called is not None and at is not None and carry.coupled is not None
-
+    def together(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
+        assert ways.call is not None and carry.coupled is not None
+        known, members = row.known, rules.members
+        called, at = row.facts.call, known.coupled
+        assert called is not None and at is not None
         seats = called.decided.seats
         who, index = jnp.minimum(seats.who, layout.spheres - 1), index_of(layout, seats)
-
-        def solve(
-            leaves: Any, spheres: Flying, held: Array, before: ClusterState
-        ) -> tuple[ClusterState, ClusterState, Array, Array]:
-            numbers = eqx.combine(leaves, rest)
-            began, done = call(
-                layout, numbers, members, spheres, called.support, held, as_flags(before),
-                decided.where(counts), tolerance, rules.v0, max_steps=2 * MOST_STEPS,
-            )  # fmt: skip
-            work = work_of_walls(layout, numbers, seats, began, done)
-            place = done.state.position[:members] + seats.shift * numbers.period[None]
-            return as_numbers(began), as_numbers(done.state), work, place
-
         # At the places of this call, in which it began; they may be those of other bodies before.
         before = rearranged(carry.coupled, called.decided.change, members)
-        # Rest, and the last of all steps, come at a time that rounding decides, so that this solve
-        # would stop at another one: it goes to the time that is known.
-        stops = called.rest | called.paused
-        decided = called.decided._replace(
-            change=in_place(called.decided.change),
-            until=jnp.where(stops, at.end.time, called.decided.until),
-            to_the_end=stops,
-        )
         spheres, held = jax.tree.map(lambda x: x[who], (carry.spheres, carry.held))
-        given = (leaves, at.spheres, at.held, at.began)
-        slopes = (along, spheres, held, before)
-        _, (began, end, work, place) = jax.jvp(solve, given, slopes)
+        began, end, work, place = ways.call(row, Entering(spheres, held, before))
 
         def settled(old: Array, new: Array) -> Array:
             return put(old, index, new)
@@ -172,31 +202,37 @@ def _tangents(
         )
         return _Carry(moved, end, settled(carry.held, latched)), figures
 
-    def row(carry: _Carry, one: tuple[Log, Array]) -> tuple[_Carry, Figures]:
-        (known, facts), counts = one
-        if facts.call is None:
-            return impact(carry, known, facts, counts)
-        is_call = facts.call.is_call & counts
-        return jax.lax.cond(
-            is_call,
-            lambda: together(carry, known, facts, is_call),
-            lambda: impact(carry, known, facts, counts & ~is_call),
-        )
+    def nothing(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
+        return carry, jax.tree.map(jnp.zeros_like, row.known)
 
-    time = jnp.zeros(layout.spheres, along.position.dtype)
-    start = Flying(along.position, along.velocity, time)
-    if amid is not None:
-        moves = along.start.underway
-        led = Flying(moves.position, moves.velocity, moves.time)
-        start = where_each(amid, led, start)
-    coupled, held = None, time
+    def one(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
+        other = nothing if ways.hit is None else impact
+        if ways.call is None:
+            return other(carry, row)
+        assert row.facts.call is not None
+        is_call = row.facts.call.is_call & row.counts
+        this, that = row._replace(counts=is_call), row._replace(counts=row.counts & ~is_call)
+        return jax.lax.cond(is_call, lambda: together(carry, this), lambda: other(carry, that))
+
+    rows = _Row(*log, jnp.arange(log.facts.tied.shape[0]) < written, slot)
+    return jax.lax.scan(one, _begun(layout, numbers, log, along), rows)[1]
+
+
+def _begun(layout: Layout, numbers: Numbers, log: Log, along: Numbers) -> _Carry:
+    """The tangents at the start of a run."""
+    held = jnp.zeros(layout.spheres, along.position.dtype)
+    start = Flying(along.position, along.velocity, held)
+    coupled = None
     if log.figures.coupled is not None:
         coupled = jax.tree.map(lambda x: jnp.zeros_like(x[0]), log.figures.coupled.end)
-    if along.start is not None:
+    if numbers.start is not None and along.start is not None:
+        underway, moves = numbers.start.underway, along.start.underway
+        if underway is not None and moves is not None:
+            led = Flying(moves.position, moves.velocity, moves.time)
+            start = where_each(underway.counts, led, start)
         held = along.start.held
         if coupled is not None and along.start.contacts is not None:
             began = along.start.contacts.state._asdict()
             # Flags have no derivative.
             coupled = coupled._replace(**{k: x for k, x in began.items() if x is not None})
-    counts = jnp.arange(log.facts.tied.shape[0]) < written
-    return jax.lax.scan(row, _Carry(start, coupled, held), (log, counts))[1]
+    return _Carry(start, coupled, held)

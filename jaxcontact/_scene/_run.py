@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, BinaryIO, TextIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 
 import equinox as eqx
 import jax
@@ -19,11 +19,12 @@ from ._end import end_of
 from ._inside import States
 from ._log import Log
 from ._margin import Course, Margin
+from ._outside import derived
 from ._progress import Rules
 from ._result import Impacts, Moment, ending_words, flagged, traced
 from ._scene import Scene
 from ._start import Start
-from ._states import energy_of, states_at, states_in_log
+from ._states import any_inside, energy_of, states_at, states_in_log
 from ._system import Layout, Numbers
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ class Run(eqx.Module):
         isolated impact is taken from its touch once more.
         """
         given = (self._layout, self._numbers, self._rules, self._log, self._written)
-        start: Start | None = end_of(*given, self.duration)
+        start: Start | None = derived(_end, *given, self.duration)
         end = self.at(self.duration)
         known = end if traced(end) else jax.tree.map(np.asarray, end)
         position, velocity = known.position[0], known.velocity[0]
@@ -177,6 +178,10 @@ class Run(eqx.Module):
         return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
 
 
+def _end(choice: None, *given: Any) -> Start:
+    return end_of(*given)
+
+
 def moment_at(
     layout: Layout,
     numbers: Numbers,
@@ -189,12 +194,28 @@ def moment_at(
 ) -> Moment:
     """The states at some times. Motion inside of contacts is compiled only where it is needed."""
     given = (layout, numbers, rules, log, written, reached)
-    if rules.soft and traced((numbers, log, written, times)):
-        return moment(*given, times, tolerance)
+    if traced((numbers, log, written, times)):
+        return derived(_of_choice, *given, times, tolerance, choose=_inside)
     now, inside = moment_in_log(*given, times)
     if rules.soft and np.any(np.asarray(inside)):
         return moment(*given, times, tolerance)
     return now
+
+
+def _inside(
+    layout: Layout, numbers: Numbers, rules: Rules, log: Log, written: Array, *given: Array
+) -> bool:
+    return rules.soft and bool(inside_of_any(layout, numbers, log, written, given[1]))
+
+
+inside_of_any = quick(any_inside)
+
+
+def _of_choice(inside: bool | None, *given: Any) -> Moment:
+    *told, tolerance = given
+    if given[2].soft if inside is None else inside:
+        return moment(*told, tolerance)
+    return moment_in_log(*told)[0]
 
 
 @quick

@@ -32,13 +32,14 @@ from ._cells import Grid
 from ._coupled import MOST
 from ._due import expecting
 from ._entry import one_number
+from ._followed import followed
 from ._grid import grid_of
 from ._log import Log, blank_log
 from ._numbers import Given, gathered, given_in, replaced
+from ._outside import derived
 from ._overlap import require_clear_of_each_other
 from ._progress import CROWDED, RUNNING, Rules, State
 from ._reading import Course, read
-from ._replay import differentiable
 from ._result import traced
 from ._run import Run
 from ._scene import Scene
@@ -118,7 +119,7 @@ def simulate(
     length = one_number(duration, "duration", POSITIVE)
     tolerance = require_number("rtol", rtol, FRACTION)
     soft = not require_flag("instantaneous", instantaneous)
-    followed = _v0(v0)
+    rule = _v0(v0)
     room_for = MOST if max_cluster is None else require_count("max_cluster", max_cluster, 2)
     most = None if max_impacts is None else require_count("max_impacts", max_impacts, 1)
     asked = _times(times, length)
@@ -128,26 +129,34 @@ def simulate(
         room_for = _places_of(scene, room_for)
     scene = _going_on(scene, soft, min(room_for, layout.spheres))
     require_clear_of_each_other(scene.bodies, length)
-    rules = Rules(soft, followed, min(room_for, layout.spheres) if soft else 0)
-    start = _started(given_in(scene), layout, rules, length, asked)
-    numbers, valid, length, asked, last, _ = start
-    within = jax.device_put(np.asarray(tolerance, numbers.dtype))
-    if traced(start):
-        room = ROOM if most is None else most
-        # A call of the coupled solve ends where any pair touches or opens.
-        rows = room * (_CALLS if rules.members else 1)
-        grid = None if soft else grid_of(layout, numbers)
-        numbers, *known = _all_at_once(layout, numbers, rules, valid, last, within, rows, grid)
+    rules = Rules(soft, rule, min(room_for, layout.spheres) if soft else 0)
+    given = (given_in(scene), layout, rules, length, asked)
+    plain, state = not traced(given), None
+    if plain:
+        numbers, valid, length, asked, last, state = _started(*given)
     else:
-        room = None
-        grows = max_cluster is None and _places_of(scene, 0) == 0
+        numbers, valid, length, asked, last = derived(_sound, *_on_device(given))
+    within = jax.device_put(np.asarray(tolerance, numbers.dtype))
+    grows = max_cluster is None and _places_of(scene, 0) == 0
+    # A call of the coupled solve ends where any pair touches or opens.
+    calls = _CALLS if rules.members and not plain else 1
+
+    def from_python(given: tuple) -> tuple[Rules, Course]:
+        rows = None if most is None else most * calls
+        start = _begun(*given[:2], rules) if state is None else state
         with progress_of(progress, "impacts", "simulate") as tell:
-            given = (layout, start, within, most, tell)
-            rules, known = _piece_by_piece(rules, *given)
-            while grows and _crowded(known) and rules.members < min(_MOST_GROWN, layout.spheres):
-                more = min(2 * rules.members, layout.spheres)
-                rules, known = _piece_by_piece(Rules(soft, followed, more), *given)
-    course = Course(*known, last, length)
+            return _grown(rules, *given, start, rows, tell, grows)
+
+    def at_once(given: tuple) -> Course:
+        grid = None if soft else grid_of(*given[:2])
+        return _all_at_once(
+            *given[:2], rules, *given[2:], (ROOM if most is None else most) * calls, grid
+        )
+
+    given = (layout, numbers, valid, last, within)
+    rules, course = followed(rules, given, from_python, at_once)
+    course = course._replace(last=last, length=length)
+    room = (ROOM if most is None else most) if traced(course.written) else None
     told = read(layout, numbers, rules, course, asked, within, room)
     names = tuple(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
@@ -180,8 +189,29 @@ def _places_of(scene: Scene, otherwise: int) -> int:
     return otherwise if contacts is None else contacts.who.shape[0]
 
 
-def _crowded(known: Sequence[Array]) -> bool:
-    return int(known[2]) == CROWDED
+def _grown(
+    rules: Rules,
+    layout: Layout,
+    numbers: Numbers,
+    valid: Array,
+    end: Array,
+    tolerance: Array,
+    state: State,
+    most: int | None,
+    tell: Tell,
+    grows: bool,
+) -> tuple[Rules, Course]:
+    """The run from Python, with more places in coupled solves where it `grows`."""
+    given, soft = (layout, numbers, valid, end, tolerance, state, most, tell), rules.soft
+    rules, course = _piece_by_piece(rules, *given)
+    while grows and _crowded(course) and rules.members < min(_MOST_GROWN, layout.spheres):
+        more = min(2 * rules.members, layout.spheres)
+        rules, course = _piece_by_piece(Rules(soft, rules.v0, more), *given)
+    return rules, course
+
+
+def _crowded(course: Course) -> bool:
+    return int(course.status) == CROWDED
 
 
 def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
@@ -246,14 +276,11 @@ def _all_at_once(
     tolerance: Array,
     room: int,
     grid: Grid | None,
-) -> tuple[Numbers, Log, Array, Array, Array, Array, Array]:
-    """The whole run as one program with room for so many impacts, differentiable.
+) -> Course:
+    """The whole run as one program with room for so many impacts.
 
     Where a cell is full the run goes on without cells.
     """
-    valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
-    valid = valid & POSITIVE.holds(end)
-    numbers = replaced(numbers, valid)
     fixed = jax.tree.map(
         lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, numbers
     )
@@ -267,8 +294,7 @@ def _all_at_once(
         state = expecting(layout, fixed, state, now, None, full)
         state, log, written = advance(layout, fixed, rules, state, log, last, tolerance, written)
     more = goes_on(state, last)
-    log = differentiable(layout, numbers, rules, log, written, tolerance)
-    return numbers, log, written, state.status, state.now, more, valid
+    return Course(log, written, state.status, state.now, more, valid, end, end)
 
 
 def _with_room(
@@ -309,6 +335,21 @@ def _started(
     return numbers, valid, length, asked, last, begun(layout, numbers, rules)
 
 
+@quick
+def _sound(
+    choice: None, given: Given, layout: Layout, rules: Rules, length: Array, asked: Array
+) -> tuple[Numbers, Array, Array, Array, Array]:
+    """As `_started`, of a scene that nobody has looked at: it may overlap at the start."""
+    numbers, valid, length, asked, last, _ = _started(given, layout, rules, length, asked)
+    valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
+    valid = valid & POSITIVE.holds(length)
+    return replaced(numbers, valid), valid, length, asked, last
+
+
+def _on_device(tree: Any) -> Any:
+    return jax.tree.map(lambda x: jax.device_put(x) if isinstance(x, np.ndarray) else x, tree)
+
+
 def _onward(
     layout: Layout,
     numbers: Numbers,
@@ -326,6 +367,7 @@ def _onward(
 
 
 _quickly, _swiftly = quick(_onward), eqx.filter_jit(_onward)
+_begun = quick(begun)
 _expecting = quick(expecting)
 _with_places = quick(with_places)
 _blank = quick(blank_log)
@@ -353,14 +395,21 @@ def _piece(
 
 
 def _piece_by_piece(
-    rules: Rules, layout: Layout, start: tuple, tolerance: Array, most: int | None, tell: Tell
-) -> tuple[Rules, tuple[Log, Array, Array, Array, Array, Array]]:
+    rules: Rules,
+    layout: Layout,
+    numbers: Numbers,
+    valid: Array,
+    end: Array,
+    tolerance: Array,
+    state: State,
+    most: int | None,
+    tell: Tell,
+) -> tuple[Rules, Course]:
     """The run from Python: one program goes on until all impacts are there.
 
     Among many spheres or in a periodic space most scenes need no coupled solve: there the program
     is one without, until one is needed. Returns the rules that it ended with.
     """
-    numbers, valid, _, _, end, state = start
     given = rules
     within = numbers.start is not None and bool(numbers.start.leans)
     if not everyone(layout, rules.members) and not within:
@@ -389,7 +438,7 @@ def _piece_by_piece(
             state = _with_places(layout, numbers, rules.members, state)
     log = pieces[0][0] if len(pieces) == 1 else _one_log(layout, numbers, rules, pieces)
     written, ahead = jax.device_put((np.asarray(total), np.asarray(more)))
-    return rules, (log, written, state.status, state.now, ahead, valid)
+    return rules, Course(log, written, state.status, state.now, ahead, valid, end, end)
 
 
 def _one_log(

@@ -28,13 +28,15 @@ def soft(
     choice: Choice,
     rtol: Float[Array, ""],
     needed: Bool[Array, ""],
+    by_formula: bool = False,
 ) -> Outcome:
     """An impact with its own duration, exact for a central force: `oblique` says how it is solved.
 
     The line of centres turns by ψ while the centre of mass moves on: with the unit vectors n along
     the line and s along the sliding velocity at touch, the bodies part at distance d along R(ψ) n
     with the velocity R(ψ) (-e' v_n n + v_s s). A moving wall is met in its own frame.
-    Where it is not `needed`, as in some lanes of a batch, nothing is solved.
+    Where it is not `needed`, as in some lanes of a batch, nothing is solved. `by_formula`: whether
+    it is known to need no radial problem.
     """
     count = layout.spheres
     meeting = meeting_of(layout, numbers, before, choice)
@@ -68,9 +70,12 @@ def soft(
     free = layout.dimensions == 1 and not layout.gravity
     laws, kind = laws_of(layout, numbers, choice.first, choice.second)
     solves = [
-        functools.partial(oblique, law, rtol=rtol, needed=needed & (kind == number), free=free)
+        functools.partial(
+            oblique, law, rtol=rtol, needed=needed & (kind == number), free=free,
+            by_formula=by_formula,
+        )
         for number, law in enumerate(laws)
-    ]
+    ]  # fmt: skip
     rebound = solves[0](*given) if len(laws) == 1 else jax.lax.switch(kind, solves, *given)
     good = rebound.status == int(Status.SEPARATED)
     clean = jax.tree.map(lambda x: jnp.where(good, x, jnp.zeros_like(x)), rebound)

@@ -1,0 +1,110 @@
+"""A run with its derivative: it goes as from Python, then each row of its log becomes a matrix, and
+their chain carries tangents along; where numbers are not concrete it is one program, replayed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from .._program import quick
+from ._linear import Map
+from ._log import Figures
+from ._matrices import Kept, Matrices, matrices
+from ._outside import Found, derived, outside
+from ._progress import Rules
+from ._reading import Course
+from ._replay import chained, pushed
+from ._result import Way
+from ._system import Layout, Numbers
+
+Given = tuple[Layout, Numbers, Array, Array, Array]
+"""The scene, whether it is valid, the end, and the tolerance."""
+
+
+def followed(
+    rules: Rules,
+    given: Given,
+    from_python: Callable[[Given], tuple[Rules, Course]],
+    at_once: Callable[[Given], Course],
+) -> tuple[Rules, Course]:
+    """The course of a scene, and the rules that it ended with."""
+
+    def find(traced: bool, given: Given) -> Found:
+        if traced:
+            return Found(at_once(given), None)
+        rules, course = from_python(given)
+        way = np.asarray(course.log.figures.outcome.way)[: int(course.written)]
+        return Found(course, (rules, not np.any(way == Way.RADIAL)))
+
+    def slopes(given: Given, found: Found) -> Callable[[Any], Any]:
+        rules, by_formula = found.choice
+        layout, numbers, _, _, tolerance = given
+        course = found.value
+        hits, calls, slot = _kinds(course)
+        parts = (layout, rules, numbers, course.log, hits, calls, slot, tolerance)
+        known = numbers, course, derived(_matrices, *parts, choose=lambda *_: by_formula)
+        data, static = eqx.partition(known, eqx.is_array)
+        leaves, structure = jax.tree.flatten(static)
+        map = Map(_chain, (layout, rules, tuple(leaves), structure))
+
+        def move(along: Given) -> Course:
+            still: Course = jax.tree.map(lambda _: None, course)
+            figures = map(data, along[1], course.log.figures)
+            return still._replace(log=still.log._replace(figures=figures))
+
+        return move
+
+    def along_with(given: Given, found: Found, along: Given) -> Course:
+        layout, numbers, _, _, tolerance = given
+        log, written = found.value.log, found.value.written
+        still: Course = jax.tree.map(lambda _: None, found.value)
+        figures = _pushed(layout, rules, numbers, log, written, tolerance, along[1])
+        return still._replace(log=still.log._replace(figures=figures))
+
+    found = outside(find, slopes, along_with, given)
+    return rules if found.choice is None else found.choice[0], found.value
+
+
+_pushed = eqx.filter_jit(pushed)
+
+
+def _kinds(course: Course) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:
+    """The rows of each kind, and where each row is among its own."""
+    facts = course.log.facts
+    rows, written = facts.tied.shape[0], int(course.written)
+    is_call = np.zeros(rows, bool) if facts.call is None else np.asarray(facts.call.is_call)
+    is_call, number = is_call[:written], np.arange(written)
+    slot = np.zeros(rows, int)
+
+    def kept(which: np.ndarray) -> Kept | None:
+        found = number[which]
+        slot[found] = np.arange(found.size)
+        if found.size == 0:
+            return None
+        room = max(8, 1 << int(found.size - 1).bit_length())
+        row = np.zeros(room, int)
+        row[: found.size] = found
+        return Kept(jax.device_put(row), jax.device_put(np.arange(room) < found.size))
+
+    hits, calls = kept(~is_call), kept(is_call)
+    return hits, calls, jax.device_put(slot)
+
+
+@quick
+def _matrices(by_formula: bool | None, *given: Any) -> Matrices:
+    return matrices(*given, bool(by_formula))
+
+
+def _chain(static: Any, known: Any, along: Numbers) -> Figures:
+    layout, rules, leaves, structure = static
+    numbers, course, matrices = eqx.combine(known, jax.tree.unflatten(structure, leaves))
+    floats = eqx.filter(numbers, eqx.is_inexact_array)
+    along = eqx.combine(along, jax.tree.map(jnp.zeros_like, floats))
+    return chained(layout, rules, numbers, course.log, course.written, matrices, along)
