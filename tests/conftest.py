@@ -67,23 +67,37 @@ _LONG = (
 _PLACE = {name: place for place, name in enumerate(_LONG)}
 
 
-_SLOW = pathlib.Path(__file__).with_name("slow.txt")
+_MOST_LEFT_OUT = 0.05
 
 
 def pytest_collection_modifyitems(config, items):
     items.sort(key=lambda item: _PLACE.get(item.path.stem, len(_LONG)))
-    slow = {line for line in _SLOW.read_text().splitlines() if not line.startswith("#")}
-    for item in items:
-        # With its parameters or, for all of them, without.
-        if slow & {item.nodeid, item.nodeid.split("[")[0]}:
-            item.add_marker(pytest.mark.slow)
+    left = [item for item in items if _is_left_out(item)]
+    everything = config.args_source == pytest.Config.ArgsSource.TESTPATHS
+    if everything and len(left) > _MOST_LEFT_OUT * len(items):
+        raise pytest.UsageError(
+            f"{len(left)} of {len(items)} tests are slow: more than a twentieth"
+        )
     # Who names a test wants it, and who says `slow` says which.
     if "slow" in config.option.markexpr or any("::" in argument for argument in config.args):
         return
-    left = [item for item in items if item.get_closest_marker("slow")]
     if left:
         config.hook.pytest_deselected(items=left)
-        items[:] = [item for item in items if not item.get_closest_marker("slow")]
+        out = set(left)
+        items[:] = [item for item in items if item not in out]
+
+
+def _is_left_out(item):
+    """Whether a test is slow: all of it, or the cases that `slow("id", reason=...)` names."""
+    mark = item.get_closest_marker("slow")
+    if mark is None:
+        return False
+    if not mark.kwargs.get("reason"):
+        raise pytest.UsageError(f"{item.nodeid}: a slow test says why, slow(reason=...)")
+    if mark.args and item.callspec.id not in mark.args:
+        item.own_markers.remove(mark)
+        return False
+    return True
 
 
 # Linux lets a process map 65,530 regions of memory, and ends it at the next one. A compiled program

@@ -45,6 +45,7 @@ def series(e, K, m, g, h):
     return np.array(out, dtype=object).T
 
 
+@pytest.mark.slow(reason="derivatives of a whole run")
 def test_series_and_its_derivatives():
     def both(point):
         out = run(*point, bounces=COUNT)
@@ -67,6 +68,7 @@ def test_series_and_its_derivatives():
             assert np.all(np.abs(reverse[i] - forward[i]) <= MODES * size + floor)
 
 
+@pytest.mark.slow(reason="derivatives of a whole run with weight in contact")
 def test_derivatives_with_gravity_in_contact():
     options = {"bounces": 3, "gravity_in_contact": True, "method": jc.Event(rtol=1e-12)}
 

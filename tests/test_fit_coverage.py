@@ -13,6 +13,7 @@ LEAST = 0.904
 """Three standard deviations of a share of 200 draws below 95 %."""
 
 
+@pytest.mark.slow(reason="a study of many fits by its benchmark")
 @pytest.mark.parametrize("name", ["decay, 8 points, σ unknown", "1 - b v^p, 5 points, σ known"])
 def test_intervals_and_bands_hold_the_truth(name):
     cell = fit_coverage.run(name, fit_coverage.cells()[name], DRAWS, seed=3)

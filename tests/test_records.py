@@ -308,6 +308,7 @@ def test_impacts_of_the_study_are_found():
         assert read(draw(np.random.default_rng([8, k]), impacts=False)) is None
 
 
+@pytest.mark.slow(reason="a study of six records by its benchmark")
 def test_intervals_of_the_study_hold_the_truth():
     rows = [one_of(np.random.default_rng([9, k])) for k in range(6)]
     seen = summary(rows)

@@ -39,6 +39,7 @@ def results(tmp_path_factory):
     return into
 
 
+@pytest.mark.slow(reason="the benchmark's own programs, a dozen of them")
 def test_every_way_answers_or_says_why(results):
     rows = json.loads((results / "run_time_error.json").read_text())["rows"]
     best = {}

@@ -101,6 +101,7 @@ METHODS = {"phase": 1e-9, "event": 1e-8}
 """ln T₂ by each method against the closed form: 3e-11 and 6e-10 were seen."""
 
 
+@pytest.mark.slow(reason="the fit once more by event and phase solves")
 def test_the_method_of_the_impacts_does_not_matter():
     first = jnp.asarray(np.linspace(0.1, 1, 6))
     model = BounceModel(jc.ConstantDamping(c=2e4), CONTACT, jnp.asarray(0.5))
@@ -127,6 +128,10 @@ FOUND = {"exact": 1e-10, "constant e": 1e-10, "constant c": 1e-10, "viscous": 2e
 is an interpolated integration."""
 
 
+@pytest.mark.slow(
+    "viscous-heights-0.45-phase",
+    reason="a fit whose model solves impacts by phase and follows drag",
+)
 @pytest.mark.parametrize(
     ("name", "kind", "drag", "method"),
     [
@@ -207,6 +212,7 @@ def test_intervals_hold_the_truth(name, both):
     assert (errors[:, 1] < 0.05).all()
 
 
+@pytest.mark.slow(reason="a study of many fits, 75 s of CPU")
 def test_shared_triggers_are_counted_once():
     """Four trials of ten pairs, timed by triggers with an error of 1 ms: no bias, true errors."""
     b = BALL.terminal_speed(G) ** -2
@@ -304,6 +310,7 @@ def measured(table_tennis):
     )
 
 
+@pytest.mark.slow(reason="a fit with drag by each of two columns, 11 s of CPU")
 def test_the_drag_of_a_table_tennis_ball(measured):
     assert measured.converged, measured.reason
     # A smooth sphere has 0.4 to 0.5 at these speeds; 0.545 ± 0.013 was found. An e that falls with
@@ -313,6 +320,7 @@ def test_the_drag_of_a_table_tennis_ball(measured):
     assert 0.94 < float(measured.params.law.e) < 0.97
 
 
+@pytest.mark.slow(reason="two fits with drag to sixty rebounds, 10 s of CPU")
 def test_drops_from_one_height_share_its_error():
     """Sixty rebounds of a table-tennis ball from six heights, of which each is off."""
     source = Path(jc.__file__).parent / "data" / "rebound_heights.csv"

@@ -81,6 +81,7 @@ def test_the_truth_is_found_and_preferred(kind, seed):
     assert said in result.choice.verdict
 
 
+@pytest.mark.slow(reason="a study of many fits")
 def test_standard_errors_are_the_spread_of_estimates():
     pulls, alarms = [], 0
     for seed in range(40):

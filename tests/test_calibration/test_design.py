@@ -71,6 +71,7 @@ SIMULATED = 0.15
 """The standard deviation of 200 fits is known to 5 per cent; in 500 (benchmarks) to 3."""
 
 
+@pytest.mark.slow(reason="a study of many fits")
 def test_simulated_fits_scatter_as_expected():
     found = planned(n=8)
     random = np.random.default_rng(2)

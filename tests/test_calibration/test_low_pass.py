@@ -170,6 +170,7 @@ def test_a_record_behind_a_filter(monkeypatch):
     assert "readings of force come in steps of 60, 2." in found.notes[-1]
 
 
+@pytest.mark.slow(reason="a fit to a record of 2500 readings")
 def test_a_long_record_in_steps_is_not_too_sure():
     """Each step lasts for many readings, which share its error: errors grow tenfold."""
     time = np.linspace(0, 2.2e-3, 2500)

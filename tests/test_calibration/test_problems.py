@@ -39,6 +39,7 @@ def falling():
     return np.array([delivered(2e7 * v / 1.4e8) for v in SPEED])
 
 
+@pytest.mark.slow("phase", "Event(rtol=1e-10)", reason="the fit once more by another method")
 @pytest.mark.parametrize("method", SAME, ids=str)
 def test_a_constant_c_comes_back(falling, method):
     found = jc.fit_damping(SPEED, falling, CONTACT, method=method)
@@ -77,6 +78,7 @@ def test_the_best_constant_beta(best_beta):
     assert left < others[0] < others[1]
 
 
+@pytest.mark.slow(reason="the fit once more by another method")
 def test_beta_is_the_same_by_another_method():
     found = jc.fit_energy_loss(ASKED[::9], method="event")
     exact = jc.fit_energy_loss(ASKED[::9])
@@ -85,6 +87,7 @@ def test_beta_is_the_same_by_another_method():
     assert float(found.params["beta"]) == pytest.approx(float(exact.params["beta"]), rel=1e-8)
 
 
+@pytest.mark.slow(reason="the fit once more by another method")
 @pytest.mark.parametrize("method", ["phase", "event"])
 def test_a_learned_law_is_the_same_by_other_methods(method):
     asked = np.linspace(0.3, 1, 30)
@@ -157,6 +160,7 @@ def test_the_exponent_of_a_croquet_ball():
     assert slope == pytest.approx(-0.23, abs=1e-4)
 
 
+@pytest.mark.slow(reason="a study of 40 fits")
 def test_intervals_hold_the_truth():
     """Tables of e and of t_c with known noise: 95 % intervals hold K, n and c."""
     random = np.random.default_rng(5)

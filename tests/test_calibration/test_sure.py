@@ -134,6 +134,7 @@ def test_columns_that_do_not_go_together_are_refused(given, words):
         jc.choose_law(SPEED, PLASTIC, CONTACT, **given)
 
 
+@pytest.mark.slow(reason="a study of 16 tables by its benchmark")
 def test_the_study_in_seconds(tmp_path):
     for truth in ("constant c", "c rises", "elastic-plastic", "wet"):
         name = f"{truth}, 25 points, noise proportional"

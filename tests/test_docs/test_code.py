@@ -15,6 +15,7 @@ ELSEWHERE = {"sweeps.md": "tests/test_sweep/test_page.py", "plots.md": "docs/plo
 PAGES = [page for page in pages() if page.name not in ELSEWHERE]
 
 
+@pytest.mark.slow(reason="the code of a whole page; runs with the site")
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_the_code_prints_what_the_page_shows(page, monkeypatch):
     monkeypatch.setattr(_registry, "_REGISTRY", dict(_registry._REGISTRY))

@@ -34,6 +34,14 @@ def drawn(n, seed):
     return SIGMA * np.random.default_rng(seed).normal(size=(DRAWS, n))
 
 
+@pytest.mark.slow(
+    "{}-200",
+    "{'sigma': 0.1}-200",
+    "{'loss': Huber(threshold=1.345)}-200",
+    "{'loss': Huber(threshold=1.345)}-25",
+    "{'loss': Huber(threshold=1.345)}-8",
+    reason="a study of 200 fits",
+)
 @pytest.mark.parametrize("n", [8, 25, 200])
 @pytest.mark.parametrize("how", [{}, {"sigma": SIGMA}, {"loss": jc.Huber()}], ids=str)
 def test_a_right_model_is_called_wrong_in_five_per_cent(n, how):
@@ -42,6 +50,7 @@ def test_a_right_model_is_called_wrong_in_five_per_cent(n, how):
     assert ALARMS[0] <= sum(fit.adequate is False for fit in fits) <= ALARMS[1]
 
 
+@pytest.mark.slow(reason="a study of 400 fits")
 def test_points_of_a_trial_may_be_correlated():
     trial = np.repeat(np.arange(10), 4)
     x = np.sort(np.random.default_rng(1).uniform(-1, 1, 40))
@@ -80,6 +89,7 @@ def test_a_shift_is_not_told_from_a_misfit_between_trials():
     assert jc.fit(line, y, START, x=x).adequate is False
 
 
+@pytest.mark.slow(reason="a study of 200 fits")
 def test_trials_shift_each_column_by_itself():
     trial, alarms = np.arange(24) % 3, 0
     x, random = np.linspace(-1, 1, 24), np.random.default_rng(3)
@@ -97,6 +107,7 @@ def misfit(x, size):
     return SIGMA * np.sqrt(size) * left / np.linalg.norm(left)
 
 
+@pytest.mark.slow("100-60-{}", "400-120-{}", reason="a study of 200 fits")
 @pytest.mark.parametrize(
     ("n", "size", "how"),
     [(12, 60, {}), (100, 60, {}), (400, 120, {}), (25, 35, {"sigma": SIGMA})],
@@ -158,6 +169,7 @@ def test_points_without_weight_do_not_count():
     assert some.adequacy.structure_p == pytest.approx(few.adequacy.structure_p)
 
 
+@pytest.mark.slow(reason="a study of 400 fits")
 def test_each_column_has_an_order_and_a_noise_of_its_own():
     alarms, seen = 0, 0
     for first, second in zip(drawn(25, 11), drawn(25, 12), strict=True):

@@ -32,6 +32,7 @@ def fitted(y):
     return with_shared(plain, ERRORS)
 
 
+@pytest.mark.slow(reason="a study of hundreds of fits")
 def test_standard_errors_are_the_scatter():
     random, values, alarms = np.random.default_rng(0), [], 0
     for _ in range(DRAWS):

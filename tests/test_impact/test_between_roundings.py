@@ -112,6 +112,7 @@ def test_the_phase_method_counts_the_error_of_a_short_way_in():
     assert (close | np.asarray(hit.status == jc.Status.NOT_CONVERGED)).all()
 
 
+@pytest.mark.slow(reason="derivatives by an exponent that is traced")
 def test_derivatives_by_a_traced_exponent():
     """Values at n = 1 are smooth for long steps, but not their slopes by n, which hold log(x)."""
 

@@ -97,6 +97,7 @@ def test_restitution_and_force_are_newtons(both):
     np.testing.assert_allclose(step[1], expected[:, 2], rtol=1e-7)
 
 
+@pytest.mark.slow(reason="derivatives of event solves for each dashpot")
 def test_derivatives_are_those_of_newtons(both):
     _, (by_c, step_by_c), (_, step_by_d) = both
     h = 1e-4

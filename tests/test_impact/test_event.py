@@ -45,6 +45,7 @@ def test_hunt_crossley_at_any_damping():
     assert 10 * hit.steps.max() <= 17 * hit.steps.min()
 
 
+@pytest.mark.slow(reason="a solver of another order: its program is its own")
 def test_another_solver():
     hit, some = hunt_crossley(solver=diffrax.Tsit5())
     assert_solved(hit, some, ALL, "alpha")
@@ -54,6 +55,7 @@ def test_another_solver():
 STIFF = 3e-8
 
 
+@pytest.mark.slow(reason="a solver with implicit steps")
 def test_a_stiff_solver():
     # The momentum of strong damping is solved to its own size, which costs an implicit solver steps
     # that it has to try again: 1024 are too few from α = 100 on, measured 1536 enough.

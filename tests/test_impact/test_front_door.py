@@ -65,6 +65,7 @@ def test_bad_lanes_are_flagged_and_their_neighbours_untouched(method):
     assert same(lane(hit, good), lane(without, good))
 
 
+@pytest.mark.slow("event", "phase", reason="derivatives of a phase solve")
 @pytest.mark.parametrize("method", ["exact", "event", "phase"])
 def test_bad_lanes_spoil_no_derivative(method):
     """Neither that of their neighbours nor that of what all lanes share."""
@@ -198,6 +199,7 @@ SAME_STEPS = 1e-12
 ADJOINT = 1e-7
 
 
+@pytest.mark.slow(reason="two adjoints of an event solve")
 def test_an_adjoint_of_the_users_agrees_with_the_default():
     def duration(adjoint, **options):
         how = jc.Event(rtol=1e-11, adjoint=adjoint, **options)

@@ -157,6 +157,7 @@ def test_a_strong_pull_ends_a_contact_soon_after_its_turn(pull):
     assert np.isclose(hit.restitution, -by_scipy.y[1, -1], rtol=BY_SCIPY, atol=0)
 
 
+@pytest.mark.slow(reason="both jacobians of an event solve with a push")
 def test_derivatives_under_gravity():
     some = [c for c in grid("with_gravity", n=1.5) if not c.settled]
 
@@ -187,6 +188,7 @@ def test_a_settled_neighbour_spoils_no_derivative():
     assert jnp.isfinite(jax.grad(total)(0.02))
 
 
+@pytest.mark.slow(reason="2048 steps of another solver")
 def test_another_solver_settles_too():
     hit = jc.impact(
         jc.HuGuo(e=0.6),

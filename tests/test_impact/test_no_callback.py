@@ -78,6 +78,14 @@ PROGRAMS = {
 }
 
 
+@pytest.mark.slow(
+    "event",
+    "phase",
+    "pushed",
+    "trajectory",
+    "bounce with gravity in contact",
+    reason="value, jacfwd and grad traced alone and in a batch",
+)
 @pytest.mark.parametrize("name", PROGRAMS)
 def test_no_program_has_a_callback(name):
     assert callbacks(everything(PROGRAMS[name])) == []

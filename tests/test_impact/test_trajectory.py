@@ -107,6 +107,7 @@ def test_samples_against_scipy(paths, name, by_hand):
 DIFFERENCE, STEP = 1e-5, 1e-5
 
 
+@pytest.mark.slow(reason="derivatives of all samples by every method")
 @pytest.mark.parametrize("name", ["kuwabara_kono", "hu_guo"])
 def test_derivatives_of_samples(name):
     """Of time, indentation, velocity and force, by the law's parameter and the speed."""

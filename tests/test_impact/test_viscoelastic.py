@@ -80,6 +80,7 @@ def test_the_stored_cases(tension):
     assert all(np.isfinite(second[f]).all() for f in FIELDS)
 
 
+@pytest.mark.slow(reason="second derivatives, compiled for each form")
 @pytest.mark.parametrize("tension", [True, False])
 def test_second_derivatives(tension):
     a = jnp.array([1e-3, 0.3, 1.9, 2.8, 6.0, 40.0])

@@ -7,6 +7,7 @@ function of mpmath numbers, transcribed from the publications and not from the l
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from fractions import Fraction
 
@@ -23,6 +24,17 @@ def of(text: str) -> mp.mpf:
     return mp.mpf(fraction.numerator) / fraction.denominator
 
 
+def kept(function):
+    """Keep what a search or a quadrature found, by its arguments and the digits of the time."""
+
+    @functools.cache
+    def at(digits, *numbers):
+        return function(*numbers)
+
+    return functools.wraps(function)(lambda *numbers: at(mp.mp.dps, *numbers))
+
+
+@kept
 def exact_alpha(e):
     """alpha (1 + e) = ln((1 + alpha)/(1 - alpha e)) by bisection, away from the root alpha = 0."""
     if e == 1:
@@ -45,6 +57,7 @@ def exact_alpha(e):
         return (low + high) / 2
 
 
+@kept
 def energy_loss_alpha(e, beta, n="1.5"):
     """The loss integral by quadrature, not by the beta function."""
     n = mp.mpf(n)
@@ -56,6 +69,7 @@ def zeta_of_half_period(e):
     return -mp.log(e) / mp.sqrt(mp.pi**2 + mp.log(e) ** 2)
 
 
+@kept
 def clamped_zeta(e):
     """ln e = -zeta atan2(2 zeta w, 2 zeta^2 - 1)/w, and its continuation beyond zeta = 1."""
     if e == 1:

@@ -48,6 +48,7 @@ def steps(monkeypatch):
     jax.clear_caches()
 
 
+@pytest.mark.slow(reason="a soft scene in a batch")
 def test_only_lanes_that_need_a_solve_cause_steps(steps):
     jax.clear_caches()
     batch = jax.jit(jax.vmap(collision))

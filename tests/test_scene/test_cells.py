@@ -192,6 +192,7 @@ def test_cells_miss_nothing(monkeypatch, kind):
         assert np.min(length - distance) > -1e-12
 
 
+@pytest.mark.slow(reason="a scene with both searches in one program")
 def test_traced_a_full_cell_sends_the_run_to_the_search_among_all():
     """The spheres fall along two walls: cells on the rim get full, and nothing shows but time."""
     given = {"e": 0.9, "gravity": (15.0, 0.0), "walls": (False, True)}

@@ -145,6 +145,7 @@ def reference(name, alpha):
     return run(balls, Spring(K, alpha=alpha), until, walls, gravity, until_apart=True)
 
 
+@pytest.mark.slow("1e-06", reason="the run once more at another tolerance")
 @pytest.mark.parametrize("rtol", [1e-6, 1e-9])
 def test_clusters_end_where_newtons_equations_do(rtol):
     end = solved(rtol)
@@ -257,6 +258,7 @@ def test_a_solve_goes_on_from_where_it_stopped():
     assert states[-1].force_until[2] < states[-1].time
 
 
+@pytest.mark.slow(reason="several soft scenes, each a program")
 def test_the_least_speed_at_touch_decides_the_answer():
     """As in SCENES: the last of three just touching balls, for floors of the latched speed."""
     floors = jnp.array([1e-9, 0.01, 0.1, 1.0])

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import jaxcontact as jc
 from jaxcontact._scene._company import company_of
@@ -51,6 +52,7 @@ def agrees(balls, near, stiffness, times, speed):
     return found
 
 
+@pytest.mark.slow(reason="a row of ten balls, in contact by four, against SciPy")
 def test_a_wave_through_a_row():
     """Six unequal ones with gaps of some 1e-4 m, of which at most four are in contact at once."""
     rng = np.random.default_rng(1)
@@ -74,6 +76,7 @@ def test_two_touch_in_a_corner():
     agrees(balls, 2, 1e6, [0.07, 0.6], 1.4)
 
 
+@pytest.mark.slow(reason="a soft scene with a driven body")
 def test_two_press_a_disc_that_shakes_one_after_the_other():
     """The second comes to it while the first is in the solve; neither knows of the other."""
     amplitude, frequency, law = [0.004, 0.006], 5.0, jc.HuGuo(e=0.8)
@@ -95,6 +98,7 @@ def test_two_press_a_disc_that_shakes_one_after_the_other():
         np.testing.assert_allclose(found.velocity[-1, k], known[2:], atol=1e-8)
 
 
+@pytest.mark.slow(reason="a soft periodic scene of its own")
 def test_three_meet_across_the_edges_of_a_small_cell():
     """They span more than half a period, and each pair meets in its own images."""
     random, period = np.random.default_rng([9, 0]), 0.8

@@ -7,6 +7,7 @@ import functools
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import jaxcontact as jc
 from tests.oracle.scene_oracle import Ball, Spring, run
@@ -85,12 +86,14 @@ def agrees(given, groups, ways, order=2.0):
     return touched
 
 
+@pytest.mark.slow(reason="derivatives of coupled solves")
 def test_values_and_derivatives():
     ways = [jc.Way.CLOSED_FORM, jc.Way.COUPLED, jc.Way.COUPLED]
     touched = agrees((PLACES, SPEEDS, RADII), ([0, 1, 2], [3, 4]), ways)
     assert max(touched) < 0.03
 
 
+@pytest.mark.slow(reason="derivatives of coupled solves")
 def test_a_tie():
     """One is hit from both sides at once: the force begins so gently that this has a derivative."""
     places, speeds = PLACES.copy(), 0 * SPEEDS
@@ -100,6 +103,7 @@ def test_a_tie():
     agrees((places, speeds, RADII), ([3, 4, 5],), [jc.Way.COUPLED] * 2, order=1.5)
 
 
+@pytest.mark.slow(reason="derivatives of coupled solves")
 def test_crowds_are_refused():
     """Five in a row, of which four have a place; three that span more than half of the ring."""
 

@@ -27,6 +27,7 @@ def _seen_from(velocity, gravity):
     )
 
 
+@pytest.mark.slow(reason="two scenes each, with and without the frame's motion")
 @pytest.mark.parametrize(
     ("gravity", "instantaneous", "way"),
     [
@@ -106,6 +107,7 @@ def test_what_is_driven_wrongly_is_refused():
         jc.Shell([0.0, 0.0], 1.0, motion=[0.1, 0.0])
 
 
+@pytest.mark.slow(reason="a scene with cells and driven bodies")
 @pytest.mark.parametrize("motion", [jc.Steady([1.0, 0.0]), jc.Vibration([12.0, 0.0], 0.02)])
 def test_a_driven_disc_goes_through_all_cells(motion):
     """It meets what lies on its way, wherever that was when the run began; out of reach of its row

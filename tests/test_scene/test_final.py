@@ -4,6 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import jaxcontact as jc
 
@@ -52,6 +53,7 @@ def _whole(duration):
     return jnp.concatenate([jnp.ravel(x) for x in numbers]), first
 
 
+@pytest.mark.slow(reason="derivatives of a soft run in two pieces")
 def test_a_run_goes_on_from_contacts_with_their_derivatives():
     """All that a run goes on from varies, the indentation and v0 as well; to flight and to rest."""
     ends = [_ends(1 + sign * STEP).final for sign in (1, -1, 0)]

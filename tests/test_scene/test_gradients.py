@@ -32,6 +32,7 @@ def test_two_balls_exactly():
     np.testing.assert_allclose(reverse, exact, atol=1e-14)
 
 
+@pytest.mark.slow(reason="second derivatives of a scene")
 def test_second_derivatives():
     """The speed after an oblique hit against second differences of first derivatives."""
 
@@ -135,6 +136,7 @@ LINE = jnp.array(
 )
 
 
+@pytest.mark.slow(reason="a long run with its derivatives")
 def test_thirty_impacts_in_a_line():
     fast = jax.jit(line)
     run = fast(LINE)[1]

@@ -93,6 +93,7 @@ def test_growth_against_differences_of_the_run():
     np.testing.assert_allclose(run.margin.growth, largest, rtol=DIFFERENCES)
 
 
+@pytest.mark.slow(reason="the growth through a soft scene")
 def test_a_soft_impact():
     """Two equal balls head-on exchange velocities u apart: x1 = y - 2 R + w T + u D/2 at the end,
     and x2 = x + 2 R + v T - u D/2, with a duration D ~ u^(-1/5) of the impact.

@@ -137,6 +137,7 @@ def gas(count, axes, periodic, size=1.0, radius=0.08):
     return jc.Scene([*bodies, *box], jc.Hertz(), periodic=[size] * axes if periodic else None)
 
 
+@pytest.mark.slow("False", reason="the long run once more without cells")
 @pytest.mark.parametrize("periodic", [False, True])
 def test_an_elastic_gas_keeps_its_energy_and_never_overlaps(periodic):
     run = go(gas(8, 2, periodic), 600.0, times=np.linspace(0, 600, 401))
@@ -154,6 +155,7 @@ def test_an_elastic_gas_keeps_its_energy_and_never_overlaps(periodic):
         assert np.min(run.position) > 0.08 * (1 - 1e-12)
 
 
+@pytest.mark.slow(reason="thousands of impacts")
 def test_a_gas_of_hard_spheres_has_its_mean_free_time():
     """ρσ³ = 0.5 in three dimensions: 0.13031 (Lue 2005) at unit temperature; 64 spheres here."""
     rng = np.random.default_rng(5)

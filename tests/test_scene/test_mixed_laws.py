@@ -71,6 +71,7 @@ def simulated(place, speed, duration):
     return jc.simulate(jc.Scene([*balls, floor], laws, stiffness=K), duration, rtol=RTOL)
 
 
+@pytest.mark.slow("apart", reason="a soft scene with a table of laws")
 @pytest.mark.parametrize("name", STARTS)
 def test_runs_end_where_newtons_equations_do(name):
     place, speed, duration = STARTS[name]

@@ -117,6 +117,7 @@ def _state(numbers):
     return jnp.stack([run.position[-1, 0, 0], run.velocity[-1, 0, 0], run.wall_work])
 
 
+@pytest.mark.slow(reason="derivatives of a soft scene")
 def test_derivatives_by_the_motion_of_a_table():
     numbers = jnp.asarray([1e-4, 0.3, 0.02])
     _, forward, reverse = jax.jit(functools.partial(both_jacobians, _state))(numbers)
@@ -145,6 +146,7 @@ def _goes_on(speed, velocity, gravity, *, e=0.7, duration=0.02, instantaneous=Fa
     return jc.simulate(scene, duration, instantaneous=instantaneous)
 
 
+@pytest.mark.slow("gravity0-5", reason="two soft scenes")
 @pytest.mark.parametrize(
     ("gravity", "way"),
     [([0.0, -GRAVITY], jc.Way.COUPLED), ([GRAVITY, 0.0], jc.Way.CLOSED_FORM)],
@@ -194,6 +196,7 @@ def test_a_lift_carries_what_rests_on_it(instantaneous):
     np.testing.assert_allclose(more.wall_work, MASS * GRAVITY * speed * 0.5, rtol=REST)
 
 
+@pytest.mark.slow(reason="a soft scene with a moving wall")
 def test_a_soft_ball_on_a_table_that_shakes():
     law = jc.HuGuo(e=0.7)
     scene = on_a_table(1e-4, 0.3, 0.002, law)

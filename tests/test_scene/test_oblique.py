@@ -268,6 +268,7 @@ def exact_outcome(numbers):
     return np.array([outwards / normal, turn, exact.time, exact.touches[0].lost])
 
 
+@pytest.mark.slow(reason="derivatives of oblique impacts in both modes")
 def test_derivatives_are_those_of_the_reference_in_both_modes():
     points, forward, reverse = both_jacobians()
     unit = np.abs(np.asarray(forward)).max(axis=-1, keepdims=True)

@@ -16,6 +16,7 @@ BALLS = {
 }
 
 
+@pytest.mark.slow(reason="a soft scene and a bounce to rest")
 @pytest.mark.parametrize(("law", "mass", "stiffness", "n", "height"), BALLS.values(), ids=BALLS)
 def test_a_scene_of_one_ball_bounces_as_bounce_does(law, mass, stiffness, n, height):
     """With the defaults of both: damping refers to the largest closing speed."""

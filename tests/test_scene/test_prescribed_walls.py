@@ -66,6 +66,7 @@ def test_a_table_that_moves_as_a_function_says():
     np.testing.assert_allclose(found, (ends[0] - ends[1]) / (2 * step), rtol=1e-5)
 
 
+@pytest.mark.slow(reason="a soft scene with a function for a wall")
 def test_a_soft_ball_on_a_table_that_moves_as_a_function_says():
     law = jc.HuGuo(e=0.7)
     motion = jc.Prescribed(two_tones, STRONGEST, (A, B))

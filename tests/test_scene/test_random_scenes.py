@@ -67,6 +67,7 @@ def test_fifty_scenes_end_where_newtons_equations_do():
         agrees(number, (1e-6, 1e-9)[turn % 2])
 
 
+@pytest.mark.slow(reason="ten random soft scenes, each a program")
 @pytest.mark.parametrize("rtol", [1e-6, 1e-9])
 @pytest.mark.parametrize("law", LAWS)
 def test_every_law(law, rtol):

@@ -111,6 +111,7 @@ def _end(numbers):
     return jnp.concatenate([run.position[-1, 0], run.velocity[-1, 0], run.wall_work[None]])
 
 
+@pytest.mark.slow(reason="derivatives of a scene with driven bodies")
 def test_derivatives_by_the_motion_of_spheres_and_shells():
     """In both modes, of two runs at once."""
     numbers = np.array([[-1.5, 0.3, 0.05, 0.03, 0.02], [1.2, -0.4, 0.049, 0.03, 0.02]])

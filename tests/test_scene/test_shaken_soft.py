@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import jaxcontact as jc
 from tests.oracle.shaken_spheres import circling, pressed, sine
@@ -19,6 +20,7 @@ def circle(t, radius):
     return radius * jnp.stack([jnp.cos(angle), jnp.sin(angle)])
 
 
+@pytest.mark.slow(reason="a soft scene with driven shells")
 def test_a_soft_ball_between_a_shell_that_shakes_and_a_disc_in_a_circle():
     disc = jc.Prescribed(circle, 0.0501 * (2 * np.pi * CIRCLE) ** 2, 0.05)
     scene = jc.Scene(

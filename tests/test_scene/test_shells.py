@@ -132,6 +132,7 @@ def _newton(position, velocity, gravity, duration, stiffness=STIFFNESS, v0="touc
     return y
 
 
+@pytest.mark.slow(reason="soft scenes with a shell")
 @pytest.mark.parametrize(("gravity", "way"), [(0.0, jc.Way.RADIAL), (9.81, jc.Way.COUPLED)])
 def test_soft_impacts_in_a_shell(gravity, way):
     position, velocity, duration = [0.3, 0.1], [1.5, 1.2], 0.8
@@ -174,6 +175,7 @@ def test_what_passes_along_a_shell_closes_faster_at_first():
         assert np.abs(touch - end).max() > 1e4 * PEAK
 
 
+@pytest.mark.slow(reason="a long slide")
 def test_a_ball_that_slides_in_a_shell_for_longer_than_one_solve():
     """At most 4096 steps are one call: the next one goes on from there."""
     stiffness, e, reach, duration = 1e8, 0.5, LARGE - SMALL, 5.0

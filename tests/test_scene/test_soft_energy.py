@@ -32,6 +32,7 @@ def _hit_at_rest(beside=0.25, height=2.5):
     return jc.Scene([*balls, floor], jc.HuGuo(e=0.3), stiffness=1e6, gravity=[0.0, -9.81])
 
 
+@pytest.mark.slow(reason="a long soft run")
 def test_a_ball_rests_slides_and_wakes():
     """It sinks in by its static indentation, is hit by another one, and rests again."""
     run = jc.simulate(_hit_at_rest(), 1.5, times=np.linspace(0, 1.5, 16))
@@ -132,6 +133,7 @@ def a_gas(stiffness, turned=False, mirrored=False):
     return jc.Scene([*balls[:: -1 if turned else 1], box], jc.Hertz(), stiffness=stiffness)
 
 
+@pytest.mark.slow(reason="a long soft run")
 def test_a_gas_of_soft_elastic_balls_keeps_its_energy():
     run = jc.simulate(a_gas(1e9), 100.0)
     assert len(run.impacts) > 1000
@@ -140,6 +142,7 @@ def test_a_gas_of_soft_elastic_balls_keeps_its_energy():
     assert abs(run.energy[-1] / run.energy[0] - 1) < GAS
 
 
+@pytest.mark.slow(reason="three soft scenes")
 def test_two_orders_and_a_mirror_of_the_same_scene_agree():
     """The first twenty impacts, isolated and coupled, agree to 1e-10: measured 7e-14."""
     run, turned, mirrored = (

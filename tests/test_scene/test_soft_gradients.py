@@ -94,6 +94,7 @@ def differences(case: Case, place: int):
     return (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12 * h)
 
 
+@pytest.mark.slow(reason="derivatives of soft scenes by all numbers")
 @pytest.mark.parametrize("name", CASES)
 def test_derivatives_of_soft_runs(name):
     case = CASES[name]

@@ -78,6 +78,9 @@ def reference(name):
     return run(balls, Spring(K, alpha=alpha), duration, walls, gravity)
 
 
+@pytest.mark.slow(
+    "bounces-1e-06", "line-1e-06", "oblique-1e-06", reason="the run once more at another tolerance"
+)
 @pytest.mark.parametrize("rtol", [1e-6, 1e-9])
 @pytest.mark.parametrize("name", RUNS)
 def test_runs_end_where_newtons_equations_do(name, rtol):

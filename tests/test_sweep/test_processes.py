@@ -31,6 +31,7 @@ assert len(used) == 4
 """
 
 
+@pytest.mark.slow(reason="new processes that compile for themselves")
 def test_four_devices_equal_one_bit_for_bit(tmp_path, on_one_device):
     flags = f"{os.environ['XLA_FLAGS']} --xla_force_host_platform_device_count=4"
     subprocess.run(
@@ -66,6 +67,7 @@ np.savez(f"{folder}/folded-{process}.npz", value=folded())
 """
 
 
+@pytest.mark.slow(reason="new processes that compile for themselves")
 def test_two_processes_equal_one_bit_for_bit(tmp_path, on_one_device):
     pytest.importorskip("zarr")
     with socket.socket() as free:

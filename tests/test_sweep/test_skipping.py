@@ -107,11 +107,17 @@ def axes_for(function, axes):
     return {("c" if function is damped and name == "e" else name): x for name, x in axes.items()}
 
 
+@functools.cache
+def swept(function, bad=False):
+    """The table over good or bad axes, which several tests look at."""
+    return jc.sweep(function, **axes_for(function, BAD if bad else GOOD))
+
+
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: f.__name__)
 def test_as_the_full_computation(function):
-    for axes in (GOOD, BAD):
-        axes = axes_for(function, axes)
-        table = jc.sweep(function, **axes)
+    for bad in (False, True):
+        axes = axes_for(function, BAD if bad else GOOD)
+        table = swept(function, bad)
         for name, expected in fields(plainly(function, axes)).items():
             tolerance = EVENT if function is stepped else SAME
             # 1 - e² has no digits left where e is nearly 1; and one step more or less is no error.
@@ -134,7 +140,7 @@ AXES = {
 
 @pytest.mark.parametrize("function", [summary, stepped, phased])
 def test_stored_over_what_they_depend_on(function):
-    table = jc.sweep(function, **GOOD)
+    table = swept(function)
     for name, expected in AXES.items():
         assert "".join(table.dims[d] for d in table.columns()[name].dims) == expected, name
         # A view: nothing is stored along the other axes.
@@ -164,17 +170,17 @@ def test_64_to_the_fourth_takes_64_solves():
 
 
 def test_a_bad_number_shows_in_its_lanes_only():
-    table = jc.sweep(alone, **BAD)
+    table = swept(alone, bad=True)
     good = np.zeros(table.shape, bool)
     good[np.ix_([0, 2], [0, 2], [0], [0, 1])] = True
     expected = np.where(good, int(jc.Status.SEPARATED), int(jc.Status.INVALID_INPUT))
     np.testing.assert_array_equal(table.status, expected)
     np.testing.assert_array_equal(np.isfinite(table.value), good)
-    np.testing.assert_array_equal(table.status, jc.sweep(summary, **BAD).status)
+    np.testing.assert_array_equal(table.status, swept(summary, bad=True).status)
 
 
 def test_counts_need_no_array():
-    table = jc.sweep(summary, **BAD)
+    table = swept(summary, bad=True)
     kinds, numbers = np.unique(table.status, return_counts=True)
     assert table.status_counts() == dict(zip(kinds.tolist(), numbers.tolist(), strict=True))
     assert table.status_counts()[int(jc.Status.INVALID_INPUT)] == 72 - 2 * 2 * 2
@@ -349,6 +355,7 @@ signed = st.one_of(numbers, st.sampled_from([-0.0, -np.inf, 5e-324]))
 axes_of_two = st.lists(signed, min_size=1, max_size=3)
 
 
+@pytest.mark.slow(reason="sixty random programs, each compiled twice")
 @settings(max_examples=60)
 @given(function=programs(), a=axes_of_two, b=axes_of_two, c=axes_of_two)
 def test_any_program(function, a, b, c):
