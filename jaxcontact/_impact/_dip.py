@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from .._implicit import bracketed_root
 from ._motion import Motion, Number, State
-from ._solver import Packed, Vector, in_time
+from ._solver import Packed, Record, chosen, in_time
 from ._way import Way
 
 
@@ -25,31 +25,30 @@ class Dip(NamedTuple):
     gap: Number
     slope: Number
     found: Bool[Array, ""]
-    start: Vector
+    start: Record
     size: Number
     slopes: Float[Array, "2"]
 
     @staticmethod
-    def begin(start: Vector) -> Dip:
+    def begin(start: Record, zero: Number) -> Dip:
         """Nothing seen yet of a motion from `start` on."""
-        zero = jnp.zeros_like(start[0])
         return Dip(zero, zero, jnp.isnan(zero), start, zero, jnp.zeros(2, zero.dtype))
 
-    def seen(self, motion: Motion, state: State, last: Vector, now: Vector) -> Dip:
-        """With the `state` of the moment `now`, which followed on `last`."""
-        gap, slope = _gap(motion, state)
+    def seen(self, motion: Motion, packed: Packed[State], last: Record, now: Record) -> Dip:
+        """With the moment `now`, which followed on `last`."""
+        gap, slope = _gap(*jax.lax.stop_gradient((motion, packed.state(now))))
         turns = ~self.found & (self.slope < 0) & (slope > 0) & (self.gap > 0) & (gap > 0)
-        size = jax.lax.stop_gradient(now[0] - last[0])
+        size = jax.lax.stop_gradient(packed.tau(now) - packed.tau(last))
         return Dip(
             gap=gap,
             slope=slope,
             found=self.found | turns,
-            start=jnp.where(turns, last, self.start),
+            start=chosen(turns, last, self.start),
             size=jnp.where(turns, size, self.size),
             slopes=jnp.where(turns, jnp.stack([self.slope, slope]), self.slopes),
         )
 
-    def bottom(self, way: Way, packed: Packed[State]) -> tuple[Bool[Array, ""], Vector]:
+    def bottom(self, way: Way, packed: Packed[State]) -> tuple[Bool[Array, ""], Record]:
         """Whether the force vanishes at its minimum, and that moment, which is no event yet."""
         way, start = jax.lax.stop_gradient((way, self.start))
         size, step = jnp.where(self.found, self.size, 1), packed.step(in_time)

@@ -16,6 +16,7 @@ from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion
+from ._solver.lanes import ByLanes
 
 if TYPE_CHECKING:
     import diffrax
@@ -73,8 +74,10 @@ class Event(AbstractMethod):
         return self.over(lanes.motion(), solve_event)
 
     def over(self, motion: Motion, solve_lane: Callable[..., Out]) -> Out:
-        """`solve_lane(motion, how=self)` for every different lane, with derivatives."""
-        lane = eqx.Partial(solve_lane, how=self)
+        """`solve_lane(motion, how=self, many=)` for every different lane, with derivatives."""
+        lane = eqx.Partial(solve_lane, how=self, many=False)
+        if self.solver is None and self.adjoint is None:
+            lane = ByLanes(lane, eqx.Partial(solve_lane, how=self, many=True))
         rtol, _ = self.tolerances(jax.tree.leaves(motion)[0].dtype)
         motion = dataclasses.replace(motion, smooth=rtol <= _FOR_SLOPES)
         # An adjoint of the user's brings its own derivatives.

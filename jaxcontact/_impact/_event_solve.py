@@ -18,7 +18,7 @@ from ._motion import Motion, Number, State
 from ._peak import is_rising, largest_near
 from ._return import onward
 from ._rise import risen
-from ._solver import Marched, Packed, Tolerance, Vector, land, march
+from ._solver import Marched, Packed, Record, Tolerance, chosen, land, march
 from ._stiff import Followed, follow_on
 from ._under_push import end_is_sharp, is_spent, turn_is_sharp
 from ._watch import Nearest, Watch
@@ -83,9 +83,10 @@ class Leg(eqx.Module):
 
 
 class Solve(NamedTuple):
-    """How a leg is solved: the method, and whether all states are kept."""
+    """How a leg is solved: the method, whether for many lanes, and whether all states are kept."""
 
     how: Options
+    many: bool
     keep: bool = False
 
 
@@ -94,10 +95,10 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
     how, dtype = solve.how, start.w.dtype
     rough = how.tolerances(dtype)[0] > _ROUGH
     way = Way(motion, compressing, searched=rough)
-    packed = Packed.of(start, how.adjoint is not None)
-    begun = Watch.begin(motion, packed.start)
+    packed = Packed.of(start, solve.many)
+    begun = Watch.begin(motion, packed)
 
-    def see(watch: Watch, last: Vector, now: Vector) -> Watch:
+    def see(watch: Watch, last: Record, now: Record) -> Watch:
         return watch.seen(way, packed, last, now)
 
     given = way, packed, _tolerance(motion, how, dtype), begun, see, solve.keep
@@ -111,14 +112,14 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
     watch, moved = last.seen, last.steps > 0
     if watch.dip is not None:
         frozen, after = jax.lax.stop_gradient((way, last.after))
-        seen = watch.dip.seen(frozen.motion, packed.state(after), last.before, after)
+        seen = watch.dip.seen(frozen.motion, packed, last.before, after)
         closes, bottom = seen.bottom(frozen, packed)
         dipped = closes & ~compressing
-        ends = jnp.stack([seen.start, bottom])
-        opened, left = jax.vmap(lambda vector: packed.guards(frozen, vector))(ends)
+        guards = functools.partial(packed.guards, frozen)
+        opened, left = packed.each(guards, seen.start, bottom)
         closed = (opened > 0) & (left <= 0)
         dip = last._replace(before=seen.start, after=bottom, closed=closed)
-        last = jax.tree.map(functools.partial(jnp.where, dipped), dip, last)
+        last = chosen(dipped, dip, last)
     end, smooth = land(way, packed, last)
     watch = see(watch, last.before, end)
     return Leg(
@@ -141,14 +142,14 @@ def _tolerance(motion: Motion, how: Options, dtype: Any) -> Tolerance:
     return Tolerance(rtol, atol * ending * speed, how.max_steps)
 
 
-def _kept(packed: Packed[State], last: Marched, end: Vector) -> Steps:
+def _kept(packed: Packed[State], last: Marched, end: Record) -> Steps:
     """All states until the last but one, and the end after it."""
-    path = last.path
-    assert path is not None
-    index = jnp.arange(path.shape[0])
-    steps = jnp.sum((index < last.steps) & (path[:, 0] <= last.before[0]))
-    path = jnp.where((index == steps)[:, None], end, path)
-    moments = jax.vmap(packed.moment)(path)
+    moments = jax.vmap(packed.moment)(last.path)
+    index = jnp.arange(moments.tau.size)
+    steps = jnp.sum((index < last.steps) & (moments.tau <= packed.tau(last.before)))
+    moments = jax.vmap(lambda here, at: chosen(here, packed.moment(end), at))(
+        index == steps, moments
+    )
     return Steps(moments.tau, moments.state, index <= steps)
 
 
@@ -181,8 +182,8 @@ def solve_legs(motion: Motion, solve: Solve, start: State | None = None) -> Legs
         deepest = jnp.where(compressing, leg.end.w**motion.order, deepest)
         on = onward(motion, leg.end, deepest)
         returned = on.returns & leg.arrived & ~compressing & ~motion.settled(leg.end)
-        back = _chosen(returned, on.state, motion.parting(leg.end))
-        following = _chosen(compressing, following, back)
+        back = chosen(returned, on.state, motion.parting(leg.end))
+        following = chosen(compressing, following, back)
         return (following, deepest), (leg, returned)
 
     flags = jnp.asarray([True, False, False][: 3 if third else 2])
@@ -216,11 +217,11 @@ def follow(motion: Motion, legs: Leg, creeps: Bool[Array, ""], how: Options) -> 
     return follow_on(motion, followed, _finest(how.tolerances(dtype)[0], dtype))
 
 
-def solve_event(motion: Motion, how: Options) -> ScaledImpact:
-    """The outcome of one lane."""
+def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
+    """The outcome of one lane, of `many` or of few."""
     motion, start = risen(motion) if motion.peak else (motion, None)
     motion = motion.ready()
-    legs, flags, returned = solve_legs(motion, Solve(how), start)
+    legs, flags, returned = solve_legs(motion, Solve(how, many), start)
     creeps_early = jnp.asarray(False) if legs.creeps is None else legs.creeps[0]
     followed = follow(motion, legs, creeps_early, how)
     turn, creeps = followed.turn, followed.creeps
@@ -229,11 +230,11 @@ def solve_event(motion: Motion, how: Options) -> ScaledImpact:
     if returned is not None:
         # Not where implicit steps have taken the way out again.
         returned = returned & (followed.end.t == legs.end.t[1])
-        last = _chosen(returned, jax.tree.map(operator.itemgetter(2), legs.end), last)
+        last = chosen(returned, jax.tree.map(operator.itemgetter(2), legs.end), last)
         arrived = arrived & jnp.stack([flags[0], ~returned | legs.arrived[2]])
     end = at_end(motion, last, arrived[1], max_indentation)
     # Apart from the solve, so that it is removed where the largest force is not used.
-    packed = Packed.of(turn, how.adjoint is not None)
+    packed = Packed.of(turn, many)
     forces = jax.vmap(lambda near, flag: largest_near(Way(motion, flag), packed, near))(
         legs.nearest, flags
     )
@@ -310,10 +311,6 @@ def _least_force(motion: Motion, packed: Packed[State], least: Nearest | None) -
         return None
     near, out = jax.tree.map(operator.itemgetter(1), least), Way(motion, jnp.asarray(False))
     return -jnp.maximum(largest_near(out, packed, near, -1), 0)
-
-
-def _chosen(first: Flag, yes: State, no: State) -> State:
-    return jax.tree.map(functools.partial(jnp.where, first), yes, no)
 
 
 def _finest(tolerance: float, dtype: Any) -> float:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool
 
 from .._implicit import bracketed_root, ratio
 from ._motion import Motion, Number, State
-from ._solver import Moment, Packed, Vector, in_time
+from ._solver import Moment, Packed, Record, chosen, in_time
 from ._watch import Nearest
 from ._way import Way
 
@@ -22,7 +21,7 @@ def largest_force(way: Way, moments: Moment[State], sign: int = 1) -> Number:
     packed = Packed.of(jax.tree.map(lambda leaf: leaf[0], moments.state))
     near = jnp.clip(best + jnp.arange(-1, 2), 0, moments.tau.size - 1)
     near = jax.tree.map(lambda leaf: leaf[near], moments)
-    before, at, after = jax.vmap(lambda moment: ravel_pytree(moment)[0])(near)
+    before, at, after = jax.vmap(packed.record)(near)
     return largest_near(way, packed, Nearest(forces[best], before, at, after, best < 0), sign)
 
 
@@ -37,17 +36,17 @@ def largest_near(way: Way, packed: Packed[State], near: Nearest, sign: int = 1) 
     frozen, fixed = jax.lax.stop_gradient((way, near))
     step = packed.step(in_time)
 
-    def slope(vector: Vector) -> Number:
+    def slope(vector: Record) -> Number:
         return _steepness(frozen.motion, packed.state(vector), frozen.compressing, sign)
 
-    def force(vector: Vector) -> Number:
+    def force(vector: Record) -> Number:
         return sign * way.motion.force(packed.state(vector), way.compressing)
 
-    slopes = jax.vmap(slope)(jnp.stack([fixed.before, fixed.at, fixed.after]))
+    slopes = packed.each(slope, fixed.before, fixed.at, fixed.after)
     # From the best state to the next one, or to it from the one before.
     rising = slopes[1] > 0
-    left = jnp.where(rising, fixed.at, fixed.before)
-    size = jnp.where(rising, fixed.after[0], fixed.at[0]) - left[0]
+    left = chosen(rising, fixed.at, fixed.before)
+    size = packed.tau(chosen(rising, fixed.after, fixed.at)) - packed.tau(left)
     first, last = (jnp.where(rising, slopes[k + 1], slopes[k]) for k in (0, 1))
 
     def later(fraction: Number) -> Number:
@@ -56,9 +55,9 @@ def largest_near(way: Way, packed: Packed[State], near: Nearest, sign: int = 1) 
     # Without a change of sign the maximum is at an end, at touch for a law that jumps there.
     inside = (first > 0) & (last < 0)
     theta = jnp.where(inside, bracketed_root(later, first, last, iterations=100), 0)
-    start = jnp.where(rising, near.at, near.before)
+    start = chosen(rising, near.at, near.before)
     between, _ = step(way, start, theta * size)
-    return jnp.max(jax.vmap(force)(jnp.stack([between, near.at])))
+    return jnp.maximum(*packed.each(force, between, near.at))
 
 
 def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""], sign: int = 1) -> Number:

@@ -141,12 +141,12 @@ def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
     )
 
 
-def _path(motion: Motion, how: Event, samples: int) -> _Path:
+def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
     # Loaded here, with diffrax.
     from ._event_solve import Solve, solve_legs, was_followed
 
     motion = motion.ready()
-    legs = solve_legs(motion, Solve(how, keep=True)).leg
+    legs = solve_legs(motion, Solve(how, many, keep=True)).leg
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
     fractions = jnp.linspace(0, 1, samples, dtype=end.t.dtype)
 

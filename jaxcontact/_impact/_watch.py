@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool
 
 from ._dip import Dip
 from ._motion import Motion, Number, State
-from ._solver import Packed, Vector
+from ._solver import Packed, Record, chosen
 from ._way import Way
 
 
@@ -21,19 +21,19 @@ class Nearest(NamedTuple):
     """
 
     force: Number
-    before: Vector
-    at: Vector
-    after: Vector
+    before: Record
+    at: Record
+    after: Record
     fresh: Bool[Array, ""]
 
-    def seen(self, last: Vector, now: Vector, force: Number) -> Nearest:
+    def seen(self, last: Record, now: Record, force: Number) -> Nearest:
         """With the moment `now`, which followed on `last`."""
         larger = force > self.force
         return Nearest(
             force=jnp.where(larger, force, self.force),
-            before=jnp.where(larger, last, self.before),
-            at=jnp.where(larger, now, self.at),
-            after=jnp.where(larger | self.fresh, now, self.after),
+            before=chosen(larger, last, self.before),
+            at=chosen(larger, now, self.at),
+            after=chosen(larger | self.fresh, now, self.after),
             fresh=larger,
         )
 
@@ -51,25 +51,26 @@ class Watch(NamedTuple):
     dip: Dip | None
 
     @staticmethod
-    def begin(motion: Motion, start: Vector) -> Watch:
-        """Nothing seen yet of a motion from `start` on."""
-        no = jnp.isnan(start[0])
-        nearest = Nearest(jnp.full_like(start[0], -jnp.inf), start, start, start, no)
+    def begin(motion: Motion, packed: Packed[State]) -> Watch:
+        """Nothing seen yet of a motion."""
+        start, zero = packed.start, packed.tau(packed.start)
+        no = jnp.isnan(zero)
+        nearest = Nearest(jnp.full_like(zero, -jnp.inf), start, start, start, no)
         return Watch(
             nearest=nearest,
             least=nearest if motion.may_pull else None,
             creeps=None if motion.push is None else no,
-            dip=Dip.begin(start) if motion.may_dip else None,
+            dip=Dip.begin(start, zero) if motion.may_dip else None,
         )
 
-    def seen(self, way: Way, packed: Packed[State], last: Vector, now: Vector) -> Watch:
+    def seen(self, way: Way, packed: Packed[State], last: Record, now: Record) -> Watch:
         """With the accepted moment `now`, which followed on `last`."""
         frozen, state = jax.lax.stop_gradient((way.motion, packed.state(now)))
         creeps, dip = self.creeps, self.dip
         if creeps is not None:
             creeps = creeps | frozen.creeps_to_rest(state)
         if dip is not None:
-            dip = dip.seen(frozen, state, last, now)
+            dip = dip.seen(frozen, packed, last, now)
         force = frozen.force(state, way.compressing)
         least = self.least
         if least is not None:

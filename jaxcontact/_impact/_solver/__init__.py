@@ -3,7 +3,8 @@
 from .field import Field as Field
 from .field import Moment as Moment
 from .field import Packed as Packed
-from .field import Vector as Vector
+from .field import Record as Record
+from .field import chosen as chosen
 from .field import in_time as in_time
 from .landing import land as land
 from .march import Marched as Marched

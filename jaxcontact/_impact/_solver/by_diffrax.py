@@ -11,7 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import optimistix as optx
 
-from .field import Field, Packed, Vector, in_time
+from .field import Field, Packed, Record, in_time
 from .march import Marched, Seen, Tolerance
 
 # Far beyond any end: a nominal one close to the event makes the step controller stall.
@@ -22,7 +22,7 @@ class _Watching(diffrax.AbstractWrappedSolver):
     """A solver that is watched: the starts of the last two steps, and what was seen before."""
 
     solver: Any
-    see: Callable[[Any, Vector, Vector], Any]
+    see: Callable[[Any, Record, Record], Any]
     begun: Any
 
     @property
@@ -51,10 +51,10 @@ class _Watching(diffrax.AbstractWrappedSolver):
     def error_order(self, terms: Any) -> Any:
         return self.solver.error_order(terms)
 
-    def func(self, terms: Any, t0: Any, y0: Vector, args: Any) -> Vector:
+    def func(self, terms: Any, t0: Any, y0: Record, args: Any) -> Record:
         return self.solver.func(terms, t0, y0, args)
 
-    def init(self, terms: Any, t0: Any, t1: Any, y0: Vector, args: Any) -> tuple[Any, Vector, Any]:
+    def init(self, terms: Any, t0: Any, t1: Any, y0: Record, args: Any) -> tuple[Any, Record, Any]:
         return self.solver.init(terms, t0, t1, y0, args), y0, self.begun
 
     def step(
@@ -62,11 +62,11 @@ class _Watching(diffrax.AbstractWrappedSolver):
         terms: Any,
         t0: Any,
         t1: Any,
-        y0: Vector,
+        y0: Record,
         args: Any,
-        solver_state: tuple[Any, Vector, Any],
+        solver_state: tuple[Any, Record, Any],
         made_jump: Any,
-    ) -> tuple[Vector, Vector | None, Any, tuple[Any, Vector, Any], diffrax.RESULTS]:
+    ) -> tuple[Record, Record | None, Any, tuple[Any, Record, Any], diffrax.RESULTS]:
         # The start of a step is certain to be accepted. A step that is not leaves no memory.
         inner, last, seen = solver_state
         seen = self.see(seen, last, y0)
@@ -81,7 +81,7 @@ def march_by_diffrax(
     packed: Packed,
     tolerance: Tolerance,
     begun: Seen,
-    see: Callable[[Seen, Vector, Vector], Seen],
+    see: Callable[[Seen, Record, Record], Seen],
     keep: bool = False,
     solver: diffrax.AbstractSolver | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
@@ -89,8 +89,8 @@ def march_by_diffrax(
     """As `march`, which takes no solver and goes forward alone."""
     dtype = packed.start.dtype
 
-    def slope(t: object, vector: Vector, field: Field) -> Vector:
-        return packed.slope(in_time, field, vector)
+    def slope(t: object, vector: Record, field: Field) -> Record:
+        return packed.record(in_time(field, packed.moment(vector)))
 
     def guard(which: int) -> Callable[..., Any]:
         # diffrax compares it with a Python 0.0, which has the default precision.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import jax
@@ -12,12 +12,14 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ..._varying import varying
-from .lanes import by_lanes
 from .runge_kutta import step_in_loop, step_written_out
 
 Number = Float[Array, ""]
-Vector = Float[Array, " numbers"]
 State = TypeVar("State")
+Kept = TypeVar("Kept")
+
+Record = Any
+"""A moment as a solve keeps it: one vector, or a `Moment`."""
 
 
 class Field(Protocol[State]):
@@ -61,51 +63,68 @@ class Moment(NamedTuple, Generic[State]):
 
 
 class Packed(NamedTuple, Generic[State]):
-    """How a moment is one vector, which costs a loop one instruction where a state costs several.
+    """How a solve keeps its moments, from a `start` on.
 
-    `start`: the first moment. `backwards`: whether derivatives may go back through the steps.
+    As one vector a moment costs a loop one instruction where a state costs several. `many`: they
+    stay as they are, and the stages of a step are written out: longer to compile, and a fraction
+    of the time in a batch. `moment`: the moment that a record keeps.
     """
 
-    start: Vector
-    moment: Callable[[Vector], Moment[State]]
-    backwards: bool
+    start: Record
+    moment: Callable[[Record], Moment[State]]
+    many: bool
 
     @staticmethod
-    def of(start: State, backwards: bool = False) -> Packed[State]:
+    def of(start: State, many: bool = False) -> Packed[State]:
         """That of all moments from a state on, the first at time zero."""
-        first = jax.tree.leaves(start)[0]
-        vector, moment = ravel_pytree(Moment(jnp.zeros((), first.dtype), start))
-        return Packed(varying(first.reshape(-1)[0], vector), moment, backwards)
+        first = jax.tree.leaves(start)[0].reshape(-1)[0]
+        begun = varying(first, Moment(jnp.zeros_like(first), start))
+        if many:
+            return Packed(begun, lambda record: record, many)
+        return Packed(*ravel_pytree(begun), many)
 
-    def state(self, vector: Vector) -> State:
-        """The state in a vector."""
-        return self.moment(vector).state
+    def record(self, moment: Moment[State]) -> Record:
+        """What is kept of a moment."""
+        return moment if self.many else ravel_pytree(moment)[0]
 
-    def guards(self, field: Field[State], vector: Vector) -> Float[Array, " guards"]:
+    def tau(self, record: Record) -> Number:
+        """The time in a record."""
+        return record.tau if self.many else record[0]
+
+    def state(self, record: Record) -> State:
+        """The state in a record."""
+        return self.moment(record).state
+
+    def guards(self, field: Field[State], record: Record) -> Float[Array, " guards"]:
         """All guards."""
-        return jnp.stack(field.guards(self.state(vector)))
+        return jnp.stack(field.guards(self.state(record)))
 
-    def slope(
-        self, rate: Callable[[Any, Moment[State]], Moment[State]], field: Any, vector: Vector
-    ) -> Vector:
-        """The slope of a vector by a `rate` of moments."""
-        return ravel_pytree(rate(field, self.moment(vector)))[0]
+    def each(self, function: Callable[[Record], Array], *records: Record) -> Sequence[Array]:
+        """`function` of several records, compiled once where compiling counts."""
+        if self.many:
+            return [function(record) for record in records]
+        return jax.vmap(function)(jnp.stack(records))
 
     def step(
         self, rate: Callable[[Any, Moment[State]], Moment[State]]
-    ) -> Callable[[Any, Vector, Number], tuple[Vector, Vector]]:
-        """`step(field, vector, size)`: the vector a step later, and its error."""
+    ) -> Callable[[Any, Record, Number], tuple[Record, Record]]:
+        """`step(field, record, size)`: the record a step later, and its error."""
 
-        def few(field: Any, vector: Vector, size: Number) -> tuple[Vector, Vector]:
-            slope = functools.partial(self.slope, rate, field)
-            return step_in_loop(slope, vector, size)[:2]
+        def few(field: Any, record: Record, size: Number) -> tuple[Record, Record]:
+            def slope(record: Record) -> Record:
+                return self.record(rate(field, self.moment(record)))
 
-        def many(field: Any, vector: Vector, size: Number) -> tuple[Vector, Vector]:
-            both = step_written_out(lambda _, at: rate(field, at), self.moment(vector), size)
-            after, error = (ravel_pytree(part)[0] for part in both)
-            return after, error
+            return step_in_loop(slope, record, size)[:2]
 
-        return few if self.backwards else by_lanes(few, many)
+        def many(field: Any, record: Record, size: Number) -> tuple[Record, Record]:
+            return step_written_out(lambda _, moment: rate(field, moment), record, size)
+
+        return many if self.many else few
+
+
+def chosen(first: Bool[Array, ""], yes: Kept, no: Kept) -> Kept:
+    """`yes` or `no`, leaf by leaf."""
+    return jax.tree.map(functools.partial(jnp.where, first), yes, no)
 
 
 def in_time(field: Field[State], moment: Moment[State]) -> Moment[State]:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool
 
 from ..._implicit import ratio
 from ..._varying import varying
-from .field import Field, Flags, Moment, Number, Packed, Vector, in_time
+from .field import Field, Flags, Moment, Number, Packed, Record, chosen, in_time
 from .march import Marched
 
 # Mostly five; more at a corner between two guards.
@@ -45,7 +45,7 @@ class _Falling(eqx.Module):
         return Moment(pace, jax.tree.map(lambda change: change * pace, rate))
 
 
-def land(field: Field, packed: Packed, last: Marched) -> tuple[Vector, Bool[Array, ""]]:
+def land(field: Field, packed: Packed, last: Marched) -> tuple[Record, Bool[Array, ""]]:
     """The moment in which the first guard closes, and its state; without one the end of the step.
 
     The last step has the guard as its variable, and ends at its zero: with all of its derivatives.
@@ -59,7 +59,7 @@ def land(field: Field, packed: Packed, last: Marched) -> tuple[Vector, Bool[Arra
     fall = _Falling(field, closed)
     lacking = jnp.where(arrived, fall.nearest(packed.state(before)), 0)
     end, _ = packed.step(_Falling.slopes)(fall, before, -lacking)
-    return jnp.where(arrived, end, last.after), smooth
+    return chosen(arrived, end, last.after), smooth
 
 
 class _Search(NamedTuple):
@@ -73,17 +73,17 @@ class _Search(NamedTuple):
 
 def _searched(
     field: Field, packed: Packed, last: Marched
-) -> tuple[Field, Vector, Flags, Bool[Array, ""]]:
+) -> tuple[Field, Record, Flags, Bool[Array, ""]]:
     """A moment of the last step within rounding of the end, and which guards close there.
 
     Newton's method by steps from the start of the last one, within a bracket. And the motion that
     goes on smoothly there, if any.
     """
-    step, size = packed.step(in_time), last.after[0] - last.before[0]
+    step, size = packed.step(in_time), packed.tau(last.after) - packed.tau(last.before)
     frozen, start, ends = jax.lax.stop_gradient((field, last.before, last.closed))
     length = jax.lax.stop_gradient(size)
     # The step of Newton's after this one would move only rounding.
-    close = jnp.sqrt(jnp.finfo(start.dtype).eps)
+    close = jnp.sqrt(jnp.finfo(length.dtype).eps)
 
     def guards(state: Any) -> Array:
         return jnp.stack(frozen.guards(state))
@@ -120,7 +120,7 @@ def _searched(
         return jnp.any(ends) & (at.count < _ITERATIONS) & (at.moved > close * at.fraction)
 
     zero = jnp.zeros_like(length)
-    begin = varying(start[0], _Search(zero, zero + 1, zero + 1, zero, zero + 1, ends))
+    begin = varying(length, _Search(zero, zero + 1, zero + 1, zero, zero + 1, ends))
     at = jax.lax.while_loop(unsettled, narrow, begin)
     if not field.clamped:
         after, _ = step(field, last.before, at.fraction * length)

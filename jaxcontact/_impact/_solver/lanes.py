@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import operator
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import equinox as eqx
 import jax
@@ -18,23 +18,24 @@ Out = TypeVar("Out")
 _MANY = 1000
 
 
-def by_lanes(few: Callable[..., Out], many: Callable[..., Out]) -> Callable[..., Out]:
+class ByLanes(eqx.Module, Generic[Out]):
     """`few`, which compiles soon, or `many` within batches of many lanes: the same values.
 
     Under `vmap` alone a lane does not know that it is one of many. Differentiable forward, to any
     order; so are both.
     """
 
-    def call(*arguments: Any) -> Out:
+    few: Callable[..., Out]
+    many: Callable[..., Out]
+
+    def __call__(self, *arguments: Any) -> Out:
         numbers, rest = eqx.partition(arguments, eqx.is_inexact_array)
         rest, fixed = eqx.partition(rest, eqx.is_array)
 
         def of(function: Callable[..., Out]) -> Callable[..., Out]:
             return lambda numbers, rest: function(*eqx.combine(numbers, rest, fixed))
 
-        return _Choice(of(few), of(many), lanes=1, vary=_any)(numbers, rest)
-
-    return call
+        return _Choice(of(self.few), of(self.many), lanes=1, vary=_any)(numbers, rest)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import functools
+import operator
 from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Int
 
 from ..._varying import varying
-from .field import Field, Flags, Number, Packed, Vector, in_time
+from .field import Field, Flags, Number, Packed, Record, chosen, in_time
 
 Seen = TypeVar("Seen")
 
@@ -38,12 +38,12 @@ class Marched(NamedTuple):
     where nobody asked.
     """
 
-    before: Vector
-    after: Vector
+    before: Record
+    after: Record
     closed: Flags
     steps: Int[Array, ""]
     seen: Any
-    path: Float[Array, "steps numbers"] | None = None
+    path: Record | None = None
 
 
 class _Way(NamedTuple):
@@ -57,7 +57,7 @@ def march(
     packed: Packed,
     tolerance: Tolerance,
     begun: Seen,
-    see: Callable[[Seen, Vector, Vector], Seen],
+    see: Callable[[Seen, Record, Record], Seen],
     keep: bool = False,
 ) -> Marched:
     """Steps of order 8 from the start of a motion until a guard closes.
@@ -68,7 +68,7 @@ def march(
     stop = jax.lax.stop_gradient
     step, start = packed.step(in_time), packed.start
 
-    def guards(vector: Vector) -> Array:
+    def guards(vector: Record) -> Array:
         return packed.guards(field, vector)
 
     def unfinished(way: _Way) -> Bool[Array, ""]:
@@ -80,7 +80,7 @@ def march(
         there, error = step(field, here, way.size)
         off = _norm(*stop((error, here, there)), tolerance)
         fine = off < 1
-        opened, left = jax.vmap(guards)(stop(jnp.stack([here, there])))
+        opened, left = packed.each(guards, *stop((here, there)))
         passed = Marched(
             before=here,
             after=there,
@@ -88,10 +88,14 @@ def march(
             steps=last.steps + 1,
             seen=see(last.seen, last.before, here),
         )
-        now = jax.tree.map(functools.partial(jnp.where, fine), passed, last._replace(path=None))
+        now = chosen(fine, passed, last._replace(path=None))
         if last.path is not None:
+
+            def put(path: Array, leaf: Array) -> Array:
+                return path.at[last.steps].set(leaf)
+
             # One that is not accepted leaves the same.
-            now = now._replace(path=last.path.at[last.steps].set(here))
+            now = now._replace(path=jax.tree.map(put, last.path, here))
         off = jnp.where(jnp.isfinite(off), jnp.maximum(off, 1e-12), 1e12)
         least, most = jnp.where(fine, 1, _SHRINKS), jnp.where(fine, _GROWS, _SAFETY)
         factor = jnp.clip(_SAFETY * off ** (-1 / _ORDER), least, most)
@@ -99,15 +103,22 @@ def march(
 
     none = jnp.zeros((), int)
     closed = jnp.zeros(jax.eval_shape(guards, start).shape, bool)
-    path = jnp.zeros((tolerance.max_steps + 1, start.size), start.dtype) if keep else None
+    path = None
+    if keep:
+        slots = tolerance.max_steps + 1
+        path = jax.tree.map(lambda leaf: jnp.zeros((slots, *leaf.shape), leaf.dtype), start)
     first = Marched(start, start, closed, none, begun, path)
-    size = jnp.asarray(_FIRST, start.dtype) * stop(tolerance.rtol) ** (1 / _ORDER)
-    begin = varying(start[0], _Way(first, size, none))
+    size = jnp.asarray(_FIRST, packed.tau(start).dtype) * stop(tolerance.rtol) ** (1 / _ORDER)
+    begin = varying(packed.tau(start), _Way(first, size, none))
     return jax.lax.while_loop(unfinished, advance, begin).now
 
 
-def _norm(error: Vector, before: Vector, after: Vector, tolerance: Tolerance) -> Number:
+def _norm(error: Record, before: Record, after: Record, tolerance: Tolerance) -> Number:
     """The mean of the errors in units of what they may be; time has none."""
-    largest = jnp.maximum(jnp.abs(before), jnp.abs(after))
-    scaled = error / (tolerance.atol + tolerance.rtol * largest)
-    return jnp.sqrt(jnp.sum(jnp.square(scaled)) / (error.size - 1))
+
+    def squares(error: Array, before: Array, after: Array) -> Number:
+        largest = jnp.maximum(jnp.abs(before), jnp.abs(after))
+        return jnp.sum(jnp.square(error / (tolerance.atol + tolerance.rtol * largest)))
+
+    total = jax.tree.reduce(operator.add, jax.tree.map(squares, error, before, after))
+    return jnp.sqrt(total / (sum(leaf.size for leaf in jax.tree.leaves(error)) - 1))

@@ -1,0 +1,122 @@
+"""The event-terminated solve by itself: fields with closed forms, and its two forms of a step."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxcontact._impact._solver import Packed, Tolerance, land, march
+from jaxcontact._impact._solver.by_diffrax import march_by_diffrax
+from jaxcontact._impact._solver.lanes import ByLanes
+
+# A step of order 8 under an rtol of 1e-12, over the way to an end: measured 3e-12.
+CLOSE = 1e-11
+
+
+class Place(NamedTuple):
+    x: jax.Array
+    v: jax.Array
+
+
+class Swing(eqx.Module):
+    """x'' = -ω² x from x = 1 at rest, until x = 0: after π/(2ω), with the velocity -ω."""
+
+    omega: jax.Array
+    one_way: bool = eqx.field(static=True)
+    clamped = False
+
+    def rate(self, state):
+        return Place(state.v, -jnp.square(self.omega) * state.x)
+
+    def guards(self, state):
+        return (state.x,)
+
+
+class Dive(eqx.Module):
+    """x'' = 1 from x = depth, v = -√2 v0: ends at x = 0 or, where it would turn before, there."""
+
+    depth: jax.Array
+    one_way = False
+    clamped = False
+
+    def rate(self, state):
+        return Place(state.v, jnp.ones_like(state.x))
+
+    def guards(self, state):
+        return -state.v, state.x
+
+
+def solved(field, start, marching=march, **options):
+    packed = Packed.of(start)
+    tolerance = Tolerance(jnp.asarray(1e-12, start.x.dtype), 1e-12, 256)
+    last = marching(field, packed, tolerance, packed.start, lambda seen, before, now: now)
+    end, smooth = land(field, packed, last)
+    return packed.moment(end), jnp.any(last.closed) & smooth
+
+
+@pytest.mark.parametrize("marching", [march, march_by_diffrax])
+@pytest.mark.parametrize("one_way", [True, False])
+def test_the_end_and_its_derivatives(one_way, marching):
+    def end(omega):
+        field = Swing(omega, one_way)
+        moment, arrived = solved(field, Place(jnp.ones(()), jnp.zeros(())), marching)
+        return jnp.where(arrived, jnp.stack([moment.tau, moment.state.v]), jnp.nan)
+
+    @jax.jit
+    def orders(omega):
+        return end(omega), jax.jacfwd(end)(omega), jax.jacfwd(jax.jacfwd(end))(omega)
+
+    omega, quarter = 1.3, np.pi / 2
+    value, slope, bend = orders(omega)
+    np.testing.assert_allclose(value, [quarter / omega, -omega], CLOSE)
+    np.testing.assert_allclose(slope, [-quarter / omega**2, -1], 10 * CLOSE)
+    np.testing.assert_allclose(bend, [2 * quarter / omega**3, 0], 1e-8, 1e-8)
+
+
+def test_what_opens_again_within_a_step_has_ended_it():
+    # The step that passes x = 0 goes on beyond the turn, and back above x = 0.
+    @jax.jit
+    @jax.vmap
+    def end(depth):
+        return solved(Dive(depth), Place(depth, jnp.full((), -1.0)))
+
+    depth = jnp.asarray([0.3, 0.499, 0.4999999, 0.5000001, 0.7])
+    moment, arrived = end(depth)
+    assert np.all(arrived)
+    np.testing.assert_allclose(
+        moment.tau, 1 - np.sqrt(np.maximum(1 - 2 * np.asarray(depth), 0)), CLOSE
+    )
+
+
+def test_many_lanes_are_computed_by_another_form():
+    """With the same values and derivatives, in any order of `vmap` and `jacfwd`."""
+    counts = {"few": 0, "many": 0}
+
+    def form(name):
+        def computed(x, flag, factor):
+            counts[name] += 1
+            return jnp.where(flag, jnp.sin(factor * x), 0.0), x
+
+        return computed
+
+    def sine(x):
+        return ByLanes(form("few"), form("many"))(x, jnp.asarray(True), 2.0)[0]
+
+    def slope(x):
+        return jax.jacfwd(sine)(x)
+
+    x = jnp.linspace(0, 1, 2000)
+    exact = np.sin(2 * x), 2 * np.cos(2 * x), -4 * np.sin(2 * x)
+    for function, expected in zip((sine, slope, jax.jacfwd(slope)), exact, strict=True):
+        for lanes, name in ((5, "few"), (2000, "many")):
+            counts.update(few=0, many=0)
+            found = jax.vmap(function)(x[:lanes])
+            np.testing.assert_allclose(found, expected[:lanes], 1e-14, 1e-15)
+            assert counts[name] > 0
+            assert name == "many" or counts["many"] == 0
+    nested = jax.vmap(jax.vmap(sine))(x.reshape(40, 50))
+    assert counts["many"] > 0
+    np.testing.assert_allclose(nested.reshape(-1), exact[0], 1e-14)
