@@ -392,7 +392,7 @@ class _Scene:
         return max(0.2 * tick, 0.5 * min(map(abs, depth)) / fastest)
 
     def _record_force(self, solver):
-        if solver.t_old is None:
+        if solver.t_old is None or not any(self.closed):
             return
         dense = solver.dense_output()
         for dt in np.linspace(solver.t_old, solver.t, 5):

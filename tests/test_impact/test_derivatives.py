@@ -147,6 +147,7 @@ def assert_slopes(got, want, tolerance, number, label):
         assert error.max() <= tolerance, f"{label} of {f}: {error.max():.2e} at {error.argmax()}"
 
 
+@pytest.mark.slow("1.0", "3.0", reason="second derivatives at another exponent, 19 s of CPU each")
 @pytest.mark.parametrize("n", [1.0, 1.5, 3.0])
 def test_hunt_crossley_by_its_damping_factor(n):
     """Twice forward, and in reverse over forward."""
