@@ -20,7 +20,7 @@ from ._outside import Found, derived, outside
 from ._progress import Rules
 from ._replay import chained, pushed
 from ._result import Way
-from ._rows import Kept, Matrices, matrices
+from ._slopes import Kept, Matrices, matrices
 from ._system import Layout, Numbers
 
 
