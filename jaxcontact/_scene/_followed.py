@@ -16,12 +16,12 @@ from jaxtyping import Array, Int
 from .._program import quick
 from ._linear import Map
 from ._log import Figures
-from ._matrices import Kept, Matrices, matrices
 from ._outside import Found, derived, outside
 from ._progress import Rules
 from ._reading import Course
 from ._replay import chained, pushed
 from ._result import Way
+from ._slopes import Kept, Matrices, matrices
 from ._system import Layout, Numbers
 
 Given = tuple[Layout, Numbers, Array, Array, Array]

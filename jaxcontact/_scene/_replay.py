@@ -19,8 +19,8 @@ from jaxtyping import Array, Bool, Float, Int
 from ._flying import Flying, where_each
 from ._hit import Outcome
 from ._log import Facts, Figures, Log, Together
-from ._matrices import Done, Entering, Matrices, called, flat, own, seated, struck, two_of, unflat
 from ._progress import Rules
+from ._slopes import Done, Entering, Matrices, called, flat, own, seated, struck, two_of, unflat
 from ._slots import index_of, places, put, rearranged
 from ._system import Layout, Numbers
 from ._touching import ClusterState
