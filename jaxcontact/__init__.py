@@ -9,6 +9,7 @@ if _TYPE_CHECKING:
     # that needs: who follows one impact does not wait for scenes and fits.
     from ._bounce import Bounce as Bounce
     from ._bounce import bounce as bounce
+    from ._cache import cache as cache
     from ._calibration import AbstractShape as AbstractShape
     from ._calibration import Calibration as Calibration
     from ._calibration import CalibrationSummary as CalibrationSummary
@@ -120,6 +121,7 @@ __version__ = "0.1.0"
 
 _ROOMS = {
     "_bounce": "Bounce bounce",
+    "_cache": "cache",
     "_calibration": (
         "AbstractShape Calibration CalibrationSummary Design LawChoice LowPass Network Rational "
         "Spline VelocityProfile calibrate choose_law design fit_bounces fit_damping "

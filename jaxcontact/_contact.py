@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
@@ -19,6 +21,7 @@ from ._parameter import (
     require_broadcast,
     require_kind,
     shown,
+    specialised,
 )
 
 EXPONENT = Range(low=1.0, high=3.0, inside=1.5)
@@ -99,11 +102,11 @@ class Contact(eqx.Module):
 
     @refuses_unknown
     def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
-        self.mass = as_parameter(mass, "mass", POSITIVE)
-        self.stiffness = as_parameter(stiffness, "stiffness", POSITIVE)
+        # Their fields convert them.
+        self.mass, self.stiffness = cast(Array, mass), cast(Array, stiffness)
         as_number(exponent, "exponent", EXPONENT)
         if is_plain(exponent):
-            self._exponent = Specialised(float(exponent))
+            self._exponent = specialised(float(exponent))
         else:
             self._exponent = Specialised(None, as_parameter(exponent, "exponent", EXPONENT))
 

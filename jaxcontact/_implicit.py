@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -56,35 +57,31 @@ def expanded_root(
     def residual(x: Lane, *parameters: Lane) -> Lane:
         return expansion(x, *parameters)[0]
 
-    def slope(x: Lane, *parameters: Lane) -> Lane:
-        return expansion(x, *parameters)[1]
-
-    return with_implicit_derivative(householder, residual, slope)
+    return with_implicit_derivative(householder, residual, lambda *x: expansion(*x)[:2])
 
 
 def with_implicit_derivative(
     find: Callable[..., Lane],
     residual: Callable[..., Lane],
-    slope: Callable[..., Lane] | None = None,
+    with_slope: Callable[..., tuple[Lane, Lane]] | None = None,
 ) -> Callable[..., Lane]:
     """`find(*parameters)`, which returns a root x of `residual(x, *parameters)`, differentiable.
 
     The derivative is the implicit one, `dx = -(∂R/∂p dp)/(∂R/∂x)`, written in terms of the root
     itself, so that it is right in both modes and to any order; `find` is never differentiated.
-    Parameters are pytrees of arrays. `slope` is ∂R/∂x where it is known.
+    Parameters are pytrees of arrays. `with_slope` is R and ∂R/∂x where they are known together.
     """
     root = jax.custom_jvp(find)
-
-    def by_root(x: Lane, *parameters: Lane) -> Lane:
-        return _with_slope(residual, x, parameters)[1]
-
-    steepness = by_root if slope is None else slope
 
     @root.defjvp
     def root_jvp(parameters: tuple, tangents: tuple) -> tuple[Lane, Lane]:
         x = root(*parameters)
-        _, forcing = jax.jvp(lambda *p: residual(x, *p), parameters, tangents)
-        return x, -forcing / steepness(x, *parameters)
+        if with_slope is None:
+            _, forcing = jax.jvp(lambda *p: residual(x, *p), parameters, tangents)
+            return x, -forcing / _with_slope(residual, x, parameters)[1]
+        both = functools.partial(with_slope, x)
+        _, forcing, slope = jax.jvp(both, parameters, tangents, has_aux=True)
+        return x, -forcing / slope
 
     return root
 

@@ -336,6 +336,12 @@ class Specialised(eqx.Module):
         return self.traced
 
 
+@functools.lru_cache(maxsize=64)
+def specialised(number: float) -> Specialised:
+    """A static number; equal ones are one object, which takes less time than to build it anew."""
+    return Specialised(number)
+
+
 def parameter(name: str, allowed: Range = REAL, unit: str | None = None) -> Any:
     """A field of an equinox module that holds a differentiable number with a known range.
 

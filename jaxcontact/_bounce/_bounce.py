@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -37,6 +37,7 @@ from .._parameter import (
     require_flag,
     sanitised,
 )
+from .._program import FEW, quick
 from ._result import TOUCHES, Bounce
 from ._touches import Left, Run, Touches, alike, begin, one_by_one
 
@@ -198,10 +199,10 @@ def _start(given: _Given, method: AbstractMethod) -> tuple[Run, Landing | None]:
     return run, landing(problem_of(given.law, given.contact, run.speed), method)
 
 
-_begun = eqx.filter_jit(_start)
+_begun = quick(_start, FEW)
 
 
-@eqx.filter_jit
+@functools.partial(quick, most=FEW)
 def _constant(contact: Contact, run: Run, first: Landing, count: int) -> Bounce:
     n = _exponent(contact)
     power = (1 - n) / (1 + n)
@@ -210,14 +211,14 @@ def _constant(contact: Contact, run: Run, first: Landing, count: int) -> Bounce:
     return _assembled(alike(first, run, power, count), run, e)
 
 
-@eqx.filter_jit
+@functools.partial(quick, most=FEW)
 def _more(
     given: _Given, run: Run, left: Left, method: AbstractMethod, count: int = ROOM
 ) -> tuple[Left, Touches]:
     return one_by_one(given.law, given.contact, run, left, method, given.peak, count)
 
 
-@eqx.filter_jit
+@functools.partial(quick, most=FEW)
 def _bounce(given: _Given, count: int, method: AbstractMethod) -> Bounce:
     run, first = _start(given, method)
     if first is not None:
@@ -295,7 +296,7 @@ def _margin(touches: Touches, run: Run, leaves: Array, settled: Array) -> Array:
     return jnp.minimum(jnp.min(distance, axis=-1), jnp.abs(run.speed - run.rest))
 
 
-@eqx.filter_jit
+@functools.partial(quick, most=FEW)
 def _assembled(touches: Touches, run: Run, constant_e: Array | None) -> Bounce:
     """The record of a run; `constant_e` is the restitution where it is the same at all speeds."""
     status = jnp.where(run.valid[..., None], touches.status, int(Status.INVALID_INPUT))

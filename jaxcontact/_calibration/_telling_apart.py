@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._fit import AbstractTransform, Space, fit
+from .._program import quick
 from ._impacts import ImpactModel, Outcome
 
 _SETTLED = 1e-3
@@ -117,7 +117,7 @@ def readings_of(
     return np.asarray(slopes), np.asarray(readings)
 
 
-@eqx.filter_jit
+@quick
 def _compiled(
     model: Outcome, space: Space, theta: Float[Array, " k"], speeds: Float[Array, " m"]
 ) -> tuple[Float[Array, "qm k"], Float[Array, " qm"]]:

@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Sequence
 
+from .._cache import VARIABLE
 from .._progress import Stages
 from . import (
     _calibrate,
@@ -21,7 +22,7 @@ from . import (
     _scene,
     _sweep,
 )
-from ._cache import VARIABLE, keep_programs
+from ._cache import keep_programs
 from ._options import InputError
 from ._parser import SHELLS, Completion, Parser, Version
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import webbrowser
 
+from .._cache import users_folder
 from .._progress import Stages
 from .._whole_files import write_all
-from ._cache import users_folder
 from ._files import output_path
 from ._options import InputError
 from ._printing import print_json

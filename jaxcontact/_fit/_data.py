@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .._program import soon_compiled
+from .._program import quick
 from ._inference import Direction
 from ._problem import Problem, evaluated, flattened, place_like
 
@@ -127,7 +127,7 @@ class FitData:
         return self.problem.x if x is None else place_like(x, self.problem.x)
 
 
-@soon_compiled
+@quick
 def _linearised(problem: Problem, values: jax.Array, x: Any) -> tuple[jax.Array, jax.Array]:
     def at(values: jax.Array) -> tuple[jax.Array, jax.Array]:
         curve = flattened(evaluated(problem.predict, problem.space.tree_of(values), x))

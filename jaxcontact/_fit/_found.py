@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._program import soon_compiled
+from .._program import quick, soon_compiled
 from ._loss import shortened, shortened_slope
 from ._problem import Problem
 from ._solve import Options, search
@@ -76,7 +76,11 @@ def _judged(problem: Problem, found: Found, rtol: Float[Numbers, ""], xp: Any) -
     return with_step(problem, found._replace(loss=loss), found.jacobian, rtol, xp)
 
 
+_FEW_POINTS = 1000
+"""Data whose fit takes longer to compile than to run."""
+
 _compiled = eqx.filter_jit(_searched)
+_quickly_compiled = quick(_searched)
 _soon_compiled = soon_compiled(_searched)
 _compiled_all = eqx.filter_jit(eqx.filter_vmap(_searched, in_axes=(None, 0, None)))
 
@@ -84,10 +88,13 @@ _compiled_all = eqx.filter_jit(eqx.filter_vmap(_searched, in_axes=(None, 0, None
 def find(problem: Problem, start: Float[np.ndarray, " k"], options: Options) -> Found:
     """`found_from`, compiled but for what judges its end, which is little work for NumPy.
 
-    A prediction that says `is_formula` runs so quickly that its search is compiled quickly, too.
+    A search over few points, or of a prediction that says `is_formula`, runs so quickly that it is
+    compiled quickly, too.
     """
     formula = getattr(problem.predict, "is_formula", False)
     searched = _soon_compiled if formula else _compiled
+    if problem.y.size <= _FEW_POINTS:
+        searched = _quickly_compiled
     found = in_numpy(searched(problem, jnp.asarray(start), options))
     with np.errstate(all="ignore"):
         return _judged(in_numpy(problem), found, np.asarray(options.rtol), np)
@@ -106,7 +113,7 @@ def in_numpy(tree: Any) -> Any:
     return jax.tree.map(lambda x: np.asarray(x) if isinstance(x, jax.Array) else x, tree)
 
 
-@eqx.filter_jit
+@quick
 def _natural(problem: Problem, theta: Float[Array, " k"]) -> Float[Array, " k"]:
     return scale_of(problem, problem.at(theta))
 

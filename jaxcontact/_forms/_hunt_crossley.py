@@ -141,20 +141,20 @@ class SpeedDependentForm(HuntCrossleyForm):
         return self.law.damping_factor(self.contact, self.scale.speed * speed)
 
 
-def _rebound_expansion(rho: Lane, alpha: Lane) -> tuple[Lane, Lane, Lane, Lane]:
-    # Of ρ² ψ(z) - L(α) with z = -αρ. By ψ's definition the derivatives are ρ κ(z), e^z and -α e^z;
+def _rebound_expansion(rho: Lane, alpha: Lane, lost: Lane) -> tuple[Lane, Lane, Lane, Lane]:
+    # Of ρ² ψ(z) - L with z = -αρ. By ψ's definition the derivatives are ρ κ(z), e^z and -α e^z;
     # to write κ by ψ, or e^z by κ, would lose all digits at strong damping.
     z = -alpha * rho
     second = jnp.exp(z)
     kappa_z, psi_z = kappa_and_psi(z)
-    value = jnp.square(rho) * psi_z - log_remainder(alpha)
+    value = jnp.square(rho) * psi_z - lost
     return value, rho * kappa_z, second, -alpha * second
 
 
-def _rebound_guess(alpha: Lane) -> Lane:
+def _rebound_guess(alpha: Lane, lost: Lane) -> Lane:
     # With p²/2 = α - ln(1+α): z = -p - p²/6 - p³/36 + ... for weak damping, and
     # z = -(1 + p²/2) up to e^z for strong damping. Either is within 3 % at the switch, p = 2.
-    p_over_alpha = jnp.sqrt(2 * log_remainder(alpha))
+    p_over_alpha = jnp.sqrt(2 * lost)
     p = alpha * p_over_alpha
     strong = p > 2
     p_weak = jnp.where(strong, 0, p)
@@ -164,8 +164,12 @@ def _rebound_guess(alpha: Lane) -> Lane:
 
 
 # From a guess within 3 % one step leaves 1.2e-8, which the second takes to its fourth power.
-rebound_exponent = expanded_root(_rebound_expansion, _rebound_guess, iterations=2)
-"""ρ(α) = -ln(1-αe)/α, the regularised rebound speed; ρ(0) = 1."""
+_rebound_root = expanded_root(_rebound_expansion, _rebound_guess, iterations=2)
+
+
+def rebound_exponent(alpha: Lane) -> Lane:
+    """ρ(α) = -ln(1-αe)/α, the regularised rebound speed; ρ(0) = 1."""
+    return _rebound_root(alpha, log_remainder(alpha))
 
 
 def restitution_of(alpha: Lane) -> Lane:

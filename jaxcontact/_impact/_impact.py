@@ -75,8 +75,11 @@ def impact(
 def _impact(problem: Problem, method: AbstractMethod) -> Impact:
     """By one program, which is called sooner, where there is a formula; by two where there is none.
 
-    Of these a small one knows the law, and laws share the other, the solve of their form.
+    Of these a small one knows the law, and laws share the other, the solve of their form. Of the
+    two, a derivative would have the second one move with everything that the first one returns.
     """
+    if any(isinstance(number, jax.core.Tracer) for number in jax.tree.leaves(problem)):
+        return _at_once(problem, method)
     if method.has_formula and problem.external_force is None:
         found = _by_formula(problem, method)
         if found is not None:
@@ -124,6 +127,13 @@ def landing(problem: Problem, method: AbstractMethod, peak: bool = False) -> Lan
     depth = result(depth, lanes.scale.length)
     depth = None if depth is None else jnp.where(good, depth, 0)
     return Landing(hit, depth, result(scaled.spare_energy, 2 * lanes.scale.energy))
+
+
+@program
+def _at_once(problem: Problem, method: AbstractMethod) -> Impact:
+    lanes = lanes_of(problem)
+    chosen = method.chosen(lanes.form, lanes.push is not None)
+    return _summary(lanes, chosen, chosen.solve(lanes))
 
 
 @program

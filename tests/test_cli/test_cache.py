@@ -7,7 +7,9 @@ import sys
 import jax
 import pytest
 
-from jaxcontact._cli._cache import VARIABLE, keep_programs
+import jaxcontact as jc
+from jaxcontact._cache import VARIABLE
+from jaxcontact._cli._cache import keep_programs
 
 EXAMPLE = "impact --law hu_guo --e 0.7 --mass 1 --stiffness 1.4e8 --velocity 4.2 --quiet".split()
 OWN = "jax_compilation_cache_dir"
@@ -85,3 +87,63 @@ def test_without_a_variable_the_users_folder_is_taken(no_store, monkeypatch, tmp
 def test_no_cache_keeps_nothing(tmp_path):
     command(tmp_path / "none", "--no-cache")
     assert not (tmp_path / "none").exists()
+
+
+COMPILED = "/jax/compilation_cache/cache_misses"
+LIBRARY = f"""
+import sys
+import jax
+compiled = []
+jax.monitoring.register_event_listener(lambda event, **_: compiled.append(event))
+import jaxcontact as jc
+folder = jc.cache(sys.argv[1])
+jc.impact(jc.HuGuo(e=0.7), jc.Contact(1.0, 1.4e8), 4.2)
+print(compiled.count({COMPILED!r}), folder)
+"""
+
+
+def library(folder):
+    """How many programs a process of a library user's compiles, and where they are kept."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX")}
+    done = subprocess.run(
+        [sys.executable, "-c", LIBRARY, str(folder)],
+        env=environment | {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    count, kept = done.stdout.split()
+    return int(count), kept
+
+
+def test_a_second_process_compiles_none_of_the_large_programs(tmp_path):
+    first, kept = library(tmp_path)
+    assert first > 0
+    assert kept.startswith(str(tmp_path))
+    made = programs(tmp_path)
+    # What takes less than a fiftieth of a second is not kept.
+    assert library(tmp_path)[0] < first
+    assert programs(tmp_path).keys() >= made.keys()
+
+
+def test_a_given_folder_wins_and_the_users_setting_stays(no_store, monkeypatch, tmp_path):
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "ours"))
+    jax.config.update(OWN, str(tmp_path / "own"))
+    assert jc.cache() == tmp_path / "own"
+    assert jc.cache(tmp_path / "given").parent == tmp_path / "given"
+    assert jc.cache().parent == tmp_path / "given"
+
+
+@pytest.mark.parametrize("folder", ["file", 3])
+def test_a_folder_that_cannot_be_written_to_is_refused(no_store, tmp_path, folder):
+    (tmp_path / "file").touch()
+    with pytest.raises(ValueError, match="Argument `folder` must be a folder that can be written"):
+        jc.cache(tmp_path / folder if folder == "file" else folder)
+    assert getattr(jax.config, OWN) is None
+
+
+def test_nothing_is_kept_where_the_variable_is_empty_for_a_library_user(no_store, monkeypatch):
+    monkeypatch.setenv(VARIABLE, "")
+    assert jc.cache() is None
+    assert getattr(jax.config, OWN) is None

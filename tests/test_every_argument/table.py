@@ -22,6 +22,7 @@ EXEMPT = {
     r"Sweep\.(coordinates|taken)\(.*\)": "called by the library",
     r"Sphere\.moved_to\(.*\)|Shell\.centre_at\(.*\)": "called by the library",
     r"(Sphere|Plane|Box|Shell)\.after\(.*\)": "called by the library",
+    r"cache\(folder\)": "a setting of the process, in tests/test_cli/test_cache.py",
     r"Prescribed\(args\)": "whatever the function takes",
     r"LowPass\.(read|correlation)\(.*\)": "called by the library",
     r"(Steady|Vibration|Prescribed)\.(start|along|after)\(.*\)": "called by the library",
