@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._cells import Cells, Grid, Shift, placed, shift_of, shifted, staying
 from ._progress import Events, State
-from ._rows import rows_of, with_rows
+from ._rows import with_rows
 from ._search import LEAVES, OUT_OF_DATE, flown, searched, simultaneous
 from ._system import Layout, Numbers
 
@@ -79,8 +79,8 @@ def up_to_date(
     """Search again the spheres whose events come first and are none, until one is an impact, or
     none comes before a time `until`: the one place where events are searched.
 
-    Two spheres at a time, as the two bodies of an impact are both out of date; of few spheres all
-    at once that will have to be searched.
+    Two spheres at a time, as the two bodies of an impact are both out of date; few spheres one by
+    one.
     """
 
     def unfinished(carry: tuple[Events, Cells | None, Due]) -> Array:
@@ -106,9 +106,9 @@ def up_to_date(
             comes = due.partner == OUT_OF_DATE
             cells = shifted(cells, i, jax.lax.cond(comes, lambda: staying(cells, i), shift))
             here = here._replace(cells=cells)
-        who, rows = _both(layout, events, i, now)
-        if layout.spheres <= _FEW:
-            who, rows = _all_stale(layout, events, state.count, i, now, until)
+        who = rows = i[None]
+        if layout.spheres > _FEW:
+            who, rows = _both(layout, events, i, now)
         found = in_branch(wanted, lambda: searched(layout, numbers, here, who, now, end))
         events = with_rows(events, rows, found)
         return events, cells, next_event(layout, numbers, events, state.count)
@@ -119,8 +119,8 @@ def up_to_date(
 
 
 _FEW = 8
-"""Spheres that are searched all at once: in a batch all runs wait for the one with most to search,
-and a row more costs next to nothing."""
+"""Spheres of which one is searched at a time: in a batch of small scenes, where each row counts,
+all runs wait for the one that has most to search."""
 
 
 def _both(
@@ -134,25 +134,6 @@ def _both(
     other = jnp.min(jnp.where(marked, everyone, layout.spheres))
     there = other < layout.spheres
     return jnp.stack([i, jnp.where(there, other, i)]), jnp.stack([i, other])
-
-
-def _all_stale(
-    layout: Layout,
-    events: Events,
-    count: Int[Array, " N"],
-    i: Int[Array, ""],
-    now: Float[Array, ""],
-    until: Float[Array, ""],
-) -> tuple[Int[Array, " N"], Int[Array, " N"]]:
-    """All spheres, and the rows of those that are out of date, or whose partner has met something
-    else since.
-    """
-    everyone = jnp.arange(layout.spheres)
-    is_sphere = (events.partner >= 0) & (events.partner < layout.spheres)
-    known = rows_of(count, jnp.clip(events.partner, 0, layout.spheres - 1)) == events.count
-    stale = is_sphere & ~known & (events.time <= until)
-    stale = stale | ((events.partner == OUT_OF_DATE) & (events.time <= now)) | (everyone == i)
-    return everyone, jnp.where(stale, everyone, layout.spheres + everyone)
 
 
 def in_branch(wanted: Bool[Array, ""], of: Callable[[], Any]) -> Any:
