@@ -173,6 +173,12 @@ def shift_of(
     return Shift(cell[0], row, jnp.stack([old, new]), entry, ~room | (leaves & stays))
 
 
+def staying(cells: Cells, i: Int[Array, ""]) -> Shift:
+    """Sphere i where it is: nothing is written to a row that the table does not have."""
+    nowhere, place = jnp.full(2, cells.grid.cells), jnp.zeros(2, int)
+    return Shift(cells.cell[i], nowhere, place, i, jnp.zeros_like(cells.full))
+
+
 def shifted(cells: Cells, i: Int[Array, ""], shift: Shift) -> Cells:
     """The cells with sphere i in another one."""
     (old, new), (out, into) = shift.row, shift.place

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._cells import Cells, Grid, Shift, placed, shift_of, shifted
+from ._cells import Cells, Grid, Shift, placed, shift_of, shifted, staying
 from ._progress import Events, State
 from ._rows import with_rows
 from ._search import LEAVES, OUT_OF_DATE, flown, searched, simultaneous
@@ -79,9 +79,9 @@ def up_to_date(
     """Search again the spheres whose events come first and are none, until one is an impact, or
     none comes before a time `until`: the one place where events are searched.
 
-    Two spheres at a time, as the two bodies of an impact are both out of date.
+    Two spheres at a time, as the two bodies of an impact are both out of date; few spheres one by
+    one.
     """
-    everyone = jnp.arange(layout.spheres)
 
     def unfinished(carry: tuple[Events, Cells | None, Due]) -> Array:
         _, cells, due = carry
@@ -102,20 +102,38 @@ def up_to_date(
                 place = flown(layout, numbers, here, i[None], now)[0]
                 return shift_of(layout, cells, i, place, due.partner == LEAVES)
 
-            cells = shifted(cells, i, in_branch(wanted, shift))
+            # After an impact a sphere is where it was.
+            comes = due.partner == OUT_OF_DATE
+            cells = shifted(cells, i, jax.lax.cond(comes, lambda: staying(cells, i), shift))
             here = here._replace(cells=cells)
-        marked = (events.partner == OUT_OF_DATE) & (events.time <= now) & (everyone != i)
-        other = jnp.min(jnp.where(marked, everyone, layout.spheres))
-        alone = other == layout.spheres
-        who = jnp.stack([i, jnp.where(alone, i, other)])
+        who = rows = i[None]
+        if layout.spheres > _FEW:
+            who, rows = _both(layout, events, i, now)
         found = in_branch(wanted, lambda: searched(layout, numbers, here, who, now, end))
-        who = jnp.stack([i, other])
-        events = with_rows(events, who, found)
+        events = with_rows(events, rows, found)
         return events, cells, next_event(layout, numbers, events, state.count)
 
     first = next_event(layout, numbers, state.events, state.count)
     events, cells, due = jax.lax.while_loop(unfinished, again, (state.events, state.cells, first))
     return state._replace(events=events, cells=cells), due
+
+
+_FEW = 8
+"""Spheres of which one is searched at a time: in a batch of small scenes, where each row counts,
+all runs wait for the one that has most to search."""
+
+
+def _both(
+    layout: Layout, events: Events, i: Int[Array, ""], now: Float[Array, ""]
+) -> tuple[Int[Array, "2"], Int[Array, "2"]]:
+    """A sphere, and another one that is out of date at the same time; their rows, none of one that
+    is not there.
+    """
+    everyone = jnp.arange(layout.spheres)
+    marked = (events.partner == OUT_OF_DATE) & (events.time <= now) & (everyone != i)
+    other = jnp.min(jnp.where(marked, everyone, layout.spheres))
+    there = other < layout.spheres
+    return jnp.stack([i, jnp.where(there, other, i)]), jnp.stack([i, other])
 
 
 def in_branch(wanted: Bool[Array, ""], of: Callable[[], Any]) -> Any:
