@@ -229,6 +229,7 @@ def test_one_impact_gives_e_and_the_stiffness():
         jc.calibrate(jc.read_recording(time=time, force=force), mass=MASS, law="nobody")
 
 
+@pytest.mark.slow(reason="fits to records with an indentation, 34 s of CPU")
 def test_an_indentation_tells_speed_and_stiffness():
     # The indentation follows from the force that SciPy found, by two integrations.
     t, f, after = pieces()[0]
