@@ -177,6 +177,7 @@ def calibrated() -> jc.Calibration:
     return jc.calibrate(recording, mass=MASS, law="constant_damping")
 
 
+@pytest.mark.slow(reason="a fit to each impact of a record, 22 s of CPU")
 def test_each_impact_and_the_law_come_back():
     found = calibrated()
     assert found.converged
@@ -229,6 +230,7 @@ def test_one_impact_gives_e_and_the_stiffness():
         jc.calibrate(jc.read_recording(time=time, force=force), mass=MASS, law="nobody")
 
 
+@pytest.mark.slow(reason="a fit to a record of the indentation, 34 s of CPU")
 def test_an_indentation_tells_speed_and_stiffness():
     # The indentation follows from the force that SciPy found, by two integrations.
     t, f, after = pieces()[0]

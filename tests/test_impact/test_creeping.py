@@ -19,6 +19,7 @@ def linear(a, n, **options):
     return jc.impact(jc.KuwabaraKono(A=jnp.asarray(a)), jc.Contact(1.0, 1.0, n), 1.0, **options)
 
 
+@pytest.mark.slow("traced", reason="event solves with an exponent that is traced, 12 s of CPU")
 @pytest.mark.parametrize(
     ("n", "method", "tolerance"),
     [(1.0, "auto", EXACT), (1.0, "event", EVENT), (jnp.array(1.0), "auto", EVENT)],

@@ -102,9 +102,7 @@ def quantities(hit):
     return {"e": hit.restitution} | {f: getattr(hit, f) for f in units.QUANTITIES if f != "e"}
 
 
-@pytest.mark.slow(
-    "event-False", "phase-False", reason="derivatives of a phase solve by all parameters"
-)
+@pytest.mark.slow("event-False", "phase-False", reason="derivatives of solves by all parameters")
 @pytest.mark.parametrize(
     ("method", "traced"),
     [

@@ -65,7 +65,7 @@ def test_bad_lanes_are_flagged_and_their_neighbours_untouched(method):
     assert same(lane(hit, good), lane(without, good))
 
 
-@pytest.mark.slow("event", "phase", reason="derivatives of a phase solve")
+@pytest.mark.slow("event", "phase", reason="derivatives of solves in lanes that fail")
 @pytest.mark.parametrize("method", ["exact", "event", "phase"])
 def test_bad_lanes_spoil_no_derivative(method):
     """Neither that of their neighbours nor that of what all lanes share."""

@@ -84,6 +84,7 @@ def test_only_lanes_that_need_a_solve_cause_steps(steps):
     np.testing.assert_allclose(x, [v[0], w[0], u[0]], rtol=0, atol=1e-13)
 
 
+@pytest.mark.slow(reason="the soft batch compiled anew in single precision, 36 s of CPU")
 def test_single_precision():
     lanes = np.array([HEAD_ON, OBLIQUE, TOGETHER])
     found, ways, status = jax.jit(jax.vmap(collision))(*lanes.astype(np.float32).T)

@@ -42,6 +42,7 @@ def scene(count, strength, jolt=0.0):
     return jc.Scene([*balls, *bodies[:count]], jc.Hertz(), stiffness=1e4)
 
 
+@pytest.mark.slow(reason="a soft scene of its own, 24 s of CPU")
 def test_what_leaves_and_comes_back_is_met():
     """At the time and with the speed at which its displacement vanishes again."""
     run = jc.simulate(scene(3, -STRENGTH), 0.54, instantaneous=True)

@@ -113,6 +113,7 @@ def swept(function, bad=False):
     return jc.sweep(function, **axes_for(function, BAD if bad else GOOD))
 
 
+@pytest.mark.slow("stepped", reason="event solves in two sweeps and in full, 13 s of CPU")
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: f.__name__)
 def test_as_the_full_computation(function):
     for bad in (False, True):
