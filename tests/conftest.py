@@ -67,13 +67,15 @@ _LONG = (
 _PLACE = {name: place for place, name in enumerate(_LONG)}
 
 
+_TESTS = pathlib.Path(__file__).resolve().parent
 _MOST_LEFT_OUT = 0.05
 
 
 def pytest_collection_modifyitems(config, items):
     items.sort(key=lambda item: _PLACE.get(item.path.stem, len(_LONG)))
     left = [item for item in items if _is_left_out(item)]
-    everything = config.args_source == pytest.Config.ArgsSource.TESTPATHS
+    # Not by `args_source`, which workers do not know.
+    everything = [pathlib.Path(name).resolve() for name in config.args] == [_TESTS]
     if everything and len(left) > _MOST_LEFT_OUT * len(items):
         raise pytest.UsageError(
             f"{len(left)} of {len(items)} tests are slow: more than a twentieth"
