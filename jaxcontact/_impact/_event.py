@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from .._forms import AbstractForm, ScaledImpact
 from .._parameter import require_kind
@@ -16,7 +18,7 @@ from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion
-from ._solver.lanes import ByLanes
+from ._solver.lanes import MANY
 
 if TYPE_CHECKING:
     import diffrax
@@ -75,9 +77,9 @@ class Event(AbstractMethod):
 
     def over(self, motion: Motion, solve_lane: Callable[..., Out]) -> Out:
         """`solve_lane(motion, how=self, many=)` for every different lane, with derivatives."""
-        lane = eqx.Partial(solve_lane, how=self, many=False)
-        if self.solver is None and self.adjoint is None:
-            lane = ByLanes(lane, eqx.Partial(solve_lane, how=self, many=True))
+        ours = self.solver is None and self.adjoint is None
+        shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(motion)))
+        lane = eqx.Partial(solve_lane, how=self, many=ours and math.prod(shape) >= MANY)
         rtol, _ = self.tolerances(jax.tree.leaves(motion)[0].dtype)
         motion = dataclasses.replace(motion, smooth=rtol <= _FOR_SLOPES)
         # An adjoint of the user's brings its own derivatives.

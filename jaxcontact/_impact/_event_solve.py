@@ -95,7 +95,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
     how, dtype = solve.how, start.w.dtype
     rough = how.tolerances(dtype)[0] > _ROUGH
     way = Way(motion, compressing, searched=rough)
-    packed = Packed.of(start, solve.many)
+    packed = Packed.of(start, solve.many, how.adjoint is not None)
     begun = Watch.begin(motion, packed)
 
     def see(watch: Watch, last: Record, now: Record) -> Watch:
@@ -234,7 +234,7 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
         arrived = arrived & jnp.stack([flags[0], ~returned | legs.arrived[2]])
     end = at_end(motion, last, arrived[1], max_indentation)
     # Apart from the solve, so that it is removed where the largest force is not used.
-    packed = Packed.of(turn, many)
+    packed = Packed.of(turn, many, how.adjoint is not None)
     forces = jax.vmap(lambda near, flag: largest_near(Way(motion, flag), packed, near))(
         legs.nearest, flags
     )

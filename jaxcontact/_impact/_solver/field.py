@@ -12,6 +12,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ..._varying import varying
+from .lanes import ByLanes
 from .runge_kutta import step_in_loop, step_written_out
 
 Number = Float[Array, ""]
@@ -67,21 +68,23 @@ class Packed(NamedTuple, Generic[State]):
 
     As one vector a moment costs a loop one instruction where a state costs several. `many`: they
     stay as they are, and the stages of a step are written out: longer to compile, and a fraction
-    of the time in a batch. `moment`: the moment that a record keeps.
+    of the time in a batch. `moment`: the moment that a record keeps. `backwards`: whether
+    derivatives may go back through the steps.
     """
 
     start: Record
     moment: Callable[[Record], Moment[State]]
     many: bool
+    backwards: bool
 
     @staticmethod
-    def of(start: State, many: bool = False) -> Packed[State]:
+    def of(start: State, many: bool = False, backwards: bool = False) -> Packed[State]:
         """That of all moments from a state on, the first at time zero."""
         first = jax.tree.leaves(start)[0].reshape(-1)[0]
         begun = varying(first, Moment(jnp.zeros_like(first), start))
         if many:
-            return Packed(begun, lambda record: record, many)
-        return Packed(*ravel_pytree(begun), many)
+            return Packed(begun, lambda record: record, many, backwards)
+        return Packed(*ravel_pytree(begun), many, backwards)
 
     def record(self, moment: Moment[State]) -> Record:
         """What is kept of a moment."""
@@ -117,9 +120,16 @@ class Packed(NamedTuple, Generic[State]):
             return step_in_loop(slope, record, size)[:2]
 
         def many(field: Any, record: Record, size: Number) -> tuple[Record, Record]:
-            return step_written_out(lambda _, moment: rate(field, moment), record, size)
+            moments = step_written_out(
+                lambda _, moment: rate(field, moment), self.moment(record), size
+            )
+            after, error = map(self.record, moments)
+            return after, error
 
-        return many if self.many else few
+        if self.many:
+            return many
+        # Under `vmap` a record stays a vector, but the stages are written out all the same.
+        return few if self.backwards else ByLanes(few, many)
 
 
 def chosen(first: Bool[Array, ""], yes: Kept, no: Kept) -> Kept:

@@ -15,7 +15,7 @@ from jax.custom_derivatives import SymbolicZero
 Out = TypeVar("Out")
 
 # From so many lanes on, what runs faster pays for the time that it takes to compile.
-_MANY = 1000
+MANY = 1000
 
 
 class ByLanes(eqx.Module, Generic[Out]):
@@ -73,7 +73,7 @@ class _Choice:
             for form in (self.few, self.many)
         )
         lanes = self.lanes * size if any(jax.tree.leaves(along)) else self.lanes
-        if lanes < _MANY:
+        if lanes < MANY:
             many = _Choice(few, many, lanes, self.vary)
         out = many(*given)
         return out, jax.tree.broadcast(vary, out)
