@@ -150,7 +150,8 @@ def simulate(
         return _all_at_once(*given[:2], rules, *given[2:], rows, grid)
 
     given = (layout, numbers, valid, last, within)
-    rules, (log, written, status, reached) = followed(rules, given, from_python, at_once)
+    rules, numbers, course = followed(rules, given, from_python, at_once)
+    log, written, status, reached = course
     room = (ROOM if most is None else most) if traced(written) else None
     abrupt = (last < length) & (status == int(Ending.COMPLETED))
     status = jnp.where(abrupt, int(Ending.WALL_TOO_ABRUPT), status)
