@@ -19,7 +19,7 @@ from ._log import Figures, Log
 from ._outside import Found, derived, outside
 from ._progress import Rules
 from ._replay import chained, pushed
-from ._result import Way
+from ._result import Way, traced
 from ._slopes import Kept, Matrices, matrices
 from ._system import Layout, Numbers
 
@@ -49,9 +49,9 @@ def followed(
     back to both is added within the program that takes it back through the rows.
     """
 
-    def find(traced: bool, given: Given) -> Found:
+    def find(is_traced: bool, given: Given) -> Found:
         arrays = eqx.filter(given[1], eqx.is_array)
-        if traced:
+        if is_traced:
             return Found((arrays, at_once(given)), None)
         rules, course = from_python(given)
         way = np.asarray(course.log.figures.outcome.way)[: int(course.written)]
@@ -61,6 +61,9 @@ def followed(
         rules, by_formula = found.choice
         layout, numbers, _, _, tolerance = given
         _, course = found.value
+        if traced(course.written):
+            # A `vmap` over tangents alone, between two derivatives, makes tracers of all.
+            return lambda along: along_with(given, found, along)
         hits, calls, slot = _kinds(course)
         parts = (layout, rules, numbers, course.log, hits, calls, slot, tolerance)
         known = numbers, course, derived(_matrices, *parts, choose=lambda *_: by_formula)
@@ -79,10 +82,12 @@ def followed(
     def along_with(given: Given, found: Found, along: Given) -> tuple[Numbers, Course]:
         layout, numbers, _, _, tolerance = given
         _, course = found.value
+        ended = rules if found.choice is None else found.choice[0]
         still: Course = jax.tree.map(lambda _: None, course)
         told = (course.log, course.written, tolerance)
-        figures = _pushed(layout, rules, numbers, *told, along[1])
-        return along[1], still._replace(log=still.log._replace(figures=figures))
+        moved = _whole(along[1], numbers)
+        figures = _pushed(layout, ended, numbers, *told, moved)
+        return moved, still._replace(log=still.log._replace(figures=figures))
 
     found = outside(find, slopes, along_with, given)
     arrays, course = found.value
@@ -123,6 +128,11 @@ def _matrices(by_formula: bool | None, *given: Any) -> Matrices:
 def _chain(static: Any, known: Any, along: Numbers) -> tuple[Numbers, Figures]:
     layout, rules, leaves, structure = static
     numbers, course, matrices = eqx.combine(known, jax.tree.unflatten(structure, leaves))
-    floats = eqx.filter(numbers, eqx.is_inexact_array)
-    along = eqx.combine(along, jax.tree.map(jnp.zeros_like, floats))
+    along = _whole(along, numbers)
     return along, chained(layout, rules, numbers, course.log, course.written, matrices, along)
+
+
+def _whole(along: Numbers, numbers: Numbers) -> Numbers:
+    """Tangents with zeros in place of None."""
+    floats = eqx.filter(numbers, eqx.is_inexact_array)
+    return eqx.combine(along, jax.tree.map(jnp.zeros_like, floats))
