@@ -20,7 +20,7 @@ from ._outside import Found, derived, outside
 from ._progress import Rules
 from ._reading import Course
 from ._replay import chained, pushed
-from ._result import Way
+from ._result import Way, traced
 from ._slopes import Kept, Matrices, matrices
 from ._system import Layout, Numbers
 
@@ -33,20 +33,28 @@ def followed(
     given: Given,
     from_python: Callable[[Given], tuple[Rules, Course]],
     at_once: Callable[[Given], Course],
-) -> tuple[Rules, Course]:
-    """The course of a scene, and the rules that it ended with."""
+) -> tuple[Rules, Numbers, Course]:
+    """The course of a scene, the rules that it ended with, and its numbers.
 
-    def find(traced: bool, given: Given) -> Found:
-        if traced:
-            return Found(at_once(given), None)
+    These are those given; as an outcome beside the log they are read with it, so that what comes
+    back to both is added within the program that takes it back through the rows.
+    """
+
+    def find(is_traced: bool, given: Given) -> Found:
+        arrays = eqx.filter(given[1], eqx.is_array)
+        if is_traced:
+            return Found((arrays, at_once(given)), None)
         rules, course = from_python(given)
         way = np.asarray(course.log.figures.outcome.way)[: int(course.written)]
-        return Found(course, (rules, not np.any(way == Way.RADIAL)))
+        return Found((arrays, course), (rules, not np.any(way == Way.RADIAL)))
 
     def slopes(given: Given, found: Found) -> Callable[[Any], Any]:
         rules, by_formula = found.choice
         layout, numbers, _, _, tolerance = given
-        course = found.value
+        _, course = found.value
+        if traced(course.written):
+            # A `vmap` over tangents alone, between two derivatives, makes tracers of all.
+            return lambda along: along_with(given, found, along)
         hits, calls, slot = _kinds(course)
         parts = (layout, rules, numbers, course.log, hits, calls, slot, tolerance)
         known = numbers, course, derived(_matrices, *parts, choose=lambda *_: by_formula)
@@ -54,22 +62,28 @@ def followed(
         leaves, structure = jax.tree.flatten(static)
         map = Map(_chain, (layout, rules, tuple(leaves), structure))
 
-        def move(along: Given) -> Course:
+        def move(along: Given) -> tuple[Numbers, Course]:
             still: Course = jax.tree.map(lambda _: None, course)
-            figures = map(data, along[1], course.log.figures)
-            return still._replace(log=still.log._replace(figures=figures))
+            like = eqx.filter(numbers, eqx.is_inexact_array), course.log.figures
+            moved, figures = map(data, along[1], like)
+            return moved, still._replace(log=still.log._replace(figures=figures))
 
         return move
 
-    def along_with(given: Given, found: Found, along: Given) -> Course:
+    def along_with(given: Given, found: Found, along: Given) -> tuple[Numbers, Course]:
         layout, numbers, _, _, tolerance = given
-        log, written = found.value.log, found.value.written
-        still: Course = jax.tree.map(lambda _: None, found.value)
-        figures = _pushed(layout, rules, numbers, log, written, tolerance, along[1])
-        return still._replace(log=still.log._replace(figures=figures))
+        _, course = found.value
+        ended = rules if found.choice is None else found.choice[0]
+        still: Course = jax.tree.map(lambda _: None, course)
+        told = (course.log, course.written, tolerance)
+        moved = _whole(along[1], numbers)
+        figures = _pushed(layout, ended, numbers, *told, moved)
+        return moved, still._replace(log=still.log._replace(figures=figures))
 
     found = outside(find, slopes, along_with, given)
-    return rules if found.choice is None else found.choice[0], found.value
+    arrays, course = found.value
+    numbers = eqx.combine(arrays, given[1])
+    return rules if found.choice is None else found.choice[0], numbers, course
 
 
 _pushed = eqx.filter_jit(pushed)
@@ -102,9 +116,14 @@ def _matrices(by_formula: bool | None, *given: Any) -> Matrices:
     return matrices(*given, bool(by_formula))
 
 
-def _chain(static: Any, known: Any, along: Numbers) -> Figures:
+def _chain(static: Any, known: Any, along: Numbers) -> tuple[Numbers, Figures]:
     layout, rules, leaves, structure = static
     numbers, course, matrices = eqx.combine(known, jax.tree.unflatten(structure, leaves))
+    along = _whole(along, numbers)
+    return along, chained(layout, rules, numbers, course.log, course.written, matrices, along)
+
+
+def _whole(along: Numbers, numbers: Numbers) -> Numbers:
+    """Tangents with zeros in place of None."""
     floats = eqx.filter(numbers, eqx.is_inexact_array)
-    along = eqx.combine(along, jax.tree.map(jnp.zeros_like, floats))
-    return chained(layout, rules, numbers, course.log, course.written, matrices, along)
+    return eqx.combine(along, jax.tree.map(jnp.zeros_like, floats))

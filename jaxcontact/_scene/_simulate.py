@@ -100,9 +100,9 @@ def simulate(
     on the wall, along which it slides. Where impacts accumulate in any other way the run stops, and
     is flagged.
 
-    `max_impacts` is the room for impacts: from Python it grows by itself; with traced values it is
-    fixed (256 if not given), `impacts` are padded to it, and a run that needs more is flagged and
-    NaN.
+    `max_impacts` is the room for impacts: from Python, and for its derivatives there, it grows by
+    itself; under `jit` and `vmap` it is fixed (256 if not given), `impacts` are padded to it, and a
+    run that needs more is flagged and NaN.
 
     `progress` of a run from Python: None shows the impacts on stderr after a second, if that is a
     terminal or a notebook; True does so anywhere, False nowhere; a function is called with their
@@ -154,7 +154,7 @@ def simulate(
         )
 
     given = (layout, numbers, valid, last, within)
-    rules, course = followed(rules, given, from_python, at_once)
+    rules, numbers, course = followed(rules, given, from_python, at_once)
     course = course._replace(last=last, length=length)
     room = (ROOM if most is None else most) if traced(course.written) else None
     told = read(layout, numbers, rules, course, asked, within, room)
