@@ -180,7 +180,7 @@ def _places_of(scene: Scene, otherwise: int) -> int:
     return otherwise if contacts is None else contacts.who.shape[0]
 
 
-def _crowded(known: Sequence[Array]) -> bool:
+def _crowded(known: Sequence[Any]) -> bool:
     return int(known[2]) == CROWDED
 
 
@@ -246,7 +246,7 @@ def _all_at_once(
     tolerance: Array,
     room: int,
     grid: Grid | None,
-) -> tuple[Numbers, Log, Array, Array, Array, Array, Array]:
+) -> tuple[Any, ...]:
     """The whole run as one program with room for so many impacts, differentiable.
 
     Where a cell is full the run goes on without cells.
@@ -354,7 +354,7 @@ def _piece(
 
 def _piece_by_piece(
     rules: Rules, layout: Layout, start: tuple, tolerance: Array, most: int | None, tell: Tell
-) -> tuple[Rules, tuple[Log, Array, Array, Array, Array, Array]]:
+) -> tuple[Rules, Sequence[Any]]:
     """The run from Python: one program goes on until all impacts are there.
 
     Among many spheres or in a periodic space most scenes need no coupled solve: there the program
