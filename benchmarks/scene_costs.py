@@ -78,7 +78,7 @@ def impact_cost(count: int, impacts: int) -> dict:
     numbers, _ = numbers_of(scene, layout, contacts=False)
     rules = Rules(False, "peak", 0)
     end, tolerance = jnp.asarray(1e6), jnp.asarray(1e-9)
-    state = eqx.filter_jit(begun)(layout, numbers, rules, end, grid_of(layout, numbers))
+    state = eqx.filter_jit(begun)(layout, numbers, rules, grid_of(layout, numbers))
     jitted = eqx.filter_jit(advance)
     nothing = jax.jit(empty, static_argnums=2)
 

@@ -5,24 +5,35 @@ their chain carries tangents along; where numbers are not concrete it is one pro
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._program import quick
 from ._linear import Map
-from ._log import Figures
+from ._log import Figures, Log
 from ._outside import Found, derived, outside
 from ._progress import Rules
-from ._reading import Course
 from ._replay import chained, pushed
 from ._result import Way, traced
 from ._slopes import Kept, Matrices, matrices
 from ._system import Layout, Numbers
+
+
+class Known(NamedTuple):
+    """What a run wrote down, and how it ended, as in `Course`."""
+
+    log: Log
+    written: Int[Array, ""]
+    status: Int[Array, ""]
+    now: Float[Array, ""]
+    more: Bool[Array, ""]
+    valid: Bool[Array, ""]
+
 
 Given = tuple[Layout, Numbers, Array, Array, Array]
 """The scene, whether it is valid, the end, and the tolerance."""
@@ -31,9 +42,9 @@ Given = tuple[Layout, Numbers, Array, Array, Array]
 def followed(
     rules: Rules,
     given: Given,
-    from_python: Callable[[Given], tuple[Rules, Course]],
-    at_once: Callable[[Given], Course],
-) -> tuple[Rules, Numbers, Course]:
+    from_python: Callable[[Given], tuple[Rules, Known]],
+    at_once: Callable[[Given], Known],
+) -> tuple[Rules, Numbers, Known]:
     """The course of a scene, the rules that it ended with, and its numbers.
 
     These are those given; as an outcome beside the log they are read with it, so that what comes
@@ -57,24 +68,24 @@ def followed(
             return lambda along: along_with(given, found, along)
         hits, calls, slot = _kinds(course)
         parts = (layout, rules, numbers, course.log, hits, calls, slot, tolerance)
-        known = numbers, course, derived(_matrices, *parts, choose=lambda *_: by_formula)
+        known = numbers, course, derived(_matrices, by_formula, *parts)
         data, static = eqx.partition(known, eqx.is_array)
         leaves, structure = jax.tree.flatten(static)
         map = Map(_chain, (layout, rules, tuple(leaves), structure))
 
-        def move(along: Given) -> tuple[Numbers, Course]:
-            still: Course = jax.tree.map(lambda _: None, course)
+        def move(along: Given) -> tuple[Numbers, Known]:
+            still: Known = jax.tree.map(lambda _: None, course)
             like = eqx.filter(numbers, eqx.is_inexact_array), course.log.figures
             moved, figures = map(data, along[1], like)
             return moved, still._replace(log=still.log._replace(figures=figures))
 
         return move
 
-    def along_with(given: Given, found: Found, along: Given) -> tuple[Numbers, Course]:
+    def along_with(given: Given, found: Found, along: Given) -> tuple[Numbers, Known]:
         layout, numbers, _, _, tolerance = given
         _, course = found.value
         ended = rules if found.choice is None else found.choice[0]
-        still: Course = jax.tree.map(lambda _: None, course)
+        still: Known = jax.tree.map(lambda _: None, course)
         told = (course.log, course.written, tolerance)
         moved = _whole(along[1], numbers)
         figures = _pushed(layout, ended, numbers, *told, moved)
@@ -89,7 +100,7 @@ def followed(
 _pushed = eqx.filter_jit(pushed)
 
 
-def _kinds(course: Course) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:
+def _kinds(course: Known) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:
     """The rows of each kind, and where each row is among its own."""
     facts = course.log.facts
     rows, written = facts.tied.shape[0], int(course.written)
@@ -112,8 +123,8 @@ def _kinds(course: Course) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:
 
 
 @quick
-def _matrices(by_formula: bool | None, *given: Any) -> Matrices:
-    return matrices(*given, bool(by_formula))
+def _matrices(choice: None, by_formula: bool, *given: Any) -> Matrices:
+    return matrices(*given, by_formula)
 
 
 def _chain(static: Any, known: Any, along: Numbers) -> tuple[Numbers, Figures]:

@@ -71,17 +71,22 @@ def outside(
     return found(arrays)
 
 
-def derived(function: Callable[..., Any], *given: Any, choose: Callable[..., Any] | None = None):
+def derived(
+    function: Callable[..., Any],
+    *given: Any,
+    decide: Callable[..., tuple[Any, Any]] | None = None,
+) -> Any:
     """`function(choice, *given)`, with a derivative that is compiled quickly.
 
-    `choose(*given)` is what is decided by numbers that are concrete, elsewhere None.
+    Where numbers are concrete `decide(*given)` is that value in the way of Python, and the choice
+    that it made; elsewhere the choice is None.
     """
 
     def find(traced: bool, given: Any) -> Found:
         if traced:
             return Found(function(None, *given), None)
-        choice = None if choose is None else choose(*given)
-        return Found(function(choice, *given), (choice,))
+        value, choice = (function(None, *given), None) if decide is None else decide(*given)
+        return Found(value, (choice,))
 
     def slopes(given: Any, found: Found) -> Callable[[Any], Any]:
         data, static = eqx.partition(given, eqx.is_array)
@@ -94,21 +99,6 @@ def derived(function: Callable[..., Any], *given: Any, choose: Callable[..., Any
         return _along(lambda given: function(None, *given), given, along)
 
     return outside(find, slopes, along_with, given).value
-
-
-def concretely(function: Callable[..., Any], *given: Any) -> Any:
-    """`function(*given)`, which has no derivative; a tracer only where numbers are not concrete."""
-
-    def find(traced: bool, given: Any) -> Found:
-        return Found(function(*given), () if not traced else None)
-
-    def still(given: Any, found: Found) -> Callable[[Any], Any]:
-        return lambda along: jax.tree.map(lambda _: None, found.value)
-
-    def also_still(given: Any, found: Found, along: Any) -> Any:
-        return jax.tree.map(lambda _: None, found.value)
-
-    return outside(find, still, also_still, given).value
 
 
 def _pushed(static: Any, known: Any, along: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ from ._outside import derived
 from ._partly import booked
 from ._progress import CROWDED, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules
 from ._result import Ending, Impacts, Moment, traced
-from ._run import inside_of_any, moment, moment_at, moment_in_log
+from ._run import moment, moment_at, moment_in_log
 from ._system import Layout, Numbers
 from ._table import table_of
 from ._work import work_of
@@ -61,68 +61,86 @@ def read(
 ) -> Reading:
     """All of it, with the table of impacts padded to so many `rows`.
 
-    Outside of a program one reads the log alone; motion inside of contacts is compiled only where a
-    time is inside of one.
+    Of numbers that are concrete it has no more rows than there are impacts, and motion inside of
+    contacts is compiled only where a time is inside of one.
     """
-    given = (layout, numbers, rules)
-    if not traced((numbers, course, asked)):
-        reading, inside, cut = _read(*given, course, asked)
-        if bool(inside):
-            now = moment(*given, course.log, course.written, reading.reached, asked, tolerance)
-            reading = reading._replace(now=now)
-        if bool(cut):
-            ends = jax.device_put(np.stack([np.zeros_like(course.length), course.length]))
-            told = (course.log, course.written, reading.reached)
-            ends = moment_at(*given, *told, ends, tolerance)
-            log = booked(layout, numbers, *told[:2], ends, reading.reached)
-            reading = _tabled(*given, course._replace(log=log), reading.status, reading.now)
-        total = int(reading.total)
-        whole = jax.tree.map(lambda x: np.asarray(x)[:total], reading.impacts)
-        return reading._replace(impacts=jax.device_put(whole))
-    reading = derived(_of_choice, *given, course, asked, tolerance, rows, choose=_inside)
-    if rows is not None:
+    given = (layout, numbers, rules, course, asked, tolerance, rows)
+    reading = derived(_by_choice, *given, decide=_from_log)
+    if traced(reading.total):
         return reading
     total = int(reading.total)
+    if not traced(reading.impacts):
+        whole = jax.tree.map(lambda x: np.asarray(x)[:total], reading.impacts)
+        return reading._replace(impacts=jax.device_put(whole))
     return reading._replace(impacts=jax.tree.map(lambda x: x[:total], reading.impacts))
 
 
-def _inside(
-    layout: Layout, numbers: Numbers, rules: Rules, course: Course, asked: Array, *given: Any
-) -> tuple[bool, bool]:
-    """Whether a time is inside of a contact, and an end of the run."""
-    if not rules.soft:
-        return False, False
-    given = (layout, numbers, course.log, course.written)
-    return bool(inside_of_any(*given, asked)), bool(inside_of_any(*given, _ends(course)))
+def _from_log(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    course: Course,
+    asked: Array,
+    tolerance: Array,
+    rows: int | None,
+) -> tuple[Reading, tuple[bool, bool]]:
+    """As from Python; whether a time, and whether an end of the run, is inside of a contact."""
+    given = (layout, numbers, rules)
+    reading, inside, cut = _read(*given, course, asked)
+    if bool(inside):
+        now = moment(*given, course.log, course.written, reading.reached, asked, tolerance)
+        reading = reading._replace(now=now)
+    if bool(cut):
+        log = _booked(*given, course, reading.reached, tolerance)
+        reading = _tabled(*given, course._replace(log=log), reading.status, reading.now)
+    return reading, (bool(inside), bool(cut))
 
 
-@quick
-def _of_choice(
+def _by_choice(
     choice: tuple[bool, bool] | None,
     layout: Layout,
     numbers: Numbers,
     rules: Rules,
     course: Course,
-    asked: Float[Array, " T"],
-    tolerance: Float[Array, ""],
+    asked: Array,
+    tolerance: Array,
     rows: int | None,
 ) -> Reading:
-    """A reading with a derivative. All times are looked up by one program."""
-    inside, cut = (rules.soft, rules.soft) if choice is None else choice
+    """As one program, which has what was chosen, or all that may be needed."""
+    given = (layout, numbers, rules)
     status, reached = _ending(course)
-    told, log = (course.log, course.written, reached), course.log
-    times, count = jnp.concatenate([asked, _ends(course)]) if cut else asked, asked.shape[0]
-    given = (layout, numbers, rules, *told, times)
-    every = moment(*given, tolerance) if inside or cut else moment_in_log(*given)[0]
-    if cut:
-        there = jax.tree.map(lambda x: x[count:], every)
-        log = booked(layout, numbers, *told[:2], there, reached)
-    now = jax.tree.map(lambda x: x[:count], every)
-    return _told(layout, numbers, rules, course._replace(log=log), status, now, rows)
+    told = (course.log, course.written, reached)
+    if choice is not None:
+        inside, cut = choice
+        told = (*given, *told, asked)
+        now = moment(*told, tolerance) if inside else moment_in_log(*told)[0]
+        log = _booked(*given, course, reached, tolerance) if cut else course.log
+        return _told(*given, course._replace(log=log), status, now, None)
+    if not rules.soft:
+        return _told(*given, course, status, moment_at(*given, *told, asked, tolerance), rows)
+    ends = jnp.stack([jnp.zeros_like(course.length), course.length])
+    # One program for all times.
+    every = moment_at(*given, *told, jnp.concatenate([asked, ends]), tolerance)
+    count = asked.shape[0]
+    now, there = (
+        jax.tree.map(lambda x, cut=cut: x[cut], every) for cut in (slice(count), slice(count, None))
+    )
+    log = booked(layout, numbers, *told[:2], there, reached)
+    return _told(*given, course._replace(log=log), status, now, rows)
 
 
-def _ends(course: Course) -> Float[Array, "2"]:
-    return jnp.stack([jnp.zeros_like(course.length), course.length])
+def _booked(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    course: Course,
+    reached: Array,
+    tolerance: Array,
+) -> Log:
+    ends = jnp.stack([jnp.zeros_like(course.length), course.length])
+    told = (course.log, course.written, reached)
+    there = moment_at(layout, numbers, rules, *told, ends, tolerance)
+    return booked(layout, numbers, *told[:2], there, reached)
 
 
 @quick
@@ -133,7 +151,8 @@ def _read(
     that is on there.
     """
     status, reached = _ending(course)
-    times, count = jnp.concatenate([asked, _ends(course)]), asked.shape[0]
+    ends = jnp.stack([jnp.zeros_like(course.length), course.length])
+    times, count = jnp.concatenate([asked, ends]), asked.shape[0]
     every, inside = moment_in_log(layout, numbers, rules, *course[:2], reached, times)
     now = jax.tree.map(lambda x: x[:count], every)
     reading = _told(layout, numbers, rules, course, status, now, None)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 import jax
+import numpy as np
 from jaxtyping import Array, Int
 
 Tree = TypeVar("Tree")
 
 
-def rows_of(arrays: Tree, who: Int[Array, "..."]) -> Tree:
+def rows_of(arrays: Tree, who: Array | np.ndarray) -> Tree:
     """Some rows of all arrays of a tree, all of which exist."""
 
     def some(all: Array) -> Array:

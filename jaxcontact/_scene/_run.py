@@ -24,7 +24,7 @@ from ._progress import Rules
 from ._result import Impacts, Moment, ending_words, flagged, traced
 from ._scene import Scene
 from ._start import Start
-from ._states import any_inside, energy_of, states_at, states_in_log
+from ._states import energy_of, states_at, states_in_log
 from ._system import Layout, Numbers
 
 if TYPE_CHECKING:
@@ -193,29 +193,21 @@ def moment_at(
     tolerance: Array,
 ) -> Moment:
     """The states at some times. Motion inside of contacts is compiled only where it is needed."""
-    given = (layout, numbers, rules, log, written, reached)
-    if traced((numbers, log, written, times)):
-        return derived(_of_choice, *given, times, tolerance, choose=_inside)
-    now, inside = moment_in_log(*given, times)
-    if rules.soft and np.any(np.asarray(inside)):
-        return moment(*given, times, tolerance)
-    return now
+    given = (layout, numbers, rules, log, written, reached, times, tolerance)
+    return derived(_moment_at, *given, decide=_moment_by_choice)
 
 
-def _inside(
-    layout: Layout, numbers: Numbers, rules: Rules, log: Log, written: Array, *given: Array
-) -> bool:
-    return rules.soft and bool(inside_of_any(layout, numbers, log, written, given[1]))
+def _moment_by_choice(*given: Any) -> tuple[Moment, bool]:
+    now, inside = moment_in_log(*given[:-1])
+    if given[2].soft and np.any(np.asarray(inside)):
+        return moment(*given), True
+    return now, False
 
 
-inside_of_any = quick(any_inside)
-
-
-def _of_choice(inside: bool | None, *given: Any) -> Moment:
-    *told, tolerance = given
+def _moment_at(inside: bool | None, *given: Any) -> Moment:
     if given[2].soft if inside is None else inside:
-        return moment(*told, tolerance)
-    return moment_in_log(*told)[0]
+        return moment(*given)
+    return moment_in_log(*given[:-1])[0]
 
 
 @quick

@@ -32,7 +32,7 @@ from ._cells import Grid
 from ._coupled import MOST
 from ._due import expecting
 from ._entry import one_number
-from ._followed import followed
+from ._followed import Known, followed
 from ._grid import grid_of
 from ._log import Log, blank_log
 from ._numbers import Given, gathered, given_in, replaced
@@ -130,33 +130,31 @@ def simulate(
     scene = _going_on(scene, soft, min(room_for, layout.spheres))
     require_clear_of_each_other(scene.bodies, length)
     rules = Rules(soft, rule, min(room_for, layout.spheres) if soft else 0)
-    given = (given_in(scene), layout, rules, length, asked)
-    plain, state = not traced(given), None
+    plain = not traced((scene, length, asked))
+    start: State | None = None
     if plain:
-        numbers, valid, length, asked, last, state = _started(*given)
+        *numbers_of_it, start = _started(given_in(scene), layout, rules, length, asked)
     else:
-        numbers, valid, length, asked, last = derived(_sound, *_on_device(given))
+        numbers_of_it = derived(_unseen, scene, layout, rules, length, asked)
+    numbers, valid, length, asked, last = numbers_of_it
     within = jax.device_put(np.asarray(tolerance, numbers.dtype))
     grows = max_cluster is None and _places_of(scene, 0) == 0
     # A call of the coupled solve ends where any pair touches or opens.
     calls = _CALLS if rules.members and not plain else 1
+    room = ROOM if most is None else most
 
-    def from_python(given: tuple) -> tuple[Rules, Course]:
+    def from_python(given: tuple) -> tuple[Rules, Known]:
         rows = None if most is None else most * calls
-        start = _begun(*given[:2], rules) if state is None else state
         with progress_of(progress, "impacts", "simulate") as tell:
             return _grown(rules, *given, start, rows, tell, grows)
 
-    def at_once(given: tuple) -> Course:
+    def at_once(given: tuple) -> Known:
         grid = None if soft else grid_of(*given[:2])
-        return _all_at_once(
-            *given[:2], rules, *given[2:], (ROOM if most is None else most) * calls, grid
-        )
+        return _all_at_once(*given[:2], rules, *given[2:], room * calls, grid)
 
     given = (layout, numbers, valid, last, within)
-    rules, numbers, course = followed(rules, given, from_python, at_once)
-    course = course._replace(last=last, length=length)
-    room = (ROOM if most is None else most) if traced(course.written) else None
+    rules, numbers, known = followed(rules, given, from_python, at_once)
+    course = Course(*known, last, length)
     told = read(layout, numbers, rules, course, asked, within, room)
     names = tuple(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
@@ -194,24 +192,23 @@ def _grown(
     layout: Layout,
     numbers: Numbers,
     valid: Array,
-    end: Array,
+    last: Array,
     tolerance: Array,
-    state: State,
+    start: State | None,
     most: int | None,
     tell: Tell,
     grows: bool,
-) -> tuple[Rules, Course]:
+) -> tuple[Rules, Known]:
     """The run from Python, with more places in coupled solves where it `grows`."""
-    given, soft = (layout, numbers, valid, end, tolerance, state, most, tell), rules.soft
-    rules, course = _piece_by_piece(rules, *given)
-    while grows and _crowded(course) and rules.members < min(_MOST_GROWN, layout.spheres):
-        more = min(2 * rules.members, layout.spheres)
-        rules, course = _piece_by_piece(Rules(soft, rules.v0, more), *given)
-    return rules, course
-
-
-def _crowded(course: Course) -> bool:
-    return int(course.status) == CROWDED
+    state = _begun(layout, numbers, rules) if start is None else start
+    given = (layout, (numbers, valid, last, state), tolerance, most, tell)
+    ended, known = _piece_by_piece(rules, *given)
+    while (
+        grows and int(known.status) == CROWDED and ended.members < min(_MOST_GROWN, layout.spheres)
+    ):
+        more = min(2 * ended.members, layout.spheres)
+        ended, known = _piece_by_piece(Rules(rules.soft, rules.v0, more), *given)
+    return ended, known
 
 
 def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
@@ -276,7 +273,7 @@ def _all_at_once(
     tolerance: Array,
     room: int,
     grid: Grid | None,
-) -> Course:
+) -> Known:
     """The whole run as one program with room for so many impacts.
 
     Where a cell is full the run goes on without cells.
@@ -294,7 +291,7 @@ def _all_at_once(
         state = expecting(layout, fixed, state, now, None, full)
         state, log, written = advance(layout, fixed, rules, state, log, last, tolerance, written)
     more = goes_on(state, last)
-    return Course(log, written, state.status, state.now, more, valid, end, end)
+    return Known(log, written, state.status, state.now, more, valid)
 
 
 def _with_room(
@@ -318,11 +315,26 @@ def _here(layout: Layout, numbers: Numbers, state: State) -> tuple[Array, Array]
 
 
 @quick
-def _started(
+def _started(given: Given, layout: Layout, rules: Rules, *times: Array) -> tuple[Any, ...]:
+    """What `_numbers` says, and the state at the start."""
+    known = _numbers(given, layout, rules, *times)
+    return *known, begun(layout, known[0], rules)
+
+
+@quick
+def _unseen(choice: None, scene: Scene, layout: Layout, *given: Any) -> tuple[Any, ...]:
+    """What `_numbers` says of a scene that nobody has looked at: bodies may overlap."""
+    numbers, valid, length, *rest = _numbers(given_in(scene), layout, *given)
+    valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
+    valid = valid & POSITIVE.holds(length)
+    return replaced(numbers, valid), valid, length, *rest
+
+
+def _numbers(
     given: Given, layout: Layout, rules: Rules, length: Array, asked: Array
-) -> tuple[Numbers, Array, Array, Array, Array, State]:
+) -> tuple[Numbers, Array, Array, Array, Array]:
     """The numbers of a scene and whether they are valid, the duration and the times in their
-    precision, until when the run goes, and its start.
+    precision, and until when the run goes.
     """
     contacts = rules.soft or not all(layout.constant)
     numbers, valid = gathered(given, layout, contacts, rules.soft)
@@ -332,22 +344,7 @@ def _started(
     for movers in (numbers.motion, numbers.shaking):
         if movers is not None:
             last = jnp.minimum(last, movers.kept_until(length))
-    return numbers, valid, length, asked, last, begun(layout, numbers, rules)
-
-
-@quick
-def _sound(
-    choice: None, given: Given, layout: Layout, rules: Rules, length: Array, asked: Array
-) -> tuple[Numbers, Array, Array, Array, Array]:
-    """As `_started`, of a scene that nobody has looked at: it may overlap at the start."""
-    numbers, valid, length, asked, last, _ = _started(given, layout, rules, length, asked)
-    valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
-    valid = valid & POSITIVE.holds(length)
-    return replaced(numbers, valid), valid, length, asked, last
-
-
-def _on_device(tree: Any) -> Any:
-    return jax.tree.map(lambda x: jax.device_put(x) if isinstance(x, np.ndarray) else x, tree)
+    return numbers, valid, length, asked, last
 
 
 def _onward(
@@ -395,21 +392,14 @@ def _piece(
 
 
 def _piece_by_piece(
-    rules: Rules,
-    layout: Layout,
-    numbers: Numbers,
-    valid: Array,
-    end: Array,
-    tolerance: Array,
-    state: State,
-    most: int | None,
-    tell: Tell,
-) -> tuple[Rules, Course]:
+    rules: Rules, layout: Layout, start: tuple, tolerance: Array, most: int | None, tell: Tell
+) -> tuple[Rules, Known]:
     """The run from Python: one program goes on until all impacts are there.
 
     Among many spheres or in a periodic space most scenes need no coupled solve: there the program
     is one without, until one is needed. Returns the rules that it ended with.
     """
+    numbers, valid, end, state = start
     given = rules
     within = numbers.start is not None and bool(numbers.start.leans)
     if not everyone(layout, rules.members) and not within:
@@ -438,7 +428,7 @@ def _piece_by_piece(
             state = _with_places(layout, numbers, rules.members, state)
     log = pieces[0][0] if len(pieces) == 1 else _one_log(layout, numbers, rules, pieces)
     written, ahead = jax.device_put((np.asarray(total), np.asarray(more)))
-    return rules, Course(log, written, state.status, state.now, ahead, valid, end, end)
+    return rules, Known(log, written, state.status, state.now, ahead, valid)
 
 
 def _one_log(

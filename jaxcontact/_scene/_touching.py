@@ -10,7 +10,7 @@ of a length X, a speed V and a mass m of the cluster; the law alone is given SI 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax

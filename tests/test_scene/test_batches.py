@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._scene import _cluster_solve, _radial
+from jaxcontact._scene import _cluster_step, _radial
 from tests.oracle.scene_oracle import Ball, Spring, run
 
 # Of the second ball, of the gap to the third, and the mass of the first: all impacts apart and
@@ -36,13 +36,13 @@ def collision(offset, gap, mass):
 def steps(monkeypatch):
     """The steps of both solves that are made while a program runs, by their names."""
     made = {}
-    for name, module in (("radial", _radial), ("coupled", _cluster_solve)):
+    for name, module in (("radial", _radial), ("coupled", _cluster_step)):
 
-        def counted(*given, name=name, step=module.step_in_loop):
+        def counted(*given, name=name, step=module.step_and_slope):
             jax.debug.callback(lambda: made.update({name: made[name] + 1}))
             return step(*given)
 
-        monkeypatch.setattr(module, "step_in_loop", counted)
+        monkeypatch.setattr(module, "step_and_slope", counted)
     yield made
     # What was traced counts for ever.
     jax.clear_caches()
