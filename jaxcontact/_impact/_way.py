@@ -26,7 +26,7 @@ class Way(eqx.Module):
 
     @property
     def one_way(self) -> bool:
-        """Not so: with strong damping the last step to a turn is no step of u (8e-6 of its time)."""
+        """Not so: strongly damped, the last step to a turn is no step of u (8e-6 of its time)."""
         return False
 
     @property
