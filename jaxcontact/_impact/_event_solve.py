@@ -29,8 +29,6 @@ _SAFETY = 0.02
 # Energies that differ by more than this, in units of rtol, come from a solve that missed something:
 # measured up to 12.
 _IMBALANCE = 100
-# From this tolerance on the last step may be so long that its end is searched for.
-_ROUGH = 1e-6
 
 if TYPE_CHECKING:
     import diffrax
@@ -93,8 +91,7 @@ class Solve(NamedTuple):
 def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> Leg:
     """From touch to the turn if `compressing`, from the turn to the end otherwise."""
     how, dtype = solve.how, start.w.dtype
-    rough = how.tolerances(dtype)[0] > _ROUGH
-    way = Way(motion, compressing, searched=rough)
+    way = Way(motion, compressing)
     packed = Packed.of(start, solve.many, how.adjoint is not None)
     begun = Watch.begin(motion, packed)
 

@@ -11,14 +11,10 @@ from ._motion import Motion, Number, State
 
 
 class Way(eqx.Module):
-    """The motion of bodies that are `compressing`, until they turn, or not, until they part.
-
-    `searched`: whether the end is searched for in any case.
-    """
+    """The motion of bodies that are `compressing`, until they turn, or not, until they part."""
 
     motion: Motion
     compressing: Flag
-    searched: bool = eqx.field(static=True, default=False)
 
     def rate(self, state: State) -> State:
         """d(w, u, t)/dτ."""
@@ -30,8 +26,8 @@ class Way(eqx.Module):
 
     @property
     def one_way(self) -> bool:
-        """Of free impacts that follow a smooth momentum: u falls to 0, and then w."""
-        return not self.searched and self.motion.one_way and self.motion.momentum is not None
+        """Not so: strongly damped, the last step to a turn is no step of u (8e-6 of its time)."""
+        return False
 
     @property
     def clamped(self) -> bool:
