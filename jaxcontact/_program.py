@@ -5,6 +5,7 @@ from __future__ import annotations
 import concurrent.futures
 import functools
 import math
+import operator
 from collections.abc import Callable, Generator, Iterable
 from typing import Any, TypeVar
 
@@ -143,7 +144,10 @@ def _differentiable(
 def _sums(slopes: list[list[jax.Array]], along: list[jax.Array]) -> list[jax.Array]:
     """Of each column of slopes, its product with the tangents."""
     columns = zip(*slopes, strict=True)
-    return [sum(s * t for s, t in zip(column, along, strict=True)) for column in columns]
+    return [
+        functools.reduce(operator.add, (s * t for s, t in zip(column, along, strict=True)))
+        for column in columns
+    ]
 
 
 def _slopes(

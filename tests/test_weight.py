@@ -4,14 +4,13 @@ import pytest
 
 from benchmarks.weight import BUDGETS, CALLS, MARGIN, PROGRAMS, counted_here, weight
 
-LARGE = ("scene", "bounce with", "fit_record")
-"""Half a minute of tracing and compiling, in a process of its own."""
+LARGE = ("soft scene of 2 discs and a plane: gradient",)
 
 
 def cases():
     for name in BUDGETS:
-        marks = [pytest.mark.slow] if any(word in name for word in LARGE) else []
-        yield pytest.param(name, marks=marks, id=name)
+        slow = pytest.mark.slow(reason="half a minute of tracing and compiling")
+        yield pytest.param(name, marks=[slow] if name in LARGE else [], id=name)
 
 
 def test_every_call_has_a_budget():

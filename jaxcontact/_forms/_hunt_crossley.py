@@ -231,7 +231,7 @@ def _course(alpha: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane, Lane]:
     rho = rebound_exponent(alpha)
     # One half after the other, by one piece of code. Both at a time would take vectors from lanes.
     halves = jnp.stack([alpha, -alpha]), jnp.stack([log1p_over(alpha), rho])
-    way_in, way_out = jax.lax.map(lambda half: _half_time(*half, n, unroll), halves)
+    way_in, way_out = jax.lax.map(lambda half: _half_time(half[0], half[1], n, unroll), halves)
     return way_in, way_out, _restitution_at(rho, alpha)
 
 

@@ -46,7 +46,9 @@ def table_of(n: float, order: int) -> Table:
 
     Those of usual exponents are read, others take half a second, once.
     """
-    stored = json.loads(files(__package__).joinpath(FILE).read_text()).get(name_of(n, order))
+    stored = json.loads(files("jaxcontact._forms").joinpath(FILE).read_text()).get(
+        name_of(n, order)
+    )
     return computed(n, order) if stored is None else Table(*map(np.array, stored))
 
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact, require_contact
@@ -78,7 +79,7 @@ def _impact(problem: Problem, method: AbstractMethod) -> Impact:
     Of these a small one knows the law, and laws share the other, the solve of their form. Of the
     two, a derivative would have the second one move with everything that the first one returns.
     """
-    if any(isinstance(number, jax.core.Tracer) for number in jax.tree.leaves(problem)):
+    if any(isinstance(number, Tracer) for number in jax.tree.leaves(problem)):
         return _at_once(problem, method)
     if method.has_formula and problem.external_force is None:
         found = _by_formula(problem, method)

@@ -360,7 +360,7 @@ def _untraced(numbers: Array) -> Any:
     return numbers if isinstance(numbers, Tracer) else np.asarray(numbers)
 
 
-def _wall(face: int, normal: Array, offset: Array, motion: AbstractMotion | None) -> Wall:
+def _wall(face: int, normal: Any, offset: Array, motion: AbstractMotion | None) -> Wall:
     if motion is None:
         return Wall(face, normal, offset, None, False)
     return Wall(face, normal, offset + motion.start(normal), motion.along(normal), motion.vibrates)

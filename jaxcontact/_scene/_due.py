@@ -98,13 +98,15 @@ def up_to_date(
         wanted = due.least <= until
         if cells is not None:
 
+            def stay(cells: Cells = cells) -> Shift:
+                return staying(cells, i)
+
             def shift(cells: Cells = cells) -> Shift:
                 place = flown(layout, numbers, here, i[None], now)[0]
                 return shift_of(layout, cells, i, place, due.partner == LEAVES)
 
             # After an impact a sphere is where it was.
-            comes = due.partner == OUT_OF_DATE
-            cells = shifted(cells, i, jax.lax.cond(comes, lambda: staying(cells, i), shift))
+            cells = shifted(cells, i, jax.lax.cond(due.partner == OUT_OF_DATE, stay, shift))
             here = here._replace(cells=cells)
         who = rows = i[None]
         if layout.spheres > _FEW:

@@ -124,7 +124,7 @@ def _kinds(course: Known) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:
 
 @quick
 def _matrices(choice: None, by_formula: bool, *given: Any) -> Matrices:
-    return matrices(*given, by_formula)
+    return matrices(*given, by_formula=by_formula)
 
 
 def _chain(static: Any, known: Any, along: Numbers) -> tuple[Numbers, Figures]:

@@ -156,7 +156,8 @@ def _derived(primals: Any, tangents: Any, *, apply: Apply, count: int, outcomes:
         parts.append(_bound(apply, known, whole, outcomes))
     if not parts:
         return found, [ad.Zero(kind) for kind in outcomes]
-    return found, [ad.add_jaxvals(*xs) if len(xs) > 1 else xs[0] for xs in zip(*parts, strict=True)]
+    columns: list[tuple[Array, ...]] = list(zip(*parts, strict=True))
+    return found, [ad.add_jaxvals(*xs) if len(xs) > 1 else xs[0] for xs in columns]
 
 
 def _moves(tangent: Any) -> bool:

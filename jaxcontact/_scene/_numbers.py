@@ -7,7 +7,7 @@ bodies or of thousands.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -135,7 +135,9 @@ def gathered(
     heavy = jnp.concatenate([mass, jnp.ones(layout.walls, dtype)])
     normal, offset, moving = _walls_in(given, layout)
     shaken = {layout.body[k] for k in layout.shaken}
-    shaking = [_along(alike.body, dimensions) for alike in curved if alike.which[0] in shaken]
+    shaking = [
+        _along(cast(Sphere, alike.body), dimensions) for alike in curved if alike.which[0] in shaken
+    ]
     valid, laws = _sound_laws(given.laws, dtype)
     constant = [
         jnp.asarray(restitution(law), dtype) if alike and not soft else jnp.zeros((), dtype)

@@ -124,8 +124,7 @@ def _or_none(tangent: Any) -> Any:
 
 
 def _with_zeros(tangent: Any) -> Any:
-    if isinstance(tangent, SymbolicZero):
-        if tangent.dtype == jax.dtypes.float0:
-            return None
-        return jnp.zeros(tangent.shape, tangent.dtype)
-    return None if tangent.dtype == jax.dtypes.float0 else tangent
+    dtype: Any = tangent.dtype
+    if dtype == jax.dtypes.float0:
+        return None
+    return jnp.zeros(tangent.shape, dtype) if isinstance(tangent, SymbolicZero) else tangent

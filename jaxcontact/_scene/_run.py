@@ -120,7 +120,7 @@ class Run(eqx.Module):
         for k, body in enumerate(bodies):
             if isinstance(body, Sphere | Plane | Box | Shell):
                 bodies[k] = body.after(self.duration)
-        if not traced(self.status):
+        if start is not None and not traced(self.status):
             start = start.as_needed()
         return eqx.tree_at(
             lambda scene: (scene.bodies, scene._start),

@@ -144,13 +144,15 @@ def simulate(
     room = ROOM if most is None else most
 
     def from_python(given: tuple) -> tuple[Rules, Known]:
+        layout, numbers, valid, last, within = given
         rows = None if most is None else most * calls
         with progress_of(progress, "impacts", "simulate") as tell:
-            return _grown(rules, *given, start, rows, tell, grows)
+            return _grown(rules, layout, numbers, valid, last, within, start, rows, tell, grows)
 
     def at_once(given: tuple) -> Known:
-        grid = None if soft else grid_of(*given[:2])
-        return _all_at_once(*given[:2], rules, *given[2:], room * calls, grid)
+        layout, numbers, valid, last, within = given
+        grid = None if soft else grid_of(layout, numbers)
+        return _all_at_once(layout, numbers, rules, valid, last, within, room * calls, grid)
 
     given = (layout, numbers, valid, last, within)
     rules, numbers, known = followed(rules, given, from_python, at_once)

@@ -64,8 +64,8 @@ def test_batches_of_derivatives_and_derivatives_of_batches():
     np.testing.assert_allclose(batch, singly, rtol=ROUNDING[np.float64])
 
 
-# The event solve is compiled twice, for ten seconds.
-@pytest.mark.parametrize("method", [pytest.param("event", marks=pytest.mark.slow), "phase"])
+@pytest.mark.slow("event", reason="the event solve is compiled twice, for ten seconds")
+@pytest.mark.parametrize("method", ["event", "phase"])
 def test_of_a_solve_beside_flags_and_counts(method):
     def solved(e, push):
         how = {} if method == "phase" else {"external_force": push}

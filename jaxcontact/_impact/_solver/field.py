@@ -106,7 +106,7 @@ class Packed(NamedTuple, Generic[State]):
         """`function` of several records, compiled once where compiling counts."""
         if self.many:
             return [function(record) for record in records]
-        return jax.vmap(function)(jnp.stack(records))
+        return list(jax.vmap(function)(jnp.stack(records)))
 
     def step(
         self, rate: Callable[[Any, Moment[State]], Moment[State]]
