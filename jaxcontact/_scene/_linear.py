@@ -156,8 +156,7 @@ def _derived(primals: Any, tangents: Any, *, apply: Apply, count: int, outcomes:
         parts.append(_bound(apply, known, whole, outcomes))
     if not parts:
         return found, [ad.Zero(kind) for kind in outcomes]
-    columns: list[tuple[Array, ...]] = list(zip(*parts, strict=True))
-    return found, [ad.add_jaxvals(*xs) if len(xs) > 1 else xs[0] for xs in columns]
+    return found, parts[0] if len(parts) == 1 else list(map(ad.add_jaxvals, *parts))
 
 
 def _moves(tangent: Any) -> bool:
