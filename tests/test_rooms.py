@@ -36,7 +36,7 @@ FLOORS = [
         "_whole_files",
         "data",
     },
-    {"_flight", "_fit", "_sound", "_track"},
+    {"_flight", "_fit", "_solver", "_sound", "_track"},
     {"_forms"},
     {"_laws"},
     {"_contact"},

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .._implicit import bracketed_root
+from .._solver import Packed, Record, chosen, in_time
 from ._motion import Motion, Number, State
-from ._solver import Packed, Record, chosen, in_time
 from ._way import Way
 
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from .._forms import AbstractForm, ScaledImpact
 from .._parameter import require_kind
+from .._solver.lanes import MANY
 from ._front_door import Lanes
 from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion
-from ._solver.lanes import MANY
 
 if TYPE_CHECKING:
     import diffrax

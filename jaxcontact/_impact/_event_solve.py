@@ -12,13 +12,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from .._forms import Flag, ScaledImpact
+from .._solver import Marched, Packed, Record, Tolerance, chosen, land, march
 from ._balance import Balance, balance_of
 from ._ending import at_end
 from ._motion import Motion, Number, State
 from ._peak import is_rising, largest_near
 from ._return import onward
 from ._rise import risen
-from ._solver import Marched, Packed, Record, Tolerance, chosen, land, march
 from ._stiff import Followed, follow_on
 from ._under_push import end_is_sharp, is_spent, turn_is_sharp
 from ._watch import Nearest, Watch
@@ -102,7 +102,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
     if how.solver is None and how.adjoint is None:
         last = march(*given)
     else:
-        from ._solver.by_diffrax import march_by_diffrax
+        from .._solver.by_diffrax import march_by_diffrax
 
         last = march_by_diffrax(*given, how.solver, how.adjoint)
     # Where no step was accepted the leg stays where it started.

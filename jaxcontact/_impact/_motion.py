@@ -21,7 +21,7 @@ from jaxtyping import Array, Bool, Float
 from .._elementary import power
 from .._forms import AbstractForm, Exponent, Flag, Momentum, signed_power
 from .._parameter import Specialised
-from ._solver.runge_kutta import step
+from .._solver.runge_kutta import step
 
 Number = Float[Array, ""]
 

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from .._implicit import bracketed_root, ratio
+from .._solver import Moment, Packed, Record, chosen, in_time
 from ._motion import Motion, Number, State
-from ._solver import Moment, Packed, Record, chosen, in_time
 from ._watch import Nearest
 from ._way import Way
 

@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Array, Int
 
 from .._forms import AbstractForm, Flag, ScaledImpact
+from .._solver import Moment
+from .._solver.runge_kutta import step_with_error, tableau
 from .._varying import varying
 from ._balance import balance_of
 from ._front_door import Lanes
@@ -23,8 +25,6 @@ from ._lanes import over_lanes, with_sensitivity
 from ._method import AbstractMethod, count_field, tolerance_field
 from ._motion import Motion, Number, State
 from ._peak import largest_force
-from ._solver import Moment
-from ._solver.runge_kutta import step_with_error, tableau
 from ._way import Way
 
 

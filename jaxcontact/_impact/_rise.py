@@ -16,8 +16,8 @@ import jax.numpy as jnp
 
 from .._elementary import power
 from .._forms import HuntCrossleyForm
+from .._solver.runge_kutta import step
 from ._motion import Motion, Number, State
-from ._solver.runge_kutta import step
 
 # Measured: 32 steps of order 8 leave 1e-13 from Γ = 1e-6 to 1e3.
 _STEPS = 32

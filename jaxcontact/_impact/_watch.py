@@ -8,9 +8,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from .._solver import Packed, Record, chosen
 from ._dip import Dip
 from ._motion import Motion, Number, State
-from ._solver import Packed, Record, chosen
 from ._way import Way
 
 

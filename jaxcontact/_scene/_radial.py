@@ -31,8 +31,9 @@ from .._forms import AbstractForm
 from .._impact._motion import Motion
 from .._impact._motion import State as Moving
 from .._parameter import Specialised
+from .._solver.runge_kutta import step_and_slope
 from .._varying import varying
-from ._step import State, factor, step_and_slope
+from ._step import State, factor
 
 Number = Float[Array, ""]
 

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcontact._impact._solver import Packed, Tolerance, land, march
-from jaxcontact._impact._solver.by_diffrax import march_by_diffrax
-from jaxcontact._impact._solver.lanes import ByLanes
+from jaxcontact._solver import Packed, Tolerance, land, march
+from jaxcontact._solver.by_diffrax import march_by_diffrax
+from jaxcontact._solver.lanes import ByLanes
 
 # A step of order 8 under an rtol of 1e-12, over the way to an end: measured 3e-12.
 CLOSE = 1e-11

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
-from ..._varying import varying
+from .._varying import varying
 from .lanes import ByLanes
 from .runge_kutta import step_in_loop, step_written_out
 
@@ -117,7 +117,7 @@ class Packed(NamedTuple, Generic[State]):
             def slope(record: Record) -> Record:
                 return self.record(rate(field, self.moment(record)))
 
-            return step_in_loop(slope, record, size)[:2]
+            return step_in_loop(slope, record, size)
 
         def many(field: Any, record: Record, size: Number) -> tuple[Record, Record]:
             moments = step_written_out(

@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..._elementary import small_product
-from ..._varying import varying
+from .._elementary import small_product
+from .._varying import varying
 
 State = TypeVar("State")
 Computed = TypeVar("Computed")
@@ -48,11 +48,8 @@ def step(rate: Callable[[State], State], state: State, size: Array) -> State:
     return step_in_loop(rate, state, size)[0]
 
 
-def step_in_loop(
-    rate: Callable[[State], State], state: State, size: Array
-) -> tuple[State, State, State]:
-    """The state one step of `size` later, how far the embedded method of order 7 is from it, and
-    the slope at the start.
+def step_in_loop(rate: Callable[[State], State], state: State, size: Array) -> tuple[State, State]:
+    """The state one step of `size` later, and how far the embedded method of order 7 is from it.
 
     The stages are a loop, which compiles `rate` once instead of thirteen times.
     """
@@ -76,14 +73,42 @@ def step_in_loop(
         return jax.tree.map(functools.partial(_put, index), slopes, slope), None
 
     slopes, _ = jax.lax.scan(stage, buffer, (jnp.arange(stages), jnp.asarray(rule.matrix)))
-    error = changed(rule.error, slopes)
-    first = jax.tree.map(lambda slope: slope[0], slopes)
-    return moved(rule.solution, slopes), error, first
+    return moved(rule.solution, slopes), changed(rule.error, slopes)
 
 
 def _put(index: Array, buffer: Array, slope: Array) -> Array:
     # Unlike `at`, without a check of the place at every stage.
     return jax.lax.dynamic_update_index_in_dim(buffer, slope, index, 0)
+
+
+def step_and_slope(
+    rate: Callable[[Array], Array], state: Array, size: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Of a vector: the state one step of `size` later, how far the embedded method of order 7 is
+    from it, and the slopes at both ends.
+
+    The stages are a loop, which compiles `rate` once. The state of the last one is the end of the
+    step, so that the slope there costs no `rate` of its own.
+    """
+    rule, stages = tableau(), len(tableau().nodes)
+    matrix = np.zeros((stages + 1, stages + 1))
+    matrix[:stages, :stages], matrix[stages, :stages] = rule.matrix, rule.solution
+    start = jnp.zeros((stages + 1, *state.shape), state.dtype)
+
+    def moved(weights: Array, slopes: Array) -> Array:
+        return state + size * small_product(weights, slopes)
+
+    def stage(carry: tuple[Array, Array], at: tuple[Array, Array]) -> tuple[tuple, None]:
+        (slopes, _), (index, weights) = carry, at
+        there = moved(weights, slopes)
+        slopes = jax.lax.dynamic_update_index_in_dim(slopes, rate(there), index, 0)
+        return (slopes, there), None
+
+    rows = (jnp.arange(stages + 1), jnp.asarray(matrix, state.dtype))
+    first = (varying(size, start), varying(size, state))
+    (slopes, end), _ = jax.lax.scan(stage, first, rows)
+    error = size * small_product(jnp.asarray(rule.error, state.dtype), slopes[:stages])
+    return end, error, slopes[0], slopes[stages]
 
 
 def step_written_out(
