@@ -135,7 +135,7 @@ BUDGETS = {
     "impact, event: gradient": Budget(4_400, 6),
     "impact with a push": Budget(4_800, 4),
     "trajectory": Budget(3_500, 3),
-    "bounce with weight in contact": Budget(4_800, 2),
+    "bounce with weight in contact": Budget(4_800, 3),
     "fit_damping": Budget(2_000, 8),
     "fit_record": Budget(8_500, 12),
     "scene of 3 discs and a plane, instantaneous": Budget(4_000, 5),

@@ -248,7 +248,8 @@ def _times(given: Any, duration: Array) -> Array:
     if given is None:
         if isinstance(duration, Tracer):
             return jnp.stack([jnp.zeros_like(duration), duration])
-        return jax.device_put(np.array([0, duration], duration.dtype))
+        end = np.asarray(duration)
+        return jax.device_put(np.stack([np.zeros_like(end), end]))
     times = as_parameter(given, "times")
     if times.ndim != 1 or times.shape[0] == 0:
         raise ValueError(f"Argument `times` must be a list of numbers, but is {rendered(given)}.")

@@ -111,7 +111,7 @@ def test_adams_law_is_exported_as_it_is():
     assert np.max(np.abs(found.error)) < SINGLE
     with pytest.raises(ValueError, match="`length` must be one of 'm', 'mm'"):
         export(law, CONTACT, SPEED, engine="adams", length="cm")
-    with pytest.raises(ValueError, match=r"`d` must be in \(0, inf\)"):
+    with pytest.raises(ValueError, match=r"`d` must be a number in \(0, inf\)"):
         export(law, CONTACT, SPEED, engine="adams", d=-1.0)
 
 
