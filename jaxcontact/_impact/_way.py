@@ -7,7 +7,12 @@ import dataclasses
 import equinox as eqx
 
 from .._forms import Flag
+from .._solver import Flags
 from ._motion import Motion, Number, State
+
+# What is left of a force, by its tangent, where it has vanished. A power p of the time to the end
+# leaves 1-p of it.
+_JUMP = 0.9
 
 
 class Way(eqx.Module):
@@ -37,3 +42,12 @@ class Way(eqx.Module):
     def continued(self, inside: State) -> Way:
         """The motion under a force that a clamp does not end, from a state `inside` the contact."""
         return dataclasses.replace(self, motion=self.motion.continued(inside))
+
+    def jumps(self, inside: State, end: State, closed: Flags) -> Flag:
+        """Whether the force of a way out jumps to zero inside of x = 0, instead of going there.
+
+        It does so only where no other guard closed: not at a turn.
+        """
+        before, after = map(self.motion.gap_of_force, (inside, end))
+        left = (after >= _JUMP * before) & (2 * end.w > inside.w)
+        return ~self.compressing & ~closed[0] & closed[-1] & left

@@ -1,6 +1,7 @@
 """Motions that are solved until an event ends them: fields and guards in, the end out."""
 
 from .field import Field as Field
+from .field import Flags as Flags
 from .field import Moment as Moment
 from .field import Packed as Packed
 from .field import Record as Record

@@ -16,6 +16,7 @@ from .lanes import ByLanes
 from .runge_kutta import step_in_loop, step_written_out
 
 Number = Float[Array, ""]
+Flags = Bool[Array, " guards"]
 State = TypeVar("State")
 Kept = TypeVar("Kept")
 
@@ -53,6 +54,13 @@ class Field(Protocol[State]):
 
     def continued(self, inside: State) -> Field[State]:
         """The motion under a force that no clamp ends, from a state shortly before the end."""
+        ...
+
+    def jumps(self, inside: State, end: State, closed: Flags) -> Bool[Array, ""]:
+        """Whether the force of a `continued` motion jumps to zero at its end, where it is clamped.
+
+        The guards that `closed` then say nothing of the end from the state `inside` before it.
+        """
         ...
 
 
@@ -140,6 +148,3 @@ def chosen(first: Bool[Array, ""], yes: Kept, no: Kept) -> Kept:
 def in_time(field: Field[State], moment: Moment[State]) -> Moment[State]:
     """The slope of a motion, whose time passes at the rate 1."""
     return Moment(jnp.ones_like(moment.tau), field.rate(moment.state))
-
-
-Flags = Bool[Array, " guards"]

@@ -17,9 +17,8 @@ from .march import Marched
 
 # Mostly five; more at a corner between two guards.
 _ITERATIONS = 60
-# What is left of a guard, by its tangent, where it has closed. A power p of the time to the end
-# leaves 1-p of it.
-_JUMP = 0.9
+# Of the time that is left: guards that close within so much of it close together.
+_TOGETHER = 1e-4
 
 
 class _Falling(eqx.Module):
@@ -130,6 +129,20 @@ def _searched(
     end, _ = step(frozen, start, at.fraction * length)
     state = packed.state(jax.lax.stop_gradient(inside))
     field = field.continued(state)
-    fall = _Falling(field, at.closed)
-    jumps = fall.nearest(packed.state(end)) >= _JUMP * fall.nearest(state)
-    return field, inside, at.closed, ~jumps
+    smooth = ~field.jumps(state, packed.state(end), at.closed)
+    return field, inside, _first(field, state, at.closed), smooth
+
+
+def _first(field: Field, state: Any, closed: Flags) -> Flags:
+    """Which guard closes first from a state on; the foremost of those that close together.
+
+    Beyond a corner another guard may have no slope.
+    """
+    frozen = jax.lax.stop_gradient(field)
+    values, slopes = jax.jvp(
+        lambda state: jnp.stack(frozen.guards(state)), (state,), (frozen.rate(state),)
+    )
+    falls = closed & (slopes < 0)
+    left = jnp.where(falls, values / jnp.where(falls, -slopes, 1), jnp.inf)
+    first = jnp.argmax(closed & (left <= (1 + _TOGETHER) * jnp.min(left)))
+    return closed & (jnp.arange(closed.size) == first)
