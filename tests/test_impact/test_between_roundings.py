@@ -83,11 +83,17 @@ def test_a_force_that_vanishes_and_comes_back_beyond_the_end():
 
 
 def test_a_force_that_vanishes_and_comes_back_within_a_step():
-    """Both ends of the step have a force: a contact without tension went on, and settled."""
-    push = np.linspace(0.014, 0.0149, 64, dtype=np.float32)
+    """Both ends of the step have a force: a contact without tension went on with a pull between."""
+    push = jnp.asarray(np.linspace(0.014, 0.0149, 64, dtype=np.float32))
     law = jc.KuwabaraKono(A=jnp.full(64, np.float32(2.5741088)), tension=False)
-    status = np.asarray(pushed(law, 2.0, jnp.asarray(push)).status)
-    assert (status[push < 0.01462] == jc.Status.SEPARATED).all()
+    # A force that returns before x = 0 belongs to the same contact, which here settles.
+    assert (pushed(law, 2.0, push).status == jc.Status.SETTLED).all()
+    # A sampled motion does not follow the return, and so tells whether the end of the force, for
+    # pushes below 0.01464, was found.
+    one = jnp.ones_like(push)
+    contact = jc.Contact(one, one, 2.0)
+    status = jc.trajectory(law, contact, one, samples=2, external_force=push).status
+    assert (status[push < 0.01462] == jc.Status.NOT_CONVERGED).all()
     assert (status[push > 0.01466] == jc.Status.SETTLED).all()
 
 
