@@ -395,7 +395,7 @@ class Motion(eqx.Module):
             pulling = self.form.pulling(state.w, velocity, self.n, out, self.order)
             # A force that is clamped to zero vanished before: its gap has a sign, if no slope.
             pulling = jnp.where(pulling == 0, -1, pulling) if self.may_clamp else pulling
-            return jnp.where(state.w < 0, jnp.minimum(pulling, velocity), pulling)
+            return jnp.where(state.w < 0, jnp.minimum(pulling, state.w), pulling)
         softness, p = self.softness
         c, _ = self.damping_back()
         if isinstance(p, float) and p == 0:
