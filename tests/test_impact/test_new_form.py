@@ -169,6 +169,16 @@ def test_a_clamped_force_that_returns(push):
     np.testing.assert_allclose(slopes[0], difference, rtol=RETURNED)
 
 
+SOLVED = 1e-8
+"""The duration of an event solve at its default tolerance beside π √(m/K)."""
+
+
+class Pushing(Dashpot):
+    """Its form says that it only pushes, and not where that begins."""
+
+    tension = False
+
+
 def test_a_law_that_gives_energy_is_flagged():
     """A damper of the wrong sign; its neighbours and a law without damping are as they were."""
     c = jnp.array([-40.0, 0.0, 40.0])
@@ -176,6 +186,11 @@ def test_a_law_that_gives_energy_is_flagged():
         hit = jc.impact(law, CONTACT, SPEED)
         assert hit.status.tolist() == [jc.Status.GAINED, *[jc.Status.SEPARATED] * 2]
         assert hit.restitution[0] > 1.2
+    # Without damping a force that only pushes vanishes with the indentation: two guards close.
+    pushes = jc.impact(Pushing(c=c), CONTACT, SPEED, method="event")
+    assert pushes.status.tolist() == [jc.Status.GAINED, *[jc.Status.SEPARATED] * 2]
+    half = np.pi * np.sqrt(CONTACT.mass / CONTACT.stiffness)
+    np.testing.assert_allclose(pushes.duration[1], half, rtol=SOLVED)
     path = jc.trajectory(Plain(c=c), CONTACT, SPEED, samples=5)
     assert path.status.tolist() == [jc.Status.GAINED, *[jc.Status.SEPARATED] * 2]
     # A push gives energy, too.
