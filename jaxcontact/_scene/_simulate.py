@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -60,8 +59,9 @@ _MOST_GROWN = 32
 _PIECE = 256
 """Impacts between two looks of Python at a run."""
 
-_PATIENCE = 0.25
-"""Seconds for which pieces run in a program that was compiled quickly."""
+_PATIENCE = 2048
+"""Impacts that run in a program that was compiled quickly, over one and the places of a coupled
+solve. Not a time: the two programs round differently, and a script shall repeat its numbers."""
 
 
 @refuses_unknown
@@ -373,8 +373,8 @@ _with_places = quick(with_places)
 _blank = quick(blank_log)
 
 
-_SPENT: dict[Any, float] = {}
-"""How long pieces of a kind have run in a program that was compiled quickly, in s."""
+_RUN: dict[Any, int] = {}
+"""How many impacts of a kind have run in a program that was compiled quickly."""
 
 
 def _piece(
@@ -384,13 +384,11 @@ def _piece(
     its kind have run so long that a faster one is worth its compilation.
     """
     kind = jax.tree.structure((layout, numbers, rules, state)), numbers.dtype
-    spent = _SPENT.get(kind)
-    if spent is not None and spent > _PATIENCE:
+    done = _RUN.get(kind, 0)
+    if done * (1 + rules.members) > _PATIENCE:
         return _swiftly(layout, numbers, rules, state, *given)
-    began = time.perf_counter()
-    piece = jax.block_until_ready(_quickly(layout, numbers, rules, state, *given))
-    # The first one was compiled meanwhile.
-    _SPENT[kind] = 0.0 if spent is None else spent + time.perf_counter() - began
+    piece = _quickly(layout, numbers, rules, state, *given)
+    _RUN[kind] = done + int(piece[2])
     return piece
 
 
