@@ -4,38 +4,32 @@ from __future__ import annotations
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
 
 from .._program import quick
 from ._company import pace_of
 from ._coupled import as_flags, stored_energy
+from ._course import Course
 from ._inside import Entries
-from ._log import Log
-from ._progress import Coupling, Rules
+from ._progress import Coupling
 from ._slots import Seats
 from ._start import Contacts, Start, Underway
 from ._states import looked_up
-from ._system import Layout, Numbers
 
 
 @quick
-def end_of(
-    layout: Layout, numbers: Numbers, rules: Rules, log: Log, written: Int[Array, ""], time: Array
-) -> Start:
+def end_of(choice: None, course: Course) -> Start:
     """What a run ends with, for another run to go on from."""
-    figures, facts = log
-    counts = jnp.arange(facts.tied.shape[0]) < written
-    last = jax.tree.map(
-        lambda x: x[0], looked_up(layout, numbers, log, written, time[None], rules.soft)
-    )
-    underway = _underway(layout, log, last, time) if rules.soft else None
+    layout, numbers, rules, time = course.layout, course.numbers, course.rules, course.length
+    figures, facts = course.log
+    last = jax.tree.map(lambda x: x[0], looked_up(course, time[None]))
+    underway = _underway(course, last) if rules.soft else None
     start = Start(last.support, last.held, None, underway, rules.soft)
-    if facts.call is None or figures.coupled is None:
+    calls = course.calls
+    if calls is None or facts.call is None or figures.coupled is None:
         return start
-    called = facts.call.is_call & counts
-    row = jnp.max(jnp.where(called, jnp.arange(counts.shape[0]), -1))
+    row = jnp.max(jnp.where(calls, jnp.arange(calls.shape[0]), -1))
     place = jnp.maximum(row, 0)
-    one, decided, choice = jax.tree.map(
+    one, decided, met = jax.tree.map(
         lambda x: x[place], (figures.coupled, facts.call.decided, facts.choice)
     )
     state, seats, zero = as_flags(one.end), decided.seats, jnp.zeros_like(one.end.lost)
@@ -45,7 +39,7 @@ def end_of(
         who=seats.who,
         present=seats.present,
         shift=seats.shift,
-        pace=pace_of(layout, numbers, choice, closing),
+        pace=pace_of(layout, numbers, met, closing),
         reserve=stored_energy(layout, numbers, rules.members, seats, state),
         # What was lost so far belongs to the run that ended.
         state=state._replace(
@@ -58,10 +52,11 @@ def end_of(
     return Start(last.support, last.held, contacts, underway, rules.soft)
 
 
-def _underway(layout: Layout, log: Log, last: Entries, time: Array) -> Underway:
+def _underway(course: Course, last: Entries) -> Underway:
     """The isolated impacts that are on at a time: what led to them, from which another run takes
     them once more.
     """
+    layout, log, time = course.layout, course.log, course.length
     inside = (last.row >= 0) & (last.began > time)
     row = jnp.maximum(last.row, 0)
     choice, before = jax.tree.map(lambda x: x[row], (log.facts.choice, log.figures.before))

@@ -5,35 +5,23 @@ their chain carries tangents along; where numbers are not concrete it is one pro
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Int
 
 from .._program import quick
 from ._linear import Map
-from ._log import Figures, Log
+from ._log import Figures, Known
 from ._outside import Found, derived, outside
 from ._progress import Rules
 from ._replay import chained, pushed
 from ._result import Way, traced
 from ._slopes import Kept, Matrices, matrices
 from ._system import Layout, Numbers
-
-
-class Known(NamedTuple):
-    """What a run wrote down, and how it ended, as in `Course`."""
-
-    log: Log
-    written: Int[Array, ""]
-    status: Int[Array, ""]
-    now: Float[Array, ""]
-    more: Bool[Array, ""]
-    valid: Bool[Array, ""]
-
 
 Given = tuple[Layout, Numbers, Array, Array, Array]
 """The scene, whether it is valid, the end, and the tolerance."""

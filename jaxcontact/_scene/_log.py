@@ -72,6 +72,19 @@ class Log(NamedTuple):
     facts: Facts
 
 
+class Known(NamedTuple):
+    """What a search wrote down: its `log` with `written` rows; its `status` and its time, `now`, at
+    its end; whether there is `more` to come, and whether the run was `valid`.
+    """
+
+    log: Log
+    written: Int[Array, ""]
+    status: Int[Array, ""]
+    now: Float[Array, ""]
+    more: Bool[Array, ""]
+    valid: Bool[Array, ""]
+
+
 def blank_log(rows: int, layout: Layout, dtype: Any, members: int) -> Log:
     """A log with room for so many rows, of calls of the coupled solve, too, unless that has room
     for no `members`.

@@ -9,32 +9,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from .._parameter import shown
 from .._program import quick
+from ._course import Course
 from ._log import Log
 from ._progress import Rules
 from ._replay import differentiable
 from ._result import Ending, flagged, traced
-from ._states import any_inside, states_at
-from ._system import Layout, Numbers
+from ._states import any_inside, states_at, states_in_log
 
 _MOST = 24
 """Directions that are tried at most."""
-
-
-class Course(eqx.Module):
-    """The course of events of a run: what its derivative is taken along."""
-
-    layout: Layout
-    numbers: Numbers
-    rules: Rules
-    log: Log
-    written: Int[Array, ""]
-    status: Int[Array, ""]
-    duration: Float[Array, ""]
-    tolerance: Float[Array, ""]
 
 
 class Margin(eqx.Module):
@@ -79,34 +66,31 @@ def _growth(course: Course) -> Array:
     coupled, inside = course.rules.members > 0, course.rules.soft
     if not traced(course):
         # What did not happen is not compiled.
-        calls = course.log.facts.call
-        coupled = calls is not None and bool(jnp.any(_each(_any_calls, course)))
+        coupled = course.log.facts.call is not None and bool(jnp.any(_each(_any_calls, course)))
         inside = inside and bool(jnp.any(_each(_ends_inside, course)))
     if not coupled:
         figures, facts = course.log
         log = Log(figures._replace(coupled=None), facts._replace(call=None))
         rules = Rules(course.rules.soft, course.rules.v0, 0)
-        course = dataclasses.replace(course, rules=rules, log=log)
+        course = dataclasses.replace(course, rules=rules, known=course.known._replace(log=log))
     return _each(_largest if not inside else _largest_inside, course)
 
 
 @quick
 def _each(function: Callable[[Course], Array], course: Course) -> Array:
-    for _ in range(course.status.ndim):
+    for _ in range(course.length.ndim):
         function = eqx.filter_vmap(function)
     return function(course)
 
 
 def _any_calls(course: Course) -> Array:
-    calls = course.log.facts.call
-    assert calls is not None
-    return jnp.any(calls.is_call & (jnp.arange(calls.is_call.shape[0]) < course.written))
+    assert course.calls is not None
+    return jnp.any(course.calls)
 
 
 def _ends_inside(course: Course) -> Array:
     """Whether bodies are in contact at the end."""
-    end = course.duration[None]
-    return any_inside(course.layout, course.numbers, course.log, course.written, end)
+    return any_inside(course, course.length[None])
 
 
 def _largest_inside(course: Course) -> Array:
@@ -118,10 +102,10 @@ def _largest(course: Course, inside: bool = False) -> Array:
     """The largest singular value, by Golub and Kahan's bidiagonalisation."""
     course = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, course)
     layout, numbers, rules = course.layout, course.numbers, course.rules
-    log, written, end = course.log, course.written, course.duration
+    end, completed = course.length, course.ending()[0] == int(Ending.COMPLETED)
     free = np.array([k for k in range(layout.visible) if not layout.fixed[k]], int)
     if free.size == 0:
-        return flagged(jnp.ones_like(end), course.status == int(Ending.COMPLETED))
+        return flagged(jnp.ones_like(end), completed)
 
     amid = None if numbers.start is None else numbers.start.underway
 
@@ -138,9 +122,13 @@ def _largest(course: Course, inside: bool = False) -> Array:
                 velocity=amid.velocity.at[free].set(start[1] / end),
             )
             there = eqx.tree_at(lambda numbers: numbers.start.underway, there, led)
-        known = differentiable(layout, there, rules, log, written, course.tolerance)
-        given = (layout, there, rules, known, written, end[None], course.tolerance, inside)
-        states = states_at(*given)
+        log = differentiable(
+            layout, there, rules, course.log, course.known.written, course.tolerance
+        )
+        known = course.known._replace(log=log)
+        varied = dataclasses.replace(course, numbers=there, known=known)
+        at = end[None]
+        states = states_at(varied, at) if inside else states_in_log(varied, at)[0]
         return jnp.stack([states.position[0, free], states.velocity[0, free] * end])
 
     place, speed = numbers.position, numbers.velocity
@@ -184,4 +172,4 @@ def _largest(course: Course, inside: bool = False) -> Array:
     growth = jnp.linalg.svd(small, compute_uv=False)[0]
     # A derivative beyond the largest number there is.
     growth = jnp.where(jnp.isfinite(growth), growth, jnp.inf)
-    return flagged(growth, course.status == int(Ending.COMPLETED))
+    return flagged(growth, completed)

@@ -2,42 +2,38 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array
 
 from .._program import quick
+from ._course import Course
 from ._flying import Flying, accelerations
 from ._hit import meeting_of, two_that_meet
-from ._log import Log
 from ._result import Moment
 from ._side import side
 from ._states import looked_up
 from ._stored import stored_in
-from ._system import Layout, Numbers, known_contact_of, law_of
+from ._system import known_contact_of, law_of
 
 
 @quick
-def booked(
-    layout: Layout,
-    numbers: Numbers,
-    log: Log,
-    written: Int[Array, ""],
-    ends: Moment,
-    reached: Float[Array, ""],
-) -> Log:
-    """The log of a run whose impacts take time, with what each of them loses and gets from moving
-    bodies in the run: from its start on, and up to its end, at which the states are `ends`.
+def booked(course: Course, ends: Moment) -> Course:
+    """A run whose impacts take time, with what each of them loses and gets from moving bodies
+    within it: from its start on, and up to its end, at which the states are `ends`.
 
     At a time τ after the touch a pair has lost E(0) + W - E(τ) - ∫ F dδ, with E kinetic energy and
     weight and W = V·(m Δv - m g τ), the work of a body that moves at V.
     """
-    found = looked_up(layout, numbers, log, written, ends.time, True)
+    layout, numbers, log = course.layout, course.numbers, course.log
+    found = looked_up(course, ends.time)
     rows, everyone = log.facts.tied.shape[0], jnp.arange(layout.visible)
     row, began = found.row[:, : layout.visible], found.began[:, : layout.visible]
     is_first = log.facts.choice.first[jnp.maximum(row, 0)] == everyone[None]
     inside = (row >= 0) & is_first & (ends.time[:, None] < began)
-    inside = inside & (ends.time <= reached)[:, None]
+    inside = inside & (ends.time <= course.ending()[1])[:, None]
 
     def one(k: Array, on: Array, time: Array, position: Array, velocity: Array) -> Array:
         choice, before = jax.tree.map(
@@ -90,4 +86,5 @@ def booked(
     whole = jnp.stack([outcome.energy_loss, outcome.wall_work], axis=1)
     part = whole.at[place[1]].set(done[1], mode="drop").at[place[0]].add(-done[0], mode="drop")
     outcome = outcome._replace(energy_loss=part[:, 0], wall_work=part[:, 1])
-    return log._replace(figures=log.figures._replace(outcome=outcome))
+    log = log._replace(figures=log.figures._replace(outcome=outcome))
+    return dataclasses.replace(course, known=course.known._replace(log=log))

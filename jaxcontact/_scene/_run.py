@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
+from typing import TYPE_CHECKING, BinaryIO, TextIO
 
 import equinox as eqx
 import jax
@@ -11,21 +11,17 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
-from .._program import quick
 from ._bodies import Box, Plane, Shell, Sphere
 from ._columns import write_csv
+from ._course import Course
 from ._dataset import dataset
 from ._end import end_of
-from ._inside import States
-from ._log import Log
-from ._margin import Course, Margin
+from ._margin import Margin
 from ._outside import derived
-from ._progress import Rules
-from ._result import Impacts, Moment, ending_words, flagged, traced
+from ._result import Impacts, Moment, ending_words, traced
 from ._scene import Scene
 from ._start import Start
-from ._states import energy_of, states_at, states_in_log
-from ._system import Layout, Numbers
+from ._states import moment_at
 
 if TYPE_CHECKING:
     import xarray
@@ -54,12 +50,7 @@ class Run(eqx.Module):
     duration: Float[Array, ""]
     scene: Scene
     _nearest: tuple[Float[Array, ""], Float[Array, ""]]
-    _layout: Layout
-    _numbers: Numbers
-    _log: Log
-    _written: Int[Array, ""]
-    _rules: Rules
-    _tolerance: Float[Array, ""]
+    _course: Course
 
     def at(self, time: ArrayLike) -> Moment:
         """The state at any times between 0 and the duration.
@@ -73,31 +64,12 @@ class Run(eqx.Module):
             raise ValueError(
                 f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
             )
-        return moment_at(
-            self._layout,
-            self._numbers,
-            self._rules,
-            self._log,
-            self._written,
-            self.reached,
-            asked.reshape(-1),
-            self._tolerance,
-        )
+        return moment_at(self._course, asked.reshape(-1))
 
     @property
     def margin(self) -> Margin:
         """How far a derivative can be trusted."""
-        course = Course(
-            self._layout,
-            self._numbers,
-            self._rules,
-            self._log,
-            self._written,
-            self.status,
-            self.duration,
-            self._tolerance,
-        )
-        return Margin(*self._nearest, course)
+        return Margin(*self._nearest, self._course)
 
     @property
     def final(self) -> Scene:
@@ -107,14 +79,13 @@ class Run(eqx.Module):
         its contacts, with the time of their touch before zero, and what they lose from now on. An
         isolated impact is taken from its touch once more.
         """
-        given = (self._layout, self._numbers, self._rules, self._log, self._written)
-        start: Start | None = derived(_end, *given, self.duration)
+        start: Start | None = derived(end_of, self._course)
         end = self.at(self.duration)
         known = end if traced(end) else jax.tree.map(np.asarray, end)
         position, velocity = known.position[0], known.velocity[0]
         bodies = list(self.scene.bodies)
         for k, sphere in enumerate(self.scene.spheres):
-            place = self._layout.body[k]
+            place = self._course.layout.body[k]
             if sphere.motion is None:
                 bodies[place] = sphere.moved_to(*jax.device_put((position[k], velocity[k])))
         for k, body in enumerate(bodies):
@@ -141,7 +112,7 @@ class Run(eqx.Module):
             self.scene,
             Moment(self.time, self.position, self.velocity, self.energy),
             self.impacts,
-            bodies=self._layout.body[: self._layout.visible],
+            bodies=self._course.layout.body[: self._course.layout.visible],
             status=self.status,
             reached=self.reached,
             wall_work=self.wall_work,
@@ -176,78 +147,3 @@ class Run(eqx.Module):
             "status": ending_words(self.status),
         }
         return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
-
-
-def _end(choice: None, *given: Any) -> Start:
-    return end_of(*given)
-
-
-def moment_at(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    written: Array,
-    reached: Array,
-    times: Array,
-    tolerance: Array,
-) -> Moment:
-    """The states at some times. Motion inside of contacts is compiled only where it is needed."""
-    given = (layout, numbers, rules, log, written, reached, times, tolerance)
-    return derived(_moment_at, *given, decide=_moment_by_choice)
-
-
-def _moment_by_choice(*given: Any) -> tuple[Moment, bool]:
-    now, inside = moment_in_log(*given[:-1])
-    if given[2].soft and np.any(np.asarray(inside)):
-        return moment(*given), True
-    return now, False
-
-
-def _moment_at(inside: bool | None, *given: Any) -> Moment:
-    if given[2].soft if inside is None else inside:
-        return moment(*given)
-    return moment_in_log(*given[:-1])[0]
-
-
-@quick
-def moment_in_log(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    written: Array,
-    reached: Array,
-    times: Array,
-) -> tuple[Moment, Array]:
-    """The states at times that are not inside of a contact, and which of the times are."""
-    times = times.astype(numbers.dtype)
-    states, inside = states_in_log(layout, numbers, rules, log, written, times)
-    return _moment(layout, numbers, states, times, reached), inside
-
-
-@quick
-def moment(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    written: Array,
-    reached: Array,
-    times: Array,
-    tolerance: Array,
-) -> Moment:
-    """The states at any times, inside of contacts, too."""
-    times = times.astype(numbers.dtype)
-    states = states_at(layout, numbers, rules, log, written, times, tolerance, True)
-    return _moment(layout, numbers, states, times, reached)
-
-
-def _moment(
-    layout: Layout, numbers: Numbers, states: States, times: Array, reached: Array
-) -> Moment:
-    position, velocity, stored = states
-    energy = energy_of(layout, numbers, position, velocity) + stored
-    position, velocity = (x[:, : layout.visible] for x in (position, velocity))
-    good = (times >= 0) & (times <= reached)
-    return Moment(times, flagged(position, good), flagged(velocity, good), flagged(energy, good))

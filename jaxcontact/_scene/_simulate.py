@@ -29,16 +29,17 @@ from .._program import quick
 from .._progress import Listener, Tell, progress_of, require_progress
 from ._cells import Grid
 from ._coupled import MOST
+from ._course import Course
 from ._due import expecting
 from ._entry import one_number
-from ._followed import Known, followed
+from ._followed import followed
 from ._grid import grid_of
-from ._log import Log, blank_log
+from ._log import Known, Log, blank_log
 from ._numbers import Given, gathered, given_in, replaced
 from ._outside import derived
 from ._overlap import require_clear_of_each_other
 from ._progress import CROWDED, RUNNING, Rules, State
-from ._reading import Course, read
+from ._reading import read
 from ._result import traced
 from ._run import Run
 from ._scene import Scene
@@ -156,8 +157,8 @@ def simulate(
 
     given = (layout, numbers, valid, last, within)
     rules, numbers, known = followed(rules, given, from_python, at_once)
-    course = Course(*known, last, length)
-    told = read(layout, numbers, rules, course, asked, within, room)
+    course = Course(layout, numbers, rules, within, known, last, length)
+    told = read(course, asked, room)
     names = tuple(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
         for k, body in enumerate(scene.bodies)
@@ -174,12 +175,7 @@ def simulate(
         duration=length,
         scene=scene,
         _nearest=told.nearest,
-        _layout=layout,
-        _numbers=numbers,
-        _log=course.log,
-        _written=course.written,
-        _rules=rules,
-        _tolerance=within,
+        _course=course,
     )
 
 

@@ -7,60 +7,90 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .._program import quick
+from ._course import Course
 from ._flying import accelerations
 from ._inside import Entries, States, at_rest, in_contacts, in_pairs, stored_at_ends
 from ._log import Log, last_call
-from ._progress import Rules
+from ._outside import derived
+from ._result import Moment, flagged
 from ._rows import rows_of
 from ._slots import places
 from ._system import Layout, Numbers
 
 
-def states_at(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    written: Int[Array, ""],
-    times: Float[Array, " T"],
-    tolerance: Float[Array, ""],
-    inside: bool,
-) -> States:
+def moment_at(course: Course, times: Float[Array, " T"]) -> Moment:
+    """The states at some times. Motion inside of contacts is compiled only where it is needed."""
+    return derived(_moment_at, course, times, decide=_moment_by_choice)
+
+
+def _moment_by_choice(course: Course, times: Array) -> tuple[Moment, bool]:
+    now, inside = moment_in_log(course, times)
+    if course.rules.soft and np.any(np.asarray(inside)):
+        return moment(course, times), True
+    return now, False
+
+
+def _moment_at(inside: bool | None, course: Course, times: Array) -> Moment:
+    if course.rules.soft if inside is None else inside:
+        return moment(course, times)
+    return moment_in_log(course, times)[0]
+
+
+@quick
+def moment_in_log(course: Course, times: Float[Array, " T"]) -> tuple[Moment, Bool[Array, " T"]]:
+    """The states at times that are not inside of a contact, and which of the times are."""
+    times = times.astype(course.numbers.dtype)
+    states, inside = states_in_log(course, times)
+    return _moment(course, times, states), inside
+
+
+@quick
+def moment(course: Course, times: Float[Array, " T"]) -> Moment:
+    """The states at any times, inside of contacts, too."""
+    times = times.astype(course.numbers.dtype)
+    return _moment(course, times, states_at(course, times))
+
+
+def _moment(course: Course, times: Array, states: States) -> Moment:
+    position, velocity, stored = states
+    energy = _energy_of(course.layout, course.numbers, position, velocity) + stored
+    position, velocity = (x[:, : course.layout.visible] for x in (position, velocity))
+    good = (times >= 0) & (times <= course.ending()[1])
+    return Moment(times, flagged(position, good), flagged(velocity, good), flagged(energy, good))
+
+
+def states_at(course: Course, times: Float[Array, " T"]) -> States:
     """The states at some times; at an impact out of time those after it.
 
     Of every sphere the last impact up to that time is looked up, by halving, in a list that is
     sorted by sphere and time: no table of times, spheres and impacts. Inside of a contact its
-    motion is solved from the touch, unless `inside` says that no time is.
+    motion is solved from the touch.
     """
-    if not rules.soft or not inside:
-        return states_in_log(layout, numbers, rules, log, written, times)[0]
-    found = looked_up(layout, numbers, log, written, times, True)
+    layout, numbers, rules = course.layout, course.numbers, course.rules
+    if not rules.soft:
+        return states_in_log(course, times)[0]
+    found = looked_up(course, times)
     here = _in_flight(layout, numbers, times, found)
-    given = (layout, numbers, rules, log, times, tolerance, found, here)
-    there = in_contacts(*given, written) if rules.members else in_pairs(*given)
+    given = (layout, numbers, rules, course.log, times, course.tolerance, found, here)
+    there = in_contacts(*given, course.known.written) if rules.members else in_pairs(*given)
     return _prescribed(layout, numbers, times, there)
 
 
-def states_in_log(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    log: Log,
-    written: Int[Array, ""],
-    times: Float[Array, " T"],
-) -> tuple[States, Bool[Array, " T"]]:
+def states_in_log(course: Course, times: Float[Array, " T"]) -> tuple[States, Bool[Array, " T"]]:
     """The states at times that are not inside of a contact, and which of the times are.
 
     At the time at which a call of the coupled solve ended its state is in the log.
     """
-    found = looked_up(layout, numbers, log, written, times, rules.soft)
+    layout, numbers, rules = course.layout, course.numbers, course.rules
+    found = looked_up(course, times)
     here = _in_flight(layout, numbers, times, found)
     if not rules.soft:
         return here, times < -jnp.inf
-    inside = _inside(log, written, times, found)
+    inside = _inside(course, times, found)
     if not rules.members:
         return here, inside
-    stored = stored_at_ends(layout, numbers, rules, log, times, written)
+    stored = stored_at_ends(layout, numbers, rules, course.log, times, course.known.written)
     nobody = jnp.zeros(found.support.shape, bool)
     stored = stored + at_rest(layout, numbers, found, here, times, nobody)
     return here._replace(stored=stored), inside
@@ -94,37 +124,26 @@ def _prescribed(
     )
 
 
-def any_inside(
-    layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""], times: Float[Array, " T"]
-) -> Bool[Array, ""]:
+def any_inside(course: Course, times: Float[Array, " T"]) -> Bool[Array, ""]:
     """Whether any of the times lies inside of a contact that takes time."""
-    found = looked_up(layout, numbers, log, written, times, True)
-    return jnp.any(_inside(log, written, times, found))
+    return jnp.any(_inside(course, times, looked_up(course, times)))
 
 
-def _inside(
-    log: Log, written: Int[Array, ""], times: Float[Array, " T"], found: Entries
-) -> Bool[Array, " T"]:
-    inside = jnp.any((times[:, None] < found.began) & (found.row >= 0), axis=1)
+def _inside(course: Course, times: Float[Array, " T"], found: Entries) -> Bool[Array, " T"]:
+    inside, log = jnp.any((times[:, None] < found.began) & (found.row >= 0), axis=1), course.log
     if log.facts.call is None or log.figures.coupled is None:
         return inside
-    row, last = last_call(log, written, times)
+    row, last = last_call(log, course.known.written, times)
     return inside | (last & (times < rows_of(log.figures.coupled.end.time, row)))
 
 
-def looked_up(
-    layout: Layout,
-    numbers: Numbers,
-    log: Log,
-    written: Int[Array, ""],
-    times: Float[Array, " T"],
-    soft: bool,
-) -> Entries:
+def looked_up(course: Course, times: Float[Array, " T"]) -> Entries:
     """The last impacts of all spheres. At a soft touch nothing has happened yet."""
+    layout, numbers, log = course.layout, course.numbers, course.log
     count, rows = layout.spheres, log.facts.tied.shape[0]
     figures, facts = log
     number = jnp.arange(1, rows + 1)
-    blank = number > written
+    blank = number > course.known.written
     is_call = jnp.zeros(rows, bool) if facts.call is None else facts.call.is_call
     first = jnp.where(blank | is_call, count, facts.choice.first)
     second = jnp.where(blank | is_call, count, jnp.minimum(facts.choice.second, count))
@@ -156,7 +175,9 @@ def looked_up(
     keys = jnp.concatenate(bodies) * (rows + 1) + jnp.concatenate(numbered)
     order = jnp.argsort(keys)
     happened = jnp.where(blank, jnp.inf, figures.outcome.time)
-    passed = jnp.searchsorted(happened, times, side="left" if soft else "right").astype(int)
+    passed = jnp.searchsorted(
+        happened, times, side="left" if course.rules.soft else "right"
+    ).astype(int)
     wanted = jnp.arange(count)[None] * (rows + 1) + passed[:, None]
     found = jnp.searchsorted(keys[order], wanted.reshape(-1), side="right") - 1
     entry = order[found].reshape(wanted.shape)
@@ -179,7 +200,7 @@ def _resting(layout: Layout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, 
     return none.at[:, first].max(jnp.where(closed, jnp.asarray(wall)[None], -1)), held
 
 
-def energy_of(
+def _energy_of(
     layout: Layout,
     numbers: Numbers,
     position: Float[Array, "T N D"],

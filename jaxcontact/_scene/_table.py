@@ -10,7 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ._log import Called, Log, Together
+from ._course import Course
+from ._log import Called, Together
 from ._result import Ending, Impacts, Way, flagged
 from ._side import side
 from ._slots import bodies_of, places
@@ -36,23 +37,16 @@ class _Rows(eqx.Module):
 
 
 def table_of(
-    layout: Layout,
-    numbers: Numbers,
-    log: Log,
-    written: Int[Array, ""],
-    status: Int[Array, ""],
-    rows: int | None,
+    course: Course, status: Int[Array, ""], rows: int | None
 ) -> tuple[Impacts, tuple[Array, Array], Int[Array, ""]]:
     """The impacts in order of time, padded to `rows`, without names of bodies; the smallest time
     between rivals and the smallest closing speed, see `Margin`; and how many impacts there are.
 
     Without `rows` there is one for every row of the log and every pair of a coupled solve.
     """
-    found = _isolated(log, written)
-    if log.facts.call is not None:
-        found = jax.tree.map(
-            lambda *parts: jnp.concatenate(parts), found, _coupled(layout, numbers, log, written)
-        )
+    found, layout = _isolated(course), course.layout
+    if course.calls is not None:
+        found = jax.tree.map(lambda *parts: jnp.concatenate(parts), found, _coupled(course))
     total = jnp.sum(found.valid)
     order = jnp.argsort(jnp.where(found.valid, found.time, jnp.inf), stable=True)[:rows]
     found = jax.tree.map(lambda x: x[order], found)
@@ -67,9 +61,8 @@ def table_of(
     def whole(value: Array) -> Array:
         return jnp.where(valid, value, -1)
 
-    rival = log.facts.rival
-    counts = jnp.arange(rival.shape[0]) < written
-    nearest = jnp.min(jnp.where(counts, rival, jnp.inf), initial=jnp.inf)
+    rival = jnp.where(course.counts, course.log.facts.rival, jnp.inf)
+    nearest = jnp.min(rival, initial=jnp.inf)
     slowest = jnp.min(jnp.where(good, found.closing_speed, jnp.inf), initial=jnp.inf)
     impacts = Impacts(
         time=number(found.time),
@@ -137,11 +130,10 @@ def _rested(
     return jnp.zeros(lost.shape, bool).at[:, at_walls].set(idle)
 
 
-def _isolated(log: Log, written: Int[Array, ""]) -> _Rows:
-    outcome, facts = log.figures.outcome, log.facts
-    valid = jnp.arange(facts.tied.shape[0]) < written
-    if facts.call is not None:
-        valid = valid & ~facts.call.is_call
+def _isolated(course: Course) -> _Rows:
+    outcome, facts, valid = course.log.figures.outcome, course.log.facts, course.counts
+    if course.calls is not None:
+        valid = valid & ~course.calls
     return _Rows(
         outcome.time,
         facts.choice.first,
@@ -159,10 +151,11 @@ def _isolated(log: Log, written: Int[Array, ""]) -> _Rows:
     )
 
 
-def _coupled(layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""]) -> _Rows:
+def _coupled(course: Course) -> _Rows:
     """The contacts that ended in a coupled solve, or came to rest there; what lay still is none."""
-    called, together = log.facts.call, log.figures.coupled
-    assert called is not None and together is not None
+    layout, numbers, is_call = course.layout, course.numbers, course.calls
+    called, together = course.log.facts.call, course.log.figures.coupled
+    assert called is not None and together is not None and is_call is not None
     seats = called.decided.seats
     rows, members = seats.who.shape
     first, second = places(layout, members)
@@ -170,14 +163,13 @@ def _coupled(layout: Layout, numbers: Numbers, log: Log, written: Int[Array, ""]
     # A fixed sphere comes second.
     turned = (other < layout.spheres) & (numbers.inverse_mass[one] == 0)
     one, other = jnp.where(turned, other, one), jnp.where(turned, one, other)
-    is_call = called.is_call & (jnp.arange(rows) < written)
     counts = is_call[:, None]
     began, end = together.began, together.end
     since = _began_in(together, is_call)
     opened = (began.closed > 0.5) & ~(end.closed > 0.5)
     rests = (end.closed > 0.5) & called.rest[:, None]
     # At the end of the run a contact may still go on.
-    last = (jnp.arange(rows) == written - 1) & ~called.ends
+    last = (jnp.arange(rows) == course.known.written - 1) & ~called.ends
     lasts = (end.closed > 0.5) & last[:, None]
     apart = end.position[:, first] - end.position[:, second]
     rate = end.velocity[:, first] - end.velocity[:, second]

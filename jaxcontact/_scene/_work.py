@@ -5,43 +5,26 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ._log import Log
+from ._course import Course
 from ._result import Ending, flagged
 from ._states import looked_up
-from ._system import Layout, Numbers
 
 
-def work_of(
-    layout: Layout,
-    numbers: Numbers,
-    log: Log,
-    written: Int[Array, ""],
-    status: Int[Array, ""],
-    reached: Float[Array, ""],
-    soft: bool,
-) -> Float[Array, ""]:
+def work_of(course: Course, status: Int[Array, ""], reached: Float[Array, ""]) -> Float[Array, ""]:
     """What moving walls did in a run, in J; NaN where the run is not known."""
-    figures, facts = log
-    counts = jnp.arange(facts.tied.shape[0]) < written
+    figures, counts = course.log.figures, course.counts
     work = jnp.sum(jnp.where(counts, figures.outcome.wall_work, 0))
     if figures.coupled is not None:
         work = work + jnp.sum(jnp.where(counts, figures.coupled.work, 0))
-    if layout.gravity and any(layout.moving):
-        work = work + _carried(layout, numbers, log, written, reached, soft)
+    if course.layout.gravity and any(course.layout.moving):
+        work = work + _carried(course, reached)
     known = (status != int(Ending.INVALID_INPUT)) & (status != int(Ending.TOO_MANY_IMPACTS))
     return flagged(work, known)
 
 
-def _carried(
-    layout: Layout,
-    numbers: Numbers,
-    log: Log,
-    written: Int[Array, ""],
-    reached: Float[Array, ""],
-    soft: bool,
-) -> Float[Array, ""]:
+def _carried(course: Course, reached: Float[Array, ""]) -> Float[Array, ""]:
     """Of walls on the spheres that rest on them: N·w = -m (g·n) w for as long as they rest."""
-    figures, facts = log
+    layout, numbers, (figures, facts) = course.layout, course.numbers, course.log
     assert numbers.motion is not None
     inverse = numbers.inverse_mass[: layout.spheres]
     free = inverse > 0
@@ -53,7 +36,7 @@ def _carried(
         lifts = power[jnp.maximum(support, 0)] * mass[jnp.minimum(who, layout.spheres - 1)]
         return jnp.sum(jnp.where(counts & (support >= 0), lifts * time, 0))
 
-    rows = (jnp.arange(facts.tied.shape[0]) < written)[:, None]
+    rows = course.counts[:, None]
     who = jnp.stack([facts.choice.first, facts.choice.second], axis=1)
     passed = figures.outcome.time[:, None] - figures.before.time
     # A wall has no row of its own.
@@ -68,6 +51,6 @@ def _carried(
         before = together.began.time[:, None] - together.spheres.time
         total = total + of(seats.who, called.support, before, joins)
     total = total + of(who, facts.choice.support, passed, impacts)
-    last = looked_up(layout, numbers, log, written, reached[None], soft)
+    last = looked_up(course, reached[None])
     everyone = jnp.arange(layout.spheres)[None]
     return total + of(everyone, last.support, reached - last.began, jnp.asarray(True))
