@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import abc
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
 import jax
@@ -47,20 +46,35 @@ class Wall(NamedTuple):
 class AbstractBody(eqx.Module):
     """A body of a scene: a name, a material, and a place.
 
-    A subclass tells its `dimensions`, and the `walls` it makes.
+    A subclass tells which of its fields are places, and the `walls` it makes.
     """
 
     name: eqx.AbstractVar[str | None]
     material: eqx.AbstractVar[Material | None]
+    motion: eqx.AbstractVar[AbstractMotion | None]
+    _places: eqx.AbstractClassVar[tuple[str, ...]]
 
     @property
-    @abc.abstractmethod
     def dimensions(self) -> int:
         """The number of dimensions of the space it is in."""
+        return getattr(self, self._places[0]).shape[0]
 
     def walls(self) -> list[Wall]:
         """The flat walls it consists of."""
         return []
+
+    def after(self, time: Array) -> Self:
+        """The same body at a later time, if its motion is prescribed."""
+        if self.motion is None:
+            return self
+        moved, motion = self.motion.after(time)
+
+        def parts(body: Self) -> list[Any]:
+            return [*(getattr(body, name) for name in self._places), body.motion]
+
+        *places, _ = parts(self)
+        places = [place if moved is None else place + moved for place in places]
+        return eqx.tree_at(parts, self, [*places, motion])
 
 
 class Sphere(AbstractBody):
@@ -83,6 +97,7 @@ class Sphere(AbstractBody):
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
     fixed: bool = eqx.field(static=True)
+    _places: ClassVar[tuple[str, ...]] = ("position",)
 
     @refuses_unknown
     def __init__(
@@ -131,20 +146,9 @@ class Sphere(AbstractBody):
             )
 
     @property
-    def dimensions(self) -> int:
-        return self.position.shape[0]
-
-    @property
     def place(self) -> Array:
         """The centre at time zero."""
         return begun(self.position, self.motion)
-
-    def after(self, time: Array) -> Sphere:
-        """The same sphere at a later time, if its motion is prescribed."""
-        if self.motion is None:
-            return self
-        moved = later(self.position, self.motion, time)
-        return eqx.tree_at(lambda body: (body.position, body.motion), self, moved)
 
     def moved_to(self, position: Array, velocity: Array) -> Sphere:
         """The same sphere at another place."""
@@ -181,6 +185,7 @@ class Plane(AbstractBody):
     material: Material | None
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
+    _places: ClassVar[tuple[str, ...]] = ("point",)
 
     @refuses_unknown
     def __init__(
@@ -205,22 +210,11 @@ class Plane(AbstractBody):
             raise ValueError(f"Argument `normal` must not be zero, but is {rendered(normal)}.")
         self.motion = checked(motion, self.dimensions)
 
-    @property
-    def dimensions(self) -> int:
-        return self.point.shape[0]
-
     def walls(self) -> list[Wall]:
         normal, point = _untraced(self.normal), _untraced(self.point)
         known = isinstance(normal, np.ndarray)
         unit = normal / (np if known else jnp).linalg.norm(normal)
         return [_wall(-1, unit, (unit * point).sum(), self.motion)]
-
-    def after(self, time: Array) -> Plane:
-        """The same plane at a later time."""
-        if self.motion is None:
-            return self
-        moved = later(self.point, self.motion, time)
-        return eqx.tree_at(lambda body: (body.point, body.motion), self, moved)
 
 
 class Box(AbstractBody):
@@ -238,6 +232,7 @@ class Box(AbstractBody):
     material: Material | None
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
+    _places: ClassVar[tuple[str, ...]] = ("low", "high")
 
     @refuses_unknown
     def __init__(
@@ -265,10 +260,6 @@ class Box(AbstractBody):
             )
         self.motion = in_space(motion, self.dimensions, "box")
 
-    @property
-    def dimensions(self) -> int:
-        return self.low.shape[0]
-
     def walls(self) -> list[Wall]:
         made = []
         for axis in range(self.dimensions):
@@ -281,16 +272,6 @@ class Box(AbstractBody):
                 unit[axis] = sign
                 made.append(_wall(2 * axis + side, unit, sign * at, self.motion))
         return made
-
-    def after(self, time: Array) -> Box:
-        """The same box at a later time."""
-        if self.motion is None:
-            return self
-        moved, motion = self.motion.after(time)
-        ends = (self.low, self.high)
-        if moved is not None:
-            ends = tuple(end + moved for end in ends)
-        return eqx.tree_at(lambda body: (body.low, body.high, body.motion), self, (*ends, motion))
 
 
 class Shell(AbstractBody):
@@ -307,6 +288,7 @@ class Shell(AbstractBody):
     material: Material | None
     motion: AbstractMotion | None
     name: str | None = eqx.field(static=True)
+    _places: ClassVar[tuple[str, ...]] = ("centre",)
 
     @refuses_unknown
     def __init__(
@@ -325,10 +307,6 @@ class Shell(AbstractBody):
         self.motion = in_space(motion, self.dimensions, "shell")
 
     @property
-    def dimensions(self) -> int:
-        return self.centre.shape[0]
-
-    @property
     def place(self) -> Array:
         """The centre at time zero."""
         return begun(self.centre, self.motion)
@@ -339,13 +317,6 @@ class Shell(AbstractBody):
             return np.broadcast_to(np.asarray(self.centre, float), (*time.shape, self.dimensions))
         places = jax.vmap(lambda t: begun(*later(self.centre, self.motion, t)))
         return np.asarray(places(jnp.asarray(time)), float)
-
-    def after(self, time: Array) -> Shell:
-        """The same shell at a later time."""
-        if self.motion is None:
-            return self
-        moved = later(self.centre, self.motion, time)
-        return eqx.tree_at(lambda body: (body.centre, body.motion), self, moved)
 
 
 def words(bodies: Sequence[AbstractBody], k: int) -> str:

@@ -40,7 +40,7 @@ class Alike(eqx.Module):
         return jax.tree.map(lambda x: jnp.asarray(x)[None], of(self.body))
 
 
-class Given(eqx.Module):
+class Parts(eqx.Module):
     """What the numbers of a scene are computed from: leaves of one precision."""
 
     bodies: tuple[Alike, ...]
@@ -57,14 +57,14 @@ class Given(eqx.Module):
         return next(x.dtype for x in jax.tree.leaves(self.bodies) if eqx.is_inexact_array(x))
 
 
-def given_in(scene: Scene) -> Given:
+def given_in(scene: Scene) -> Parts:
     """The bodies of a scene, stacked, and what else its numbers are computed from."""
     dtype = _precision(scene)
     alike: dict[Any, list[int]] = {}
     for k, body in enumerate(scene.bodies):
         moves = getattr(body, "motion", None) is not None
         alike.setdefault(k if moves else jax.tree.structure(body), []).append(k)
-    given = Given(
+    given = Parts(
         bodies=tuple(
             Alike(_together(scene.bodies, which), tuple(which)) for which in alike.values()
         ),
@@ -105,7 +105,7 @@ def numbers_of(
 
 
 def gathered(
-    given: Given, layout: Layout, contacts: bool, soft: bool
+    given: Parts, layout: Layout, contacts: bool, soft: bool
 ) -> tuple[Numbers, Bool[Array, ""]]:
     """The numbers of a scene, and whether they are valid; benign ones replace invalid ones.
 
@@ -197,7 +197,7 @@ def _in_order(groups: Sequence[Alike], order: Sequence[int], parts: Sequence[Any
     return jax.tree.map(joined, *parts)
 
 
-def _walls_in(given: Given, layout: Layout) -> tuple[Array, Array, list[Along | None]]:
+def _walls_in(given: Parts, layout: Layout) -> tuple[Array, Array, list[Along | None]]:
     """Normals and offsets of all walls, and their motions."""
     rows: dict[tuple[int, int], tuple[Array, Array, Along | None]] = {}
     for alike in given.bodies:
@@ -280,7 +280,7 @@ def _movers(given: Sequence[Along | None], dtype: Any) -> Movers | None:
     )
 
 
-def _compliance(given: Given, layout: Layout, needed: bool) -> Array | None:
+def _compliance(given: Parts, layout: Layout, needed: bool) -> Array | None:
     if given.stiffness is not None:
         return None
     for alike in given.bodies:

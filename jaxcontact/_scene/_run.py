@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
-from ._bodies import Box, Plane, Shell, Sphere
 from ._columns import write_csv
 from ._course import Course
 from ._dataset import dataset
@@ -88,9 +87,7 @@ class Run(eqx.Module):
             place = self._course.layout.body[k]
             if sphere.motion is None:
                 bodies[place] = sphere.moved_to(*jax.device_put((position[k], velocity[k])))
-        for k, body in enumerate(bodies):
-            if isinstance(body, Sphere | Plane | Box | Shell):
-                bodies[k] = body.after(self.duration)
+        bodies = [body.after(self.duration) for body in bodies]
         if start is not None and not traced(self.status):
             start = start.as_needed()
         return eqx.tree_at(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any
 
 import equinox as eqx
@@ -26,26 +25,23 @@ from .._parameter import (
     require_number,
 )
 from .._program import quick
-from .._progress import Listener, Tell, progress_of, require_progress
-from ._cells import Grid
+from .._progress import Listener, progress_of, require_progress
 from ._coupled import MOST
 from ._course import Course
-from ._due import expecting
 from ._entry import one_number
-from ._followed import followed
+from ._followed import Given, followed
 from ._grid import grid_of
-from ._log import Known, Log, blank_log
-from ._numbers import Given, gathered, given_in, replaced
+from ._log import Known
+from ._numbers import Parts, gathered, given_in, replaced
 from ._outside import derived
 from ._overlap import require_clear_of_each_other
-from ._progress import CROWDED, RUNNING, Rules, State
+from ._pieces import all_at_once, from_python
+from ._progress import Rules, State
 from ._reading import read
 from ._result import traced
 from ._run import Run
 from ._scene import Scene
-from ._schedule import advance, begun, goes_on, with_places
-from ._search import flown
-from ._slots import everyone
+from ._schedule import begun
 from ._system import Layout, Numbers, first_overlap, layout_of
 
 ROOM = 256
@@ -53,16 +49,6 @@ ROOM = 256
 
 _CALLS = 4
 """Rows of the log for each impact that a coupled solve may need."""
-
-_MOST_GROWN = 32
-"""Places to which a coupled solve grows by itself."""
-
-_PIECE = 256
-"""Impacts between two looks of Python at a run."""
-
-_PATIENCE = 2048
-"""Impacts that run in a program that was compiled quickly, over one and the places of a coupled
-solve. Not a time: the two programs round differently, and a script shall repeat its numbers."""
 
 
 @refuses_unknown
@@ -144,20 +130,18 @@ def simulate(
     calls = _CALLS if rules.members and not plain else 1
     room = ROOM if most is None else most
 
-    def from_python(given: tuple) -> tuple[Rules, Known]:
-        layout, numbers, valid, last, within = given
+    def piecewise(given: Given) -> tuple[Rules, Known]:
         rows = None if most is None else most * calls
         with progress_of(progress, "impacts", "simulate") as tell:
-            return _grown(rules, layout, numbers, valid, last, within, start, rows, tell, grows)
+            return from_python(rules, given, start, rows, tell, grows)
 
-    def at_once(given: tuple) -> Known:
-        layout, numbers, valid, last, within = given
-        grid = None if soft else grid_of(layout, numbers)
-        return _all_at_once(layout, numbers, rules, valid, last, within, room * calls, grid)
+    def at_once(given: Given) -> Known:
+        grid = None if soft else grid_of(*given[:2])
+        return all_at_once(rules, given, grid, room * calls)
 
     given = (layout, numbers, valid, last, within)
-    rules, numbers, known = followed(rules, given, from_python, at_once)
-    course = Course(layout, numbers, rules, within, known, last, length)
+    ended, numbers, known = followed(rules, given, piecewise, at_once)
+    course = Course(layout, numbers, ended, within, known, last, length)
     told = read(course, asked, room)
     names = tuple(
         body.name if body.name is not None else f"{type(body).__name__.lower()} {k}"
@@ -183,30 +167,6 @@ def _places_of(scene: Scene, otherwise: int) -> int:
     """For how many spheres the coupled solve that a scene begins in has room."""
     contacts = None if scene._start is None else scene._start.contacts
     return otherwise if contacts is None else contacts.who.shape[0]
-
-
-def _grown(
-    rules: Rules,
-    layout: Layout,
-    numbers: Numbers,
-    valid: Array,
-    last: Array,
-    tolerance: Array,
-    start: State | None,
-    most: int | None,
-    tell: Tell,
-    grows: bool,
-) -> tuple[Rules, Known]:
-    """The run from Python, with more places in coupled solves where it `grows`."""
-    state = _begun(layout, numbers, rules) if start is None else start
-    given = (layout, (numbers, valid, last, state), tolerance, most, tell)
-    ended, known = _piece_by_piece(rules, *given)
-    while (
-        grows and int(known.status) == CROWDED and ended.members < min(_MOST_GROWN, layout.spheres)
-    ):
-        more = min(2 * ended.members, layout.spheres)
-        ended, known = _piece_by_piece(Rules(rules.soft, rules.v0, more), *given)
-    return ended, known
 
 
 def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
@@ -262,59 +222,8 @@ def _times(given: Any, duration: Array) -> Array:
     return times
 
 
-@eqx.filter_jit
-def _all_at_once(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    valid: Array,
-    end: Array,
-    tolerance: Array,
-    room: int,
-    grid: Grid | None,
-) -> Known:
-    """The whole run as one program with room for so many impacts.
-
-    Where a cell is full the run goes on without cells.
-    """
-    fixed = jax.tree.map(
-        lambda x: jax.lax.stop_gradient(x) if eqx.is_inexact_array(x) else x, numbers
-    )
-    last = jnp.where(valid, jax.lax.stop_gradient(end), -1)
-    state = begun(layout, fixed, rules, grid)
-    log = blank_log(room, layout, numbers.dtype, rules.members)
-    state, log, written = advance(layout, fixed, rules, state, log, last, tolerance)
-    if state.cells is not None:
-        full = state.cells.full & valid
-        now = jnp.maximum(jnp.min(state.events.time), state.now)
-        state = expecting(layout, fixed, state, now, None, full)
-        state, log, written = advance(layout, fixed, rules, state, log, last, tolerance, written)
-    more = goes_on(state, last)
-    return Known(log, written, state.status, state.now, more, valid)
-
-
-def _with_room(
-    layout: Layout, numbers: Numbers, state: State, before: float
-) -> tuple[State, float]:
-    """The run with other cells where one is full, and when that was; without cells where they were
-    full at the same time `before`, so that they are no use.
-    """
-    assert state.cells is not None
-    now, position = _here(layout, numbers, state)
-    useful = float(now) > before
-    grid = grid_of(layout, numbers, position, state.cells.grid) if useful else None
-    return _expecting(layout, numbers, state, now, grid), float(now)
-
-
 @quick
-def _here(layout: Layout, numbers: Numbers, state: State) -> tuple[Array, Array]:
-    """When the next event is, and where all spheres are then."""
-    now = jnp.maximum(jnp.min(state.events.time), state.now)
-    return now, flown(layout, numbers, state, None, now)[0]
-
-
-@quick
-def _started(given: Given, layout: Layout, rules: Rules, *times: Array) -> tuple[Any, ...]:
+def _started(given: Parts, layout: Layout, rules: Rules, *times: Array) -> tuple[Any, ...]:
     """What `_numbers` says, and the state at the start."""
     known = _numbers(given, layout, rules, *times)
     return *known, begun(layout, known[0], rules)
@@ -330,7 +239,7 @@ def _unseen(choice: None, scene: Scene, layout: Layout, *given: Any) -> tuple[An
 
 
 def _numbers(
-    given: Given, layout: Layout, rules: Rules, length: Array, asked: Array
+    given: Parts, layout: Layout, rules: Rules, length: Array, asked: Array
 ) -> tuple[Numbers, Array, Array, Array, Array]:
     """The numbers of a scene and whether they are valid, the duration and the times in their
     precision, and until when the run goes.
@@ -344,111 +253,3 @@ def _numbers(
         if movers is not None:
             last = jnp.minimum(last, movers.kept_until(length))
     return numbers, valid, length, asked, last
-
-
-def _onward(
-    layout: Layout,
-    numbers: Numbers,
-    rules: Rules,
-    state: State,
-    valid: Array,
-    end: Array,
-    tolerance: Array,
-) -> tuple[State, Log, Array, Array]:
-    """A piece of a run: with its own log; whether there is more to come."""
-    end = jnp.where(valid, end, -1)
-    log = blank_log(_PIECE, layout, numbers.dtype, rules.members)
-    state, log, written = advance(layout, numbers, rules, state, log, end, tolerance)
-    return state, log, written, goes_on(state, end)
-
-
-_quickly, _swiftly = quick(_onward), eqx.filter_jit(_onward)
-_begun = quick(begun)
-_expecting = quick(expecting)
-_with_places = quick(with_places)
-_blank = quick(blank_log)
-
-
-_RUN: dict[Any, int] = {}
-"""How many impacts of a kind have run in a program that was compiled quickly."""
-
-
-def _piece(
-    layout: Layout, numbers: Numbers, rules: Rules, state: State, *given: Array
-) -> tuple[State, Log, Array, Array]:
-    """A piece of a run: by the program that is compiled in a fraction of the time, until pieces of
-    its kind have run so long that a faster one is worth its compilation.
-    """
-    kind = jax.tree.structure((layout, numbers, rules, state)), numbers.dtype
-    done = _RUN.get(kind, 0)
-    if done * (1 + rules.members) > _PATIENCE:
-        return _swiftly(layout, numbers, rules, state, *given)
-    piece = _quickly(layout, numbers, rules, state, *given)
-    _RUN[kind] = done + int(piece[2])
-    return piece
-
-
-def _piece_by_piece(
-    rules: Rules, layout: Layout, start: tuple, tolerance: Array, most: int | None, tell: Tell
-) -> tuple[Rules, Known]:
-    """The run from Python: one program goes on until all impacts are there.
-
-    Among many spheres or in a periodic space most scenes need no coupled solve: there the program
-    is one without, until one is needed. Returns the rules that it ended with.
-    """
-    numbers, valid, end, state = start
-    given = rules
-    within = numbers.start is not None and bool(numbers.start.leans)
-    if not everyone(layout, rules.members) and not within:
-        rules = Rules(rules.soft, rules.v0, 0)
-    places = 0 if state.coupling is None else state.coupling.seats.who.shape[0]
-    if not rules.members:
-        state = state._replace(coupling=None)
-    elif places != rules.members:
-        state = _with_places(layout, numbers, rules.members, state)
-    grid = None if rules.soft else grid_of(layout, numbers)
-    if grid is not None:
-        state = _expecting(layout, numbers, state, state.now, grid)
-    pieces: list[tuple[Log, int]] = []
-    total, more, crowded_at = 0, True, -1.0
-    while more and int(state.status) == RUNNING and (most is None or total < most):
-        if state.cells is not None and bool(state.cells.full):
-            state, crowded_at = _with_room(layout, numbers, state, crowded_at)
-        state, log, written, ahead = _piece(layout, numbers, rules, state, valid, end, tolerance)
-        count = int(written) if most is None else min(int(written), most - total)
-        more = bool(ahead) or count < int(written)
-        pieces.append((log, count))
-        total += count
-        tell(total, None, f"t = {float(state.now):.4g} s")
-        if int(state.status) == CROWDED and rules.members < given.members:
-            rules = given
-            state = _with_places(layout, numbers, rules.members, state)
-    log = pieces[0][0] if len(pieces) == 1 else _one_log(layout, numbers, rules, pieces)
-    written, ahead = jax.device_put((np.asarray(total), np.asarray(more)))
-    return rules, Known(log, written, state.status, state.now, ahead, valid)
-
-
-def _one_log(
-    layout: Layout, numbers: Numbers, rules: Rules, pieces: Sequence[tuple[Log, int]]
-) -> Log:
-    """The log of several pieces, with blank rows at its end."""
-    total = sum(count for _, count in pieces)
-    # Rows of lengths that are powers of two share the programs that read them.
-    room = 1 << max(total - 1, 0).bit_length()
-    blank = _blank(1, layout, numbers.dtype, rules.members)
-    cut = [jax.tree.map(lambda x, n=count: np.asarray(x)[:n], log) for log, count in pieces]
-    rest = jax.tree.map(lambda x: np.repeat(np.asarray(x), room - total, axis=0), blank)
-    parts = [_with_calls(piece, blank) for piece in cut]
-    return jax.device_put(jax.tree.map(lambda *x: np.concatenate(x), *parts, rest))
-
-
-def _with_calls(piece: Log, blank: Log) -> Log:
-    """A piece from before there was a coupled solve, with rows for calls where `blank` has them."""
-    if blank.facts.call is None or piece.facts.call is not None:
-        return piece
-    rows = piece.facts.tied.shape[0]
-    together, called = jax.tree.map(
-        lambda x: np.repeat(np.asarray(x), rows, axis=0),
-        (blank.figures.coupled, blank.facts.call),
-    )
-    return Log(piece.figures._replace(coupled=together), piece.facts._replace(call=called))

@@ -18,24 +18,6 @@ from ._slots import bodies_of, places
 from ._system import Layout, Numbers
 
 
-class _Rows(eqx.Module):
-    """Impacts as columns (K,), with bodies of the engine."""
-
-    time: Float[Array, " K"]
-    first: Int[Array, " K"]
-    second: Int[Array, " K"]
-    closing_speed: Float[Array, " K"]
-    restitution: Float[Array, " K"]
-    duration: Float[Array, " K"]
-    max_force: Float[Array, " K"]
-    energy_loss: Float[Array, " K"]
-    turn: Float[Array, " K"]
-    way: Int[Array, " K"]
-    error_estimate: Float[Array, " K"]
-    tied: Bool[Array, " K"]
-    valid: Bool[Array, " K"]
-
-
 def table_of(
     course: Course, status: Int[Array, ""], rows: int | None
 ) -> tuple[Impacts, tuple[Array, Array], Int[Array, ""]]:
@@ -54,33 +36,20 @@ def table_of(
     valid = found.valid & ~bad
     good = valid & (status != int(Ending.TOO_MANY_IMPACTS))
     body, face = jnp.asarray(layout.body), jnp.asarray(layout.face)
+    named = body[found.first], body[found.second], face[found.second]
+    found = eqx.tree_at(lambda rows: (rows.first, rows.second, rows.face), found, named)
 
-    def number(value: Array) -> Array:
-        return flagged(value, good)
-
-    def whole(value: Array) -> Array:
-        return jnp.where(valid, value, -1)
+    def told(column: Array) -> Array:
+        if column.dtype == bool:
+            return column & valid
+        if jnp.issubdtype(column.dtype, jnp.floating):
+            return flagged(column, good)
+        return jnp.where(valid, column, -1)
 
     rival = jnp.where(course.counts, course.log.facts.rival, jnp.inf)
     nearest = jnp.min(rival, initial=jnp.inf)
     slowest = jnp.min(jnp.where(good, found.closing_speed, jnp.inf), initial=jnp.inf)
-    impacts = Impacts(
-        time=number(found.time),
-        first=whole(body[found.first]),
-        second=whole(body[found.second]),
-        face=whole(face[found.second]),
-        closing_speed=number(found.closing_speed),
-        restitution=number(found.restitution),
-        duration=number(found.duration),
-        max_force=number(found.max_force),
-        energy_loss=number(found.energy_loss),
-        turn=number(found.turn),
-        way=whole(found.way),
-        error_estimate=number(found.error_estimate),
-        tied=found.tied & valid,
-        valid=valid,
-        names=(),
-    )
+    impacts = jax.tree.map(told, found)
     return impacts, (nearest, slowest), total
 
 
@@ -130,13 +99,15 @@ def _rested(
     return jnp.zeros(lost.shape, bool).at[:, at_walls].set(idle)
 
 
-def _isolated(course: Course) -> _Rows:
+def _isolated(course: Course) -> Impacts:
+    """The impacts out of coupled solves; bodies are those of the engine, and so is a `face`."""
     outcome, facts, valid = course.log.figures.outcome, course.log.facts, course.counts
     if course.calls is not None:
         valid = valid & ~course.calls
-    return _Rows(
+    return Impacts(
         outcome.time,
         facts.choice.first,
+        facts.choice.second,
         facts.choice.second,
         outcome.closing,
         outcome.restitution,
@@ -148,10 +119,11 @@ def _isolated(course: Course) -> _Rows:
         outcome.error,
         facts.tied,
         valid,
+        (),
     )
 
 
-def _coupled(course: Course) -> _Rows:
+def _coupled(course: Course) -> Impacts:
     """The contacts that ended in a coupled solve, or came to rest there; what lay still is none."""
     layout, numbers, is_call = course.layout, course.numbers, course.calls
     called, together = course.log.facts.call, course.log.figures.coupled
@@ -188,9 +160,10 @@ def _coupled(course: Course) -> _Rows:
     e, duration = (jnp.where(lasts, jnp.nan, x) for x in (e, duration))
     shape = opened.shape
     nothing = jnp.zeros(shape, apart.dtype)
-    columns = _Rows(
+    columns = Impacts(
         end.since,
         one,
+        other,
         other,
         end.latched,
         e,
@@ -202,5 +175,6 @@ def _coupled(course: Course) -> _Rows:
         _doubt(together, is_call, since) / closing,
         jnp.zeros(shape, bool),
         counts & (opened | ((rests | lasts) & ~_rested(layout, numbers, called, together, since))),
+        (),
     )
     return jax.tree.map(lambda x: x.reshape(-1), columns)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._scene import _simulate
+from jaxcontact._scene import _pieces
 from jaxcontact._scene._grid import grid_of
 from jaxcontact._scene._numbers import numbers_of
 from jaxcontact._scene._system import layout_of
@@ -155,8 +155,8 @@ GROWS = {"two sizes in a shell"}
 
 def grown(monkeypatch):
     """How often cells are made anew in runs from here on."""
-    calls, made = [], _simulate._with_room
-    monkeypatch.setattr(_simulate, "_with_room", lambda *given: calls.append(0) or made(*given))
+    calls, made = [], _pieces._with_room
+    monkeypatch.setattr(_pieces, "_with_room", lambda *given: calls.append(0) or made(*given))
     return calls
 
 
