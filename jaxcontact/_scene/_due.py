@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._cells import Cells, Grid, Shift, placed, shift_of, shifted, staying
 from ._progress import Events, State
-from ._rows import with_rows
+from ._rows import rows_of, with_rows
 from ._search import LEAVES, OUT_OF_DATE, flown, searched, simultaneous
 from ._system import Layout, Numbers
 
@@ -62,11 +62,11 @@ def next_event(layout: Layout, numbers: Numbers, events: Events, count: Int[Arra
     speed = jnp.where(together, events.speed, -jnp.inf)
     everyone = jnp.arange(layout.spheres)
     i = jnp.min(jnp.where(speed == jnp.max(speed), everyone, layout.spheres - 1))
-    partner = events.partner[i]
+    own, partner, met = rows_of((events.time, events.partner, events.count), i)
     is_sphere = (partner >= 0) & (partner < layout.spheres)
-    known = count[jnp.clip(partner, 0, layout.spheres - 1)] == events.count[i]
+    known = rows_of(count, jnp.clip(partner, 0, layout.spheres - 1)) == met
     fresh = (partner >= layout.spheres) | (is_sphere & known)
-    return Due(least, events.time[i], i, partner, fresh)
+    return Due(least, own, i, partner, fresh)
 
 
 def up_to_date(

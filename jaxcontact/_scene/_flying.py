@@ -36,13 +36,16 @@ def accelerations(
     layout: Layout, numbers: Numbers, who: Int[Array, " M"], support: Int[Array, " M"]
 ) -> Float[Array, "M D"]:
     """Gravity of free spheres, less what the walls that they rest on hold."""
-    free = (rows_of(numbers.inverse_mass, who) > 0)[:, None]
     pull = jnp.broadcast_to(numbers.gravity, (who.shape[0], layout.dimensions))
+    if not layout.gravity:
+        return pull
     if layout.walls:
         normal = rows_of(numbers.normal, jnp.maximum(support, 0))
         held = jnp.sum(pull * normal, axis=-1, keepdims=True) * normal
         pull = pull - jnp.where((support >= 0)[:, None], held, 0)
-    return jnp.where(free, pull, 0)
+    if any(layout.fixed):
+        pull = jnp.where((rows_of(numbers.inverse_mass, who) > 0)[:, None], pull, 0)
+    return pull
 
 
 def at_once(
@@ -57,9 +60,7 @@ def at_once(
 
     Fixed ones that are accelerated are where their motion says, whatever was known of them.
     """
-    pull = jnp.zeros_like(flying.velocity)
-    if layout.gravity:
-        pull = accelerations(layout, numbers, who, support)
+    pull = accelerations(layout, numbers, who, support)
     passed = (time - flying.time)[:, None]
     velocity = flying.velocity + pull * passed
     position = flying.position + (flying.velocity + velocity) / 2 * passed

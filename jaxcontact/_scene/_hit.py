@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ._flying import Flying, at_once
 from ._result import Way
+from ._rows import rows_of
 from ._side import side
 from ._system import Layout, Numbers, restitution_of
 
@@ -109,15 +110,16 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
     apart = there.position[0] - there.position[1] - choice.image * numbers.period
     rate = there.velocity[0] - there.velocity[1]
     half = (pull[0] - pull[1]) / 2
-    distance = numbers.radius[choice.first] + numbers.radius[second]
+    radius = rows_of(numbers.radius, choice.first)
+    distance = radius + rows_of(numbers.radius, second)
     is_wall = choice.second >= count
     driven = jnp.zeros_like(distance)
     if layout.walls:
         wall = jnp.clip(choice.second - count, 0)
-        face = numbers.normal[wall]
+        face = rows_of(numbers.normal, wall)
         height = jnp.sum(face * there.position[0])
         rise, bend = jnp.sum(face * there.velocity[0]), jnp.sum(face * pull[0])
-        distance = jnp.where(is_wall, numbers.radius[choice.first], distance)
+        distance = jnp.where(is_wall, radius, distance)
 
     def relative(delay: Lane) -> tuple[Lane, Lane]:
         away, rates = apart + (rate + half * delay) * delay, rate + 2 * half * delay
@@ -157,7 +159,7 @@ def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Out
     closing = jnp.maximum(meeting.closing, 0)
     e = restitution_of(layout, numbers, choice.first, choice.second, closing)
     lowered = jnp.where(choice.tail, 0, e)
-    inverse = jnp.stack([numbers.inverse_mass[choice.first], numbers.inverse_mass[choice.second]])
+    inverse = rows_of(numbers.inverse_mass, jnp.stack([choice.first, choice.second]))
     mass = 1 / jnp.sum(inverse)
     impulse = (1 + lowered) * mass * closing
     push = impulse * meeting.normal
@@ -195,9 +197,9 @@ def driven_work(
 
 def _tail(layout: Layout, numbers: Numbers, choice: Choice, e: Lane, closing: Lane) -> Lane:
     """The time of the bounces that are summed, 2 e u/(g (1-e)); 0 where none are."""
-    if not layout.walls:
+    if not layout.settles:
         return jnp.zeros_like(closing)
-    face = numbers.normal[jnp.clip(choice.second - layout.spheres, 0)]
+    face = rows_of(numbers.normal, jnp.clip(choice.second - layout.spheres, 0))
     weight = -jnp.sum(face * numbers.gravity)
     summed = choice.tail & (weight > 0) & (e < 1)
     series = 2 * e * closing / jnp.where(summed, weight * (1 - e), 1)

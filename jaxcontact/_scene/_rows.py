@@ -5,17 +5,31 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
 Tree = TypeVar("Tree")
+_Mode = jax.lax.GatherScatterMode
 
 
 def rows_of(arrays: Tree, who: Array | np.ndarray) -> Tree:
-    """Some rows of all arrays of a tree, all of which exist."""
+    """Some rows of all arrays of a tree, or one, all of which exist."""
+    if who.ndim == 0:
+        return jax.tree.map(
+            lambda all: jax.lax.dynamic_index_in_dim(
+                all, who, keepdims=False, allow_negative_indices=False
+            ),
+            arrays,
+        )
+    place = _indices(who)
 
     def some(all: Array) -> Array:
-        return all.at[who].get(mode="promise_in_bounds", wrap_negative_indices=False)
+        inner = tuple(range(who.ndim, who.ndim + all.ndim - 1))
+        numbers = jax.lax.GatherDimensionNumbers(inner, (0,), (0,))
+        return jax.lax.gather(
+            all, place, numbers, (1, *all.shape[1:]), mode=_Mode.PROMISE_IN_BOUNDS
+        )
 
     return jax.tree.map(some, arrays)
 
@@ -24,12 +38,21 @@ def with_rows(arrays: Tree, who: Int[Array, " M"], rows: Any) -> Tree:
     """The arrays with some of their rows replaced; a number beyond the last row is nobody's. No
     number comes twice.
     """
+    place = _indices(who)
 
     def put(all: Array, some: Array) -> Array:
-        place = all.at[who]
-        return place.set(some, mode="drop", unique_indices=True, wrap_negative_indices=False)
+        numbers = jax.lax.ScatterDimensionNumbers(tuple(range(1, all.ndim)), (0,), (0,))
+        new = some.astype(all.dtype)
+        return jax.lax.scatter(
+            all, place, new, numbers, unique_indices=True, mode=_Mode.FILL_OR_DROP
+        )
 
     return jax.tree.map(put, arrays, rows)
+
+
+def _indices(who: Array | np.ndarray) -> Array:
+    """The numbers of rows as gathers and scatters take them: made once for all arrays."""
+    return jnp.asarray(who, np.int32)[..., None]
 
 
 def with_row(arrays: Tree, which: Int[Array, ""], row: Any) -> Tree:

@@ -34,7 +34,7 @@ from ._progress import (
     Rules,
     State,
 )
-from ._rows import with_row, with_rows
+from ._rows import rows_of, with_row, with_rows
 from ._search import AGAIN, NOISE, seated, simultaneous
 from ._slots import empty_seats
 from ._soft import soft
@@ -276,29 +276,36 @@ def _met(
     needed: Bool[Array, ""],
 ) -> _Met:
     """The impact that is due; where it is not `needed` a soft one takes no step."""
-    events, (i, j), partner = state.events, who, due.partner
-    before = Flying(state.position[who], state.velocity[who], state.time[who])
-    choice = _choice(layout, numbers, state, who, jnp.maximum(partner, 0), before, now, tolerance)
+    partner = due.partner
+    before, support, met, events = rows_of(
+        (
+            Flying(state.position, state.velocity, state.time),
+            state.support,
+            state.count,
+            state.events,
+        ),
+        who,
+    )
+    choice = _choice(layout, numbers, who, partner, before, support, now)
     if rules.soft:
-        # A contact that takes time comes to rest by itself.
-        choice = choice._replace(tail=jnp.asarray(False))
         outcome = soft(layout, numbers, before, choice, tolerance, needed)
         alone = isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
         if numbers.start is not None:
             # Of what was on before the run it is known.
             alone = alone | ((now < 0) & (outcome.status == 0))
-        support, crowded = choice.support, jnp.asarray(False)
+        crowded = jnp.asarray(False)
     else:
+        choice = choice._replace(tail=_tail(layout, numbers, choice, before, tolerance))
         outcome = hit(layout, numbers, before, choice)
         alone = jnp.asarray(True)
         support, crowded = _supports(layout, numbers, choice, outcome)
 
     # An event of the other one that is no impact does not compete.
-    own = (events.partner[j] == i) | (events.partner[j] < 0)
-    competing = jnp.where(own, events.second[j], events.time[j])
+    own = (events.partner[1] == who[0]) | (events.partner[1] < 0)
+    competing = jnp.where(own, events.second[1], events.time[1])
     is_sphere = partner < layout.spheres
-    rival = jnp.minimum(events.second[i], jnp.where(is_sphere, competing, jnp.inf)) - now
-    since = jnp.where(state.count[who] > 0, now - state.time[who], jnp.inf)
+    rival = jnp.minimum(events.second[0], jnp.where(is_sphere, competing, jnp.inf)) - now
+    since = jnp.where(met > 0, now - before.time, jnp.inf)
     rival = jnp.minimum(rival, jnp.min(since))
     within = simultaneous(numbers, due.least)
     tied = rival <= within
@@ -315,45 +322,55 @@ def _met(
         died = jnp.asarray(False)
     stuck = jnp.where(died | (idle > patience), ACCUMULATED, RUNNING)
     status = jnp.where(crowded, TWO_SUPPORTS, stuck)
-    count = state.count[who] + 1
-    return _Met(before, choice, outcome, support, count, rival, tied, idle, status, alone)
+    return _Met(before, choice, outcome, support, met + 1, rival, tied, idle, status, alone)
 
 
 def _choice(
     layout: Layout,
     numbers: Numbers,
-    state: State,
     who: Int[Array, "2"],
     partner: Int[Array, ""],
     before: Flying,
+    support: Int[Array, "2"],
     now: Float[Array, ""],
-    tolerance: Float[Array, ""],
 ) -> Choice:
-    """The decisions about an impact: its image, and whether a ball comes to rest on a wall.
+    """The decisions about an impact: who meets, and in which image."""
+    image = jnp.zeros(layout.dimensions, numbers.dtype)
+    if any(layout.periodic):
+        place = at_once(layout, numbers, who, before, support, now)[0].position
+        nearest = nearest_image(layout, numbers, (place[0] - place[1])[None])[1][0]
+        image = jnp.where(partner < layout.spheres, nearest, image)
+    return Choice(who[0], jnp.maximum(partner, 0), support, image, now, jnp.asarray(False))
 
-    A ball on a wall that gravity presses it to, with a constant e < 1, bounces for ever in a finite
-    time. Where the next bounce is lower than `tolerance` radii its time is summed.
+
+def _tail(
+    layout: Layout, numbers: Numbers, choice: Choice, before: Flying, tolerance: Float[Array, ""]
+) -> Bool[Array, ""]:
+    """Whether a ball comes to rest on a wall.
+
+    On one that gravity presses it to, with a constant e < 1, it bounces for ever in a finite time.
+    Where the next bounce is lower than `tolerance` radii its time is summed.
     """
-    support = state.support[who]
-    there = at_once(layout, numbers, who, before, support, now)[0]
-    position, velocity = there.position, there.velocity
-    image = nearest_image(layout, numbers, (position[0] - position[1])[None])[1][0]
-    tail = jnp.asarray(False)
-    if layout.walls and layout.gravity and any(layout.constant):
-        wall = jnp.clip(partner - layout.spheres, 0)
-        face = numbers.normal[wall]
-        weight = -jnp.sum(face * numbers.gravity)
-        driven = numbers.walls_at(now, wall).velocity
-        closing = jnp.maximum(driven - jnp.sum(face * velocity[0]), 0)
-        law = layout.chosen(layout.laws, who[0], partner) if layout.laws else 0
-        e = numbers.restitution[law]
-        low = jnp.square(e * closing) <= 2 * weight * tolerance * numbers.radius[who[0]]
-        rests = (weight > 0) & (e < 1) & low & jnp.asarray(layout.constant)[law]
+    if not layout.settles:
+        return choice.tail
+    who = jnp.stack([choice.first, choice.first])
+    velocity = at_once(layout, numbers, who, before, choice.support, choice.time)[0].velocity[0]
+    wall = jnp.clip(choice.second - layout.spheres, 0)
+    face = rows_of(numbers.normal, wall)
+    weight = -jnp.sum(face * numbers.gravity)
+    driven = numbers.walls_at(choice.time, wall).velocity
+    closing = jnp.maximum(driven - jnp.sum(face * velocity), 0)
+    e = numbers.restitution[0]
+    rests = (choice.second >= layout.spheres) & (weight > 0)
+    if layout.laws:
+        law = layout.chosen(layout.laws, choice.first, choice.second)
+        e = rows_of(numbers.restitution, law)
+        rests = rests & rows_of(jnp.asarray(layout.constant), law)
+    if any(layout.vibrating):
         # On a wall that shakes the bounces are not those of a series.
-        steady = ~jnp.asarray(layout.vibrating)[wall]
-        tail = (partner >= layout.spheres) & rests & steady
-    image = jnp.where(partner < layout.spheres, image, 0)
-    return Choice(who[0], partner, support, image, now, tail)
+        rests = rests & ~rows_of(jnp.asarray(layout.vibrating), wall)
+    low = jnp.square(e * closing) <= 2 * weight * tolerance * rows_of(numbers.radius, choice.first)
+    return rests & (e < 1) & low
 
 
 def _supports(
@@ -361,12 +378,13 @@ def _supports(
 ) -> tuple[Int[Array, "2"], Bool[Array, ""]]:
     """The walls that the two bodies rest on after the impact, and whether one needs two walls."""
     support = choice.support
-    if not layout.walls:
+    if not (layout.settles or numbers.start is not None):
         return support, jnp.asarray(False)
-    velocity = outcome.after.velocity
-    normal = numbers.normal[jnp.maximum(support, 0)]
-    driven = numbers.walls_at(outcome.time).velocity[jnp.maximum(support, 0)]
-    leaving = jnp.abs(jnp.sum(velocity * normal, axis=-1) - driven)
+    velocity, on = outcome.after.velocity, jnp.maximum(support, 0)
+    leaving = jnp.sum(velocity * rows_of(numbers.normal, on), axis=-1)
+    if any(layout.moving):
+        leaving = leaving - rows_of(numbers.walls_at(outcome.time).velocity, on)
+    leaving = jnp.abs(leaving)
     speed = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)) + outcome.closing
     kept = (support >= 0) & (leaving <= NOISE * jnp.finfo(numbers.dtype).eps * speed)
     support = jnp.where(kept, support, -1)

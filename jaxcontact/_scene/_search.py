@@ -54,7 +54,6 @@ def searched(
     size = (who.shape[0], names.shape[1])
     position, velocity, pull = flown(layout, numbers, state, who, now)
     across = flown(layout, numbers, state, None if others is None else others.reshape(-1), now)
-    moves, all_move = (_of(numbers.inverse_mass[:count] > 0, k) for k in (who, others))
     speeds, all_speeds = (jnp.sqrt(jnp.sum(jnp.square(x), axis=-1)) for x in (velocity, across[1]))
 
     def relative(mine: Array, theirs: Array) -> Array:
@@ -63,7 +62,8 @@ def searched(
     apart = relative(position, across[0]).reshape(-1, layout.dimensions)
     apart = nearest_image(layout, numbers, apart)[0].reshape(*size, layout.dimensions)
     rate, bend = relative(velocity, across[1]), relative(pull, across[2])
-    distance = numbers.radius[who][:, None] + _of(numbers.radius, others).reshape(-1, size[1])
+    radius = rows_of(numbers.radius, who)[:, None]
+    distance = radius + _of(numbers.radius, others).reshape(-1, size[1])
     noise = NOISE * eps * (speeds[:, None] + all_speeds.reshape(-1, size[1]))
     straight = sphere_time(apart, rate, distance, noise, shells=layout.spheres > layout.visible)
     stand = sum(layout.fixed) > len(layout.shaken)
@@ -81,7 +81,9 @@ def searched(
     if layout.shaken:
         # Those have columns of their own.
         other = other & (layout.shaken_row(names) == len(layout.shaken))
-    other = other & (all_move.reshape(-1, size[1]) | moves[:, None])
+    if any(layout.fixed):
+        all_move = _of(numbers.inverse_mass[:count] > 0, others).reshape(-1, size[1])
+        other = other & (all_move | _moves(numbers, who)[:, None])
     times = jnp.where(other, times, jnp.inf)
     reached = jnp.where(jnp.isfinite(times), times, 0)[..., None]
     at = apart + (rate + bend / 2 * reached) * reached
@@ -106,15 +108,16 @@ def searched(
     columns = [_Columns(times, closing, jnp.broadcast_to(names, size))]
     if layout.shaken:
         flying = (who, position, velocity, pull)
-        found, bound = _of_shaken(layout, numbers, *flying, moves, now, end)
+        found, bound = _of_shaken(layout, numbers, *flying, now, end)
         columns.append(found)
         horizon = jnp.minimum(horizon, bound)
     if layout.walls:
         flying = (who, position, velocity, pull)
-        columns.append(_of_walls(layout, numbers, state, *flying, moves, now, end))
+        columns.append(_of_walls(layout, numbers, state, *flying, now, end))
     times, closing, names = jax.tree.map(lambda *x: jnp.concatenate(x, axis=-1), *columns)
-    # A fixed sphere is found by those that move.
-    times = jnp.where(moves[:, None], times, jnp.inf)
+    if any(layout.fixed):
+        # A fixed sphere is found by those that move.
+        times = jnp.where(_moves(numbers, who)[:, None], times, jnp.inf)
 
     # Of several at once the one that closes fastest, and of these the first by number: the order
     # of the columns has no say.
@@ -133,7 +136,7 @@ def searched(
     found = Events(
         time=now + jnp.minimum(time, jnp.minimum(horizon, leaves)),
         partner=jnp.where(early, partner, best),
-        count=jnp.where(best < count, state.count[sphere], 0),
+        count=jnp.where(best < count, rows_of(state.count, sphere), 0),
         speed=jnp.where(early, jnp.inf, speed),
         second=now + jnp.where(early, time, second),
     )
@@ -162,7 +165,6 @@ def _of_walls(
     position: Float[Array, "M D"],
     velocity: Float[Array, "M D"],
     pull: Float[Array, "M D"],
-    moves: Bool[Array, " M"],
     now: Float[Array, ""],
     end: Float[Array, ""],
 ) -> _Columns:
@@ -170,7 +172,8 @@ def _of_walls(
     count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
     height = jnp.sum(position[:, None] * numbers.normal[None], axis=-1)
     walls = numbers.walls_at(now)
-    gap = height - walls.offset[None] - numbers.radius[who][:, None]
+    radius = rows_of(numbers.radius, who)[:, None]
+    gap = height - walls.offset[None] - radius
     fall = jnp.sum(velocity[:, None] * numbers.normal[None], axis=-1)
     weight = jnp.sum(pull[:, None] * numbers.normal[None], axis=-1)
     noise = NOISE * eps * jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1))[:, None]
@@ -178,15 +181,14 @@ def _of_walls(
     if motion is not None:
         fall = fall - motion.speed
         noise = noise + NOISE * eps * motion.fastest(now, jnp.zeros_like(now))
-    resting = jnp.arange(layout.walls)[None] == state.support[who][:, None]
-    free = ~resting & moves[:, None]
+    free = jnp.arange(layout.walls)[None] != rows_of(state.support, who)[:, None]
     wall = wall_time(gap, fall, weight, noise)
     if any(layout.vibrating):
         assert motion is not None
         shaking = jnp.asarray(layout.vibrating)[None]
         left = jnp.maximum(end - now, 0)
         noise = jnp.broadcast_to(noise, gap.shape)
-        size = jnp.max(jnp.abs(position), axis=-1)[:, None] + numbers.radius[who][:, None]
+        size = jnp.max(jnp.abs(position), axis=-1)[:, None] + radius
         rounding = ROUNDINGS * eps * (size + jnp.zeros_like(gap))
         given = (noise, rounding, motion, now, left)
         found = shaking_wall_time(gap, fall, weight, *given, free & shaking)
@@ -209,7 +211,6 @@ def _of_shaken(
     position: Float[Array, "M D"],
     velocity: Float[Array, "M D"],
     pull: Float[Array, "M D"],
-    moves: Bool[Array, " M"],
     now: Float[Array, ""],
     end: Float[Array, ""],
 ) -> tuple[_Columns, Float[Array, " M"]]:
@@ -224,9 +225,10 @@ def _of_shaken(
     apart = (position[:, None] - place[None]).reshape(-1, layout.dimensions)
     apart = nearest_image(layout, numbers, apart)[0].reshape(*shape, layout.dimensions)
     rate, bend = (jnp.broadcast_to(x[:, None], apart.shape) for x in (velocity, pull))
-    distance = numbers.radius[who][:, None] + numbers.radius[shaken][None]
+    distance = rows_of(numbers.radius, who)[:, None] + numbers.radius[shaken][None]
     fast = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1))[:, None]
     noise = NOISE * eps * (fast + motion.fastest(now, jnp.zeros_like(now)))
+    moves = _moves(numbers, who)
     wanted = jnp.broadcast_to(moves[:, None], shape)
     left = jnp.maximum(end - now, 0)
     size = jnp.max(jnp.abs(position), axis=-1)[:, None] + jnp.max(jnp.abs(place), axis=-1)[None]
@@ -245,6 +247,11 @@ def _of_shaken(
             bound = jnp.minimum(bound, jnp.min(image_horizon(*given), axis=-1))
     names = jnp.broadcast_to(shaken[None], shape)
     return _Columns(times, closing, names), jnp.where(moves, bound, jnp.inf)
+
+
+def _moves(numbers: Numbers, who: Int[Array, " M"]) -> Bool[Array, " M"]:
+    """Which spheres are not fixed."""
+    return rows_of(numbers.inverse_mass, who) > 0
 
 
 def among_others(

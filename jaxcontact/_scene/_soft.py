@@ -13,6 +13,7 @@ from ._flying import Flying, accelerations
 from ._hit import Choice, Outcome, driven_work, meeting_of
 from ._oblique import oblique
 from ._result import Way
+from ._rows import rows_of
 from ._system import Layout, Numbers, known_contact_of, laws_of, least_speed
 
 _HEAD_ON = 1e-8
@@ -55,7 +56,7 @@ def soft(
     straight = square <= jnp.square(_HEAD_ON * closing)
     sideways = jnp.sqrt(jnp.where(straight, 1, square))
     sideways = jnp.where(straight, jax.lax.stop_gradient(_HEAD_ON * closing), sideways)
-    distance = numbers.radius[choice.first] + numbers.radius[second]
+    distance = jnp.sum(rows_of(numbers.radius, who))
     contact = known_contact_of(layout, numbers, choice.first, choice.second)
     # What presses a body to a wall acts in the contact; along the wall it does not.
     pressing = jnp.where(is_wall, -jnp.sum(normal * pull[0]), 0)
@@ -85,7 +86,7 @@ def soft(
     parting = clean.restitution * closing
     away = parting * along + beside
     passed = clean.elapsed
-    inverse = jnp.stack([numbers.inverse_mass[choice.first], numbers.inverse_mass[choice.second]])
+    inverse = rows_of(numbers.inverse_mass, jnp.stack([choice.first, choice.second]))
     share = inverse / jnp.sum(inverse)
     # The centre of mass falls freely, or rests where the second body is fixed or a wall.
     drift = share[1] * flying.velocity[0] + share[0] * steady

@@ -20,6 +20,7 @@ from ._bodies import Shell, Sphere
 from ._mixed_law import MixedLaw, one_of_each
 from ._movers import Movers
 from ._overlap import ROUNDINGS
+from ._rows import rows_of
 from ._scene import Scene
 from ._side import side
 from ._start import Start
@@ -56,16 +57,21 @@ class Layout(eqx.Module):
     driven: tuple[int, ...] = eqx.field(static=True)
     shaken: tuple[int, ...] = eqx.field(static=True)
 
+    @property
+    def settles(self) -> bool:
+        """Whether a sphere that bounces out of time may come to rest on a wall."""
+        return self.walls > 0 and self.gravity and any(self.constant)
+
     def chosen(self, table: tuple[tuple[int, ...], ...], i: Array, j: Array) -> Array:
         """The entry of a table for bodies i and j."""
-        kinds = jnp.asarray(self.kinds)
-        return jnp.asarray(table)[kinds[i], kinds[j]]
+        kinds, entries = jnp.asarray(self.kinds), jnp.asarray(table).ravel()
+        return rows_of(entries, rows_of(kinds, i) * len(table) + rows_of(kinds, j))
 
     def shaken_row(self, who: Int[Array, "..."]) -> Int[Array, "..."]:
         """Which of those that are `shaken` some spheres are; how many there are for all others."""
         rows = np.full(self.spheres, len(self.shaken))
         rows[list(self.shaken)] = np.arange(len(self.shaken))
-        return jnp.asarray(rows)[who]
+        return rows_of(jnp.asarray(rows), who)
 
 
 class Walls(NamedTuple):
@@ -109,12 +115,12 @@ class Numbers(eqx.Module):
 
     def walls_at(self, time: Lane, which: Int[Array, ""] | None = None) -> Walls:
         """The walls at a time, or one of them."""
-        offset = self.offset if which is None else self.offset[which]
+        offset = self.offset if which is None else rows_of(self.offset, which)
         if self.motion is None:
             return Walls(offset, jnp.zeros_like(offset))
         shift, velocity = self.motion.shift(time), self.motion.velocity(time)
         if which is not None:
-            shift, velocity = shift[which], velocity[which]
+            shift, velocity = rows_of((shift, velocity), which)
         return Walls(offset + shift, velocity)
 
     def shaken_at(
@@ -136,8 +142,8 @@ class Numbers(eqx.Module):
         high, fast = self.shaking.swing(now, time)
         velocity = self.shaking.velocity(now)
         bent, turned = high - velocity * time, fast - velocity
-        bent, turned = (jnp.concatenate([x, jnp.zeros_like(x[:1])])[row] for x in (bent, turned))
-        return bent, turned
+        bent, turned = (jnp.concatenate([x, jnp.zeros_like(x[:1])]) for x in (bent, turned))
+        return rows_of((bent, turned), row)
 
 
 def layout_of(scene: Scene) -> Layout:
@@ -192,20 +198,22 @@ def _is_constant_by_kind(structure: Any, kinds: tuple[Any, ...]) -> bool:
 
 def contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact | None:
     """The contact of bodies i and j; None where no stiffness is known."""
-    inverse = numbers.inverse_mass[i] + numbers.inverse_mass[j]
+    inverse = rows_of(numbers.inverse_mass, i) + rows_of(numbers.inverse_mass, j)
     # Two fixed bodies never meet; any mass will do.
     mass = 1 / jnp.where(inverse > 0, inverse, 1)
     if numbers.stiffness is not None:
-        which = layout.chosen(layout.stiffnesses, i, j) if layout.stiffnesses else 0
-        return Contact(mass, numbers.stiffness[which], numbers.exponent.value)
+        stiffness = numbers.stiffness[0]
+        if layout.stiffnesses:
+            stiffness = rows_of(numbers.stiffness, layout.chosen(layout.stiffnesses, i, j))
+        return Contact(mass, stiffness, numbers.exponent.value)
     if numbers.compliance is None:
         return None
     one = jnp.ones((), numbers.dtype)
     curvature = jnp.concatenate([1 / numbers.radius, jnp.zeros(layout.walls, numbers.dtype)])
     # A rigid plane under a sphere with the radius and the compliance of the pair.
-    modulus = one / (numbers.compliance[i] + numbers.compliance[j])
-    pair = Material(modulus, 0 * one)
-    return Contact.sphere_plane(one / (curvature[i] + curvature[j]), pair, mass=mass)
+    (soft, bent), (softer, more) = (rows_of((numbers.compliance, curvature), k) for k in (i, j))
+    pair = Material(one / (soft + softer), 0 * one)
+    return Contact.sphere_plane(one / (bent + more), pair, mass=mass)
 
 
 def known_contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact:
@@ -243,9 +251,9 @@ def restitution_of(
     layout: Layout, numbers: Numbers, i: Array, j: Array, closing: Lane
 ) -> Float[Array, ""]:
     """The e that the law of bodies i and j delivers at a closing speed."""
-    which = layout.chosen(layout.laws, i, j) if layout.laws else jnp.asarray(0)
+    which = layout.chosen(layout.laws, i, j) if layout.laws else None
     if all(layout.constant):
-        return numbers.restitution[which]
+        return numbers.restitution[0] if which is None else rows_of(numbers.restitution, which)
     contact = known_contact_of(layout, numbers, i, j)
     speed = jnp.maximum(closing, least_speed(numbers))
 
@@ -254,7 +262,7 @@ def restitution_of(
             return lambda speed: numbers.restitution[k]
         return lambda speed: restitution_at_any_speed(numbers.laws[k], contact, speed)
 
-    if len(numbers.laws) == 1:
+    if which is None:
         return of(0)(speed)
     return jax.lax.switch(which, [of(k) for k in range(len(numbers.laws))], speed)
 
