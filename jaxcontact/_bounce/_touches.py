@@ -112,34 +112,39 @@ def one_by_one(
         speed, state = left
         begun = state == _SEPARATED
         moving = begun & (speed >= run.rest)
-        # A lane that has ended solves its first impact again, whose outcome is finite.
-        speed_here = jnp.where(moving, speed, run.speed)
-        touch = landing(problem_of(law, contact, speed_here, run.weight), method, peak)
-        hit = touch.impact
-        status = jnp.where(begun, jnp.where(moving, hit.status, _SETTLED), state)
-        # Nothing infinite and no NaN goes on: 0 times them is no derivative of a good number.
-        leaves = status == _SEPARATED
-        rebound = jnp.where(leaves, hit.rebound_velocity, 0)
-        duration = return_time = jnp.where(leaves, hit.duration, 0)
-        depth = touch.end_indentation
-        if depth is not None:
-            rebound, delay, leaves = _risen(run, rebound, jnp.where(leaves, depth, 0), leaves)
-            return_time = duration + delay
-            status = jnp.where((status == _SEPARATED) & ~leaves, _SETTLED, status)
-        lack = jnp.zeros_like(speed)
-        if touch.spare_energy is not None:
-            missing = moving & (status == _SETTLED) & (touch.spare_energy < 0)
-            square = jnp.where(missing, -2 * touch.spare_energy / run.mass, 1)
-            lack = jnp.where(missing, jnp.sqrt(square), 0)
-        found = Touches(
-            speed=jnp.where(begun, speed, 0),
-            restitution=rebound / jnp.where(leaves, speed, 1),
-            duration=duration,
-            return_time=return_time,
-            status=status,
-            lack=lack,
-        )
-        return Left(rebound, status.astype(jnp.int32)), found
+        waits = jnp.where(begun, _SETTLED, state).astype(jnp.int32)
+
+        def solved() -> tuple[Left, Touches]:
+            # A lane that has ended solves its first impact again, whose outcome is finite.
+            speed_here = jnp.where(moving, speed, run.speed)
+            touch = landing(problem_of(law, contact, speed_here, run.weight), method, peak)
+            hit = touch.impact
+            status = jnp.where(moving, hit.status, waits).astype(jnp.int32)
+            # Nothing infinite and no NaN goes on: 0 times them is no derivative of a good number.
+            leaves = status == _SEPARATED
+            rebound = jnp.where(leaves, hit.rebound_velocity, 0)
+            duration = return_time = jnp.where(leaves, hit.duration, 0)
+            depth = touch.end_indentation
+            if depth is not None:
+                rebound, delay, leaves = _risen(run, rebound, jnp.where(leaves, depth, 0), leaves)
+                return_time = duration + delay
+                status = jnp.where((status == _SEPARATED) & ~leaves, _SETTLED, status)
+            lack = jnp.zeros_like(speed)
+            if touch.spare_energy is not None:
+                missing = moving & (status == _SETTLED) & (touch.spare_energy < 0)
+                square = jnp.where(missing, -2 * touch.spare_energy / run.mass, 1)
+                lack = jnp.where(missing, jnp.sqrt(square), 0)
+            restitution = rebound / jnp.where(leaves, speed, 1)
+            before = jnp.where(begun, speed, 0)
+            found = Touches(before, restitution, duration, return_time, status, lack)
+            return Left(rebound, status), found
+
+        def over() -> tuple[Left, Touches]:
+            zero = jnp.zeros_like(speed)
+            return Left(zero, waits), Touches(jnp.where(begun, speed, 0), *[zero] * 3, waits, zero)
+
+        # Most runs are over long before there is no room.
+        return jax.lax.cond(jnp.any(moving), solved, over)
 
     left, touches = jax.lax.scan(one, left, None, length=count)
     return left, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, -1), touches)

@@ -9,9 +9,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 
 from .._elementary import contraction
-from .._forms import slopes_along
 
 In = TypeVar("In")
 Out = TypeVar("Out")
@@ -41,36 +41,66 @@ def _traced_once(solve: Callable[[In], Out], problem: In) -> Out:
 def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
     """`solve` with a derivative rule that is linear in the tangents, so that it transposes.
 
-    `solve` must be differentiable in forward mode and takes few scalars: a scaled impact has one to
-    four. Their sensitivities are carried along the one solve, and multiply tangents going forward
-    or cotangents going back. A while loop alone could do only one of the two.
+    `solve` must be differentiable in forward mode. The slopes by all numbers that vary are carried
+    along the one solve, and multiply tangents going forward or cotangents going back. A while loop
+    alone could do only one of the two. A scaled impact has one to four numbers; a leaf may also be
+    an array.
     """
 
     def differentiable(problem: In) -> Out:
         leaves, structure = jax.tree.flatten(problem)
+        place = next(k for k, leaf in enumerate(leaves) if eqx.is_inexact_array(leaf))
         kinds: list[Any] = []
 
-        # Flags and counts are returned as numbers: a derivative rule cannot return integers. And
-        # every output depends on the input, if only formally: a rule whose outcome is constant in
-        # part fails under jit of vmap (jax 0.10.2).
-        def on_leaves(*leaves: jax.Array) -> Out:
+        # Flags and counts are returned as numbers: a derivative rule cannot return integers.
+        def as_numbers(*leaves: jax.Array) -> Out:
             outcome = _traced_once(solve, jax.tree.unflatten(structure, leaves))
             # Kept here, because another trace of the solve for its types would take seconds.
             kinds[:] = [jax.tree.map(jnp.result_type, outcome)]
-            either = jnp.isnan(leaves[0])
-            return jax.tree.map(
-                lambda out: jnp.where(either, out, out).astype(leaves[0].dtype), outcome
-            )
+            return jax.tree.map(lambda out: out.astype(leaves[place].dtype), outcome)
 
-        solved = jax.custom_jvp(on_leaves)
+        # Every output depends on the input, if only formally: a rule whose outcome is constant in
+        # part fails under jit of vmap (jax 0.10.2).
+        def of_lane(*leaves: jax.Array) -> Out:
+            either = jnp.isnan(leaves[place].reshape(-1)[0])
+            return jax.tree.map(lambda out: jnp.where(either, out, out), as_numbers(*leaves))
+
+        solved = jax.custom_jvp(as_numbers)
 
         def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Out, Out]:
-            outcome, slopes, along = slopes_along(on_leaves, primals, tangents)
-            weights = jnp.stack(along)
-            return outcome, jax.tree.map(lambda s: contraction(weights, s), slopes)
+            outcome, slopes, along = _slopes_along(of_lane, primals, tangents)
+            return outcome, jax.tree.map(lambda s: contraction(along, s), slopes)
 
         solved.defjvp(rule, symbolic_zeros=True)
         outcome = solved(*leaves)
         return jax.tree.map(lambda out, kind: out.astype(kind), outcome, kinds[0])
 
     return differentiable
+
+
+def _slopes_along(
+    solve: Callable[..., Out], primals: tuple[jax.Array, ...], tangents: tuple
+) -> tuple[Out, Out, jax.Array]:
+    """The outcome, its slopes by all numbers that vary, and the tangents of these."""
+    varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
+    numbers = [primals[i] for i in varying]
+    cuts = np.cumsum([number.size for number in numbers])
+
+    def of_varying(*numbers: jax.Array) -> Out:
+        given = list(primals)
+        for i, number in zip(varying, numbers, strict=True):
+            given[i] = number
+        return solve(*given)
+
+    def sensitivity(direction: jax.Array) -> tuple[Out, Out]:
+        parts = zip(jnp.split(direction, cuts[:-1]), numbers, strict=True)
+        return jax.jvp(of_varying, tuple(numbers), tuple(d.reshape(x.shape) for d, x in parts))
+
+    along = jnp.concatenate([tangents[i].reshape(-1) for i in varying])
+    basis = jnp.eye(cuts[-1], dtype=along.dtype)
+    if cuts[-1] == 1:
+        # A batch of one direction would be traced once more, and compiled with an axis of one.
+        outcome, slope = sensitivity(basis[0])
+        return outcome, jax.tree.map(lambda s: s[None], slope), along
+    outcome, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)
+    return outcome, slopes, along

@@ -99,9 +99,12 @@ def follow_on(motion: Motion, explicit: Followed, rtol: float) -> Followed:
         compressing, end, arrived, likely = leg
         needed = useful & (again | likely | ~arrived)
         start = jax.tree.map(functools.partial(jnp.where, compressing), end, motion.still(state))
-        found, met, steps = _solved(motion, start, compressing, rtol, needed)
-        end = jax.tree.map(functools.partial(jnp.where, needed), found, end)
-        arrived = jnp.where(needed, met, arrived)
+        # A branch: even a solve that takes no step costs more than most explicit legs.
+        end, arrived, steps = jax.lax.cond(
+            needed,
+            lambda: _solved(motion, start, compressing, rtol, needed),
+            lambda: (end, arrived, jnp.zeros((), int)),
+        )
         return (end, arrived, needed), (end, arrived, steps)
 
     flags = jnp.asarray([True, False])

@@ -1,18 +1,16 @@
-"""The door of the coupled solve: its tolerance and units of input, and its derivative rule."""
+"""The door of the coupled solve: its tolerance, its units of input and its start."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool, Float
 
 from .._contact import Contact
-from .._elementary import contraction
+from .._impact._lanes import with_sensitivity
 from .._laws import AbstractLaw
 from ._cluster_end import ClusterEnd
 from ._cluster_problem import Problem, Rules
@@ -78,7 +76,7 @@ def cluster(
         to_the_end=jnp.asarray(to_the_end),
     )
     rules = Rules(v0 == "peak", until_change, max_steps, in_line)
-    return _with_sensitivity(solve_cluster, rules)(problem)
+    return with_sensitivity(eqx.Partial(solve_cluster, rules=rules))(problem)
 
 
 def touched(
@@ -119,56 +117,3 @@ def touched(
         max_indentation=zero,
         lost=zero,
     )
-
-
-def _with_sensitivity(
-    solve: Callable[[Problem, Rules], ClusterEnd], rules: Rules
-) -> Callable[[Problem], ClusterEnd]:
-    """`solve` with a derivative rule that is linear in the tangents, so that it transposes.
-
-    The slopes by all numbers that vary are carried along the one solve, and multiply tangents going
-    forward or cotangents going back.
-    """
-
-    def differentiable(problem: Problem) -> ClusterEnd:
-        leaves, structure = jax.tree.flatten(problem)
-        kinds: list[Any] = []
-
-        # Flags and counts are returned as numbers: a derivative rule cannot return integers.
-        def on_leaves(*leaves: Array) -> ClusterEnd:
-            end = solve(jax.tree.unflatten(structure, leaves), rules)
-            kinds[:] = [jax.tree.map(jnp.result_type, end)]
-            some = problem_dtype
-            lane = jnp.isnan(leaves[place].ravel()[0])
-            return jax.tree.map(lambda out: jnp.where(lane, out, out).astype(some), end)
-
-        place = next(k for k, leaf in enumerate(leaves) if leaf is problem.tolerance)
-        problem_dtype = problem.tolerance.dtype
-        solved = jax.custom_jvp(on_leaves)
-
-        def rule(primals: tuple[Array, ...], tangents: tuple) -> tuple[ClusterEnd, ClusterEnd]:
-            varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
-            sizes = [primals[i].size for i in varying]
-            cuts = np.cumsum(sizes)[:-1]
-            along = jnp.concatenate([tangents[i].ravel() for i in varying])
-
-            def of_varying(numbers: Array) -> ClusterEnd:
-                given = list(primals)
-                for i, part in zip(varying, jnp.split(numbers, cuts), strict=True):
-                    given[i] = part.reshape(primals[i].shape)
-                return on_leaves(*given)
-
-            numbers = jnp.concatenate([primals[i].ravel() for i in varying])
-
-            def sensitivity(direction: Array) -> tuple[ClusterEnd, ClusterEnd]:
-                return jax.jvp(of_varying, (numbers,), (direction,))
-
-            basis = jnp.eye(numbers.size, dtype=numbers.dtype)
-            end, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)
-            return end, jax.tree.map(lambda s: contraction(along, s), slopes)
-
-        solved.defjvp(rule, symbolic_zeros=True)
-        end = solved(*leaves)
-        return jax.tree.map(lambda out, kind: out.astype(kind), end, kinds[0])
-
-    return differentiable

@@ -28,8 +28,6 @@ from ._touching import ClusterState, Modes
 _stop = jax.lax.stop_gradient
 
 
-# JAX traces it once for all derivatives and batches of the same shape.
-@functools.partial(jax.jit, static_argnums=1)
 def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
     """A cluster from its state to its end."""
     free = (problem.inverse_mass > 0)[:, None]
