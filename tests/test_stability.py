@@ -94,8 +94,8 @@ def test_the_table_of_free_impacts():
 UNRESOLVED = 12
 # Lanes, and how many of them may be flagged without need. None may be wrong.
 JOBS = [
-    (Job("hunt_crossley", 1.5, False, "exact", "float64", 512), 0),
-    (Job("oscillator_clamped", 1.5, False, "exact", "float64", 512), 0),
+    (Job("hunt_crossley", 1.5, False, "exact", "float64", 256), 0),
+    (Job("oscillator_clamped", 1.5, False, "exact", "float64", 256), 0),
     (Job("hunt_crossley", 1.5, False, "phase", "float64", 256), 0),
     (Job("hunt_crossley", 1.5, True, "event", "float64", 256), 0),
     (Job("kuwabara_kono", 1.5, True, "event", "float64", 256), 0),
