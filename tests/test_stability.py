@@ -111,6 +111,10 @@ def test_the_table_of_weak_damping_has_its_derivatives():
     assert np.allclose(found.by_damping["e"] / found.value["e"], rate, rtol=TABLE, atol=0)
 
 
+@pytest.mark.slow(
+    "kuwabara_kono/n=1.5/pushed/event/float64",
+    reason="an event solve once more, between that with a clamp and that of another law",
+)
 @pytest.mark.parametrize(("job", "flagged"), JOBS, ids=[job.name for job, _ in JOBS])
 def test_lanes(job, flagged):
     lanes = lanes_of(job)
