@@ -61,7 +61,7 @@ class Judged:
 
 
 def truth_of(job: Job, damping: Array, n: Array, push: Array) -> Truth:
-    """From the table where many impacts are free and depend on the damping alone, else by motion."""
+    """From the table where many impacts are free and depend on damping alone, else by motion."""
     kind = KINDS[job.kind]
     if job.pushed or not kind.has_table(job.exponent) or damping.size < TABLED:
         finer = job.method == "exact"

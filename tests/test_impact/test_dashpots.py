@@ -196,7 +196,7 @@ def test_a_clamped_force_is_fitted_by_its_own_coefficient():
     assert float(found.params["c_max"]) == pytest.approx(798, rel=COMES_BACK)
     # A relative error of c_max changes e by a third of it.
     np.testing.assert_allclose(restitution(Impact, 798.0), e, rtol=COMES_BACK / 3)
-    # With a pull less damping takes as much: e falls with c_max, and has fallen too far at 0.9 of it.
+    # With a pull less damping takes as much: at 0.9 of it e has fallen too far.
     assert np.all(restitution(Impact, 0.9 * 798.0, tension=True) < e)
 
 
