@@ -238,9 +238,8 @@ def clamped_lanes(n, kind=float):
     """Durations, speeds at δ = 0, and their derivatives along ln c; the last lane's force jumps."""
     length = (MASS * SPEED**2 / STIFFNESS) ** (1 / (n + 1))
     # Numbers of single precision, so that both precisions ask the oracle the same.
-    c_max = np.float32(np.array([0.05, 0.3, 0.9, 2.0, 2.0, 0.3]) * MASS * SPEED / length).astype(
-        float
-    )
+    share = np.array([0.05, 0.3, 0.9, 2.0, 2.0, 0.3])
+    c_max = np.float32(share * MASS * SPEED / length).astype(float)
     # On a linear spring a force with a smaller d comes back for a time that the oracle may miss.
     least = 0.1 if n == 1 else 1e-3
     d = np.array([least, least, 1.0, 0.15, 0.1, least]) * length
