@@ -140,6 +140,7 @@ CASES = list(every_law())
     "HerbertMcWhannell-1.5-pushes",
     "HuntCrossley-1.5-pushes",
     "Jankowski-1.5-pulls",
+    "KuwabaraKono-2-pushes",
     "LankaraniNikravesh-1.5-pushes",
     "LeeWang-1.5-pushes",
     "MarhefkaOrin-1.5-pushes",
