@@ -131,6 +131,7 @@ CASES = list(every_law())
 
 
 @pytest.mark.slow(
+    "AntypovElliott-1.5-pushes",
     "CarvalhoMartins-1.5-pushes",
     "ConstantDamping-1.5-pushes",
     "EnergyLoss-1.5-pushes",
@@ -138,12 +139,16 @@ CASES = list(every_law())
     "Gonthier-1.5-pushes",
     "HerbertMcWhannell-1.5-pushes",
     "HuntCrossley-1.5-pushes",
+    "Jankowski-1.5-pulls",
+    "KuwabaraKono-2-pushes",
     "LankaraniNikravesh-1.5-pushes",
     "LeeWang-1.5-pushes",
     "MarhefkaOrin-1.5-pushes",
+    "PowerDamping-1.5-pushes",
     "PowerRestitution-1.5-pushes",
     "ThorntonPlastic-1.5-pushes",
     "Tsuji-1.5-pulls",
+    "Tsuji-1.5-pushes",
     "ZhiyingQishao-1.5-pushes",
     reason="another factor in an equation that other cases solve",
 )

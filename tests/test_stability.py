@@ -94,8 +94,8 @@ def test_the_table_of_free_impacts():
 UNRESOLVED = 12
 # Lanes, and how many of them may be flagged without need. None may be wrong.
 JOBS = [
-    (Job("hunt_crossley", 1.5, False, "exact", "float64", 512), 0),
-    (Job("oscillator_clamped", 1.5, False, "exact", "float64", 512), 0),
+    (Job("hunt_crossley", 1.5, False, "exact", "float64", 256), 0),
+    (Job("oscillator_clamped", 1.5, False, "exact", "float64", 256), 0),
     (Job("hunt_crossley", 1.5, False, "phase", "float64", 256), 0),
     (Job("hunt_crossley", 1.5, True, "event", "float64", 256), 0),
     (Job("kuwabara_kono", 1.5, True, "event", "float64", 256), 0),
@@ -111,6 +111,10 @@ def test_the_table_of_weak_damping_has_its_derivatives():
     assert np.allclose(found.by_damping["e"] / found.value["e"], rate, rtol=TABLE, atol=0)
 
 
+@pytest.mark.slow(
+    "kuwabara_kono/n=1.5/pushed/event/float64",
+    reason="an event solve once more, between that with a clamp and that of another law",
+)
 @pytest.mark.parametrize(("job", "flagged"), JOBS, ids=[job.name for job, _ in JOBS])
 def test_lanes(job, flagged):
     lanes = lanes_of(job)

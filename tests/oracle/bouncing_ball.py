@@ -46,7 +46,8 @@ def touches(force, *, mass, gravity, height, unit, most=40, tension=False, peak=
 def contact(force, mass, gravity, speed, unit, tension=False, peak=False, finest=0.02):
     """When the force vanishes, and when and how fast the ball is back at δ = 0; None at rest.
 
-    `finest`: no step is longer, in units of `unit`. What begins and ends within one is not seen.
+    `finest`: no step of the way out is longer, in units of `unit`. What begins and ends within one
+    is not seen; on the way in a force does not vanish.
     """
     t, y, v0, ended = 0.0, np.array([0.0, speed]), speed, None
     kind = "rises" if peak else "in"
@@ -83,7 +84,7 @@ def contact(force, mass, gravity, speed, unit, tension=False, peak=False, finest
             events=functions,
             rtol=RTOL,
             atol=1e-15 * np.array([speed * unit, speed]),
-            max_step=finest * unit,
+            max_step=(finest if kind in ("out", "free") else max(finest, 0.02)) * unit,
         )
         t, y = piece.t[-1], piece.y[:, -1]
         (what,) = (name for name, at in zip(names, piece.t_events, strict=True) if at.size)

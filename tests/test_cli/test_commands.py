@@ -193,6 +193,7 @@ def test_design(capsys):
     assert told["standard_errors"]["law.e"] == pytest.approx(0.005, rel=1e-6)
 
 
+@pytest.mark.slow(reason="a calibration of its own, 15 s; test_newcomer exports one, too")
 def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
     told = asked(capsys, "export", *LAW, "--velocity", "2", "--engine", "exudyn")
     assert told["target"] == pytest.approx(told["delivered"]) == pytest.approx(0.69730, abs=5e-5)

@@ -59,6 +59,7 @@ def test_it_is_that_of_newtons_equation(name):
     np.testing.assert_allclose(found, [sampled(name, p) for p in LAWS[name][1]], rtol=SAMPLED)
 
 
+@pytest.mark.slow("kuwabara_kono", reason="derivatives of an event solve, 15 s of CPU")
 @pytest.mark.parametrize("name", LAWS)
 def test_an_event_solve_finds_the_same(name):
     parameter = jnp.array(LAWS[name][1])

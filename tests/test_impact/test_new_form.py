@@ -139,6 +139,7 @@ def step_by_hand(K, n, c, d, depth, rate, v0):
     return K * depth**n + c * s * s * (3 - 2 * s) * rate
 
 
+@pytest.mark.slow("None", reason="an event solve once more, without a push: see test_dashpots")
 @pytest.mark.parametrize("push", [None, 0.003])
 def test_a_clamped_force_that_returns(push):
     """The contact ends where its force vanishes and stays away until δ = 0."""

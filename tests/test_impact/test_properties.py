@@ -62,7 +62,7 @@ def parted(hit):
 
 @pytest.mark.parametrize(("family", "method"), ROUTES)
 @given(numbers=lanes(damping))
-@settings(max_examples=25)
+@settings(max_examples=15)
 def test_more_damping_never_gives_more_rebound(family, method, numbers):
     """Nor is energy gained: e ≤ 1, and what is lost is between none and all."""
     numbers = np.sort(numbers)

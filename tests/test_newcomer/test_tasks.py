@@ -189,6 +189,7 @@ def test_a_video(here, capsys):
     assert abs(e["value"] - truth.e) < FEW_ERRORS * e["standard_error"] < 0.05
 
 
+@pytest.mark.slow(reason="a fit to a record, 25 s of CPU; test_records has the same from Python")
 def test_a_force_plate(here, capsys):
     clock = np.arange(0, 0.06, 2e-5)
     time, force, after = impact(0.05, 2e6, 0.15, 2.0)

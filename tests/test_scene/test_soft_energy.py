@@ -32,10 +32,14 @@ def _hit_at_rest(beside=0.25, height=2.5):
     return jc.Scene([*balls, floor], jc.HuGuo(e=0.3), stiffness=1e6, gravity=[0.0, -9.81])
 
 
-@pytest.mark.slow(reason="a long soft run")
-def test_a_ball_rests_slides_and_wakes():
+@pytest.fixture(scope="module")
+def whole():
+    return jc.simulate(_hit_at_rest(), 1.5, times=np.linspace(0, 1.5, 16))
+
+
+def test_a_ball_rests_slides_and_wakes(whole):
     """It sinks in by its static indentation, is hit by another one, and rests again."""
-    run = jc.simulate(_hit_at_rest(), 1.5, times=np.linspace(0, 1.5, 16))
+    run = whole
     assert run.status == jc.Ending.COMPLETED
     hits = run.impacts.to_dict()
     assert np.all(hits["way"] == jc.Way.COUPLED)
@@ -51,11 +55,10 @@ def test_a_ball_rests_slides_and_wakes():
 
 
 @pytest.mark.parametrize(("until", "first"), [(0.6, "rest"), (0.7, "contact")])
-def test_a_run_goes_on_from_rest_and_from_contact(until, first):
+def test_a_run_goes_on_from_rest_and_from_contact(until, first, whole):
     times = np.linspace(0, 1.5, 16)
     # As many as there are in both cases, which share their programs so.
     later = times[-9:]
-    whole = jc.simulate(_hit_at_rest(), 1.5, times=times)
     ends = jc.simulate(_hit_at_rest(), until).final
     run = jc.simulate(ends, 1.5 - until, times=np.maximum(later - until, 0))
     assert run.status == jc.Ending.COMPLETED
