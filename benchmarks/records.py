@@ -30,9 +30,9 @@ from benchmarks.study import command
 from jaxcontact._calibration._choose import padded_data
 from jaxcontact._calibration._kinds import ConstantC, ConstantE
 from jaxcontact._calibration._outcomes import LogOutcomes
+from jaxcontact._calibration._pairs import LEAST_PAIRS
 from jaxcontact._calibration._record_pairs import Fitted, fitted_impacts, weighed
 from jaxcontact._flight import Flight
-from jaxcontact._measurements._pairs import LEAST_PAIRS
 
 SEED = 31
 DRAWS = 380

@@ -12,10 +12,10 @@ import pytest
 import jaxcontact as jc
 from benchmarks.sound import constant_e, one_of, summary
 from benchmarks.sound_truths import Truth, as_wave, draw
+from jaxcontact._calibration._noise import scatter_beside
 from jaxcontact._cli import main
 from jaxcontact._cli._calibrate import SOUND
 from jaxcontact._measurements import read_columns
-from jaxcontact._measurements._noise import scatter_beside
 from jaxcontact._sound._listen import listen
 
 CLEAN = 4

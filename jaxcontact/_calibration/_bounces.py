@@ -26,11 +26,11 @@ from .._flight import (
 )
 from .._impact import AbstractMethod, method_of, restitution
 from .._laws import AbstractLaw, require_law
-from .._measurements import not_shrinking, too_long
 from .._parameter import POSITIVE, require_choice
 from .._units import Shown
 from ._checks import column, with_transforms
 from ._impacts import transforms_of
+from ._plausible import not_shrinking, too_long
 from ._triggers import Shared, by_height, by_triggers, with_shared_errors
 from ._wrong_pairs import Readings, without_wrong_pairs
 

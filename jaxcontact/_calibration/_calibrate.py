@@ -14,10 +14,7 @@ from jaxtyping import ArrayLike, Float
 from .._contact import Contact
 from .._flight import STANDARD_GRAVITY, Drag, Flight
 from .._laws import AbstractLaw, parameters_of
-from .._measurements import Pairs, Recording, make_pairs
-from .._measurements._noise import Noise
-from .._measurements._outliers import THRESHOLD, Outliers, find_outliers
-from .._measurements._pairs import LEAST_PAIRS
+from .._measurements import RecordedPairs, Recording, make_pairs
 from .._parameter import POSITIVE, as_numbers, require_kind, require_number
 from .._progress import stages_of
 from ._at_speed import at_speeds
@@ -27,7 +24,10 @@ from ._choose import choose, weights_of
 from ._few import known_errors, none_marked, only_constant
 from ._file import save, to_json
 from ._kinds import kinds_of
+from ._noise import Noise
 from ._outcomes import NONE
+from ._outliers import THRESHOLD, Outliers, find_outliers
+from ._pairs import LEAST_PAIRS
 from ._record_impacts import ImpactFit
 from ._record_pairs import exponent_of, fitted_impacts, require_mass, summaries, weighed
 from ._summary import CalibrationSummary
@@ -47,7 +47,7 @@ class Calibration:
     the fits of the impacts in a record of an instrument.
     """
 
-    pairs: Pairs
+    pairs: RecordedPairs
     outliers: Outliers
     noise: Noise
     choice: LawChoice
@@ -263,7 +263,9 @@ def _errors(
     return {p: errors[p] if identifiable else None for p in parameters_of(name) if p in errors}
 
 
-def _recording(recording: Recording, pairs: Pairs, notes: tuple[str, ...]) -> RecordingSummary:
+def _recording(
+    recording: Recording, pairs: RecordedPairs, notes: tuple[str, ...]
+) -> RecordingSummary:
     return RecordingSummary(
         source=recording.source,
         layout=pairs.layout.name,
@@ -275,7 +277,7 @@ def _recording(recording: Recording, pairs: Pairs, notes: tuple[str, ...]) -> Re
     )
 
 
-def _pairs(pairs: Pairs, outliers: Outliers) -> tuple[PairSummary, ...]:
+def _pairs(pairs: RecordedPairs, outliers: Outliers) -> tuple[PairSummary, ...]:
     errors = None if pairs.covariance is None else np.sqrt(np.diag(pairs.covariance))
     return tuple(
         PairSummary(
@@ -291,7 +293,7 @@ def _pairs(pairs: Pairs, outliers: Outliers) -> tuple[PairSummary, ...]:
     )
 
 
-def _by_speed(good: Pairs, choice: LawChoice) -> tuple[SpeedBand, ...]:
+def _by_speed(good: RecordedPairs, choice: LawChoice) -> tuple[SpeedBand, ...]:
     v, e = good.velocity, good.restitution
     if len(v) < 2 * _SPEED_BANDS or v.max() == v.min():
         return ()

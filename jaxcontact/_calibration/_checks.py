@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
-from .._measurements import MEASURED_RESTITUTION, in_percent
 from .._parameter import RESTITUTION, Range, as_numbers, rendered
 from .._units import Shown
+from ._plausible import MEASURED_RESTITUTION, in_percent
 
 Column = Float[np.ndarray, " n"]
 

@@ -14,8 +14,8 @@ from .._contact import Contact
 from .._fit import CLEAR_AICC, Candidate, Fit, table
 from .._flight import Floats
 from .._laws import AbstractLaw
-from .._measurements import counted
 from .._parameter import POSITIVE, require_choice
+from .._words import counted
 from ._asked import Asked
 from ._checks import column
 from ._estimate import Estimate

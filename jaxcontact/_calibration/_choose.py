@@ -13,17 +13,18 @@ from jaxtyping import ArrayLike
 
 from .._contact import Contact, require_contact
 from .._fit import Fit, Positive, compared, fit, groups_of, undecided
-from .._flight import Flight, Floats
-from .._measurements import MEASURED_RESTITUTION, Pairs, make_pairs, read_recording
-from .._measurements._noise import RELATIVE_FLOOR, Noise, estimate_noise, scatter_beside
-from .._measurements._outliers import Outliers, find_outliers
+from .._flight import Floats
 from .._parameter import POSITIVE, as_weights, rendered, require_flag
 from .._program import side_by_side
 from ._asked import asked_of, delivered_by_laws
 from ._checks import column, for_each
 from ._choice import LawChoice, LawFit
 from ._kinds import AbstractKind, LogRestitution, is_identifiable, kinds_of, padded
+from ._noise import RELATIVE_FLOOR, Noise, estimate_noise, scatter_beside
 from ._outcomes import NONE, Columns, LogOutcomes, columns_of
+from ._outliers import Outliers, find_outliers
+from ._pairs import Pairs, pairs_of
+from ._plausible import MEASURED_RESTITUTION
 from ._sure import rivals_of, sure_of, sure_sentence
 from ._trend import curve_of, line_of
 from ._undecided import what_settles
@@ -93,8 +94,8 @@ def choose_law(
     v = column(velocity, "velocity", POSITIVE)
     measured = column(e, "e", MEASURED_RESTITUTION, ("velocity", v))
     own = None if sigma is None else for_each(sigma, "sigma", len(v))
-    known: dict[str, Any] = {"sigma": own} if own is not None and np.isfinite(own).all() else {}
-    pairs = make_pairs(read_recording(velocity=v, restitution=measured, **known), Flight())
+    known = own if own is not None and np.isfinite(own).all() else None
+    pairs = pairs_of(v, measured, known)
     pairs.needs_enough()
     word = "row"
     if groups is not None:
@@ -111,7 +112,7 @@ def choose_law(
         weights,
     )
     if own is not None:
-        how["sigma"] = relative**-0.5 if known else own / measured
+        how["sigma"] = relative**-0.5 if known is not None else own / measured
     elif weights is not None:
         relative = for_each(as_weights(weights), "weights", len(v), zero=True) * measured**2
     return choose(pairs, ~marked, relative, kinds, contact, others=others, group=word, **how)

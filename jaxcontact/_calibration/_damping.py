@@ -14,10 +14,10 @@ from .._contact import Contact, require_contact
 from .._fit import Fit, Positive, fit
 from .._impact import AbstractMethod, method_of, restitution
 from .._laws import ConstantDamping, PowerDamping
-from .._measurements import MEASURED_RESTITUTION
 from .._parameter import POSITIVE, require_choice
 from .._units import Shown
 from ._checks import column, with_transforms
+from ._plausible import MEASURED_RESTITUTION
 
 
 class DeliveredByDamping(eqx.Module):

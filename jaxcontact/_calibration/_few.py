@@ -12,15 +12,15 @@ import numpy as np
 from .._contact import Contact
 from .._fit import Candidate, Positive, fit
 from .._flight import Floats
-from .._measurements import Pairs, counted
-from .._measurements._noise import RELATIVE_FLOOR, Noise
-from .._measurements._outliers import Outliers, Trend
-from .._measurements._pairs import LEAST_PAIRS
+from .._words import counted
 from ._asked import asked_of, delivered_by_laws
 from ._choice import LawChoice
 from ._choose import law_fit, padded_data
 from ._kinds import AbstractKind, LogRestitution
+from ._noise import RELATIVE_FLOOR, Noise
 from ._outcomes import Columns, LogOutcomes
+from ._outliers import Outliers, Trend
+from ._pairs import LEAST_PAIRS, Pairs
 from ._trend import Curve, Line, line_of
 
 _UNKNOWN = "one pair does not tell its error"
@@ -94,7 +94,7 @@ def only_constant(
     told = found.adequacy
     count = int(use.sum())
     level = float(np.log(constant.value))
-    words = pairs.layout.pair_words
+    words = pairs.words
     pairs_said = f"{counted(count, words)} {'does' if count == 1 else 'do'}"
     line = Line(level, 0.0, None) if count == 1 else line_of(found, np.asarray(data["x"]))
     return LawChoice(
@@ -113,7 +113,7 @@ def only_constant(
         free=Curve((level,), float(v.min()), float(v.max()), None),
         asked=asked_of(constant.value, constant.standard_error, delivered_by_laws()),
         next_measurement=f"a choice among laws takes at least {LEAST_PAIRS} {words[1]}, at speeds "
-        f"that differ as much as those in your simulation; {pairs.layout.pair_rule}",
+        f"that differ as much as those in your simulation; {pairs.rule}",
         fits={kind.name: found},
         kinds=(kind,),
         contact=contact,

@@ -15,10 +15,10 @@ from .._contact import EXPONENT, Contact, require_contact
 from .._fit import AbstractTransform, Between, Fit, Fixed, fit, names_in
 from .._impact import AbstractMethod, impact, method_of
 from .._laws import AbstractLaw, require_law
-from .._measurements import MEASURED_RESTITUTION_FROM_ZERO
 from .._parameter import POSITIVE, did_you_mean, rendered
 from .._units import Shown
 from ._checks import column, measured, with_transforms
+from ._plausible import MEASURED_RESTITUTION_FROM_ZERO
 
 
 class ImpactModel(eqx.Module):

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._contact import Contact
-from .._measurements._noise import RELATIVE_FLOOR
 from .._parameter import POSITIVE, rendered
 from .._units import Shown
 from ._checks import Column, column, for_each
 from ._kinds import AbstractKind, Params
+from ._noise import RELATIVE_FLOOR
 
 _TREND = 2
 """Degree of the logarithm of a contact time or a force over that of the speed, about which their

@@ -16,8 +16,9 @@ from .._contact import Contact
 from .._fit import Fit
 from .._impact import impact
 from .._laws import Damped
-from .._measurements import MEASURED_RESTITUTION, Impact
+from .._measurements import Impact
 from ._limits import limits_of
+from ._plausible import MEASURED_RESTITUTION
 from ._record import fit_record
 
 _LENGTH = 512

@@ -12,11 +12,11 @@ from jaxtyping import Float
 
 from .._contact import EXPONENT, Contact
 from .._flight import STANDARD_GRAVITY, Flight, Floats
-from .._measurements import Impact, Pairs, Recording, RecordingError
-from .._measurements._noise import Noise, scatter_beside
-from .._measurements._pairs import LEAST_PAIRS
+from .._measurements import Impact, RecordedPairs, Recording, RecordingError
 from .._parameter import rendered, require_number
+from ._noise import Noise, scatter_beside
 from ._outcomes import Columns
+from ._pairs import LEAST_PAIRS
 from ._record_impacts import ImpactFit, fitted_impact, with_free_exponent
 from ._summary_data import ImpactSummary
 
@@ -34,7 +34,7 @@ class Fitted(NamedTuple):
     (n, 2, 2) of both logarithms, the fits, and what to say.
     """
 
-    pairs: Pairs
+    pairs: RecordedPairs
     fits: tuple[ImpactFit, ...]
     force: Float[np.ndarray, " n"]
     covariance: Float[np.ndarray, "n 2 2"]
@@ -227,11 +227,13 @@ def _flights(good: list[ImpactFit], flight: Flight) -> list[str]:
     ]
 
 
-def _pairs(recording: Recording, good: list[ImpactFit], flight: Flight, unfitted: int) -> Pairs:
+def _pairs(
+    recording: Recording, good: list[ImpactFit], flight: Flight, unfitted: int
+) -> RecordedPairs:
     rows = np.array([one.impact.row for one in good], np.int64)
     e = np.array([one.restitution.value for one in good])
     variance = np.array([one.covariance[0, 0] for one in good])
-    return Pairs(
+    return RecordedPairs(
         source=recording.source,
         layout=recording.layout,
         ball=recording.ball,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from .._fit import AT_BOUND
-from .._measurements import FROM_FILE, LAYOUTS, Layout, counted
+from .._measurements import FROM_FILE, LAYOUTS, Layout
 from .._text_table import text_table, wrapped
+from .._words import counted
 from ._choice import ChoiceData
 from ._estimate import Estimate
 from ._short import data_sentence, scatter_said, verdict_lines

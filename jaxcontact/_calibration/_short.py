@@ -6,8 +6,9 @@ import math
 import statistics
 import textwrap
 
-from .._measurements import LAYOUTS, counted, span
+from .._measurements import LAYOUTS
 from .._text_table import text_table, with_error, wrapped
+from .._words import counted, span
 from ._at_speed import AtSpeed
 from ._summary_data import SummaryData, contact_note
 

@@ -7,10 +7,10 @@ import dataclasses
 from .._contact import Contact
 from .._flight import Drag
 from .._laws import AbstractLaw
-from .._measurements._noise import Noise
-from .._measurements._pairs import LEAST_PAIRS
 from ._at_speed import AtSpeed
 from ._choice import ChoiceData, LawFit
+from ._noise import Noise
+from ._pairs import LEAST_PAIRS
 
 _UNITS = {"mass": "kg", "stiffness": "N/m^(3/2)"}
 

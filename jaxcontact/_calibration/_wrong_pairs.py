@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from .._fit import Fit
-from .._measurements._noise import estimate_noise
-from .._measurements._outliers import THRESHOLD, mark
 from ._checks import for_each
+from ._noise import estimate_noise
+from ._outliers import THRESHOLD, mark
 
 Column = Float[np.ndarray, " n"]
 

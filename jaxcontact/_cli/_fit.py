@@ -73,7 +73,7 @@ def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     import numpy as np
 
     from .._calibration import fit_impacts
-    from .._measurements import marked_in
+    from .._calibration._outliers import marked_in
 
     law, exponent = _law(arguments)
     data = dict(data)
@@ -243,7 +243,7 @@ def _without_marked(read: Columns) -> tuple[Mapping[str, Any], tuple[str, ...]]:
     """The columns without what `calibrate` marks, and what they were read as."""
     import numpy as np
 
-    from .._measurements import marked_in
+    from .._calibration._outliers import marked_in
 
     columns = read.values
     marked, _ = marked_in(columns["velocity"], columns["e"], columns.get("sigma"))

@@ -7,15 +7,10 @@ from ._deviation import FROM_FILE as FROM_FILE
 from ._fault import RecordingError as RecordingError
 from ._instants import Instants
 from ._intervals import Intervals
-from ._intervals import not_shrinking as not_shrinking
-from ._intervals import too_long as too_long
 from ._layout import LAYOUTS as LAYOUTS
 from ._layout import Layout as Layout
-from ._layout import counted as counted
 from ._layout import register_layout as register_layout
-from ._layout import span as span
-from ._outliers import marked_in as marked_in
-from ._pairs import Pairs as Pairs
+from ._pairs import RecordedPairs as RecordedPairs
 from ._pairs import make_pairs as make_pairs
 from ._peaks import Peaks
 from ._recording import Recording as Recording
@@ -23,9 +18,6 @@ from ._recording import read_recording as read_recording
 from ._records import Accelerations, Forces, Indentations
 from ._records import Impact as Impact
 from ._rest import Stops
-from ._restitution import MEASURED_RESTITUTION as MEASURED_RESTITUTION
-from ._restitution import MEASURED_RESTITUTION_FROM_ZERO as MEASURED_RESTITUTION_FROM_ZERO
-from ._restitution import in_percent as in_percent
 from ._samples import Samples
 from ._single import Heights, Table
 from ._speeds import Speeds

@@ -9,10 +9,11 @@ import re
 from collections.abc import Sequence
 from types import MappingProxyType
 
+from .._words import counted
 from ._clock import CLOCK
 from ._heading import Meaning, words
 from ._intervals import Group, Interval, Intervals, interval_groups
-from ._layout import DROP_HEIGHT, LABELS, bounces_of, counted
+from ._layout import DROP_HEIGHT, LABELS, bounces_of
 from ._match import Match
 from ._sheet import Row, Sheet
 

@@ -4,83 +4,37 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
+from .._calibration._plausible import (
+    EVEN,
+    MEASURED_RESTITUTION,
+    length_guess,
+    not_shrinking,
+    too_long,
+)
 from .._flight import STANDARD_GRAVITY, Flight, Floats, landing_speed, launch_speed
+from .._words import span
 from ._clock import CLOCK
 from ._deviation import FROM_FILE, deviation_of
 from ._heading import Meaning, words
-from ._layout import (
-    DROP_HEIGHT,
-    LABELS,
-    Flights,
-    Layout,
-    Paired,
-    ReadingError,
-    Record,
-    bounces_of,
-    span,
-)
+from ._layout import DROP_HEIGHT, LABELS, Flights, Layout, Paired, ReadingError, Record, bounces_of
 from ._match import Match
-from ._restitution import MEASURED_RESTITUTION, length_guess
 from ._sheet import Row, Sheet
 
 _TOLERANCE = 0.06
 _LATE_TOLERANCE = 0.25  # of the deviation that a late trigger would explain
 _MOST_MERGED = 5
 
-_LONG = 20.0
-"""Of an interval in s: a ball that is so long in the air came from half a kilometre."""
-
 _CONTRADICTS = 30.0
 """Shares of height that a ball keeps at its first impact and at its second do not differ by this
 factor, of five in e; even bounces that were not recorded before them do not make it."""
 
-EVEN = 0.985
-"""Balls that keep so much of their speed are hardly found: what is evener is a clock."""
-
-_MOST_COMPARED = 200
-
 Group = tuple[str, float | None, str]
-
-
-def too_long(seconds: ArrayLike, gravity: float = STANDARD_GRAVITY) -> str:
-    """Why these are no intervals in s, with a guess of their unit; nothing where they may be."""
-    typical = float(np.median(np.asarray(seconds)))
-    rise = gravity * typical**2 / 8
-    if rise <= STANDARD_GRAVITY * _LONG**2 / 8:
-        return ""
-    return (
-        f"half of the intervals are longer than {typical:g} s, in which a ball rises {rise:.0f} m; "
-        "are they in ms? then divide by 1000"
-    )
-
-
-def not_shrinking(chains: Iterable[Floats], power: float = 1.0) -> float | None:
-    """The median factor from one interval to the next, where those of no ball have it.
-
-    `chains` are successive intervals (n,) of one trial each, or with `power` 2 heights. They do not
-    shrink where the factor is above `EVEN` to this power, and where not clearly more of them are
-    shorter than one before than are longer: by less than two standard deviations of Kendall's
-    (1938) count, doi 10.1093/biomet/30.1-2.81.
-    """
-    steps, score, variance = [], 0.0, 0.0
-    for chain in chains:
-        one = chain[:_MOST_COMPARED]
-        n = one.size
-        steps.append(one[1:] / one[:-1])
-        score += float(np.sum(np.tril(np.sign(one[:, None] - one), -1)))
-        variance += n * (n - 1) * (2 * n + 5) / 18
-    ratios = np.concatenate(steps or [np.zeros(0)])
-    if not ratios.size or score <= -2 * math.sqrt(variance):
-        return None
-    middle = float(np.median(ratios))
-    return middle if middle > EVEN**power else None
 
 
 class Timing(NamedTuple):

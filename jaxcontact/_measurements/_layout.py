@@ -12,6 +12,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 import numpy as np
 
 from .._flight import Flight, Floats
+from .._words import Words
 from ._heading import Meaning, words
 from ._match import Match
 from ._sheet import Row, Sheet
@@ -33,20 +34,6 @@ DROP_HEIGHT = Meaning(
     10.0,
     "drops from more than 10 m",
 )
-
-Words = tuple[str, str]
-"""A noun phrase in the singular and in the plural."""
-
-
-def counted(count: int, words: Words) -> str:
-    """`1 trial`, `2 trials`, `0 trials`."""
-    return f"{count} {words[count != 1]}"
-
-
-def span(values: Sequence[float], unit: str = "") -> str:
-    """The range of values: `0.1 to 0.3 m`, or `0.1 m` where all are equal."""
-    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
-    return f"{low if low == high else f'{low} to {high}'} {unit}".rstrip()
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,96 +1,78 @@
-"""Pairs (approach speed, restitution) from recordings, with how strongly a reading error enters."""
+"""Pairs (approach speed, restitution) from recordings, with the records they were made of."""
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._flight import Flight, Floats
+from .._calibration._pairs import Ints, Pairs
+from .._flight import Flight
 from ._fault import RecordingError
 from ._layout import Layout, Record
 from ._recording import Recording
 
-Ints = NDArray[np.int64]
 
-LEAST_PAIRS = 4
-"""One parameter of the law, two of the noise, and one left over to judge the fit by."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RecordedPairs(Pairs):
+    """Pairs of a recording.
 
-_NEEDED = (
-    "is needed",
-    "are needed (one parameter of the law, two of the noise, one to judge the fit by)",
-)
-
-
-@dataclasses.dataclass(frozen=True)
-class Pairs:
-    """n measured pairs; every array has the shape (n,).
-
-    `velocity` is the approach speed in m/s and `restitution` the measured e. `first_row` and
-    `second_row` are the rows of `source` that a pair was made of (equal where it was made of one).
-    `reading_factor` says how a reading error enters: an error of standard deviation σ (in
-    `layout.reading_error.unit`) gives ln e the variance σ² · `reading_factor`. `cluster` numbers
-    the group of pairs that share errors, whose names are `cluster_names`. `records` are those of
-    each pair; `unpaired` counts the records that make no pair. Where the errors of the readings are
-    known, `covariance` (n, n) is that of ln e by them, and `reading` is their usual size;
-    `absolute`, whether that is all of the noise, as where a file gives standard deviations.
+    `first_row` and `second_row` are the rows of `source` that a pair was made of (equal where it
+    was made of one). Reading errors are in `layout.reading_error.unit`. `records` are those of each
+    pair; `unpaired` counts the records that make no pair.
     """
 
     source: str
     layout: Layout[Any]
     ball: str
-    velocity: Floats
-    restitution: Floats
-    reading_factor: Floats
     first_row: Ints
     second_row: Ints
-    cluster: Ints
-    cluster_names: tuple[str, ...]
     records: tuple[tuple[Record, ...], ...]
     flight: Flight
     unpaired: int
-    covariance: Floats | None = None
-    reading: float = 0.0
-    absolute: bool = False
 
-    def __len__(self) -> int:
-        return len(self.velocity)
+    @property
+    def words(self) -> tuple[str, str]:
+        return self.layout.pair_words
 
-    def where(self, keep: NDArray[np.bool_]) -> Pairs:
-        """The pairs for which `keep` (n,) is true."""
-        kept = {name: x[keep] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
-        if self.covariance is not None:
-            kept["covariance"] = self.covariance[np.ix_(keep, keep)]
+    @property
+    def owner(self) -> str:
+        return f" of {self.ball}" if self.ball else ""
+
+    @property
+    def rule(self) -> str:
+        return self.layout.pair_rule
+
+    @property
+    def from_flights(self) -> bool:
+        return self.layout.uses_flight
+
+    def guess(self, flagged: NDArray[np.bool_], e: float) -> Mapping[int, str]:
+        return self.layout.guess(self.records, flagged, e)
+
+    def where(self, keep: NDArray[np.bool_]) -> RecordedPairs:
         records = tuple(itertools.compress(self.records, keep))
-        return dataclasses.replace(self, records=records, **kept)
+        kept = super().where(keep)
+        assert isinstance(kept, RecordedPairs)
+        return dataclasses.replace(kept, records=records)
 
-    def needs_enough(self, marked: int = 0, least: int = LEAST_PAIRS) -> None:
-        """Raise RecordingError for fewer pairs than `least`; `marked` ones were left out before."""
-        count = len(self)
-        if count >= least:
-            return
-        what = self.layout.pair_words[count != 1] + (f" of {self.ball}" if self.ball else "")
-        left_out = f"; {marked} more lie off the trend and are left out" if marked else ""
-        raise RecordingError(
-            f"{count} usable {what}, but at least {least} {_NEEDED[least > 1]}{left_out}; "
-            f"{self.layout.pair_rule}; add rows",
-            self.source,
-            int(self.second_row.max()) if count else None,
-            self.layout.columns[-1],
-        )
+    def fault(self, problem: str) -> ValueError:
+        last = int(self.second_row.max()) if len(self) else None
+        return RecordingError(problem, self.source, last, self.layout.columns[-1])
 
 
-def make_pairs(recording: Recording, flight: Flight) -> Pairs:
+def make_pairs(recording: Recording, flight: Flight) -> RecordedPairs:
     """The pairs in a recording: e = launch speed/landing speed at approach speed = landing speed.
 
     Speeds follow from the readings by `flight`, unless the layout gives them.
     """
     made = recording.layout.pair(recording.records, flight)
     order = {name: number for number, name in enumerate(dict.fromkeys(made.clusters))}
-    return Pairs(
+    return RecordedPairs(
         source=recording.source,
         layout=recording.layout,
         ball=recording.ball,

@@ -8,11 +8,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from .._calibration._plausible import MEASURED_RESTITUTION, length_guess, not_shrinking
 from .._flight import Flight, speed_after_drop, speed_to_reach
+from .._words import span
 from ._heading import Meaning, words
-from ._intervals import not_shrinking
-from ._layout import LABELS, Flights, Layout, Paired, ReadingError, Record, bounces_of, span
-from ._restitution import MEASURED_RESTITUTION, length_guess
+from ._layout import LABELS, Flights, Layout, Paired, ReadingError, Record, bounces_of
 from ._sheet import Row
 
 

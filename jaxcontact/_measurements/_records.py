@@ -9,11 +9,12 @@ from types import MappingProxyType
 import numpy as np
 
 from .._flight import Flight
+from .._words import counted, span
 from ._clock import CLOCK, column_of, even
 from ._cut import LEAST_READINGS, Cut, cut, shown
 from ._fault import RecordingError
 from ._heading import Meaning, words
-from ._layout import Layout, Paired, Record, counted, span
+from ._layout import Layout, Paired, Record
 from ._sheet import Row
 from ._trace import Doubtful, Floats, Trace, noise_of
 

@@ -17,8 +17,9 @@ from .._flight import (
     speed_after_drop,
     time_to_fall,
 )
+from .._words import span
 from ._heading import Meaning, words
-from ._layout import DROP_HEIGHT, LABELS, Layout, Paired, ReadingError, Record, span
+from ._layout import DROP_HEIGHT, LABELS, Layout, Paired, ReadingError, Record
 from ._sheet import Row
 
 _BOUNCES = 200

@@ -8,11 +8,12 @@ from types import MappingProxyType
 
 import numpy as np
 
+from .._calibration._plausible import MEASURED_RESTITUTION, in_percent, length_guess
 from .._flight import Flight, speed_after_drop, speed_to_reach
+from .._words import span
 from ._deviation import FROM_FILE, deviation_of
 from ._heading import Meaning, words
-from ._layout import DROP_HEIGHT, LABELS, Flights, Layout, Paired, ReadingError, Record, span
-from ._restitution import MEASURED_RESTITUTION, in_percent, length_guess
+from ._layout import DROP_HEIGHT, LABELS, Flights, Layout, Paired, ReadingError, Record
 from ._sheet import Row
 
 

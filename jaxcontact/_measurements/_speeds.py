@@ -8,10 +8,11 @@ from types import MappingProxyType
 
 import numpy as np
 
+from .._calibration._plausible import MEASURED_RESTITUTION
 from .._flight import Flight
+from .._words import span
 from ._heading import Meaning, words
-from ._layout import LABELS, Layout, Paired, ReadingError, Record, span
-from ._restitution import MEASURED_RESTITUTION
+from ._layout import LABELS, Layout, Paired, ReadingError, Record
 from ._sheet import Row
 from ._single import VELOCITY
 

@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from .._calibration._plausible import too_long
 from .._flight import Flight
 from .._track import Drop, Frames, Track
+from .._words import counted, span
 from ._heading import Meaning, words
-from ._intervals import ratios_of, too_long
-from ._layout import LABELS, Flights, Layout, Paired, ReadingError, Record, counted, span
+from ._intervals import ratios_of
+from ._layout import LABELS, Flights, Layout, Paired, ReadingError, Record
 from ._sheet import Row
 from ._track_frames import clock_of, frames_of
 from ._track_words import camera_notes, shown_e, skipped_notes, wrong_lengths

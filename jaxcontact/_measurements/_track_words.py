@@ -10,7 +10,6 @@ import numpy as np
 from .._flight import STANDARD_GRAVITY
 from .._text_table import with_error
 from .._track import Drop, Track
-from ._layout import counted, span
 
 _SHOWN = 6
 _MOST_WRONG = 1.5

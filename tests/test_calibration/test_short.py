@@ -9,13 +9,13 @@ import jaxcontact as jc
 from jaxcontact._calibration._at_speed import AtSpeed
 from jaxcontact._calibration._choice import ChoiceData, LawFit
 from jaxcontact._calibration._estimate import Estimate
+from jaxcontact._calibration._noise import Noise
 from jaxcontact._calibration._report import equivalents_sentence, marking_rule
 from jaxcontact._calibration._short import cautions, headlines, law_sentence
 from jaxcontact._calibration._summary_data import PairSummary, RecordingSummary, contact_note
 from jaxcontact._calibration._trend import Curve, Line
 from jaxcontact._fit import Candidate
 from jaxcontact._fit._compare import _verdict
-from jaxcontact._measurements._noise import Noise
 
 GOOD = {"adequate": True, "grounds": "residuals do not follow x, p = 0.4"}
 BAD = {"adequate": False, "grounds": "residuals follow x, p < 1e-03"}

@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._flight import Flight, Floats
+from .._flight import Floats
 from ._noise import RELATIVE_FLOOR, Noise, estimate_noise, mad_sigma
-from ._pairs import LEAST_PAIRS, Pairs, make_pairs
-from ._recording import read_recording
+from ._pairs import LEAST_PAIRS, Pairs, pairs_of
 
 THRESHOLD = 6.0
 """Pairs beyond this many robust standard deviations are marked. Real scatter has longer tails than
@@ -114,9 +113,8 @@ def marked_in(
     marked = np.zeros(e.shape, bool)
     if there.sum() < LEAST_PAIRS:
         return marked, np.where(there, e, 1.0)
-    known: dict[str, Any] = {} if sigma is None else {"sigma": sigma[there]}
-    table = read_recording(velocity=velocity[there], restitution=e[there], **known)
-    found = find_outliers(make_pairs(table, Flight()))
+    known = None if sigma is None else sigma[there]
+    found = find_outliers(pairs_of(velocity[there], e[there], known))
     marked[there] = found.flagged
     return marked, np.exp(found.trend(velocity))
 
@@ -139,10 +137,10 @@ def find_outliers(pairs: Pairs) -> Outliers:
     # Few pairs may agree by chance to less than what their readings are known to be off.
     least = 0.0 if pairs.covariance is None else np.sqrt(np.diag(pairs.covariance))
     found = mark(pairs.velocity, pairs.restitution, pairs.reading_factor, least)
-    if found.flagged.any() and not pairs.layout.uses_flight:
+    if found.flagged.any() and not pairs.from_flights:
         found = found._replace(flagged=found.flagged & _off_curve(pairs))
     usual = float(np.exp(np.median(found.trend(pairs.velocity[~found.flagged]))))
-    told = pairs.layout.guess(pairs.records, found.flagged, usual)
+    told = pairs.guess(found.flagged, usual)
     guess = {k: told.get(k, "unclear") for k in map(int, np.flatnonzero(found.flagged))}
     return Outliers(found.flagged, found.deviation, guess, found.trend, found.noise)
 
