@@ -26,7 +26,7 @@ from .._parameter import (
     require_number,
 )
 from .._program import quick
-from .._progress import Listener, Tell, progress_of, require_progress
+from .._text.progress import Listener, Tell, progress_of, require_progress
 from ._cells import Grid
 from ._coupled import MOST
 from ._due import expecting
