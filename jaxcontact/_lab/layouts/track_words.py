@@ -9,6 +9,7 @@ import numpy as np
 
 from ..._flight import STANDARD_GRAVITY
 from ..._text.table import with_error
+from ..._text.words import counted, span
 from ..track import Drop, Track
 
 _SHOWN = 6
