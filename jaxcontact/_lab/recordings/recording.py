@@ -9,7 +9,7 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import IO, Any
 
 import numpy as np
@@ -159,15 +159,7 @@ def read_recording(
         one.name: {name: one.meaning(name) for name in one.columns} for one in LAYOUTS.values()
     }
     every = {name: meaning for one in meanings.values() for name, meaning in one.items()}
-    for name in values:
-        if name not in every:
-            raise ValueError(
-                f"Argument `{name}` is no known column; these are {', '.join(every)}."
-                f"{did_you_mean(name, every)}"
-            )
-    for name in told:
-        if not any(key == name or meaning.heading(name) for key, meaning in every.items()):
-            raise ValueError(unknown_name(name, meanings.values()))
+    _refuse_unknown_columns(values, told, meanings, every)
 
     # A text is looked at for every separator that it might have.
     @functools.cache
@@ -196,11 +188,38 @@ def read_recording(
         check_usual(rows, meanings[meant.name])
     if meant.fitted:  # a long search, which waits for the check of units
         records = meant.read(rows)
-    balls = dict.fromkeys(record.ball for record in records)
-    named = ", ".join(filter(None, balls))
     if ball is None and source is None and not values:
         ball = _SHIPPED_BALL
-    elif ball is None:
+    ball = _chosen_ball(ball, records, sheet)
+    mine = tuple(record for record in records if record.ball == ball)
+    unused = unused_notes(sheet.names, found.places)
+    notes = (*found.notes(), *sheet.notes, *meant.notes(mine), *unused)
+    return Recording(sheet.source, meant, ball, mine, notes, sound_of(mine))
+
+
+def _refuse_unknown_columns(
+    values: Mapping[str, Any],
+    told: Told,
+    meanings: Mapping[str, Mapping[str, Meaning]],
+    every: Mapping[str, Meaning],
+) -> None:
+    """Raise ValueError for a keyword, or a name in `columns`, that no layout has."""
+    for name in values:
+        if name not in every:
+            raise ValueError(
+                f"Argument `{name}` is no known column; these are {', '.join(every)}."
+                f"{did_you_mean(name, every)}"
+            )
+    for name in told:
+        if not any(key == name or meaning.heading(name) for key, meaning in every.items()):
+            raise ValueError(unknown_name(name, meanings.values()))
+
+
+def _chosen_ball(ball: str | None, records: Sequence[Record], sheet: Sheet) -> str:
+    """The ball to take, by its name or as the only one. Raises RecordingError where none is it."""
+    balls = dict.fromkeys(record.ball for record in records)
+    named = ", ".join(filter(None, balls))
+    if ball is None:
         ball, *others = balls
         if others:
             # By keyword, `ball` is the column.
@@ -211,10 +230,7 @@ def read_recording(
     if ball not in balls:
         problem = f"has no ball {ball!r}; it holds {named or 'no named ball'}"
         raise sheet.fault(problem + did_you_mean(ball, balls).rstrip("?"), "ball")
-    mine = tuple(record for record in records if record.ball == ball)
-    unused = unused_notes(sheet.names, found.places)
-    notes = (*found.notes(), *sheet.notes, *meant.notes(mine), *unused)
-    return Recording(sheet.source, meant, ball, mine, notes, sound_of(mine))
+    return ball
 
 
 def _with_trials(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Sheet:
