@@ -27,12 +27,12 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import jaxcontact as jc
 from benchmarks.record_truths import GRAVITY, Truth, draw
 from benchmarks.study import command
-from jaxcontact._calibration._choose import padded_data
-from jaxcontact._calibration._kinds import ConstantC, ConstantE
-from jaxcontact._calibration._outcomes import LogOutcomes
-from jaxcontact._calibration._record_pairs import Fitted, fitted_impacts, weighed
+from jaxcontact._calibration.choice.choose_law import padded_data
+from jaxcontact._calibration.choice.kinds import ConstantC, ConstantE
+from jaxcontact._calibration.choice.outcomes import LogOutcomes
+from jaxcontact._calibration.pairs.pairs import LEAST_PAIRS
 from jaxcontact._flight import Flight
-from jaxcontact._measurements._pairs import LEAST_PAIRS
+from jaxcontact._lab.records.all_impacts import Fitted, fitted_impacts, weighed
 
 SEED = 31
 DRAWS = 380

@@ -25,11 +25,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import jaxcontact as jc
 from benchmarks.sound_truths import Truth, as_wave, draw
 from benchmarks.study import command
-from jaxcontact._calibration._choose import weights_of
+from jaxcontact._calibration.choice.choose_law import weights_of
+from jaxcontact._calibration.pairs.outliers import find_outliers
+from jaxcontact._calibration.pairs.pairs import LEAST_PAIRS
 from jaxcontact._flight import Flight
-from jaxcontact._measurements import make_pairs
-from jaxcontact._measurements._outliers import find_outliers
-from jaxcontact._measurements._pairs import LEAST_PAIRS
+from jaxcontact._lab.recordings import make_pairs
 
 SEED = 20
 DRAWS = 2000

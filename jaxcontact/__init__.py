@@ -11,26 +11,20 @@ if _TYPE_CHECKING:
     from ._bounce import bounce as bounce
     from ._cache import cache as cache
     from ._calibration import AbstractShape as AbstractShape
-    from ._calibration import Calibration as Calibration
-    from ._calibration import CalibrationSummary as CalibrationSummary
     from ._calibration import Design as Design
     from ._calibration import LawChoice as LawChoice
-    from ._calibration import LowPass as LowPass
     from ._calibration import Network as Network
     from ._calibration import Rational as Rational
     from ._calibration import Spline as Spline
     from ._calibration import VelocityProfile as VelocityProfile
-    from ._calibration import calibrate as calibrate
     from ._calibration import choose_law as choose_law
     from ._calibration import design as design
     from ._calibration import fit_bounces as fit_bounces
     from ._calibration import fit_damping as fit_damping
     from ._calibration import fit_energy_loss as fit_energy_loss
     from ._calibration import fit_impacts as fit_impacts
-    from ._calibration import fit_record as fit_record
     from ._calibration import fit_velocity_profile as fit_velocity_profile
     from ._calibration import learn_law as learn_law
-    from ._calibration import load_calibration as load_calibration
     from ._contact import Contact as Contact
     from ._contact import Material as Material
     from ._elementary import power as power
@@ -60,6 +54,16 @@ if _TYPE_CHECKING:
     from ._impact import impact as impact
     from ._impact import restitution as restitution
     from ._impact import trajectory as trajectory
+    from ._lab import Calibration as Calibration
+    from ._lab import CalibrationSummary as CalibrationSummary
+    from ._lab import LowPass as LowPass
+    from ._lab import Recording as Recording
+    from ._lab import RecordingError as RecordingError
+    from ._lab import calibrate as calibrate
+    from ._lab import fit_record as fit_record
+    from ._lab import load_calibration as load_calibration
+    from ._lab import read_recording as read_recording
+    from ._lab import report as report
     from ._laws import VELOCITY_THRESHOLD as VELOCITY_THRESHOLD
     from ._laws import AbstractHuntCrossley as AbstractHuntCrossley
     from ._laws import AbstractLaw as AbstractLaw
@@ -93,10 +97,6 @@ if _TYPE_CHECKING:
     from ._laws import get_law as get_law
     from ._laws import list_laws as list_laws
     from ._laws import register_law as register_law
-    from ._measurements import Recording as Recording
-    from ._measurements import RecordingError as RecordingError
-    from ._measurements import read_recording as read_recording
-    from ._report import report as report
     from ._scene import Box as Box
     from ._scene import Ending as Ending
     from ._scene import Impacts as Impacts
@@ -123,9 +123,8 @@ _ROOMS = {
     "_bounce": "Bounce bounce",
     "_cache": "cache",
     "_calibration": (
-        "AbstractShape Calibration CalibrationSummary Design LawChoice LowPass Network Rational "
-        "Spline VelocityProfile calibrate choose_law design fit_bounces fit_damping "
-        "fit_energy_loss fit_impacts fit_record fit_velocity_profile learn_law load_calibration"
+        "AbstractShape Design LawChoice Network Rational Spline VelocityProfile choose_law design "
+        "fit_bounces fit_damping fit_energy_loss fit_impacts fit_velocity_profile learn_law"
     ),
     "_contact": "Contact Material",
     "_elementary": "power",
@@ -136,6 +135,10 @@ _ROOMS = {
     "_impact": (
         "AbstractMethod Event Exact Impact Phase Status Trajectory impact restitution trajectory"
     ),
+    "_lab": (
+        "Calibration CalibrationSummary LowPass Recording RecordingError calibrate fit_record "
+        "load_calibration read_recording report"
+    ),
     "_laws": (
         "VELOCITY_THRESHOLD AbstractHuntCrossley AbstractLaw AntypovElliott Bridges "
         "CarvalhoMartins ConstantDamping Damped EnergyLoss ExactRestitution Flores Gonthier "
@@ -143,8 +146,6 @@ _ROOMS = {
         "LankaraniNikravesh LeeWang LinearDashpot MarhefkaOrin PowerDamping PowerRestitution "
         "StepDamping Thornton ThorntonPlastic Tsuji ZhiyingQishao get_law list_laws register_law"
     ),
-    "_measurements": "Recording RecordingError read_recording",
-    "_report": "report",
     "_scene": (
         "Box Ending Impacts Margin Moment Plane Prescribed Run Scene Shell Sphere Steady "
         "Vibration Way random_spheres read_scene simulate"

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact.plot._calibration import calibration
+from jaxcontact._lab.plots.calibration import calibration
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from scipy import stats
 
 import jaxcontact as jc
 import jaxcontact._calibration
-from jaxcontact._units import Shown
+from jaxcontact._text.units import Shown
 
 X = np.linspace(1, 4, 20)
 Y = 2 * X + np.random.default_rng(0).normal(size=20)

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from jaxcontact import _progress
-from jaxcontact._progress import Stages, in_notebook, progress_of
+from jaxcontact._text import progress as _progress
+from jaxcontact._text.progress import Stages, in_notebook, progress_of
 
 
 class Terminal(io.StringIO):

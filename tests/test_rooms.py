@@ -25,26 +25,16 @@ ROOT = Path(__file__).parents[1] / PACKAGE
 # itself.
 FLOORS = [
     {"_parameter", "_varying"},
-    {
-        "_cache",
-        "_elementary",
-        "_implicit",
-        "_program",
-        "_units",
-        "_progress",
-        "_text_table",
-        "_whole_files",
-        "data",
-    },
-    {"_flight", "_fit", "_solver", "_sound", "_track"},
+    {"_cache", "_elementary", "_implicit", "_program", "_text", "data"},
+    {"_flight", "_fit", "_solver"},
     {"_forms"},
     {"_laws"},
     {"_contact"},
     {"_impact"},
-    {"_bounce", "_scene", "_sweep", "_measurements", "_export"},
+    {"_bounce", "_scene", "_sweep", "_export"},
     {"_calibration"},
     {"plot", "_explore"},
-    {"paper", "_report"},
+    {"paper", "_lab"},
     {"_cli"},
     {"__init__"},
     {"__main__"},
@@ -56,13 +46,13 @@ FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
     "diffrax": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
     "optimistix": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
-    "matplotlib": ({"plot", "paper", "_cli"}, {"plot"}),
-    "soundfile": ({"_sound"}, set()),
+    "matplotlib": ({"plot", "paper", "_cli", "_lab"}, {"plot"}),
+    "soundfile": ({"_lab"}, set()),
     "optax": ({"_fit"}, set()),
     "blackjax": ({"_fit"}, set()),
     "xarray": (None, set()),
     "zarr": (None, set()),
-    "tqdm": ({"_progress"}, set()),
+    "tqdm": ({"_text"}, set()),
     "tests": (set(), set()),
     "benchmarks": (set(), set()),
 }
@@ -78,7 +68,7 @@ class Import:
 
 
 def _is_type_checking(test: ast.expr) -> bool:
-    return (isinstance(test, ast.Name) and test.id == "TYPE_CHECKING") or (
+    return (isinstance(test, ast.Name) and test.id.lstrip("_") == "TYPE_CHECKING") or (
         isinstance(test, ast.Attribute) and test.attr == "TYPE_CHECKING"
     )
 
@@ -310,7 +300,7 @@ BAD = [
     ("_sweep/_a.py", "from .._calibration import x", "_sweep may not import _calibration"),
     ("_fit/_a.py", "from .._laws import Hertz", "_fit may not import _laws"),
     ("_fit/_a.py", "from .._impact import impact", "_fit may not import _impact"),
-    ("_fit/_a.py", "from .._measurements import x", "_fit may not import _measurements"),
+    ("_fit/_a.py", "from .._lab import x", "_fit may not import _lab"),
     ("_impact/_a.py", "from .._sweep._table import Table", "_impact may not import _sweep"),
     ("_impact/_a.py", "from matplotlib import pyplot", "_impact may not import matplotlib"),
     ("paper/_a.py", "import matplotlib.pyplot", "only inside functions"),

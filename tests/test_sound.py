@@ -12,11 +12,11 @@ import pytest
 import jaxcontact as jc
 from benchmarks.sound import constant_e, one_of, summary
 from benchmarks.sound_truths import Truth, as_wave, draw
+from jaxcontact._calibration.pairs.noise import scatter_beside
 from jaxcontact._cli import main
-from jaxcontact._cli._calibrate import SOUND
-from jaxcontact._measurements import read_columns
-from jaxcontact._measurements._noise import scatter_beside
-from jaxcontact._sound._listen import listen
+from jaxcontact._cli.commands.calibrate import SOUND
+from jaxcontact._lab.recordings import read_columns
+from jaxcontact._lab.sound.listening import listen
 
 CLEAN = 4
 """A draw with a clear drop: e = 0.64, 37 dB over the noise."""
@@ -243,8 +243,8 @@ def test_scatter_beside_known_errors_is_found():
 def test_the_covariance_of_pairs_is_that_of_their_times():
     """By finite differences of ln e by each time, and by the duration of contact."""
     from jaxcontact._flight import Flight
-    from jaxcontact._measurements import make_pairs
-    from jaxcontact._measurements._intervals import Timing
+    from jaxcontact._lab.layouts.intervals import Timing
+    from jaxcontact._lab.recordings import make_pairs
 
     recording = jc.read_recording(interval_s=FLIGHTS)
     sigma = np.array([1e-5, 3e-5, 2e-5, 5e-5, 4e-5])

@@ -1,6 +1,6 @@
 """Tables and wrapped text, character by character."""
 
-from jaxcontact._text_table import markdown_table, text_table, wrapped
+from jaxcontact._text.table import markdown_table, text_table, wrapped
 
 
 def test_columns_are_as_wide_as_their_widest_cell():

@@ -13,11 +13,11 @@ from benchmarks.sound import constant_e
 from benchmarks.track_truths import GRAVITY, Truth, draw
 from benchmarks.tracks import clear, each_impact, flight_of, one_of, summary
 from jaxcontact._cli import main
-from jaxcontact._cli._calibrate import TRACK
+from jaxcontact._cli.commands.calibrate import TRACK
 from jaxcontact._flight import Flight
-from jaxcontact._measurements import make_pairs
-from jaxcontact._track._model import Model, lagging, parabola, slowed
-from jaxcontact._track._seen import Drop
+from jaxcontact._lab.recordings import make_pairs
+from jaxcontact._lab.track.model import Model, lagging, parabola, slowed
+from jaxcontact._lab.track.seen import Drop
 
 CLEAN = 705
 """A draw with 5 impacts, e = 0.841, misreadings, a frame that is missing, rolled by 7.4°."""

@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._units import label, meaning, quantity
+from jaxcontact._text.units import label, meaning, quantity
 
 # What says itself, and what is no quantity.
 PLAIN = {"restitution", "status", "method"}

@@ -12,7 +12,7 @@ from .._flight import duration, height_after
 from .._impact import Status
 from .._impact._result import status_words
 from .._parameter import as_parameter, require_broadcast, shown
-from .._units import quantity
+from .._text.units import quantity
 
 TOUCHES = (
     *("time", "duration", "return_time", "impact_velocity"),

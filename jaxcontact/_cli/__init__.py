@@ -9,35 +9,24 @@ import sys
 from collections.abc import Sequence
 
 from .._cache import VARIABLE
-from .._progress import Stages
-from . import (
-    _calibrate,
-    _design,
-    _explore,
-    _export,
-    _fit,
-    _impact,
-    _laws,
-    _paper,
-    _scene,
-    _sweep,
-)
-from ._cache import keep_programs
-from ._options import InputError
-from ._parser import SHELLS, Completion, Parser, Version
+from .._text.progress import Stages
+from .cache import keep_programs
+from .commands import calibrate, design, explore, export, fit, impact, laws, paper, scene, sweep
+from .options import InputError
+from .parser import SHELLS, Completion, Parser, Version
 
 # Each has SUMMARY, DESCRIPTION and EPILOG, `add_options(parser)` and `run(arguments, progress)`.
 _COMMANDS = {
-    "calibrate": _calibrate,
-    "fit": _fit,
-    "design": _design,
-    "export": _export,
-    "explore": _explore,
-    "laws": _laws,
-    "impact": _impact,
-    "sweep": _sweep,
-    "scene": _scene,
-    "paper": _paper,
+    "calibrate": calibrate,
+    "fit": fit,
+    "design": design,
+    "export": export,
+    "explore": explore,
+    "laws": laws,
+    "impact": impact,
+    "sweep": sweep,
+    "scene": scene,
+    "paper": paper,
 }
 
 _INTERRUPTED = 130  # as shells count: 128 and the number of the signal

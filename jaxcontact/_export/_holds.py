@@ -13,7 +13,7 @@ from .._contact import Contact
 from .._impact import impact
 from .._laws import AbstractLaw
 from .._parameter import POSITIVE, require_number
-from .._text_table import text_table
+from .._text.table import text_table
 
 _DECADES, _EACH = 2, 20
 """The range looked at, to both sides of a speed, and the speeds in each decade."""

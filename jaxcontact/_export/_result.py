@@ -10,8 +10,8 @@ from jaxtyping import Float
 from .._contact import Contact
 from .._laws import AbstractLaw
 from .._parameter import POSITIVE, require_number
-from .._text_table import text_table
-from .._units import quantity
+from .._text.table import text_table
+from .._text.units import quantity
 from ._holds import SpeedRange, signed, speed_range
 from ._stepping import Stepped, stepped
 from ._wanted import Draft

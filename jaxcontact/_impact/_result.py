@@ -10,7 +10,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from .._parameter import shown
-from .._units import quantity
+from .._text.units import quantity
 
 NUMBERS = (
     *("restitution", "rebound_velocity", "duration", "compression_time"),

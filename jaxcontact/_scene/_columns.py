@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, TextIO, cast
 import numpy as np
 
 from .._parameter import require_path
-from .._whole_files import write_all
+from .._text.files import write_all
 
 
 def write_csv(

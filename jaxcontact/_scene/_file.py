@@ -23,7 +23,7 @@ from .._parameter import (
     require_number,
     require_path,
 )
-from .._whole_files import read_whole
+from .._text.files import read_whole
 from ._bodies import AbstractBody
 from ._motion import AbstractMotion, Steady, Vibration
 from ._pairs import DEFAULT

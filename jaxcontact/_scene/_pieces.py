@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from .._program import quick
-from .._progress import Tell
+from .._text.progress import Tell
 from ._cells import Grid
 from ._due import expecting
 from ._followed import Given

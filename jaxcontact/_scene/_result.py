@@ -13,7 +13,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
-from .._text_table import text_table
+from .._text.table import text_table
 from ._columns import write_csv
 
 

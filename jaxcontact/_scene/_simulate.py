@@ -25,7 +25,7 @@ from .._parameter import (
     require_number,
 )
 from .._program import quick
-from .._progress import Listener, progress_of, require_progress
+from .._text.progress import Listener, progress_of, require_progress
 from ._coupled import MOST
 from ._course import Course
 from ._entry import one_number

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TextIO, cast
 import numpy as np
 
 from .._impact import Status
-from .._units import meaning
-from .._whole_files import write_all
+from .._text.files import write_all
+from .._text.units import meaning
 from ._long_table import rows_of
 from ._table import Table
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from .._impact import Status
 from .._parameter import require_choice, require_number, require_path
-from .._text_table import wrapped
-from .._units import quantity
+from .._text.table import wrapped
+from .._text.units import quantity
 from ._export import dataset, write_csv
 from ._table import Table
 

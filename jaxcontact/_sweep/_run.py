@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._impact import Status
-from .._progress import Tell
+from .._text.progress import Tell
 from ._axes import Grid
 from ._blocks import Arrays, Block, Part, shape_of
 from ._column import Column

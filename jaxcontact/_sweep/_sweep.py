@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._parameter import rendered, require_count, require_function
-from .._progress import Listener, Tell, progress_of
+from .._text.progress import Listener, Tell, progress_of
 from ._axes import Grid, check_call, grid_of
 from ._blocks import Order, blocks_of, shape_of
 from ._column import Column, within

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._units import label
+from .._text.units import label
 from ._ball import ball_table, impacts
 from ._impacts import Impacts
 from ._reproduction import Reproduction, long_table

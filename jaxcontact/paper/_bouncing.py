@@ -11,7 +11,7 @@ from .._bounce import bounce
 from .._contact import Contact
 from .._impact import Status
 from .._laws import HuGuo
-from .._units import label
+from .._text.units import label
 from . import _ball
 from ._reproduction import Reproduction, long_table
 from ._style import RESTITUTIONS, SHADES, legend_above, sheet

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._units import label
+from .._text.units import label
 from ._cases import CASES, impacts
 from ._reproduction import Reproduction, long_table
 from ._style import VELOCITY, sheet

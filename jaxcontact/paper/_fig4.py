@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._units import label
+from .._text.units import label
 from ._cases import CASES, impacts
 from ._compression import compression
 from ._regression import INTERVALS, regression_tables

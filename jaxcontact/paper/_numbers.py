@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from .._contact import Contact, Material
 from .._laws import get_law
 from .._parameter import rendered
-from .._text_table import markdown_table
+from .._text.table import markdown_table
 from . import _ball, _cases
 from ._fig4 import fig4
 from ._published import PUBLISHED, Published

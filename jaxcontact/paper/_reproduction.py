@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._text_table import text_table
+from .._text.table import text_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,7 +1,10 @@
 """Pictures: every function draws on the axes it is given, or on new ones, and returns them."""
 
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
+
 from ._animate import animate as animate
-from ._calibration import calibration as calibration
 from ._choice import choice as choice
 from ._corner import corner as corner
 from ._energy import energy as energy
@@ -9,11 +12,27 @@ from ._fit import fit as fit
 from ._impact import impact as impact
 from ._law import law as law
 from ._profile import profile as profile
-from ._record import record as record
 from ._residuals import residuals as residuals
 from ._save import save as save
 from ._scene import scene as scene
-from ._sound import sound as sound
 from ._sweep import sweep as sweep
-from ._track import track as track
 from ._trajectory import trajectory as trajectory
+
+if _TYPE_CHECKING:
+    from .._lab.plots.calibration import calibration as calibration
+    from .._lab.plots.record import record as record
+    from .._lab.plots.sound import sound as sound
+    from .._lab.plots.track import track as track
+
+_OF_THE_LABORATORY = "calibration", "record", "sound", "track"
+
+
+def __getattr__(name: str) -> _Any:
+    # The laboratory stands above, and imports the parts that all pictures share from here.
+    if name not in _OF_THE_LABORATORY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(_import_module(f"jaxcontact._lab.plots.{name}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_OF_THE_LABORATORY})

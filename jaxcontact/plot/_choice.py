@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._calibration import LawChoice
-from .._calibration._choice import ChoiceData
+from .._calibration.choice.law_choice import ChoiceData
 from .._parameter import require_kind
 from ._axes import axes_of
 from ._labels import put_label

@@ -11,7 +11,7 @@ from jaxtyping import ArrayLike
 from .._calibration import VelocityProfile
 from .._fit import Fit, FitData
 from .._parameter import FRACTION, as_numbers, rendered, require_kind, require_number
-from .._units import Shown
+from .._text.units import Shown
 from ._axes import axes_for
 from ._labels import put_label
 from ._style import DATA, legend_above

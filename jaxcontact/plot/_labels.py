@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import _units as units
+from .._text import units as units
 
 if TYPE_CHECKING:
     from matplotlib.axis import Axis

@@ -12,7 +12,7 @@ from .._contact import Contact, require_contact
 from .._impact import restitution, restitution_is_constant, trajectory
 from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, ranges, require_kind, require_number
-from .._units import label as words_of
+from .._text.units import label as words_of
 from ._axes import axes_for
 from ._labels import put_label
 from ._style import GUIDE, legend_above

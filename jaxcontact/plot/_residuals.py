@@ -9,7 +9,7 @@ from scipy.special import ndtri
 
 from .._calibration import VelocityProfile
 from .._fit import Fit
-from .._units import meaning
+from .._text.units import meaning
 from ._axes import axes_for
 from ._fit import fit_of, shown_of
 from ._labels import put_label

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._parameter import Range, as_array, rendered, require_number, require_path
-from .._whole_files import FIGURES, write_all
+from .._text.files import FIGURES, write_all
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,7 +9,7 @@ import numpy as np
 from .._parameter import rendered, require_kind
 from .._sweep import Sweep
 from .._sweep._axes import SAMPLE
-from .._units import label
+from .._text.units import label
 from ._axes import axes_of
 from ._labels import put_label
 from ._style import legend_above

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 import jaxcontact as jc
 from jaxcontact._flight import Flight
-from jaxcontact._measurements import make_pairs
+from jaxcontact._lab.recordings import make_pairs
 from tests.test_calibration import oracle
 from tests.test_measurements.simulate import recording
 

@@ -6,8 +6,8 @@ import pytest
 from scipy import optimize
 
 import jaxcontact as jc
-from jaxcontact._calibration import _asked
-from jaxcontact._calibration._asked import asked_of, delivered_by_laws
+from jaxcontact._calibration.choice import equivalent_e as _asked
+from jaxcontact._calibration.choice.equivalent_e import asked_of, delivered_by_laws
 from jaxcontact._laws import _registry
 
 CONTACT = jc.Contact(mass=0.03, stiffness=1e6)

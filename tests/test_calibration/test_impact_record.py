@@ -15,7 +15,7 @@ from benchmarks.fit_truths import (
     TOUCH,
     clean_record,
 )
-from jaxcontact._calibration._limits import limits_of
+from jaxcontact._lab.records.saturation import limits_of
 
 NOISE_FORCE, NOISE_DEPTH = 5.0, 2e-6
 TRUE = {

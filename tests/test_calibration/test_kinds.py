@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration._kinds import ConstantC, LogRestitution, kinds_of
-from jaxcontact._calibration._plastic import plastic_impact
+from jaxcontact._calibration.choice.kinds import ConstantC, LogRestitution, kinds_of
+from jaxcontact._calibration.choice.plastic import plastic_impact
 from tests.test_calibration import oracle
 
 ORACLE = 1e-7

@@ -10,7 +10,7 @@ import pytest
 from scipy import optimize, special, stats
 
 import jaxcontact as jc
-from jaxcontact._calibration._impacts import ImpactModel, transforms_of
+from jaxcontact._calibration.problems.impacts import ImpactModel, transforms_of
 
 CONTACT = jc.Contact(mass=1.0, stiffness=1.4e8)
 SPEED = np.geomspace(0.1, 5, 60)

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration._at_speed import AtSpeed
-from jaxcontact._calibration._choice import ChoiceData, LawFit
-from jaxcontact._calibration._estimate import Estimate
-from jaxcontact._calibration._report import equivalents_sentence, marking_rule
-from jaxcontact._calibration._short import cautions, headlines, law_sentence
-from jaxcontact._calibration._summary_data import PairSummary, RecordingSummary, contact_note
-from jaxcontact._calibration._trend import Curve, Line
+from jaxcontact._calibration.choice.estimate import Estimate
+from jaxcontact._calibration.choice.law_choice import ChoiceData, LawFit
+from jaxcontact._calibration.choice.trend import Curve, Line
+from jaxcontact._calibration.pairs.noise import Noise
 from jaxcontact._fit import Candidate
-from jaxcontact._fit._compare import _verdict
-from jaxcontact._measurements._noise import Noise
+from jaxcontact._fit.compare import _verdict
+from jaxcontact._lab.calibration.at_speed import AtSpeed
+from jaxcontact._lab.calibration.full_report import equivalents_sentence, marking_rule
+from jaxcontact._lab.calibration.short_report import cautions, headlines, law_sentence
+from jaxcontact._lab.calibration.summary_data import PairSummary, RecordingSummary, contact_note
 
 GOOD = {"adequate": True, "grounds": "residuals do not follow x, p = 0.4"}
 BAD = {"adequate": False, "grounds": "residuals follow x, p < 1e-03"}
@@ -202,7 +202,7 @@ def test_a_table_is_marked_by_two_rules():
 
 
 def test_an_e_that_no_law_delivers():
-    from jaxcontact._calibration._asked import Asked
+    from jaxcontact._calibration.choice.equivalent_e import Asked
 
     asked = Asked("a", None, None, 0.1, 0.15), Asked("b", 0.25, 0.01, 0.0, 1.0)
     choice = dataclasses.replace(summary().choice, asked=asked)
@@ -339,7 +339,7 @@ def test_one_pair_has_no_error_and_equal_ones_none_that_they_tell():
 )
 def test_known_errors_of_readings_give_that_of_few_pairs(monkeypatch, e, relative):
     """As of a sound, whose times have known errors."""
-    from jaxcontact._calibration import _calibrate
+    from jaxcontact._lab.calibration import calibrate as _calibrate
 
     made, n = _calibrate.make_pairs, len(e)
     shared = {"covariance": np.array([[4e-4, -1e-4], [-1e-4, 4e-4]])[:n, :n], "reading": 0.02}

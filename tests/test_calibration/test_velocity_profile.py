@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 import jaxcontact as jc
-from jaxcontact._calibration._velocity_profile import _profile, _square
+from jaxcontact._calibration.problems.velocity_profile import _profile, _square
 
 KNOWN = 3e-6
 """A β that the samples hold, relative: measured 8e-7 over the range, 1e-8 at 2.4."""

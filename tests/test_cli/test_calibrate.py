@@ -10,7 +10,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._cli import main
-from jaxcontact._cli._calibrate import FIGURE, NUMBERS, REPORT
+from jaxcontact._cli.commands.calibrate import FIGURE, NUMBERS, REPORT
 from tests.test_measurements.simulate import recording
 
 HEADER = "ball,drop_height_m,trial,bounce,interval_s\n"
@@ -216,7 +216,7 @@ def test_a_folder_that_cannot_be_written_is_an_error(good, tmp_path, capsys):
 
 
 def test_a_fit_that_does_not_converge_is_said(good, tmp_path, capsys, monkeypatch):
-    from jaxcontact._calibration import _choose
+    from jaxcontact._calibration.choice import choose_law as _choose
 
     impatient = functools.partial(_choose.fit, max_steps=2)
     monkeypatch.setattr(_choose, "fit", impatient)

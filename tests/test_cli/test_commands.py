@@ -12,7 +12,8 @@ import pytest
 
 import jaxcontact as jc
 from benchmarks.track_truths import draw
-from jaxcontact._cli import _COMMANDS, _parser, main
+from jaxcontact._cli import _COMMANDS, main
+from jaxcontact._cli import parser as _parser
 
 E = [0.9, 0.85, 0.8, 0.78]
 V = [0.5, 1.0, 2.0, 3.0]
@@ -226,7 +227,7 @@ def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
 
 def test_the_same_e_with_another_contact():
     """Of each kind of law: c/K, and A (K/m)^(2/5), stay."""
-    from jaxcontact._calibration._kinds import law_in
+    from jaxcontact._calibration.choice.kinds import law_in
 
     old, new = jc.Contact(1.0, 1.0), jc.Contact(0.2, 3e6)
     for law in (
@@ -255,7 +256,7 @@ def test_completion_knows_commands_options_and_laws(capsys):
 
 
 def test_the_page_names_all_commands_and_problems():
-    from jaxcontact._cli._fit import _PROBLEMS
+    from jaxcontact._cli.commands.fit import _PROBLEMS
 
     text = (Path(__file__).parents[2] / "docs" / "commands.md").read_text(encoding="utf-8")
     assert re.findall(r"^\| `jaxcontact (\w+)", text, re.MULTILINE) == list(_COMMANDS)

@@ -4,10 +4,11 @@ import os
 
 import pytest
 
-from jaxcontact import _whole_files, load_calibration, read_recording, read_scene
-from jaxcontact._cli._files import output_path
-from jaxcontact._cli._options import InputError
-from jaxcontact._whole_files import write_all
+from jaxcontact import load_calibration, read_recording, read_scene
+from jaxcontact._cli.files import output_path
+from jaxcontact._cli.options import InputError
+from jaxcontact._text import files as _whole_files
+from jaxcontact._text.files import write_all
 
 
 def test_all_are_written(tmp_path):

@@ -24,7 +24,7 @@ FOUR_DECIMALS = 5.1e-5
 
 @pytest.fixture(scope="module")
 def rows():
-    from jaxcontact._cli._laws import table
+    from jaxcontact._cli.commands.laws import table
 
     return {row["law"]: row for row in table()}
 

@@ -10,8 +10,8 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._cli import main
-from jaxcontact._cli._options import assignment
-from jaxcontact._cli._sweep import span
+from jaxcontact._cli.commands.sweep import span
+from jaxcontact._cli.options import assignment
 
 SAME = 1e-15
 """The same impacts in other batches: measured 2e-16."""

@@ -7,7 +7,7 @@ import jax
 import pytest
 
 from docs.run_code import DOCS, digits, pages, run
-from jaxcontact._cli import _parser
+from jaxcontact._cli import parser as _parser
 from jaxcontact._laws import _registry
 
 # With claims of its own about what the code does; the other by the code that draws its pictures.

@@ -6,7 +6,7 @@ import numpy as np
 
 import jaxcontact as jc
 from jaxcontact._fit import Bootstrap
-from jaxcontact._fit._profile import Profile
+from jaxcontact._fit.uncertainty.profile import Profile
 from tests.test_every_argument.case import COUNT, NOTHING, PROGRESS, SEED, SWITCH, Case, V
 from tests.test_every_argument.kinds import (
     ARRAYS,

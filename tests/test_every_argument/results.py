@@ -11,7 +11,7 @@ import numpy as np
 
 import jaxcontact as jc
 from jaxcontact._export._stepping import Scheme
-from jaxcontact._sound import Envelope, Sound
+from jaxcontact._lab.sound import Envelope, Sound
 from tests.test_every_argument.case import (
     CONTACTS,
     EMPTY,

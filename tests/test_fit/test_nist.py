@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 import jaxcontact as jc
 from benchmarks.nist import MODELS, digits, problems
-from jaxcontact._fit._trust_region import _damping
+from jaxcontact._fit.search.trust_region import _damping
 
 PROBLEMS = problems()
 

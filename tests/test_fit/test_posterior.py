@@ -10,9 +10,9 @@ import pytest
 from scipy import integrate, optimize, stats
 
 import jaxcontact as jc
-from jaxcontact._fit._density import Density
-from jaxcontact._fit._mode import find_mode
-from jaxcontact._fit._prior import prior_of
+from jaxcontact._fit.posterior.density import Density
+from jaxcontact._fit.posterior.mode import find_mode
+from jaxcontact._fit.posterior.prior import prior_of
 
 OFF = 4.0
 """Monte Carlo standard errors: 48 numbers are compared, one of them is beyond 4 by chance once in

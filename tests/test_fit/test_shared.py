@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._calibration._instrument_noise import rounding_of_white_noise
 from jaxcontact._fit import SharedErrors, with_shared
+from jaxcontact._lab.records.instrument_errors import rounding_of_white_noise
 
 X = np.linspace(-1, 1, 60)
 TRUTH = {"a": 3.2, "b": 0.4}

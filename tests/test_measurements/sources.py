@@ -6,7 +6,7 @@ import io
 import numpy as np
 import pandas as pd
 
-from jaxcontact._measurements import read_recording
+from jaxcontact._lab.recordings import read_recording
 
 
 class Frame:

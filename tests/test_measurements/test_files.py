@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._measurements import LAYOUTS
+from jaxcontact._lab.recordings import LAYOUTS
 
 V, E = (1.0, 2.0, 2.5), (0.9, 0.85, 0.8)
 ROWS = list(zip(V, E, strict=True))
@@ -251,7 +251,7 @@ def test_what_is_written_is_believed(tmp_path):
 
 def test_pairs_of_speeds():
     from jaxcontact._flight import Flight
-    from jaxcontact._measurements import make_pairs
+    from jaxcontact._lab.recordings import make_pairs
 
     before, after = np.array([1.0, 2.0, 4.0]), np.array([0.8, 1.6, 3.2])
     pairs = make_pairs(jc.read_recording(velocity=before, rebound_velocity=after), Flight())
@@ -262,7 +262,7 @@ def test_pairs_of_speeds():
 
 def test_pairs_of_successive_heights():
     from jaxcontact._flight import Flight
-    from jaxcontact._measurements import make_pairs
+    from jaxcontact._lab.recordings import make_pairs
 
     recording = jc.read_recording(height_m=[1.0, 0.64, 0.4096, 0.5], trial=[1, 1, 1, 2])
     pairs = make_pairs(recording, Flight())
@@ -402,7 +402,7 @@ def test_intervals_of_balls_shrink_with_scatter():
     """Of 1,000 drops none is refused: e to 0.97, ten intervals, 2 % of scatter, one of them wrong;
     and with e = 0.99, and 0.5 %.
     """
-    from jaxcontact._measurements import not_shrinking
+    from jaxcontact._calibration.pairs.plausible import not_shrinking
 
     random = np.random.default_rng(0)
     for e, scatter in ((0.6, 0.02), (0.9, 0.02), (0.97, 0.02), (0.99, 0.005)):
@@ -430,7 +430,7 @@ def test_steps_of_a_clock_beside_its_times_are_no_intervals():
 def test_the_time_to_rest_contains_the_fall(e):
     """Against flights added one by one, in vacuum and in air."""
     from jaxcontact._flight import Drag, Flight
-    from jaxcontact._measurements import make_pairs
+    from jaxcontact._lab.recordings import make_pairs
     from tests.test_measurements.simulate import time_to_rest
 
     height = np.array([0.3, 1.0, 2.0])
@@ -460,7 +460,7 @@ UNITS = {
 
 @pytest.mark.parametrize("case", UNITS)
 def test_a_row_of_units_is_no_heading(case):
-    from jaxcontact._measurements import read_columns
+    from jaxcontact._lab.recordings import read_columns
 
     head, wanted = UNITS[case]
     body = lines("", FORCES, ";", number=german)
@@ -496,7 +496,7 @@ def test_what_people_write_around_a_table(tmp_path):
 @pytest.mark.parametrize("apart", [True, False])
 def test_marks_of_numbers_are_told_in_linear_time(apart):
     """No row is compared with the rows before it."""
-    from jaxcontact._measurements._grid import with_points
+    from jaxcontact._lab.tables.grid import with_points
 
     compared = []
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
+from jaxcontact._calibration.pairs.outliers import find_outliers
 from jaxcontact._flight import Flight
-from jaxcontact._measurements import LAYOUTS, Layout, make_pairs, register_layout
-from jaxcontact._measurements._layout import Paired, ReadingError, Record, span
-from jaxcontact._measurements._outliers import find_outliers
+from jaxcontact._lab.layouts.layout import Paired, ReadingError, Record
+from jaxcontact._lab.recordings import LAYOUTS, Layout, make_pairs, register_layout
+from jaxcontact._text.words import span
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._measurements import LAYOUTS
+from jaxcontact._lab.recordings import LAYOUTS
 from tests.test_measurements.sources import SOURCES, columns_of, opened, read
 
 INTERVALS = "ball,drop_height_m,trial,bounce,interval_s\na,1,1,1,0.4\na,1,1,2,0.36\n"

@@ -1,0 +1,1 @@
+"""Kinds of laws by e(v), and the choice among them."""

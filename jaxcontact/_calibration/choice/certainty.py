@@ -1,0 +1,135 @@
+"""Whether the data leave no doubt about the kind of law."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+from scipy.special import fdtrc, gammaincc
+
+from ..._fit import Fit, FitData, has_trials
+from .kinds import AbstractKind
+
+EXCLUDED = 0.01
+"""A law that is right is excluded by a law that is wrong in at most so many tables."""
+
+BETTER = 0.05
+"""A law is clearly better than a special case of it from this probability downwards."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Standing:
+    """Whether a choice is `sure`, of the law `kind`; `containing` are the laws that contain it.
+
+    Sure of X: every law that does not contain X is excluded, no law that contains X is clearly
+    better, and X describes the data.
+    """
+
+    sure: bool
+    kind: str
+    containing: frozenset[str]
+    rivals: tuple[str, ...]
+    """Laws that keep it from being sure: not excluded, or clearly better."""
+
+
+def standing_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind], kind: str) -> Standing:
+    """Where one kind stands among all that were fitted."""
+    by_name = {one.name: one for one in kinds}
+    own, found = by_name[kind], fits[kind]
+    containing = frozenset(name for name, one in by_name.items() if one.contains(own))
+    rivals = [
+        name
+        for name, other in by_name.items()
+        if name != kind and _keeps_open(found, own, fits[name], other)
+    ]
+    good = found.converged and found.adequate is True and len(fits) > 1
+    return Standing(good and not rivals, kind, containing, tuple(rivals))
+
+
+def sure_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind]) -> Standing | None:
+    """The one law of which the data leave no doubt; None where they do."""
+    found = (standing_of(fits, kinds, kind.name) for kind in kinds)
+    return next((one for one in found if one.sure), None)
+
+
+def rivals_of(
+    fits: Mapping[str, Fit], kinds: Sequence[AbstractKind], best: str | None, sure: Standing | None
+) -> tuple[str, ...]:
+    """The laws that are not ruled out beside the best; only those that converged."""
+    if best is None or sure is not None:
+        return ()
+    return tuple(n for n in standing_of(fits, kinds, best).rivals if fits[n].converged)
+
+
+def _keeps_open(found: FitData, own: AbstractKind, fit: FitData, other: AbstractKind) -> bool:
+    """Whether another law, which may contain this one, has to be reckoned with."""
+    if not (found.converged and fit.converged):
+        return True
+    more = len(fit.names) - len(found.names)
+    if other.contains(own):
+        return excess_p(fit, found, more) < BETTER
+    # A law that does not contain the other can come near it along one more direction.
+    numbers = max(-more, 0) + (0 if own.contains(other) else 1)
+    return excess_p(found, fit, numbers) >= EXCLUDED
+
+
+def excess_p(better: FitData, worse: FitData, numbers: int) -> float:
+    """The probability of so much larger a sum of squares, if `numbers` of the better fit are idle.
+
+    F = (Σz'² - Σz²)/numbers/s², with s² of the better fit, or 1 where the noise is known. Where
+    points of a trial may be correlated, the larger of this and the probability by the noise along
+    the difference d = z' - z of the two curves, Σ_g (Σ_i d_i z_i)²/Σ d² over the trials g.
+    """
+    gain = 2 * (worse.loss - better.loss)
+    if gain <= 0 or better.dof < 1:
+        return 1.0
+    if better.loss == 0:
+        return 0.0
+    if better.absolute:
+        p = float(gammaincc(numbers / 2, gain / 2))
+    else:
+        p = float(fdtrc(numbers, better.dof, gain / numbers / (2 * better.loss / better.dof)))
+    return max(p, _by_trial(better, worse, gain, numbers))
+
+
+def _by_trial(better: FitData, worse: FitData, gain: float, numbers: int) -> float:
+    """The probability by trial; 0 where every point is a trial of its own."""
+    if not has_trials(better):
+        return 0.0
+    assert better.groups is not None  # for the type checker
+    used = np.asarray(better.problem.factor) > 0
+    trial = np.unique(better.groups[used], return_inverse=True)[1]
+    count = int(trial.max()) + 1
+    if count < 2:
+        return 1.0
+    z, difference = better.z, worse.z - better.z
+    along = np.bincount(trial, weights=difference * z)
+    noise = float(along @ along) * count / (count - 1) / float(difference @ difference)
+    return float(fdtrc(numbers, count - 1, gain / numbers / noise)) if noise > 0 else 0.0
+
+
+def sure_sentence(
+    fits: Mapping[str, Fit],
+    kinds: Sequence[AbstractKind],
+    best: str | None,
+    sure: Standing | None,
+    said: Collection[str | None],
+) -> str:
+    """Whether the choice of `best` is sure, in words that follow the verdict.
+
+    `said` are the laws of which the verdict says that the data do not distinguish them from it.
+    """
+    if sure is not None:
+        but = " that does not contain it" if sure.containing else ""
+        return f" This is sure: every other law{but} is excluded (p < {EXCLUDED:g} each)."
+    if best is None or fits[best].adequate is False:
+        return ""
+    standing = standing_of(fits, kinds, best)
+    rest = [name for name in standing.rivals if name not in said]
+    if rest:
+        verb = "is" if len(rest) == 1 else "are"
+        return f" This is not sure: {' and '.join(rest)} {verb} not ruled out."
+    if not standing.rivals and fits[best].adequate is None:
+        return " This is not sure: whether it describes the data cannot be told."
+    return ""

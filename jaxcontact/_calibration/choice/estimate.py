@@ -1,0 +1,25 @@
+"""A number with its standard error and unit, as it is printed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from ..._text.table import with_error
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """A number with its standard error, None where it is `lacking` for that reason, and unit."""
+
+    name: str
+    value: float
+    standard_error: float | None
+    unit: str
+    lacking: str = "not identifiable"
+
+    def __str__(self) -> str:
+        """`0.8799 ± 0.0010 unit`, the error with two digits and the value with as many places."""
+        unit = f" {self.unit}" if self.unit else ""
+        if self.standard_error is None:
+            return f"{self.value:.3g}{unit} ({self.lacking})"
+        return with_error(self.value, self.standard_error) + unit

@@ -1,0 +1,214 @@
+"""What a choice among the kinds of laws found."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike
+
+from ..._contact import Contact
+from ..._fit import CLEAR_AICC, Candidate, Fit, table
+from ..._flight import Floats
+from ..._laws import AbstractLaw
+from ..._parameter import POSITIVE, require_choice
+from ..._text.words import counted
+from ..pairs.columns import column
+from .equivalent_e import Asked
+from .estimate import Estimate
+from .kinds import AbstractKind, delivered
+from .outcomes import with_stiffness
+from .trend import Curve, Line
+
+_NUMBERS = "number", "numbers"
+
+_CONSTANT = "e", "e delivered"
+"""What the estimate of a constant e is called, as `ConstantE` has it."""
+
+
+@dataclasses.dataclass(frozen=True)
+class LawFit:
+    """One kind of law fitted to n pairs: what the fit found, as plain numbers and words.
+
+    `law` is the registered name. `estimates`: what e(v) determines first, then what follows from
+    it. `errors_by`: "group" for standard errors by trial, "point" where pairs count as independent,
+    "readings" where known errors of readings say how they are correlated.
+    `identifiable`: whether the data determine every parameter; `unidentified`, what e(v) leaves
+    open. `rms` is the root mean square of e_measured - e(v), `reduced_chi2` Σ z²/(n-k) of the
+    residuals z of ln e over their noise. `adequate`, whether the law describes the data (None where
+    that cannot be told), and its `grounds`, the tests in words. `converged`, the `reason`, and the
+    `steps` taken.
+    """
+
+    kind: str
+    law: str
+    estimates: tuple[Estimate, ...]
+    errors_by: str
+    identifiable: bool
+    unidentified: str
+    rms: float
+    reduced_chi2: float
+    adequate: bool | None
+    grounds: str
+    converged: bool
+    reason: str
+    steps: int
+
+    @property
+    def constant(self) -> Estimate:
+        """The e that the kind of a constant e found."""
+        return next(one for one in reversed(self.estimates) if one.name in _CONSTANT)
+
+    @property
+    def said(self) -> str:
+        """What e(v) determines, in words."""
+        parameters = [e for e in self.estimates if e.name in ("power", self.estimates[0].name)]
+        return ", ".join(f"{e.name} = {e}" for e in parameters)
+
+
+@dataclasses.dataclass(frozen=True)
+class ChoiceData:
+    """All kinds of laws on the same pairs, as plain data.
+
+    `count` of pairs; `candidates`, the comparison in the order of AICc (see `compare_fits`);
+    `best`, the kind to use, None where no fit converged; `sure`, whether the data leave no doubt of
+    it: every law that does not contain it is excluded, no law that contains it is clearly better,
+    and it describes the data; `verdict`, the same in words; `laws`, the fits in the order in which
+    they were made, a constant e first; `line`, the trend without a law, and `free`, the smooth
+    curve that shows how much better any law could be; `asked`, the e to set in each law of constant
+    e so that it delivers the constant e found; `next_measurement`, in words, what would settle an
+    undecided choice; `rivals`, the laws that are not ruled out beside the best.
+    """
+
+    count: int
+    candidates: tuple[Candidate, ...]
+    best: str | None
+    sure: bool
+    verdict: str
+    laws: tuple[LawFit, ...]
+    line: Line
+    free: Curve
+    asked: tuple[Asked, ...]
+    next_measurement: str
+    rivals: tuple[str, ...] = dataclasses.field(default=(), kw_only=True)
+
+    def law_fit(self, kind: str) -> LawFit:
+        """The fit of a kind of law, by its name; ValueError for an unknown one."""
+        require_choice("kind", kind, [law.kind for law in self.laws])
+        return next(law for law in self.laws if law.kind == kind)
+
+    @property
+    def constant(self) -> Estimate:
+        """The constant e that the laws of a constant e deliver, which are the first."""
+        return self.laws[0].constant
+
+    @property
+    def yardstick(self) -> str:
+        """How much better any smooth curve of e(v) could be than the best law.
+
+        Nothing with few points, and where contact times or peak forces were fitted with it.
+        """
+        gain = self._gain
+        if gain is None:
+            return ""
+        free = f"a free smooth curve of {counted(len(self.free.coefficients), _NUMBERS)}"
+        place = f"{abs(gain):.1f} {'below' if gain > 0 else 'above'} the lowest of the laws"
+        if self.better_possible:
+            return f"{free} has an AICc {place}: a better law is possible"
+        return f"no smooth curve is clearly better: {free} has an AICc {place}"
+
+    @property
+    def better_possible(self) -> bool:
+        """Whether a free smooth curve is clearly better than every law."""
+        return self._gain is not None and self._gain > CLEAR_AICC
+
+    @property
+    def _gain(self) -> float | None:
+        """By how much the AICc of the free curve is below that of every law."""
+        converged = [c.aicc for c in self.candidates if c.converged]
+        if self.free.aicc is None or not converged:
+            return None
+        return min(converged) - self.free.aicc
+
+    def table(self) -> str:
+        """The kinds of laws with their parameters and criteria; lower is better."""
+        return "\n".join(table(self.candidates, lambda kind: self.law_fit(kind).said))
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class LawChoice(ChoiceData):
+    """All kinds of laws on one table of e(v): how well each describes it, with which parameters.
+
+    Beside the plain data of the choice (`candidates` in the order of AICc, `best`, `verdict`,
+    `laws`, `sure`, `line`, `free`, `asked`, `count`): `fits` by kind, each a `Fit` of ln e over the
+    speed, padded with points without weight; the `contact` that was given, in whose units they are;
+    `marked` (n,), the points left out as outliers; `reference` in m/s, the speed to which the c of
+    a power law, the b of 1 - b v^p and the a of a v^-p belong.
+    """
+
+    fits: Mapping[str, Fit]
+    kinds: tuple[AbstractKind, ...]
+    contact: Contact
+    reference: float
+    marked: np.ndarray
+
+    @property
+    def data(self) -> ChoiceData:
+        """The plain data alone."""
+        return ChoiceData(**{f.name: getattr(self, f.name) for f in dataclasses.fields(ChoiceData)})
+
+    def law(self, kind: str | None = None) -> AbstractLaw:
+        """The fitted law of a kind, by default of the best one, for its `contact_of`.
+
+        Raises ValueError for an unknown kind, and where its fit did not converge.
+        """
+        of, found = self._of(kind)
+        with jax.enable_x64(True):
+            contact = with_stiffness(self.contact, found.params)
+            params = of.moved(found.params, self.contact, contact)
+            return of.law_of(params, contact, jnp.asarray(self.reference))
+
+    def contact_of(self, kind: str | None = None) -> Contact:
+        """The contact of a kind, by default of the best one: the given one, with the stiffness that
+        was fitted if contact times or peak forces were.
+
+        Raises ValueError for an unknown kind, and where its fit did not converge.
+        """
+        with jax.enable_x64(True):
+            return with_stiffness(self.contact, self._of(kind)[1].params)
+
+    def _of(self, kind: str | None) -> tuple[AbstractKind, Fit]:
+        chosen = self.best if kind is None else kind
+        if chosen is None:
+            raise ValueError("No fit converged, so there is no best law; see `fits`.")
+        require_choice("kind", chosen, self.fits)
+        found = self.fits[chosen]
+        if not found.converged:
+            raise ValueError(f"The fit of {chosen} did not converge: {found.reason}.")
+        return next(k for k in self.kinds if k.name == chosen), found
+
+    def curve(self, kind: str, speeds: ArrayLike) -> tuple[Floats, Floats]:
+        """e of a kind at closing speeds (n,) in m/s, and its standard error.
+
+        Raises ValueError for an unknown kind, and for speeds that are not positive.
+        """
+        found = self.fits[require_choice("kind", kind, self.fits)]
+        return delivered(found, column(speeds, "speeds", POSITIVE))
+
+    def __repr__(self) -> str:
+        lines = [self.table(), self.verdict]
+        if self.yardstick:
+            lines.append(f"{self.yardstick[0].upper()}{self.yardstick[1:]}.")
+        marked = int(self.marked.sum())
+        if marked:
+            lines.append(f"{marked} of {len(self.marked)} points are outliers and left out.")
+        if self.best == self.laws[0].kind:
+            e = self.constant.value
+            lines.append(f"Laws that deliver e = {e:.5f}, and the e to set in each:")
+            lines += [f"  {asked.sentence}" for asked in self.asked]
+        if self.next_measurement:
+            lines.append(f"{self.next_measurement[0].upper()}{self.next_measurement[1:]}.")
+        return "\n".join(lines)

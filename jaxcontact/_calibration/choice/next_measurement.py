@@ -1,0 +1,85 @@
+"""What measurement would settle an undecided choice among laws."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from ..._fit import Fit, scatter
+from ..design.optimal_rows import shared_out
+from .kinds import padded
+
+_PLACES = 40
+"""Speeds among which those of the measurement are looked for."""
+
+_WANTED = 40.0
+"""λ at which the wrong law is seen in all but one of ten thousand tables."""
+
+_MANY = 2_000
+"""More readings than these do not average out what they share: a scale that reads 1 % too much."""
+
+_SHOWN = 12
+"""Into so many parts the readings are shared to see at which speeds they are needed."""
+
+
+def what_settles(
+    fits: dict[str, Fit], best: str | None, rivals: list[str], ends: tuple[float, float]
+) -> str:
+    """Where and how often to measure e in order to tell the best law from its nearest rival.
+
+    The law with more parameters is taken as right, as it was fitted; the other's are moved so that
+    its largest distance from it, between the slowest and the fastest speed, is least: it is best
+    read where it has that distance (see `design`). Nothing where the choice is clear, and where
+    the best law does not describe the data.
+    """
+    if best is None or not rivals or fits[best].adequate is False:
+        return ""
+    # Where both have as many, the best is taken as right.
+    right, other = sorted((best, rivals[0]), key=lambda name: -len(fits[name].names))
+    low, high = ends
+    if not high > low:
+        return f"to tell {best} from {rivals[0]}, measure e at other speeds than {low:.3g} m/s"
+    speeds = np.geomspace(low, high, _PLACES)
+    distance, share = _least_distance(fits[right], fits[other], speeds)
+    # Of e, which is the first column.
+    noise = float(np.nanmedian(scatter(fits[right])[: len(fits[right].problem.x)]))
+    between = f"to tell {best} from {rivals[0]}"
+    count = math.inf if distance == 0 else math.ceil(_WANTED * (noise / distance) ** 2)
+    if count > _MANY:
+        most = "nothing" if distance == 0 else f"{100 * distance:.1g} % of e at most"
+        return (
+            f"{between}, measure e at other speeds than {low:.3g} to {high:.3g} m/s: there they "
+            f"differ by {most}, which the scatter of single readings hides"
+        )
+    places = speeds[shared_out(share, _SHOWN) > 0]
+    at = " and ".join(f"{v:.3g}" for v in places)
+    count = float(f"{max(count, len(places) + 1):.2g}")
+    return (
+        f"{between}, measure e at {at} m/s, equally often: about {count:g} independent readings "
+        f"that scatter as these do rule out {other}, if {right} is right"
+    )
+
+
+def _least_distance(
+    right: Fit, other: Fit, speeds: Float[np.ndarray, " m"]
+) -> tuple[float, Float[np.ndarray, " m"]]:
+    """The least largest difference of ln e, to first order in the other's parameters, and how the
+    readings are shared out.
+    """
+    from scipy.optimize import linprog
+
+    at = padded(speeds, speeds[0])
+    truth = right.linearised(at)[0][: len(speeds)]
+    curve, slopes = (part[: len(speeds)] for part in other.linearised(at))
+    off, k = curve - truth, slopes.shape[1]
+    # Parameters of different units, for the programme: by what they change.
+    size = np.abs(slopes).max(axis=0)
+    slopes = slopes / np.where(size > 0, size, 1)
+    upper = np.column_stack([np.concatenate([slopes, -slopes]), -np.ones(2 * len(off))])
+    cost = np.append(np.zeros(k), 1.0)
+    limits = [(None, None)] * k + [(0, None)]
+    made = linprog(cost, upper, np.concatenate([-off, off]), bounds=limits)
+    share = -made.ineqlin.marginals.reshape(2, -1).sum(axis=0)
+    return float(made.fun), share / share.sum() if share.sum() > 0 else share

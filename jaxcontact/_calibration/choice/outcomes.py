@@ -1,0 +1,120 @@
+"""Contact times and peak forces beside e in the choice of a law."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ..._contact import Contact
+from ..._parameter import POSITIVE, rendered
+from ..._text.units import Shown
+from ..pairs.columns import Column, column, for_each
+from ..pairs.noise import RELATIVE_FLOOR
+from .kinds import AbstractKind, Params
+
+_TREND = 2
+"""Degree of the logarithm of a contact time or a force over that of the speed, about which their
+scatter is estimated."""
+
+
+class Columns(NamedTuple):
+    """Logarithms of what was measured beside e, by name, and their standard deviations, infinite
+    where nothing was measured.
+    """
+
+    values: dict[str, Column]
+    sigma: dict[str, Column]
+
+    def __bool__(self) -> bool:
+        return bool(self.values)
+
+
+NONE = Columns({}, {})
+
+
+def columns_of(
+    given: dict[str, tuple[ArrayLike | None, ArrayLike | None]],
+    beside: tuple[str, Column],
+    sigma: ArrayLike | None,
+    weights: ArrayLike | None,
+) -> Columns:
+    """The columns that were given with their relative standard deviations, or without.
+
+    Without, their scatter is that about a smooth trend, as for e. Raises ValueError for columns
+    that do not match or leave their range, and for standard deviations of only some of them.
+    """
+    values, sizes = {}, {}
+    for name, (measured, error) in given.items():
+        if measured is None:
+            if error is not None:
+                raise ValueError(
+                    f"Argument `sigma_{name}` must be None without `{name}`, but is "
+                    f"{rendered(error)}."
+                )
+            continue
+        if weights is not None:
+            raise ValueError(
+                f"Argument `weights` must be None with `{name}`, whose noise is another, but is "
+                f"{rendered(weights)}; give `sigma` and `sigma_{name}`, or neither."
+            )
+        if (error is None) != (sigma is None):
+            missing = f"sigma_{name}" if error is None else "sigma"
+            raise ValueError(
+                f"Arguments `sigma` and `sigma_{name}` must be given both or neither, but "
+                f"`{missing}` is None."
+            )
+        readings = np.log(column(measured, name, POSITIVE, beside, gaps=True))
+        there = np.isfinite(readings)
+        if error is None:
+            size = np.full(len(readings), _scatter(readings[there], beside[1][there]))
+        else:
+            size = for_each(error, f"sigma_{name}", len(readings))
+        values[name] = np.where(there, readings, 0.0)
+        sizes[name] = np.where(there, size, np.inf)
+    return Columns(values, sizes)
+
+
+def _scatter(readings: Column, velocity: Column) -> float:
+    """The standard deviation of readings about a polynomial of ln v."""
+    degree = min(_TREND, len(np.unique(velocity)) - 1, len(readings) - 2)
+    if degree < 0:
+        return 1.0
+    trend = np.polynomial.Polynomial.fit(np.log(velocity), readings, degree)
+    left = readings - trend(np.log(velocity))
+    return max(float(np.sqrt(left @ left / (len(left) - degree - 1))), RELATIVE_FLOOR)
+
+
+class LogOutcomes(eqx.Module):
+    """ln e(v) of a kind of law, and the logarithms of the other `fields`: contact time in s and
+    largest force in N. Beside the law's parameters the stiffness is one.
+    """
+
+    kind: AbstractKind = eqx.field(static=True)
+    contact: Contact
+    reference: Float[Array, ""]
+    fields: tuple[str, ...] = eqx.field(static=True)
+
+    @property
+    def shown(self) -> dict[str, Shown]:
+        """How the columns are shown, which are numbered."""
+        columns = enumerate(("restitution", *self.fields))
+        return {"x": Shown("velocity")} | {
+            str(k): Shown(name, logarithm=True) for k, name in columns
+        }
+
+    def __call__(self, params: Params, velocity: Float[Array, " n"]) -> tuple[Array, ...]:
+        e = self.kind.restitution(params, self.contact, self.reference, velocity)
+        contact = with_stiffness(self.contact, params)
+        moved = self.kind.moved(params, self.contact, contact)
+        hit = self.kind.outcome(moved, contact, self.reference, velocity)
+        return jnp.log(e), *(jnp.log(getattr(hit, name)) for name in self.fields)
+
+
+def with_stiffness(contact: Contact, params: Params) -> Contact:
+    """The contact with a fitted stiffness, if there is one."""
+    stiffness = params.get("stiffness", contact.stiffness)
+    return Contact(contact.mass, stiffness, contact.exponent)

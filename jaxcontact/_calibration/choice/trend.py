@@ -1,0 +1,134 @@
+"""What restitutions say without a law: a straight line, and a free smooth curve."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..._fit import LEAST_GROUPS, FitData, criteria_of, sandwich
+
+_MOST = 6
+"""Degree of the free curve: more turns within the data are no law's."""
+
+Floats = Float[np.ndarray, " n"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Line:
+    """The straight line ln e = a + b v through the data.
+
+    `level` a; `slope` b in s/m, with its standard error, None where the speeds do not determine it.
+    """
+
+    level: float
+    slope: float
+    slope_error: float | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Curve:
+    """A free smooth curve: ln e as a polynomial of ln v, of the degree that has the least AICc.
+
+    No law, and no candidate, but the yardstick of what any law could reach. `coefficients` are
+    those of Chebyshev polynomials over ln v from `slowest` to `fastest` in m/s; `aicc` as that of
+    the laws, None with too few points.
+    """
+
+    coefficients: tuple[float, ...]
+    slowest: float
+    fastest: float
+    aicc: float | None
+
+    def __call__(self, velocity: Floats) -> Floats:
+        """e at closing speeds (n,) in m/s."""
+        return np.exp(np.polynomial.chebyshev.chebval(self._place(velocity), self.coefficients))
+
+    def _place(self, velocity: Floats) -> Floats:
+        return _place(velocity, self.slowest, self.fastest)
+
+
+class _Linear(NamedTuple):
+    """A linear least-squares fit: coefficients, half of Σ z², and their covariance."""
+
+    coefficients: np.ndarray
+    loss: float
+    covariance: Float[np.ndarray, "k k"]
+
+
+class _Data(NamedTuple):
+    """ln e of a fit, its weights' roots, its groups, and whether the noise is known."""
+
+    y: Floats
+    factor: Floats
+    groups: np.ndarray | None
+    absolute: bool
+    whitener: Float[np.ndarray, "n n"] | None
+
+    def fitted(self, columns: Float[np.ndarray, "n k"]) -> _Linear:
+        """A fit of columns; a covariance of NaN where it is singular."""
+        used = self.factor > 0
+        weighted = columns * self.factor[:, None]
+        y = np.where(used, self.y, 0) * self.factor
+        if self.whitener is not None:
+            weighted, y = self.whitener @ weighted, self.whitener @ y
+        weighted, y = weighted[used], y[used]
+        n, k = weighted.shape
+        coefficients, _, rank, _ = np.linalg.lstsq(weighted, y)
+        z = weighted @ coefficients - y
+        covariance = np.full((k, k), np.nan)
+        if rank == k and n > k:
+            inverse = np.linalg.inv(weighted.T @ weighted)
+            covariance = inverse * (1.0 if self.absolute else float(z @ z) / (n - k))
+            number = None if self.groups is None else self.groups[used]
+            if number is not None and len(np.unique(number)) >= LEAST_GROUPS:
+                covariance = sandwich(inverse, weighted * z[:, None], number)
+        return _Linear(coefficients, float(z @ z) / 2, covariance)
+
+
+def _data_of(fit: FitData, n: int) -> _Data:
+    """The first column of n points, which is ln e."""
+    groups = None if fit.groups is None else fit.groups[:n]
+    whitener = fit.problem.whitener
+    # Of other columns there is no correlation; the first one's is the corner, as the factor of a
+    # lower triangle is.
+    own = None if whitener is None else np.asarray(whitener)[:n, :n]
+    return _Data(fit.data[:n], np.asarray(fit.problem.factor)[:n], groups, fit.absolute, own)
+
+
+def line_of(fit: FitData, velocity: Floats) -> Line:
+    """The line through the data of a fit of ln e, with their weights and groups."""
+    data = _data_of(fit, len(velocity))
+    found = data.fitted(np.stack([np.ones_like(velocity), velocity], axis=1))
+    error = math.sqrt(found.covariance[1, 1]) if found.covariance[1, 1] >= 0 else math.nan
+    level, slope = map(float, found.coefficients)
+    return Line(level, slope, error if math.isfinite(error) else None)
+
+
+def curve_of(fit: FitData, velocity: Floats) -> Curve:
+    """The free curve through the data of a fit of ln e, with their weights."""
+    data = _data_of(fit, len(velocity))
+    v = velocity[data.factor > 0]
+    ends = float(v.min()), float(v.max())
+    n = len(v)
+    most = min(_MOST, n - 1, len(np.unique(v)) - 1)
+    columns = np.polynomial.chebyshev.chebvander(_place(velocity, *ends), max(most, 0))
+    best: Curve | None = None
+    for k in range(1, columns.shape[1] + 1):
+        found = data.fitted(columns[:, :k])
+        aicc, _ = criteria_of(found.loss, k, data.factor[data.factor > 0], fit.absolute)
+        if best is None or (math.isfinite(aicc) and aicc < (best.aicc or math.inf)):
+            shown = aicc if math.isfinite(aicc) else None
+            best = Curve(tuple(map(float, found.coefficients)), *ends, shown)
+    assert best is not None  # for the type checker
+    return best
+
+
+def _place(velocity: Floats, slowest: float, fastest: float) -> Floats:
+    """ln v from -1 to 1."""
+    if not fastest > slowest:
+        return np.zeros_like(velocity)
+    return 2 * np.log(velocity / slowest) / np.log(fastest / slowest) - 1

@@ -1,0 +1,1 @@
+"""Measured columns and pairs: their checks, noise and outliers."""

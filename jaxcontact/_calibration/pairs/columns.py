@@ -1,0 +1,168 @@
+"""Checks of measured columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from ..._parameter import RESTITUTION, Range, as_numbers, rendered
+from ..._text.units import Shown
+from .plausible import MEASURED_RESTITUTION, in_percent
+
+Column = Float[np.ndarray, " n"]
+
+
+def column(
+    value: ArrayLike,
+    name: str,
+    allowed: Range,
+    beside: tuple[str, Column] | None = None,
+    *,
+    least: int = 1,
+    gaps: bool = False,
+) -> Column:
+    """A measured column (n,), every number of it in its range; with `gaps`, NaN is no measurement.
+
+    `beside` is the name of another column, and the column itself, of the same length.
+
+    Raises ValueError that names the first bad point.
+    """
+    array = as_numbers(value, name)
+    if array.ndim != 1 or array.size < least:
+        enough = f" with at least {least} points" if least > 1 else ""
+        raise ValueError(
+            f"Argument `{name}` must have the shape (points,){enough}, but is of shape "
+            f"{array.shape}: it is {rendered(value)}."
+        )
+    if beside is not None and array.size != len(beside[1]):
+        raise ValueError(
+            f"Argument `{name}` must have one number for each of the {len(beside[1])} points of "
+            f"`{beside[0]}`, but has {array.size}: it is {rendered(value)}."
+        )
+    bad = ~(allowed.holds(array) | (gaps & np.isnan(array)))
+    if bad.any():
+        i = int(np.argmax(bad))
+        raise ValueError(
+            f"Argument `{name}` must be in {allowed}, but is {array[i]:g} at point {i}."
+            f"{_guess(array, allowed)}"
+        )
+    return array
+
+
+def _guess(array: Column, allowed: Range) -> str:
+    """What a column of restitutions may be instead; nothing where that is not clear."""
+    restitution = allowed.high in (RESTITUTION.high, MEASURED_RESTITUTION.high)
+    percent = restitution and in_percent(array[array == array])
+    return " Is it in percent? Then divide by 100." if percent else ""
+
+
+ASKED_AND_DELIVERED = {
+    "x": Shown("e"),
+    "": Shown("restitution", "restitution delivered"),
+}
+"""How the columns of `asked_and_delivered` are shown."""
+
+
+def asked_and_delivered(e_in: ArrayLike, e_out: ArrayLike | None) -> tuple[Column, Column]:
+    """The columns `e_in` in (0, 1] and `e_out`, measured; without it, what is asked for twice."""
+    asked = column(e_in, "e_in", RESTITUTION)
+    if e_out is None:
+        return asked, asked
+    return asked, column(e_out, "e_out", MEASURED_RESTITUTION, ("e_in", asked))
+
+
+def measured(
+    given: Mapping[str, tuple[Any, Any, Range]],
+    beside: tuple[str, Column],
+    *,
+    gaps: bool = False,
+    weight: Callable[[Column], float] = lambda values: 1.0,
+) -> dict[str, Any]:
+    """The arguments `data` and `sigma` or `weights` of `fit`, from some columns by name.
+
+    `given` holds values, standard deviations and range of each; None where there are none. Without
+    standard deviations a column counts with its `weight`. Raises ValueError without a column, for
+    bad ones, and for standard deviations of only some of them.
+    """
+    there = {name: one for name, one in given.items() if one[0] is not None}
+    if not there:
+        either = " or ".join(f"`{name}`" for name in given)
+        none = "both" if len(given) == 2 else "all"
+        raise ValueError(f"Argument {either} must be given, but {none} are None.")
+    data = {
+        name: column(values, name, allowed, beside, gaps=gaps)
+        for name, (values, _, allowed) in there.items()
+    }
+    sigmas = {
+        name: for_each(sigma, f"sigma_{name}", len(beside[1]))
+        for name, (_, sigma, _) in there.items()
+        if sigma is not None
+    }
+    for name, (_, sigma, _) in given.items():
+        if sigma is not None and name not in there:
+            raise ValueError(
+                f"Argument `sigma_{name}` must be None without `{name}`, but is {rendered(sigma)}."
+            )
+    if sigmas and len(sigmas) < len(data):
+        both = " and ".join(f"`sigma_{name}`" for name in data)
+        every = "both columns" if len(data) == 2 else "all columns"
+        missing = next(name for name in data if name not in sigmas)
+        raise ValueError(
+            f"Arguments {both} must be given for {every} or for none, but `sigma_{missing}` "
+            "is None."
+        )
+    if sigmas:
+        return {"data": data, "sigma": _filled(data, sigmas, np.inf)}
+    weights = {name: weight(values) for name, values in data.items()}
+    return {"data": data, "weights": _filled(data, weights, 0.0)}
+
+
+def with_transforms(own: Mapping[str, Any], how: dict[str, Any]) -> dict[str, Any]:
+    """The arguments of `fit` with the transforms that a ready-made problem brings itself.
+
+    Raises ValueError for a user's `transforms` that are no dict by name, or name one of its own.
+    """
+    given = how.get("transforms")
+    if given is not None and not isinstance(given, dict):
+        raise ValueError(
+            "Argument `transforms` must be a dict of transforms by name beside those of this "
+            f"problem, but is {rendered(given)}."
+        )
+    twice = [name for name in given or {} if name in own]
+    if twice:
+        raise ValueError(
+            "Argument `transforms` must not name what this problem transforms or fixes itself, "
+            f"{', '.join(own)}, but names {', '.join(twice)}."
+        )
+    return how | {"transforms": {**own, **(given or {})}}
+
+
+def _filled(
+    data: dict[str, Column], numbers: Mapping[str, Any], missing: float
+) -> dict[str, Column]:
+    """`numbers` for each point of the columns, and `missing` where nothing was measured."""
+    return {name: np.where(np.isnan(data[name]), missing, numbers[name]) for name in data}
+
+
+def for_each(value: Any, name: str, length: int, *, zero: bool = False) -> Column:
+    """A standard deviation or a weight for each point (n,), from one for all or one for each.
+
+    Raises ValueError for what is no number above 0 (or `zero`); an infinite standard deviation
+    leaves a point out.
+    """
+    array = as_numbers(value, name)
+    if array.shape not in ((), (length,)):
+        raise ValueError(
+            f"Argument `{name}` must have one number, or one for each of the {length} points, but "
+            f"has the shape {array.shape}: it is {rendered(value)}."
+        )
+    good = (array >= 0) & np.isfinite(array) if zero else array > 0
+    counts = array > 0 if zero else np.isfinite(array)
+    if not good.all() or not counts.any():
+        allowed = "finite and not negative" if zero else "positive (inf leaves a point out)"
+        allowed += ", and leave some point in"
+        raise ValueError(f"Argument `{name}` must be {allowed}, but is {rendered(value)}.")
+    return np.broadcast_to(array, (length,))

@@ -1,0 +1,203 @@
+"""A robust rule that marks outliers, such as spurious and missed triggers.
+
+A pair is marked where ln e lies more than `THRESHOLD` standard deviations off a robust trend in
+speed, and in a table off a smooth curve; the standard deviation is that of its reading (see
+`_noise`), or the known error of one that has its own. e > 1 alone marks nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._flight import Floats
+from .noise import RELATIVE_FLOOR, Noise, estimate_noise, mad_sigma
+from .pairs import LEAST_PAIRS, Pairs, pairs_of
+
+THRESHOLD = 6.0
+"""Pairs beyond this many robust standard deviations are marked. Real scatter has longer tails than
+the normal distribution: that of the shipped balls ends at 4.9 (blue) and 5.8 (pingpong, drag taken
+out), and the next deviations are 7.9 and 11.9."""
+
+_LINE_POINTS = 10
+_BENDS = 7
+"""Largest degree of the curve on which no pair is marked: a coefficient for each four pairs."""
+
+_CURVE_STEPS = 25
+_BIWEIGHT = 4.685
+"""Standard deviations beyond which a point counts nothing: 95 % efficient for normal scatter."""
+
+_MOST_SHIFTS = 400
+
+
+@dataclasses.dataclass(frozen=True)
+class Trend:
+    """A robust trend of ln e: `level` + `slope` · x; x is the speed, its logarithm, or absent."""
+
+    kind: str
+    level: float
+    slope: float
+
+    def columns(self, velocity: Floats) -> Floats:
+        """What it is a sum of, at speeds in m/s: 1, and x where it has a slope (n, 1 or 2)."""
+        x = _AXES[self.kind](velocity)
+        one = np.ones_like(velocity)
+        return np.stack([one] if self.kind == "constant" else [one, x], axis=1)
+
+    def __call__(self, velocity: Floats) -> Floats:
+        """ln e at speeds in m/s."""
+        return self.level + self.slope * _AXES[self.kind](velocity)
+
+
+_AXES: dict[str, Callable[[Floats], Floats]] = {
+    "constant": np.zeros_like,
+    "speed": np.asarray,
+    "log speed": np.log,
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Outliers:
+    """Which of n pairs are marked, and why.
+
+    `flagged` (n,) bool; `deviation` (n,) from `trend` in standard deviations of `noise`, positive
+    for a ratio that is too large; `guess`, for each flagged pair, what may have happened.
+    """
+
+    flagged: NDArray[np.bool_]
+    deviation: Floats
+    guess: dict[int, str]
+    trend: Trend
+    noise: Noise
+
+
+def _off_curve(pairs: Pairs) -> NDArray[np.bool_]:
+    """Which pairs lie off a smooth curve, too.
+
+    It is a polynomial of ln v, by Tukey's biweight from the curve of least absolute deviations.
+    """
+    n, y = len(pairs), np.log(pairs.restitution)
+    degree = min(_BENDS, n // 4, len(np.unique(pairs.velocity)) - 1)
+    place = np.log(pairs.velocity)
+    size = np.ptp(place)
+    columns = np.polynomial.chebyshev.chebvander(
+        2 * (place - place.min()) / (size if size > 0 else 1) - 1, degree
+    )
+    weight, residual = np.ones(n), y
+    for step in range(2 * _CURVE_STEPS):
+        root = np.sqrt(weight)
+        residual = y - columns @ np.linalg.lstsq(columns * root[:, None], y * root)[0]
+        scale = max(mad_sigma(residual), RELATIVE_FLOOR)
+        if step < _CURVE_STEPS:
+            weight = 1 / np.maximum(np.abs(residual), 1e-3 * scale)
+        else:
+            weight = np.square(np.clip(1 - np.square(residual / (_BIWEIGHT * scale)), 0, None))
+    keep = np.abs(residual) <= THRESHOLD * max(mad_sigma(residual), RELATIVE_FLOOR)
+    # Readings differ in their noise.
+    noise = estimate_noise(residual[keep], pairs.reading_factor[keep], robust=True)
+    return np.abs(residual) > THRESHOLD * noise.sigma(pairs.reading_factor)
+
+
+def marked_in(
+    velocity: Floats, e: Floats, sigma: Floats | None = None
+) -> tuple[NDArray[np.bool_], Floats]:
+    """Which rows (n,) of a table are marked, and e on the trend; NaN in `e` is no row.
+
+    `sigma` is the standard deviation of e.
+    """
+    there = (velocity > 0) & (e > 0)
+    marked = np.zeros(e.shape, bool)
+    if there.sum() < LEAST_PAIRS:
+        return marked, np.where(there, e, 1.0)
+    known = None if sigma is None else sigma[there]
+    found = find_outliers(pairs_of(velocity[there], e[there], known))
+    marked[there] = found.flagged
+    return marked, np.exp(found.trend(velocity))
+
+
+class Marked(NamedTuple):
+    """Which of n pairs are marked, how far each lies off, the trend, and the noise about it."""
+
+    flagged: NDArray[np.bool_]
+    deviation: Floats
+    trend: Trend
+    noise: Noise
+
+
+def find_outliers(pairs: Pairs) -> Outliers:
+    """Mark pairs as `mark` does, and guess what happened to them.
+
+    In a table no pair is marked that lies on a smooth curve: e(v) may be steep and bent. Recordings
+    of flights have spurious triggers, and speeds in a narrow range.
+    """
+    # Few pairs may agree by chance to less than what their readings are known to be off.
+    least = 0.0 if pairs.covariance is None else np.sqrt(np.diag(pairs.covariance))
+    found = mark(pairs.velocity, pairs.restitution, pairs.reading_factor, least)
+    if found.flagged.any() and not pairs.from_flights:
+        found = found._replace(flagged=found.flagged & _off_curve(pairs))
+    usual = float(np.exp(np.median(found.trend(pairs.velocity[~found.flagged]))))
+    told = pairs.guess(found.flagged, usual)
+    guess = {k: told.get(k, "unclear") for k in map(int, np.flatnonzero(found.flagged))}
+    return Outliers(found.flagged, found.deviation, guess, found.trend, found.noise)
+
+
+def mark(
+    velocity: Floats,
+    restitution: Floats,
+    reading_factor: Floats,
+    least: Floats | float = 0.0,
+) -> Marked:
+    """Mark the pairs that lie more than `THRESHOLD` robust standard deviations off the trend.
+
+    A standard deviation counts as `least` (n,) where it is found smaller.
+
+    The trend (constant, or a Theil-Sen line in speed or in its logarithm, whichever leaves the
+    least scatter) and the noise are estimated, pairs marked, and both estimated again from the
+    unmarked pairs, until the marks stay the same.
+    """
+    y = np.log(restitution)
+    keep = np.ones(len(y), dtype=bool)
+    # The first round includes all outliers and so uses the median alone, which holds while fewer
+    # than half the pairs are wrong; later rounds, without the gross ones, fit slopes too.
+    kinds: Iterable[str] = ["constant"]
+    seen: set[bytes] = set()
+    while True:
+        trend = _robust_trend(kinds, velocity[keep], y[keep])
+        residual = y - trend(velocity)
+        noise = estimate_noise(residual[keep], reading_factor[keep], robust=True)
+        deviation = residual / np.maximum(noise.sigma(reading_factor), least)
+        keep = np.abs(deviation) <= THRESHOLD
+        # The marks may alternate between two sets: stop when a set comes up again.
+        if keep.tobytes() in seen:
+            return Marked(~keep, deviation, trend, noise)
+        seen.add(keep.tobytes())
+        kinds = _AXES if keep.sum() >= _LINE_POINTS else ["constant"]
+
+
+def _robust_trend(kinds: Iterable[str], velocity: Floats, y: Floats) -> Trend:
+    """Of the kinds of trends, each a Theil-Sen line, the one that leaves the least scatter."""
+    trends = []
+    for kind in kinds:
+        x = _AXES[kind](velocity)
+        slope = _median_slope(x, y)
+        trends.append(Trend(kind, float(np.median(y - slope * x)), slope))
+    return min(trends, key=lambda trend: mad_sigma(y - trend(velocity)))
+
+
+def _median_slope(x: Floats, y: Floats) -> float:
+    """Median of the slopes between pairs of points: a line that a quarter of them cannot move."""
+    order = np.argsort(x, kind="stable")
+    x, y = x[order], y[order]
+    least = 1e-9 * np.max(np.abs(x))
+    if x[-1] - x[0] <= least:
+        return 0.0
+    # All slopes of a long recording would not fit in memory: join each point to those a fixed
+    # number of ranks away, at all distances.
+    shifts = np.unique(np.linspace(1, len(x) - 1, min(len(x) - 1, _MOST_SHIFTS)).astype(int))
+    dx = np.concatenate([x[s:] - x[:-s] for s in shifts])
+    dy = np.concatenate([y[s:] - y[:-s] for s in shifts])
+    return float(np.median(dy[dx > least] / dx[dx > least]))

@@ -1,0 +1,1 @@
+"""Ready-made fits of a law to what was measured."""

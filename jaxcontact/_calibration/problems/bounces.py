@@ -1,0 +1,187 @@
+"""A law, and the drag of the air, from successive flights of a ball or from heights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ..._contact import Contact, require_contact
+from ..._fit import Fit, Huber, Positive, fit
+from ..._flight import (
+    STANDARD_GRAVITY,
+    Drag,
+    Flight,
+    duration,
+    height_reached,
+    landing_speed,
+    launch_speed,
+    speed_after_drop,
+    speed_to_reach,
+)
+from ..._impact import AbstractMethod, method_of, restitution
+from ..._laws import AbstractLaw, require_law
+from ..._parameter import POSITIVE, require_choice
+from ..._text.units import Shown
+from ..pairs.columns import column, with_transforms
+from ..pairs.plausible import not_shrinking, too_long
+from .impacts import transforms_of
+from .trigger_errors import Shared, by_height, by_triggers, with_shared_errors
+from .wrong_pairs import Readings, without_wrong_pairs
+
+
+def _landing_after(time: Any, gravity: Any, b: Any) -> Any:
+    return landing_speed(launch_speed(time, gravity, b), gravity, b)
+
+
+class _Kind(NamedTuple):
+    """The speed of landing from the first reading, and that of launch and the second reading from
+    each other; the errors that pairs share, and how both readings are shown.
+    """
+
+    landing: Callable[..., Any]
+    launch: Callable[..., Any]
+    second: Callable[..., Any]
+    shared: Callable[..., Shared]
+    shown: Mapping[str, Shown]
+
+
+_KINDS = {
+    "intervals": _Kind(
+        *(_landing_after, launch_speed, duration, by_triggers),
+        {"x": Shown("time", "flight before"), "": Shown("time", "flight after", logarithm=True)},
+    ),
+    "heights": _Kind(
+        *(speed_after_drop, speed_to_reach, height_reached, by_height),
+        {"x": Shown("height", "drop"), "": Shown("height", "rebound", logarithm=True)},
+    ),
+}
+
+
+_OWN_ERRORS = "sigma", "weights", "groups", "correlation"
+"""Arguments of `fit` with which the user says what the errors are like."""
+
+
+class BounceModel(eqx.Module):
+    """What a fit of bounces varies: a law, a contact, and C_d, which is None in vacuum."""
+
+    law: AbstractLaw
+    contact: Contact
+    drag_coefficient: Float[Array, ""] | float | None = None
+
+
+class NextFlight(eqx.Module):
+    """The logarithm of the flight time, or of the height, after an impact, from the one before.
+
+    `slowing` is 1/v_t² at C_d = 1, in s²/m²; None in vacuum.
+    """
+
+    gravity: Float[Array, ""]
+    slowing: Float[Array, ""] | None
+    kind: str = eqx.field(static=True)
+    method: AbstractMethod = eqx.field(converter=method_of)
+
+    @property
+    def shown(self) -> Mapping[str, Shown]:
+        """What is measured before an impact, and after it."""
+        return _KINDS[self.kind].shown
+
+    def __call__(self, model: BounceModel, first: Float[Array, " n"]) -> Float[Array, " n"]:
+        g, c_d = self.gravity, model.drag_coefficient
+        b = None if self.slowing is None or c_d is None else self.slowing * c_d
+        kind = _KINDS[self.kind]
+        approach = kind.landing(first, g, b)
+        launch = approach * restitution(model.law, model.contact, approach, method=self.method)
+        return jnp.log(kind.second(launch, g, b))
+
+
+def fit_bounces(
+    law: AbstractLaw,
+    contact: Contact,
+    first: ArrayLike,
+    second: ArrayLike,
+    *,
+    kind: str = "intervals",
+    gravity: float = STANDARD_GRAVITY,
+    drag: Drag | None = None,
+    fixed: tuple[str, ...] = ("mass", "stiffness", "drag_coefficient"),
+    method: str | AbstractMethod = "auto",
+    **how: Any,
+) -> Fit:
+    """A law, and the drag of the air, from successive flights of a ball on a heavy, level floor.
+
+    A flight that lands at w is followed by one launched at e(w) w; in vacuum T₂ = e T₁ and
+    h₂ = e² h₁. Compared are logarithms, ln T₂ or ln h₂: errors, `sigma` and residuals are relative.
+
+    Arguments: the `law` and the `contact` to start from; `first` and `second`, both (points,): of
+    `kind` "intervals", the times in s between one impact and the next and between that and the one
+    after; of kind "heights", those in m of a drop from rest and of the rebound. `gravity` in m/s²
+    (less buoyancy, g(1 - ρ_air/ρ_ball), for a light ball). `drag`, a quadratic one: mass in kg and
+    radius in m of the ball, the coefficient C_d, which is fitted from that start unless it is
+    `fixed`, and the density of the air in kg/m³; None is vacuum. `fixed`: numbers that stay, by
+    name. e(w) does not distinguish mass and stiffness from the parameters of the usual laws, so
+    these are held by default; and C_d, since only a wide range of speeds distinguishes drag from a
+    law whose damping grows with speed: the assumed law shifts C_d by far more than its standard
+    error. `method` as in `impact`; what else `fit` takes (`sigma`, `loss=Huber()`, ...).
+
+    Errors of `first` change the logarithm of `second` by nearly as much, so count them in `sigma`,
+    the root of the sum of both squares; there is no bias while they are small compared with the
+    range of the data. Successive intervals share a trigger, whose error enters them with opposite
+    signs, and drops from one height share the error of that height: unless `sigma`, `weights`,
+    `groups` or `correlation` is given, the size of these errors and the scatter of the bounces are
+    found by restricted likelihood, in one trial too (pairs follow each other where the second
+    interval of one is the first of the next), and stand in `notes`; standard errors allow for how
+    little few pairs tell of them. How much trials differ, one trial cannot tell. `calibrate` holds
+    C_d.
+
+    With `loss=Huber()` pairs that a spurious or missed trigger has spoilt are left out: those that
+    lie more than six robust standard deviations off the fit, found in turn with it from a trend
+    that knows no law. `notes` say how many; with more than 40 % of them the recording cannot be
+    used, and the fit has not converged.
+
+    Returns a `Fit` whose params have `.law`, `.contact` and `.drag_coefficient` (None in vacuum),
+    and whose `predict(first)` is ln T₂ or ln h₂. Raises ValueError for columns that do not match
+    or are not positive, and arguments out of range.
+    """
+    require_choice("kind", kind, _KINDS)
+    require_law(law)
+    require_contact(contact)
+    flight = Flight(gravity, drag)
+    before = column(first, "first", POSITIVE)
+    after = column(second, "second", POSITIVE, ("first", before))
+    if kind == "intervals" and (why := too_long(before, flight.gravity)):
+        raise ValueError(f"Argument `first` must be in s, but {why}.")
+    pairs = np.stack([before, after], axis=1)
+    if (factor := not_shrinking(list(pairs), 1.0 if kind == "intervals" else 2.0)) is not None:
+        raise ValueError(
+            f"Argument `second` must be shorter than `first`, as flights of a ball are after a "
+            f"bounce, but is {factor:.3g} times as long (the median)."
+        )
+    start, slowing, transforms = BounceModel(law, contact), None, {}
+    with jax.enable_x64(True):
+        if drag is not None:
+            start = BounceModel(law, contact, drag.coefficient)
+            slowing = jnp.asarray(flight.terminal_speed**-2 / drag.coefficient)
+            transforms["drag_coefficient"] = Positive()
+        model = NextFlight(jnp.asarray(flight.gravity), slowing, kind, method)
+    transforms |= transforms_of(start, fixed)
+    how = with_transforms(transforms, how)
+
+    def fitted(**other: Any) -> Fit:
+        return fit(model, np.log(after), start, x=before, **(how | other))
+
+    if isinstance(how.get("loss"), Huber):
+        velocity = flight.evaluate(_KINDS[kind].landing, before)[0]
+        launch = flight.evaluate(_KINDS[kind].launch, after)[0]
+        readings = Readings(before, after, velocity, launch / velocity)
+        found = without_wrong_pairs(fitted, how, readings)
+    else:
+        found = fitted()
+    if any(how.get(name) is not None for name in _OWN_ERRORS):
+        return found
+    return with_shared_errors(fitted, found, before, after, _KINDS[kind].shared)

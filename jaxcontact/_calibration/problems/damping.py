@@ -1,0 +1,73 @@
+"""The damping factor c that delivers measured restitutions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ..._contact import Contact, require_contact
+from ..._fit import Fit, Positive, fit
+from ..._impact import AbstractMethod, method_of, restitution
+from ..._laws import ConstantDamping, PowerDamping
+from ..._parameter import POSITIVE, require_choice
+from ..._text.units import Shown
+from ..pairs.columns import column, with_transforms
+from ..pairs.plausible import MEASURED_RESTITUTION
+
+
+class DeliveredByDamping(eqx.Module):
+    """e(v) of the contact with c, or c (v/reference)^power, in N s/m^(n+1)."""
+
+    contact: Contact
+    reference: Float[Array, ""]
+    method: AbstractMethod = eqx.field(converter=method_of)
+    shown: ClassVar[Mapping[str, Shown]] = {"x": Shown("velocity"), "": Shown("restitution")}
+
+    def __call__(
+        self, params: dict[str, Float[Array, ""]], velocity: Float[Array, " n"]
+    ) -> Float[Array, " n"]:
+        if "power" in params:
+            law = PowerDamping(params["c"], params["power"], self.reference)
+        else:
+            law = ConstantDamping(params["c"])
+        return restitution(law, self.contact, velocity, method=self.method)
+
+
+def fit_damping(
+    velocity: ArrayLike,
+    e: ArrayLike,
+    contact: Contact,
+    *,
+    form: str = "constant",
+    method: str | AbstractMethod = "auto",
+    **how: Any,
+) -> Fit:
+    """The hysteresis damping factor c for which a contact delivers e(v0): F = K δⁿ + c δⁿ δ'.
+
+    Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may bring a
+    measured one above 1), both (points,); the contact; `form` "constant", one c in N s/m^(n+1), or
+    "power", c(v0) = c (v0/v_r)^power with v_r the geometric mean of the speeds; `method` of the
+    impacts, as in `impact`; what else `fit` takes (`sigma`, `loss`, ...). With a constant c, e
+    falls with speed, since α = c v0/K. A power of -1 is a constant α, and so a constant e.
+
+    Returns a `Fit` whose params are a dict with "c" (and "power"), and whose `predict(v)` is e(v).
+    Raises ValueError for columns that do not match or leave their range.
+    Source: Hunt & Crossley (1975), doi 10.1115/1.3423596.
+    """
+    require_choice("form", form, ("constant", "power"))
+    require_contact(contact)
+    v = column(velocity, "velocity", POSITIVE)
+    measured = column(e, "e", MEASURED_RESTITUTION, ("velocity", v))
+    # Near the middle of the data Hu and Guo's relation gives an α that is close enough.
+    middle, typical = float(np.exp(np.mean(np.log(v)))), min(float(np.median(measured)), 0.999)
+    alpha = 1.5 * (1 - typical) / typical
+    start: dict[str, Any] = {"c": alpha * np.asarray(contact.stiffness, float) / middle}
+    if form == "power":
+        start["power"] = 0.0
+    model = DeliveredByDamping(contact, jnp.asarray(middle), method)
+    return fit(model, measured, start, x=v, **with_transforms({"c": Positive()}, how))

@@ -1,0 +1,142 @@
+"""The power β of the velocity profile that a compression follows: the regression of Eq. 22."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ..._fit import Fit, Positive, fit
+from ..._parameter import NOT_NEGATIVE, POSITIVE, as_weights, require_flag, require_number
+from ..._text.units import Shown
+from ..pairs.columns import column
+
+Params = Mapping[str, Float[Array, ""]]
+_FEWEST = 3
+"""Touch, turn, and a sample between them: at the two ends the profile does not depend on β."""
+
+
+@dataclasses.dataclass(frozen=True)
+class VelocityProfile:
+    """The profile δ' = v0 √(1 - (δ/δ_m)^β) nearest to samples of a compression.
+
+    `beta`, dimensionless; `residual`, the weighted root mean square of what was fitted, δ'/v0 or
+    its square; both NaN unless `converged`. The `steps` of the search, and in words the `reason`
+    why it stopped; the `fit` itself, of δ'/v0 or its square over δ/δ_m.
+    """
+
+    beta: float
+    residual: float
+    converged: bool
+    steps: int
+    reason: str
+    fit: Fit = dataclasses.field(repr=False, compare=False)
+
+
+def fit_velocity_profile(
+    indentation: ArrayLike,
+    velocity: ArrayLike,
+    *,
+    weights: ArrayLike | None = None,
+    squared: bool = False,
+    start: float = 2.5,
+) -> VelocityProfile:
+    """The β > 0 for which δ' = v0 √(1 - (δ/δ_m)^β) is nearest to a compression: least squares.
+
+    Minimises Σ wᵢ [δ'ᵢ/v0 - √(1 - (δᵢ/δ_m)^β)]² / Σ wᵢ over ln β from `start`; with `squared=True`
+    the squares of both are compared, without the root. Arguments, all of shape (samples,), at
+    least 3: `indentation` δ in m, from 0 at touch to δ_m, never falling; `velocity` δ' in m/s, from
+    v0 > 0 at touch to 0 at the turn; `weights` ≥ 0, equal if None. A trajectory may lack its
+    turn: append `impact(...).max_indentation` and 0. β depends on where the samples lie, each of
+    which counts by its weight.
+
+    Returns a `VelocityProfile`. No standard error is given: the samples of a solved motion carry no
+    noise, and the residual is the part that no β describes. Computes in double precision whatever
+    JAX is set to, and is not for use under `jit`. Raises ValueError for samples that are no
+    compression.
+
+    Source: Hu & Guo (2015), Eq. 22, doi 10.1007/s11044-015-9453-z.
+    """
+    squares = require_flag("squared", squared)
+    guess = require_number("start", start, POSITIVE)
+    depth = column(indentation, "indentation", NOT_NEGATIVE, least=_FEWEST)
+    speed = column(velocity, "velocity", NOT_NEGATIVE, ("indentation", depth))
+    share = np.ones(len(depth))
+    if weights is not None:
+        share = column(as_weights(weights), "weights", NOT_NEGATIVE, ("indentation", depth))
+    _check_compression(depth, speed)
+    u, v = depth / depth[-1], speed / speed[0]
+    found = fit(
+        Profile(squares),
+        v**2 if squares else v,
+        {"beta": guess},
+        x=u,
+        weights=share,
+        transforms=Positive(),
+    )
+    reason = found.reason
+    converged = found.converged and not (found.at_bound or found.unidentified)
+    if found.converged and not converged:
+        reason = "the samples do not determine β"
+    beta, residual = float(found.params["beta"]), math.sqrt(2 * found.loss / share.sum())
+    if not converged:
+        beta = residual = math.nan
+    return VelocityProfile(beta, residual, converged, found.steps, reason, found)
+
+
+class Profile(eqx.Module):
+    """δ'/v0, or its square, over δ/δ_m."""
+
+    squared: bool = eqx.field(static=True)
+
+    @property
+    def shown(self) -> dict[str, Shown]:
+        """How both are shown."""
+        words = "velocity / velocity at touch"
+        return {
+            "x": Shown("", "indentation / largest"),
+            "": Shown("", f"({words})²" if self.squared else words),
+        }
+
+    def __call__(self, params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:
+        return _square(params, u) if self.squared else _profile(params, u)
+
+
+def _square(params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:
+    """(δ'/v0)² = 1 - u^β, with its derivative in β: 0 at both ends, where ln 0 or 0/0 would be."""
+    inside = (u > 0) & (u < 1)
+    log_u = jnp.log(jnp.where(inside, u, 0.5))
+    return jnp.where(inside, -jnp.expm1(params["beta"] * log_u), jnp.where(u > 0, 0.0, 1.0))
+
+
+def _profile(params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:
+    """δ'/v0 = √(1 - u^β); where the square has vanished, so has its derivative."""
+    square = _square(params, u)
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)
+
+
+def _check_compression(indentation: np.ndarray, velocity: np.ndarray) -> None:
+    if indentation[0] != 0 or indentation[-1] == 0:
+        raise ValueError(
+            "Argument `indentation` must rise from 0 at touch to the turn, but goes from "
+            f"{indentation[0]:g} to {indentation[-1]:g}."
+        )
+    falls = np.diff(indentation) < 0
+    if falls.any():
+        i = int(np.argmax(falls))
+        raise ValueError(
+            "Argument `indentation` must never fall during compression, but falls from "
+            f"{indentation[i]:g} to {indentation[i + 1]:g} at point {i + 1}; leave out the "
+            "restitution."
+        )
+    if velocity[0] == 0 or velocity[-1] != 0:
+        raise ValueError(
+            "Argument `velocity` must go from v0 > 0 at touch to 0 at the turn, but goes from "
+            f"{velocity[0]:g} to {velocity[-1]:g}; append `impact(...).max_indentation` and 0."
+        )

@@ -1,0 +1,81 @@
+"""A robust fit of bounces, without the pairs that a spurious or missed trigger has spoilt."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..._fit import Fit
+from ..pairs.columns import for_each
+from ..pairs.noise import estimate_noise
+from ..pairs.outliers import THRESHOLD, mark
+
+Column = Float[np.ndarray, " n"]
+
+_MOST_WRONG = 0.4
+"""With more of its pairs wrong a recording cannot be used: a wrong trigger spoils two or three, and
+medians hold up to half."""
+
+_ROUNDS = 10
+
+
+class Readings(NamedTuple):
+    """Two readings after each other, and the speed and the restitution between them (n,)."""
+
+    first: Column
+    second: Column
+    velocity: Column
+    restitution: Column
+
+
+def without_wrong_pairs(fitted: Callable[..., Fit], how: dict[str, Any], readings: Readings) -> Fit:
+    """The fit of the pairs that lie within `THRESHOLD` robust standard deviations of it.
+
+    A wrong trigger is no scatter: however small its weight, it pulls. The first fit leaves out what
+    lies off a trend that knows no law, so that it starts near its end; the next ones what lies off
+    the last, until the pairs stay the same.
+    """
+    first, second, velocity, e = readings
+    # By the reading that is expected: one that is too short would else excuse itself.
+    usual = first * np.median(second / first)
+    factor = first**-2.0 + usual**-2.0
+    keep = ~mark(velocity, e, factor).flagged
+    seen: set[bytes] = set()
+    while True:
+        seen.add(keep.tobytes())
+        found = fitted(**_only(keep, how))
+        if not found.converged or len(seen) > _ROUNDS:
+            break
+        residual = np.asarray(found.predict()) - np.log(second)
+        noise = estimate_noise(residual[keep], factor[keep], robust=True)
+        keep = np.abs(residual) <= THRESHOLD * noise.sigma(factor)
+        if keep.tobytes() in seen:
+            break
+    return _told(found, int(np.count_nonzero(~keep)), keep.size)
+
+
+def _only(keep: Bool[np.ndarray, " n"], how: dict[str, Any]) -> dict[str, Any]:
+    """The arguments of `fit` with the weight of other pairs zero."""
+    if how.get("sigma") is not None:
+        sigma = for_each(how["sigma"], "sigma", keep.size)
+        return {"sigma": np.where(keep, sigma, np.inf)}
+    given = how.get("weights")
+    weights = 1.0 if given is None else for_each(given, "weights", keep.size, zero=True)
+    return {"weights": np.where(keep, weights, 0.0)}
+
+
+def _told(found: Fit, wrong: int, count: int) -> Fit:
+    if not wrong:
+        return found
+    pairs = f"{wrong} of {count} pairs lie more than {THRESHOLD:g} standard deviations off"
+    if wrong <= _MOST_WRONG * count:
+        return dataclasses.replace(found, notes=(*found.notes, f"{pairs}, and are left out"))
+    reason = f"{pairs}: the recording cannot be used"
+    unknown = np.full_like(found.covariance, np.nan)
+    return dataclasses.replace(
+        found, converged=False, reason=reason, covariance=unknown, unidentified=()
+    )

@@ -1,0 +1,65 @@
+"""Gravity and the drag of the air on bouncing balls, as options."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Collection
+from typing import TYPE_CHECKING
+
+from .options import InputError, positive
+
+if TYPE_CHECKING:
+    from .._flight import Drag
+
+
+def add_air_options(parser: argparse.ArgumentParser, *, mass: str | None = None) -> None:
+    """Add `--gravity` and what tells drag; `--mass` with these words, where there is none yet."""
+    air = parser.add_argument_group(
+        "drag of the air", "quadratic drag, taken out of the flights if all three are given"
+    )
+    parser.add_argument(
+        "--gravity", metavar="M/S2", type=positive, help="gravity in m/s² (default: 9.81)"
+    )
+    if mass is not None:
+        air.add_argument("--mass", metavar="KG", type=positive, help=mass)
+    for name, metavar, words in (
+        ("--radius", "M", "radius of the ball in m"),
+        ("--drag-coefficient", "CD", "0.4 to 0.5 for a sphere"),
+        ("--air-density", "KG/M3", "in kg/m³ (default: 1.204)"),
+    ):
+        air.add_argument(name, metavar=metavar, type=positive, help=words)
+
+
+def gravity_asked(arguments: argparse.Namespace) -> float:
+    from .._flight import STANDARD_GRAVITY
+
+    return STANDARD_GRAVITY if arguments.gravity is None else arguments.gravity
+
+
+def drag_asked(
+    arguments: argparse.Namespace, *, used: Collection[str] = (), hint: str = ""
+) -> Drag | None:
+    """The drag of which mass, radius and coefficient are given, or None.
+
+    Raises InputError for some of these numbers without the others, unless they are `used`
+    otherwise; `hint` says what else a mass that stands alone may be for.
+    """
+    from .._flight import AIR_DENSITY, Drag
+
+    named = {
+        "--mass": arguments.mass,
+        "--radius": arguments.radius,
+        "--drag-coefficient": arguments.drag_coefficient,
+    }
+    missing = [name for name, value in named.items() if value is None]
+    if not missing:
+        density = AIR_DENSITY if arguments.air_density is None else arguments.air_density
+        return Drag(arguments.mass, arguments.radius, arguments.drag_coefficient, density)
+    named["--air-density"] = arguments.air_density
+    useless = [name for name, value in named.items() if value is not None and name not in used]
+    if useless:
+        raise InputError(
+            f"{' and '.join(useless)} alone cannot correct for drag: "
+            f"also give {' and '.join(missing)}{hint if useless == ['--mass'] else ''}"
+        )
+    return None

@@ -1,0 +1,246 @@
+"""`jaxcontact calibrate`: laws from a recording of bounces."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import pathlib
+import re
+from typing import TYPE_CHECKING
+
+from ..._text.files import write_all
+from ..._text.progress import Stages
+from ..._text.table import wrapped
+from ..air import add_air_options, drag_asked, gravity_asked
+from ..files import output_path
+from ..options import InputError, positive
+from ..table import add_table_options, input_error
+
+if TYPE_CHECKING:
+    from ..._flight import Drag
+
+FIGURE = "calibration.png"
+NUMBERS = "calibration.json"
+SOUND = "sound.png"
+RECORD = "record.png"
+TRACK = "track.png"
+REPORT = "calibration.md"
+
+SUMMARY = "fit laws to a recording of bounces"
+
+DESCRIPTION = """\
+Turns a recording of bounces into pairs (approach speed, e), finds spurious and missed triggers by
+a robust rule, fits a constant e and speed-dependent laws (constant damping, damping as a power of
+the speed, Kuwabara-Kono, elastic-plastic spheres, 1 - b v^p), compares them, and writes
+calibration.png and calibration.json. Without FILE it uses the bounce intervals of a small rubber
+ball that ship with the package.
+"""
+
+EPILOG = """\
+It prints e with its 95 % interval at the slowest and the fastest measured speed (and at those of
+--at), the law, the data, and what to measure next. The interval is that of the mean e at a speed,
+if the law is right. --details prints all tables. Of one to three pairs it prints the e of each and
+their mean; a law takes four.
+
+FILE is a table: text (CSV and its relatives, decimal commas too), a spreadsheet or parquet. It has
+one of these sets of columns, with headings by any usual name ("v", "COR", "speed (mm/s)"):
+  interval_s [ball, drop_height_m, trial, bounce, sigma]
+                                                       seconds between successive impacts, or laps
+                                                       of a stopwatch; `bounce` counts the
+                                                       intervals of a trial
+  bounce_time_s [ball, drop_height_m, trial, bounce, label]
+                                                       instants of bounces: split times of a
+                                                       stopwatch, labels of an audio editor
+  drop_height_m, rest_time_s [ball, trial]             a drop and the time until the ball rests
+  drop_height_m, rebound_height_m [ball, trial]        a drop and the height of its first rebound
+  velocity, restitution [ball, sigma]                  approach speed in m/s and e
+  velocity, rebound_velocity [ball]                    speeds in m/s before and after an impact
+  height_m [ball, trial, bounce]                       heights of successive flights
+  y, time | frame [x, ball | particle, trial]          places of a ball in a video (a track), in m,
+                                                       pixels or any unit, counted up or down
+  time, force | acceleration | indentation            what an instrument reads over time, with one
+                                                       or several impacts in it
+  time, sound                                          samples of a sound
+Those in brackets may be left out; other columns are ignored. A unit that is written in a heading is
+converted, and the report says so. `sigma` holds standard deviations of e or of the intervals, which
+are taken as they are; others are named as not used. Rows in messages are lines of the file; the
+header is row 1.
+
+FILE may be a sound, too: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. Bounces
+are found in it by their shrinking intervals and like sounds, each drop a trial, and timed to some
+microseconds, with errors that enter the fit; doubtful sounds are listed and not used. sound.png
+shows which they are.
+
+In a track from video (Tracker, OpenCV, trackpy) parabolas are fitted between the impacts, whose
+times follow between frames, and with them e. A column of frame numbers needs --rate, in frames per
+second. The scale of the camera follows from g, its tilt with x. track.png shows the parabolas.
+
+In a record of a force plate, a load cell or an accelerometer (unit written: m/s² or g) impacts are
+cut apart and fitted one by one with their time of touch and zero: with --mass each gives speed, e,
+contact time, peak force and K, and all of them the law. --rate stands for a column of time,
+--exponent for the n of the force, 3/2 by default. record.png shows what was cut, and the fits.
+
+e from two intervals of a trial with successive bounces: e = T2/T1 at approach speed g T1/2, or with
+drag by its flight times; from heights: e = sqrt(h1/h0) at sqrt(2 g h0), or with drag. A pair is
+marked only for lying far off the trend of all pairs; e above 1 is no reason. Marked pairs are
+listed with their rows and left out; the result with them is shown as well.
+
+--law NAME: `constant_damping`, `power_damping`, `kuwabara_kono`, `thornton_plastic`,
+`power_restitution`, `bridges`, `linear_dashpot` or `step_damping` is compared with a constant e; a
+law with parameter e (see `jaxcontact laws`) delivers the constant e and is compared with all of
+them but the last three, which few recordings tell from the others. With --law all, the default, the
+exact constant e is compared with the same. Every law with parameter e delivers a constant one; the
+e to set in each of them is listed.
+
+e(v) alone determines only c/K of constant damping and only A (K/m)^(2/5) of Kuwabara-Kono. With
+--stiffness c follows, with --mass and --stiffness A does.
+
+`jaxcontact.load_calibration("calibration.json").law` is the fitted law.
+
+exit codes: 0 done; 1 a fit did not converge (everything is written); 2 bad input, nothing written.
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", nargs="?", metavar="FILE", help="recording (default: the shipped)")
+    parser.add_argument(
+        "--law", metavar="NAME", default="all", help="law to fit (default: all, of six kinds)"
+    )
+    parser.add_argument(
+        "--ball",
+        metavar="NAME",
+        help="ball to use where the file holds several (default for the shipped file: blue)",
+    )
+    add_table_options(parser)
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        default=".",
+        help=f"folder for {FIGURE} and {NUMBERS}, made if missing (default: the current one)",
+    )
+    add_air_options(parser, mass="mass of the ball in kg (also used for A, and for records)")
+    follow = "Hertz stiffness in N/m^(3/2); reports the c, and with --mass the A, that follow"
+    for name, metavar, words in (
+        ("--stiffness", "K", follow),
+        ("--rate", "HZ", "readings of a record, or frames of a video, per second"),
+        ("--exponent", "N", "exponent n of the force of a record (default: 1.5)"),
+    ):
+        parser.add_argument(name, metavar=metavar, type=positive, help=words)
+    parser.add_argument(
+        "--report",
+        metavar="FILE",
+        nargs="?",
+        const="",
+        help="also write a report: .html, one page with pictures and what to type into simulators, "
+        f".md, .txt or .json; without FILE {REPORT} beside the figure",
+    )
+    parser.add_argument(
+        "--at",
+        metavar="V",
+        type=positive,
+        action="append",
+        default=[],
+        help="also say e at this approach speed in m/s; may be repeated",
+    )
+    parser.add_argument(
+        "--details",
+        action="store_true",
+        help="print everything: marked pairs, parameters of all laws, their comparison",
+    )
+
+
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
+    """Calibrate as asked; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
+    progress("reading the recording")
+    from ..._lab.calibration.calibrate import calibrate
+    from ..._lab.recordings import RecordingError, read_recording
+    from ...plot import calibration, record, sound, track
+    from ...plot._save import drawn
+
+    out = pathlib.Path(arguments.out)
+    page = _page(arguments.report, out)
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out} is not a folder")
+    try:
+        recording = read_recording(
+            arguments.file,
+            ball=arguments.ball,
+            columns=arguments.columns,
+            decimal=arguments.decimal,
+            rate=arguments.rate,
+        )
+    except ValueError as error:
+        raise input_error(error) from error
+    drag = None if recording.layout.fitted else _drag(arguments)
+    try:
+        result = calibrate(
+            recording,
+            law=arguments.law,
+            drag=drag,
+            mass=arguments.mass,
+            stiffness=arguments.stiffness,
+            exponent=arguments.exponent,
+            gravity=gravity_asked(arguments),
+            at=arguments.at,
+            progress=progress,
+        )
+    except RecordingError as error:
+        raise input_error(error) from error
+    except ValueError as error:
+        # Numbers are checked by the parser: what is left is a law that e(v) cannot be fitted with,
+        # and what a record needs.
+        option = re.match(r"Argument `(mass|stiffness|exponent)`", str(error))
+        if option:
+            raise InputError(str(error).replace(option[0], f"--{option[1]}", 1)) from error
+        raise InputError(f"--law: {error}") from error
+    progress("drawing and writing")
+    figure = drawn(lambda f: calibration(result, ax=f.add_subplot()), (7.0, 4.6), out / FIGURE)
+    files = {out / FIGURE: figure, out / NUMBERS: result.to_json().encode()}
+    if recording.sound is not None:
+        picture = drawn(lambda f: sound(recording, ax=f.add_subplot()), (8.0, 4.0), out / SOUND)
+        files[out / SOUND] = picture
+    if recording.tracks:
+        picture = drawn(lambda f: track(recording, ax=f.add_subplot()), (8.0, 4.0), out / TRACK)
+        files[out / TRACK] = picture
+    if result.impacts:
+        picture = drawn(lambda f: record(result, ax=f.subplots(2)), (8.0, 7.0), out / RECORD)
+        files[out / RECORD] = picture
+    if page is not None:
+        from ..._lab.report import content_of
+
+        picture = pathlib.Path(os.path.relpath(out / FIGURE, page.parent)).as_posix()
+        files[page] = content_of(result, page, arguments.radius, progress, picture)
+    write_all(files)
+    if arguments.json:
+        print(files[out / NUMBERS].decode(), end="")
+    else:
+        print(result.report() if arguments.details else result)
+        print("\n".join(wrapped("Written", ", ".join(map(str, files)))))
+    return 0 if result.converged else 1
+
+
+def _page(name: str | None, out: pathlib.Path) -> pathlib.Path | None:
+    """The file of `--report`; None without it. Raises InputError for another ending."""
+    if name is None:
+        return None
+    if not name:
+        return out / REPORT
+    from ..._lab.report import PDF, SUFFIXES
+
+    if pathlib.Path(name).suffix.lower() == ".pdf":
+        raise InputError(f"--report {name}: {PDF.format(pathlib.Path(name).stem)}")
+    if pathlib.Path(name).suffix.lower() not in SUFFIXES and pathlib.Path(name).exists():
+        raise InputError(
+            f"--report {name}: is this the recording? Then put it first: "
+            f"`jaxcontact calibrate {name} --report`"
+        )
+    return output_path("--report", name, SUFFIXES)
+
+
+def _drag(arguments: argparse.Namespace) -> Drag | None:
+    used = []
+    if arguments.stiffness is not None:
+        used.append("--mass")  # wanted for A
+    if arguments.report:
+        used.append("--radius")  # wanted for simulators
+    return drag_asked(arguments, used=used, hint=" (or --stiffness, for A)")

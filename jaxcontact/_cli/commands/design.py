@@ -1,0 +1,148 @@
+"""`jaxcontact design`: what to measure next."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+from typing import TYPE_CHECKING, Any
+
+from ..._text.progress import Stages
+from ..law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
+from ..options import InputError, assignment, number, positive
+from ..printing import print_json
+from ..range import span
+
+if TYPE_CHECKING:
+    import numpy as np
+
+SUMMARY = "what to measure next"
+
+DESCRIPTION = """\
+The readings that determine the parameters of a law and a contact best, or that tell two laws apart:
+of which quantity, at which of the closing speeds one could use, and how often.
+"""
+
+EPILOG = """\
+example: jaxcontact design --law hu_guo --e 0.7 --mass 0.05 --stiffness 1e6 \\
+             --speeds 0.2:4:20:log --noise e=0.01 --noise duration=0.02 --readings 12
+
+--noise is the standard deviation of one reading: of e itself, of duration and max_force relative to
+their size. Only quantities with a noise are read. The law and the contact are your best guess.
+
+With --against, λ is the least Σ ((difference of the laws)/noise)² over the parameters of the other
+law: 40 tells the laws apart. 0 says that the other law can give the same readings, whatever their
+number: read another quantity, or hold what is known.
+
+exit codes: 0 done; 2 bad input.
+"""
+
+_QUANTITIES = ("e", "duration", "max_force")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    form = "NUMBER", "c=1e6"
+    add_law_and_contact(parser, number=number, size=positive, form=form, velocity=False)
+    parser.add_argument(
+        "--speeds",
+        metavar="RANGE",
+        type=span,
+        required=True,
+        help="closing speeds in m/s that can be used: FROM:TO:COUNT or FROM:TO:COUNT:log",
+    )
+    parser.add_argument(
+        "--noise",
+        metavar="QUANTITY=NUMBER",
+        type=functools.partial(assignment, read=positive, form="NUMBER"),
+        action="append",
+        required=True,
+        help=f"of {', '.join(_QUANTITIES)}; may be repeated",
+    )
+    parser.add_argument(
+        "--readings", metavar="N", type=int, default=8, help="how many readings (default: 8)"
+    )
+    parser.add_argument(
+        "--goal",
+        metavar="NAME",
+        default="all",
+        help='a parameter ("law.e", "contact.stiffness"), or all of them (default)',
+    )
+    parser.add_argument(
+        "--against", metavar="LAW", help="a law that the readings shall tell from --law, instead"
+    )
+    parser.add_argument(
+        "--hold",
+        metavar="NAME",
+        action="append",
+        help="a number that is known, besides the mass; may be repeated",
+    )
+
+
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
+    """Plan and print. Raises InputError."""
+    progress("compiling and planning")
+    from ..._calibration import design
+    from ..._laws import constant_laws, get_law
+    from ..._parameter import did_you_mean
+
+    given = parameters_asked(arguments)
+    contact = contact_asked(arguments, exponent_asked(arguments))
+    noise = dict(arguments.noise)
+    for name in noise:
+        if name not in _QUANTITIES:
+            raise InputError(
+                f"--noise {name}: the quantities are {', '.join(_QUANTITIES)}."
+                f"{did_you_mean(name, _QUANTITIES)}"
+            )
+    goal: Any = arguments.goal
+    if arguments.against is not None:
+        if arguments.against not in constant_laws():
+            raise InputError(
+                f"--against: must be a law with one parameter e ({', '.join(constant_laws())})."
+                f"{did_you_mean(arguments.against, constant_laws())}"
+            )
+        goal = get_law(arguments.against, e=given.get("e", 0.7))
+    fixed = ("mass", *(arguments.hold or ()))
+    try:
+        plan = design(
+            get_law(arguments.law, **given),
+            contact,
+            noise=noise,
+            candidates=_column(arguments.speeds),
+            n=arguments.readings,
+            goal=goal,
+            fixed=fixed,
+        )
+    except ValueError as error:
+        raise InputError(_in_options(str(error))) from error
+    if arguments.json:
+        print_json(
+            {
+                "velocity": plan.velocity,
+                "quantity": plan.quantity,
+                "standard_errors": plan.standard_errors,
+                "even": plan.even,
+                "noncentrality": plan.noncentrality,
+                "meaning": plan.meaning,
+            }
+        )
+    else:
+        print(plan)
+    return 0
+
+
+def _column(speeds: float | np.ndarray) -> np.ndarray:
+    import numpy as np
+
+    return np.atleast_1d(speeds)
+
+
+def _in_options(text: str) -> str:
+    for name, option in (
+        ("candidates", "--speeds"),
+        ("n", "--readings"),
+        ("goal", "--goal"),
+        ("fixed", "--hold"),
+        ("noise", "--noise"),
+    ):
+        text = text.replace(f"Argument `{name}`", option)
+    return text

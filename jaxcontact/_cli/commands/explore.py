@@ -1,0 +1,54 @@
+"""`jaxcontact explore`: the page on which one drags e."""
+
+from __future__ import annotations
+
+import argparse
+import webbrowser
+
+from ..._cache import users_folder
+from ..._text.files import write_all
+from ..._text.progress import Stages
+from ..files import output_path
+from ..options import InputError
+from ..printing import print_json
+
+SUMMARY = "drag e, n and damping, and see what each law makes of it"
+
+DESCRIPTION = """\
+A page for the browser: choose laws, drag e, n and damping; the loop of force and indentation, the
+restitution delivered and the peak force follow. One file, which needs no network.
+"""
+
+EPILOG = """\
+example: jaxcontact explore --out explore.html --no-open
+
+exit codes: 0 done; 2 bad input.
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--out",
+        metavar="FILE",
+        help="where to write the page (default: explore.html among the user's cached files)",
+    )
+    parser.add_argument("--no-open", action="store_true", help="write the page only")
+
+
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
+    """Write the page, and open it unless told otherwise."""
+    from ..._explore import page
+
+    if arguments.out is not None:
+        file = output_path("--out", arguments.out, (".html", ".htm"))
+    elif (folder := users_folder()) is not None:
+        file = folder / "explore.html"
+    else:
+        raise InputError("--out is needed: no cached files are kept")
+    write_all({file: page().encode()})
+    opened = not arguments.no_open and webbrowser.open(file.resolve().as_uri())
+    if arguments.json:
+        print_json({"file": str(file), "opened": opened})
+    else:
+        print(f"{file}{'' if opened else ': open it in a browser'}")
+    return 0

@@ -1,0 +1,216 @@
+"""`jaxcontact export`: what to type into another simulator."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+from typing import TYPE_CHECKING, Any
+
+from ..._text.progress import Stages
+from ..law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
+from ..options import InputError, assignment, number, positive
+from ..printing import print_json
+from ..range import span
+
+if TYPE_CHECKING:
+    from ..._contact import Contact
+    from ..._export import Export
+
+SUMMARY = "what to type into another simulator"
+
+DESCRIPTION = """\
+The parameters with which another simulator delivers the restitution of a law, as lines to paste,
+with the range of closing speeds over which they hold and the error beyond.
+"""
+
+EPILOG = """\
+examples:
+  jaxcontact export --law hu_guo --e 0.7 --mass 1 --stiffness 1e6 --velocity 2 --engine drake
+  jaxcontact export --from calibration.json --mass 0.05 --stiffness 1e6 --engine mujoco
+
+--velocity FROM:TO:COUNT asks for the one set of parameters whose largest error of e over these
+speeds is least. With --from the measured range is taken if no velocity is given; mass and stiffness
+are those of the calibration, which must know them, unless they are given here.
+
+Engines and their options: bullet, mercurydpm, mujoco, newton; adams (--option length=mm,
+--option d=1e-5); chrono and yade (--radius, --option poisson_ratio=0.3);
+drake (--option discrete_contact_approximation=sap); exudyn (--option impact_model=1);
+lammps (--radius, --option damping=viscoelastic, or mass_velocity with hooke); simbody (--radius).
+For isaac, physx and genesis the command says what is known of their contacts.
+
+--time-step 0.002 says what e becomes at a robot's step, which does not resolve most contacts, by
+where in a step the ball touches, and how long a contact must last to keep e within --within: of
+drake, lammps, mercurydpm, mujoco and newton, whose steps are known.
+
+exit codes: 0 done; 2 bad input, or a restitution that the engine's law cannot deliver.
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--engine", metavar="NAME", required=True, help="the simulator; see below")
+    parser.add_argument(
+        "--from", dest="calibration", metavar="FILE", help="a calibration, instead of a law"
+    )
+    form = "NUMBER", "c=1e6"
+    add_law_and_contact(
+        parser, number=number, size=positive, form=form, needed=False, velocity=False
+    )
+    parser.add_argument(
+        "--velocity", metavar="V", type=span, help="closing speed in m/s, or FROM:TO:COUNT[:log]"
+    )
+    parser.add_argument(
+        "--radius", metavar="M", type=positive, help="effective radius in m, R1 R2/(R1+R2)"
+    )
+    parser.add_argument(
+        "--option",
+        metavar="NAME=VALUE",
+        type=functools.partial(assignment, read=_value, form="VALUE"),
+        action="append",
+        default=[],
+        help="another option of the engine; may be repeated",
+    )
+    parser.add_argument(
+        "--time-step", metavar="S", type=positive, help="say what e becomes at steps of S seconds"
+    )
+    parser.add_argument(
+        "--within",
+        metavar="E",
+        type=positive,
+        default=0.01,
+        help="error of e up to which the parameters are said to hold (default: 0.01)",
+    )
+
+
+def _value(text: str) -> Any:
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text
+
+
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
+    """Export and print. Raises InputError, OSError."""
+    progress("compiling and inverting the engine's law")
+    from ..._export import export
+    from ..._text.table import wrapped
+
+    law, contact = _asked(arguments)
+    options = dict(arguments.option)
+    if arguments.radius is not None:
+        options["radius"] = arguments.radius
+    try:
+        found = export(law, contact, arguments.velocity, engine=arguments.engine, **options)
+        progress("looking over which speeds it holds")
+        holds = found.holds(arguments.within)
+        at_step = None
+        if arguments.time_step is not None:
+            at_step = found.at_time_step(arguments.time_step, arguments.within)
+    except ValueError as error:
+        raise InputError(_in_options(str(error))) from error
+    if arguments.json:
+        stepped = {} if at_step is None else {"at_time_step": vars(at_step)}
+        print_json(_dict(found, holds) | stepped)
+    else:
+        print(_text(found))
+        print(holds)
+        print()
+        if at_step is not None:
+            print(at_step)
+            print()
+        for head, text in (("Limit", found.limit), ("Source", found.source)):
+            print("\n".join(wrapped(head, text, indent=9)))
+    return 0
+
+
+def _asked(arguments: argparse.Namespace) -> tuple[Any, Contact | None]:
+    from ..._laws import get_law
+
+    if (arguments.calibration is None) == (arguments.law is None):
+        raise InputError("give either --law, with its parameters, or --from FILE")
+    if arguments.law is None:
+        from ..._lab.calibration.file import load_calibration
+
+        try:
+            known = load_calibration(arguments.calibration)
+        except ValueError as error:
+            raise InputError(str(error)) from error
+        given = [name for name in ("mass", "stiffness") if getattr(arguments, name) is not None]
+        if not given:
+            return known, None
+        # What is not given here is known there, or else asked for.
+        for name in ("mass", "stiffness"):
+            if getattr(arguments, name) is None and name in known.given:
+                setattr(arguments, name, float(getattr(known.contact, name)))
+        return known, contact_asked(arguments, arguments.exponent or 1.5)
+    given = parameters_asked(arguments)
+    if arguments.velocity is None:
+        raise InputError("--velocity is needed: e of the engine may depend on it")
+    contact = contact_asked(arguments, exponent_asked(arguments))
+    try:
+        return get_law(arguments.law, **given), contact
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def _in_options(text: str) -> str:
+    import re
+
+    text = text.replace("Give `contact=Contact(mass, stiffness)`", "Give --mass and --stiffness")
+    text = re.sub(
+        r"`(mass|stiffness|radius|engine|velocity|law)`", lambda found: f"--{found[1]}", text
+    )
+    text = text.replace("Argument `contact` is needed: this calibration", "the calibration")
+    text = re.sub(r"Arguments? (--|`)", r"\1", text).replace(", but is None.", "")
+    return re.sub(r"`(\w+)`", r"--option \1", text) if "engine" in text else text
+
+
+def _text(found: Export) -> str:
+    from ..._text.table import text_table
+    from ..._text.units import quantity
+
+    rows = [(name, f"{x:.9g} {found.units[name]}") for name, x in found.parameters.items()]
+    rows.append(("duration of contact", quantity("duration", f"{found.duration:.4g}")))
+    if found.time_step is not None and found.expected_error is not None:
+        words = f"{found.time_step:.3g} s or less, for an error of e of {found.expected_error:.1%}"
+        rows.append(("time step", words))
+    else:
+        rows.append(("time step", "not known: the engine was not run here, its formula is used"))
+    lines = [
+        f"{found.engine}: {found.model}",
+        "",
+        *found.snippet.splitlines(),
+        "",
+        *text_table(rows, indent=2),
+        *found.by_speed(),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _dict(found: Export, holds: Any) -> dict[str, Any]:
+    return {
+        "engine": found.engine,
+        "model": found.model,
+        "snippet": found.snippet,
+        "parameters": dict(found.parameters),
+        "units": dict(found.units),
+        "velocity": found.velocity,
+        "target": found.target,
+        "delivered": found.delivered,
+        "error": found.error,
+        "duration": found.duration,
+        "time_step": found.time_step,
+        "expected_error": found.expected_error,
+        "holds": {
+            "within": holds.within,
+            "from": holds.low,
+            "to": holds.high,
+            "velocity": holds.velocity,
+            "target": holds.target,
+            "delivered": holds.delivered,
+        },
+        "limit": found.limit,
+        "source": found.source,
+    }

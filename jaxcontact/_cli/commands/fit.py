@@ -1,0 +1,339 @@
+"""`jaxcontact fit`: one ready-made problem on the columns of a file."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import functools
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from ..._text.progress import Stages
+from ..air import add_air_options, drag_asked, gravity_asked
+from ..law import add_law_and_contact, contact_asked, exponent_asked, parameters_asked
+from ..options import InputError, assignment, number, positive
+from ..printing import print_json
+from ..table import add_table_options, input_error
+
+if TYPE_CHECKING:
+    from ..._fit import Fit
+    from ..._lab.recordings import Columns
+    from ..._laws import AbstractLaw
+
+SUMMARY = "parameters from a file of columns"
+
+DESCRIPTION = """\
+Fits one ready-made problem to the columns of a file, and prints the parameters with standard
+errors, whether the model describes the data, and what they do not determine.
+"""
+
+EPILOG = """\
+PROBLEM, the columns that it reads, and what it fits:
+  impacts      velocity, and e, duration or max_force     a law and a contact
+               [sigma, of e alone; ball]
+  damping      velocity, e [sigma; ball]                  the factor c of K δⁿ + c δⁿ δ'
+  energy_loss  e_in, e_out                                the power β of the energy-loss family
+  record       time, and force or indentation             a law and a contact, from one impact
+  bounces      as `jaxcontact calibrate`                  a law, from intervals or heights
+
+Headings may be any usual name, with a unit that is then converted ("t_c / ms", "peak force (kN)");
+--columns says what is what where that is not understood. Of impacts with e alone the rows that
+`jaxcontact calibrate` marks are left out, and errors are the same part of each e unless their
+standard deviations are known: the verdict is that of `calibrate`.
+
+--law, its parameters, --mass and --stiffness are where the fit starts. The mass stays as it is
+given; --hold NAME holds other numbers, by their names in what is printed: contact.stiffness, law.c
+(or just stiffness, c), or velocity.
+
+--gravity and the drag of the air are for bounces; with --mass, --radius and --drag-coefficient the
+flights are those of a ball in air.
+
+Without --e a law with that parameter starts at 0.7.
+
+example: jaxcontact fit impacts table.csv --law hu_guo --mass 0.05 --stiffness 1e6
+
+exit codes: 0 done; 1 the fit did not converge; 2 bad input.
+"""
+
+_START = 0.7
+"""Of the parameter e of a law, where none is given."""
+
+
+@dataclasses.dataclass(frozen=True)
+class _Problem:
+    """The columns of a problem, those of them that must be there, and how it is fitted."""
+
+    columns: tuple[str, ...]
+    needed: tuple[str, ...]
+    fit: Callable[[argparse.Namespace, Mapping[str, Any]], Fit]
+    one_of: tuple[str, ...] = ()
+
+
+def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    import numpy as np
+
+    from ..._calibration import fit_impacts
+    from ..._calibration.pairs.outliers import marked_in
+
+    law, exponent = _law(arguments)
+    data = dict(data)
+    own = data.pop("sigma", None)
+    sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
+    how = _held(arguments) | _robust(arguments)
+    if own is not None and not sigmas:
+        sigmas = {"sigma_e": own}
+    if not sigmas and data.keys() == {"velocity", "e"}:
+        # Errors are the same part of each e, as in `calibrate`, for ln e to the third order.
+        product = data["e"] * marked_in(data["velocity"], data["e"])[1]
+        how["weights"] = {"e": np.where(product > 0, product, np.inf) ** -1.0}
+    return fit_impacts(law, contact_asked(arguments, exponent), **data, **sigmas, **how)
+
+
+def _damping(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    from ..._calibration import fit_damping
+
+    sigma = {"e": data["sigma"]} if "sigma" in data else {}
+    sigma |= _sigmas(arguments, {"e": data["e"]})
+    how: dict[str, Any] = {"sigma": sigma["e"]} if sigma else {}
+    how |= _robust(arguments)
+    contact = contact_asked(arguments, arguments.exponent or 1.5)
+    return fit_damping(data["velocity"], data["e"], contact, **how)
+
+
+def _energy_loss(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    from ..._calibration import fit_energy_loss
+
+    return fit_energy_loss(data["e_in"], data.get("e_out"), **_robust(arguments))
+
+
+def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    from ..._lab.records.fit_record import fit_record
+
+    law, exponent = _law(arguments)
+    if arguments.velocity is None:
+        raise InputError("--velocity is needed: the closing speed where the fit starts")
+    sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
+    contact = contact_asked(arguments, exponent)
+    columns = {name: values for name, values in data.items() if name != "time"}
+    how = _held(arguments) | _robust(arguments)
+    return fit_record(data["time"], law, contact, arguments.velocity, **columns, **sigmas, **how)
+
+
+def _bounces(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
+    import numpy as np
+
+    from ..._calibration import fit_bounces
+    from ..._contact import Contact
+
+    law, exponent = _law(arguments)
+    # e(v) of most laws does not depend on them.
+    contact = Contact(arguments.mass or 1.0, arguments.stiffness or 1.0, exponent)
+    first, second = (np.array(data[name]) for name in ("first", "second"))
+    drag = drag_asked(arguments, used=["--mass"])
+    how = {"gravity": gravity_asked(arguments), "drag": drag} | _robust(arguments)
+    how |= {name: data[name] for name in ("sigma", "correlation") if name in data}
+    return fit_bounces(law, contact, first, second, kind=str(data["kind"]), **how)
+
+
+_PROBLEMS = {
+    "impacts": _Problem(
+        ("velocity", "e", "duration", "max_force", "sigma", "ball"),
+        ("velocity",),
+        _impacts,
+        ("e", "duration", "max_force"),
+    ),
+    "damping": _Problem(("velocity", "e", "sigma", "ball"), ("velocity", "e"), _damping),
+    "energy_loss": _Problem(("e_in", "e_out"), ("e_in", "e_out"), _energy_loss),
+    "record": _Problem(
+        ("time", "force", "indentation"), ("time",), _record, ("force", "indentation")
+    ),
+    "bounces": _Problem((), (), _bounces),
+}
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("problem", metavar="PROBLEM", choices=tuple(_PROBLEMS), help="see below")
+    parser.add_argument("file", metavar="FILE", help="text, spreadsheet or parquet, with columns")
+    form = "NUMBER", "c=1e6"
+    add_law_and_contact(parser, number=number, size=positive, form=form, needed=False)
+    parser.add_argument(
+        "--sigma",
+        metavar="COLUMN=NUMBER",
+        type=functools.partial(assignment, read=positive, form="NUMBER"),
+        action="append",
+        default=[],
+        help="standard deviation of a column in SI units, of duration and max_force relative; for "
+        "all columns or none; may be repeated",
+    )
+    parser.add_argument(
+        "--hold", metavar="NAME", action="append", help="hold a number; may be repeated"
+    )
+    parser.add_argument(
+        "--robust",
+        action="store_true",
+        help="Huber's loss: outliers, wrong triggers say, count less",
+    )
+    parser.add_argument("--ball", metavar="NAME", help="ball to use where the file holds several")
+    parser.add_argument(
+        "--rate", metavar="HZ", type=positive, help="frames of a video per second, for bounces"
+    )
+    add_air_options(parser)
+    add_table_options(parser)
+
+
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
+    """Fit and print; return 0, or 1 if the fit did not converge. Raises InputError, OSError."""
+    progress("reading the file")
+    problem = _PROBLEMS[arguments.problem]
+    if arguments.problem != "bounces":
+        for name in ("rate", "gravity", "radius", "drag_coefficient", "air_density"):
+            if getattr(arguments, name) is not None:
+                raise InputError(f"--{name.replace('_', '-')} is for bounces only")
+    source, data, notes = _read(arguments, problem)
+    progress("compiling and fitting")
+    try:
+        found = problem.fit(arguments, data)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"{source}: {error}") from error
+    if arguments.json:
+        print_json(_dict(arguments, source, found, notes))
+    else:
+        print(f"{arguments.problem} of {source}")
+        if notes:
+            print(f"  read as: {'; '.join(notes)}")
+        print(found.summary())
+    return 0 if found.converged else 1
+
+
+def _read(
+    arguments: argparse.Namespace, problem: _Problem
+) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
+    from ..._lab.recordings import FROM_FILE, read_columns
+
+    how = {"columns": arguments.columns, "decimal": arguments.decimal}
+    try:
+        if not problem.columns:
+            return _read_bounces(arguments, how)
+        how["ball"] = arguments.ball
+        read = read_columns(arguments.file, problem.columns, needed=problem.needed, **how)
+    except ValueError as error:
+        raise input_error(error) from error
+    if problem.one_of and not any(name in read.values for name in problem.one_of):
+        raise InputError(
+            f"{arguments.file}: one of the columns {', '.join(problem.one_of)} is needed; if a "
+            f'column holds it, say which, as in --columns "{problem.one_of[0]}=2"'
+        )
+    values, notes = read.values, read.notes
+    lone = [name for name in ("e", "duration", "max_force") if name in values] == ["e"]
+    if arguments.problem == "impacts" and "sigma" in values and not lone:
+        values = {name: one for name, one in values.items() if name != "sigma"}
+        notes = (
+            *(note for note in notes if note != FROM_FILE),
+            "the standard deviations are not used, since not all columns have them",
+        )
+        read = dataclasses.replace(read, values=values, notes=notes)
+    if arguments.problem == "impacts" and "e" in values:
+        values, notes = _without_marked(read)
+    return read.source, values, notes
+
+
+def _without_marked(read: Columns) -> tuple[Mapping[str, Any], tuple[str, ...]]:
+    """The columns without what `calibrate` marks, and what they were read as."""
+    import numpy as np
+
+    from ..._calibration.pairs.outliers import marked_in
+
+    columns = read.values
+    marked, _ = marked_in(columns["velocity"], columns["e"], columns.get("sigma"))
+    if not marked.any():
+        return read.values, read.notes
+    numbers = [str(row) for row, off in zip(read.rows, marked, strict=True) if off]
+    told = f"e off the trend and left out, as in `calibrate`: row {', '.join(numbers)}"
+    e = np.where(marked, np.nan, read.values["e"])
+    return {**read.values, "e": e}, (*read.notes, told)
+
+
+def _read_bounces(
+    arguments: argparse.Namespace, how: Mapping[str, Any]
+) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
+    """The flights before and after each bounce; pairs off the trend are for `calibrate`."""
+    import numpy as np
+
+    from ..._flight import Flight
+    from ..._lab.recordings import make_pairs, read_recording
+
+    recording = read_recording(arguments.file, ball=arguments.ball, rate=arguments.rate, **how)
+    pairs = make_pairs(recording, Flight())
+    flights = recording.layout.flights(pairs.records)
+    if flights is None:
+        raise InputError(
+            f"{arguments.file}: holds speeds and restitutions; fit them with `jaxcontact fit "
+            "impacts` or `jaxcontact calibrate`"
+        )
+    kind, first, second = flights
+    data: dict[str, Any] = {"kind": kind, "first": first, "second": second}
+    # The pairs of a track share the errors of its floor and scale, which no scatter shows.
+    if pairs.covariance is not None and (pairs.absolute or recording.tracks):
+        size = np.sqrt(np.diag(pairs.covariance))
+        data |= {"sigma": size, "correlation": pairs.covariance / np.outer(size, size)}
+    return recording.source, data, recording.notes
+
+
+def _law(arguments: argparse.Namespace) -> tuple[AbstractLaw, float]:
+    from ..._laws import get_law, list_laws, parameters_of
+
+    if arguments.law is None:
+        raise InputError("--law is needed: the law where the fit starts; see `jaxcontact laws`")
+    known = arguments.law in list_laws()
+    if known and arguments.e is None and "e" in parameters_of(arguments.law):
+        arguments.e = None if "e" in dict(arguments.param) else _START
+    given = parameters_asked(arguments)
+    exponent = exponent_asked(arguments)
+    try:
+        return get_law(arguments.law, **given), exponent
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
+def _sigmas(arguments: argparse.Namespace, data: Mapping[str, Any]) -> dict[str, float]:
+    from ..._parameter import did_you_mean
+
+    given = dict(arguments.sigma)
+    for name in given:
+        if name not in data:
+            raise InputError(
+                f"--sigma {name}: the columns are {', '.join(data)}.{did_you_mean(name, data)}"
+            )
+    return given
+
+
+def _held(arguments: argparse.Namespace) -> dict[str, Any]:
+    return {} if arguments.hold is None else {"fixed": ("mass", *arguments.hold)}
+
+
+def _robust(arguments: argparse.Namespace) -> dict[str, Any]:
+    from ..._fit import Huber
+
+    return {"loss": Huber()} if arguments.robust else {}
+
+
+def _dict(
+    arguments: argparse.Namespace, source: str, found: Fit, notes: tuple[str, ...]
+) -> dict[str, Any]:
+    return {
+        "problem": arguments.problem,
+        "source": source,
+        "read_as": notes,
+        "converged": found.converged,
+        "reason": found.reason,
+        "parameters": dict(zip(found.names, found.values.tolist(), strict=True)),
+        "units": dict(zip(found.names, found.problem.space.units, strict=True)),
+        "standard_errors": dict(found.standard_errors),
+        "adequate": found.adequate if found.converged else None,
+        "unidentified": [str(direction) for direction in found.unidentified],
+        "at_bound": found.at_bound,
+        "degrees_of_freedom": found.dof,
+        "notes": found.notes,
+    }

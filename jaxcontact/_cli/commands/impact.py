@@ -1,0 +1,150 @@
+"""`jaxcontact impact`: one impact in numbers, and as a figure."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import pathlib
+import sys
+from typing import TYPE_CHECKING, Any
+
+from ..._text.files import FIGURES, write_all
+from ..._text.progress import Stages
+from ..._text.table import text_table
+from ..._text.units import meaning, quantity
+from ..files import output_path
+from ..law import add_law_and_contact, exponent_asked, parameters_asked
+from ..options import InputError, number, positive
+from ..printing import print_json
+
+if TYPE_CHECKING:
+    from ..._contact import Contact
+    from ..._impact import Impact, Status
+    from ..._laws import AbstractLaw
+
+_SAMPLES = 400
+
+SUMMARY = "one impact in numbers, and as a figure"
+
+DESCRIPTION = """\
+One free impact, from touch to separation: restitution, rebound speed, duration, compression time,
+largest indentation and force, and the energy lost.
+"""
+
+EPILOG = """\
+example: jaxcontact impact --law hu_guo --e 0.7 --mass 1 --stiffness 1.4e8 --velocity 4.2
+
+exit codes: 0 done; 1 the impact or its picture could not be solved to accuracy; 2 bad input,
+nothing written.
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    add_law_and_contact(parser, number=number, size=positive, form=("NUMBER", "c=1e6"))
+    words = "draw force over indentation and time, and speed over time; .png, .pdf or .svg"
+    parser.add_argument("--plot", metavar="FILE", help=words)
+
+
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
+    """Solve the impact and print it. Raises InputError, OSError."""
+    plot = output_path("--plot", arguments.plot, FIGURES) if arguments.plot else None
+    progress("compiling and solving the impact")
+    from ..._contact import Contact
+    from ..._impact import Status, impact
+    from ..._laws import get_law
+
+    given = parameters_asked(arguments)
+    exponent = exponent_asked(arguments)
+    try:
+        law = get_law(arguments.law, **given)
+        contact = Contact(arguments.mass, arguments.stiffness, exponent)
+        hit = impact(law, contact, arguments.velocity)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+    status = Status(int(hit.status))
+    if status == Status.INVALID_INPUT:
+        raise InputError("a parameter is out of its range")
+    if beyond := _beyond(hit, status):
+        raise InputError(f"{', '.join(beyond)}: too large to be written in double precision")
+    complete = status != Status.NOT_CONVERGED
+    if plot is not None:
+        progress("compiling and drawing the trajectory")
+        try:
+            picture = _figure(law, contact, hit, arguments, plot)
+        except ValueError as error:
+            # Its course is found by another solve than its numbers, which may not converge.
+            print(f"no picture: {error}", file=sys.stderr)
+            complete = False
+        else:
+            write_all({plot: picture})
+    if arguments.json:
+        print_json(_dict(arguments, given, exponent, hit, status))
+    else:
+        print(_text(arguments, hit, status))
+    return 0 if complete else 1
+
+
+def _numbers(hit: Impact) -> dict[str, float]:
+    from ..._impact._result import NUMBERS
+
+    return {name: float(getattr(hit, name)) for name in NUMBERS}
+
+
+def _beyond(hit: Impact, status: Status) -> list[str]:
+    """What a separated contact has no number for: mass, stiffness and velocity lie too far out."""
+    from ..._impact import Status
+
+    if status != Status.SEPARATED:
+        return []
+    return [name.replace("_", " ") for name, x in _numbers(hit).items() if not math.isfinite(x)]
+
+
+def _text(arguments: argparse.Namespace, hit: Impact, status: Status) -> str:
+    rows = [] if arguments.e is None else [("parameter e", f"{arguments.e:.9g}")]
+    for name, value in _numbers(hit).items():
+        rows.append((name.replace("_", " "), quantity(name, f"{value:.9g}")))
+    rows.append(("status", status.name.lower().replace("_", " ")))
+    head = f"{arguments.law} at {arguments.velocity:g} m/s (method {hit.method})"
+    return "\n".join([head, *text_table(rows, indent=2)])
+
+
+def _dict(
+    arguments: argparse.Namespace,
+    given: dict[str, Any],
+    exponent: float,
+    hit: Impact,
+    status: Status,
+) -> dict[str, Any]:
+    contact = {name: getattr(arguments, name) for name in ("mass", "stiffness")}
+    numbers = _numbers(hit)
+    return {
+        "law": arguments.law,
+        "parameters": given,
+        "contact": {**contact, "exponent": exponent},
+        "velocity": arguments.velocity,
+        **numbers,
+        "status": status.name,
+        "method": hit.method,
+        "units": {
+            name: unit for name in (*contact, "velocity", *numbers) if (unit := meaning(name)[1])
+        },
+    }
+
+
+def _figure(
+    law: AbstractLaw,
+    contact: Contact,
+    hit: Impact,
+    arguments: argparse.Namespace,
+    file: pathlib.Path,
+) -> bytes:
+    from ..._impact import trajectory
+    from ...plot import impact as draw
+    from ...plot._save import drawn
+
+    path = trajectory(law, contact, arguments.velocity, samples=_SAMPLES)
+    asked = "" if arguments.e is None else f", e = {arguments.e:g}"
+    label = f"{arguments.law}{asked}, {arguments.velocity:g} m/s"
+    return drawn(
+        lambda figure: draw(path, hit, ax=figure.subplots(1, 3), label=label), (10.0, 3.4), file
+    )

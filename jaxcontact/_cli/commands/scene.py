@@ -1,0 +1,204 @@
+"""`jaxcontact scene`: many bodies from a file, as a table of impacts, and as pictures."""
+
+from __future__ import annotations
+
+import argparse
+import pathlib
+import sys
+import tempfile
+from collections.abc import Callable
+from typing import TYPE_CHECKING, BinaryIO
+
+from ..._text.files import FIGURES, write_all
+from ..._text.progress import Stages
+from ..files import output_path
+from ..options import InputError
+from ..printing import print_json
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ..._scene import Run
+
+RUN, IMPACTS = "run.csv", "impacts.csv"
+MOVING = (".gif",)
+"""What a moving picture may be written as."""
+
+_WIDTH, _LOW, _HIGH = 6.4, 2.6, 7.2
+"""Of a picture in inches: its width, and its least and largest height."""
+
+_ENERGY = 2.4
+"""The height of the picture of the energy, below that of the paths."""
+
+SUMMARY = "many bodies from impact to impact, from a file"
+
+DESCRIPTION = """\
+Follows the spheres of a scene from impact to impact, among each other and with walls that stand or
+move, and prints the run and its impacts. A soft scene (one without `instantaneous = true`) may take
+a minute to compile.
+"""
+
+EPILOG = """\
+FILE is TOML, in SI units:
+
+  duration = 0.5
+  gravity = [0.0, -9.81]            # two numbers: two dimensions
+  stiffness = 1e8                   # or by [material.NAME], see --example line --show
+  law = { name = "hu_guo", e = 0.7 }
+
+  [[sphere]]
+  name = "ball"
+  radius = 0.01
+  mass = 0.03
+  position = [0.0, 0.2]
+  velocity = [1.0, 0.0]
+
+  [[plane]]
+  name = "table"
+  point = [0.0, 0.0]
+  normal = [0.0, 1.0]
+
+The keys are the arguments of `jaxcontact.Scene`, `simulate`, `Sphere`, `Plane`, `Box` and
+`random_spheres`; `jaxcontact.read_scene` says the rest, and the examples show most of it:
+
+  jaxcontact scene --example table --show > my.toml
+  jaxcontact scene my.toml --out results --plot run.png
+
+exit codes: 0 done; 1 the run stopped before its end (its status says why; everything is written);
+2 bad input, nothing written.
+"""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("file", nargs="?", metavar="FILE", help="the scene, as TOML")
+    parser.add_argument(
+        "--example", metavar="NAME", help="a scene that ships with the package: line, table or box"
+    )
+    parser.add_argument("--show", action="store_true", help="print the file instead of running it")
+    parser.add_argument(
+        "--out",
+        metavar="DIR",
+        help=f"write {RUN} and {IMPACTS} into this folder, made if missing",
+    )
+    words = "draw the paths, and the energy below them; .png, .pdf or .svg"
+    parser.add_argument("--plot", metavar="FILE", help=words)
+    parser.add_argument("--animate", metavar="FILE", help="draw a moving picture; .gif")
+    parser.add_argument(
+        "--axes",
+        metavar="XZ",
+        help="which two axes to draw, xy or xz, say (default in three dimensions: xz)",
+    )
+
+
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
+    """Run the scene, print it, and write what is asked for. Raises InputError, OSError."""
+    progress("reading the scene")
+    from ..._scene import Ending, read_scene, simulate
+    from ..._scene._file import examples
+
+    if (arguments.file is None) == (arguments.example is None):
+        raise InputError(f"give either a FILE or --example {', '.join(examples())}")
+    out = pathlib.Path(arguments.out or ".")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out} is not a folder")
+    plot = output_path("--plot", arguments.plot, FIGURES) if arguments.plot else None
+    film = output_path("--animate", arguments.animate, MOVING) if arguments.animate else None
+    try:
+        scene, how = read_scene(arguments.file, example=arguments.example)
+    except ValueError as error:
+        raise InputError(str(error).replace("Argument `example`", "--example")) from error
+    if arguments.show:
+        text = examples().get(arguments.example)
+        print(pathlib.Path(arguments.file).read_text() if text is None else text, end="")
+        return 0
+    axes = _axes(arguments.axes, scene.dimensions)
+    progress("compiling and following the scene")
+    try:
+        done = simulate(scene, **how, progress=False if arguments.quiet else None)
+    except ValueError as error:
+        raise InputError(f"{arguments.file or arguments.example}: {error}") from error
+    files: dict[pathlib.Path, bytes | Callable[[BinaryIO], object]] = {}
+    if arguments.out is not None:
+        files |= {out / RUN: done.to_csv, out / IMPACTS: done.impacts.to_csv}
+    drawable = float(done.reached) > 0
+    if (plot or film) and not drawable:
+        print("no pictures: the run has no values to draw", file=sys.stderr)
+    if plot and drawable:
+        progress("drawing")
+        files[plot] = _picture(done, axes, plot)
+    if film and drawable:
+        progress("drawing the moving picture")
+        files[film] = _moving(done, axes)
+    write_all(files)
+    if arguments.json:
+        print_json(
+            {
+                "status": Ending(int(done.status)).name,
+                "reached": done.reached,
+                "bodies": done.impacts.names,
+                "impacts": done.impacts.to_dict(),
+                "files": list(map(str, files)),
+            }
+        )
+    else:
+        print(done)
+        print(done.impacts)
+        if files:
+            print(f"Written    {', '.join(map(str, files))}")
+    return 0 if int(done.status) == Ending.COMPLETED else 1
+
+
+def _axes(given: str | None, dimensions: int) -> tuple[int, ...] | None:
+    """The numbers of two axes, None for all that there are. Raises InputError for other letters."""
+    names = "xyz"[:dimensions]
+    if given is None:
+        return (0, 2) if dimensions == 3 else None
+    if dimensions == 1 or len(given) != 2 or given[0] == given[1] or not set(given) <= set(names):
+        allowed = {1: "left out, in one dimension", 2: "xy or yx", 3: "two letters of xyz"}
+        raise InputError(f"--axes must be {allowed[dimensions]}, but is {given}")
+    return tuple(names.index(letter) for letter in given)
+
+
+def _picture(done: Run, axes: tuple[int, ...] | None, file: pathlib.Path) -> bytes:
+    """The paths, and below them the energy, each in a part of its own."""
+    from ...plot import energy, scene
+    from ...plot._save import drawn
+
+    def fill(figure: Figure) -> None:
+        # Only when the paths are drawn is it known how high they are.
+        upper, lower = figure.subplots(2, height_ratios=(1, 1))
+        scene(done, axes=axes, ax=upper)
+        energy(done, ax=lower)
+        tall = _height(upper)
+        figure.set_size_inches(_WIDTH, tall + _ENERGY)
+        upper.get_gridspec().set_height_ratios((tall, _ENERGY))
+
+    return drawn(fill, (_WIDTH, 4.4 + _ENERGY), file)
+
+
+def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:
+    """The moving picture as a GIF."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from ...plot import animate
+
+    figure = Figure(figsize=(_WIDTH, 4.4), layout="constrained")
+    FigureCanvasAgg(figure)
+    ax = figure.add_subplot()
+    animation = animate(done, axes=axes, ax=ax)
+    figure.set_size_inches(_WIDTH, _height(ax))
+    # The writer of matplotlib takes nothing but the name of a file.
+    with tempfile.TemporaryDirectory() as folder:
+        file = pathlib.Path(folder) / f"film{MOVING[0]}"
+        animation.save(file, writer="pillow", dpi=80)
+        return file.read_bytes()
+
+
+def _height(ax: Axes) -> float:
+    """The height in inches that a picture of space asks for by its limits."""
+    if ax.get_aspect() != 1.0:
+        return 4.4
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    return min(max(_WIDTH * (top - bottom) / (right - left) + 0.5, _LOW), _HIGH)

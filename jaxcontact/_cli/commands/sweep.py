@@ -1,0 +1,176 @@
+"""`jaxcontact sweep`: a table of impacts over ranges of parameters, and a map."""
+
+from __future__ import annotations
+
+import argparse
+import functools
+import importlib.util
+import math
+import pathlib
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+from ..._text.files import FIGURES, write_all
+from ..._text.progress import Stages
+from ..files import output_path
+from ..law import add_law_and_contact, exponent_asked, parameters_asked
+from ..options import InputError
+from ..printing import print_json
+from ..range import span
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..._impact import Impact
+    from ..._sweep import Sweep
+
+SUMMARY = "impacts over ranges of parameters, as a table and a map"
+
+DESCRIPTION = """\
+Impacts over the grid of one or more ranges. Every number may be a range FROM:TO:COUNT, with evenly
+spaced values, or FROM:TO:COUNT:log, spaced by a factor. Writes all fields of the impacts, and draws
+one of them: lines over one range, a map over two.
+"""
+
+EPILOG = """\
+example: jaxcontact sweep --law hu_guo --e 0.05:1:96 --velocity 0.01:10:200:log --out result.nc
+
+A .nc file is NetCDF (version 3), with units; it takes `pip install 'jaxcontact[data]'`. A .csv file
+has one row for each impact. A parameter that leaves its range flags its impacts as INVALID_INPUT.
+
+exit codes: 0 done; 1 some impacts could not be solved to accuracy, or have numbers too large for
+double precision (everything is written), or the sweep was interrupted; 2 bad input, nothing
+written.
+"""
+
+_CONTACT = {"mass": 1.0, "stiffness": 1e8, "velocity": 1.0}
+"""The defaults; the restitution often depends on none of them."""
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    form = "RANGE", "c=1e5:1e7:50:log"
+    add_law_and_contact(parser, number=span, size=span, form=form, defaults=_CONTACT)
+    parser.add_argument(
+        "--out", metavar="FILE", required=True, help="the table to write; .nc or .csv"
+    )
+    words = "draw a field, 6.4 in by 4.4 in; .png, .pdf or .svg"
+    parser.add_argument("--plot", metavar="FILE", help=words)
+    parser.add_argument(
+        "--field", metavar="NAME", default="restitution", help="to draw (default: restitution)"
+    )
+
+
+def run(arguments: argparse.Namespace, progress: Stages) -> int:
+    """Sweep over the ranges given and write the table. Raises InputError, OSError."""
+    import numpy as np
+
+    out = output_path("--out", arguments.out, (".nc", ".csv"))
+    if out.suffix.lower() == ".nc" and importlib.util.find_spec("xarray") is None:
+        raise InputError(
+            f"--out {out}: NetCDF needs xarray (pip install 'jaxcontact[data]'); .csv does not"
+        )
+    given: dict[str, Any] = parameters_asked(arguments) | {
+        name: default if getattr(arguments, name) is None else getattr(arguments, name)
+        for name, default in _CONTACT.items()
+    }
+    plot = _plot(arguments, given)
+    function = _function(arguments, given)
+    from ..._impact import Status
+    from ..._sweep import sweep
+
+    lanes = math.prod(np.size(values) for values in given.values())
+    progress(f"compiling and solving {lanes:,} impacts")
+    table = sweep(function, progress=False if arguments.quiet else None, **given)
+    progress("writing")
+    contents: dict[pathlib.Path, bytes | Callable[[BinaryIO], object]] = {}
+    if out.suffix.lower() == ".nc":
+        contents[out] = bytes(table.to_xarray().to_netcdf(engine="scipy"))
+    else:
+        contents[out] = table.to_csv
+    if plot is not None:
+        from ...plot import sweep as draw
+        from ...plot._save import drawn
+
+        def fill(figure: Figure) -> None:
+            draw(table, field=arguments.field, ax=figure.subplots())
+
+        contents[plot] = drawn(fill, (6.4, 4.4), plot)
+    write_all(contents)
+    beyond = _beyond(table)
+    if arguments.json:
+        print_json(
+            {
+                "axes": table.axes,
+                "fields": list(table.fields),
+                "status": {Status(code).name: n for code, n in table.status_counts().items()},
+                "beyond": beyond,
+                "complete": table.complete,
+                "files": list(map(str, contents)),
+            }
+        )
+    else:
+        print(table)
+    if beyond and not arguments.json:
+        print(f"  beyond  {beyond:,} separated impacts have numbers too large for double precision")
+    failed = Status.NOT_CONVERGED in table.status_counts()
+    return 1 if failed or beyond or not table.complete else 0
+
+
+def _beyond(table: Sweep) -> int:
+    """How many contacts separated but have no number for one of their fields."""
+    import numpy as np
+
+    from ..._impact import Status
+    from ..._impact._result import NUMBERS
+
+    fields = (name for name in NUMBERS if name in table.fields)
+    lost = functools.reduce(np.logical_or, (~np.isfinite(table[name]) for name in fields))
+    return int(np.count_nonzero(lost & (table.status == Status.SEPARATED)))
+
+
+def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path | None:
+    import numpy as np
+
+    from ..._impact._result import NUMBERS
+    from ..._parameter import did_you_mean
+
+    if arguments.plot is None:
+        return None
+    plot = output_path("--plot", arguments.plot, FIGURES)
+    if arguments.field not in NUMBERS:
+        raise InputError(
+            f"--field: {arguments.field!r} is not one of {', '.join(NUMBERS)}."
+            f"{did_you_mean(arguments.field, NUMBERS)}"
+        )
+    ranges = sum(isinstance(values, np.ndarray) for values in given.values())
+    if ranges not in (1, 2):
+        raise InputError(f"--plot {plot}: takes one or two ranges, but there are {ranges}")
+    return plot
+
+
+def _function(arguments: argparse.Namespace, given: dict[str, Any]) -> Callable[..., Impact]:
+    """One impact from named numbers. Raises InputError if a number alone is out of its range."""
+    from ..._contact import Contact
+    from ..._impact import impact
+    from ..._impact._front_door import SPEED
+    from ..._laws import get_law, parameters_of
+    from ..._parameter import POSITIVE
+
+    names = [name for name in given if name not in _CONTACT]
+    exponent = exponent_asked(arguments)
+
+    def impact_of(**numbers: Any) -> Impact:
+        law = get_law(arguments.law, **{name: numbers[name] for name in names})
+        contact = Contact(numbers["mass"], numbers["stiffness"], exponent)
+        return impact(law, contact, numbers["velocity"])
+
+    impact_of.__name__ = arguments.law
+    allowed = {
+        **parameters_of(arguments.law),
+        **dict.fromkeys(("mass", "stiffness"), POSITIVE),
+        "velocity": SPEED,
+    }
+    for name, value in given.items():
+        if isinstance(value, float) and not allowed[name].holds(value):
+            raise InputError(f"{name} must be in {allowed[name]}, but is {value:g}")
+    return impact_of

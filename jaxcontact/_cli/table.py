@@ -1,0 +1,29 @@
+"""Options of commands that read a table, and its errors in their words."""
+
+from __future__ import annotations
+
+import argparse
+import re
+
+from .options import InputError
+
+
+def add_table_options(parser: argparse.ArgumentParser) -> None:
+    """Add `--columns` and `--decimal`."""
+    parser.add_argument(
+        "--columns",
+        metavar="NAME=COLUMN,...",
+        help="which column holds what, by number or heading: speed=2,e=5; a unit may stand in the "
+        "name: 'speed [mm/s]=2'",
+    )
+    parser.add_argument(
+        "--decimal", choices=(".", ","), help="decimal mark, where the file leaves it open"
+    )
+
+
+def input_error(error: ValueError) -> InputError:
+    """The error of a reader, with options where it names arguments."""
+    text = re.sub(r'`(columns|decimal)="([^"]*)"`', r'--\1 "\2"', str(error))
+    text = re.sub(r"Argument `(columns|decimal|layout|ball|rate)`", r"--\1", text)
+    text = text.replace("`rate`", "--rate")
+    return InputError(text.replace("`ball=`", "--ball"))

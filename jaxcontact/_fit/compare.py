@@ -1,0 +1,365 @@
+"""Which of several fits to the same data to use."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import operator
+from collections.abc import Callable, Collection, Mapping, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from .._parameter import rendered, require_count
+from .._text.table import text_table
+from .data import FitData
+from .problem.target import groups_of, whitener_of
+from .result import Fit
+from .search.laplace import LEAST_GROUPS
+from .search.levenberg_marquardt import Options
+from .search.minimum import find, in_numpy
+from .uncertainty.adequacy import shown
+
+CLEAR_AICC = 2.0
+"""Below this difference of AICc two fits count as equally good (Burnham & Anderson 2002)."""
+
+_SAME = 5e-3
+"""Two criteria that differ by less are printed as one: the same curve, but for rounding."""
+
+CLEAR_ADVANTAGE = 2.0
+"""The same for the advantage summed over groups, in its standard errors."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """One fit among others: k identifiable parameters, and four measures; lower is better.
+
+    `aicc` and `bic` up to a constant that all share; `held_out`, the root mean square of the
+    standardised residuals of points that were left out (plain residuals without `sigma`), None
+    where a fit without them did not converge; `behind`, the advantage of the fit of lowest AICc
+    over this one, summed over groups of points, in its standard errors (Vuong's test; None for that
+    fit itself, and with fewer than 8 groups); `adequate`, whether it describes the data, and `p`,
+    the probability of such residuals if it does (None where that cannot be told).
+    """
+
+    name: str
+    k: int
+    loss: float
+    aicc: float
+    bic: float
+    held_out: float | None
+    behind: float | None
+    converged: bool
+    adequate: bool | None
+    p: float | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """Fits to the same data in the order of AICc; `best`, the name of the one to use, and why.
+
+    `best` is the simplest of those that describe the data equally well: whose AICc is less than 2
+    above the lowest, or whose disadvantage is below two of its standard errors by group; of equally
+    simple ones, the first of the given fits where it is among them, else the one of lowest AICc.
+    If it does not describe the data the verdict says so, and which others may. None where no fit
+    converged.
+    """
+
+    candidates: tuple[Candidate, ...]
+    best: str | None
+    verdict: str
+
+    def __repr__(self) -> str:
+        return "\n".join([*table(self.candidates), self.verdict])
+
+
+def table(
+    candidates: tuple[Candidate, ...], parameters: Callable[[str], str] | None = None
+) -> list[str]:
+    """The candidates as lines of text, with their `parameters` in words if given."""
+    head = ("", "k", "loss", "ΔAICc", "ΔBIC", "held out", *(["parameters"] if parameters else []))
+    aicc = min(c.aicc for c in candidates)
+    bic = min(c.bic for c in candidates)
+    rows = [
+        (
+            c.name,
+            str(c.k),
+            f"{c.loss:.5g}",
+            f"{c.aicc - aicc:.2f}",
+            f"{c.bic - bic:.2f}",
+            "-" if c.held_out is None else f"{c.held_out:.4g}",
+            *([parameters(c.name)] if parameters else []),
+        )
+        for c in candidates
+    ]
+    lines = text_table(rows, header=head, align="<>>>>><")
+    notes = ["", *map(_note, candidates)]
+    wrong = ["* does not describe the data"] if "  *" in notes else []
+    return [line + note for line, note in zip(lines, notes, strict=True)] + wrong
+
+
+def _note(c: Candidate) -> str:
+    if not c.converged:
+        return "  not converged"
+    return "  *" if c.adequate is False else ""
+
+
+def compare_fits(
+    fits: Mapping[str, Fit], *, folds: int = 5, groups: ArrayLike | None = None, seed: int = 0
+) -> Comparison:
+    """Compare fits to the same data: AICc, BIC, and the error at points that were left out.
+
+    With known noise AIC = 2 loss + 2k, without it n ln(2 loss/n) - Σ ln w + 2(k+1) for weights w,
+    and AICc adds the small-sample term; k counts the identifiable parameters. Cross-validation fits
+    again without one of `folds` parts, drawn from `seed` or, with `groups` (points,), made of whole
+    groups (the trials of an experiment, say), so that points of one group never stand on both
+    sides. With the `groups` that the fits were given, a difference of AICc must be clear by group.
+
+    Arguments: the `fits` by name, with the same data and weights. Returns a `Comparison`, which
+    prints as a table with a verdict. Raises ValueError for fewer than two fits, fits to other data,
+    robust fits that found their own scale, which cannot be compared, and correlations that differ.
+    Source: Burnham & Anderson (2002), doi 10.1007/b97636; Vuong (1989), doi 10.2307/1912557.
+    """
+    folds = require_count("folds", folds, 2)
+    seed = require_count("seed", seed, 0)
+    _check(fits)
+    used = np.asarray(next(iter(fits.values())).problem.factor) > 0
+    return compared(fits, _parts(used, folds, groups, seed))
+
+
+def compared(
+    fits: Mapping[str, Fit],
+    parts: Bool[np.ndarray, "folds n"],
+    *,
+    parameters: Callable[[str], str] | None = None,
+    left_out: str = "points",
+    group: str = "group",
+    among: Collection[str] | None = None,
+) -> Comparison:
+    """The comparison of fits by the points that `parts` leave out.
+
+    `parameters` gives those of a fit in words, for the verdict; `left_out` and `group` are what
+    the verdict calls the parts and the groups; `among` names those that describe the data equally
+    well where the caller knows it, by default as `undecided` says.
+    """
+    _check(fits)
+    names = sorted(fits, key=lambda name: (not fits[name].converged, criteria(fits[name])[1]))
+    first = fits[names[0]]
+    found = tuple(_candidate(name, fits[name], first, parts) for name in names)
+    equal = undecided(found)
+    if among is not None:
+        equal = [c for c in found if c.converged and c.name in among]
+    return Comparison(found, *_verdict(found, equal, list(fits), parameters, left_out, group))
+
+
+def criteria(fit: FitData) -> tuple[int, float, float]:
+    """The number of identifiable parameters, AICc and BIC, as `compare_fits` defines them."""
+    factor = np.asarray(fit.problem.factor)
+    factor = factor[factor > 0]
+    k = len(factor) - fit.dof
+    return k, *criteria_of(fit.loss, k, factor, fit.absolute)
+
+
+def criteria_of(
+    loss: float, k: int, factor: Float[np.ndarray, " n"], absolute: bool
+) -> tuple[float, float]:
+    """AICc and BIC of ½ Σ z² with k parameters; z are residuals times `factor`."""
+    n = len(factor)
+    if absolute:
+        deviance, counted = 2 * loss, k
+    else:
+        # Data without noise are fitted exactly; the logarithm needs a positive number. With the
+        # sum of the weights' logarithms, their common scale cancels.
+        scale = 2 * float(np.sum(np.log(factor)))
+        deviance, counted = n * math.log(max(2 * loss / n, 1e-300)) - scale, k + 1
+    small = 2 * counted * (counted + 1) / (n - counted - 1) if n > counted + 1 else math.inf
+    return deviance + 2 * counted + small, deviance + counted * math.log(n)
+
+
+def advantage(fit: FitData, other: FitData) -> float | None:
+    """How many standard errors, by group, a fit is better than another (Vuong's test).
+
+    The advantage ½ (z'² - z²) of each point, in units of the mean square residual, is summed within
+    each group; the result is the total over its standard error. None with fewer than
+    `LEAST_GROUPS` groups, or where the two fits are the same.
+    """
+    if fit.groups is None:
+        return None
+    used = np.asarray(fit.problem.factor) > 0
+    place = np.unique(fit.groups[used], return_inverse=True)[1]
+    scale = float(np.mean(fit.z**2) + np.mean(other.z**2)) / 2
+    if place.max() + 1 < LEAST_GROUPS or not scale > 0:
+        return None
+    gain = np.bincount(place, weights=(other.z**2 - fit.z**2) / (2 * scale))
+    spread = math.sqrt(len(gain) * float(np.var(gain, ddof=1)))
+    return float(np.sum(gain)) / spread if spread > 0 else None
+
+
+def has_trials(fit: FitData) -> bool:
+    """Whether some group holds several points, whose errors may be correlated."""
+    if fit.groups is None:
+        return False
+    number = fit.groups[np.asarray(fit.problem.factor) > 0]
+    return len(np.unique(number)) < len(number)
+
+
+def _check(fits: Mapping[str, Fit]) -> None:
+    held = fits.values() if isinstance(fits, Mapping) else [None]
+    if not all(isinstance(one, Fit) for one in held):
+        raise ValueError(f"Argument `fits` must be a dict of fits, but is {rendered(fits)}.")
+    if len(fits) < 2:
+        raise ValueError(f"Argument `fits` must hold at least two fits, but holds {len(fits)}.")
+    first = next(iter(fits.values())).problem
+    for name, fit in fits.items():
+        if not _same(fit.problem.whitener, first.whitener):
+            raise ValueError(
+                "Argument `fits` must hold fits with the same `correlation`, but that of "
+                f"{name!r} differs."
+            )
+        robust = fit.problem.threshold is not None and not fit.absolute
+        pairs = (fit.problem.y, first.y), (fit.problem.factor, first.factor)
+        if robust or not all(np.array_equal(*pair) for pair in pairs):
+            why = "a scale of its own" if robust else "other data or weights"
+            raise ValueError(
+                f"Argument `fits` must hold fits to the same data, but {name!r} has {why}."
+            )
+
+
+def _same(one: Array | None, other: Array | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return np.array_equal(one, other)
+
+
+def _parts(
+    used: np.ndarray, folds: int, groups: ArrayLike | None, seed: int
+) -> Bool[np.ndarray, "folds n"]:
+    """Which points each fold leaves out."""
+    random = np.random.default_rng(seed)
+    number = groups_of(np.arange(used.size) if groups is None else groups, used.size)
+    assert number is not None  # for the type checker
+    there = np.unique(number[used])
+    if len(there) < folds:
+        raise ValueError(
+            f"Argument `folds` must be at most the {len(there)} groups of points, but is {folds}."
+        )
+    fold = np.full(number.max() + 1, -1)
+    fold[random.permutation(there)] = np.arange(len(there)) % folds
+    return (fold[number] == np.arange(folds)[:, None]) & used
+
+
+def _candidate(name: str, fit: Fit, first: Fit, parts: Bool[np.ndarray, "folds n"]) -> Candidate:
+    k, aicc, bic = criteria(fit)
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        held_out = _held_out(fit, parts)
+    behind = None if fit is first else advantage(first, fit)
+    told = fit.adequacy
+    criterion = fit.loss, aicc, bic, held_out, behind
+    return Candidate(name, k, *criterion, fit.converged, told.adequate, told.p)
+
+
+def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
+    """√(mean z²) of points, each by the fit without its part; None where one did not converge."""
+    square, whole = 0.0, in_numpy(fit.problem)
+    whitener, whole = whole.whitener, dataclasses.replace(whole, whitener=None)
+    for out in parts:
+        # Other weights share the compiled search of the fit itself.
+        weights = np.where(out, 0, np.asarray(fit.problem.factor))
+        fewer = eqx.tree_at(lambda p: p.factor, fit.problem, jnp.asarray(weights))
+        if whitener is not None:
+            # That of the points which are left: those without weight must not be taken as exact.
+            factor = np.linalg.solve(whitener, np.eye(len(whitener)))
+            rest = whitener_of(factor @ factor.T, weights > 0)
+            fewer = eqx.tree_at(lambda p: p.whitener, fewer, jnp.asarray(rest))
+        found = find(fewer, fit.theta, Options(jnp.asarray(fit.rtol)))
+        if not np.all(found.still):
+            return None
+        z = whole.standardised(found.prediction, np)
+        square += float(np.sum(z[out] ** 2))
+    return math.sqrt(square / np.count_nonzero(parts))
+
+
+def undecided(found: Sequence[Candidate]) -> list[Candidate]:
+    """Those that the data do not distinguish from the one with the lowest AICc, which is first."""
+    good = [c for c in found if c.converged]
+    return [
+        c
+        for c in good
+        if c.aicc - good[0].aicc < CLEAR_AICC
+        or (c.behind is not None and c.behind < CLEAR_ADVANTAGE)
+    ]
+
+
+def _verdict(
+    found: tuple[Candidate, ...],
+    equal: list[Candidate],
+    order: list[str],
+    parameters: Callable[[str], str] | None,
+    left_out: str,
+    group: str,
+) -> tuple[str | None, str]:
+    """Which fit to use, and why, in a few sentences."""
+    good = [c for c in found if c.converged]
+    if not good:
+        return None, "No fit converged."
+    first = good[0]
+    least = {c.k: _least(equal, c.k) + _SAME for c in equal}
+    best = min(
+        equal, key=lambda c: (c.k, c.name != order[0], c.aicc > least[c.k], order.index(c.name))
+    )
+    values = f": {parameters(best.name)}" if parameters else ""
+    if best.adequate is False:
+        text = _none_describes(best, first, good, values)
+    else:
+        alone = len(equal) == 1 and best is first
+        if best.adequate is None:
+            how = "comes closest to the data" if alone else "comes as close to the data as any"
+        else:
+            how = f"describes the data {'best' if alone else 'as well as any'}"
+        text = f"Use {best.name}, which {how}{values}."
+    others = [_distance(c, first, group) for c in equal if c is not best]
+    if others:
+        text += f" The data do not distinguish it from {' or '.join(others)}."
+    worse = [c for c in good if c not in equal]
+    if worse:
+        text += f" Next is {_distance(worse[0], first, group)}."
+    brief = min(good, key=lambda c: c.bic)
+    if best.bic - brief.bic > _SAME:
+        why = ""
+        if brief.k < best.k and brief.aicc > best.aicc:
+            why = ", which has a larger penalty for each parameter,"
+        text += f" BIC{why} prefers {brief.name} by {best.bic - brief.bic:.1f}."
+    judged = [(c.held_out, c) for c in good if c.held_out is not None]
+    error, held = min(judged, key=operator.itemgetter(0), default=(0.0, best))
+    # Where the errors are printed as one, none is smaller.
+    equally = [c for e, c in judged if f"{e:.4g}" == f"{error:.4g}"]
+    if judged and not any(c in equal for c in equally):
+        text += f" But {left_out} that were left out are predicted best by {held.name}."
+    return best.name, text
+
+
+def _least(equal: list[Candidate], k: int) -> float:
+    """The lowest AICc with k parameters."""
+    return min(c.aicc for c in equal if c.k == k)
+
+
+def _none_describes(best: Candidate, first: Candidate, good: list[Candidate], values: str) -> str:
+    """That the fit to use does not describe the data, and which may."""
+    them = [c.name for c in good if c.adequate is not False]
+    assert best.p is not None  # for the type checker
+    head = f"The best is {best.name}{values}"
+    if best is not first:
+        head = f"{best.name} comes as close as any{values}"
+    rest = f"; {' or '.join(them)} may" if them else ", and none of these does"
+    return f"{head}. But it does not describe the data ({shown(best.p)}){rest}."
+
+
+def _distance(c: Candidate, first: Candidate, group: str) -> str:
+    """A candidate and how far it is from the one with the lowest AICc."""
+    if c is first:
+        return f"{c.name} (lowest AICc)"
+    by_group = "" if c.behind is None else f"; by {group} {c.behind:.1f} standard errors"
+    return f"{c.name} (AICc higher by {c.aicc - first.aicc:.1f}{by_group})"

@@ -1,0 +1,136 @@
+"""The outcome of a fit, as plain data."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from .._program import quick
+from .problem.problem import Problem, evaluated, flattened, place_like
+from .search.laplace import Direction
+
+
+class SharedErrors(NamedTuple):
+    """Errors of n points of the covariance V = diag(own) + R Rᵀ: the variance `own` (n,) of each
+    alone, and the `root` R (n, m) of what they share.
+    """
+
+    own: Float[np.ndarray, " n"]
+    root: Float[np.ndarray, "n m"]
+
+
+@dataclasses.dataclass(frozen=True)
+class FitData:
+    """The best parameters, how certain they are, and whether to trust them.
+
+    `params` has the structure of the start; `names` and `values` (k,) list its fitted numbers.
+    `loss` is ½ Σ z² (or Huber's) of the residuals z, and `history` (steps,) its course; `residuals`
+    are prediction minus data, one vector. `converged`, and `reason` in words; `steps` taken.
+
+    `covariance` (k, k), `standard_errors` by name, `correlation` (k, k): Laplace's approximation,
+    or the sandwich over groups of points where `by_group` is True; NaN for what is not
+    identifiable. `unidentified`: the changes of parameters that leave the prediction unchanged.
+    `at_bound`: the names of parameters that ran to a bound; they have no standard error. `dof` are
+    the degrees of freedom, `noise` is the variance of z that Laplace's standard errors assume.
+    `starts` (lanes,) are the losses at which other starts ended. `adequate`: whether the model
+    describes the data, None where that cannot be told, and `adequacy`, the tests of it. `notes`:
+    what else a ready-made problem found, in words. `shared`: the errors of z of the points with
+    weight, where they share some that the fit does not weigh by, None elsewhere;
+    `wider` (k,), by how much squared standard errors are larger than the curvature of the loss
+    says, for that or since the noise is little known; None where they are not.
+    """
+
+    params: Any
+    names: tuple[str, ...]
+    values: np.ndarray
+    loss: float
+    history: np.ndarray
+    residuals: np.ndarray
+    converged: bool
+    reason: str
+    steps: int
+    covariance: np.ndarray
+    unidentified: tuple[Direction, ...]
+    at_bound: tuple[str, ...]
+    dof: int
+    noise: float
+    starts: np.ndarray
+    data: np.ndarray
+    by_group: bool
+    groups: np.ndarray | None = dataclasses.field(repr=False)
+    problem: Problem = dataclasses.field(repr=False)
+    theta: np.ndarray = dataclasses.field(repr=False)
+    jacobian: np.ndarray = dataclasses.field(repr=False)
+    absolute: bool = dataclasses.field(repr=False)
+    rtol: float = dataclasses.field(repr=False)
+    notes: tuple[str, ...] = ()
+    shared: SharedErrors | None = dataclasses.field(default=None, repr=False)
+    wider: np.ndarray | None = dataclasses.field(default=None, repr=False)
+
+    @property
+    def errors(self) -> np.ndarray:
+        """The standard errors (k,) in the order of `names`."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """The standard error of each parameter; NaN where it is not identifiable."""
+        return dict(zip(self.names, self.errors.tolist(), strict=True))
+
+    @property
+    def scaled_errors(self) -> np.ndarray:
+        """The standard errors (k,) of the logarithms or logits of bounded parameters."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.errors / self.problem.space.stretch(self.values)
+
+    @property
+    def z(self) -> np.ndarray:
+        """The standardised residuals of the points with weight, in their order; whitened."""
+        factor, whitener = np.asarray(self.problem.factor), self.problem.whitener
+        z = np.where(factor > 0, self.residuals, 0) * factor
+        return (z if whitener is None else np.asarray(whitener) @ z)[factor > 0]
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """The correlation (k, k) of the parameters."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return self.covariance / np.outer(self.errors, self.errors)
+
+    def predict(self, x: Any = None) -> Any:
+        """The prediction of the best parameters, at the data's x or at others."""
+        with jax.enable_x64(True):
+            return evaluated(self.problem.predict, self.params, self._place(x))
+
+    def predict_with_error(self, x: Any = None) -> tuple[np.ndarray, np.ndarray]:
+        """The prediction (n,), flattened, and its standard error √(g Cov gᵀ), g = d prediction/dp.
+
+        Parameters without a standard error count as known.
+        """
+        curve, slope = self.linearised(x)
+        known = np.isfinite(np.diag(self.covariance))
+        part = slope[:, known] @ self.covariance[np.ix_(known, known)]
+        return curve, np.sqrt(np.sum(part * slope[:, known], axis=1))
+
+    def linearised(self, x: Any = None) -> tuple[np.ndarray, np.ndarray]:
+        """The prediction (n,), flattened, and its derivative by the parameters (n, k)."""
+        with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+            values = jnp.asarray(self.values)
+            slope, curve = _linearised(self.problem, values, self._place(x))
+        return np.asarray(curve), np.asarray(slope)
+
+    def _place(self, x: Any) -> Any:
+        return self.problem.x if x is None else place_like(x, self.problem.x)
+
+
+@quick
+def _linearised(problem: Problem, values: jax.Array, x: Any) -> tuple[jax.Array, jax.Array]:
+    def at(values: jax.Array) -> tuple[jax.Array, jax.Array]:
+        curve = flattened(evaluated(problem.predict, problem.space.tree_of(values), x))
+        return curve, curve
+
+    return problem.jacobian(at, values)

@@ -1,0 +1,291 @@
+"""`fit`: check the arguments, search, and judge the end of the search."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike
+
+from .._parameter import (
+    POSITIVE,
+    as_flag,
+    rendered,
+    require_choice,
+    require_count,
+    require_flag,
+    require_function,
+    require_number,
+)
+from .._text.progress import progress_of
+from .checks import listed
+from .problem.loss import Huber
+from .problem.problem import Problem, place_of, shapes_of
+from .problem.space import Space, space_of
+from .problem.target import Target, groups_of, target_of, whitener_of
+from .result import Fit
+from .search.laplace import infer
+from .search.levenberg_marquardt import MOST_STEPS, PATIENCE, Options
+from .search.minimum import Found, find, find_all, in_numpy, start_scale, with_step
+from .search.noise import BY_COLUMN, COMMON, columns_of, refuse_between, with_noise
+from .search.unused import refuse_unused
+from .search.verdict import at_bound_of, creeping, falling, verdict
+
+_END = 40.0
+"""The logit of what rounds to 1 in double precision, where the slope is 0."""
+
+_MOST_GRADIENT_STEPS = 10_000
+LEVENBERG_MARQUARDT = "levenberg-marquardt"
+
+
+def fit(
+    predict: Callable[..., Any],
+    data: Any,
+    start: Any,
+    *,
+    x: Any = None,
+    sigma: Any = None,
+    weights: Any = None,
+    groups: ArrayLike | None = None,
+    correlation: ArrayLike | None = None,
+    transforms: Any = None,
+    loss: str | Huber = "squares",
+    noise: str = COMMON,
+    optimizer: Any = LEVENBERG_MARQUARDT,
+    starts: int = 1,
+    spread: float = 1.0,
+    seed: int = 0,
+    max_steps: int | None = None,
+    patience: int = PATIENCE,
+    rtol: float = 1e-8,
+    reverse: bool = False,
+    progress: bool | Callable[[int, float], None] = False,
+) -> Fit:
+    """The parameters that bring a prediction nearest to data: least squares, or Huber's loss.
+
+    Minimises ½ Σ ((predict(params) - data)/σ)² over the floating-point numbers in the pytree
+    `start` (a law, a contact, a dict of them); whole arrays are fitted, integers and strings stay.
+
+    Arguments: `predict(params)`, or `predict(params, x)` if `x` is given, differentiable by JAX,
+    with the structure of `data`, any tree of numbers. `sigma`, standard deviations of the data (one
+    number, or a tree like the data), or `weights`, relative ones of squares (1 if neither is
+    given); a weight of 0 leaves a point out, whatever its value. With `sigma` standard errors
+    are absolute, else they are scaled by the residuals. `groups` (points,): the name of the trial
+    that each point belongs to, where points of one trial are correlated; with at least 8 trials
+    standard errors are the sandwich over trials, which such a correlation does not bias.
+    `correlation` (points, points): of the errors of the points, 1 on its diagonal, where it is
+    known: then they are made independent before they are squared.
+
+    `transforms`: `Free()`, `Positive()`, `Between(low, high)` or `Fixed()`, for all numbers; or a
+    dict of them by name ("contact.mass", or "contact" for all in it); or a prefix of the tree of
+    `start`, with None for the default. By default a number keeps to the range that its law or
+    contact declares, and is free elsewhere. `loss`: "squares" or `Huber(threshold)`, which bounds
+    the influence of outliers; without `sigma` its scale is the median of |residuals|, found in turn
+    with the fit. `noise`: one size for all points, "common", times the weights; or one for each
+    leaf of the tree of `data`, "by column", found in turn with the fit where readings of several
+    instruments are fitted together, whose errors are not correlated with each other. `optimizer`:
+    "levenberg-marquardt" or an optax optimiser, which stops after `patience` steps that gain
+    nothing. `starts`: the number of starts, the given one and normal ones around it, drawn from
+    `seed`, whose standard deviation is `spread` in a logarithm or logit and `spread` times a number
+    without bounds (from zero: times the change that moves the prediction by the size of the data);
+    the lowest loss is kept. `max_steps`: by default 500, 10000 for optax. `reverse`: take the
+    Jacobian in reverse mode, for predictions without a forward mode. `progress`: True shows step
+    and loss on stderr, a function is called with them.
+
+    `converged` does not depend on the optimizer: the remaining Gauss-Newton step must be below
+    `rtol` of each parameter (of its logarithm, of its logit), or, where the search ended by itself,
+    below a thousandth of its standard error. Computes in double precision whatever JAX is set to,
+    and is not for use under `jit`. The same `predict` (and optax optimiser) over data of the same
+    shapes does not compile again; a lambda written anew is another function and does.
+
+    Returns a `Fit`. Raises ValueError for data that are not finite where they count (the points are
+    named) or fewer than the named numbers to fit, a start outside its bounds, without a finite
+    prediction or with a number that the prediction does not use, and arguments that do not match.
+    Source: Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030; in a
+    trust region: Moré (1978), doi 10.1007/BFb0067700.
+    """
+    require_function("predict", predict)
+    _check(loss, optimizer)
+    if require_choice("noise", noise, (COMMON, BY_COLUMN)) == BY_COLUMN and sigma is not None:
+        raise ValueError("Argument `noise` must be 'common' with `sigma`, but is 'by column'.")
+    starts, seed = require_count("starts", starts, 1), require_count("seed", seed, 0)
+    spread = require_number("spread", spread, POSITIVE)
+    patience = require_count("patience", patience, 1)
+    rtol = require_number("rtol", rtol, POSITIVE)
+    reverse = require_flag("reverse", reverse)
+    by_gradient = None if isinstance(optimizer, str) else optimizer
+    most = MOST_STEPS if by_gradient is None else _MOST_GRADIENT_STEPS
+    if max_steps is not None:
+        most = require_count("max_steps", max_steps, 1)
+    with (
+        _listener_of(progress, most) as tell,
+        jax.enable_x64(True),
+        jax.numpy_dtype_promotion("standard"),
+    ):
+        target = target_of(data, sigma, weights)
+        names = groups_of(groups, target.y.size)
+        whitener = whitener_of(correlation, target.factor > 0)
+        space, theta = space_of(start, transforms)
+        _refuse_too_many(space, target)
+        problem = Problem(
+            predict,
+            space,
+            place_of(x),
+            jnp.asarray(target.y),
+            jnp.asarray(target.factor),
+            jnp.asarray(float(loss.threshold)) if isinstance(loss, Huber) else None,
+            reverse,
+            shapes_of(data),
+            whitener if whitener is None else jnp.asarray(whitener),
+        )
+        if noise == BY_COLUMN:
+            refuse_between(columns_of(problem, noise), whitener)
+        options = Options(jnp.asarray(rtol), by_gradient, most, patience, tell)
+        rough, ends = theta, np.zeros(0)
+        if starts > 1:
+            away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
+            away *= start_scale(problem, theta)
+            rough, ends = _best_start(problem, np.stack([theta, *(theta + away)]), options)
+        found = find(problem, rough, options)
+        _check_start(problem, theta, found)
+        refuse_unused(problem, found)
+        found = _set_to_bound(problem, found, theta, options)
+        settled = True
+        if sigma is None and (isinstance(loss, Huber) or noise == BY_COLUMN):
+            columns = columns_of(problem, noise)
+            problem, found, settled = with_noise(
+                problem, found, columns, lambda p, at: find(p, at, options)
+            )
+        return _result(problem, found, theta, target, ends, names, options, settled)
+
+
+def _check(loss: Any, optimizer: Any) -> None:
+    if not isinstance(loss, Huber) and not (isinstance(loss, str) and loss == "squares"):
+        raise ValueError(
+            f"Argument `loss` must be 'squares' or a `Huber`, but is {rendered(loss)}."
+        )
+    # A class has the functions of its objects, but is no optimiser.
+    parts = () if isinstance(optimizer, type) else ("init", "update")
+    is_optax = bool(parts) and all(callable(getattr(optimizer, part, None)) for part in parts)
+    is_ours = isinstance(optimizer, str) and optimizer == LEVENBERG_MARQUARDT
+    if not is_optax and not is_ours:
+        raise ValueError(
+            f"Argument `optimizer` must be {LEVENBERG_MARQUARDT!r} or an optax optimiser, but is "
+            f"{rendered(optimizer)}."
+        )
+
+
+def _refuse_too_many(space: Space, target: Target) -> None:
+    """Raise ValueError where numbers with a name are more than the points that count.
+
+    Of the weights in an array, as a network has them, that is no mistake.
+    """
+    points = int((target.factor > 0).sum())
+    free = [n for n, held in zip(space.names, np.isnan(space.held), strict=True) if held]
+    if len(free) > points and not any(space.shapes):
+        raise ValueError(
+            f"Argument `data` must hold at least as many points that count as `start` has numbers "
+            f"to fit ({len(free)}: {listed(free)}), but holds {points}. Add points, or keep "
+            "numbers with `transforms={name: jc.Fixed()}`."
+        )
+
+
+def _best_start(
+    problem: Problem, lanes: np.ndarray, options: Options
+) -> tuple[np.ndarray, np.ndarray]:
+    """The best end of many starts, and the loss at which each start ended."""
+    found = find_all(problem, lanes, options._replace(tell=None))
+    ends = np.where(np.isfinite(found.loss), found.loss, np.inf)
+    best = int(np.argmin(ends))
+    return found.theta[best] if np.isfinite(ends[best]) else lanes[0], ends
+
+
+def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
+    """Raise ValueError where the prediction is not finite at the start."""
+    if np.isfinite(found.history[0]):
+        return
+    prediction = np.asarray(problem.prediction(jnp.asarray(theta)))
+    bad = ~np.isfinite(prediction) & (np.asarray(problem.factor) > 0)
+    if bad.any():
+        points = listed([str(i) for i in np.flatnonzero(bad)])
+        raise ValueError(
+            f"Argument `start` must have a finite prediction, but has none at the points {points}."
+        )
+
+
+def _set_to_bound(problem: Problem, found: Found, start: np.ndarray, options: Options) -> Found:
+    """The fit with a parameter that creeps to a bound set there, if that is no worse."""
+    space = problem.space
+    out = creeping(space, found.step)
+    if not out.any() or not np.isfinite(found.loss):
+        return found
+    bound = np.where(space.bounded_above, np.sign(found.step) * _END, start - _END)
+    there = find(problem, np.where(out, bound, found.theta), options)
+    return there if there.loss <= found.loss else found
+
+
+def _result(
+    problem: Problem,
+    found: Found,
+    start: np.ndarray,
+    target: Target,
+    ends: np.ndarray,
+    groups: np.ndarray | None,
+    options: Options,
+    settled: bool,
+) -> Fit:
+    space = problem.space
+    used = target.factor > 0
+    at_bound = at_bound_of(space, found, start, used)
+    if at_bound.any():
+        free = np.where(at_bound, 0, found.jacobian)
+        found = with_step(in_numpy(problem), found, free, np.asarray(options.rtol), np)
+    converged, reason = verdict(found, at_bound, space, options.max_steps)
+    if converged and not settled:
+        converged, reason = False, "the noise of the data did not settle"
+    inference = infer(problem, found, at_bound, target.absolute, groups)
+    if converged and (falls := falling(problem, found, start, inference.unidentified)) is not None:
+        converged = False
+        reason = f"a saddle or a maximum: the loss falls along {falls}; start elsewhere"
+    if not converged:
+        unknown = np.full_like(inference.covariance, np.nan)
+        inference = inference._replace(covariance=unknown, unidentified=())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        residuals = np.where(used, found.prediction - target.y, np.nan)
+    steps = int(found.steps)
+    return Fit(
+        params=space.tree_of(found.values),
+        names=space.names,
+        values=found.values,
+        loss=float(found.loss),
+        history=found.history[:steps],
+        residuals=residuals,
+        converged=converged,
+        reason=reason,
+        steps=steps,
+        **inference._asdict(),
+        starts=ends,
+        data=np.where(used, target.y, np.nan),
+        groups=groups,
+        problem=problem,
+        theta=found.theta,
+        jacobian=np.where(at_bound | ~np.isfinite(found.jacobian), 0, found.jacobian),
+        absolute=target.absolute,
+        rtol=float(options.rtol),
+    )
+
+
+@contextlib.contextmanager
+def _listener_of(progress: Any, most: int) -> Iterator[Callable[[Any, Any], Any] | None]:
+    """What to call with each step and its loss; None where nothing is shown."""
+    if as_flag(progress) is False:
+        yield None
+    elif callable(progress):
+        yield lambda step, loss: progress(int(step), float(loss))
+    else:
+        with progress_of(progress, "steps", "fit") as bar:
+            yield lambda step, loss: bar(int(step), most, f"loss {float(loss):.6g}")

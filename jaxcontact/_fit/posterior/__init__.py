@@ -1,0 +1,1 @@
+"""The posterior density of parameters, and draws from it."""

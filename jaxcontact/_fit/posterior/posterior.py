@@ -1,0 +1,359 @@
+"""What data and prior together say of the parameters of a fit."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..._parameter import (
+    FRACTION,
+    rendered,
+    require_choice,
+    require_count,
+    require_kind,
+    require_number,
+)
+from ..._text.table import text_table
+from ..checks import listed
+from ..data import FitData
+from ..search.laplace import Direction
+from ..search.minimum import SINGULAR
+from ..uncertainty.adequacy import adequacy_of
+from .density import Density
+from .diagnostics import effective, r_hat
+from .mode import Mode, find_mode, root_of
+from .nuts import Draws, draw
+from .prior import centre_of, prior_of
+
+LARGEST_R_HAT = 1.01
+FEWEST_EFFECTIVE = 400
+"""What Vehtari et al. (2021) ask of draws that are to be trusted."""
+
+_FAR = 18.0
+"""A logarithm or logit that is farther than this from the most probable one is at a bound."""
+
+_ROUNDING = 16 * float(np.finfo(float).eps)
+"""Residuals below this part of the data are rounding."""
+
+_PLACES = 5
+_SHOWN = 1e-3
+"""Smaller components of a direction are left out of its words."""
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Posterior:
+    """Draws of the parameters of a fit, and whether to trust them.
+
+    `samples`: (chains, draws) by the name of a parameter, and "noise", σ of the standardised
+    residuals, where it is not known. `r_hat` and `effective_samples` (the smaller of the bulk's and
+    the tails') by name; `divergences` among the draws; `evaluations` of the prediction with its
+    derivatives by the chains, in warm-up too, and while they waited for each other.
+    `converged`: every R-hat below 1.01, at least 400 effective samples, no divergence and no bound
+    that a flat prior leaves open; `reason` in words. `fit` is what was sampled.
+    Source: Vehtari et al. (2021), doi 10.1214/20-BA1221.
+    """
+
+    samples: dict[str, np.ndarray]
+    r_hat: dict[str, float]
+    effective_samples: dict[str, float]
+    divergences: int
+    evaluations: int
+    converged: bool
+    reason: str
+    fit: FitData = dataclasses.field(repr=False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What was sampled."""
+        return tuple(self.samples)
+
+    @property
+    def means(self) -> dict[str, float]:
+        """The mean of each parameter."""
+        return {name: float(draws.mean()) for name, draws in self.samples.items()}
+
+    @property
+    def standard_deviations(self) -> dict[str, float]:
+        """The standard deviation of each parameter."""
+        return {name: float(draws.std(ddof=1)) for name, draws in self.samples.items()}
+
+    @property
+    def params(self) -> Any:
+        """The draws in the structure of the fit's params, each number (chains, draws)."""
+        values = np.stack([self.samples[name] for name in self.fit.names], axis=-1)
+        tree_of = self.fit.problem.space.tree_of
+        with jax.enable_x64(True):
+            return eqx.filter_vmap(eqx.filter_vmap(tree_of))(jnp.asarray(values))
+
+    def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
+        """The interval that holds `level` of the draws, and as many below as above.
+
+        Raises ValueError for an unknown name and a level outside (0, 1).
+        """
+        require_choice("name", name, self.names)
+        level = require_number("level", level, FRACTION)
+        low, high = np.quantile(self.samples[name], [(1 - level) / 2, (1 + level) / 2])
+        return float(low), float(high)
+
+    def to_dict(self) -> dict[str, np.ndarray]:
+        """The draws (chains, draws) by name, as `arviz.from_dict(posterior=...)` takes them."""
+        return {name: draws.copy() for name, draws in self.samples.items()}
+
+    def summary(self) -> str:
+        """The posterior in words, a line for each parameter."""
+        good = "converged" if self.converged else "NOT CONVERGED"
+        chains, draws = next(iter(self.samples.values())).shape
+        lines = [
+            f"Posterior: {good}, {self.reason}",
+            f"  {chains * draws} draws of {chains} chains, {self.divergences} divergences, "
+            f"{self.evaluations} evaluations",
+        ]
+        adequacy = adequacy_of(self.fit)
+        if adequacy.adequate is False:
+            words = str(adequacy)
+            lines.insert(int(not self.converged), words[0].upper() + words[1:])
+        means, widths = self.means, self.standard_deviations
+        rows = []
+        for name in self.names:
+            places = _places(means[name], widths[name])
+            mean, low, high = (f"{x:.{places}g}" for x in (means[name], *self.interval(name)))
+            trust = _ratio(self.r_hat[name]), f"{self.effective_samples[name]:.0f}"
+            width = f"± {widths[name]:.2g}"
+            rows.append((name, mean, width, f"[{low}, {high}]", *trust))
+        header = ("", "mean", "", "95 % in", "R-hat", "effective")
+        return "\n".join(lines + text_table(rows, header=header, align="<><<>>", indent=2))
+
+    __repr__ = summary
+
+
+def posterior(
+    fit: FitData,
+    *,
+    samples: int = 2000,
+    chains: int = 4,
+    warmup: int = 500,
+    prior: Mapping[str, tuple[float, float]] | Callable[[Any], Any] | None = None,
+    seed: int = 0,
+) -> Posterior:
+    """The posterior of the parameters of a fit, drawn by the no-U-turn sampler.
+
+    p(θ, σ | data) ~ p(θ) Π exp(-ρ(z/σ))/σ over the standardised residuals z, ρ = z²/2. With the
+    fit's `sigma` the noise is known, σ = 1; else σ is drawn, too, with a prior flat in ln σ. For
+    Huber's loss ρ is Huber's: noise that is normal in the middle and exponential beyond the
+    threshold, a definite distribution, while the fit's standard errors assume none; σ is relative
+    to the scale that the fit used.
+
+    Arguments: the fit; `samples`, the draws of each chain that are kept, and `warmup`, those before
+    them that are not; `chains`, at least 2; `seed`. `prior`: None is flat in the fit's free
+    coordinates θ, that is in ln c for a `Positive` c, in logit e for an e `Between` bounds, and in
+    the others themselves. A dict {"e": (0.7, 0.05)} of means and
+    standard deviations gives these parameters normal densities, cut at their bounds. A function of
+    the params (a law, a contact, a dict, as in the fit) returns the logarithm of their joint
+    density. Both are densities of the parameters themselves: the change of variables |dx/dθ| is
+    added here. A flat prior of a logarithm or a logit is improper, and where the data do not
+    exclude the bound so is the posterior, which the result says. Chains begin around the fit: a
+    mode that none of them reaches stays unknown.
+
+    Computes in double precision whatever JAX is set to, and is not for use under `jit`. The same
+    `predict` over data of the same shapes does not compile again, whatever `samples`, `warmup` and
+    a prior by name; a function newly written does. Chains advance together, each draw as slow as
+    that of the slowest.
+
+    Returns a `Posterior`; read its `converged` first. Raises ImportError without blackjax, which
+    comes with `pip install 'jaxcontact[posterior]'`. Raises ValueError for a fit that did not
+    converge; one whose points are correlated (`groups`, or coarse steps), which this likelihood
+    takes as independent; unknown noise without degrees of freedom; and where data and prior leave a
+    direction open, or a parameter at its bound.
+    Source: Hoffman & Gelman (2014), JMLR 15:1593; Huber (1964), doi 10.1214/aoms/1177703732.
+    """
+    require_kind("fit", fit, FitData, "a `Fit`")
+    samples, chains = require_count("samples", samples, 1), require_count("chains", chains, 2)
+    warmup, seed = require_count("warmup", warmup, 1), require_count("seed", seed, 0)
+    _check(fit)
+    with (
+        jax.enable_x64(True),
+        jax.numpy_dtype_promotion("standard"),
+        jax.numpy_rank_promotion("allow"),
+    ):
+        known = prior_of(prior, fit.problem.space)
+        if prior is None:
+            _refuse_open(fit, np.zeros((len(fit.names),) * 2), prior)
+        _require_blackjax()
+        density = Density(fit.problem, known, not fit.absolute)
+        mode = _mode_of(fit, density) if prior is None else _mode_with_prior(fit, density, prior)
+        drawn = draw(density, mode, chains, warmup, samples, seed)
+        return _result(fit, density, mode, drawn)
+
+
+def _check(fit: FitData) -> None:
+    if not fit.converged:
+        raise ValueError(f"A fit that did not converge has no posterior: {fit.reason}.")
+    used = np.asarray(fit.problem.factor) > 0
+    if fit.groups is not None and len(np.unique(fit.groups[used])) < used.sum():
+        raise ValueError(
+            "Argument `fit` must have independent points for a posterior, but has `groups` of "
+            "correlated ones, which would make it too narrow; its standard errors allow for them."
+        )
+    if fit.shared is not None:
+        raise ValueError(
+            "Argument `fit` must have independent points for a posterior, but its readings share "
+            "errors of rounding, for which it would be too narrow; its standard errors allow for "
+            "them."
+        )
+    if fit.absolute:
+        return
+    if fit.dof < 1:
+        raise ValueError(
+            "Argument `sigma` of `fit` must be given for a posterior without degrees of freedom, "
+            "which leave the size of the noise unknown."
+        )
+    data = np.linalg.norm((fit.data * np.asarray(fit.problem.factor))[used])
+    if np.linalg.norm(fit.z) <= _ROUNDING * data:
+        raise ValueError(
+            "Argument `sigma` of `fit` must be given for a posterior of data that are met exactly, "
+            "which leave no noise."
+        )
+
+
+def _require_blackjax() -> None:
+    if importlib.util.find_spec("blackjax") is None:
+        raise ImportError("`posterior` needs blackjax: pip install 'jaxcontact[posterior]'.")
+
+
+def _start(fit: FitData, density: Density) -> np.ndarray:
+    """The best parameters, and the most probable noise there."""
+    if not density.free:
+        return fit.theta
+    threshold = density.problem.threshold
+    pull = np.clip(fit.z, *((-np.inf, np.inf) if threshold is None else (-threshold, threshold)))
+    return np.append(fit.theta, np.log(np.mean(pull * fit.z)) / 2)
+
+
+def _mode_of(fit: FitData, density: Density) -> Mode:
+    """With a flat prior the end of the fit, and its Jacobian."""
+    centre = _start(fit, density)
+    k = len(fit.theta)
+    scale = np.exp(centre[k]) if density.free else 1.0
+    used = np.asarray(fit.problem.factor) > 0
+    threshold = np.inf if fit.problem.threshold is None else float(fit.problem.threshold)
+    information = np.zeros((len(centre),) * 2)
+    inside = fit.jacobian[used][np.abs(fit.z) <= threshold * scale] / scale
+    information[:k, :k] = inside.T @ inside
+    if density.free:
+        information[k, k] = 2 * used.sum()
+    return Mode(centre, root_of(information), np.zeros((k, k)))
+
+
+def _mode_with_prior(fit: FitData, density: Density, prior: Any) -> Mode:
+    start, space = _start(fit, density).copy(), fit.problem.space
+    for name in fit.at_bound:
+        place = fit.names.index(name)
+        if density.prior.given[place]:
+            start[place] = centre_of(density.prior, space, place)
+    mode = find_mode(density, start)
+    _refuse_open(fit, mode.prior, prior)
+    return mode
+
+
+def _refuse_open(fit: FitData, curvature: np.ndarray, prior: Any) -> None:
+    """Raise ValueError where neither data nor the curvature of a prior decide a direction."""
+    names, labels = fit.names, dict(zip(fit.names, fit.problem.space.labels, strict=True))
+    open_ = [Direction({name: 1.0}, labels) for name in fit.at_bound] + list(fit.unidentified)
+    if not open_:
+        return
+    basis = np.array([[one.components.get(name, 0.0) for one in open_] for name in names])
+    # Each direction in the unit in which the prior knows it; nothing is known of one of length 0.
+    curvature = np.where(np.isfinite(curvature), curvature, 0)
+    length = np.sqrt(np.abs(np.diag(curvature)) @ basis**2)
+    basis /= np.where(length > 0, length, np.linalg.norm(basis, axis=0))
+    values, vectors = np.linalg.eigh(basis.T @ curvature @ basis)
+    if values[0] > SINGULAR:
+        return
+    change = basis @ vectors[:, 0]
+    change /= change[np.argmax(np.abs(change))]
+    parts = {name: float(x) for name, x in zip(names, change, strict=True) if abs(x) > _SHOWN}
+    bound = next((name for name in parts if name in fit.at_bound), None)
+    what = f"{bound}, which is at its bound" if bound else f"a change of {Direction(parts, labels)}"
+    raise ValueError(
+        f"Argument `prior` must decide {what}, as the data do not: give mean and standard "
+        f"deviation of {' or '.join(parts)}. It is {rendered(prior)}."
+    )
+
+
+def _result(fit: FitData, density: Density, mode: Mode, drawn: Draws) -> Posterior:
+    k = len(fit.names)
+    samples = {name: drawn.values[..., i] for i, name in enumerate(fit.names)}
+    if density.free:
+        name = "noise"
+        while name in samples:
+            name += "_"
+        samples[name] = np.exp(drawn.phi[..., k])
+    ratio = {name: r_hat(x) for name, x in samples.items()}
+    count = {name: effective(x) for name, x in samples.items()}
+    lost = _open_bounds(density, mode, drawn)
+    mixed = [n for n in samples if not ratio[n] < LARGEST_R_HAT]
+    few = [n for n in samples if not count[n] >= FEWEST_EFFECTIVE]
+    faults = []
+    if lost:
+        faults.append(f"the data do not exclude the bound of {listed(lost)}: give a `prior`")
+    if mixed:
+        worst = float(np.max([ratio[n] for n in mixed]))
+        faults.append(f"chains differ in {listed(mixed)}, R-hat up to {_ratio(worst)}")
+    if drawn.divergences:
+        faults.append(f"{drawn.divergences} of {drawn.phi[..., 0].size} draws diverged")
+    if few:
+        least = float(np.min([count[n] for n in few]))
+        faults.append(f"{least:.0f} effective samples of {listed(few)}, of {FEWEST_EFFECTIVE}")
+    fine = f"R-hat up to {_ratio(max(ratio.values()))}, {min(count.values()):.0f} effective samples"
+    return Posterior(
+        samples=samples,
+        r_hat=ratio,
+        effective_samples=count,
+        divergences=drawn.divergences,
+        evaluations=drawn.evaluations,
+        converged=not faults,
+        reason="; ".join(faults) or fine,
+        fit=fit,
+    )
+
+
+def _open_bounds(density: Density, mode: Mode, drawn: Draws) -> list[str]:
+    """The coordinates whose flat prior goes on where the data hold nothing against it.
+
+    Towards a bound the density of a logarithm or logit becomes level. Chains run there, or would
+    have by chance: where one unit of it holds more than a draw, the other parameters at their best.
+    """
+    prior, space = density.prior, density.problem.space
+    places = np.flatnonzero(space.has_unit & ~np.asarray(prior.given))
+    if prior.density is not None or not len(places):
+        return []
+    draws = drawn.phi.reshape(-1, drawn.phi.shape[-1])
+    least = find_mode(density, mode.centre).value - np.log(len(draws))
+    found = []
+    for i in places:
+        far = np.abs(draws[:, i] - mode.centre[i]).max() > _FAR
+        for side in (-1, 1) if space.bounded_above[i] else (-1,):
+            start = mode.centre.copy()
+            start[i] += side * _FAR
+            far |= find_mode(density, start, int(i)).value > least
+        if far:
+            found.append(space.labels[i])
+    return found
+
+
+def _places(value: float, width: float) -> int:
+    """Places in which a number shows what it is known to."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        known = np.log10(np.abs(value) / width)
+    return int(np.clip(np.ceil(known) + 2, _PLACES, 15)) if np.isfinite(known) else _PLACES
+
+
+def _ratio(x: float) -> str:
+    return f"{x:.3f}" if x < 10 else f"{x:.1g}"

@@ -1,0 +1,1 @@
+"""A fit as a problem: model, parameters, target and loss."""

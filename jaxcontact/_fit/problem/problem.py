@@ -1,0 +1,135 @@
+"""The residuals of a fit as a function of the free coordinates, so that they compile once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..._parameter import as_parameter, real_array, rendered
+from .loss import shortened
+from .space import Space
+
+
+class Point(NamedTuple):
+    """What a search knows where it stands: z, dz/dθ and the prediction of all points."""
+
+    z: Float[Array, " n"]
+    jacobian: Float[Array, "n k"]
+    prediction: Float[Array, " n"]
+
+
+class Problem(eqx.Module):
+    """What is fitted: the prediction, the space of its parameters, the data.
+
+    Numbers are leaves, so that new ones do not compile anew; the prediction is compared by
+    identity, unless it is a pytree itself. `whitener` (n, n) makes correlated errors independent.
+    """
+
+    predict: Callable[..., Any]
+    space: Space
+    x: Any
+    y: Float[Array, " n"]
+    factor: Float[Array, " n"]
+    threshold: Float[Array, ""] | None
+    reverse: bool = eqx.field(static=True)
+    shapes: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    whitener: Float[Array, "n n"] | None = None
+
+    def prediction(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
+        """What the parameters predict, as one vector.
+
+        Raises ValueError, while it is traced, unless it has the shapes of the data.
+        """
+        got = evaluated(self.predict, self.space.tree_of(self.space.values(theta)), self.x)
+        shapes = shapes_of(got)
+        if shapes != self.shapes:
+            raise ValueError(
+                f"Argument `predict` must return the shape of `data`, {_shown(self.shapes)}, but "
+                f"returns {_shown(shapes)}."
+            )
+        return flattened(got)
+
+    def standardised(self, prediction: Float[Array, " n"], xp: Any = jnp) -> Float[Array, " n"]:
+        """z = (prediction - data)/σ, zero where a point has no weight; whitened.
+
+        `xp` is JAX, or NumPy for a problem whose arrays are in it.
+        """
+        used = self.factor > 0
+        z = xp.where(used, xp.where(used, prediction - self.y, 0) * self.factor, 0)
+        return z if self.whitener is None else self.whitener @ z
+
+    def residual(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
+        """What is squared and summed."""
+        return shortened(self.standardised(self.prediction(theta)), self.threshold)
+
+    def loss(self, theta: Float[Array, " k"]) -> Float[Array, ""]:
+        """½ Σ residual²."""
+        return jnp.sum(jnp.square(self.residual(theta))) / 2
+
+    def at(self, theta: Float[Array, " k"]) -> Point:
+        """Standardised residuals and their derivatives."""
+
+        def twice(theta: Float[Array, " k"]) -> tuple[Array, tuple[Array, Array]]:
+            prediction = self.prediction(theta)
+            z = self.standardised(prediction)
+            return z, (z, prediction)
+
+        jacobian, (z, prediction) = self.jacobian(twice, theta)
+        return Point(z, jacobian, prediction)
+
+    def jacobian(
+        self, function: Callable, at: Float[Array, " k"]
+    ) -> tuple[Float[Array, "n k"], Any]:
+        """The derivative of the first of two results of a function of (k,), and the second."""
+        return (jax.jacrev if self.reverse else jax.jacfwd)(function, has_aux=True)(at)
+
+
+def place_of(x: Any) -> Any:
+    """The tree of arrays at which a prediction is made; ValueError for what JAX cannot hold."""
+
+    def array(leaf: Any) -> Array:
+        # A prediction may look things up by flags, or compute with complex numbers.
+        flags = isinstance(leaf, bool | np.bool_) or (
+            type(leaf) is np.ndarray and leaf.dtype == bool
+        )
+        known = flags or isinstance(leaf, jax.Array) or np.iscomplexobj(leaf)
+        return jnp.asarray(leaf if known else real_array(leaf, "x"))
+
+    return jax.tree.map(array, x)
+
+
+def place_like(x: Any, known: Any) -> Any:
+    """Another `x` than that of the data, `known`; ValueError for one that is not like it."""
+    if isinstance(known, jax.Array) and jnp.issubdtype(known.dtype, jnp.floating):
+        return as_parameter(x, "x").astype(known.dtype)
+    place = place_of(x)
+    wanted, got = jax.tree.structure(known), jax.tree.structure(place)
+    if wanted != got:
+        what = "None, as in the fit" if known is None else f"a tree like that of the fit, {wanted}"
+        raise ValueError(f"Argument `x` must be {what}, but is {rendered(x)}.")
+    return place
+
+
+def evaluated(predict: Callable[..., Any], params: Any, x: Any) -> Any:
+    """The prediction at `x`, which None leaves out."""
+    return predict(params) if x is None else predict(params, x)
+
+
+def flattened(tree: Any) -> Float[Array, " n"]:
+    """All numbers of a tree as one vector of double precision."""
+    return jnp.concatenate([jnp.ravel(leaf).astype(float) for leaf in jax.tree.leaves(tree)])
+
+
+def shapes_of(tree: Any) -> tuple[tuple[int, ...], ...]:
+    """The shapes of the leaves; a lone number counts as a list of one."""
+    return tuple(np.shape(leaf) or (1,) for leaf in jax.tree.leaves(tree))
+
+
+def _shown(shapes: tuple[tuple[int, ...], ...]) -> str:
+    return str(shapes[0]) if len(shapes) == 1 else str(shapes)

@@ -1,0 +1,239 @@
+"""The numbers of a pytree that are fitted: their names, bounds and free coordinates."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.tree_util import DictKey, FlattenedIndexKey, GetAttrKey, SequenceKey
+from jaxtyping import Array, Float
+
+from ..._parameter import Range, as_numbers, rendered
+from ..._text.units import meaning
+from ..checks import listed
+from .transforms import AbstractTransform, Coordinate, Fixed, Free, of_range
+
+
+class Space(eqx.Module):
+    """Free coordinates θ (k,) of the fitted numbers in a pytree of parameters.
+
+    `coordinates`, one for each number, select code; `units` are "" where none is known;
+    bounds and the other leaves are data. A number stays at `held` whatever its coordinate is,
+    unless that is NaN.
+    """
+
+    low: Float[Array, " k"]
+    high: Float[Array, " k"]
+    held: Float[Array, " k"]
+    others: list[Any]
+    structure: Any = eqx.field(static=True)
+    coordinates: tuple[Coordinate, ...] = eqx.field(static=True)
+    shapes: tuple[tuple[int, ...] | None, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)
+    units: tuple[str, ...] = eqx.field(static=True)
+
+    def values(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
+        """The fitted numbers themselves, in the order of their names."""
+        columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
+        moved = jnp.stack([coordinate.to_value(*column) for coordinate, *column in columns])
+        return jnp.where(jnp.isnan(self.held), moved, self.held)
+
+    def log_slopes(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
+        """ln dx/dθ (k,), of each number by its own coordinate."""
+        columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
+        return jnp.stack([coordinate.log_slope(*column) for coordinate, *column in columns])
+
+    def tree_of(self, values: Float[Array, " k"]) -> Any:
+        """The pytree that holds the fitted numbers `values`."""
+        leaves, others, at = [], iter(self.others), 0
+        for shape in self.shapes:
+            if shape is None:
+                leaves.append(next(others))
+                continue
+            end = at + math.prod(shape)
+            leaves.append(jnp.asarray(values[at:end].reshape(shape)))
+            at = end
+        return jax.tree.unflatten(self.structure, leaves)
+
+    def stretch(self, values: np.ndarray) -> np.ndarray:
+        """dx/dθ (k,), of each number by its own coordinate."""
+        bounds = np.asarray(self.low), np.asarray(self.high)
+        columns = zip(self.coordinates, values, *bounds, strict=True)
+        return np.array([coordinate.slope(*column) for coordinate, *column in columns])
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The names in these coordinates: "c", "ln c", "logit e"."""
+        return tuple(c.label + name for c, name in zip(self.coordinates, self.names, strict=True))
+
+    @property
+    def has_unit(self) -> np.ndarray:
+        """Which coordinates (k,) are logarithms or logits."""
+        return np.array([coordinate.has_unit for coordinate in self.coordinates])
+
+    @property
+    def bounded_above(self) -> np.ndarray:
+        """Which coordinates (k,) have a bound above, too."""
+        return np.array([coordinate.bounded_above for coordinate in self.coordinates])
+
+
+def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
+    """The space of the numbers in `start`, and the coordinates of its values.
+
+    Raises ValueError for a start outside its bounds, one that is not finite, transforms that do
+    not match, and nothing to fit.
+    """
+    try:
+        paths, structure = jax.tree.flatten_with_path(start)
+    except (TypeError, ValueError) as error:  # keys of a dict that have no order
+        raise ValueError(
+            f"Argument `start` must be a tree of numbers, but is {rendered(start)}."
+        ) from error
+    chosen = _chosen(start, transforms)
+    names, units, coordinates, shapes, others, ends, theta = [], [], [], [], [], [], []
+    for (path, leaf), given in zip(paths, chosen, strict=True):
+        if not _is_end(given):
+            raise ValueError(
+                "Argument `transforms` must hold `Free`, `Positive`, `Between` or `Fixed`, but "
+                f"holds {rendered(given)}."
+            )
+        transform = given or _declared(start, path)
+        if not _is_fitted(leaf) or isinstance(transform, Fixed):
+            shapes.append(None)
+            others.append(jnp.asarray(float(leaf)) if type(leaf) is float else leaf)
+            continue
+        array = as_numbers(leaf, "start")
+        shapes.append(array.shape)
+        for index in np.ndindex(array.shape):
+            name = _name_of(path) + (f"[{', '.join(map(str, index))}]" if index else "")
+            value, bounds = float(array[index]), transform.bounds
+            allowed = Range(*bounds, low_open=True, high_open=True)
+            if not allowed.holds(value):
+                raise ValueError(
+                    f"Argument `start` must have {name or 'its number'} in {allowed}, where it can "
+                    f"move, but it is {value!r}."
+                )
+            names.append(name or "parameter")
+            units.append(_unit_of(start, path))
+            coordinates.append(transform.coordinate)
+            ends.append(bounds)
+            theta.append(transform.coordinate.to_free(value, *bounds))
+    if not names:
+        raise ValueError(f"Argument `start` must hold a number to fit, but is {rendered(start)}.")
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(
+            f"Argument `start` must hold numbers of different names, but holds {listed(twice)} "
+            "twice."
+        )
+    # Put together in NumPy: each operation of JAX outside a compiled function is a program.
+    low, high = (jnp.asarray(end) for end in np.asarray(ends, float).T)
+    keys = tuple(coordinates), tuple(shapes), tuple(names), tuple(units)
+    held = jnp.asarray(np.full(len(names), np.nan))
+    return Space(low, high, held, others, structure, *keys), np.array(theta)
+
+
+def names_in(tree: Any) -> list[str]:
+    """The names of all leaves."""
+    return [_name_of(path) for path, _ in jax.tree.leaves_with_path(tree)]
+
+
+def _name_of(path: tuple[Any, ...]) -> str:
+    """A leaf's place in words: `law.e`, `c`, `[0].mass`."""
+    text = ""
+    for key in path:
+        match key:
+            case GetAttrKey(name):
+                # A leaf that could have been static is named after the field that holds it.
+                text += "" if name == "traced" else f".{name.lstrip('_')}"
+            case DictKey(name):
+                text += f".{name}"
+            case SequenceKey(index) | FlattenedIndexKey(index):
+                text += f"[{index}]"
+    return text.lstrip(".")
+
+
+def _is_fitted(leaf: Any) -> bool:
+    if isinstance(leaf, bool | np.bool_ | np.timedelta64):
+        return False
+    if isinstance(leaf, np.ndarray | jax.Array):
+        return eqx.is_inexact_array(leaf)
+    # A lone number, or a column of a data frame.
+    return isinstance(leaf, int | float | complex | np.number) or hasattr(leaf, "__array__")
+
+
+def _chosen(start: Any, transforms: Any) -> list[Any]:
+    """The transform given for each leaf; None where none was given."""
+    if isinstance(transforms, dict):
+        return _named(start, transforms)
+    chosen = []
+
+    def give(transform: Any, part: Any) -> None:
+        chosen.extend([transform] * jax.tree.structure(part).num_leaves)
+
+    try:
+        jax.tree.map(give, transforms, start, is_leaf=_is_end)
+    except (ValueError, TypeError, KeyError) as error:
+        raise ValueError(
+            "Argument `transforms` must be one transform, a dict of them by name, or a prefix of "
+            f"the tree of `start`, but is {rendered(transforms)}."
+        ) from error
+    return chosen
+
+
+def _named(start: Any, transforms: dict[str, Any]) -> list[Any]:
+    """Transforms by the name of a number, or of what holds it."""
+    names = names_in(start)
+    chosen = [None] * len(names)
+    for wanted, transform in transforms.items():
+        inside = f"{wanted}.", f"{wanted}["
+        places = [i for i, name in enumerate(names) if name == wanted or name.startswith(inside)]
+        if not places:
+            known = ", ".join(filter(None, names)) or "which is one number without a name"
+            raise ValueError(
+                f"Argument `transforms` must name numbers of `start`, {known}, but names "
+                f"{wanted!r}."
+            )
+        for i in places:
+            chosen[i] = transform
+    return chosen
+
+
+def _is_end(x: Any) -> bool:
+    return x is None or isinstance(x, AbstractTransform)
+
+
+def _declared(start: Any, path: tuple[Any, ...]) -> AbstractTransform:
+    """The transform that follows from the range that a module declares for its field."""
+    allowed = _declaration(start, path).get("allowed")
+    return Free() if allowed is None else of_range(allowed)
+
+
+def _unit_of(start: Any, path: tuple[Any, ...]) -> str:
+    """The unit that a module declares for its field, or that the name of one with a range has."""
+    declared = _declaration(start, path)
+    if declared.get("unit") is not None or "allowed" not in declared:
+        return declared.get("unit") or ""
+    return meaning(path[-1].name)[1]
+
+
+def _declaration(start: Any, path: tuple[Any, ...]) -> Mapping[str, Any]:
+    """What a module says of the field at the end of a path; nothing for what is no such field."""
+    owner, declared = start, {}
+    for key in path:
+        match key:
+            case GetAttrKey(name):
+                fields = dataclasses.fields(owner) if isinstance(owner, eqx.Module) else ()
+                declared = next((f.metadata for f in fields if f.name == name), {})
+                owner = getattr(owner, name)
+            case DictKey(index) | SequenceKey(index):
+                owner, declared = owner[index], {}
+            case _:
+                return {}
+    return declared

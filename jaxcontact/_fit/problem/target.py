@@ -1,0 +1,147 @@
+"""The data of a fit, checked: one vector, and the weight of each point."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from ..._parameter import as_array, as_numbers, as_weights, concrete, rendered
+from ..checks import listed
+
+_ROUNDED = 1e-9
+
+
+class Target(NamedTuple):
+    """Measured values y (n,), and the factor √w or 1/σ (n,) of each residual.
+
+    `absolute`: the factors are 1/σ, and the noise is known.
+    """
+
+    y: np.ndarray
+    factor: np.ndarray
+    absolute: bool
+
+
+def target_of(data: Any, sigma: Any, weights: Any) -> Target:
+    """The data as one vector.
+
+    Raises ValueError for data that are no numbers or not finite where they count, and for bad
+    `sigma` or `weights`.
+    """
+    if sigma is not None and weights is not None:
+        raise ValueError("Argument `weights` must be None with `sigma`, but both are given.")
+    y = _vector(data, "data")
+    if y.size == 0:
+        raise ValueError(f"Argument `data` must hold a number, but is {rendered(data)}.")
+    if sigma is not None:
+        given = _spread(sigma, data, "sigma")
+        _refuse(~(given > 0), given, "sigma", "positive (inf leaves a point out)")
+        factor = 1 / given
+    else:
+        given = np.ones_like(y)
+        if weights is not None:
+            given = _spread(as_weights(weights), data, "weights")
+        _refuse(~((given >= 0) & np.isfinite(given)), given, "weights", "finite and not negative")
+        factor = np.sqrt(given)
+    used = factor > 0
+    if not used.any():
+        raise ValueError(
+            f"Argument `weights` must not be zero everywhere, but is {rendered(weights)}."
+            if sigma is None
+            else f"Argument `sigma` must not be infinite everywhere, but is {rendered(sigma)}."
+        )
+    allowed = "finite; give a point the weight 0 to leave it out"
+    _refuse(used & ~np.isfinite(y), y, "data", allowed)
+    return Target(np.where(used, y, 0.0), factor, sigma is not None)
+
+
+def groups_of(names: Any, count: int) -> np.ndarray | None:
+    """The number of the group (n,) of each point; ValueError unless there is a name for each."""
+    if names is None:
+        return None
+    given = None if isinstance(names, np.ma.MaskedArray) else as_array(names)
+    if given is None or given.dtype.kind in "Vc":
+        raise _no_names(names, count)
+    given = given.ravel()
+    if given.dtype == object and not all(isinstance(x, str | int | float) for x in given):
+        raise _no_names(names, count)
+    if given.size != count:
+        raise ValueError(
+            f"Argument `groups` must have one name for each of the {count} points, but has "
+            f"{given.size}: it is {rendered(names)}."
+        )
+    try:
+        return np.unique(given, return_inverse=True)[1]
+    except TypeError as error:
+        # Texts and numbers together have no order.
+        raise _no_names(names, count) from error
+
+
+def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
+    """The inverse (n, n) of the lower factor of a correlation, of the points that are `used`.
+
+    Raises ValueError for what is no correlation: symmetric, 1 on the diagonal, positive definite.
+    """
+    if correlation is None:
+        return None
+    given, n = as_numbers(correlation, "correlation"), used.size
+    good = given.shape == (n, n) and np.isfinite(given).all()
+    good = good and np.allclose(given, given.T, rtol=0, atol=_ROUNDED)
+    if not good or not np.allclose(np.diag(given), 1, rtol=0, atol=_ROUNDED):
+        raise ValueError(
+            f"Argument `correlation` must be a symmetric matrix of shape ({n}, {n}) with 1 on its "
+            f"diagonal, but is {rendered(correlation)}."
+        )
+    whole = np.where(used[:, None] & used, given, np.eye(n))
+    try:
+        factor = np.linalg.cholesky(whole)
+    except np.linalg.LinAlgError as error:
+        raise ValueError(
+            f"Argument `correlation` must be positive definite, but is {rendered(correlation)}."
+        ) from error
+    return np.linalg.solve(factor, np.eye(n))
+
+
+def _no_names(names: Any, count: int) -> ValueError:
+    return ValueError(
+        f"Argument `groups` must have one name for each of the {count} points, all numbers or all "
+        f"texts, but is {rendered(names)}."
+    )
+
+
+def _flat(tree: Any, name: str) -> np.ndarray:
+    """All numbers of a tree as one vector."""
+    leaves = [as_numbers(leaf, name).ravel() for leaf in jax.tree.leaves(tree)]
+    return np.concatenate(leaves) if leaves else np.zeros(0)
+
+
+def _vector(tree: Any, name: str) -> np.ndarray:
+    try:
+        return _flat(tree, name)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"Argument `{name}` must hold real numbers, but is {rendered(tree)}."
+        ) from error
+
+
+def _spread(value: Any, data: Any, name: str) -> np.ndarray:
+    """One number for each point, from a number for all or a tree like the data."""
+    count = _flat(data, "data").size
+    number = concrete(value)
+    if number is not None:
+        return np.full(count, as_numbers(value, name))
+    given = _vector(value, name)
+    if given.size != count:
+        raise ValueError(
+            f"Argument `{name}` must have one number, or one for each of the {count} points of "
+            f"`data`, but has {given.size}: it is {rendered(value)}."
+        )
+    return given
+
+
+def _refuse(bad: np.ndarray, values: np.ndarray, name: str, allowed: str) -> None:
+    if bad.any():
+        named = listed([f"{values[i]:g} at point {i}" for i in np.flatnonzero(bad)])
+        raise ValueError(f"Argument `{name}` must be {allowed}, but is {named}.")

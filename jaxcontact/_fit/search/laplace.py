@@ -1,0 +1,144 @@
+"""How certain the best parameters are, and which combinations are not identifiable."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..problem.problem import Problem
+from ..problem.space import Space
+from .minimum import SINGULAR, Found
+
+_PART = 1e-3
+"""A parameter is not identifiable if its component of a direction that leaves the prediction
+unchanged is larger than this part of the largest component."""
+
+LEAST_GROUPS = 8
+"""With fewer groups of points their scatter is no basis for standard errors."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Direction:
+    """A change of parameters that leaves the prediction unchanged.
+
+    `components` by name, the largest is 1: the change of an unbounded parameter, of a bounded one
+    that of its logarithm or logit. Prints as "ln K + 1.00 ln m".
+    """
+
+    components: dict[str, float]
+    labels: dict[str, str]
+
+    def __str__(self) -> str:
+        text = ""
+        for name, part in self.components.items():
+            size = "" if abs(abs(part) - 1) < 5e-3 else f"{abs(part):.2g} "
+            sign = ("" if part > 0 else "-") if not text else (" + " if part > 0 else " - ")
+            text += f"{sign}{size}{self.labels[name]}"
+        return text
+
+
+class Inference(NamedTuple):
+    """The covariance (k, k) of the parameters, NaN where not identifiable, and its grounds."""
+
+    covariance: np.ndarray
+    unidentified: tuple[Direction, ...]
+    at_bound: tuple[str, ...]
+    dof: int
+    noise: float
+    by_group: bool
+
+
+def infer(
+    problem: Problem, found: Found, at_bound: np.ndarray, absolute: bool, groups: np.ndarray | None
+) -> Inference:
+    """Laplace's approximation Cov θ = s² (JᵀJ)⁻¹, carried to the parameters by dx/dθ.
+
+    s² is 1 for known noise and Σz²/(n-k) otherwise; for Huber's loss Σψ²/(n-k)/(mean ψ')² in both
+    cases (Huber & Ronchetti 2009, Eq. 7.86, doi 10.1002/9780470434697). With at least
+    `LEAST_GROUPS` groups of points: the sandwich (JᵀJ)⁻¹ Σ_g s_g s_gᵀ (JᵀJ)⁻¹ C/(C-1) of the scores
+    s_g = Σ Jᵀψ of C groups, which holds whatever the correlation inside a group (Liang & Zeger
+    1986, doi 10.1093/biomet/73.1.13). Directions in which JᵀJ is singular come from a singular
+    value decomposition of the scaled columns; a parameter at its bound is held.
+    """
+    space, k = problem.space, len(at_bound)
+    finite = np.isfinite(found.jacobian).all()
+    jacobian = found.jacobian if finite else np.zeros_like(found.jacobian)
+    length = np.linalg.norm(jacobian, axis=0)
+    flat = ~at_bound & (length == 0)
+    directions = [_direction({int(i): 1.0}, space) for i in np.flatnonzero(flat)]
+    lost = at_bound | flat
+    order = np.flatnonzero(~lost)
+    inverse = np.zeros((k, k))
+    rank = 0
+    if len(order):
+        scaled = jacobian[:, order] / length[order]
+        # With fewer points than parameters, rows of zeros make every open direction appear.
+        spare = np.zeros((max(len(order) - len(scaled), 0), len(order)))
+        _, s, vt = np.linalg.svd(np.concatenate([scaled, spare]), full_matrices=False)
+        good = s > SINGULAR * s.max()
+        rank = int(good.sum())
+        for row in vt[~good]:
+            change = row / length[order]
+            share = np.abs(row) > _PART * np.abs(row).max()
+            change = change / np.abs(change).max() * np.sign(change[np.argmax(share)])
+            parts = {int(order[i]): float(change[i]) for i in np.flatnonzero(share)}
+            directions.append(_direction(parts, space))
+            lost[order[share]] = True
+        basis = vt[good] / s[good, None] / length[order]
+        inverse[np.ix_(order, order)] = basis.T @ basis
+    used = np.asarray(problem.factor) > 0
+    dof = int(used.sum()) - rank
+    # Squares are Huber's loss without a threshold: ψ = z, ψ' = 1.
+    threshold = np.inf if problem.threshold is None else float(problem.threshold)
+    z = found.z[used]
+    pull, inside = np.clip(z, -threshold, threshold), np.mean(np.abs(z) <= threshold)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bread = inverse / inside
+    noise = np.nan
+    if absolute and problem.threshold is None:
+        noise = 1.0
+    elif dof > 0 and inside > 0:
+        noise = float(np.sum(pull**2) / dof / inside**2)
+    number = np.zeros(len(z), int) if groups is None else groups[used]
+    count = len(np.unique(number))
+    by_group = count >= LEAST_GROUPS
+    if by_group:
+        scatter = sandwich(bread, jacobian[used] * pull[:, None], number)
+    else:
+        scatter = noise * inverse
+    stretch = space.stretch(found.values)
+    covariance = scatter * np.outer(stretch, stretch)
+    covariance[lost] = np.nan
+    covariance[:, lost] = np.nan
+    ran = tuple(name for name, there in zip(space.names, at_bound, strict=True) if there)
+    return Inference(covariance, tuple(directions), ran, dof, noise, by_group)
+
+
+def sandwich(
+    bread: Float[np.ndarray, "k k"], scores: Float[np.ndarray, "n k"], number: np.ndarray
+) -> Float[np.ndarray, "k k"]:
+    """The covariance by the scores of points in groups, each of which has a `number` (n,)."""
+    summed = np.zeros((int(number.max()) + 1, scores.shape[1]))
+    np.add.at(summed, number, scores)
+    count = len(np.unique(number))
+    return bread @ (summed.T @ summed) @ bread * (count / (count - 1))
+
+
+def basis_of(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n rank"]:
+    """What the parameters can move, as orthonormal columns."""
+    length = np.linalg.norm(jacobian, axis=0)
+    scaled = jacobian[:, length > 0] / length[length > 0]
+    if not scaled.size:
+        return np.zeros((len(jacobian), 0))
+    u, s, _ = np.linalg.svd(scaled, full_matrices=False)
+    return u[:, s > SINGULAR * s.max()]
+
+
+def _direction(parts: dict[int, float], space: Space) -> Direction:
+    return Direction(
+        {space.names[i]: part for i, part in parts.items()},
+        {space.names[i]: space.labels[i] for i in parts},
+    )

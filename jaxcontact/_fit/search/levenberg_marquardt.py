@@ -1,0 +1,101 @@
+"""Levenberg-Marquardt and the optimisers of optax, called alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..problem.problem import Point, Problem
+from .trust_region import least_squares
+
+MOST_STEPS = 500
+"""Steps of Levenberg-Marquardt, unless the caller says otherwise."""
+
+PATIENCE = 200
+"""Steps of a gradient method that may gain nothing."""
+
+_LEVEL = 1e-12
+"""Relative decrease of the loss that counts as none, for the patience of a gradient method."""
+
+
+class Options(NamedTuple):
+    """How to search: an `optimizer` of optax, or None for Levenberg-Marquardt.
+
+    `rtol` decides about convergence; it is an array, so that another one does not compile anew.
+    `tell` is called with the number of each step and its loss.
+    """
+
+    rtol: Float[Array, ""]
+    optimizer: Any = None
+    max_steps: int = MOST_STEPS
+    patience: int = PATIENCE
+    tell: Callable[[Any, Any], Any] | None = None
+
+    def report(self, step: Array, loss: Array) -> None:
+        """Call `tell`, if there is one, from compiled code."""
+        if self.tell is not None:
+            jax.debug.callback(self.tell, step, loss)
+
+
+class Path(NamedTuple):
+    """Where a search went: its best point, the loss after each of its steps (NaN beyond).
+
+    `stopped`: by itself, not by the limit of steps.
+    """
+
+    theta: Float[Array, " k"]
+    history: Float[Array, " steps"]
+    steps: Int[Array, ""]
+    stopped: Bool[Array, ""]
+
+
+def search(problem: Problem, start: Float[Array, " k"], options: Options) -> tuple[Path, Point]:
+    """Minimise from `start` until the loss no longer falls, or for `max_steps`; and the end."""
+    method = _levenberg_marquardt if options.optimizer is None else _gradient_descent
+    return method(problem, start, options)
+
+
+def _levenberg_marquardt(
+    problem: Problem, start: Float[Array, " k"], options: Options
+) -> tuple[Path, Point]:
+    here, history, step, ended = least_squares(problem, start, options.max_steps, options.report)
+    return Path(here.theta, history, step, ended), here.point
+
+
+def _gradient_descent(
+    problem: Problem, start: Float[Array, " k"], options: Options
+) -> tuple[Path, Point]:
+    import optax
+
+    optimizer = optax.with_extra_args_support(options.optimizer)
+
+    def unfinished(carry: tuple) -> Array:
+        _, _, _, _, idle, _, step = carry
+        return (idle < options.patience) & (step < options.max_steps)
+
+    def advance(carry: tuple) -> tuple:
+        theta, state, best, lowest, idle, history, step = carry
+        loss, gradient = jax.value_and_grad(problem.loss)(theta)
+        better = loss < lowest * (1 - _LEVEL)
+        # The best point is kept even where the gain is too small to count.
+        lower = loss < lowest
+        best, lowest = jnp.where(lower, theta, best), jnp.where(lower, loss, lowest)
+        changes, state = optimizer.update(
+            gradient, state, theta, value=loss, grad=gradient, value_fn=problem.loss
+        )
+        options.report(step, loss)
+        moved = jnp.asarray(optax.apply_updates(theta, changes))
+        # A step into a region without numbers is taken back to the best point.
+        theta = jnp.where(jnp.all(jnp.isfinite(moved)) & jnp.isfinite(loss), moved, best)
+        idle = jnp.where(better, 0, idle + 1)
+        return theta, state, best, lowest, idle, history.at[step].set(loss), step + 1
+
+    history = jnp.full(options.max_steps, jnp.nan, start.dtype)
+    zero = jnp.zeros((), int)
+    first = (start, optimizer.init(start), start, jnp.asarray(jnp.inf), zero, history, zero)
+    _, _, best, _, idle, history, step = jax.lax.while_loop(unfinished, advance, first)
+    return Path(best, history, step, idle >= options.patience), problem.at(best)

@@ -1,0 +1,247 @@
+"""Levenberg-Marquardt within a trust region, with a correction for the curvature of residuals."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..problem.loss import shortened, shortened_slope
+from ..problem.problem import Point, Problem
+
+_TOLERANCE = 1e-13
+"""A smaller step, relative to its coordinate, is none; nor is a smaller fall of the loss."""
+
+_EPS = float(jnp.finfo(jnp.float64).eps)
+
+_CUT = 1e-14
+"""Singular values below this part of the largest are rounding."""
+
+_LEAST, _POOR, _GOOD = 1e-4, 0.25, 0.75
+"""Of the fall of the loss that a step promises: with less it is refused, the next ones are shorter,
+and with more they are longer."""
+
+_BENT = 0.375
+"""A correction that is longer than this part of its step is not to be trusted."""
+
+_LINEAR = 1e-3
+"""A step that keeps its promise within this part may be followed by one of ten times its length."""
+
+_REFUSED = 16
+"""Steps refused in a row after which none will be accepted: each is a quarter of the last."""
+
+_NARROWINGS = 12
+"""Of the damping, to make a step as long as the radius within a tenth: mostly three do."""
+
+
+class Here(NamedTuple):
+    """The best point θ of a search, its residuals r, and dr/dθ with non-finite numbers as 0.
+
+    Steps of different units are compared by `scale` (k,), the greatest length that each column of
+    dr/dθ has had.
+    """
+
+    theta: Float[Array, " k"]
+    point: Point
+    r: Float[Array, " n"]
+    slope: Float[Array, "n k"]
+    scale: Float[Array, " k"]
+
+    @property
+    def squares(self) -> Float[Array, ""]:
+        """The sum of squares, twice the loss."""
+        return jnp.sum(jnp.square(self.r))
+
+
+class _Trial(NamedTuple):
+    """A point θ to evaluate, and the step that leads there, but for a correction.
+
+    `length`: that of the step, scaled; `promise`: the fall of the sum of squares by the linear
+    model, which counts the damping twice.
+    """
+
+    theta: Float[Array, " k"]
+    step: Float[Array, " k"]
+    length: Float[Array, ""]
+    damping: Float[Array, ""]
+    promise: Float[Array, ""]
+    corrected: Bool[Array, ""]
+
+
+# Shapes are asked for before the search: a compiled function is traced once for both.
+_point = eqx.filter_jit(Problem.at)
+
+
+def least_squares(
+    problem: Problem,
+    start: Float[Array, " k"],
+    max_steps: int,
+    report: Callable[[Array, Array], None],
+) -> tuple[Here, Float[Array, " steps"], Int[Array, ""], Bool[Array, ""]]:
+    """The end of a search, the loss after each step, their number, and whether it ended by itself.
+
+    The step p minimises |r + J p| with |D p| ≤ radius, D the greatest lengths of the columns of J.
+    If it is refused, the residuals tell how they curve along it: next is the parabola p + a/2, with
+    (JᵀJ + λD²) a = -2 Jᵀ(r(θ + p) - r - J p). So narrow curved valleys are followed.
+    Source: Moré (1978), doi 10.1007/BFb0067700; Transtrum and Sethna (2012), doi
+    10.48550/arXiv.1201.5885.
+    """
+
+    def unfinished(carry: tuple) -> Array:
+        *_, step, ended = carry
+        return ~ended & (step < max_steps)
+
+    def advance(carry: tuple) -> tuple:
+        here, trial, radius, last, refused, history, step, _ = carry
+        first = step == 0
+        there = _at(problem, trial.theta, here.scale)
+        fall = here.squares - there.squares
+        gain = jnp.where(jnp.isfinite(fall), fall / _positive(trial.promise), -1)
+        # Where rounding hides the fall, Gauss-Newton steps are good as long as they get shorter.
+        blur = _blur(problem, here)
+        level = 4 * (jnp.sqrt(here.squares) + blur) * (_EPS * jnp.sqrt(here.squares) + blur)
+        hidden = trial.promise <= level
+        nearer = hidden & (jnp.abs(fall) <= level) & (trial.promise < last / 2)
+        accepted = first | (gain > _LEAST) | nearer
+        still = jnp.all(jnp.abs(trial.theta - here.theta) <= _TOLERANCE * _sizes(problem, here))
+        done = jnp.where(accepted, still & (fall <= _TOLERANCE * here.squares), hidden)
+        refused = jnp.where(accepted, 0, refused + ~trial.corrected)
+        last = jnp.where(accepted & ~first, trial.promise, last)
+        radius = jnp.where(trial.corrected, trial.length, radius)
+        less = jnp.where(gain < 0, 0.25, 0.5) * jnp.minimum(radius, 10 * trial.length)
+        more = jnp.where(jnp.abs(gain - 1) < _LINEAR, 10, 2) * trial.length
+        radius = jnp.where(gain > _GOOD, more, jnp.where(gain < _POOR, less, radius))
+        again = ~(accepted | trial.corrected | hidden) & jnp.isfinite(fall)
+        bend = jnp.where(again, there.r - here.r - here.slope @ trial.step, 0)
+        begun, wide = _begun(problem, there)
+        there, radius = _where(first, (begun, wide), (there, radius))
+        here = _where(accepted, there, here)
+        trial = _next(here, trial, radius, bend, again)
+        loss = here.squares / 2
+        report(step, loss)
+        ended = (done & ~first) | (refused >= _REFUSED) | ~jnp.isfinite(loss)
+        ended |= trial.promise <= jnp.square(_blur(problem, here))
+        return here, trial, radius, last, refused, history.at[step].set(loss), step + 1, ended
+
+    # The start is evaluated in the loop, so that the prediction is compiled once.
+    zero, none, no = jnp.zeros(()), jnp.zeros_like(start), jnp.asarray(False)
+    count, history = jnp.zeros((), int), jnp.full(max_steps, jnp.nan, start.dtype)
+    shapes = jax.eval_shape(functools.partial(_point, problem), start)
+    point = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    here = Here(start, point, point.z, point.jacobian, none)
+    trial = _Trial(start, none, zero, zero, zero, no)
+    carry = here, trial, zero, jnp.asarray(jnp.inf), count, history, count, no
+    here, *_, history, step, ended = jax.lax.while_loop(unfinished, advance, carry)
+    return here, history, step, ended
+
+
+def _at(problem: Problem, theta: Float[Array, " k"], scale: Float[Array, " k"]) -> Here:
+    point = _point(problem, theta)
+    slope = shortened_slope(point.z, point.jacobian, problem.threshold)
+    longest = jnp.maximum(scale, jnp.linalg.norm(slope, axis=0))
+    return Here(theta, point, shortened(point.z, problem.threshold), slope, longest)
+
+
+def _begun(problem: Problem, here: Here) -> tuple[Here, Float[Array, ""]]:
+    """The start of a search, and its first radius: each coordinate may change by its own size.
+
+    A logarithm or logit that hardly counts at the start shall not run away: to move it by 1 counts
+    as much as the size of the data.
+    """
+    unit = jnp.where(problem.space.has_unit, _unit(problem, here.point), 0)
+    scale = jnp.maximum(here.scale, unit)
+    natural = scale_of(problem, here.point)
+    size = jnp.where(here.theta == 0, natural, _sizes(problem, here))
+    return here._replace(scale=scale), jnp.linalg.norm(scale * size)
+
+
+def _sizes(problem: Problem, here: Here) -> Float[Array, " k"]:
+    return jnp.where(problem.space.has_unit, 1, jnp.abs(here.theta))
+
+
+def scale_of(problem: Problem, point: Point) -> Float[Array, " k"]:
+    """The change of each free coordinate that moves the prediction by the size of the data.
+
+    Logarithms and logits have a unit of their own, which is 1.
+    """
+    slope = shortened_slope(point.z, point.jacobian, problem.threshold)
+    length = jnp.linalg.norm(slope, axis=0)
+    change = jnp.where(length > 0, _unit(problem, point) / _positive(length), 1)
+    return jnp.where(problem.space.has_unit, 1, change)
+
+
+def _unit(problem: Problem, point: Point) -> Float[Array, ""]:
+    data = _size(problem, problem.y * problem.factor)
+    return _positive(jnp.where(data > 0, data, _size(problem, point.z)))
+
+
+def _blur(problem: Problem, here: Here) -> Float[Array, ""]:
+    """The rounding of all residuals together."""
+    terms = jnp.abs(problem.y) + jnp.abs(here.point.prediction)
+    return _EPS * _size(problem, problem.factor * terms)
+
+
+def _size(problem: Problem, values: Float[Array, " n"]) -> Float[Array, ""]:
+    return jnp.linalg.norm(jnp.where(problem.factor > 0, values, 0))
+
+
+def _where(which: Bool[Array, ""], chosen: Any, other: Any) -> Any:
+    return jax.tree.map(functools.partial(jnp.where, which), chosen, other)
+
+
+def _positive(x: Array) -> Array:
+    return jnp.where(x > 0, x, 1)
+
+
+def _next(
+    here: Here, trial: _Trial, radius: Array, bend: Float[Array, " n"], may: Bool[Array, ""]
+) -> _Trial:
+    """The step from `here` within the radius; or, where it `may` be and is short, the correction of
+    the last one by how far its end was off the linear model, `bend`.
+    """
+    scale = _positive(here.scale)
+    u, s, vt = jnp.linalg.svd(here.slope / scale[None, :], full_matrices=False)
+    kept = s > _CUT * s[0]
+    s = jnp.where(kept, s, 0)
+
+    def solution(r: Float[Array, " n"], damping: Float[Array, ""]) -> Float[Array, " k"]:
+        return -vt.T @ (s * (u.T @ r) / jnp.where(kept, s * s + damping, 1))
+
+    aside = solution(bend, trial.damping)
+    may &= jnp.linalg.norm(aside) <= _BENT * trial.length
+    damping = _damping(s, s * (u.T @ here.r), radius)
+    ahead = solution(here.r, damping)
+    length = jnp.linalg.norm(ahead)
+    promise = jnp.sum(jnp.square(s * (vt @ ahead))) + 2 * damping * jnp.square(length)
+    step = ahead / scale
+    usual = _Trial(here.theta + step, step, length, damping, promise, jnp.asarray(False))
+    bent = trial._replace(theta=here.theta + trial.step + aside / scale, corrected=may)
+    return _where(may, bent, usual)
+
+
+def _damping(s: Float[Array, " m"], slope: Float[Array, " m"], radius: Array) -> Float[Array, ""]:
+    """λ where the step -slope/(s² + λ) is as long as the radius; 0 if none is longer."""
+
+    def length(damping: Array) -> Array:
+        return jnp.linalg.norm(slope / _positive(s * s + damping))
+
+    def narrowed(_: Any, known: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        low, high, damping = known
+        now = length(damping)
+        low, high = jnp.where(now > radius, damping, low), jnp.where(now > radius, high, damping)
+        # Newton's step for 1/length, which is almost a straight line.
+        turn = jnp.sum(jnp.square(slope) / _positive(s * s + damping) ** 3)
+        better = damping + jnp.square(now) / _positive(turn) * (now / _positive(radius) - 1)
+        inside = (low < better) & (better < high)
+        better = jnp.where(inside, better, jnp.maximum(jnp.sqrt(low * high), 1e-3 * high))
+        return low, high, jnp.where(jnp.abs(now - radius) < 0.1 * radius, damping, better)
+
+    none = jnp.zeros_like(radius)
+    high = jnp.linalg.norm(slope) / _positive(radius)
+    *_, damping = jax.lax.fori_loop(0, _NARROWINGS, narrowed, (none, high, 1e-3 * high))
+    return jnp.where(length(none) <= 1.1 * radius, 0, damping)

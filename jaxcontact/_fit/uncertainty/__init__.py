@@ -1,0 +1,1 @@
+"""Intervals, bootstrap, and whether the model describes the data."""

@@ -1,0 +1,99 @@
+"""Fits to data simulated from a fit."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..._parameter import FRACTION, require_count, require_number
+from ..data import FitData
+from ..problem.problem import Problem
+from ..search.levenberg_marquardt import Options
+from ..search.minimum import Found, found_from
+
+_STEPS = 100
+
+
+@dataclasses.dataclass(frozen=True)
+class Bootstrap:
+    """Fits to simulated data: `values` (draws, k), and which of them `converged` (draws,)."""
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    converged: np.ndarray
+
+    @property
+    def standard_errors(self) -> dict[str, float]:
+        """The standard deviation of each parameter over the draws that converged."""
+        spread = self.values[self.converged].std(axis=0, ddof=1)
+        return dict(zip(self.names, spread.tolist(), strict=True))
+
+    def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
+        """The percentile interval of each parameter."""
+        level = require_number("level", level, FRACTION)
+        part = np.array([1 - level, 1 + level]) / 2
+        ends = np.quantile(self.values[self.converged], part, axis=0)
+        return dict(zip(self.names, zip(*ends.tolist(), strict=True), strict=True))
+
+    def __repr__(self) -> str:
+        count = int(self.converged.sum())
+        lines = [f"Bootstrap: {count} of {len(self.converged)} draws converged"]
+        for name, (low, high) in self.interval().items():
+            error = self.standard_errors[name]
+            lines.append(f"  {name}  ± {error:.2g}, 95 % in [{low:.6g}, {high:.6g}]")
+        return "\n".join(lines)
+
+
+def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
+    """Fit data simulated from this fit: its prediction plus normal noise of its size.
+
+    Returns a `Bootstrap`: parameters (draws, k), their spread and percentile intervals. Draws that
+    did not converge are flagged and left out. Raises ValueError where the size of the noise is
+    unknown, or this fit did not converge.
+    Source: Efron & Tibshirani (1993), doi 10.1201/9780429246593.
+    """
+    draws = require_count("draws", draws, 2)
+    seed = require_count("seed", seed, 0)
+    if not fit.converged:
+        raise ValueError(f"A fit that did not converge has no bootstrap: {fit.reason}.")
+    if not np.isfinite(fit.noise):
+        raise ValueError(
+            "Argument `sigma` of `fit` must be given for a bootstrap without degrees of freedom, "
+            "which leave the size of the noise unknown."
+        )
+    with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
+        noise = jax.random.normal(jax.random.key(seed), (draws, fit.data.size))
+        if fit.shared is None:
+            noise = noise * np.sqrt(fit.noise)
+        else:
+            size, root = fit.shared
+            # Another key: the same one would draw the same numbers again.
+            key = jax.random.fold_in(jax.random.key(seed), 1)
+            shared = jax.random.normal(key, (draws, root.shape[1])) @ root.T
+            used = np.flatnonzero(fit.problem.factor)
+            noise = noise.at[:, used].set(noise[:, used] * np.sqrt(size)[None, :] + shared)
+        options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)
+        found = _refits(fit.problem, jnp.asarray(fit.theta), noise, options)
+        good = jnp.all(found.still, axis=1) & jnp.isfinite(found.loss)
+    return Bootstrap(fit.names, np.asarray(found.values), np.asarray(good))
+
+
+@eqx.filter_jit
+def _refits(
+    problem: Problem, theta: Float[Array, " k"], noise: Float[Array, "draws n"], options: Options
+) -> Found:
+    used = problem.factor > 0
+    clean = problem.prediction(theta)
+
+    def one(noise: Float[Array, " n"]) -> Found:
+        if problem.whitener is not None:
+            noise = jax.scipy.linalg.solve_triangular(problem.whitener, noise, lower=True)
+        y = clean + jnp.where(used, noise / jnp.where(used, problem.factor, 1), 0)
+        return found_from(eqx.tree_at(lambda p: p.y, problem, y), theta, options)
+
+    return jax.vmap(one)(noise)

@@ -1,0 +1,40 @@
+"""The laboratory: recordings and records of instruments, read, calibrated, reported and drawn.
+
+Nothing below imports it: laws, impacts, scenes, fits and calibrations of arrays work without. A
+name is loaded when it is first used.
+"""
+
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING as _TYPE_CHECKING
+from typing import Any as _Any
+
+if _TYPE_CHECKING:
+    from .calibration.calibrate import Calibration as Calibration
+    from .calibration.calibrate import calibrate as calibrate
+    from .calibration.file import load_calibration as load_calibration
+    from .calibration.summary import CalibrationSummary as CalibrationSummary
+    from .recordings import Recording as Recording
+    from .recordings import RecordingError as RecordingError
+    from .recordings import read_recording as read_recording
+    from .records.fit_record import fit_record as fit_record
+    from .records.low_pass import LowPass as LowPass
+    from .report import report as report
+
+_HOME = {
+    "Calibration": "calibration.calibrate",
+    "CalibrationSummary": "calibration.summary",
+    "LowPass": "records.low_pass",
+    "Recording": "recordings",
+    "RecordingError": "recordings",
+    "calibrate": "calibration.calibrate",
+    "fit_record": "records.fit_record",
+    "load_calibration": "calibration.file",
+    "read_recording": "recordings",
+    "report": "report",
+}
+
+
+def __getattr__(name: str) -> _Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(_import_module(f".{_HOME[name]}", __name__), name)

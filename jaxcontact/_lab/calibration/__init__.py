@@ -1,0 +1,1 @@
+"""Calibration of a recording: the fits, their summary, its words and its file."""

@@ -1,0 +1,151 @@
+"""Plain dataclasses as JSON and back: strict, and with every number to its last bit."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import types
+import typing
+from typing import Any
+
+from ..._contact import Contact
+from ..._laws import AbstractLaw, describe, get_law, list_laws, parameters_of
+
+
+class FormatError(ValueError):
+    """A file whose content does not have the format; the message names the field."""
+
+
+def dumps(value: Any, version: int) -> str:
+    """A dataclass as JSON text; ValueError for a number that is not finite where one is needed."""
+    whole = {"format_version": version, **_encoded(value, type(value), "")}
+    return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def loads(text: str, cls: type[Any], version: int) -> Any:
+    """The dataclass in JSON text; FormatError names whatever does not match it."""
+    try:
+        data = json.loads(text, parse_constant=lambda name: _refuse("", f"holds {name}"))
+    except json.JSONDecodeError as error:
+        raise FormatError(f"is not JSON: {error}") from error
+    if not isinstance(data, dict) or "format_version" not in data:
+        raise FormatError("format_version is missing")
+    if data.pop("format_version") != version:
+        raise FormatError(f"format_version must be {version}")
+    return _decoded(data, cls, "")
+
+
+def _refuse(where: str, what: str) -> typing.NoReturn:
+    raise FormatError(f"{where.lstrip('.') or 'the file'} {what}")
+
+
+def _needed(hint: Any, value: Any) -> Any:
+    """The type that a value must have: of `X | None`, None for None and X for all else."""
+    choices = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+    if value is None and types.NoneType in choices:
+        return types.NoneType
+    return next(choice for choice in choices if choice is not types.NoneType)
+
+
+def _hints(cls: Any) -> dict[str, Any]:
+    hints = typing.get_type_hints(cls)
+    return {field.name: hints[field.name] for field in dataclasses.fields(cls)}
+
+
+def _encoded(value: Any, hint: Any, where: str) -> Any:
+    hint = _needed(hint, value)
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is tuple:
+        return [_encoded(v, inner[0], f"{where}[{i}]") for i, v in enumerate(value)]
+    if origin is dict:
+        return {name: _encoded(v, inner[1], f"{where}.{name}") for name, v in value.items()}
+    if hint is AbstractLaw:
+        return _law_numbers(value)
+    if hint is Contact:
+        return {name: float(getattr(value, name)) for name in _CONTACT}
+    if dataclasses.is_dataclass(hint):
+        return {
+            name: _encoded(getattr(value, name), own, f"{where}.{name}")
+            for name, own in _hints(hint).items()
+        }
+    if hint is types.NoneType:
+        return None
+    if hint is float and not math.isfinite(value):
+        raise ValueError(f"Cannot be saved: {where.lstrip('.')} is {value!r}.")
+    return hint(value)
+
+
+def _decoded(value: Any, hint: Any, where: str) -> Any:
+    hint = _needed(hint, value)
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is tuple:
+        _expect(value, list, "a list", where)
+        return tuple(_decoded(v, inner[0], f"{where}[{i}]") for i, v in enumerate(value))
+    if origin is dict:
+        _expect(value, dict, "an object", where)
+        return {name: _decoded(v, inner[1], f"{where}.{name}") for name, v in value.items()}
+    if hint is AbstractLaw:
+        return _law_of(value, where)
+    if hint is Contact:
+        _fields(value, _CONTACT, where)
+        numbers = {name: _decoded(value[name], float, f"{where}.{name}") for name in _CONTACT}
+        return _made(lambda: Contact(**numbers), where)
+    if dataclasses.is_dataclass(hint):
+        hints = _hints(hint)
+        _fields(value, hints, where)
+        numbers = {n: _decoded(value[n], own, f"{where}.{n}") for n, own in hints.items()}
+        return _made(lambda: hint(**numbers), where)  # pyright: ignore[reportCallIssue]
+    if hint is float:
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            _refuse(where, f"must be a number, but is {value!r}")
+        try:
+            return float(value)
+        except OverflowError:
+            _refuse(where, "must be finite, but is too large")
+    if type(value) is not hint:
+        _refuse(where, f"must be of type {hint.__name__}, but is {value!r}")
+    return value
+
+
+def _expect(value: Any, kind: type, name: str, where: str) -> None:
+    if not isinstance(value, kind):
+        _refuse(where, f"must be {name}, but is {value!r}")
+
+
+def _fields(value: Any, wanted: Any, where: str) -> None:
+    _expect(value, dict, "an object", where)
+    for name in value:
+        if name not in wanted:
+            _refuse(f"{where}.{name}", f"is unknown; known are {', '.join(wanted)}")
+    for name in wanted:
+        if name not in value:
+            _refuse(f"{where}.{name}", "is missing")
+
+
+_CONTACT = ("mass", "stiffness", "exponent")
+
+
+def _law_numbers(law: AbstractLaw) -> dict[str, Any]:
+    name = next(n for n in list_laws() if describe(n).cls is type(law))
+    parameters = {p: float(getattr(law, p)) for p in parameters_of(name)}
+    return {"name": name, "parameters": parameters, "tension": law.tension}
+
+
+def _law_of(value: Any, where: str) -> AbstractLaw:
+    _fields(value, ("name", "parameters", "tension"), where)
+    name, tension = value["name"], value["tension"]
+    if name not in list_laws():
+        _refuse(f"{where}.name", f"must be one of {', '.join(list_laws())}, but is {name!r}")
+    _expect(tension, bool, "true or false", f"{where}.tension")
+    given, wanted = value["parameters"], parameters_of(name)
+    _fields(given, wanted, f"{where}.parameters")
+    numbers = {p: _decoded(given[p], float, f"{where}.parameters.{p}") for p in wanted}
+    return _made(lambda: get_law(name, **numbers, tension=tension), where)
+
+
+def _made(make: typing.Callable[[], Any], where: str) -> Any:
+    try:
+        return make()
+    except ValueError as error:
+        _refuse(where, f"is out of range: {error}")

@@ -1,0 +1,318 @@
+"""Calibration: which constant e, or which speed-dependent law, a recording of bounces supports."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import os
+from collections.abc import Callable, Sequence
+
+import jax
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from ..._calibration.choice.choose_law import choose, weights_of
+from ..._calibration.choice.kinds import kinds_of
+from ..._calibration.choice.law_choice import LawChoice
+from ..._calibration.choice.outcomes import NONE
+from ..._calibration.pairs.columns import column
+from ..._calibration.pairs.noise import Noise
+from ..._calibration.pairs.outliers import THRESHOLD, Outliers, find_outliers
+from ..._calibration.pairs.pairs import LEAST_PAIRS
+from ..._contact import Contact
+from ..._flight import STANDARD_GRAVITY, Drag, Flight
+from ..._laws import AbstractLaw, parameters_of
+from ..._parameter import POSITIVE, as_numbers, require_kind, require_number
+from ..._text.progress import stages_of
+from ..recordings import RecordedPairs, Recording, make_pairs
+from ..records.all_impacts import exponent_of, fitted_impacts, require_mass, summaries, weighed
+from ..records.one_impact import ImpactFit
+from .at_speed import at_speeds
+from .few_pairs import known_errors, none_marked, only_constant
+from .file import save, to_json
+from .summary import CalibrationSummary
+from .summary_data import PairSummary, RecordingSummary, SpeedBand
+
+_SPEED_BANDS = 5
+_PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")
+
+
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """What a recording says about laws; prints its verdict, and `report()` says everything.
+
+    `pairs` (speed, e) of the recording, `outliers` which of them the robust rule marked, and
+    `noise`, the scatter of the others; `choice`, the laws fitted without the marked pairs, and
+    `with_marked`, with them; `summary`, all of it as plain data, which `save` writes; `impacts`,
+    the fits of the impacts in a record of an instrument.
+    """
+
+    pairs: RecordedPairs
+    outliers: Outliers
+    noise: Noise
+    choice: LawChoice
+    with_marked: LawChoice
+    summary: CalibrationSummary
+    impacts: tuple[ImpactFit, ...] = ()
+
+    @property
+    def law(self) -> AbstractLaw | None:
+        """The law asked for, or the best one, with its fitted parameters; None if none converged.
+
+        `impact(law, contact, v)` gives the fitted e.
+        """
+        return self.summary.law
+
+    @property
+    def contact(self) -> Contact:
+        """The contact of `law`: the given mass and stiffness, and 1 for what was not given."""
+        return self.summary.contact
+
+    @property
+    def standard_errors(self) -> dict[str, float | None]:
+        """The standard errors of the law's parameters; None where they are not identifiable."""
+        return self.summary.standard_errors
+
+    @property
+    def converged(self) -> bool:
+        """Whether every fit converged."""
+        return self.summary.converged
+
+    def table(self) -> str:
+        """The kinds of laws with their parameters and criteria, as text; lower is better."""
+        return self.choice.table()
+
+    def report(self) -> str:
+        """Everything in words, the verdict first: what `print` shows, then data, marked pairs,
+        fits, their comparison, and what stays open.
+        """
+        return self.summary.report()
+
+    def __export__(
+        self, contact: Contact | None
+    ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
+        """The law, the contact, and closing speeds in m/s over the measured range, for `export`.
+
+        Raises ValueError where no fit converged, and where mass or stiffness is not known.
+        """
+        return self.summary.__export__(contact)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write `summary` to a JSON file, whole or not at all; `load_calibration` reads it.
+
+        Raises OSError where that fails.
+        """
+        save(self.summary, path)
+
+    def to_json(self) -> str:
+        """The text that `save` writes."""
+        return to_json(self.summary)
+
+    def __repr__(self) -> str:
+        return repr(self.summary)
+
+
+def calibrate(
+    recording: Recording,
+    *,
+    law: str = "all",
+    drag: Drag | None = None,
+    mass: float | None = None,
+    stiffness: float | None = None,
+    exponent: float | None = None,
+    gravity: float = STANDARD_GRAVITY,
+    at: ArrayLike | Sequence[float] = (),
+    progress: bool | Callable[[str], None] = False,
+) -> Calibration:
+    """Fit a constant e and speed-dependent laws to a recording of bounces, and compare them.
+
+    Minimises Σ ((ln e_k - ln e(v_k))/σ_k)² over the parameters of each kind of law (see
+    `choose_law`). Pairs marked by a robust rule (spurious and missed triggers) are left out; the
+    same fits with them are made, too. σ_k combines the scatter of the bounce and the reading error
+    of that interval or height, both estimated from the pairs; their common scale is fitted.
+    Standard errors and comparisons allow for correlation inside a trial.
+
+    Arguments: `recording`, see `read_recording`; `law`, "all", the name of a speed-dependent law,
+    which is compared with a constant e, or the name of a law with parameter e, which then delivers
+    the constant e; `drag` to correct the flights for the drag of the air; `mass` in kg and
+    `stiffness` in N/m^(3/2) of the contact, from which c and A follow; `exponent` n of the force
+    of a record, by default 3/2 of spheres; `gravity` in m/s²; `at`, closing speeds in m/s at
+    which to say e, beside the slowest and the fastest one measured;
+    `progress`, True to show the stages on stderr, or a function that is called with each.
+
+    Impacts in a record of force, acceleration or indentation are fitted one by one with their time
+    of touch and zero, F = K δ^n (1 + α δ'/v₀), which with the `mass` gives speed, e and K of each
+    (m v₀ T = ∫ F (T - t) dt); laws are then fitted to all e and largest forces, and the stiffness
+    with them. Of fewer than four pairs e of each is told, and the constant e that is their mean.
+
+    Returns a `Calibration`. Computes in double precision whatever JAX is set to. Raises ValueError
+    for a recording without a pair and for arguments out of range.
+    Source: Burnham & Anderson (2002), doi 10.1007/b97636; the laws' own.
+    """
+    require_kind("recording", recording, Recording, "a `Recording` (see `read_recording`)")
+    n = exponent_of(recording, exponent)
+    asked_at = column(np.atleast_1d(as_numbers(at, "at")), "at", POSITIVE, least=0).tolist()
+    kinds = kinds_of(law, n)
+    numbers = {"mass": mass, "stiffness": stiffness}
+    given = tuple(name for name, value in numbers.items() if value is not None)
+    for name in given:
+        numbers[name] = require_number(name, numbers[name], POSITIVE)
+    flight = Flight(gravity, drag)
+    tell = stages_of(progress)
+    with jax.enable_x64(True):
+        given_numbers = [1.0 if value is None else value for value in numbers.values()]
+        contact = Contact(*given_numbers, exponent=n)
+        impacts = None
+        if recording.layout.fitted:
+            require_mass(recording, numbers["mass"], numbers["stiffness"])
+            impacts = fitted_impacts(recording, contact, flight, tell)
+            pairs, contact, given = impacts.pairs, impacts.contact, ("mass", "stiffness")
+        else:
+            pairs = make_pairs(recording, flight)
+            pairs.needs_enough(least=1)
+        if len(pairs) < LEAST_PAIRS:
+            outliers = none_marked(pairs)
+        else:
+            tell(f"looking for spurious and missed triggers in {len(pairs)} pairs")
+            outliers = find_outliers(pairs)
+        keep = ~outliers.flagged
+        good = pairs.where(keep)
+        if impacts is None:
+            noise, weights, correlation = weights_of(pairs, outliers, keep)
+            others, more = NONE, {"sigma": weights**-0.5} if pairs.absolute else {}
+        else:
+            noise, weights, correlation, others = weighed(impacts, keep)
+            # Impacts of one record are independent: their errors are those of their readings.
+            more = {"groups": None}
+
+        def chosen(use: np.ndarray) -> LawChoice:
+            few = use.sum() < LEAST_PAIRS
+            known = few and impacts is not None
+            if few and (impacts is None or use.sum() == 1):
+                own = (weights, correlation) if known else known_errors(pairs, use)
+                size, shared = (weights, None) if own is None else own
+                sure = own is not None
+                of = pairs, use, size, shared, others, kinds[0], contact
+                return only_constant(*of, known=sure)
+            return choose(
+                pairs,
+                use,
+                weights,
+                kinds,
+                contact,
+                others=others,
+                correlation=correlation,
+                known=frozenset(given),
+                group=pairs.layout.cluster_words[0],
+                progress=tell,
+                **({"sigma": weights**-0.5} | more if known else more),
+            )
+
+        choice = chosen(keep)
+        with_marked = choice if keep.all() else chosen(np.ones_like(keep))
+    asked = {kind.law: kind.name for kind in kinds}
+    kind = choice.best if law == "all" else asked[law]
+    if kind not in choice.fits:
+        kind = choice.best
+    found = _law_of(choice, kind)
+    if impacts is not None and found is not None:
+        contact = choice.contact_of(kind)
+    at_ends = ()
+    if found is not None and kind is not None:
+        others_open = [choice.fits[name] for name in choice.rivals]
+        at_ends = at_speeds(choice.fits[kind], others_open, good.velocity, asked_at)
+    summary = CalibrationSummary(
+        law=found,
+        contact=contact,
+        given=given,
+        standard_errors=_errors(choice, kind, found),
+        requested=law,
+        recording=_recording(recording, pairs, () if impacts is None else impacts.notes),
+        gravity=flight.gravity,
+        drag=drag,
+        noise=noise,
+        threshold=THRESHOLD,
+        trend=outliers.trend.kind,
+        pairs=_pairs(pairs, outliers),
+        choice=choice.data,
+        with_marked=with_marked.data,
+        by_speed=_by_speed(good, choice),
+        impacts=() if impacts is None else summaries(impacts),
+        at=at_ends,
+        scatter=float(np.median(weights[keep] ** -0.5)) if keep.sum() >= LEAST_PAIRS else None,
+        versions={name: _version(name) for name in _PACKAGES},
+    )
+    fits = () if impacts is None else impacts.fits
+    return Calibration(pairs, outliers, noise, choice, with_marked, summary, fits)
+
+
+def _law_of(choice: LawChoice, kind: str | None) -> AbstractLaw | None:
+    if kind is None or not choice.fits[kind].converged:
+        return None
+    return choice.law(kind)
+
+
+def _errors(
+    choice: LawChoice, kind: str | None, law: AbstractLaw | None
+) -> dict[str, float | None]:
+    if kind is None or law is None:
+        return {}
+    errors = choice.fits[kind].standard_errors
+    identifiable = choice.law_fit(kind).identifiable
+    name = choice.law_fit(kind).law
+    return {p: errors[p] if identifiable else None for p in parameters_of(name) if p in errors}
+
+
+def _recording(
+    recording: Recording, pairs: RecordedPairs, notes: tuple[str, ...]
+) -> RecordingSummary:
+    return RecordingSummary(
+        source=recording.source,
+        layout=pairs.layout.name,
+        ball=recording.ball,
+        pairs=len(pairs),
+        unpaired=pairs.unpaired,
+        trials=tuple(pairs.cluster_names[k] for k in np.unique(pairs.cluster)),
+        notes=(*recording.notes, *notes),
+    )
+
+
+def _pairs(pairs: RecordedPairs, outliers: Outliers) -> tuple[PairSummary, ...]:
+    errors = None if pairs.covariance is None else np.sqrt(np.diag(pairs.covariance))
+    return tuple(
+        PairSummary(
+            rows=tuple(sorted({int(pairs.first_row[k]), int(pairs.second_row[k])})),
+            velocity=float(pairs.velocity[k]),
+            restitution=float(pairs.restitution[k]),
+            deviation=float(outliers.deviation[k]),
+            marked=bool(outliers.flagged[k]),
+            may_be=outliers.guess.get(k),
+            error=None if errors is None else float(errors[k] * pairs.restitution[k]),
+        )
+        for k in range(len(pairs))
+    )
+
+
+def _by_speed(good: RecordedPairs, choice: LawChoice) -> tuple[SpeedBand, ...]:
+    v, e = good.velocity, good.restitution
+    if len(v) < 2 * _SPEED_BANDS or v.max() == v.min():
+        return ()
+    chunks = np.array_split(np.argsort(v, kind="stable"), _SPEED_BANDS)
+    middle = np.array([np.median(v[chunk]) for chunk in chunks])
+    curves = {kind: choice.curve(kind, middle)[0] for kind in choice.fits}
+    return tuple(
+        SpeedBand(
+            velocity=float(middle[i]),
+            pairs=len(chunk),
+            restitution=float(np.median(e[chunk])),
+            fits={kind: float(curve[i]) for kind, curve in curves.items()},
+        )
+        for i, chunk in enumerate(chunks)
+    )
+
+
+def _version(package: str) -> str | None:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None  # run from a source tree that was never installed

@@ -1,0 +1,122 @@
+"""What fewer pairs than a law takes say: the e of each, their mean, and a stiffness if measured."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..._calibration.choice.choose_law import law_fit, padded_data
+from ..._calibration.choice.equivalent_e import asked_of, delivered_by_laws
+from ..._calibration.choice.kinds import AbstractKind, LogRestitution
+from ..._calibration.choice.law_choice import LawChoice
+from ..._calibration.choice.outcomes import Columns, LogOutcomes
+from ..._calibration.choice.trend import Curve, Line, line_of
+from ..._calibration.pairs.noise import RELATIVE_FLOOR, Noise
+from ..._calibration.pairs.outliers import Outliers, Trend
+from ..._calibration.pairs.pairs import LEAST_PAIRS, Pairs
+from ..._contact import Contact
+from ..._fit import Candidate, Positive, fit
+from ..._flight import Floats
+from ..._text.words import counted
+
+_UNKNOWN = "one pair does not tell its error"
+
+
+def none_marked(pairs: Pairs) -> Outliers:
+    """No pair marked: of so few nothing tells which is wrong."""
+    level = float(np.median(np.log(pairs.restitution)))
+    nothing = np.zeros(len(pairs))
+    noise = Noise(RELATIVE_FLOOR, 0.0)
+    return Outliers(nothing > 0, nothing, {}, Trend("constant", level, 0.0), noise)
+
+
+def known_errors(pairs: Pairs, use: np.ndarray) -> tuple[Floats, Floats] | None:
+    """The inverse variances (n,) of ln e and the correlation (n, n) by known errors of readings.
+
+    None where they are not known, and where the pairs in `use` differ by more than these errors.
+    """
+    whole = pairs.covariance
+    if whole is None:
+        return None
+    size = np.sqrt(np.diag(whole))
+    own, y = whole[np.ix_(use, use)], np.log(pairs.restitution[use])
+    inverse = np.linalg.pinv(own)
+    left = y - (inverse @ y).sum() / inverse.sum()
+    if left @ inverse @ left > len(y) - 1 + 1e-9:
+        return None
+    return size**-2, whole / np.outer(size, size)
+
+
+def only_constant(
+    pairs: Pairs,
+    use: np.ndarray,
+    weights: Floats,
+    correlation: Floats | None,
+    others: Columns,
+    kind: AbstractKind,
+    contact: Contact,
+    *,
+    known: bool,
+) -> LawChoice:
+    """A constant e, the mean of the few pairs in `use`; with `others`, the stiffness, too.
+
+    Arguments as for `choose`; `weights` are the inverse variances of ln e, relative ones where they
+    are not `known`.
+    """
+    v, e = pairs.velocity[use], pairs.restitution[use]
+    how: dict[str, object] = {"groups": None}
+    if known:
+        how["sigma"] = weights**-0.5
+    data = padded_data(pairs, use, weights, others, correlation, how)
+    reference = float(np.exp(np.mean(np.log(v))))
+    typical = min(max(float(np.median(e)), 0.05), 0.999)
+    with jax.enable_x64(True):
+        model = LogRestitution(kind, contact, jnp.asarray(reference))
+        if others:
+            model = LogOutcomes(kind, contact, jnp.asarray(reference), tuple(others.values))
+    start, transforms = kind.start(typical, contact, reference), dict(kind.transforms)
+    if others:
+        start["stiffness"] = float(contact.stiffness)
+        transforms["stiffness"] = Positive()
+    found = fit(model, start=start, transforms=transforms, **data)
+    given = frozenset({"mass", "stiffness"} if others else ())
+    law = law_fit(kind, found, pairs, use, contact, given, float(np.median(v)))
+    if not known and len(v) == 1:
+        lacking = [dataclasses.replace(one, lacking=_UNKNOWN) for one in law.estimates]
+        law = dataclasses.replace(law, estimates=tuple(lacking))
+    k = len(found.names)
+    bic = 2 * found.loss + k * math.log((1 + len(others.values)) * len(v))
+    constant = law.estimates[0]
+    told = found.adequacy
+    count = int(use.sum())
+    level = float(np.log(constant.value))
+    words = pairs.words
+    pairs_said = f"{counted(count, words)} {'does' if count == 1 else 'do'}"
+    line = Line(level, 0.0, None) if count == 1 else line_of(found, np.asarray(data["x"]))
+    return LawChoice(
+        count=count,
+        candidates=(
+            Candidate(
+                *(kind.name, k, found.loss, 2 * found.loss + 2 * k, bic, None, None),
+                *(found.converged, told.adequate, told.p),
+            ),
+        ),
+        best=kind.name if found.converged else None,
+        sure=False,
+        verdict=f"Use {kind.name}: {law.said}. {pairs_said} not tell laws apart.",
+        laws=(law,),
+        line=line,
+        free=Curve((level,), float(v.min()), float(v.max()), None),
+        asked=asked_of(constant.value, constant.standard_error, delivered_by_laws()),
+        next_measurement=f"a choice among laws takes at least {LEAST_PAIRS} {words[1]}, at speeds "
+        f"that differ as much as those in your simulation; {pairs.rule}",
+        fits={kind.name: found},
+        kinds=(kind,),
+        contact=contact,
+        reference=reference,
+        marked=~use,
+    )

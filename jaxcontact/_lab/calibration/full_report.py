@@ -1,0 +1,338 @@
+"""A calibration in words."""
+
+from __future__ import annotations
+
+from ..._calibration.choice.estimate import Estimate
+from ..._calibration.choice.law_choice import ChoiceData
+from ..._fit import AT_BOUND
+from ..._text.table import text_table, wrapped
+from ..._text.words import counted
+from ..recordings import FROM_FILE, LAYOUTS, Layout
+from .short_report import data_sentence, scatter_said, verdict_lines
+from .summary_data import SummaryData
+
+Row = tuple[str, ...]
+
+
+def noise_note(s: SummaryData) -> str:
+    """What a reduced chi² near 1 says; nothing where the noise is not that of the pairs."""
+    if s.few:
+        return ""
+    if FROM_FILE in s.recording.notes:
+        return (
+            "the standard deviations in the file are taken as they are: a reduced chi² far above 1 "
+            "says that a law does not describe the pairs, or that they are too small"
+        )
+    return (
+        "the scatter was fitted to the same pairs about a free trend: a reduced chi² near 1 says "
+        "that a law describes them as well as that trend, not that the noise is understood"
+    )
+
+
+def report(summary: SummaryData) -> str:
+    """The calibration as text: the verdict, then data, marked pairs, fits, comparison, and what
+    e(v) leaves open.
+    """
+    layout = LAYOUTS[summary.recording.layout]
+    parts = [
+        verdict_lines(summary),
+        _data(summary, layout),
+        _impacts(summary),
+        _marked(summary),
+        _fits(summary, layout),
+        _by_speed(summary),
+        _choice(summary),
+        _equivalents(summary.choice),
+        _side_by_side(summary),
+        _open_questions(summary),
+    ]
+    return "\n\n".join("\n".join(lines) for lines in parts if lines) + "\n"
+
+
+def _data(s: SummaryData, layout: Layout) -> list[str]:
+    words = data_words(s, layout)
+    return [line for head, text in words for line in wrapped(head, text)]
+
+
+def data_words(s: SummaryData, layout: Layout) -> list[tuple[str, str]]:
+    """What the data are and what was done to them: a word and a sentence of each."""
+    r = s.recording
+    words = [("Recording", r.source + (f", ball {r.ball}" if r.ball else ""))]
+    if r.notes:
+        words.append(("Read as", "; ".join(r.notes)))
+    words.append(("Pairs", data_sentence(s)))
+    words.append(("", f"they come from {counted(len(r.trials), layout.cluster_words)}"))
+    if r.unpaired:
+        one = r.unpaired == 1
+        verbs = "has no successor and makes" if one else "have no successor and make"
+        words.append(("", f"{counted(r.unpaired, ('reading', 'readings'))} {verbs} no pair"))
+    words.append(("Air drag", drag_sentence(s, layout)))
+    if s.scatter is not None:
+        words.append(("Scatter", _scatter(s, s.scatter, layout)))
+    return words
+
+
+def _scatter(s: SummaryData, scatter: float, layout: Layout) -> str:
+    """The scatter of a usual pair, and what it is made of."""
+    said = f"{scatter_said(scatter)} of e in a usual pair"
+    error = layout.reading_error
+    if error is not None:
+        said += (
+            f": {scatter_said(s.noise.relative)} from bounce to bounce, and "
+            f"{error.factor * s.noise.reading:.2g} {error.shown} in {error.of}"
+        )
+    return f"{said} ({_scatter_of(s)})"
+
+
+def _scatter_of(s: SummaryData) -> str:
+    if FROM_FILE in s.recording.notes:
+        return "the standard deviations in the file"
+    if any(law.errors_by == "readings" for law in s.choice.laws):
+        return LAYOUTS[s.recording.layout].known_errors[0]
+    return "fitted to the pairs that were kept"
+
+
+def drag_sentence(s: SummaryData, layout: Layout) -> str:
+    """Whether and how the drag of the air was taken out of the flights."""
+    if not layout.uses_flight:
+        return "plays no part: the speeds are those at the impact itself"
+    if s.drag is None:
+        return (
+            "is left in: e contains what the air takes in flight, and for a light ball a trend of "
+            "e with speed is often that; give --mass --radius --drag-coefficient (in Python "
+            "`drag`) to take it out"
+        )
+    return (
+        f"taken out of the flights: quadratic, terminal speed "
+        f"{s.drag.terminal_speed(s.gravity):.3g} m/s "
+        f"(mass {s.drag.mass:g} kg, radius {s.drag.radius:g} m, coefficient "
+        f"{s.drag.coefficient:g}, air {s.drag.air_density:g} kg/m³; "
+        "standard errors below contain no error of these)"
+    )
+
+
+def impact_rows(s: SummaryData) -> tuple[Row, list[Row]]:
+    """The header and the rows of a table of the impacts in a record."""
+    rows = [
+        (
+            f"{one.number}",
+            f"{one.time:.5g}",
+            *(
+                str(Estimate("", factor * value, factor * error, ""))
+                for value, error, factor in (
+                    (one.velocity, one.velocity_error, 1.0),
+                    (one.restitution, one.restitution_error, 1.0),
+                    (one.duration, one.duration_error, 1e3),
+                    (one.max_force, one.max_force_error, 1.0),
+                    (one.stiffness, one.stiffness_error, 1.0),
+                )
+            ),
+            {True: "yes", False: "NO", None: "?"}[one.adequate],
+        )
+        for one in s.impacts
+    ]
+    header = ("", "at (s)", "v (m/s)", "e", "contact (ms)", "peak (N)", "K (N/m^n)", "described")
+    return header, rows
+
+
+def _impacts(s: SummaryData) -> list[str]:
+    header, rows = impact_rows(s)
+    if not rows:
+        return []
+    return [
+        "Impacts    each by itself, ± standard error; K of F = K δ^n (1 + α δ'/v0), n = "
+        f"{float(s.contact.exponent):g}",
+        *text_table(rows, header=header, align=">>>>>>>>", indent=2),
+    ]
+
+
+def marking_rule(s: SummaryData) -> str:
+    """When a pair is marked."""
+    rule = f"more than {s.threshold:g} robust standard deviations off the trend"
+    # A table may be steep and bent.
+    flights = LAYOUTS[s.recording.layout].uses_flight
+    return rule if flights else f"{rule} and off a smooth curve"
+
+
+def none_marked_sentence(s: SummaryData) -> str:
+    """That no pair is marked."""
+    if s.few:
+        return "no pair: of so few nothing tells which is wrong"
+    return f"none of {len(s.pairs)} pairs is {marking_rule(s)}"
+
+
+def marked_rows(s: SummaryData) -> tuple[Row, list[Row]]:
+    """The header and the rows of a table of the marked pairs."""
+    rows = [
+        (
+            ", ".join(map(str, pair.rows)),
+            f"{pair.velocity:.3f}",
+            f"{pair.restitution:.3f}",
+            f"{pair.deviation:+.1f}",
+            pair.may_be or "",
+        )
+        for pair in s.pairs
+        if pair.marked
+    ]
+    return ("rows", "v (m/s)", "e", "deviation", "may be"), rows
+
+
+def _marked(s: SummaryData) -> list[str]:
+    header, rows = marked_rows(s)
+    if not rows:
+        return wrapped("Marked", none_marked_sentence(s))
+    return [
+        *wrapped(
+            "Marked",
+            f"{len(rows)} of {len(s.pairs)} pairs {'is' if len(rows) == 1 else 'are'} "
+            f"{marking_rule(s)}: left out of the fits (shown with them further down)",
+        ),
+        *text_table(rows, header=header, align="<>>><", indent=2),
+    ]
+
+
+def errors_sentence(s: SummaryData, layout: Layout) -> str:
+    """How the standard errors were found, and what they allow for."""
+    if any(law.errors_by == "point" for law in s.choice.laws):
+        return (
+            f"take pairs as independent: fewer than 8 {layout.cluster_words[1]} cannot tell how "
+            "they are correlated"
+        )
+    if any(law.errors_by == "readings" for law in s.choice.laws):
+        return layout.known_errors[1]
+    return layout.errors_words
+
+
+def _fits(s: SummaryData, layout: Layout) -> list[str]:
+    lines = wrapped("Fits", f"standard errors {errors_sentence(s, layout)}")
+    if noise_note(s):
+        lines += wrapped("", noise_note(s))
+    aicc = {c.name: c.aicc for c in s.choice.candidates}
+    for law in s.choice.laws:
+        lines.append(f"  {law.kind}")
+        lines += [f"    {e.name:<16}{e}" for e in law.estimates]
+        lines.append(
+            f"    {'residual':<16}rms of e {law.rms:.4f}; reduced chi² {law.reduced_chi2:.2f}; "
+            f"AICc {aicc[law.kind]:.1f}"
+        )
+        if law.converged:
+            word = {True: "yes", False: "NO", None: "cannot be told"}[law.adequate]
+            lines += wrapped("describes them", f"{word}: {law.grounds}", indent=20, lead="    ")
+        answer = "yes" if law.converged else "NO"
+        lines.append(f"    {'converged':<16}{answer}, in {law.steps} steps: {law.reason}")
+        if law.converged and not law.identifiable and not s.few:
+            why = "the data do not determine every parameter"
+            if law.reason.endswith(AT_BOUND):
+                why = "the best value lies at the edge of the law's range"
+            lines.append(f"    {why}: not identifiable")
+    return lines
+
+
+def speed_rows(s: SummaryData) -> tuple[Row, list[Row]]:
+    """The header and the rows of a table of medians by speed, and of the fits there."""
+    kinds = [law.kind for law in s.choice.laws]
+    rows = [
+        (
+            f"{band.velocity:.3f}",
+            str(band.pairs),
+            f"{band.restitution:.4f}",
+            *(f"{band.fits[kind]:.4f}" for kind in kinds),
+        )
+        for band in s.by_speed
+    ]
+    return ("v (m/s)", "pairs", "e", *kinds), rows
+
+
+def _by_speed(s: SummaryData) -> list[str]:
+    header, rows = speed_rows(s)
+    if not rows:
+        return []
+    return [
+        "By speed   medians of the kept pairs, and the fits there",
+        *text_table(rows, header=header, align=">" * len(header), indent=2),
+    ]
+
+
+def _choice(s: SummaryData) -> list[str]:
+    lines = wrapped(
+        "Choice",
+        "lower is better; held out: root mean square of residual over noise, at speeds left out",
+    )
+    lines += ["  " + line for line in s.choice.table().splitlines()]
+    for sentence in (s.choice.verdict, s.choice.yardstick, line_sentence(s.choice)):
+        if sentence:
+            lines += wrapped("", sentence)
+    return lines
+
+
+def _equivalents(choice: ChoiceData) -> list[str]:
+    return wrapped("Law's e", equivalents_sentence(choice))
+
+
+def equivalents_sentence(choice: ChoiceData) -> str:
+    """The e to set in each law of constant e."""
+    e = choice.constant.value
+    able = [f"{a.law} {a.e:.4f}" for a in choice.asked if a.e is not None]
+    unable = [f"{a.law} ({a.least:.3g} to {a.most:.3g})" for a in choice.asked if a.e is None]
+    said = []
+    if able:
+        where = f"laws deliver a constant e of {e:.4f} where their parameter e is"
+        said.append(f"{where}: {', '.join(able)}")
+    if unable:
+        said.append(f"a constant e of {e:.4f} is not within reach of {', '.join(unable)}")
+    return "; ".join(said)
+
+
+def line_sentence(choice: ChoiceData) -> str:
+    """The trend of a straight line beside the laws."""
+    line = choice.line
+    if line.slope_error is None:
+        if choice.count < 3:
+            return "a trend with speed takes at least three pairs"
+        return "there is only one speed, so a trend with speed is not identifiable"
+    return (
+        f"a straight line (no law) has d ln e/dv = {line.slope:+.4f} ± {line.slope_error:.4f} "
+        "per m/s"
+    )
+
+
+def side_by_side_rows(s: SummaryData) -> tuple[Row, list[Row]]:
+    """The header and the rows of a table of the laws without and with the marked pairs."""
+    rows: list[Row] = []
+    # With more pairs, laws may be fitted that have too many parameters without.
+    kept = {one.kind: one for one in s.choice.laws}
+    for everything in s.with_marked.laws:
+        if everything.kind not in kept:
+            continue
+        without = kept[everything.kind]
+        first: tuple[Estimate, Estimate] = (without.estimates[0], everything.estimates[0])
+        rows.append((f"{without.kind}: {first[0].name}", str(first[0]), str(first[1])))
+        chi2 = (f"{without.reduced_chi2:.2f}", f"{everything.reduced_chi2:.3g}")
+        rows.append(("  reduced chi²", *chi2))
+    return ("", f"without ({s.choice.count})", f"with ({s.with_marked.count})"), rows
+
+
+def _side_by_side(s: SummaryData) -> list[str]:
+    if not any(pair.marked for pair in s.pairs):
+        return []
+    header, rows = side_by_side_rows(s)
+    bad = [law.kind for law in s.with_marked.laws if not law.converged]
+    return [
+        "With and without the marked pairs",
+        *text_table(rows, header=header, indent=2),
+        *([f"  NOT converged with the marked pairs: {', '.join(bad)}"] if bad else []),
+    ]
+
+
+def open_questions(s: SummaryData) -> list[str]:
+    """What e(v) does not determine, law by law, and what would."""
+    lines = [f"{law.kind}: {law.unidentified}" for law in s.choice.laws]
+    if len(s.given) < 2:
+        lines.append("give --stiffness for c, and --mass with it for A (in Python: arguments)")
+    return lines
+
+
+def _open_questions(s: SummaryData) -> list[str]:
+    if s.impacts:  # whose forces tell K, and with it the rest
+        return []
+    return ["What e(v) alone leaves open", *(f"  {line}" for line in open_questions(s))]

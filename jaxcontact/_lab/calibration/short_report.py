@@ -1,0 +1,314 @@
+"""A calibration in at most 25 lines: e at which speeds, the law, the data, and what comes next."""
+
+from __future__ import annotations
+
+import math
+import statistics
+import textwrap
+
+from ..._text.table import text_table, with_error, wrapped
+from ..._text.words import counted, span
+from ..recordings import LAYOUTS
+from .at_speed import AtSpeed
+from .summary_data import SummaryData, contact_note
+
+_WIDTH = 100
+_EVEN = 0.2
+"""The two halves of an interval that differ by a smaller part are given as one."""
+
+_FEW_ROWS = 12
+"""So many bounces are listed one by one."""
+
+MORE = "--details (in Python `report()`) prints all tables; --report ball.html writes a page"
+
+
+def short(s: SummaryData) -> str:
+    """The calibration in few lines, the verdict first, and where to find more."""
+    return "\n".join([*verdict_lines(s), *wrapped("More", MORE, width=_WIDTH)])
+
+
+def verdict_lines(s: SummaryData) -> list[str]:
+    """The verdict, the law, the data, and what comes next."""
+    lines = textwrap.wrap(title(s), _WIDTH, break_on_hyphens=False)
+    lines += ["", *(line for one in headlines(s) for line in _item(one))]
+    header, rows = bounce_rows(s)
+    if rows:
+        lines += ["", *text_table(rows, header=header, align="<>>", indent=2)]
+    lines.append("")
+    for head, said in (
+        ("Law", law_sentence(s)),
+        ("In Python", law_in_python(s)),
+        ("Data", data_sentence(s)),
+    ):
+        lines += wrapped(head, said, width=_WIDTH)
+    if s.recording.notes:
+        lines += _capped("Read as", "; ".join(s.recording.notes), 3)
+    cautions_said = cautions(s)
+    if cautions_said:
+        lines += _capped("Caution", "; ".join(cautions_said), 4)
+    if s.choice.next_measurement:
+        lines += wrapped("Next", s.choice.next_measurement, width=_WIDTH)
+    return lines
+
+
+def _item(sentence: str) -> list[str]:
+    return textwrap.wrap(sentence, _WIDTH, subsequent_indent="    ", break_on_hyphens=False)
+
+
+def _capped(head: str, text: str, most: int) -> list[str]:
+    """As `wrapped`, cut after so many lines."""
+    lines = wrapped(head, text, width=_WIDTH)
+    if len(lines) <= most:
+        return lines
+    placeholder = " ... (--details)"
+    last = textwrap.shorten(
+        " ".join(line.strip() for line in lines[most - 1 :]),
+        _WIDTH - 11,
+        placeholder=placeholder,
+        break_on_hyphens=False,
+    )
+    return [*lines[: most - 1], " " * 11 + last]
+
+
+def title(s: SummaryData) -> str:
+    """What was calibrated."""
+    ball = f", ball {s.recording.ball}" if s.recording.ball else ""
+    return f"Calibration of {s.recording.source}{ball}"
+
+
+def headlines(s: SummaryData) -> list[str]:
+    """The verdict in sentences: e at which speeds, and what its interval means."""
+    if not s.at:
+        kept = [pair.restitution for pair in s.pairs if not pair.marked]
+        return [
+            f"No law could be fitted: e of {counted(len(kept), ('pair', 'pairs'))} is "
+            f"{span(kept)}, {statistics.median(kept):.3g} in the middle"
+        ]
+    slow, fast, *asked = s.at
+    wrong = s.chosen is not None and s.chosen.adequate is False
+    said = _where(slow, fast)
+    if s.only_mean:
+        said = _mean(s, slow)
+    elif wrong:
+        said += " (no 95 % interval: the law does not describe the data)"
+    elif slow.velocity == fast.velocity or _level(slow, fast):
+        said += _bracket(_interval(slow))
+    elif intervals := [_interval(slow), _interval(fast)]:
+        said += _bracket(", ".join(intervals) if all(intervals) else "")
+    found = [said]
+    for one in asked:
+        about = [] if wrong or not _interval(one) else [f"95 %: {_interval(one)}"]
+        if not one.measured:
+            about.append("extrapolated: no pair is that " + _beyond(one, slow))
+        if _spread(one) > 0:
+            about.append(f"laws that are not ruled out: {_range(one.least, one.most)}")
+        end = f" ({'; '.join(about)})" if about else ""
+        found.append(f"e = {_number(one)} at {one.velocity:.4g} m/s{end}")
+    return [*found, *meaning(s)]
+
+
+def _mean(s: SummaryData, law: AtSpeed) -> str:
+    """The e of one pair, or the mean of a few."""
+    kept = [pair for pair in s.pairs if not pair.marked]
+    speeds = span([pair.velocity for pair in kept], "m/s")
+    if len(kept) > 1:
+        return f"e = {_number(law)}, the mean of {len(kept)} pairs at {speeds}" + _bracket(
+            _interval(law)
+        )
+    e = _number(law) if _interval(law) else f"{kept[0].restitution:.4g}"
+    return f"e = {e} at {speeds}, from one pair{_bracket(_interval(law))}"
+
+
+def _where(slow: AtSpeed, fast: AtSpeed) -> str:
+    if slow.velocity == fast.velocity:
+        return f"e = {_number(slow)} at {slow.velocity:.3g} m/s"
+    if _level(slow, fast):
+        return (
+            f"e = {_number(slow)} at all speeds from {slow.velocity:.3g} to {fast.velocity:.3g} m/s"
+        )
+    return (
+        f"e = {_number(slow)} at {slow.velocity:.3g} m/s to {_number(fast)} at "
+        f"{fast.velocity:.3g} m/s"
+    )
+
+
+def _level(slow: AtSpeed, fast: AtSpeed) -> bool:
+    """Whether the law has the same e at both speeds."""
+    return math.isclose(slow.restitution, fast.restitution, rel_tol=1e-12)
+
+
+def _beyond(one: AtSpeed, slow: AtSpeed) -> str:
+    return "slow" if one.velocity < slow.velocity else "fast"
+
+
+def _bracket(interval: str) -> str:
+    return f" (95 %: {interval})" if interval else ""
+
+
+def _half(one: AtSpeed) -> float | None:
+    return None if one.low is None or one.high is None else (one.high - one.low) / 2
+
+
+def _number(one: AtSpeed) -> str:
+    """e with as many digits as its interval warrants."""
+    half = _half(one)
+    return f"{one.restitution:.3g}" if not half else with_error(one.restitution, half).split()[0]
+
+
+def _interval(one: AtSpeed) -> str:
+    """`± 0.0017`, or `0.70 to 0.93` where e is not in the middle; nothing where it is not known."""
+    half = _half(one)
+    if half is None or one.low is None or one.high is None:
+        return ""
+    up, down = one.high - one.restitution, one.restitution - one.low
+    if abs(up - down) > _EVEN * half:
+        return _range(one.low, one.high)
+    return f"± {with_error(one.restitution, half).split()[-1]}"
+
+
+def _range(low: float, high: float) -> str:
+    """Two numbers with two digits of their difference."""
+    places = min(max(1 - math.floor(math.log10(high - low)), 2), 6) if high > low else 4
+    return f"{low:.{places}f} to {high:.{places}f}"
+
+
+def _spread(one: AtSpeed) -> float:
+    """By how much laws that are not ruled out differ, where that is more than the interval."""
+    off = max(one.restitution - one.least, one.most - one.restitution)
+    return off if off > (_half(one) or 0.0) else 0.0
+
+
+def meaning(s: SummaryData) -> list[str]:
+    """What the interval is one of, and how single readings scatter beside it, in a paragraph."""
+    said = []
+    wrong = s.chosen is not None and s.chosen.adequate is False
+    if not wrong and any(one.low is not None for one in s.at):
+        what = "that of the mean e at a speed, if the law is right"
+        if s.choice.count == 1:
+            what = "by the known error of the reading"
+        elif s.only_mean:
+            what = "that of the mean e, if it does not depend on the speed"
+        said.append(f"The 95 % interval is {what}.")
+    if s.scatter is not None:
+        said.append(f"A single reading of e scatters by {scatter_said(s.scatter)}.")
+    off = max(map(_spread, s.at[:2]))
+    if not wrong and off > 0:
+        said.append(f"Laws that are not ruled out differ by up to {off:.1g} at these speeds.")
+    return [" ".join(said)] if said else []
+
+
+def scatter_said(scatter: float) -> str:
+    """A standard deviation of ln e, in percent of e."""
+    return f"{100 * scatter:.2g} %"
+
+
+def _capital(words: str) -> str:
+    return words[:1].upper() + words[1:]
+
+
+def bounce_rows(s: SummaryData) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """The header and the rows of a table of each bounce, where there are few pairs."""
+    if not s.few or len(s.pairs) > _FEW_ROWS:
+        return (), []
+    rows = [
+        (
+            ", ".join(map(str, pair.rows)),
+            f"{pair.velocity:.3f}",
+            f"{pair.restitution:.4f}"
+            if pair.error is None
+            else with_error(pair.restitution, pair.error),
+            "left out" if pair.marked else "",
+        )
+        for pair in s.pairs
+    ]
+    error = " ± standard error" if any(pair.error is not None for pair in s.pairs) else ""
+    return ("rows", "v (m/s)", f"e{error}", ""), rows
+
+
+def law_sentence(s: SummaryData) -> str:
+    """The law, whether it describes the data, and which others may."""
+    law, choice = s.chosen, s.choice
+    if law is None:
+        return "no fit converged"
+    said = [f"{law.kind}, {law.said}" + (" (± standard error)" if "±" in law.said else "")]
+    if s.only_mean:
+        count = counted(choice.count, LAYOUTS[s.recording.layout].pair_words)
+        verb = "does" if choice.count == 1 else "do"
+        said.append(f"{_capital(count)} {verb} not tell whether e depends on the speed")
+        return ". ".join(said) + "."
+    if choice.best is not None and choice.best != law.kind:
+        said.append(f"You asked for this law; of those compared the choice would be {choice.best}")
+    if law.adequate is False:
+        good = [one.kind for one in choice.laws if one.adequate is True]
+        rest = f"; {_listed(good)} {'does' if len(good) == 1 else 'do'}" if good else ""
+        none = "" if good else ", and none of the others does"
+        if not good and len(choice.laws) == 1:
+            none = ""
+        said.append(f"It does not describe the data ({law.grounds}){rest}{none}")
+    elif law.adequate is None:
+        said.append(f"Whether it describes the data cannot be told: {law.grounds}")
+    else:
+        said.append("It describes the data")
+    if choice.best == law.kind:
+        said += _certainty(s)
+    return ". ".join(said) + "."
+
+
+def _certainty(s: SummaryData) -> list[str]:
+    choice = s.choice
+    if choice.sure:
+        return ["No doubt is left: every other law is ruled out, or contains this one"]
+    if choice.rivals:
+        return [f"Not ruled out: {_listed(list(choice.rivals))}"]
+    return []
+
+
+def _listed(names: list[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+def law_in_python(s: SummaryData) -> str:
+    """The law and its contact as objects, and which numbers of it were given."""
+    if s.law is None:
+        return "no law"
+    note = f" ({contact_note(s.given)})" if len(s.given) < 2 else ""
+    return f"{s.law!r}, {s.contact!r}{note}"
+
+
+def data_sentence(s: SummaryData) -> str:
+    """How many pairs, of what, at which speeds, and how many were left out."""
+    layout = LAYOUTS[s.recording.layout]
+    marked = sum(pair.marked for pair in s.pairs)
+    out = ""
+    if marked:
+        verb = "lies" if marked == 1 else "lie"
+        out = f"; {marked} {verb} far off the trend and {'is' if marked == 1 else 'are'} left out"
+    return (
+        f"{counted(len(s.pairs), ('pair', 'pairs'))} of approach speed and e, from "
+        f"{layout.made_of}, {span([pair.velocity for pair in s.pairs], 'm/s')}{out}"
+    )
+
+
+def cautions(s: SummaryData) -> list[str]:
+    """What may be wrong, in short."""
+    found = []
+    bad = [one.kind for one in (*s.choice.laws, *s.with_marked.laws) if not one.converged]
+    if bad:
+        found.append(f"NOT converged, and not to be believed: {', '.join(dict.fromkeys(bad))}")
+    above = sum(pair.restitution > 1 and not pair.marked for pair in s.pairs)
+    if above and s.few:
+        found.append("an e above 1 is more than the ball had: a trigger may be missed")
+    if s.choice.better_possible:
+        found.append("a free smooth curve fits better than every law: a better law is possible")
+    caution = drag_caution(s)
+    return [*found, caution] if caution else found
+
+
+def drag_caution(s: SummaryData) -> str | None:
+    """A warning where e falls with speed while the drag of the air was left in."""
+    error, layout = s.choice.line.slope_error, LAYOUTS[s.recording.layout]
+    if not layout.uses_flight or s.drag is not None or error is None:
+        return None
+    if s.choice.line.slope > -2 * error:
+        return None
+    return "the drag of the air is left in: the fall of e with speed may be drag, not the contact"

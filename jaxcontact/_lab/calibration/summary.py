@@ -1,0 +1,54 @@
+"""The summary of a calibration: its plain data, with what people do with it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from ..._calibration.choice.kinds import kind_of_law, law_in
+from ..._contact import Contact
+from ..._laws import AbstractLaw
+from .full_report import report
+from .short_report import short
+from .summary_data import SummaryData
+
+_SPEEDS = 17
+"""Of an export, over the measured range."""
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class CalibrationSummary(SummaryData):
+    __doc__ = SummaryData.__doc__
+
+    def report(self) -> str:
+        """Everything in words, the verdict first."""
+        return report(self)
+
+    def __export__(
+        self, contact: Contact | None
+    ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
+        """The law, the contact, and closing speeds in m/s over the measured range, for `export`.
+
+        With another `contact` the law is the one with the same e(v). Raises ValueError where no fit
+        converged, and where mass or stiffness is not known.
+        """
+        if self.law is None:
+            raise ValueError("Argument `law` must have a fit that converged, but none did.")
+        kind = kind_of_law(self.law)
+        missing = [name for name in ("mass", "stiffness") if name not in self.given]
+        if contact is None and missing:
+            words = " and ".join(f"`{name}`" for name in missing)
+            raise ValueError(
+                f"Argument `contact` is needed: this calibration does not know {words}. It leaves "
+                f"open {kind.unidentified}. Give `contact=Contact(mass, stiffness)`, or calibrate "
+                f"with {words}."
+            )
+        law = self.law if contact is None else law_in(self.law, self.contact, contact)
+        kept = [pair.velocity for pair in self.pairs if not pair.marked]
+        speeds = np.geomspace(min(kept), max(kept), _SPEEDS)
+        return law, self.contact if contact is None else contact, speeds
+
+    def __repr__(self) -> str:
+        return short(self)

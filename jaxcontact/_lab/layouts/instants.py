@@ -1,0 +1,125 @@
+"""Instants of bounces, as stopwatches and labels of an audio editor give them."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+import re
+from collections.abc import Sequence
+from types import MappingProxyType
+
+from ..._text.words import counted
+from ..signals.clock import CLOCK
+from ..tables.heading import Meaning, words
+from ..tables.match import Match
+from ..tables.sheet import Row, Sheet
+from .intervals import Group, Interval, Intervals, interval_groups
+from .layout import DROP_HEIGHT, LABELS, bounces_of
+
+_PAUSE = 3.0
+"""An interval that is so many times as long as the one before holds no bounces: even three flights
+in one, of a ball that loses nothing, are not longer."""
+
+_BOUNCE = re.compile(r"\W*(bounce|impact|hit|touch|contact|click|knock|new point|b)?[\W\d_]*")
+"""Labels of a bounce, "" and numbers among them."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Between(Interval):
+    """The time between two instants, and a note on the `others`, which are no bounces."""
+
+    others: str
+
+
+class Instants(Intervals):
+    """Times of successive bounces; between two that follow each other lies an interval."""
+
+    name = "instants"
+    columns = ("ball", "drop_height_m", "trial", "bounce", "label", "bounce_time_s")
+    measured = ("bounce_time_s",)
+    meanings = MappingProxyType(
+        {
+            **LABELS,
+            "drop_height_m": DROP_HEIGHT,
+            "label": Meaning(words("label, event, marker, mark, annotation, description")),
+            "bounce_time_s": Meaning(
+                (
+                    *words(
+                        "bounce time, bounce time s, time of bounce, impact time, time of impact, "
+                        "hit time, touch time, contact at, instant, onset, onset time, event time, "
+                        "total time, total, split time, split, overall time, overall, "
+                        "cumulative time, cumulative, race time, start, start time, begin"
+                    ),
+                    *CLOCK.words,
+                ),
+                "s",
+            ),
+        }
+    )
+    made_of = "intervals between the instants of bounces"
+    pair_rule = (
+        "three instants in succession make a pair where ball, drop height and trial are equal and "
+        "`bounce` counts on by one"
+    )
+
+    def fits(self, made: Match, sheet: Sheet) -> bool:
+        """Not where the word is that of any clock, beside columns that nobody understands."""
+        heading = made.headings.get("bounce_time_s")
+        if heading is None or CLOCK.heading(heading.text) is None:
+            return True
+        others = [t for k, t in enumerate(sheet.names) if t and k not in made.places.values()]
+        return all(Intervals.is_step(text) for text in others)
+
+    def read(self, rows: Sequence[Row]) -> list[Interval]:
+        rows, others = _bounces_in(rows)
+        groups = interval_groups(rows)
+        instants: dict[Group, list[tuple[int, float, Row]]] = {}
+        for row, group, bounce in zip(rows, groups, bounces_of(rows, groups), strict=True):
+            time = row.real("bounce_time_s")
+            if math.isnan(time):
+                row.refuse("bounce_time_s", "is empty")
+            instants.setdefault(group, []).append((bounce, time, row))
+        records = []
+        for (ball, height, trial), own in instants.items():
+            drop, last = 1, math.inf
+            for (one, start, _), (two, end, row) in itertools.pairwise(sorted(own, key=_number)):
+                seconds = end - start
+                if seconds <= 0:
+                    row.refuse(
+                        "bounce_time_s",
+                        f"{end:g} s does not come after {start:g} s; if these are the intervals "
+                        'between bounces, say so with `columns="interval=..."`',
+                    )
+                if seconds > _PAUSE * last:
+                    drop, last = drop + 1, math.inf
+                    continue
+                if two == one + 1:
+                    name = trial if drop == 1 else f"{trial}, {drop}"
+                    records.append(Between(ball, row.number, height, name, one, seconds, others))
+                last = seconds
+        if rows:
+            self.check(rows, records, "bounce_time_s")
+        return records
+
+    def notes(self, records: Sequence[Interval]) -> tuple[str, ...]:
+        told = {one.others for one in records if isinstance(one, Between) and one.others}
+        paused = len({one.trial for one in records if ", " in one.trial})
+        return (*told, *[f"pauses part {counted(paused + 1, ('drop', 'drops'))}"] * bool(paused))
+
+
+def _number(one: tuple[int, float, Row]) -> int:
+    return one[0]
+
+
+def _bounces_in(rows: Sequence[Row]) -> tuple[Sequence[Row], str]:
+    """The rows whose label names a bounce, or all where none does, and a note on the others."""
+    if not rows or "label" not in rows[0].values:
+        return rows, ""
+    labels = [str(row.values["label"] or "").strip().casefold() for row in rows]
+    mine = [row for row, text in zip(rows, labels, strict=True) if _BOUNCE.fullmatch(text)]
+    if not mine:
+        return rows, ""
+    others = dict.fromkeys(text for text in labels if not _BOUNCE.fullmatch(text))
+    shown = ", ".join(f"'{text}'" for text in itertools.islice(others, 6))
+    return mine, f"labels that name no bounce left out: {shown}" * bool(others)

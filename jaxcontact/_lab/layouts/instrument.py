@@ -1,0 +1,221 @@
+"""Records of instruments: force, acceleration or indentation over time, with impacts in them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+
+from ..._flight import Flight
+from ..._text.words import counted, span
+from ..signals.clock import CLOCK, column_of, even
+from ..signals.cut import LEAST_READINGS, Cut, cut, shown
+from ..signals.trace import Doubtful, Floats, Trace, noise_of
+from ..tables.fault import RecordingError
+from ..tables.heading import Meaning, words
+from ..tables.sheet import Row
+from .layout import Layout, Paired, Record
+
+_SHOWN = 6
+_FEWEST = 3 * LEAST_READINGS
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Impact(Record):
+    """One impact in a record: its `number`, from 1, the `trace` that holds it, where it touches and
+    separates, about, and the window [start, stop), all in numbers of readings.
+    """
+
+    number: int
+    trace: Trace
+    touch: float
+    end: float
+    start: int
+    stop: int
+
+    @property
+    def time(self) -> Floats:
+        """The times (n,) in s of the window."""
+        return self.trace.time[self.start : self.stop]
+
+    @property
+    def reading(self) -> Floats:
+        """The readings (n,) of the window over the level without contact."""
+        value = self.trace.value[self.start : self.stop]
+        if self.trace.quantity == "indentation":
+            return value
+        inside = np.arange(self.start, self.stop)
+        free = (inside < self.touch) | (inside > self.end)
+        return value - float(np.median(value[free]))
+
+    @property
+    def duration(self) -> float:
+        """The duration of contact in s, about."""
+        return (self.end - self.touch) * self.trace.step
+
+
+class Records(Layout[Impact]):
+    """What an instrument reads over time while bodies collide: impacts are cut apart, and each is
+    fitted with its time of touch and its zero. `quantity` is what it reads.
+    """
+
+    quantity: str
+    reading_error = None
+    uses_flight = False
+    fitted = True
+    instead = MappingProxyType({"time": "; or give `rate`, the readings per second"})
+    pair_words = ("impact", "impacts")
+    cluster_words = ("impact", "impacts")
+    pair_rule = "each impact that is cut out of the record is one"
+    errors_words = (
+        "by impact (sandwich), which allows for scatter that differs from impact to impact"
+    )
+    known_errors = (
+        "each impact is fitted to its readings, whose noise gives the errors; the scatter was "
+        "fitted beside them",
+        "by the noise of the readings of each impact, and the scatter from impact to impact",
+    )
+
+    @property
+    def made_of(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return f"impacts in a record of {self.quantity}"
+
+    def at_rate(self, rate: float | None) -> Records:
+        return self  # whose times were made of it
+
+    def read(self, rows: Sequence[Row]) -> list[Impact]:
+        clock, value = column_of(rows, "time"), column_of(rows, self.quantity)
+        time, notes = even(rows, clock)
+        if time.size < _FEWEST:
+            problem = f"holds {time.size} readings, too few for an impact: its contact takes 8"
+            raise RecordingError(problem, rows[0].source, rows[0].number)
+        if np.ptp(value) == 0:
+            rows[0].refuse(self.quantity, f"is {value[0]:g} everywhere")
+        trace, cuts = self.cut(time, value)
+        trace = dataclasses.replace(trace, notes=(*notes, *trace.notes))
+        if not cuts:
+            self._refuse(rows, trace)
+        return [
+            Impact("", rows[round(one.touch)].number, k, trace, *one[:2], *one[3:])
+            for k, one in enumerate(cuts, 1)
+        ]
+
+    def cut(self, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
+        """The record and the impacts in it."""
+        return cut(self.quantity, time, value)
+
+    def _refuse(self, rows: Sequence[Row], trace: Trace) -> None:
+        noise = shown(self.quantity, trace.noise)
+        if not trace.doubtful:
+            problem = (
+                f"no impact was found: no contact stands out of the noise of {noise} in "
+                f"{trace.time[-1] - trace.time[0]:.3g} s"
+            )
+        else:
+            told = "; ".join(f"at {one.time:.4g} s {one.why}" for one in trace.doubtful[:_SHOWN])
+            problem = f"no impact was found that can be used: {told}"
+            if any("readings of the contact" in one.why for one in trace.doubtful):
+                problem += (
+                    f"; a contact takes at least {LEAST_READINGS} readings, better 50: sample "
+                    f"faster than {1 / trace.step:.3g} Hz"
+                )
+        rows[0].refuse(self.quantity, problem)
+
+    def facts(self, records: Sequence[Impact]) -> Mapping[str, str]:
+        trace, durations = records[0].trace, [1e3 * one.duration for one in records]
+        return {
+            "rows": str(trace.time.size),
+            "rate": f"{1 / trace.step:.6g} Hz, {trace.time[-1] - trace.time[0]:.4g} s",
+            "impacts": f"{len(records)}, of about {span(durations, 'ms')}",
+            "largest": shown(self.quantity, max(float(r.reading.max()) for r in records)),
+        }
+
+    def notes(self, records: Sequence[Impact]) -> tuple[str, ...]:
+        trace = records[0].trace
+        per = span([one.duration / trace.step for one in records], "readings each")
+        times = ", ".join(f"{one.time[0]:.4g}" for one in records[:_SHOWN])
+        more = f" and {len(records) - _SHOWN} more" if len(records) > _SHOWN else ""
+        found = counted(len(records), self.pair_words)
+        notes = [
+            *trace.notes,
+            f"{found} cut out of the record, at {times}{more} s, of about {per}; noise of one "
+            f"reading {shown(self.quantity, trace.noise)}",
+        ]
+        if trace.doubtful:
+            told = "; ".join(f"at {one.time:.4g} s {one.why}" for one in trace.doubtful[:_SHOWN])
+            left = len(trace.doubtful) - _SHOWN
+            more = f" and {left} more" if left > 0 else ""
+            notes.append(f"doubtful and not used: {len(trace.doubtful)} ({told}{more})")
+        return tuple(notes)
+
+    def pair(self, records: Sequence[Impact], flight: Flight) -> Paired[Impact]:
+        raise RecordingError(
+            "holds records of impacts, from which e follows by a fit; use "
+            "`calibrate(recording, mass=...)`",
+            "the recording",
+        )
+
+
+def _meanings(quantity: str, said: str, unit: str, must_say: str = "") -> Mapping[str, Meaning]:
+    return MappingProxyType(
+        {"time": CLOCK, quantity: Meaning(words(said), unit, must_say=must_say)}
+    )
+
+
+class Forces(Records):
+    """A force over time, as a force plate or a load cell reads it."""
+
+    name = quantity = "force"
+    columns = measured = ("time", "force")
+    meanings = _meanings(
+        "force",
+        "force, f, fz, f z, normal force, vertical force, contact force, force z, fn, f n, fy up, "
+        "vgrf, grf, ground reaction force, load, load cell",
+        "N",
+    )
+
+
+class Accelerations(Records):
+    """The acceleration of the body over time, as an accelerometer on it reads it."""
+
+    name = quantity = "acceleration"
+    columns = measured = ("time", "acceleration")
+    meanings = _meanings(
+        "acceleration",
+        "acceleration, accel, acc, a, ax, ay, az, a x, a y, a z, acceleration x, acceleration y, "
+        "acceleration z, linear acceleration x, linear acceleration y, linear acceleration z, "
+        "deceleration",
+        "m/s^2",
+        must_say="m/s² or g",
+    )
+
+
+class Indentations(Records):
+    """The indentation of one impact over time, whose zero is about that of touch."""
+
+    name = quantity = "indentation"
+    columns = measured = ("time", "indentation")
+    meanings = _meanings(
+        "indentation",
+        "indentation, penetration, deformation, compression, displacement, deflection, approach, "
+        "δ, delta",
+        "m",
+    )
+
+    def cut(self, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
+        """The one contact about the largest indentation."""
+        top = int(np.argmax(value))
+        out = np.flatnonzero(value <= 0)
+        before, after = out[out < top], out[out > top]
+        trace = Trace("indentation", time, value, np.zeros_like(value), noise_of(value))
+        if value[top] <= 0 or not before.size or not after.size:
+            why = "its indentation does not pass zero, which must be about that of touch, on both "
+            return dataclasses.replace(
+                trace, doubtful=(Doubtful(float(time[top]), why + "sides"),)
+            ), []
+        touch, end = float(before[-1]), float(after[0])
+        margin = round(end - touch)
+        window = max(int(touch) - margin, 0), min(int(end) + margin, value.size)
+        return trace, [Cut(touch, end, float(value[top]), *window)]

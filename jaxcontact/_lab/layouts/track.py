@@ -1,0 +1,244 @@
+"""Tracks from video: places of a ball over time, whose parabolas tell e, scale and tilt."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from ..._calibration.pairs.plausible import too_long
+from ..._flight import Flight
+from ..._text.words import counted, span
+from ..tables.heading import Meaning, words
+from ..tables.sheet import Row
+from ..track import Drop, Frames, Track
+from .intervals import ratios_of
+from .layout import LABELS, Flights, Layout, Paired, ReadingError, Record
+from .track_frames import clock_of, frames_of
+from .track_words import camera_notes, shown_e, skipped_notes, wrong_lengths
+
+_FEWEST = 10
+
+_Name = tuple[str, str]
+"""Of a ball, and of a trial."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Flown(Record):
+    """One flight in a track: its `number` in the `drop`, from 0 on, the first of which the track
+    has a part; the `trial`, and the `track` of the ball.
+    """
+
+    trial: str
+    number: int
+    drop: Drop
+    track: Track
+
+    @property
+    def seconds(self) -> float:
+        """The duration of the flight in s."""
+        return float(self.drop.seconds[self.number])
+
+
+@dataclasses.dataclass(frozen=True)
+class Tracks(Layout[Flown]):
+    """Places of a ball over time, as trackers of video give them; `rate` is frames per second."""
+
+    rate: float | None = None
+
+    name = "track"
+    columns = ("ball", "trial", "time", "frame", "x", "y")
+    measured = ("time", "y")
+    meanings = MappingProxyType(
+        {
+            "ball": Meaning((*LABELS["ball"].words, *words("particle, track, track id"))),
+            "trial": LABELS["trial"],
+            "time": Meaning(words("time, t, timestamp, time stamp, elapsed time"), "s"),
+            "frame": Meaning(
+                words("frame, frame number, frame no, frame nr, frame index, frame id, frame idx")
+            ),
+            "x": Meaning(
+                words(
+                    "x, x position, position x, pos x, x pos, x coordinate, cx, center x, "
+                    "centre x, x center, x centre, ball x, horizontal position"
+                ),
+                "m",
+                or_unit="px",
+            ),
+            "y": Meaning(
+                words(
+                    "y, height, height m, h, z, y position, position y, pos y, y pos, "
+                    "y coordinate, cy, center y, centre y, y center, y centre, ball y, "
+                    "vertical position"
+                ),
+                "m",
+                or_unit="px",
+            ),
+        }
+    )
+    reading_error = ReadingError("s", "ms", 1e3, "each flight time")
+    uses_flight = True
+    instead = MappingProxyType(
+        {"time": "; or number the frames in a column `frame`, and give their `rate` per second"}
+    )
+    made_of = "flight times between the impacts of a track"
+    pair_words = ("impact between two flights", "impacts between two flights")
+    cluster_words = ("drop", "drops")
+    pair_rule = "an impact counts where the track shows a flight before it and one after it"
+    errors_words = (
+        "by drop (cluster-robust sandwich): successive ratios share a flight and are correlated "
+        "within a drop, which this allows for"
+    )
+
+    def at_rate(self, rate: float | None) -> Tracks:
+        return Tracks(rate)
+
+    def lacking(self, there: Iterable[str]) -> list[str]:
+        """Frame numbers stand for times."""
+        missing = super().lacking(there)
+        return [one for one in missing if one != "time" or "frame" not in there]
+
+    def read(self, rows: Sequence[Row]) -> list[Flown]:
+        from ..track.following import follow
+
+        if not rows:
+            return []
+        names: dict[_Name, list[Row]] = {}
+        for row in rows:
+            names.setdefault((row.place[0], row.text("trial", "1")), []).append(row)
+        clock = clock_of(rows, self.rate)
+        records: list[Flown] = []
+        empty: list[tuple[Frames, Track | None]] = []
+        for (ball, trial), own in names.items():
+            frames = frames_of(own, clock)
+            track = follow(frames) if frames.time.size >= _FEWEST else None
+            if track is None or not track.drops:
+                empty.append((frames, track))
+                continue
+            records += _flown(ball, trial, track)
+        if not records:
+            frames, track = max(empty, key=lambda one: one[0].time.size)
+            rows[0].refuse("y", _nothing(frames, track))
+        self._check(rows, records)
+        return records
+
+    def _check(self, rows: Sequence[Row], records: Sequence[Flown]) -> None:
+        if why := too_long([record.seconds for record in records]):
+            rows[0].refuse("time", f"{why}, or write the unit in the heading, 'time [ms]'")
+        if why := wrong_lengths(drops_of(records)):
+            rows[0].refuse("y", why)
+
+    def facts(self, records: Sequence[Flown]) -> Mapping[str, str]:
+        drops = drops_of(records)
+        frames = sum(track.frames.time.size for track in tracks_of(records))
+        used = sum(int(drop.used.sum()) for drop in drops)
+        return {
+            "rows": f"{frames} frames, {used} of them in flights",
+            "drops": str(len(drops)),
+            "impacts": str(sum(drop.impact.size for drop in drops)),
+            "flights": span([record.seconds for record in records], "s"),
+            "e": shown_e(drops),
+        }
+
+    def notes(self, records: Sequence[Flown]) -> tuple[str, ...]:
+        drops, tracks = drops_of(records), tracks_of(records)
+        rate = () if self.rate is None else (f"times by frames, {self.rate:g} per second",)
+        return (*rate, *camera_notes(drops), *skipped_notes(tracks))
+
+    def pair(self, records: Sequence[Flown], flight: Flight) -> Paired[Flown]:
+        of: dict[int, list[Flown]] = {}
+        for record in records:
+            of.setdefault(id(record.drop), []).append(record)
+        drops = [_in_air(own[0].drop, flight) for own in of.values()]
+        couples = [couple for own in of.values() for couple in itertools.pairwise(own)]
+        seconds = [drop.seconds for drop in drops]
+        t1 = np.concatenate([one[:-1] for one in seconds] or [np.zeros(0)])
+        t2 = np.concatenate([one[1:] for one in seconds] or [np.zeros(0)])
+        velocity, restitution, p, q = ratios_of(t1, t2, flight)
+        covariance, start = np.zeros((t1.size, t1.size)), 0
+        for drop in drops:
+            at = start + np.arange(drop.impact.size)
+            slope = np.zeros((at.size, at.size + 1))
+            slope[at - start, at - start], slope[at - start, at - start + 1] = -q[at], p[at]
+            covariance[np.ix_(at, at)] = slope @ drop.covariance @ slope.T
+            start += at.size
+        variance = [np.diag(drop.covariance) for drop in drops]
+        # The flight that the end of the track cuts is known far worse than the others.
+        square = float(np.median(np.concatenate(variance))) if variance else 1.0
+        return Paired(
+            velocity=velocity,
+            restitution=restitution,
+            reading_factor=np.diag(covariance) / square,
+            clusters=[f"drop {first.trial}" for first, _ in couples],
+            records=couples,
+            covariance=covariance,
+            reading=math.sqrt(square),
+        )
+
+    def flights(self, records: Sequence[tuple[Flown, ...]]) -> Flights:
+        return Flights("intervals", *([one[k].seconds for one in records] for k in (0, 1)))
+
+
+def counts_frames(headings: Iterable[str]) -> bool:
+    """Whether a table is a track, whose frames are numbered, and no record of an instrument."""
+    known = Tracks.meanings
+    return any(known[name].heading(text) for name in ("frame", "y") for text in headings)
+
+
+def drops_of(records: Iterable[Any]) -> list[Drop]:
+    """The drops of flights, each once."""
+    return list({id(one.drop): one.drop for one in records if isinstance(one, Flown)}.values())
+
+
+def tracks_of(records: Iterable[Any]) -> tuple[Track, ...]:
+    """The tracks that flights are seen in, each once; none for other records."""
+    return tuple({id(one.track): one.track for one in records if isinstance(one, Flown)}.values())
+
+
+def _in_air(drop: Drop, flight: Flight) -> Drop:
+    if flight.drag is None:
+        return drop
+    from ..track.fitting import refit
+    from .track_drag import shape_of
+
+    beta = (flight.gravity / flight.drag.terminal_speed(flight.gravity)) ** 2
+    return refit(drop, shape_of(flight), beta)
+
+
+def _flown(ball: str, trial: str, track: Track) -> list[Flown]:
+    several = len(track.drops) > 1
+    records = []
+    for k, drop in enumerate(track.drops, 1):
+        name = f"{trial}, {k}" if several else trial
+        time, row = drop.frames.time, drop.frames.row
+        places = [float(time[drop.used][0]), *drop.impact]
+        for number, at in enumerate(places):
+            frame = min(int(np.searchsorted(time, at)), time.size - 1)
+            records.append(Flown(ball, int(row[frame]), name, number, drop, track))
+    return records
+
+
+def _nothing(frames: Frames, track: Track | None) -> str:
+    """Why a track holds no bounces, and what to do."""
+    count = counted(frames.time.size, ("frame", "frames"))
+    peaks = '; if these are heights of successive flights, say so with `columns="height_m=..."`'
+    if track is None:
+        return f"is a track of {count}, too few for an impact between two flights{peaks}"
+    seconds = float(frames.time[-1] - frames.time[0])
+    whole = f"is a track of {count} in {seconds:.3g} s"
+    if not track.skipped:
+        return (
+            f"{whole} in which nothing falls to a lowest place and rises again: no bounce, or "
+            f"fewer than 4 frames to a flight{peaks}"
+        )
+    first = "; ".join(f"at {one.time:.3f} s {one.why}" for one in track.skipped[:6])
+    more = ", ..." if len(track.skipped) > 6 else ""
+    return (
+        f"{whole} with no bounce between two flights that can be used ({first}{more}); each "
+        "flight needs at least 4 frames beside those of the impact: film faster, or drop higher"
+    )

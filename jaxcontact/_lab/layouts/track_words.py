@@ -1,0 +1,147 @@
+"""What a track says of its camera, in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..._flight import STANDARD_GRAVITY
+from ..._text.table import with_error
+from ..._text.words import counted, span
+from ..track import Drop, Track
+
+_SHOWN = 6
+_MOST_WRONG = 1.5
+"""By so much heights in m contradict g: what is wrong is no stick that was laid askew."""
+
+_SURE = 3.0
+
+
+def _mean(values: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
+    """The mean weighted by errors, and its standard error."""
+    weight = np.array(errors) ** -2.0
+    return float(weight @ np.array(values) / weight.sum()), float(weight.sum() ** -0.5)
+
+
+def _fall(drops: Sequence[Drop]) -> tuple[float, float]:
+    return _mean([d.camera.fall for d in drops], [d.camera.fall_error for d in drops])
+
+
+def camera_notes(drops: Sequence[Drop]) -> tuple[str, ...]:
+    """Impacts and frames that were found, and scale and tilt of the camera."""
+    impacts = sum(drop.impact.size for drop in drops)
+    off = sum(int(drop.off.sum()) for drop in drops)
+    errors = [1e3 * one for drop in drops for one in drop.error]
+    notes = [
+        f"{counted(impacts, ('impact', 'impacts'))} in {counted(len(drops), ('drop', 'drops'))}, "
+        f"timed to {span(errors, 'ms')}",
+        f"{counted(off, ('frame', 'frames'))} off the parabolas left out",
+    ]
+    if any(drop.frames.sign < 0 for drop in drops):
+        notes.append("heights count downwards, since the ball falls to larger ones")
+    return (*notes, _scale(drops), _tilt(drops), *_nearer(drops), *_air(drops))
+
+
+def _scale(drops: Sequence[Drop]) -> str:
+    """What a unit of length is, by the known g."""
+    fall, error = _fall(drops)
+    unit = drops[0].frames.unit
+    known = f"at g = {STANDARD_GRAVITY:g} m/s²"
+    if unit == "m":
+        off, spread = fall / STANDARD_GRAVITY - 1, error / STANDARD_GRAVITY
+        told = f"heights fall with {with_error(fall, error)} m/s²"
+        if abs(off) <= _SURE * spread:
+            return f"{told}, as {STANDARD_GRAVITY:g} says"
+        word = "long" if off > 0 else "short"
+        return (
+            f"{told} where g is {STANDARD_GRAVITY:g}: lengths are {100 * abs(off):.2g} % too "
+            f"{word}; speeds follow from times and g, not from them"
+        )
+    scale = 1e3 * STANDARD_GRAVITY / fall
+    word = "a pixel" if unit == "px" else "a unit of height"
+    return f"{word} is {with_error(scale, scale * error / fall)} mm, {known}"
+
+
+def _tilt(drops: Sequence[Drop]) -> str:
+    tilts = [
+        (math.degrees(d.camera.tilt), math.degrees(d.camera.tilt_error))
+        for d in drops
+        if d.camera.tilt is not None and d.camera.tilt_error is not None
+    ]
+    if not tilts:
+        return "without x a rolled camera is not noticed, and e is off where the ball drifts"
+    tilt, error = _mean(*zip(*tilts, strict=True))
+    side = "left" if tilt > 0 else "right"
+    return f"the vertical leans to the {side} by {with_error(abs(tilt), error)}°, taken out"
+
+
+def _nearer(drops: Sequence[Drop]) -> tuple[str, ...]:
+    """Whether the floor rises in the picture, and whether that was told from e."""
+    several = [drop for drop in drops if drop.impact.size > 1]
+    notes = []
+    if len(several) < len(drops):
+        notes.append("one impact alone does not tell e from a floor that rises in the picture")
+    if several:
+        rise, error = _mean(*zip(*[drop.rise for drop in several], strict=True))
+        growth, spread = _mean(*zip(*[drop.growth for drop in several], strict=True))
+        unit = f" {drops[0].frames.unit}".rstrip()
+        if abs(rise) > _SURE * error:
+            word = "rises" if rise > 0 else "sinks"
+            notes.append(
+                f"the floor {word} in the picture by {with_error(abs(rise), error)}{unit} in a "
+                "second, as where it is not level or the ball comes nearer: taken out"
+            )
+        if abs(growth) > _SURE * spread:
+            word = "nearer" if growth > 0 else "farther away"
+            shown = with_error(100 * abs(growth), 100 * spread)
+            notes.append(f"the ball comes {word}, by {shown} % in a second: taken out")
+    return tuple(notes)
+
+
+def _air(drops: Sequence[Drop]) -> tuple[str, ...]:
+    """What the flights tell of drag, where that is sure: the way down takes longer than that up."""
+    beta, error = _mean(*zip(*[drop.air for drop in drops if drop.air], strict=True))
+    if beta <= _SURE * error:
+        return ()
+    speed = STANDARD_GRAVITY / math.sqrt(beta)
+    told = with_error(speed, speed * error / beta / 2)
+    return (f"the air slows the ball, whose terminal speed is {told} m/s by its flights",)
+
+
+def skipped_notes(tracks: Sequence[Track]) -> tuple[str, ...]:
+    """Impacts that are not used, and why."""
+    skipped = [one for track in tracks for one in track.skipped]
+    if not skipped:
+        return ()
+    told = "; ".join(f"at {one.time:.3f} s, {one.why}" for one in skipped[:_SHOWN])
+    more = f" and {len(skipped) - _SHOWN} more" if len(skipped) > _SHOWN else ""
+    return (f"doubtful and not used: {len(skipped)} ({told}{more})",)
+
+
+def wrong_lengths(drops: Sequence[Drop]) -> str:
+    """Why heights in m contradict g, with a guess; nothing where they do not."""
+    fall, _ = _fall(drops)
+    ratio = fall / STANDARD_GRAVITY
+    if drops[0].frames.unit != "m" or 1 / _MOST_WRONG < ratio < _MOST_WRONG:
+        return ""
+    slow = f"are times of slow motion, {ratio**-0.5:.3g} times too long? or " if ratio < 1 else ""
+    return (
+        f"falls with {fall:.3g} m/s² where g is {STANDARD_GRAVITY:g}; {slow}are lengths in another "
+        "unit? then write it in the heading, 'y [px]' where it is not known"
+    )
+
+
+def shown_e(drops: Sequence[Drop]) -> str:
+    """e of the first impacts in a vacuum, with standard errors."""
+    told = []
+    for drop in drops:
+        seconds = drop.seconds
+        for k in range(drop.impact.size):
+            slope = np.zeros(seconds.size)
+            slope[k], slope[k + 1] = -1 / seconds[k], 1 / seconds[k + 1]
+            e = float(seconds[k + 1] / seconds[k])
+            told.append(with_error(e, e * math.sqrt(float(slope @ drop.covariance @ slope))))
+    more = ", ..." if len(told) > _SHOWN else ""
+    return ", ".join(told[:_SHOWN]) + more

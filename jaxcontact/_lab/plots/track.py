@@ -1,0 +1,111 @@
+"""The figure of a track: its frames, the parabolas through them, and the impacts between."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..._parameter import rendered
+from ...plot._axes import axes_of
+from ..calibration.calibrate import Calibration
+from ..recordings import Recording, tracks_of
+from ..track import Drop, Track
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_USED, _OFF, _OTHER, _LINE = "#0072B2", "#D55E00", "#999999", "#000000"
+_UNIT = {"": "", "m": " / m", "px": " / px"}
+_ROOM = 0.15
+"""Of the range of heights, above and below."""
+
+
+def track(recording: Recording | Calibration, *, ax: Axes | None = None) -> Axes:
+    """Draw the heights of a track over time, with the parabolas that were fitted.
+
+    `recording` is that of a track, or its calibration. Frames that were fitted are full dots,
+    misreadings crosses, and others (near impacts, held, at rest) open circles. Impacts have
+    triangles with their numbers in the drop; those that are doubtful and not used are dotted lines.
+    Heights are those of the file: where they count downwards, the axis does. Returns the axes, new
+    ones if `ax` is None. Raises ValueError for a recording of something else, and for what are no
+    axes.
+    """
+    tracks: tuple[Track, ...] = ()
+    if isinstance(recording, Calibration):
+        tracks = tracks_of(one for pair in recording.pairs.records for one in pair)
+    elif isinstance(recording, Recording):
+        tracks = recording.tracks
+    ax = axes_of(ax, figsize=(8.0, 4.0))
+    if not tracks:
+        raise ValueError(
+            "Argument `recording` must be that of a track, or its calibration, but is "
+            f"{rendered(recording)}."
+        )
+    frames = tracks[0].frames
+    for number, one in enumerate(tracks):
+        _frames(ax, one, labels=number == 0)
+        for drop in one.drops:
+            _drop(ax, drop)
+        for skipped in one.skipped:
+            ax.axvline(skipped.time, color=_OFF, lw=0.6, ls=":")
+    low, high = _range([drop for one in tracks for drop in one.drops])
+    ax.set_ylim(*sorted((frames.sign * low, frames.sign * high)))
+    if frames.sign < 0:
+        ax.invert_yaxis()
+    ax.set_xlabel("time $t$ / s")
+    ax.set_ylabel(f"height{_UNIT[frames.unit]}")
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False, fontsize="small")
+    return ax
+
+
+def _frames(ax: Axes, track: Track, labels: bool) -> None:
+    frames = track.frames
+    used, off = (
+        np.any([getattr(drop, name) for drop in track.drops], axis=0) for name in ("used", "off")
+    )
+    groups = (
+        (used, {"marker": ".", "ms": 4, "color": _USED}, "frame, used"),
+        (off, {"marker": "x", "ms": 5, "color": _OFF}, "frame off the parabolas"),
+        (
+            ~used & ~off,
+            {"marker": "o", "ms": 2.5, "mfc": "none", "mew": 0.6, "color": _OTHER},
+            "other frame",
+        ),
+    )
+    for where, style, label in groups:
+        if where.any():
+            height = frames.sign * frames.height[where]
+            name = label if labels else None
+            ax.plot(frames.time[where], height, ls="none", label=name, **style)
+
+
+def _drop(ax: Axes, drop: Drop) -> None:
+    sign = drop.frames.sign
+    inside = np.isfinite(drop.fitted)
+    time = np.concatenate([drop.frames.time[inside], drop.impact])
+    height = np.concatenate([drop.fitted[inside], drop.floor])
+    order = np.argsort(time)
+    ax.plot(time[order], sign * height[order], color=_LINE, lw=0.8)
+    ax.plot(drop.impact, sign * drop.floor, "^", color=_USED, ms=6)
+    for number, place in enumerate(zip(drop.impact, sign * drop.floor, strict=True), 1):
+        ax.annotate(
+            str(number),
+            place,
+            (0, -6),
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            fontsize="small",
+            color=_USED,
+        )
+
+
+def _range(drops: Sequence[Drop]) -> tuple[float, float]:
+    """The heights between which the ball was; misreadings may lie far outside."""
+    fitted = np.concatenate([drop.fitted[np.isfinite(drop.fitted)] for drop in drops])
+    used = np.concatenate([drop.frames.height[drop.used] for drop in drops])
+    low, high = float(fitted.min()), float(max(fitted.max(), used.max()))
+    room = _ROOM * (high - low)
+    return low - 1.3 * room, high + room

@@ -1,0 +1,34 @@
+"""Recordings of bouncing balls: reading them, pairs of speed and restitution, noise, outliers."""
+
+from ..layouts.heights import Heights, Table
+from ..layouts.instants import Instants
+from ..layouts.instrument import Accelerations, Forces, Indentations
+from ..layouts.instrument import Impact as Impact
+from ..layouts.intervals import Intervals
+from ..layouts.layout import LAYOUTS as LAYOUTS
+from ..layouts.layout import Layout as Layout
+from ..layouts.layout import register_layout as register_layout
+from ..layouts.peaks import Peaks
+from ..layouts.rest import Stops
+from ..layouts.speeds import Speeds
+from ..layouts.track import Tracks
+from ..layouts.track import tracks_of as tracks_of
+from ..tables.deviation import FROM_FILE as FROM_FILE
+from ..tables.fault import RecordingError as RecordingError
+from .recorded_pairs import RecordedPairs as RecordedPairs
+from .recorded_pairs import make_pairs as make_pairs
+from .recording import Recording as Recording
+from .recording import read_recording as read_recording
+from .samples import Samples
+from .table_columns import COLUMNS as COLUMNS
+from .table_columns import Columns as Columns
+from .table_columns import read_columns as read_columns
+
+for _layout_class in (
+    *(Intervals, Heights, Stops, Table, Speeds),
+    # Where forces are read, y is a place on the plate; beside places accelerations are derived.
+    *(Forces, Tracks, Peaks, Accelerations, Indentations, Samples),
+    # Beside anything that was measured over time, times are no bounces.
+    Instants,
+):
+    register_layout(_layout_class())

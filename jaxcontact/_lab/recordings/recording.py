@@ -1,0 +1,404 @@
+"""Recordings of one bouncing ball, read from anything that has columns."""
+
+from __future__ import annotations
+
+import bisect
+import dataclasses
+import functools
+import itertools
+import math
+import os
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from typing import IO, Any
+
+import numpy as np
+
+from ..._parameter import POSITIVE, did_you_mean, rendered, require_choice, require_number
+from ..layouts.layout import LABELS, LAYOUTS, Layout, Record
+from ..layouts.track import counts_frames, tracks_of
+from ..signals.clock import with_clock
+from ..sound import Sound
+from ..tables.deviation import unused_notes
+from ..tables.fault import RecordingError
+from ..tables.heading import Meaning, suggestion
+from ..tables.match import Match, Told, as_told, check_usual, match, unknown_name
+from ..tables.sheet import Sheet, sheet_of
+from ..track import Track
+from .samples import sound_of
+from .sound_file import heard, sound_in
+
+_SHIPPED_BALL = "blue"
+
+_UNIT_ALONE = re.compile(r"\[[^\]]*\]")
+
+
+@dataclasses.dataclass(frozen=True, repr=False)
+class Recording:
+    """The measurements of one ball.
+
+    `source` names where they come from, `layout` is their column layout (see `read_recording`),
+    `ball` the name of the ball ("" where there is none), `records` the measurements in order, and
+    `notes` say how they were read: headings that were understood, units that were converted;
+    `sound` is what was heard in a sound file, None for anything else (see `jc.plot.sound`).
+    """
+
+    source: str
+    layout: Layout[Any]
+    ball: str
+    records: tuple[Record, ...]
+    notes: tuple[str, ...] = ()
+    sound: Sound | None = None
+
+    def __len__(self) -> int:
+        return len(self.records)
+
+    @property
+    def tracks(self) -> tuple[Track, ...]:
+        """What was seen in tracks from video, one of each trial; none for anything else."""
+        return tracks_of(self.records)
+
+    def __repr__(self) -> str:
+        facts = {
+            "source": self.source,
+            "layout": self.layout.name,
+            "ball": self.ball or "(no name)",
+            "rows": str(len(self)),
+            **self.layout.facts(self.records),
+        }
+        if self.notes:
+            facts["read as"] = "; ".join(self.notes)
+        return "Recording\n" + "\n".join(f"  {name:<13}{fact}" for name, fact in facts.items())
+
+
+def read_recording(
+    source: str | os.PathLike[str] | IO[Any] | Mapping[str, Any] | Any = None,
+    *,
+    layout: str | None = None,
+    ball: Any = None,
+    columns: str | Mapping[str, int | str] | None = None,
+    decimal: str | None = None,
+    rate: float | None = None,
+    **values: Any,
+) -> Recording:
+    """Read the recording of one bouncing ball from a file, a data frame, or arrays.
+
+    The `layout` follows from the columns, unless it is named:
+
+    - "intervals": `interval_s`, the time in s between impacts `bounce` and `bounce` + 1 of a
+      `trial`, and `drop_height_m`;
+    - "instants": `bounce_time_s`, the times in s of successive bounces; where a `label` names some,
+      the others are left out;
+    - "stops": `drop_height_m` and `rest_time_s`, the time in s from the release until rest;
+    - "heights": `drop_height_m` and `rebound_height_m`, a drop and its first rebound in m;
+    - "table": `velocity`, the approach speed in m/s, and `restitution`;
+    - "speeds": `velocity` and `rebound_velocity`, the speeds in m/s before and after an impact;
+    - "peaks": `height_m`, the heights in m of successive flights of a trial;
+    - "force", "acceleration", "indentation": `time` in s and what an instrument reads, in N, m/s²
+      or m, with one or several impacts in it, which are cut apart; a record without `time` has the
+      `rate` in Hz at which it was sampled;
+    - "sound": `time` or a `rate`, and `sound`, its samples in any unit;
+    - "track": `y`, the height of a ball in each moment, and `x`, in m, pixels or any unit, with
+      `time` in s, or the number `frame` of the frame and the `rate` in frames per second.
+
+    `ball`, `trial`, `bounce` and the drop height of intervals may be left out, which means one ball
+    and one trial whose bounces are counted in order; `sigma`, standard deviations of e or of
+    intervals, may be left out, too. Times may be written as mm:ss.cc. Headings are understood by
+    their meaning ("v", "COR", "speed (mm/s)", "t_flight / ms"); a unit that is written there is
+    converted, and `notes` of the recording say so. Numbers that look wrong without a unit are
+    refused.
+
+    `source` is the path of a file or an open file, a dict of columns, or a data frame (of pandas,
+    polars, or anything with `.columns` and `[name]`); other columns are ignored. A sound file is
+    read, too: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`; the bounces that
+    are found in it give intervals, each drop a trial, with the errors of their times, and `notes`
+    list doubtful sounds, which are not used. In a track parabolas are fitted between the impacts,
+    which are found, with errors of their times; `notes` give the scale and the tilt of the camera
+    that follow from g, and doubtful impacts. A text file may be
+    separated by commas, semicolons, tabs or blanks, have decimal commas, comments (#, %, //) and
+    any line ends, in UTF-8, UTF-16 or Latin-1. Spreadsheets (.xlsx, .ods) and parquet files
+    take `pip install 'jaxcontact[data]'`. None reads the bounce intervals that ship with the
+    package. Without `source`, columns may be given by keyword:
+    `read_recording(interval_s=[0.42, 0.37, 0.33])`.
+
+    `ball` chooses a ball by its name, which is necessary where there are several (from the shipped
+    data, "blue" is chosen). A sequence of names is the column `ball`, given by keyword. `columns`
+    says which column holds what, by number from 1 or by heading, as in "speed=2,e=5" or
+    {"speed": 2, "e": "COR"}. `decimal`, "." or ",", is the decimal mark of a file in which it
+    cannot be told.
+
+    Returns a `Recording`. Raises RecordingError, which names source, row and column, for a file
+    that cannot be read, a column that is missing, repeated, not one-dimensional or of another
+    length, a row with too many fields, a number that is missing, text, not finite or not positive,
+    a repeated bounce, intervals that stay the same or grow, and a ball that does not exist or has
+    to be chosen. Rows of a file are its lines, the header included; in columns of values they count
+    from 1. Raises ValueError for other arguments, unknown columns among the keywords included.
+    """
+    if layout is not None:
+        require_choice("layout", layout, LAYOUTS)
+    if decimal is not None:
+        require_choice("decimal", decimal, (".", ","))
+    told: Told = {} if columns is None else as_told(columns)
+    if ball is not None and not isinstance(ball, str):
+        if source is not None or not values:
+            raise ValueError(
+                "Argument `ball` must be the name of one ball in `source`, or a column of names "
+                f"beside other columns given by keyword, but is {rendered(ball)}."
+            )
+        values, ball = {"ball": ball, **values}, None
+    if values and told:
+        raise ValueError(
+            "Argument `columns` must be None where columns are given by keyword, but is "
+            f"{rendered(columns)}."
+        )
+    if (found := sound_in(source)) is not None:
+        _check_sound(layout, ball, {**told, **({} if decimal is None else {"decimal": 1})}, rate)
+        sound, intervals, words = heard(*found)
+        return Recording(found[0], LAYOUTS["intervals"], "", tuple(intervals), tuple(words), sound)
+    meanings = {
+        one.name: {name: one.meaning(name) for name in one.columns} for one in LAYOUTS.values()
+    }
+    every = {name: meaning for one in meanings.values() for name, meaning in one.items()}
+    _refuse_unknown_columns(values, told, meanings, every)
+
+    # A text is looked at for every separator that it might have.
+    @functools.cache
+    def is_heading(text: str) -> bool:
+        return any(
+            text == name or meaning.heading(text) or meaning.unknown_unit(text)
+            for name, meaning in every.items()
+        )
+
+    def known(text: str) -> bool:
+        return isinstance(text, str) and is_heading(text)
+
+    sheet = sheet_of(source, values, known, decimal)
+    rate = None if rate is None else require_number("rate", rate, POSITIVE)
+    if rate is not None and not counts_frames([*sheet.names, *told]):
+        sheet = with_clock(sheet, rate)
+    sheet = _with_trials(sheet, every, told)
+    meant, found = _layout_of(sheet, layout, told, meanings)
+    meant = meant.at_rate(rate)
+    rows = found.rows(sheet)
+    if not rows:
+        what = "columns" if sheet.header_row is None else "a header"
+        raise sheet.fault(f"holds {what} but no measurement", meant.columns[-1])
+    records = [] if meant.fitted else meant.read(rows)
+    if not sheet.by_keyword:
+        check_usual(rows, meanings[meant.name])
+    if meant.fitted:  # a long search, which waits for the check of units
+        records = meant.read(rows)
+    if ball is None and source is None and not values:
+        ball = _SHIPPED_BALL
+    ball = _chosen_ball(ball, records, sheet)
+    mine = tuple(record for record in records if record.ball == ball)
+    unused = unused_notes(sheet.names, found.places)
+    notes = (*found.notes(), *sheet.notes, *meant.notes(mine), *unused)
+    return Recording(sheet.source, meant, ball, mine, notes, sound_of(mine))
+
+
+def _refuse_unknown_columns(
+    values: Mapping[str, Any],
+    told: Told,
+    meanings: Mapping[str, Mapping[str, Meaning]],
+    every: Mapping[str, Meaning],
+) -> None:
+    """Raise ValueError for a keyword, or a name in `columns`, that no layout has."""
+    for name in values:
+        if name not in every:
+            raise ValueError(
+                f"Argument `{name}` is no known column; these are {', '.join(every)}."
+                f"{did_you_mean(name, every)}"
+            )
+    for name in told:
+        if not any(key == name or meaning.heading(name) for key, meaning in every.items()):
+            raise ValueError(unknown_name(name, meanings.values()))
+
+
+def _chosen_ball(ball: str | None, records: Sequence[Record], sheet: Sheet) -> str:
+    """The ball to take, by its name or as the only one. Raises RecordingError where none is it."""
+    balls = dict.fromkeys(record.ball for record in records)
+    named = ", ".join(filter(None, balls))
+    if ball is None:
+        ball, *others = balls
+        if others:
+            # By keyword, `ball` is the column.
+            how = "give the columns as a dict and " if sheet.by_keyword else ""
+            problem = f"holds several balls ({named}); {how}choose one with `ball=`, as in {ball=}"
+            row = next(record.row for record in records if record.ball == others[0])
+            raise sheet.fault(problem, "ball", row)
+    if ball not in balls:
+        problem = f"has no ball {ball!r}; it holds {named or 'no named ball'}"
+        raise sheet.fault(problem + did_you_mean(ball, balls).rstrip("?"), "ball")
+    return ball
+
+
+def _with_trials(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Sheet:
+    """The columns with the number of the part, where headings are repeated, as the trial."""
+    trial = meanings["trial"]
+    if not sheet.repeats or any(map(trial.heading, [*sheet.names, *told])):
+        return sheet
+    ends = sheet.repeats
+    return sheet.beside(
+        "trial", lambda _, number: 1 + bisect.bisect(ends, number), "each part is a trial"
+    )
+
+
+def _check_sound(
+    layout: str | None, ball: Any, told: Mapping[str, Any], rate: float | None
+) -> None:
+    """Raise ValueError for what says nothing of a sound."""
+    if layout not in (None, "intervals"):
+        raise ValueError(
+            f"Argument `layout` must be None or 'intervals' for a sound, but is {rendered(layout)}."
+        )
+    for name, there in (("ball", ball is not None), ("columns or decimal", bool(told))):
+        if there:
+            raise ValueError(f"Argument `{name}` must be None for a sound, which has no columns.")
+    if rate is not None:
+        raise ValueError(
+            "Argument `rate` must be None for a sound, whose file says it, but is "
+            f"{rendered(rate)}."
+        )
+
+
+def _layout_of(
+    sheet: Sheet, name: str | None, told: Told, meanings: Mapping[str, Mapping[str, Meaning]]
+) -> tuple[Layout[Any], Match]:
+    """The layout called `name`, or the one that the columns fit best; its columns are there."""
+    layouts = [one for one in LAYOUTS.values() if name in (None, one.name)]
+    if not told and sheet.names and not any(_UNIT_ALONE.sub("", text) for text in sheet.names):
+        raise _without_headings(sheet)
+    found: dict[str, Match | RecordingError] = {}
+    for one in layouts:
+        try:
+            made = match(sheet, meanings[one.name], told)
+        except RecordingError as error:
+            made = error
+        guessed = name is None and not told
+        if guessed and one.fitted and _only_a_letter(made):
+            continue
+        if guessed and isinstance(made, Match) and not one.fits(made, sheet):
+            continue
+        if made is not None:
+            found[one.name] = made
+    if not found:
+        raise ValueError(
+            "Argument `columns` must name columns of one layout, but names "
+            f"{', '.join(told)}; the layouts are "
+            + "; ".join(f"{one.name!r} ({', '.join(one.columns)})" for one in layouts)
+            + "."
+        )
+
+    def places(one: str) -> Mapping[str, int]:
+        made = found[one]
+        return made.places if isinstance(made, Match) else dict.fromkeys(meanings[one], 0)
+
+    def misfit(one: str) -> tuple[int, bool, int, int]:
+        there = places(one)
+        held = sum(name in there for name in LAYOUTS[one].columns)
+        lacks = len(LAYOUTS[one].lacking(there))
+        return lacks, not there, -held, len(LAYOUTS[one].columns) - held
+
+    complete = [one for one in found if misfit(one)[0] == 0]
+    # What is told by the very name of a column means the layout that has it.
+    complete.sort(key=lambda one: -sum(name in LAYOUTS[one].columns for name in told))
+    # The layout that lacks least is meant. What it lacks is then named, rather than all columns of
+    # all layouts.
+    meant = LAYOUTS[complete[0] if complete else min(found, key=misfit)]
+    made = found[meant.name]
+    if isinstance(made, RecordingError):
+        raise made
+    missing = meant.lacking(made.places)
+    if missing and not made.places.keys() - LABELS.keys() and name is None:
+        choices = "; ".join(", ".join(one.measured) for one in layouts)
+        every = {key: m for one in meanings.values() for key, m in one.items()}
+        guesses = (suggestion(text, every) for text in sheet.names if text)
+        guess = next(filter(None, guesses), "")
+        shown = (sheet.names[0] or "1") if sheet.names else None
+        problem = f"no known column; one of these sets is needed: {choices}"
+        raise sheet.fault(f"{problem}{_how_to_say(sheet)}{guess}", shown)
+    for column in missing:
+        others = [text for k, text in enumerate(sheet.names) if k not in made.places.values()]
+        near = {column: meant.meaning(column)}
+        guess = next((f"; is it {t!r}?" for t in others if t and suggestion(t, near)), "")
+        raise sheet.fault(
+            f"is missing; {_needed(meant, found, sheet, name is not None)}"
+            f"{_how_to_say(sheet, column, made.places.values())}"
+            f"{meant.instead.get(column, '')}{guess}",
+            column,
+        )
+    return meant, made
+
+
+def _needed(
+    one: Layout[Any], found: Mapping[str, Match | RecordingError], sheet: Sheet, asked: bool
+) -> str:
+    """What is needed beside the columns that are there.
+
+    A layout has a name only where that was `asked` for.
+    """
+    if asked:
+        return f"the layout {one.name!r} needs the columns {', '.join(one.measured)}"
+    made = {
+        name: match
+        for name, match in found.items()
+        if isinstance(match, Match) and match.places.keys() - LABELS.keys()
+    }
+    lacks = {name: LAYOUTS[name].lacking(match.places) for name, match in made.items()}
+    mine = lacks[one.name]
+    sets = [", ".join(few) for few in lacks.values() if len(few) == len(mine)]
+    beside = [h.text for name, h in made[one.name].headings.items() if name not in LABELS]
+    needed = " or ".join(dict.fromkeys([", ".join(mine), *sets]))
+    return f"beside {', '.join(beside)} a column {needed} is needed"
+
+
+def _only_a_letter(made: Match | RecordingError | None) -> bool:
+    """Whether all that a table has of a layout is a letter, which may mean anything."""
+    if not isinstance(made, Match) or len(made.headings) != 1:
+        return False
+    (heading,) = made.headings.values()
+    return len(heading.text) == 1
+
+
+def _how_to_say(sheet: Sheet, column: str = "velocity", used: Iterable[int] = ()) -> str:
+    """How to name a column whose heading is not understood, and that is not `used`."""
+    if sheet.by_keyword or not sheet.names:
+        return ""
+    free = min({*range(len(sheet.names))} - {*used}, default=0) + 1
+    return f'; if a column holds it, say which, as in `columns="{column}={free}"`'
+
+
+def _without_headings(sheet: Sheet) -> RecordingError:
+    """The error for numbers without a word: what they may be, and how to say it."""
+    lines = sheet.lines(range(len(sheet.names)))
+    row = lines[0][0] if lines else None
+    if len(sheet.names) != 1:
+        problem = (
+            f"has no header, and {len(sheet.names)} columns; say what they hold, as in "
+            '`columns="speed=1,e=2"` or `columns="drop height=1,rebound height=2"`'
+        )
+        return RecordingError(problem, sheet.source, row)
+    numbers = [_number(cells[0]) for _, cells in lines]
+    ratio = float(np.median([b / a for a, b in itertools.pairwise(numbers) if a] or 0))
+    readings = (
+        (
+            f" (then e is about {math.sqrt(ratio):.2f})",
+            f" (then e is about {ratio:.2f})",
+        )
+        if ratio > 0
+        else ("", "")
+    )
+    problem = (
+        f"one column without a header may hold heights of successive flights in m{readings[0]} or "
+        f"intervals between impacts in s{readings[1]}; say which with "
+        '`columns="height=1"` or `columns="interval=1"`'
+    )
+    return RecordingError(problem, sheet.source, row)
+
+
+def _number(cell: Any) -> float:
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        return 0.0

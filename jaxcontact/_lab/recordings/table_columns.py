@@ -1,0 +1,128 @@
+"""Named columns of numbers from any table, for fits that are no recordings of bounces."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..._flight import Floats
+from ..._parameter import require_choice
+from ..layouts.heights import SIGMA_E, VELOCITY, E
+from ..layouts.instrument import Forces
+from ..layouts.layout import LABELS
+from ..signals.clock import CLOCK
+from ..tables.deviation import FROM_FILE, unused_notes
+from ..tables.heading import Meaning, suggestion, words
+from ..tables.match import as_told, check_usual, match, unknown_name
+from ..tables.sheet import Row, Sheet, sheet_of
+
+COLUMNS: Mapping[str, Meaning] = {
+    "velocity": VELOCITY,
+    "e": E,
+    "sigma": dataclasses.replace(SIGMA_E, like="e"),
+    "ball": LABELS["ball"],
+    "duration": Meaning(
+        words(
+            "duration, contact time, contact duration, duration of contact, collision time, tc, t c"
+        ),
+        "s",
+    ),
+    "max_force": Meaning(
+        words("max force, maximum force, largest force, peak force, fmax, f max, force max"), "N"
+    ),
+    "e_in": Meaning(words("e in, ein, e asked, asked, input e, input restitution"), ""),
+    "e_out": Meaning(
+        words("e out, eout, e delivered, delivered, output e, output restitution"), ""
+    ),
+    "time": CLOCK,
+    "force": Forces.meanings["force"],
+    "indentation": Meaning(
+        words("indentation, displacement, deformation, penetration, compression, depth, δ, x"), "m"
+    ),
+}
+"""What the columns of fits mean."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Columns:
+    """Columns in SI units by name, all of the shape (n,); NaN for empty cells.
+
+    `source` is where they come from, `notes` say how they were read, and `rows` (n,) where they
+    stand in it.
+    """
+
+    source: str
+    values: Mapping[str, Floats]
+    notes: tuple[str, ...]
+    rows: tuple[int, ...] = ()
+
+
+def read_columns(
+    source: Any,
+    names: Sequence[str],
+    *,
+    needed: Sequence[str],
+    columns: Any = None,
+    decimal: str | None = None,
+    ball: str | None = None,
+) -> Columns:
+    """Those of the columns `names` (of `COLUMNS`) that a table has; `needed` ones must be there.
+
+    `source`, `columns`, `decimal` and `ball` as in `read_recording`. Raises RecordingError and
+    ValueError as that does.
+    """
+    if decimal is not None:
+        require_choice("decimal", decimal, (".", ","))
+    meanings = {name: COLUMNS[name] for name in names}
+    told = {} if columns is None else as_told(columns)
+    for key in told:
+        if not any(key == name or one.heading(key) for name, one in meanings.items()):
+            raise ValueError(unknown_name(key, [meanings]))
+
+    def known(text: str) -> bool:
+        return isinstance(text, str) and any(
+            text == name or one.heading(text) or one.unknown_unit(text)
+            for name, one in meanings.items()
+        )
+
+    sheet = sheet_of(source, {}, known, decimal)
+    found = match(sheet, meanings, told)
+    assert found is not None  # every key that was told is known
+    for name in needed:
+        if name not in found.places:
+            guesses = (suggestion(text, {name: meanings[name]}) for text in sheet.names if text)
+            guess = next(filter(None, guesses), "")
+            problem = (
+                f"is missing; the columns {', '.join(needed)} are needed; if a column holds it, "
+                f'say which, as in `columns="{name}=1"`{guess}'
+            )
+            raise sheet.fault(problem, name)
+    rows = found.rows(sheet)
+    if not rows:
+        raise sheet.fault("holds a header but no measurement", needed[0])
+    check_usual(rows, {name: meanings[name] for name in needed})
+    if "ball" in found.places:
+        rows = _of_ball(sheet, rows, ball)
+    numbers = [name for name in found.places if name != "ball"]
+    values = {name: np.array([row.real(name) for row in rows]) for name in numbers}
+    unused = unused_notes(sheet.names, found.places)
+    own = [FROM_FILE] * ("sigma" in found.places)
+    notes = (*found.notes(), *sheet.notes, *own, *unused)
+    return Columns(sheet.source, values, notes, tuple(row.number for row in rows))
+
+
+def _of_ball(sheet: Sheet, rows: list[Row], ball: str | None) -> list[Row]:
+    """The rows of one ball, which must be chosen among several."""
+    names = [row.text("ball") for row in rows]
+    there = dict.fromkeys(names)
+    if ball is None and len(there) > 1:
+        named = ", ".join(there)
+        problem = f"holds several balls ({named}); choose one with `ball=`, as in ball={names[0]!r}"
+        row = next(row for row, name in zip(rows, names, strict=True) if name != names[0])
+        raise sheet.fault(problem, "ball", row.number)
+    if ball is not None and ball not in there:
+        raise sheet.fault(f"has no ball {ball!r}; it holds {', '.join(there)}", "ball")
+    return [row for row, name in zip(rows, names, strict=True) if ball in (None, name)]

@@ -1,0 +1,217 @@
+"""Contact and law from the record of one impact: force and indentation over time."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ..._calibration.pairs.columns import column, for_each, measured, with_transforms
+from ..._calibration.problems.impacts import transforms_of
+from ..._contact import Contact, require_contact
+from ..._fit import Fit, fit
+from ..._impact import trajectory
+from ..._laws import AbstractLaw, force_of, require_law
+from ..._parameter import POSITIVE, REAL, parameter, require_kind, require_number
+from ..._text.units import Shown
+from .instrument_errors import require_filterable, with_noise_of_instruments
+from .low_pass import Course, LowPass
+from .saturation import left_out, limits_of, met_limits, said
+from .start import near, touch_in, without_a_contact_elsewhere
+
+_SAMPLES = 128
+"""Moments of the motion between which a cubic is laid: its error is below 1e-7 of the largest."""
+
+
+class RecordModel(eqx.Module):
+    """What a fit of a record varies: law, contact, speed, touch, zero errors, and filters.
+
+    `velocity` v0 in m/s, `start_time` in s, `force_offset` in N and `indentation_offset` in m, the
+    last two None where that column was not measured. `low_pass_force` and `low_pass_indentation`
+    are None where a sensor is fast.
+    """
+
+    law: AbstractLaw
+    contact: Contact
+    velocity: Float[Array, ""] = parameter("velocity", POSITIVE)
+    start_time: Float[Array, ""] = parameter("start_time", REAL, "s")
+    force_offset: Float[Array, ""] | None = eqx.field(default=None, metadata={"unit": "N"})
+    indentation_offset: Float[Array, ""] | None = eqx.field(default=None, metadata={"unit": "m"})
+    low_pass_force: LowPass | None = None
+    low_pass_indentation: LowPass | None = None
+
+
+class Recorded(eqx.Module):
+    """What instruments read at given times, each between its limits."""
+
+    low: Mapping[str, Array]
+    high: Mapping[str, Array]
+    shown: ClassVar[Mapping[str, Shown]] = {
+        name: Shown(quantity)
+        for name, quantity in (("x", "time"), ("force", "force"), ("indentation", "indentation"))
+    }
+
+    def __call__(self, model: RecordModel, time: Float[Array, " n"]) -> dict[str, Array]:
+        path = trajectory(model.law, model.contact, model.velocity, samples=_SAMPLES)
+        end, approach, leaving = path.time[-1], model.velocity, path.velocity[-1]
+        since = time - model.start_time
+
+        def depth(t: Array) -> tuple[Array, Array]:
+            return _between(path.indentation, path.velocity, t, end)
+
+        courses = {
+            "force": Course(
+                jnp.zeros_like(end),
+                lambda t: force_of(model.law, *depth(t), model.contact, approach),
+                end,
+                (0.0, 0.0),
+            ),
+            # Before and after the contact the bodies fly: a gap is a negative indentation.
+            "indentation": Course(
+                approach,
+                lambda t: depth(t)[0] - approach * t,
+                end,
+                (-approach * end, leaving - approach),
+            ),
+        }
+        return {
+            name: jnp.clip(
+                _read(course, getattr(model, f"low_pass_{name}"), since)
+                + getattr(model, f"{name}_offset"),
+                self.low[name],
+                self.high[name],
+            )
+            for name, course in courses.items()
+            if getattr(model, f"{name}_offset") is not None
+        }
+
+
+def _read(course: Course, low_pass: LowPass | None, since: Array) -> Array:
+    return course.read(since) if low_pass is None else low_pass.read(course, since, _SAMPLES - 1)
+
+
+def _between(
+    depth: Float[Array, " samples"],
+    speed: Float[Array, " samples"],
+    since: Float[Array, "..."],
+    end: Float[Array, ""],
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+    """Indentation and its rate at times after touch: Hermite's cubic between even samples."""
+    width = end / (depth.size - 1)
+    place = since / width
+    left = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)).astype(int), 0, depth.size - 2)
+    t = place - left.astype(place.dtype)
+    a, b = depth[left], depth[left + 1]
+    p, q = speed[left] * width, speed[left + 1] * width
+    c, d = 3 * (b - a) - 2 * p - q, p + q - 2 * (b - a)
+    return a + t * (p + t * (c + t * d)), (p + t * (2 * c + 3 * t * d)) / width
+
+
+def fit_record(
+    time: ArrayLike,
+    law: AbstractLaw,
+    contact: Contact,
+    velocity: float,
+    *,
+    force: ArrayLike | None = None,
+    indentation: ArrayLike | None = None,
+    sigma_force: float | None = None,
+    sigma_indentation: float | None = None,
+    low_pass_force: LowPass | None = None,
+    low_pass_indentation: LowPass | None = None,
+    start_time: float | None = None,
+    fixed: tuple[str, ...] = ("mass",),
+    **how: Any,
+) -> Fit:
+    """A law and a contact from a sampled, noisy record of one impact, F(t), δ(t), or both.
+
+    Arguments: `time` in s; the `law`, the `contact` and the closing `velocity` in m/s to start
+    from; the columns `force` in N and `indentation` in m, at least one, all (samples,), with a
+    standard deviation for each or for none (then the fit finds the noise of each column). The
+    moment of touch and the zero errors of the instruments are unknown and fitted, too: `start_time`
+    in s is where to begin, by default where a reading first exceeds 5 % of the largest. A stiffness
+    by which the contact would last over three times as long as the record shows, or under a third,
+    is replaced by one that fits, for the start. Before and after the contact the force is zero and
+    the indentation that of free flight. `low_pass_force` and `low_pass_indentation`: the filter of
+    a sensor that is not much faster than the contact; its cut-off is fitted from there on unless
+    "low_pass_force" is `fixed`. `fixed`: numbers that stay, by name, the mass by default
+    ("velocity" if it was measured). What else `fit` takes: `loss=Huber()`, say.
+
+    What instruments do to noise is found with the fit, and said in `notes`: readings at a limit
+    count as at least that; a low-pass filter correlates noise; readings in steps q, larger than a
+    third of their scatter, have the rounding errors of a random zero, of the variance q²/12, which
+    they share where the signal rests: standard errors and intervals know it, weights do not.
+
+    A force alone determines the mass only if the speed is known, an indentation alone determines
+    only K/m: hold what is not identifiable, or read it in `unidentified`. Returns a `Fit` whose
+    params have `.law`, `.contact`, `.velocity`, `.start_time` and the offsets; it has not converged
+    where its contact misses that of the record. Raises ValueError for columns that do not match.
+    """
+    require_law(law)
+    require_contact(contact)
+    velocity = require_number("velocity", velocity, POSITIVE)
+    moments = column(time, "time", REAL)
+    columns = {
+        "force": (force, sigma_force, REAL),
+        "indentation": (indentation, sigma_indentation, REAL),
+    }
+    table = measured(columns, ("time", moments), weight=lambda c: np.abs(c).max() ** -2.0)
+    for name, readings in table["data"].items():
+        if np.ptp(readings) == 0:
+            raise ValueError(f"Argument `{name}` must vary, but is {readings[0]:g} everywhere.")
+    if how.get("weights") is not None:
+        given = how.pop("weights")
+        table = {
+            "data": table["data"],
+            "weights": {
+                name: for_each(given[name], "weights", moments.size, zero=True)
+                for name in table["data"]
+            },
+        }
+    reading = next(iter(table["data"].values()))
+    filters = {"force": low_pass_force, "indentation": low_pass_indentation}
+    for name, one in filters.items():
+        if one is not None:
+            require_kind(f"low_pass_{name}", one, LowPass, "a `LowPass` or None")
+            require_filterable(name, table["data"].get(name))
+    if start_time is None:
+        start_time = touch_in(moments, reading)
+    start_time = require_number("start_time", start_time)
+    numbers: Any = velocity, start_time
+    offsets = (jnp.zeros(()) if name in table["data"] else None for name in columns)
+    start = RecordModel(law, contact, *numbers, *offsets, *filters.values())
+    transforms = transforms_of(start, fixed)
+    start = near(start, moments, reading, transforms)
+    how = with_transforms(transforms, how)
+    if "sigma" not in table:
+        how = {"noise": "by column"} | how
+    # The zero before and after a contact is no limit of a force.
+    limits = {
+        name: limits_of(readings, two_sided=name == "indentation")
+        for name, readings in table["data"].items()
+    }
+    with jax.enable_x64(True):
+        low = {name: jnp.asarray(one.low) for name, one in limits.items()}
+        high = {name: jnp.asarray(one.high) for name, one in limits.items()}
+    instruments = Recorded(low, high)
+
+    def fitted(start: RecordModel, **other: Any) -> Fit:
+        return fit(instruments, start=start, x=moments, **(table | how | other))
+
+    # Readings behind a filter will be correlated: one program for all that follows.
+    one = {"correlation": np.eye(moments.size * len(table["data"]))}
+    found = fitted(start, **(one if any(filters.values()) else {}))
+    if found.converged and any(one.at_limit.any() for one in limits.values()):
+        met = met_limits(found, limits)
+        rest = {name: values for name, values in table.items() if name != "data"}
+        table |= {name: left_out(values, met, name) for name, values in rest.items()}
+        found = fitted(found.params)
+        found = dataclasses.replace(found, notes=(*found.notes, *said(limits)))
+    found = with_noise_of_instruments(fitted, found, table, moments, limits)
+    return without_a_contact_elsewhere(found, table["data"])

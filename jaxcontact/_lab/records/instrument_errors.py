@@ -1,0 +1,326 @@
+"""What instruments do to the noise of their readings: filters correlate it, steps round it.
+
+Noise of the standard deviation σ, of which a low-pass filter has passed the share s, has the
+covariance C = σ² ((1 - s) I + s R), R the correlation behind the filter. Rounding to steps q with a
+zero that is as probable anywhere adds
+
+    Q_ij = Σ_k q²/(2π²k²) cos(2πk (μ_i - μ_j)/q) exp(-2π²k² (C_ii + C_jj - 2 C_ij)/q²)
+
+for readings expected at μ: q²/12 for each, shared by those between which neither signal nor noise
+moves by a step. It is the covariance of the Fourier series of rounding (Widrow, Kollár & Liu 1996,
+doi 10.1109/19.492748). Fits weigh as if rounding were independent: with weights Q⁻¹ they would
+cancel rounding errors between readings by where in its step the fit itself puts each, and come out
+too sure. Standard errors are those of Q.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..._calibration.problems.shared_errors import shared_noise, slope_of
+from ..._fit import Fit, SharedErrors, basis_of, with_shared
+from .low_pass import LowPass
+from .saturation import Limits
+
+Column = Float[np.ndarray, " n"]
+
+_NOTICED = 1 / 3
+"""Steps above this part of the scatter of a column are part of its noise."""
+
+_SHARED = 2.0
+"""Of steps below so many standard deviations no rounding error is shared: exp(-π²) is left."""
+
+_LEAST = 0.05
+"""Of a step: less noise is as good as none, and would leave readings with one error."""
+
+_PARTS = np.geomspace(0.05, 0.6, 9)
+"""Of a step: standard deviations of noise between which rounding tells."""
+
+_PASSED = 0.999
+"""Of the noise before it is rounded, behind a filter."""
+
+_TERMS = 12
+_MOST = 2000
+"""Readings whose correlation is held as a matrix."""
+
+_ROUNDS = 6
+_SAME = 1e-2
+"""A change of all correlations that counts as none."""
+
+_WHOLE = 1e-3
+"""Of a step: so close to a multiple is one."""
+
+_ORDINALS = {2: "nd", 3: "rd"}
+
+_ROUNDED, _NOTHING = 1e-9, 1e-300
+
+
+class _Column(NamedTuple):
+    """A column of a record: its rows in the fit, its steps (0 without), and its known standard
+    deviations (n,), None where the noise is found by the fit.
+    """
+
+    name: str
+    rows: slice
+    step: float
+    sigma: Column | None
+
+
+class _Noise(NamedTuple):
+    """The standard deviations (n,) of readings and their correlation (n, n), by which a fit weighs
+    (None without one); and all their errors, where rounding shares more.
+    """
+
+    size: Column
+    correlation: Float[np.ndarray, "n n"] | None
+    whole: SharedErrors | None
+
+
+def require_filterable(name: str, readings: Column | None) -> None:
+    """Raise ValueError for a filter without a column, or of too many readings."""
+    if readings is None:
+        raise ValueError(f"Argument `low_pass_{name}` must be None without `{name}`.")
+    if readings.size > _MOST:
+        raise ValueError(
+            f"Argument `{name}` must have at most {_MOST} readings with `low_pass_{name}`, but has "
+            f"{readings.size}; give {_thinned(readings.size)}: a filter leaves little between them."
+        )
+
+
+def _thinned(size: int) -> str:
+    """How to get from so many readings to as many as are held as a matrix."""
+    every = math.ceil(size / _MOST)
+    return f"every {every}{_ORDINALS.get(every, 'th')}"
+
+
+def step_of(readings: Column) -> float:
+    """The steps in which a column is read, 0 where it shows none.
+
+    All readings lie on multiples of it from one of them, and some lie on the same.
+    """
+    values = np.unique(readings)
+    gaps = np.diff(values)
+    gaps = gaps[gaps > _ROUNDED * np.ptp(values)]
+    if gaps.size < 2 or gaps.size + 1 >= readings.size:
+        return 0.0
+    # The mean of gaps of one step is sharper than the smallest.
+    step = float(np.mean(gaps[gaps < 1.5 * gaps.min()]))
+    whole = np.abs(gaps / step - np.round(gaps / step)) < _WHOLE * np.maximum(1, gaps / step)
+    return step if whole.all() else 0.0
+
+
+def rounding(
+    noise: Float[np.ndarray, "n n"], expected: Column, step: float
+) -> Float[np.ndarray, "n n"]:
+    """The covariance Q (n, n) of rounding to steps; `noise` is C and `expected` μ."""
+    size = np.diag(noise)
+    apart = (size[:, None] + size - 2 * noise) / step**2
+    turn = 2 * np.pi * (expected[:, None] - expected) / step
+    total = np.zeros_like(noise)
+    for k in range(1, _TERMS + 1):
+        total += np.cos(k * turn) * np.exp(-2 * (np.pi * k) ** 2 * apart) / (2 * (np.pi * k) ** 2)
+    # What the terms left out make of q²/12 is small, and counts as shared by none.
+    total[np.diag_indices_from(total)] = 1 / 12
+    return step**2 * total
+
+
+def rounding_of_white_noise(sigma: Column, expected: Column, step: float) -> SharedErrors:
+    """The errors of readings of independent noise `sigma` (n,) in steps: C + Q as a diagonal and a
+    product of a few columns, small for any number of readings.
+
+    Then exp(-2π²k² (σ_i² + σ_j²)/q²) is a product, and the cosine of a difference the sum of two.
+    """
+    turns = np.arange(1, _TERMS + 1)
+    kept = np.exp(-2 * (np.pi * sigma[:, None] * turns / step) ** 2) / (np.sqrt(2) * np.pi * turns)
+    turn = 2 * np.pi * expected[:, None] * turns / step
+    root = step * np.concatenate([kept * np.cos(turn), kept * np.sin(turn)], axis=1)
+    return SharedErrors(sigma**2 + step**2 / 12 - np.sum(root**2, axis=1), root)
+
+
+def with_noise_of_instruments(
+    fitted: Callable[..., Fit],
+    found: Fit,
+    table: Mapping[str, Mapping[str, Any]],
+    time: Column,
+    limits: Mapping[str, Limits],
+) -> Fit:
+    """The fit with the noise that filters and steps make of white noise, found in turn with it.
+
+    The same fit where there is no filter, and no step that exceeds a third of the scatter.
+    """
+    columns = [
+        _Column(
+            name,
+            slice(i * time.size, (i + 1) * time.size),
+            step_of(readings[~limits[name].at_limit]),
+            table["sigma"][name] if "sigma" in table else None,
+        )
+        for i, (name, readings) in enumerate(table["data"].items())
+    ]
+    notes, last = found.notes, np.zeros(0)
+    noises: list[_Noise | None] = []
+    for _ in range(_ROUNDS):
+        if not found.converged:
+            return found
+        noises = [_noise_of(found, column, time) for column in columns]
+        given, state = _errors(columns, noises)
+        if not given or (last.size and np.max(np.abs(state - last)) < _SAME):
+            break
+        last = state
+        found = fitted(found.params, **given)
+    if not found.converged:
+        return found
+    if any(noise and noise.whole is not None for noise in noises):
+        found = with_shared(found, _errors_of_z(found, columns, noises))
+    said = [
+        f"readings of {one.name} come in steps of {one.step:.3g}, {part:.2g} of their scatter: "
+        "rounding is part of their noise"
+        for one in columns
+        if (part := one.step / _scatter(found, one)) > _NOTICED
+    ]
+    return dataclasses.replace(found, notes=(*notes, *said))
+
+
+def _scatter(found: Fit, column: _Column) -> float:
+    """The standard deviation of what the fit leaves of a column."""
+    return max(float(np.sqrt(np.nanmean(found.residuals[column.rows] ** 2))), _NOTHING)
+
+
+def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
+    """The noise of a column; None where its readings are independent and as given."""
+    factor = np.asarray(found.problem.factor)
+    used = np.zeros(factor.size, bool)
+    used[column.rows] = factor[column.rows] > 0
+    step = column.step if column.step > _NOTICED * _scatter(found, column) else 0.0
+    if column.sigma is None:
+        total = found.noise / float(np.median(factor[used])) ** 2
+        alone = max(total - step**2 / 12, (_LEAST * step) ** 2)
+        sigma = np.full(time.size, math.sqrt(alone))
+    else:
+        sigma = np.where(np.isfinite(column.sigma), column.sigma, 1.0)
+    low_pass: LowPass | None = getattr(found.params, f"low_pass_{column.name}")
+    if low_pass is None and not step:
+        return None
+    passed = None
+    if low_pass is not None:
+        shape = np.eye(factor.size)
+        shape[column.rows, column.rows] = behind = low_pass.correlation(time)
+        # Where there are steps, what no filter has passed is their rounding.
+        share = _PASSED if step else shared_noise(found, used, shape).share
+        passed = (1 - share) * np.eye(time.size) + share * behind
+    whole = None
+    if step and (passed is not None or step > _SHARED * np.median(sigma)):
+        expected = np.asarray(found.predict()[column.name])
+        if column.sigma is None:
+            sigma = np.full(time.size, step * _part_of(found, used, passed, expected, column))
+        whole = _rounded(sigma, passed, expected, step)
+    size = np.sqrt(sigma**2 + step**2 / 12)
+    if passed is not None:
+        passed = passed * np.outer(sigma / size, sigma / size)
+        np.fill_diagonal(passed, 1)
+    return _Noise(size, passed, whole)
+
+
+def _rounded(
+    sigma: Column, passed: Float[np.ndarray, "n n"] | None, expected: Column, step: float
+) -> SharedErrors:
+    """The errors of readings in steps, of noise that a filter has `passed`, None without one."""
+    if passed is None:
+        return rounding_of_white_noise(sigma, expected, step)
+    noise = passed * np.outer(sigma, sigma)
+    root = np.linalg.cholesky(noise + rounding(noise, expected, step))
+    return SharedErrors(np.zeros(sigma.size), root)
+
+
+def _part_of(
+    found: Fit,
+    used: Bool[np.ndarray, " n"],
+    passed: Float[np.ndarray, "n n"] | None,
+    expected: Column,
+    column: _Column,
+) -> float:
+    """The noise of a column before it is rounded, in steps, by restricted likelihood.
+
+    What a fit leaves does not tell it by its size alone: readings share rounding errors, which the
+    parameters follow. Its logarithm is averaged with the likelihood, flat before.
+    """
+    seen = np.column_stack([basis_of(slope_of(found)[used]), found.residuals[used] / column.step])
+    rows = np.flatnonzero(used) - column.rows.start
+    some = None if passed is None else passed[np.ix_(rows, rows)]
+    expected = expected[rows] / column.step
+    logs = np.array(
+        [
+            _log_likelihood(_rounded(np.full(rows.size, part), some, expected, 1.0), seen)
+            for part in _PARTS
+        ]
+    )
+    weight = np.exp(logs - logs.max())
+    return float(np.exp(weight @ np.log(_PARTS) / weight.sum()))
+
+
+def _log_likelihood(errors: SharedErrors, seen: Float[np.ndarray, "n k+1"]) -> float:
+    """The restricted one of the last column of `seen`, which the others may move."""
+    if errors.own.any():
+        # Woodbury's identity: only as many columns as are shared are solved for.
+        size = np.sqrt(errors.own)[:, None]
+        root, seen = errors.root / size, seen / size
+        inner = np.eye(root.shape[1]) + root.T @ root
+        along = root.T @ seen
+        products = seen.T @ seen - along.T @ np.linalg.solve(inner, along)
+        volume = np.log(errors.own).sum() + np.linalg.slogdet(inner)[1]
+    else:
+        white = np.linalg.solve(errors.root, seen)
+        products = white.T @ white
+        volume = 2 * np.log(np.diag(errors.root)).sum()
+    moved, pull = products[:-1, :-1], products[:-1, -1]
+    left = products[-1, -1] - pull @ np.linalg.solve(moved, pull)
+    return -float(left + volume + np.linalg.slogdet(moved)[1]) / 2
+
+
+def _errors(
+    columns: list[_Column], noises: list[_Noise | None]
+) -> tuple[dict[str, Any], Float[np.ndarray, " numbers"]]:
+    """The arguments of `fit` for the noise of columns, none where it is as given; and all numbers
+    in them.
+    """
+    given: dict[str, Any] = {}
+    if any(noise and noise.correlation is not None for noise in noises):
+        given["correlation"] = np.eye(columns[-1].rows.stop)
+    sigmas = {column.name: column.sigma for column in columns}
+    for column, noise in zip(columns, noises, strict=True):
+        if noise is None:
+            continue
+        if noise.correlation is not None:
+            given["correlation"][column.rows, column.rows] = noise.correlation
+        if column.sigma is not None:
+            sigmas[column.name] = np.where(np.isfinite(column.sigma), noise.size, np.inf)
+    known = {name: sigma for name, sigma in sigmas.items() if sigma is not None}
+    if len(known) == len(sigmas) and any(noises):
+        given["sigma"] = sigmas
+    sizes = [np.log(one[np.isfinite(one)]) for one in known.values()]
+    return given, np.concatenate([given.get("correlation", np.zeros(0)).ravel(), *sizes])
+
+
+def _errors_of_z(found: Fit, columns: list[_Column], noises: list[_Noise | None]) -> SharedErrors:
+    """Those of the standardised residuals of readings with weight, as rounding shares them."""
+    factor, whitener = np.asarray(found.problem.factor), found.problem.whitener
+    used, own = factor > 0, np.full(factor.size, found.noise)
+    roots = [np.zeros((factor.size, 0))]
+    for column, noise in zip(columns, noises, strict=True):
+        if noise is None or noise.whole is None:
+            continue
+        rows, whole = column.rows, noise.whole
+        root = np.zeros((factor.size, whole.root.shape[1]))
+        root[rows] = whole.root * factor[rows, None]
+        if getattr(found.params, f"low_pass_{column.name}") is not None:
+            # Only what a filter has passed is whitened, and has no error of its own.
+            root[rows] = np.asarray(whitener)[rows, rows] @ root[rows]
+        own[rows] = whole.own * factor[rows] ** 2
+        roots.append(root)
+    return SharedErrors(own[used], np.concatenate(roots, axis=1)[used])

@@ -1,0 +1,211 @@
+"""One impact in the record of an instrument, fitted: its speed, e, contact time, force and K."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..._calibration.pairs.plausible import MEASURED_RESTITUTION
+from ..._contact import Contact
+from ..._fit import Fit
+from ..._impact import impact
+from ..._laws import Damped
+from ..recordings import Impact
+from .fit_record import fit_record
+from .saturation import limits_of
+
+_LENGTH = 512
+"""Readings of every fit, so that all share one program: longer windows are averaged, shorter ones
+filled up with readings without weight."""
+
+_LEAST_E, _MOST_E = 0.1, 0.99
+_WRONG = 0.01
+"""A probability below which the readings are not those of the force that was fitted."""
+
+OUTCOMES = "restitution", "duration", "max_force"
+
+
+class Outcome(NamedTuple):
+    """A number of one impact and its standard error."""
+
+    value: float
+    error: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ImpactFit:
+    """One impact of a record, fitted by F = K δ^n (1 + α δ'/v₀).
+
+    `impact` holds the readings, `fit` what was found with them (see `fit_record`), of the `time`
+    (n,) in s and the `reading` (n,); `velocity` in m/s, `restitution`, `duration` in s, `max_force`
+    in N and `stiffness` in N/m^n follow; `covariance` (2, 2) is that of ln e and, at the speed
+    found, of the logarithm of the largest force.
+    """
+
+    impact: Impact
+    fit: Fit
+    time: Float[np.ndarray, " n"]
+    reading: Float[np.ndarray, " n"]
+    velocity: Outcome
+    restitution: Outcome
+    duration: Outcome
+    max_force: Outcome
+    stiffness: Outcome
+    covariance: Float[np.ndarray, "2 2"]
+
+    @property
+    def adequate(self) -> bool | None:
+        """Whether the fit describes the readings, of which noise makes it fail one in a hundred."""
+        p = self.fit.adequacy.p
+        return None if p is None else p >= _WRONG
+
+    @property
+    def touch(self) -> float:
+        """The time in s at which the contact begins."""
+        return float(self.fit.params.start_time)
+
+
+def fitted_impact(one: Impact, contact: Contact) -> ImpactFit | str:
+    """The fit of an impact with the mass and the exponent of `contact`, or why there is none."""
+    time, reading = _shortened(one)
+    mass = float(contact.mass)
+    column, scale = _column(one, mass)
+    reading = scale * reading
+    start = _start(one, time, reading, contact)
+    found = _fit_of(time, reading, column, start)
+    if not found.converged:
+        return f"its fit did not converge ({found.reason})"
+    found_law: Any = found.params
+    at = [found.names.index(name) for name in ("law.alpha", "contact.stiffness", "velocity")]
+    covariance = found.covariance[np.ix_(at, at)]
+    if not np.isfinite(covariance).all():
+        return "its record does not determine speed, stiffness and damping"
+    point = jnp.asarray(found.values[np.array(at)])
+    with jax.enable_x64(True):
+        logs, slope = _outcomes(point, jnp.asarray(mass), float(contact.exponent))
+    logs, slope = np.asarray(logs), np.asarray(slope)
+    errors = np.sqrt(np.diag(slope @ covariance @ slope.T))
+    numbers = [
+        Outcome(float(math.exp(a)), float(math.exp(a) * s))
+        for a, s in zip(logs, errors, strict=True)
+    ]
+    if numbers[0].value > MEASURED_RESTITUTION.high:
+        return f"its e would be {numbers[0].value:.3g}"
+    end = float(found_law.start_time) + numbers[1].value
+    if not time[0] < float(found_law.start_time) < end < time[-1]:
+        return "its contact reaches beyond what is free about it"
+    # At the speed found: a wrong speed moves the stiffness with it, and not the force.
+    ahead = slope[[0, 2]].copy()
+    ahead[:, 2] = 0
+    error = np.sqrt(np.diag(covariance))
+    return ImpactFit(
+        one,
+        found,
+        time,
+        reading / scale,
+        velocity=Outcome(float(point[2]), float(error[2])),
+        restitution=numbers[0],
+        duration=numbers[1],
+        max_force=numbers[2],
+        stiffness=Outcome(float(point[1]), float(error[1])),
+        covariance=ahead @ covariance @ ahead.T,
+    )
+
+
+@functools.partial(jax.jit, static_argnums=2)
+def _outcomes(
+    point: Float[Array, " 3"], mass: Float[Array, ""], exponent: float
+) -> tuple[Float[Array, " 3"], Float[Array, "3 3"]]:
+    """The logarithms of e, contact time and largest force, and their slopes by α, K and v₀."""
+
+    def logs(point: Float[Array, " 3"]) -> Float[Array, " 3"]:
+        alpha, stiffness, velocity = point
+        hit = impact(Damped(alpha=alpha), Contact(mass, stiffness, exponent), velocity)
+        return jnp.log(jnp.stack([getattr(hit, name) for name in OUTCOMES]))
+
+    return logs(point), jax.jacfwd(logs)(point)
+
+
+def _shortened(one: Impact) -> tuple[np.ndarray, np.ndarray]:
+    """The window of an impact, in means of readings where it is longer than a fit takes."""
+    time, reading = one.time, one.reading
+    width = math.ceil(time.size / _LENGTH)
+    if width == 1:
+        return time, reading
+    if limits_of(reading, two_sided=False).at_limit.any():
+        # The mean over the end of a plateau is no reading.
+        return time[::width], reading[::width]
+    count = time.size // width
+    means = (x[: count * width].reshape(count, width).mean(axis=1) for x in (time, reading))
+    return tuple(means)  # pyright: ignore[reportReturnType]
+
+
+def _column(one: Impact, mass: float) -> tuple[str, float]:
+    """The argument of `fit_record` for what was read, and what the readings are multiplied by."""
+    quantity = one.trace.quantity
+    column = "indentation" if quantity == "indentation" else "force"
+    return column, mass if quantity == "acceleration" else 1.0
+
+
+class _Start(NamedTuple):
+    law: Damped
+    contact: Contact
+    velocity: float
+    time: float
+
+
+def _start(one: Impact, time: np.ndarray, reading: np.ndarray, contact: Contact) -> _Start:
+    """Where a fit begins: by the impulse and its centre, m v₀ T = ∫ F (T - t) dt, e = t̄/(T - t̄)."""
+    touch, long = float(one.trace.time[0] + one.touch * one.trace.step), one.duration
+    inside = (time >= touch) & (time <= touch + long)
+    t, y, step = time[inside] - touch, reading[inside], float(time[1] - time[0])
+    mass, n = float(contact.mass), float(contact.exponent)
+    part = 1 / (n + 1)
+    ratio = 2 * math.sqrt(math.pi) * part * math.gamma(part) / math.gamma(part + 0.5)
+    if one.trace.quantity == "indentation":
+        speed, e = ratio * float(y.max()) / long, 0.8
+    else:
+        impulse = max(float(y.sum()) * step, 1e-300)
+        middle = min(max(float(t @ y) * step / impulse / long, 0.1), 0.499)
+        e = middle / (1 - middle)
+        speed = impulse * (1 - middle) / mass
+    e = min(max(e, _LEAST_E), _MOST_E)
+    stiffness = mass / (2 * part * speed ** (n - 1)) * (ratio / long) ** (n + 1)
+    law = Damped(alpha=jnp.asarray(1.5 * (1 - e) / e))
+    return _Start(law, Contact(mass, stiffness, contact.exponent), speed, touch)
+
+
+def with_free_exponent(one: ImpactFit) -> Fit:
+    """The fit of the same readings with the exponent n free."""
+    found = one.fit.params
+    mass = found.contact.mass
+    with jax.enable_x64(True):
+        n = jnp.asarray(float(found.contact.exponent))
+        free = Contact(mass, found.contact.stiffness, n)
+    start = _Start(found.law, free, float(found.velocity), float(found.start_time))
+    column, scale = _column(one.impact, float(mass))
+    return _fit_of(one.time, scale * one.reading, column, start)
+
+
+def _fit_of(time: np.ndarray, reading: np.ndarray, column: str, start: _Start) -> Fit:
+    """The fit of a window that is filled up with readings without weight."""
+    count = time.size
+    step = float(time[-1] - time[0]) / (count - 1)
+    time = np.concatenate([time, time[-1] + step * np.arange(1, _LENGTH - count + 1)])
+    filled = np.zeros(_LENGTH)
+    filled[:count] = reading
+    weight = np.where(np.arange(_LENGTH) < count, float(np.abs(reading).max()) ** -2.0, 0.0)
+    columns: Any = {column: filled}
+    return fit_record(
+        *(time, start.law, start.contact, start.velocity),
+        **columns,
+        start_time=start.time,
+        weights={column: weight},
+    )

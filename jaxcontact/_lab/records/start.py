@@ -1,0 +1,95 @@
+"""Where a record shows a contact: a start for its fit, and whether its end is there."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Container
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..._fit import Fit
+from ..._laws import AbstractHuntCrossley
+
+Column = Float[np.ndarray, " n"]
+Model = TypeVar("Model", bound=Any)
+
+_TOUCHED = 0.05
+"""Of the largest reading: where a record rises above it, a start for the moment of touch."""
+
+_HALF = 0.6
+"""Of a contact that a force or an indentation is above half of its maximum: from .57 for a Hertz
+force to .67 for the sine of a linear spring."""
+
+_FAR = 3.0
+"""A duration that is off by more is no start: the two contacts would hardly overlap."""
+
+_DAMPING = 0.01, 3.0
+"""Between these a damping factor α shows in a record, and leaves a rebound to see."""
+
+_SEEN = 0.5
+"""What a fit must describe of the scatter of a column that is not noise. Contacts that lie beside
+the one of the record describe next to nothing of it."""
+
+
+def touch_in(time: Column, reading: Column) -> float:
+    """The moment in s at which a reading rises above its beginning, about."""
+    return float(time[np.argmax(reading > _TOUCHED * reading.max())])
+
+
+def near(start: Model, time: Column, reading: Column, held: Container[str]) -> Model:
+    """The start with a stiffness by which its contact lasts about as long as that of the record.
+
+    Numbers that are `held`, by their full names, stay.
+
+    Without damping `T = 2√π/(n+1) Γ(1/(n+1))/Γ(1/(n+1) + 1/2) ((n+1) m/(2 K v^(n-1)))^(1/(n+1))`.
+    """
+    contact, speed = start.contact, float(start.velocity)
+    mass, stiffness, n = (float(getattr(contact, f)) for f in ("mass", "stiffness", "exponent"))
+    width = np.sum(np.gradient(time)[reading > reading.max() / 2]) if time.size > 1 else 0.0
+    duration, part = float(width) / _HALF, 1 / (n + 1)
+    if "contact.stiffness" in held or not (reading.max() > 0 and 0 < duration < math.inf):
+        return start
+    whole = 2 * math.sqrt(math.pi) * part * math.gamma(part) / math.gamma(part + 0.5)
+    better = mass / (2 * part * speed ** (n - 1)) * (whole / duration) ** (n + 1)
+    if abs(math.log(better / stiffness)) <= (n + 1) * math.log(_FAR):
+        return start
+    start = eqx.tree_at(lambda s: s.contact.stiffness, start, jnp.asarray(better))
+    law, c = start.law, getattr(start.law, "c", None)
+    if isinstance(law, AbstractHuntCrossley) and c is not None and "law.c" not in held:
+        # A damping factor in units means another damping with another stiffness.
+        alpha = float(law.damping_factor(start.contact, speed))
+        if alpha > 0:
+            c = c * (min(max(alpha, _DAMPING[0]), _DAMPING[1]) / alpha)
+            start = eqx.tree_at(lambda s: s.law.c, start, c)
+    return start
+
+
+def without_a_contact_elsewhere(found: Fit, data: dict[str, Column]) -> Fit:
+    """The fit, not converged if it describes no contact of a column.
+
+    What neighbours differ by is noise: the scatter beyond it is the contact, and what the fit
+    leaves of it must be less than half.
+    """
+    at = 0
+    for name, column in data.items():
+        rows = slice(at, at + column.size)
+        at += column.size
+        noise = float(np.mean(np.square(np.diff(column)))) / 2 if column.size > 1 else math.inf
+        signal = float(np.var(column)) - noise
+        missed = float(np.nanmean(np.square(found.residuals[rows]))) - noise
+        if found.converged and signal > 0 and missed > (1 - _SEEN) * signal:
+            part = 100 * max(1 - missed / signal, 0)
+            reason = (
+                f"its contact misses that of the record: it describes {part:.0f} % of the {name}; "
+                "start from another stiffness, speed or `start_time`"
+            )
+            unknown = np.full_like(found.covariance, np.nan)
+            return dataclasses.replace(
+                found, converged=False, reason=reason, covariance=unknown, unidentified=()
+            )
+    return found

@@ -1,0 +1,6 @@
+"""A calibration as one page to read, print and send."""
+
+from .write import PDF as PDF
+from .write import SUFFIXES as SUFFIXES
+from .write import content_of as content_of
+from .write import report as report

@@ -1,0 +1,81 @@
+"""The front door: a calibration as a file whose ending says what it is."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+from collections.abc import Callable
+
+from ..._parameter import POSITIVE, rendered, require_kind, require_number, require_path
+from ..._text.files import write_all
+from ..._text.progress import stages_of
+from ..calibration.calibrate import Calibration
+from .page import page_of
+
+SUFFIXES = (".html", ".md", ".txt", ".json")
+"""What a report may be written as."""
+
+PDF = (
+    "write it as .html, open that in a browser and print to PDF (Ctrl+P), or run `chromium "
+    "--headless --no-pdf-header-footer --print-to-pdf={0}.pdf {0}.html`"
+)
+"""How a page becomes a PDF."""
+
+
+def report(
+    calibration: Calibration,
+    file: str | os.PathLike[str],
+    *,
+    radius: float | None = None,
+    progress: bool | Callable[[str], None] = False,
+) -> None:
+    """Write what a calibration found as one file; its ending says as what.
+
+    `.html` is a page to read, print (on A4, or to PDF from the browser) and send: the verdict
+    first, then pictures, parameters with standard errors, what to type into each simulator, the
+    laws compared, and what was done to the data. It needs no script and nothing from elsewhere.
+    `.txt` is `calibration.report()`, `.md` the same as Markdown, `.json` what `calibration.save`
+    writes.
+
+    Arguments: what `calibrate` returned; the `file`, which appears whole or not at all; the
+    `radius` of the ball in m, by default that of the drag, for simulators that ask for it;
+    `progress`, True to show the stages on stderr, or a function that is called with each. The
+    parameters for simulators need the calibration's mass and stiffness, and say so. Raises
+    ValueError for another ending and arguments out of range, OSError where writing fails.
+    """
+    require_kind("calibration", calibration, Calibration, "a `Calibration` (see `calibrate`)")
+    path = require_path("file", file)
+    if path.suffix.lower() == ".pdf":
+        raise ValueError(f"Argument `file` must not end in .pdf: {PDF.format(path.stem)}.")
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(
+            f"Argument `file` must end in {', '.join(SUFFIXES[:-1])} or {SUFFIXES[-1]}, but is "
+            f"{rendered(file)}."
+        )
+    if radius is not None:
+        radius = require_number("radius", radius, POSITIVE)
+    write_all({path: content_of(calibration, path, radius, stages_of(progress))})
+
+
+def content_of(
+    calibration: Calibration,
+    file: pathlib.Path,
+    radius: float | None,
+    tell: Callable[[str], None],
+    picture: str = "",
+) -> bytes:
+    """The content of a report of this name; a Markdown page shows the `picture` beside it."""
+    kind = file.suffix.lower()
+    if kind == ".json":
+        return calibration.to_json().encode()
+    if kind == ".txt":
+        return calibration.report().encode()
+    if kind == ".md":
+        shown = f"![e over the approach speed]({picture})\n\n" if picture else ""
+        head, _, rest = calibration.report().partition("\n\n")
+        title = " ".join(head.split())
+        return f"# {title}\n\n```text\n{rest.rstrip()}\n```\n\n{shown}".rstrip().encode() + b"\n"
+    drag = calibration.summary.drag
+    if radius is None and drag is not None:
+        radius = float(drag.radius)
+    return page_of(calibration, radius, tell).encode()

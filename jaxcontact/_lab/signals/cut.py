@@ -1,0 +1,192 @@
+"""Impacts in a long record of force or acceleration, cut apart."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from .trace import Doubtful, Floats, Trace, hum_of, noise_of
+
+HALF = 0.6
+"""Of a contact that its force is above half of its maximum, about."""
+
+LEAST_READINGS = 8
+"""Of a contact, from which its shape can be fitted."""
+
+_CLEAR = 6.0
+"""A contact rises by so many standard deviations of the noise, behind a mean over a fifth of it."""
+
+_DIP = 5.0, 0.1
+"""Two contacts have a dip between them, of so many deviations and this part of their height."""
+
+_AROUND = 16.0
+"""Half-heights over which the level without contact is a running median."""
+
+_MARGIN, _BESIDE = 0.3, 1.0
+"""Durations of contact that must be free before and after it, and that are kept where they are."""
+
+_BELOW, _BETWEEN, _STEP = 0.35, 4.0, 5.0
+"""A swing below the level by this part of the height is no contact that pushes; levels before and
+after a contact agree to so many of their errors; contacts last less than so many times as long as
+others."""
+
+
+_EDGES = 0.1, 0.3
+"""Durations before the touch and behind the end that may belong to a contact."""
+
+
+class Cut(NamedTuple):
+    """A contact by the numbers of readings: where it begins and ends, about; its height; and the
+    window [start, stop) with what is free beside it.
+    """
+
+    touch: float
+    end: float
+    height: float
+    start: int
+    stop: int
+
+
+def cut(quantity: str, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
+    """The record, with its noise and without hum, and the contacts in it that can be fitted."""
+    from scipy.ndimage import median_filter, uniform_filter1d
+
+    notes = []
+    middle = float(np.median(value))
+    smooth = median_filter(value, 3)
+    if smooth.max() - middle < middle - smooth.min():
+        value, smooth, middle = -value, -smooth, -middle
+        notes.append("turned, since contacts are negative in the file")
+    noise = noise_of(value)
+    width = _width(smooth, middle)
+    level = _level(value, width)
+    hum = hum_of(time, value, _quiet(smooth - level, noise, width), noise)
+    if hum is not None:
+        value = value - hum.value
+        noise = noise_of(value)
+        smooth = median_filter(value, 3)
+        width = _width(smooth, float(np.median(value)))
+        level = _level(value, width)
+        size = shown(quantity, hum.amplitude)
+        notes.append(f"hum of {hum.frequency:.1f} Hz subtracted, {size} in amplitude")
+    mean = uniform_filter1d(value - level, max(width // 5, 1))
+    found, good, doubtful = _contacts(mean, noise), [], []
+    for k, one in enumerate(found):
+        before = found[k - 1].end if k else -math.inf
+        after = found[k + 1].touch if k + 1 < len(found) else math.inf
+        made = _windowed(one, before, after, value.size)
+        why = made if isinstance(made, str) else _doubt(made, found, mean, value, noise)
+        if isinstance(made, str) or why:
+            doubtful.append(Doubtful(float(time[min(max(int(one.touch), 0), time.size - 1)]), why))
+        else:
+            good.append(made)
+    doubtful.sort()
+    return Trace(quantity, time, value, level, noise, tuple(doubtful), tuple(notes)), good
+
+
+def shown(quantity: str, number: float) -> str:
+    """A reading with its unit."""
+    unit = {"force": "N", "acceleration": "m/s²", "indentation": "m"}[quantity]
+    return f"{number:.3g} {unit}"
+
+
+def _width(smooth: Floats, middle: float) -> int:
+    """Readings of the largest excursion above half of its height."""
+    top = int(np.argmax(smooth))
+    left, right = _half(smooth - middle, top)
+    return max(int(right - left), 1)
+
+
+def _half(height: Floats, top: int) -> tuple[float, float]:
+    """Where readings about a peak pass half of its height, in numbers of readings."""
+    half = height[top] / 2
+    below = np.flatnonzero(height[: top + 1] < half)
+    left = float(below[-1]) if below.size else 0.0
+    if below.size:
+        a, b = height[below[-1]], height[below[-1] + 1]
+        left += float((half - a) / (b - a))
+    below = np.flatnonzero(height[top:] < half)
+    right = float(height.size - 1)
+    if below.size:
+        k = top + int(below[0])
+        right = k - float((half - height[k]) / (height[k - 1] - height[k]))
+    return left, right
+
+
+def _level(value: Floats, width: int) -> Floats:
+    """A running median, long against a contact, which follows steps of the level."""
+    from scipy.ndimage import median_filter
+
+    block = max(width // 4, 1)
+    count = max(value.size // block, 1)
+    means = np.median(value[: count * block].reshape(count, -1), axis=1)
+    size = min(int(_AROUND * width / block) // 2 * 2 + 1, 2 * count - 1)
+    found = median_filter(means, size, mode="nearest")
+    at = (np.arange(count) + 0.5) * block - 0.5
+    return np.interp(np.arange(value.size), at, found)
+
+
+def _quiet(height: Floats, noise: float, width: int) -> np.ndarray:
+    """Which readings (n,) are far from contacts; hum may be larger than the noise."""
+    from scipy.ndimage import uniform_filter1d
+
+    most = max(5 * noise, 6 * float(np.median(np.abs(height))))
+    return uniform_filter1d((np.abs(height) > most).astype(float), 2 * width + 1) < 1e-9
+
+
+def _contacts(mean: Floats, noise: float) -> list[Cut]:
+    """The peaks that stand out of the noise and of the dips beside them."""
+    from scipy.signal import find_peaks, peak_prominences
+
+    # A plateau at the edge of a record is no peak for SciPy.
+    low = float(mean.min()) - noise
+    within = np.concatenate([[low], mean, [low]])
+    tops = find_peaks(within, height=_CLEAR * noise)[0]
+    prominence = peak_prominences(within, tops)[0]
+    tops = tops[prominence >= np.maximum(_DIP[0] * noise, _DIP[1] * within[tops])] - 1
+    found = []
+    for top in tops:
+        left, right = _half(mean, int(top))
+        beside = (1 - HALF) / HALF / 2 * (right - left)
+        found.append(Cut(left - beside, right + beside, float(mean[top]), 0, 0))
+    return found
+
+
+def _windowed(one: Cut, before: float, after: float, size: int) -> Cut | str:
+    """The contact with what is free before and after it, or why that is too little."""
+    long = one.end - one.touch
+    if one.touch - before < 0 or after - one.end < 0:
+        return "a double contact"
+    if one.touch - before < _MARGIN * long or after - one.end < _MARGIN * long:
+        return "another contact is too near"
+    if one.touch < _MARGIN * long:
+        return "cut off by the beginning of the record"
+    if size - one.end < _MARGIN * long:
+        return "cut off by the end of the record"
+    start = max(one.touch - _BESIDE * long, before + 0.1 * long, 0)
+    stop = min(one.end + _BESIDE * long, after - 0.1 * long, size)
+    return one._replace(start=math.ceil(start), stop=math.floor(stop))
+
+
+def _doubt(one: Cut, found: list[Cut], mean: Floats, value: Floats, noise: float) -> str:
+    """Why a contact cannot be fitted; nothing where it can."""
+    long = one.end - one.touch
+    if long < LEAST_READINGS:
+        return f"only {long:.0f} readings of the contact"
+    usual = float(np.median([other.end - other.touch for other in found]))
+    if not usual / _STEP < long < usual * _STEP:
+        return f"lasts {long / usual:.2g} times as long as the others"
+    if mean[one.start : one.stop].min() < -max(_BELOW * one.height, _CLEAR * noise):
+        return "swings below zero, as the ringing of an instrument does"
+    # A contact with a loss ends slowly, later than what is above half of its height says.
+    last_before, first_after = one.touch - _EDGES[0] * long, one.end + _EDGES[1] * long
+    sides = value[one.start : math.floor(last_before)], value[math.ceil(first_after) : one.stop]
+    if min(map(len, sides)) < 2:
+        return ""
+    error = noise * math.sqrt(sum(1 / side.size for side in sides))
+    first, last = (float(side.mean()) for side in sides)
+    if abs(last - first) > max(_BETWEEN * error, 0.05 * one.height):
+        return "the level after it differs from that before"
+    return ""

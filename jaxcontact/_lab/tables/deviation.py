@@ -1,0 +1,70 @@
+"""Columns of standard deviations: what they are called, and those that are not used."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+from .heading import Meaning, words
+
+FROM_FILE = "errors are the standard deviations in the file, taken as they are"
+"""The note of a recording that has them."""
+
+_BASES = (
+    "sigma",
+    "σ",
+    "std",
+    "std dev",
+    "stdev",
+    "stddev",
+    "sd",
+    "standard deviation",
+    "standard error",
+    "standard uncertainty",
+    "uncertainty",
+    "unc",
+    "u",
+    "s",
+    "err",
+    "error",
+    "±",
+    "+/-",
+    "+-",
+    "δ",
+    "delta",
+)
+_BARE = words(
+    "sigma, σ, std, std dev, stdev, stddev, sd, standard deviation, standard uncertainty, "
+    "uncertainty, ±, +/-, +-, error, err, u"
+)
+_DEVIATION = re.compile(
+    r"(σ|sigma|std\.?|st\.? ?dev|stdev|stddev|sd|standard (deviation|error|uncertainty)|"
+    r"uncertainty|unc\.?|u ?\(|±|\+/-|\+-)(?![a-z]{3})|.*[\s_(](std|sd|sigma|σ|err|unc|uncertainty|"
+    r"stdev|±|standard deviation)\)?$",
+    re.IGNORECASE,
+)
+
+
+def is_bare(text: str) -> bool:
+    """Whether a heading does not say of what it is the deviation."""
+    return Meaning(_BARE, "").heading(text) is not None or Meaning(_BARE).heading(text) is not None
+
+
+def deviation_of(column: str, names: Iterable[str], unit: str) -> Meaning:
+    """The meaning of standard deviations of a `column`, which has other `names`, too, in short."""
+    made = [*_BARE]
+    for base in _BASES:
+        for name in names:
+            made += words(f"{base} {name}, {base}({name}), {name} {base}, {base} of {name}")
+            made += words(f"{base}{name}") if len(base) == 1 and base not in "su" else ()
+    return Meaning(tuple(dict.fromkeys(made)), unit, like=column, remarks=False)
+
+
+def unused_notes(names: Sequence[str], used: Mapping[str, int]) -> tuple[str, ...]:
+    """The note on columns of standard deviations that nothing was made of."""
+    left = [
+        name
+        for k, name in enumerate(names)
+        if k not in used.values() and _DEVIATION.match(name.replace("_", " ").strip())
+    ]
+    return (f"not used: {', '.join(left)}",) if left else ()

@@ -1,0 +1,122 @@
+"""What the heading of a column means: its words, and the unit that is written in it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import re
+import unicodedata
+from collections.abc import Mapping
+
+from ..._parameter import nearest
+from ..._text.units import Unit, written_unit
+
+
+@dataclasses.dataclass(frozen=True)
+class Meaning:
+    """What a column may be called: `words`, and `unit`, the SI unit, None for labels and counts;
+    `or_unit`, another that it may be in.
+
+    Numbers without a written unit whose median lies above `usual` are refused: `usual_words` say
+    what they would be, for the message. Where no unit is written, that of the column `like` is
+    meant. `remarks`: whether what is no unit may stand in brackets.
+    """
+
+    words: tuple[str, ...] = ()
+    unit: str | None = None
+    usual: float = math.inf
+    usual_words: str = ""
+    must_say: str = ""
+    or_unit: str | None = None
+    like: str = ""
+    remarks: bool = True
+
+    def heading(self, text: str) -> Heading | None:
+        """The heading, if it means this: by its words, and a unit of the right kind, if any."""
+        for words, unit in _readings(text):
+            if self._says(words) and (unit is None or self._takes(unit)):
+                return Heading(text, unit)
+        # "Restitution (e)": two names of one thing, or a remark behind the name of a label.
+        found = _BRACKETS.fullmatch(text.strip())
+        if not self.remarks:
+            return None
+        if found and self._says(found[1]) and self.unknown_unit(text) is None:
+            return Heading(text)
+        return None
+
+    def unknown_unit(self, text: str) -> str | None:
+        """What stands in brackets behind words that mean this, where it is no unit of the kind."""
+        found = _BRACKETS.fullmatch(text.strip())
+        if found is None or self.unit is None or not self.remarks or not self._says(found[1]):
+            return None
+        unit = written_unit(found[2])
+        if _plain(found[2]) in self.words or (unit and self._takes(unit)):
+            return None
+        # What has no unit may have a remark.
+        return None if self.unit == "" and unit is None else found[2].strip()
+
+    def _says(self, text: str) -> bool:
+        """Whether these words mean this, in the plural, too."""
+        word = _plain(text)
+        return word in self.words or (len(word) > 3 and word.removesuffix("s") in self.words)
+
+    def _takes(self, unit: Unit) -> bool:
+        return self.unit is not None and unit.si in (self.unit, self.or_unit)
+
+    def unit_in(self, text: str) -> Unit | None:
+        """The unit of the right kind that is written in a heading, whatever its words."""
+        units = (unit for _, unit in _readings(text) if unit is not None)
+        return next((unit for unit in units if self._takes(unit)), None)
+
+
+@dataclasses.dataclass(frozen=True)
+class Heading:
+    """A heading as it is written, and the unit in it; None where none is written.
+
+    `is_time`: whether it is that of times, which may be written as mm:ss.cc.
+    """
+
+    text: str
+    unit: Unit | None = None
+    is_time: bool = False
+
+
+def words(text: str) -> tuple[str, ...]:
+    """The words of a `Meaning`, of a text in which commas separate them."""
+    return tuple(map(_plain, text.split(",")))
+
+
+_BRACKETS = re.compile(r"(.*?)\s*[\[({]([^\])}]*)[\])}]")
+_BETWEEN = re.compile(r"\s*/\s*|\s*,\s*|\s+in\s+|[\s_]+")
+_RATE = re.compile(r"(.+?)[\s_]+([^\s_]+)[\s_]+(?:per[\s_]+)?([^\s_]+)")
+
+
+def _plain(text: str) -> str:
+    """A heading for comparison: small letters, one blank between words, h₀ as h0."""
+    text = unicodedata.normalize("NFKC", text).casefold()
+    return re.sub(r"[\s_.\-]+", " ", text).strip()
+
+
+@functools.lru_cache(1024)
+def _readings(text: str) -> list[tuple[str, Unit | None]]:
+    """The ways to read a heading: all of it as words, or its end as a unit."""
+    text = text.strip()
+    ways: list[tuple[str, Unit | None]] = [(text, None)]
+    if (found := _BRACKETS.fullmatch(text)) and (unit := written_unit(found[2])):
+        ways.append((found[1], unit))
+    for between in _BETWEEN.finditer(text):
+        if unit := written_unit(text[between.end() :]):
+            ways.append((text[: between.start()], unit))
+    if (found := _RATE.fullmatch(text)) and (unit := written_unit(f"{found[2]}/{found[3]}")):
+        ways.append((found[1], unit))
+    return ways
+
+
+def suggestion(text: str, meanings: Mapping[str, Meaning]) -> str:
+    """'; did you mean ...?' for a heading that is nearly one that is known, or nothing."""
+    known = {word: word for one in meanings.values() for word in one.words}
+    known |= {_plain(name): name for name in meanings}
+    stem = _plain(re.sub(r"[\[({/].*", "", text)) or _plain(text)
+    near = nearest(stem, (word for word in known if len(word) > 2))
+    return f"; did you mean {known[near]!r}?" if near and near != stem else ""

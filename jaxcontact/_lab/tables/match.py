@@ -1,0 +1,195 @@
+"""Which columns of a table are which: by their headings, or by what the reader is told."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ..._parameter import rendered
+from .deviation import is_bare
+from .heading import Heading, Meaning, suggestion
+from .sheet import Row, Sheet
+
+Told = Mapping[str, int | str]
+"""The number of a column, from 1, or its heading, by what it holds."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Match:
+    """Where the columns of a layout stand in a table, and their headings."""
+
+    places: Mapping[str, int]
+    headings: Mapping[str, Heading]
+
+    def rows(self, sheet: Sheet) -> list[Row]:
+        """The rows of a sheet by the names of the layout."""
+        return sheet.rows(self.places, self.headings)
+
+    def notes(self) -> tuple[str, ...]:
+        """What was taken for what, and converted, where the heading is not the column's name."""
+        told = []
+        for name, heading in self.headings.items():
+            unit = heading.unit
+            if unit is not None and unit.converts:
+                told.append(f'{name} = "{heading.text}" {unit.words}')
+            elif heading.text != name:
+                shown = f'"{heading.text}"' if heading.text else f"column {self.places[name] + 1}"
+                told.append(f"{name} = {shown}")
+        return tuple(told)
+
+
+def as_told(columns: Any) -> Told:
+    """The columns of "speed=2,e=5" or of a dict; ValueError for anything else."""
+    given = columns
+    if isinstance(columns, str):
+        parts = [part.partition("=") for part in columns.split(",") if part.strip()]
+        given = {name.strip(): place.strip() for name, _, place in parts}
+        if len(given) < len(parts) or not all(map(str.strip, (p for _, _, p in parts))):
+            given = None
+    good = isinstance(given, Mapping) and all(
+        isinstance(name, str) and isinstance(place, int | str) and not isinstance(place, bool)
+        for name, place in given.items()
+    )
+    if not good or not given:
+        raise ValueError(
+            "Argument `columns` must say which column holds what, by number or heading, as in "
+            f"'speed=2,e=5' or {{'speed': 2, 'e': 'COR'}}, but is {rendered(columns)}."
+        )
+    return {
+        name: int(place) if isinstance(place, str) and place.isdecimal() else place
+        for name, place in given.items()
+    }
+
+
+def match(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Match | None:
+    """The columns of a sheet that mean something; None if `told` names what has no meaning here.
+
+    Raises RecordingError for a heading that is there twice, for two that mean the same, and for a
+    unit that is not known.
+    """
+    places: dict[str, int] = {}
+    headings: dict[str, Heading] = {}
+    for key, place in told.items():
+        named = _named(key, meanings)
+        if named is None:
+            return None
+        name, asked = named
+        places[name] = at = _place(sheet, place)
+        unit = asked.unit or meanings[name].unit_in(sheet.names[at])
+        headings[name] = Heading(sheet.names[at], unit)
+    for name, meaning in sorted(meanings.items(), key=lambda one: bool(one[1].like)):
+        if name in places:
+            continue
+        free = [k for k in range(len(sheet.names)) if k not in places.values()]
+        # The very name wins over what else means the same.
+        found = [k for k in free if sheet.names[k] == name]
+        found = found or [k for k in free if meaning.heading(sheet.names[k])]
+        if meaning.like and len(found) > 1:  # "v, ±, e, ±"
+            found = [k for k in found if k - 1 == places.get(meaning.like)] or found
+        if meaning.like and found and name not in told:
+            _check_beside(sheet, found[0], meaning, meanings, places)
+        if len(found) > 1:
+            first, second = (sheet.names[k] for k in found[:2])
+            problem = f"is there twice in the header{_say(name, found[0])}"
+            if first != second:
+                problem = f"may be {name}, and so may column {first}{_say(name, found[0])}"
+            raise sheet.fault(problem, second)
+        if found:
+            text = sheet.names[found[0]]
+            places[name] = found[0]
+            headings[name] = meaning.heading(text) or Heading(text)
+    for k, text in enumerate(sheet.names):
+        for name, meaning in meanings.items():
+            if k not in places.values() and (unit := meaning.unknown_unit(text)):
+                problem = (
+                    f"{unit!r} is no unit of {name} that is known; convert the numbers, and write "
+                    f"{meaning.unit or '-'}"
+                )
+                raise sheet.fault(problem, text)
+    # In the order of the layout, with the columns that were told among the others.
+    order = [name for name in meanings if name in places]
+    for name in order:
+        own, like = headings[name], headings.get(meanings[name].like)
+        unit = like.unit if own.unit is None and like is not None else own.unit
+        headings[name] = dataclasses.replace(own, unit=unit, is_time=meanings[name].unit == "s")
+    return Match({n: places[n] for n in order}, {n: headings[n] for n in order})
+
+
+def _check_beside(
+    sheet: Sheet,
+    place: int,
+    meaning: Meaning,
+    meanings: Mapping[str, Meaning],
+    places: Mapping[str, int],
+) -> None:
+    """Refuse "v, ±, e", whose deviations may be those of either."""
+    left = next((name for name, k in places.items() if k == place - 1), meaning.like)
+    if left == meaning.like or meanings[left].unit is None or not is_bare(sheet.names[place]):
+        return
+    raise sheet.fault(
+        f"may be the standard deviation of {left} or of {meaning.like}; say so in the heading, as "
+        f"in 'u({sheet.names[place - 1]})', or with `columns=\"sigma={place + 1}\"`",
+        sheet.names[place],
+    )
+
+
+def _named(key: str, meanings: Mapping[str, Meaning]) -> tuple[str, Heading] | None:
+    for name, meaning in meanings.items():
+        if key == name or meaning.heading(key):
+            return name, meaning.heading(key) or Heading(key)
+    return None
+
+
+def _say(name: str, place: int) -> str:
+    return f'; say which one is meant with `columns="{name}={place + 1}"`'
+
+
+def _place(sheet: Sheet, place: int | str) -> int:
+    if isinstance(place, int):
+        if not 1 <= place <= len(sheet.names):
+            raise sheet.fault(f"has no column {place}; there are {len(sheet.names)}", None)
+        return place - 1
+    if place not in sheet.names:
+        near = suggestion(place, {name: Meaning() for name in sheet.names if name})
+        there = f"; its columns are {', '.join(sheet.names)}" if any(sheet.names) else ""
+        raise sheet.fault(f"has no column {place!r}{there}{near}", None)
+    return list(sheet.names).index(place)
+
+
+def check_usual(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> None:
+    """Refuse numbers that look wrong and whose unit is not written."""
+    for name, meaning in meanings.items():
+        if meaning.must_say and rows and name in rows[0].values and not rows[0].has_unit(name):
+            text = rows[0].headings[name].text or name
+            units = meaning.must_say.split(" or ")
+            told = " or ".join(f"'{text} [{unit}]'" for unit in units)
+            rows[0].refuse(
+                name, f"has no unit, {meaning.must_say}; write it in the heading, {told}"
+            )
+        if not np.isfinite(meaning.usual) or not rows or name not in rows[0].values:
+            continue
+        if rows[0].has_unit(name):
+            continue
+        middle = float(np.median([row.positive(name) for row in rows]))
+        if middle <= meaning.usual:
+            continue
+        shown = rows[0].headings[name].text if name in rows[0].headings else name
+        small = {"m": "cm" if middle < 1000 else "mm", "m/s": "mm/s"}[meaning.unit or "m"]
+        rows[0].refuse(
+            name,
+            f"half of the values are {middle:g} or more, in {meaning.unit} {meaning.usual_words}; "
+            f"are they in {small}? write the unit in the heading, '{shown or name} [{small}]', or "
+            f"'{shown or name} [{meaning.unit}]' if they are right",
+        )
+
+
+def unknown_name(key: str, meanings: Iterable[Mapping[str, Meaning]]) -> str:
+    """The message for what no layout has."""
+    every = {name: meaning for one in meanings for name, meaning in one.items()}
+    return (
+        f"Argument `columns` names {key!r}, which is no known column; these are "
+        f"{', '.join(every)}{suggestion(key, every)}."
+    )

@@ -1,0 +1,215 @@
+"""Tables in text files: their encoding, what separates their columns, comments and decimal commas.
+
+What decides is how many known headings and numbers a reading gives, not a guess from frequencies of
+characters: `csv.Sniffer` takes the decimal comma of "0,5;0,8" for a separator.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import io
+import itertools
+import re
+from collections import Counter
+from typing import NamedTuple
+
+from .fault import RecordingError
+from .grid import Grid, Known, Line, grid_of, is_number, known_cells, with_points
+
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_COMMENT = re.compile(r'\s*"?(#|%|//)')
+_ENOUGH = 400
+"""Lines from which the separator is chosen."""
+
+_SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", " ": "blanks"}
+
+
+def decoded(data: bytes, source: str) -> tuple[str, str]:
+    """The text in bytes, and the name of its encoding, "" for UTF-8.
+
+    UTF-16 is told by its mark or its zeros; what is not UTF-8 is read as Windows-1252, of which
+    Latin-1 is a part. Raises RecordingError for bytes that are no text.
+    """
+    for mark, encoding in _MARKS:
+        if data.startswith(mark):
+            return _decode(data, encoding, source), "" if "8" in encoding else "UTF-16"
+    if b"\0" in data[:200]:
+        # Of most characters in UTF-16 one byte is zero: the second in little endian.
+        encoding = "utf-16-le" if data[1:200:2].count(0) > data[0:200:2].count(0) else "utf-16-be"
+        return _decode(data, encoding, source), "UTF-16"
+    try:
+        return data.decode("utf-8"), ""
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace"), "Latin-1"
+
+
+def _decode(data: bytes, encoding: str, source: str) -> str:
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError as error:
+        row = data[: error.start].count(b"\n") + 1
+        raise RecordingError(f"is not {encoding.upper()} text", source, row) from error
+    if any(ord(c) < 9 for c in text[:200]):
+        raise RecordingError("is neither text nor a spreadsheet", source)
+    return text
+
+
+class _Reading(NamedTuple):
+    """One way to read a text: its rows, how good it is, and the error that stopped it, if any."""
+
+    separator: str
+    rows: list[Line]
+    score: tuple[int, float]
+    error: RecordingError | None = None
+
+
+def text_grid(text: str, source: str, known: Known, decimal: str | None = None) -> Grid:
+    """The table in a text. Raises RecordingError where it cannot be read in one way."""
+    lines = text.removeprefix("\ufeff").splitlines(keepends=True)
+    named = re.fullmatch(r"sep=(.)\s*", lines[0]) if lines else None
+    if named:
+        lines[0] = "\n"  # how Excel writes down its separator
+    comments = [k for k, line in enumerate(lines) if _COMMENT.match(line)]
+    aside = set(comments)
+    data = ["\n" if k in aside else line for k, line in enumerate(lines)]
+    if not any(line.strip(" \t\r\n,;|") for line in data):
+        raise RecordingError("is empty; a header with the column names is needed", source, 1)
+    allowed = [named[1]] if named else [s for s in _SEPARATORS if s != "," or decimal != ","]
+    # The beginning of a long file decides.
+    readings = [_reading(data[:_ENOUGH], separator, source, known) for separator in allowed]
+    best = max(readings, key=lambda one: one.score)
+    if len(data) > _ENOUGH and best.score[1] > 0:
+        rows, error = _split(data, best.separator, source)
+        best = best._replace(rows=rows, error=error)
+    if best.score[1] == 0:
+        # One column, however it is read.
+        rows = [(k, [line.strip().strip('"')]) for k, line in enumerate(data, 1) if line.strip()]
+        best = _Reading("", rows, (0, 0.0))
+    elif best.error:
+        raise best.error
+    if best.separator == ",":
+        _one_number_or_two(best.rows, source, known, decimal)
+    above = [(k + 1, lines[k]) for k in comments if best.rows and k + 1 < best.rows[0][0]]
+    rows = [*_commented_heading(above, best, source, known), *best.rows]
+    rows, commas = with_points(rows, source, decimal, apart=best.separator == ",")
+    notes = [f"separated by {_SEPARATORS.get(best.separator, repr(best.separator))}"] * (
+        best.separator not in ("", ",")
+    ) + ["with decimal commas"] * commas
+    if (found := _labels(rows)) is not None:
+        names, rows = found
+        return Grid(names, None, rows, (*notes, "labels of an audio editor"))
+    return grid_of(rows, known, notes)
+
+
+def _labels(rows: list[Line]) -> tuple[list[str], list[Line]] | None:
+    """The columns of labels: times in s, the ends of stretches, if any, and texts.
+
+    Audacity writes "0.52, 0.52, bounce", with a line of frequencies behind a backslash for some.
+    """
+    rows = [row for row in rows if row[1][0] != "\\"]
+    made: list[Line] = []
+    for row, cells in rows:
+        texts = [cell for cell in cells if not is_number(cell)]
+        times = cells[: len(cells) - len(texts)]
+        if not 1 <= len(times) <= 2 or cells[len(times) :] != texts or len(texts) > 1:
+            return None
+        made.append((row, [*(float(one) for one in times), *(texts or [""])]))
+    starts, widths = [cells[0] for _, cells in made], {len(cells) for _, cells in made}
+    if len(widths) != 1 or any(b <= a for a, b in itertools.pairwise(starts)):
+        return None
+    stretches = widths == {3}
+    if stretches and any(cells[1] < cells[0] for _, cells in made):
+        return None
+    if not any(cells[-1] for _, cells in made) and not (
+        stretches and all(cells[0] == cells[1] for _, cells in made)
+    ):
+        return None
+    return ["start time", *["end of label"] * stretches, "label"], made
+
+
+def _commented_heading(
+    above: list[tuple[int, str]], read: _Reading, source: str, known: Known
+) -> list[Line]:
+    """The last comment above the numbers, where it is the heading: numpy.savetxt writes it so."""
+    if not above or any(known_cells(cells, known) for _, cells in read.rows):
+        return []
+    number, line = above[-1]
+    words = _COMMENT.sub("", line).strip().strip('"')
+    rows, _ = _split([words], read.separator or " ", source)
+    return [(number, cells) for _, cells in rows if known_cells(cells, known)]
+
+
+def _reading(data: list[str], separator: str, source: str, known: Known) -> _Reading:
+    rows, error = _split(data, separator, source)
+    widths = Counter(len(cells) for _, cells in rows if any(map(is_number, cells)))
+    heading = max((known_cells(cells, known) for _, cells in rows), default=0)
+    if not widths:  # words, which blanks separate in any text
+        width = max((len(cells) for _, cells in rows), default=0)
+        share = 0.5 * (width > 1) * (heading > 0) * (separator != " ")
+        return _Reading(separator, rows, (0, share), error)
+    width = widths.most_common(1)[0][0]
+    if width < 2:
+        return _Reading(separator, rows, (heading > 0, 0.0), error)
+    headings = [len(cells) for _, cells in rows if known_cells(cells, known) == heading > 0]
+    # One heading above two numbers: what commas separate are the digits of one number. More words
+    # than numbers: what blanks separate are the words of one heading.
+    if headings and (headings[0] == 1 if separator == "," else headings[0] > width):
+        return _Reading(separator, rows, (0, 0.0), error)
+    good = [cells for _, cells in rows if len(cells) == width and any(map(is_number, cells))]
+    share = sum(is_number(cell) for cells in good for cell in cells) / max(
+        1, sum(len(cells) for _, cells in rows)
+    )
+    order = list(_SEPARATORS).index(separator) if separator in _SEPARATORS else 0
+    return _Reading(separator, rows, (heading > 0, 1 + share - 1e-6 * order), error)
+
+
+def _split(
+    data: list[str], separator: str, source: str
+) -> tuple[list[Line], RecordingError | None]:
+    """The rows that are not blank, and the error that ended them, if any."""
+    if separator == " ":
+        data = list(map(_blanks, data))
+    stream = io.StringIO("".join(data), newline="")
+    reader = csv.reader(stream, delimiter=separator, strict=True, skipinitialspace=True)
+    rows: list[Line] = []
+    try:
+        for fields in reader:
+            cells = [field.strip() for field in fields]
+            if any(cells):
+                rows.append((reader.line_num, cells))
+    except csv.Error as error:
+        return rows, RecordingError(f"is not a CSV file ({error})", source, reader.line_num)
+    return rows, None
+
+
+def _blanks(line: str) -> str:
+    """A line whose columns blanks separate, with single ones, and units beside their words."""
+    parts = line.split()
+    if all(map(is_number, parts)):
+        return " ".join(parts) + "\n"
+    text = re.sub(r"\s+(?=[\[(])", "", line.strip())
+    text = re.sub(r"\s*/\s*", "/", text)
+    if re.search(r"\S\s{2,}\S", text):
+        parts = [part.strip('"') for part in re.split(r"\s{2,}|\t", text)]
+        text = " ".join(f'"{part}"' if " " in part else part for part in parts)
+    return re.sub(r"[ \t]+", " ", text) + "\n"
+
+
+def _one_number_or_two(rows: list[Line], source: str, known: Known, decimal: str | None) -> None:
+    """Refuse "0,8" without a heading: one number with a decimal comma, or two."""
+    if decimal is not None or any(known_cells(cells, known) for _, cells in rows):
+        return
+    whole = all(re.fullmatch(r"\d+", cell) for _, cells in rows for cell in cells)
+    if whole and all(len(cells) == 2 for _, cells in rows):
+        row, (left, right) = rows[0]
+        raise RecordingError(
+            f"'{left},{right}' may be one number, {left}.{right}, or two, {left} and {right}; say "
+            'which with `decimal=","` or `decimal="."`',
+            source,
+            row,
+        )

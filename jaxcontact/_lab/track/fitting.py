@@ -1,0 +1,270 @@
+"""Times of impacts between frames: all parabolas of a drop fitted together.
+
+Flights share the fall, the floor and the duration of contact, so that each is known from the frames
+of all. Frames in which the ball touches the floor, or may have during the exposure, are left out;
+so are misreadings, by a robust search first and by their distance then.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool
+
+from .model import Model, Shape
+from .search import CONTACT, POWER, nearer_errors, robustly, scatter, search, slope_of
+from .seen import Camera, Drop, Floats, Frames
+
+FAR = 5.0
+"""Standard deviations from which a frame is a misreading."""
+
+LEAST_FRAMES = 4
+"""Of a flight: a parabola whose fall is known has two numbers."""
+
+_LOST = 3
+"""So many frames in a row, off in their mean, end the first and the last flight."""
+
+_SEEN = 8.0
+"""Standard deviations that a flight rises at least."""
+
+_ROUNDS = 6
+
+
+class Guess(NamedTuple):
+    """Where a search begins: the ends of the flights and the impacts between (m + 2,) in s, the
+    floor and the fall, the noise of one height, and the frames from `low` to below `high`.
+    """
+
+    times: Floats
+    floor: float
+    fall: float
+    noise: float
+    low: int
+    high: int
+
+
+def fit_drop(frames: Frames, guess: Guess) -> Drop | None:
+    """The drop whose parabolas fit best; None where too few frames are left or nothing fits.
+
+    A first or a last flight of too few frames is left out.
+    """
+    while guess.times.size > 2:
+        found = _fit(frames, guess)
+        if isinstance(found, Drop):
+            return found
+        short = np.flatnonzero(found < LEAST_FRAMES)
+        times = guess.times
+        step = float(np.median(np.diff(frames.time)))
+        if short.size and short[-1] == times.size - 2:
+            high = int(np.searchsorted(frames.time, times[-2] - 0.55 * step))
+            guess = guess._replace(times=times[:-1], high=min(guess.high, high))
+        elif short.size and short[0] == 0:
+            low = int(np.searchsorted(frames.time, times[1] + 0.55 * step))
+            guess = guess._replace(times=times[1:], low=max(guess.low, low))
+        else:
+            return None
+    return None
+
+
+def _fit(frames: Frames, guess: Guess) -> Drop | np.ndarray:
+    """The drop, or how many frames each flight has where it cannot be fitted."""
+    time, flights = frames.time, guess.times.size - 1
+    low, high = guess.low, guess.high
+    step = float(np.median(np.diff(time)))
+    seen = _seen(frames)
+    speeds = _speeds(np.diff(guess.times))
+    model = Model(flights, frames.along is not None, time[low], time[high - 1], speeds)
+    vector = _start(model, frames, guess)
+    off = np.zeros(time.size, bool)
+    for k in range(_ROUNDS):
+        inside = _inside(model, vector, time, low, high, step)
+        use = inside & ~off
+        counts = _counts(model, vector, time, use)
+        if counts.min() < LEAST_FRAMES:
+            return counts
+        if k == 0:
+            found = robustly(model, time[use], seen[use], vector)
+        else:
+            sigma = scatter(model, vector, time[use], seen[use])
+            found = search(model, time[use], seen[use], sigma, vector)
+        if found is None:
+            return counts
+        vector = found
+        sigma = scatter(model, vector, time[use], seen[use])
+        residual = seen - model.places(vector, time)[0]
+        now = np.any(np.abs(residual) > FAR * sigma, axis=1)
+        before = (low, high)
+        low, high = _reach(model, vector, time, residual[:, 0], sigma[0], step)
+        if k > 1 and before == (low, high) and np.array_equal(now[inside], off[inside]):
+            break
+        off = now
+        ends, _ = model.ends(vector)
+        model = dataclasses.replace(
+            model,
+            first=time[low],
+            last=time[high - 1],
+            speeds=_speeds(ends[:, 1] - ends[:, 0]),
+        )
+    inside = _inside(model, vector, time, low, high, step)
+    used = inside & ~off
+    counts = _counts(model, vector, time, used, sigma[0])
+    if counts.min() < LEAST_FRAMES:
+        return counts
+    return _result(model, vector, frames, seen, sigma, used, inside & off)
+
+
+def refit(drop: Drop, shape: Shape, beta: float) -> Drop:
+    """The same frames with flights of another shape: with the drag of the air, which gives β."""
+    frames = drop.frames
+    model = Model(
+        drop.start.size,
+        frames.along is not None,
+        frames.time[drop.used][0],
+        frames.time[drop.used][-1],
+        _speeds(drop.seconds),
+        shape,
+        beta,
+    )
+    seen, sigma = _seen(frames), np.array([s for s in drop.noise[::-1] if s is not None])
+    found = search(model, frames.time[drop.used], seen[drop.used], sigma, drop.vector)
+    vector = drop.vector if found is None else found
+    return _result(model, vector, frames, seen, sigma, drop.used, drop.off)
+
+
+def _seen(frames: Frames) -> np.ndarray:
+    """Heights, and places along (n, 1 or 2)."""
+    columns = [frames.height] if frames.along is None else [frames.height, frames.along]
+    return np.stack(columns, axis=1)
+
+
+def _speeds(seconds: Floats) -> Floats:
+    """Speeds of impacts, as the flights before them last, over that of the first."""
+    return np.clip(seconds[:-1] / seconds[0], 1e-3, 1e3)
+
+
+def _start(model: Model, frames: Frames, guess: Guess) -> Floats:
+    vector = np.zeros(model.size)
+    vector[: model.flights + 1] = guess.times
+    vector[model.contact], vector[model.power] = CONTACT, POWER
+    vector[model.floor], vector[model.fall] = guess.floor, guess.fall
+    if frames.along is not None:
+        knots = np.concatenate([[model.first], guess.times[1:-1], [model.last]])
+        at = np.searchsorted(frames.time, knots)
+        near = np.clip(at[:, None] + np.arange(-2, 3), guess.low, guess.high - 1)
+        vector[model.tilt + 1 :] = np.median(frames.along[near], axis=1)
+    return vector
+
+
+def _inside(
+    model: Model, vector: Floats, time: Floats, low: int, high: int, step: float
+) -> Bool[np.ndarray, " n"]:
+    """The frames within flights, far enough from contacts that no exposure has one."""
+    inside = np.zeros(time.size, bool)
+    inside[low:high] = True
+    start, end = model.ends(vector)[0].T
+    for impact, half in zip(vector[1 : model.flights], (start[1:] - end[:-1]) / 2, strict=True):
+        inside &= np.abs(time - impact) > abs(half) + 0.55 * step
+    return inside
+
+
+def _counts(
+    model: Model, vector: Floats, time: Floats, use: np.ndarray, noise: float = 0.0
+) -> np.ndarray:
+    """How many frames each flight has: none where it does not rise out of the noise."""
+    start, end = model.ends(vector)[0].T
+    seen = vector[model.fall] * (end - start) ** 2 / 8 > _SEEN * noise
+    return seen * np.bincount(model.flight_of(vector, time[use]), minlength=model.flights)
+
+
+def _reach(
+    model: Model, vector: Floats, time: Floats, residual: Floats, noise: float, step: float
+) -> tuple[int, int]:
+    """The frames from the first to below the last that are on the parabolas.
+
+    A ball that is held where it is let go, or is caught, leaves its parabola slowly: for so long as
+    that hides in the noise frames are left out, too.
+    """
+    start, end = model.ends(vector)[0].T
+    fall, limit = vector[model.fall], FAR / math.sqrt(_LOST)
+    clipped = np.clip(residual / noise, -FAR, FAR)
+
+    def hidden(at: float, flight: int, lost: bool) -> float:
+        speed = abs(fall * ((start[flight] + end[flight]) / 2 - at))
+        far = (limit + 1) * noise
+        return (math.sqrt(speed**2 + 2 * far * fall) - speed) / fall + lost * (_LOST // 2) * step
+
+    low = int(np.searchsorted(time, vector[1] - 0.55 * step))
+    low -= _until_lost(clipped[:low][::-1], limit)
+    begin = float(time[min(low, time.size - 1)])
+    low = int(np.searchsorted(time, max(begin + hidden(begin, 0, low > 0), start[0])))
+    high = int(np.searchsorted(time, vector[model.flights - 1] + 0.55 * step))
+    high += _until_lost(clipped[high:], limit)
+    over = float(time[high - 1])
+    over -= hidden(over, model.flights - 1, high < time.size)
+    high = int(np.searchsorted(time, min(over, end[-1]), "right"))
+    return min(low, time.size - 1), max(high, 1)
+
+
+def _until_lost(residual: Floats, limit: float) -> int:
+    """How many frames until some in a row are off in their mean, in standard deviations."""
+    if residual.size < _LOST:
+        return residual.size
+    mean = np.convolve(residual, np.ones(_LOST) / _LOST, "valid")
+    lost = np.flatnonzero(np.abs(mean) > limit)
+    return int(lost[0]) if lost.size else residual.size
+
+
+def _result(
+    model: Model,
+    vector: Floats,
+    frames: Frames,
+    seen: np.ndarray,
+    sigma: Floats,
+    used: np.ndarray,
+    off: np.ndarray,
+) -> Drop:
+    time, flights = frames.time, model.flights
+    places, _ = model.places(vector, time)
+    residual = (seen - places)[used]
+    # The size of both errors by what is left, beside the parameters.
+    freedom = max(residual.size - model.size, 1) / residual.size
+    sigma = np.sqrt(np.mean(residual**2, axis=0) / freedom)
+    slope = slope_of(model, vector, time[used], sigma, nearer_errors(model, vector))
+    size = np.linalg.norm(slope, axis=0)
+    size[size == 0] = 1.0
+    covariance = np.linalg.pinv((slope / size).T @ (slope / size)) / np.outer(size, size)
+    ends, ends_slope = model.ends(vector)
+    start, end = ends.T
+    lasting = ends_slope[:, 1] - ends_slope[:, 0]
+    error = np.sqrt(np.diag(covariance))
+    tilt, fall = model.tilt, model.fall
+    camera = Camera(
+        float(vector[fall]),
+        float(error[fall]),
+        float(vector[tilt]) if model.along else None,
+        float(error[tilt]) if model.along else None,
+    )
+    whole = (time >= time[used][0]) & (time <= time[used][-1])
+    fitted = np.where(whole[:, None], places, math.nan)
+    return Drop(
+        frames=frames,
+        start=start,
+        end=end,
+        covariance=lasting @ covariance @ lasting.T,
+        impact=vector[1:flights].copy(),
+        error=error[1:flights],
+        floor=model.places(vector, vector[1:flights])[0][:, 0],
+        camera=camera,
+        air=None if model.shape else (float(vector[model.air]), float(error[model.air])),
+        rise=(float(vector[model.rise]), float(error[model.rise])),
+        growth=(float(vector[model.growth]), float(error[model.growth])),
+        noise=(float(sigma[1]) if model.along else None, float(sigma[0])),
+        used=used,
+        off=off,
+        fitted=fitted[:, 0],
+        fitted_along=fitted[:, 1] if model.along else None,
+        vector=vector,
+    )

@@ -1,0 +1,213 @@
+"""The parabolas of successive flights, in the lengths of a picture, with their derivatives.
+
+Flight j lasts from s_j to e_j, and its height above the floor is a H(t - s_j, e_j - s_j), in vacuum
+with H(τ, T) = τ (T - τ)/2 and the fall a of the picture. Quadratic drag with the terminal speed v
+adds β h(τ, T), β = (g/v)², in its first order h = -T⁴ x (1 - |x|³)/192, x = 2τ/T - 1: the way down
+takes longer than the way up. A ball that comes nearer is seen larger, and its floor lower: the
+floor rises in the picture by σ in each second, as one does that is not level, too, and heights
+above it grow by the part γ. Impact j in its middle c_j parts flight j - 1, which ends at
+c_j - t_j/2, from flight j, which begins at c_j + t_j/2. Contacts at speeds v_j last
+t_j = t_c (v_j/v_1)^(-p), by Hertz with p = 1/5; shells are nearer to 0. Along the floor a ball
+drifts at a speed that changes in impacts; drag adds β T² (1 - |x|³)/48 to the part τ/T of the way.
+A camera that is rolled by the angle θ sees the height η and the drift ξ as η cos θ + ξ sin θ
+upwards, ξ cos θ - η sin θ along.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .seen import Floats
+
+Shape = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
+"""H of τ and T, ∂H/∂τ and ∂H/∂T, all (n,) in s² and s."""
+
+
+def parabola(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
+    """H in vacuum."""
+    return since * (whole - since) / 2, whole / 2 - since, since / 2
+
+
+def slowed(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
+    """What drag adds to H in its first order, over β."""
+    x = 2 * since / whole - 1
+    size = np.abs(x) ** 3
+    by_x = -(whole**4) * (1 - 4 * size) / 192
+    value = -(whole**4) * x * (1 - size) / 192
+    return value, by_x * 2 / whole, 4 * value / whole - by_x * (1 + x) / whole
+
+
+def lagging(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
+    """What drag adds to the part of a way along the floor, over β."""
+    x = 2 * since / whole - 1
+    value = whole**2 * (1 - np.abs(x) ** 3) / 48
+    by_x = -(whole**2) * x * np.abs(x) / 16
+    return value, by_x * 2 / whole, 2 * value / whole - by_x * (1 + x) / whole
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """Where the parameters of `flights` flights stand in a vector.
+
+    Those are the start of the first flight, the impacts, the end of the last; the duration t_c of
+    contact, and p; the floor and the fall halfway between `first` and `last`; β; σ and γ; with
+    `along` the tilt, and the places along at
+    `first`, at the impacts, and at `last`. `speeds` (flights - 1,) are v_j/v_1. A `shape` that is
+    known, with its `beta`, takes the place of H and of what β adds to it.
+    """
+
+    flights: int
+    along: bool
+    first: float
+    last: float
+    speeds: Floats
+    shape: Shape | None = None
+    beta: float = 0.0
+
+    @property
+    def contact(self) -> int:
+        return self.flights + 1
+
+    @property
+    def power(self) -> int:
+        return self.flights + 2
+
+    @property
+    def floor(self) -> int:
+        return self.flights + 3
+
+    @property
+    def fall(self) -> int:
+        return self.flights + 4
+
+    @property
+    def air(self) -> int:
+        return self.flights + 5
+
+    @property
+    def rise(self) -> int:
+        return self.flights + 6
+
+    @property
+    def growth(self) -> int:
+        return self.flights + 7
+
+    @property
+    def tilt(self) -> int:
+        return self.flights + 8
+
+    @property
+    def size(self) -> int:
+        return self.tilt + self.along * (self.flights + 2)
+
+    def beta_of(self, vector: Floats) -> float:
+        """β in 1/s²."""
+        return float(vector[self.air]) if self.shape is None else self.beta
+
+    def ends(
+        self, vector: Floats
+    ) -> tuple[Float[np.ndarray, "flights two"], Float[np.ndarray, "flights two size"]]:
+        """Start and end of each flight, and their derivatives."""
+        slope = np.zeros((self.flights, 2, self.size))
+        j = np.arange(self.flights)
+        slope[j, 0, j] = slope[j, 1, j + 1] = 1.0
+        half = self.speeds ** -vector[self.power] / 2
+        by_power = -vector[self.contact] * half * np.log(self.speeds)
+        slope[1:, 0, self.contact], slope[:-1, 1, self.contact] = half, -half
+        value = slope @ vector  # linear but for the power, whose part is not there yet
+        slope[1:, 0, self.power], slope[:-1, 1, self.power] = by_power, -by_power
+        return value, slope
+
+    def flight_of(self, vector: Floats, time: Floats) -> np.ndarray:
+        """The number of the flight in which each time lies."""
+        return np.searchsorted(vector[1 : self.flights], time)
+
+    def places(
+        self, vector: Floats, time: Floats
+    ) -> tuple[Float[np.ndarray, "n axes"], Float[np.ndarray, "n axes size"]]:
+        """Heights, and with them places along (n, 1 or 2), and their derivatives."""
+        n, flight = time.size, self.flight_of(vector, time)
+        ends, ends_slope = self.ends(vector)
+        start, end = ends.T
+        since, whole = time - start[flight], (end - start)[flight]
+        later, slope = time - (self.first + self.last) / 2, np.zeros((n, self.size))
+        size = 1 + vector[self.growth] * later
+        fall = vector[self.fall] * size
+        if self.shape is None:
+            plain, more, beta = parabola(since, whole), slowed(since, whole), self.beta_of(vector)
+            shape, by_since, by_whole = (a + beta * b for a, b in zip(plain, more, strict=True))
+            slope[:, self.air] = fall * more[0]
+        else:
+            shape, by_since, by_whole = self.shape(since, whole)
+        height = vector[self.floor] + vector[self.rise] * later + fall * shape
+        slope += (-fall * (by_since + by_whole))[:, None] * ends_slope[flight, 0]
+        slope += (fall * by_whole)[:, None] * ends_slope[flight, 1]
+        slope[:, self.floor], slope[:, self.fall] = 1.0, size * shape
+        slope[:, self.rise], slope[:, self.growth] = later, vector[self.fall] * later * shape
+        if not self.along:
+            return height[:, None], slope[:, None]
+        drift, drift_slope = self._drift(vector, time, flight, ends, ends_slope)
+        cos, sin = np.cos(vector[self.tilt]), np.sin(vector[self.tilt])
+        up, right = height * cos + drift * sin, drift * cos - height * sin
+        up_slope = slope * cos + drift_slope * sin
+        right_slope = drift_slope * cos - slope * sin
+        up_slope[:, self.tilt], right_slope[:, self.tilt] = right, -up
+        return np.stack([up, right], axis=1), np.stack([up_slope, right_slope], axis=1)
+
+    def _drift(
+        self,
+        vector: Floats,
+        time: Floats,
+        flight: np.ndarray,
+        ends: Float[np.ndarray, "flights two"],
+        ends_slope: Float[np.ndarray, "flights two size"],
+    ) -> tuple[Floats, Float[np.ndarray, "n size"]]:
+        knots = np.concatenate([[self.first], vector[1 : self.flights], [self.last]])
+        beta = self.beta_of(vector)
+        start, end = ends.T
+        now = _way(time, start[flight], end[flight], beta)
+        low, high = _way(knots[:-1], start, end, beta), _way(knots[1:], start, end, beta)
+        length = (high.value - low.value)[flight]
+        part = (now.value - low.value[flight]) / length
+        at = self.tilt + 1 + flight
+        change = (vector[at + 1] - vector[at]) / length
+
+        def by(name: str) -> Floats:
+            a, b = getattr(low, name)[flight], getattr(high, name)[flight]
+            return change * (getattr(now, name) - (1 - part) * a - part * b)
+
+        slope, rows = np.zeros((time.size, self.size)), np.arange(time.size)
+        slope += by("by_start")[:, None] * ends_slope[flight, 0]
+        slope += by("by_end")[:, None] * ends_slope[flight, 1]
+        slope[rows, at], slope[rows, at + 1] = 1 - part, part
+        if self.shape is None:
+            slope[:, self.air] = by("by_beta")
+        # The knots between the ends are impacts, which move.
+        inner = flight > 0
+        slope[rows[inner], flight[inner]] -= (change * (1 - part) * low.by_time[flight])[inner]
+        inner = flight < self.flights - 1
+        slope[rows[inner], flight[inner] + 1] -= (change * part * high.by_time[flight])[inner]
+        return vector[at] + (vector[at + 1] - vector[at]) * part, slope
+
+
+class _Way(NamedTuple):
+    """How far along its flight a ball is, of 1 as a whole, and the derivatives."""
+
+    value: Floats
+    by_time: Floats
+    by_start: Floats
+    by_end: Floats
+    by_beta: Floats
+
+
+def _way(time: Floats, start: Floats, end: Floats, beta: float) -> _Way:
+    since, whole = time - start, end - start
+    more, by_since, by_whole = lagging(since, whole)
+    by_time = 1 / whole + beta * by_since
+    by_end = -since / whole**2 + beta * by_whole
+    return _Way(since / whole + beta * more, by_time, -by_time - by_end, by_end, more)

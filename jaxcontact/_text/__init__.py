@@ -1,0 +1,1 @@
+"""Words, units, columns of text, progress and files."""

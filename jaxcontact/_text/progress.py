@@ -1,0 +1,127 @@
+"""Progress on stderr: a bar for counted work, and a line for each stage of a command."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import sys
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol
+
+_PATIENCE = 1.0
+"""Seconds: work that ends sooner shows no bar."""
+_TERMINAL, _FILE = 0.2, 10.0
+"""Seconds between two states of the bar, where they replace each other and in a file."""
+
+Listener = Callable[[int, int], None]
+"""A user's function of the work done and the whole work."""
+
+
+class Tell(Protocol):
+    """What the code that works calls: the work done so far, the whole if known, and a note."""
+
+    def __call__(self, done: int, total: int | None = None, note: str = "", /) -> None: ...
+
+
+@contextlib.contextmanager
+def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Iterator[Tell]:
+    """A context that gives the `Tell` to call while working.
+
+    `wanted`: True shows a bar on stderr once the work has lasted a second; None does so if stderr
+    is a terminal or this is a notebook; False shows nothing; a function is called with the work
+    done and the whole (None where that is unknown). The bar begins with `describe`, counts in
+    `unit`, shows the rate and, if the whole is known, the time left, and ends with the last note.
+    Raises ValueError for what is none of these.
+    """
+    require_progress(wanted)
+    if callable(wanted):
+        listener: Any = wanted
+        yield lambda done, total=None, note="", /: listener(done, total)
+        return
+    from .._parameter import as_flag
+
+    shows = as_flag(wanted)
+    watched = sys.stderr.isatty() or in_notebook()
+    if not (watched if shows is None else shows):
+        yield lambda done, total=None, note="", /: None
+        return
+    bar = _bar_type()(
+        desc=describe,
+        unit=f" {unit}",
+        unit_scale=True,
+        file=sys.stderr,
+        delay=_PATIENCE,
+        mininterval=_TERMINAL if watched else _FILE,
+        # Without a floor of steps, a note alone is shown too.
+        miniters=0,
+        dynamic_ncols=watched,
+    )
+
+    def tell(done: int, total: int | None = None, note: str = "", /) -> None:
+        bar.total = total
+        bar.set_postfix_str(note, refresh=False)
+        bar.update(done - bar.n)
+
+    with contextlib.closing(bar):
+        yield tell
+
+
+def require_progress(wanted: bool | Listener | None) -> None:
+    """Raise ValueError for what `progress_of` does not take."""
+    # Not at the top: the command line has stages, and its --help need not wait for JAX.
+    from .._parameter import as_flag, rendered
+
+    if not callable(wanted) and wanted is not None and as_flag(wanted) is None:
+        raise ValueError(
+            "Argument `progress` must be True, False, None or a function of two numbers, "
+            f"but is {rendered(wanted)}."
+        )
+
+
+def _bar_type() -> Any:
+    """The widget of notebooks where it can be shown, and the line of text elsewhere."""
+    if in_notebook() and importlib.util.find_spec("ipywidgets"):
+        from tqdm.notebook import tqdm
+    else:
+        from tqdm import tqdm
+    return tqdm
+
+
+def in_notebook() -> bool:
+    """Whether this runs in a cell of a notebook, whose stderr is no terminal but is shown."""
+    shell = sys.modules.get("IPython")
+    get = getattr(shell, "get_ipython", None)
+    return get is not None and getattr(get(), "kernel", None) is not None
+
+
+def stages_of(wanted: bool | Callable[[str], None]) -> Callable[[str], None]:
+    """What to call with each stage: a user's function, or `Stages` for True and False.
+
+    Raises ValueError for what is none of these.
+    """
+    if callable(wanted):
+        return wanted
+    from .._parameter import as_flag, rendered
+
+    shows = as_flag(wanted)
+    if shows is None:
+        raise ValueError(
+            "Argument `progress` must be True, False or a function of a text, but is "
+            f"{rendered(wanted)}."
+        )
+    return Stages(quiet=not shows)
+
+
+class Stages:
+    """Writes each stage of a command on stderr: "[  1.2 s] drawing ...", or nothing if `quiet`."""
+
+    def __init__(self, *, quiet: bool = False):
+        self._quiet = quiet
+        self._start = time.monotonic()
+
+    def __call__(self, stage: str) -> None:
+        """Announce a stage that may take more than a second."""
+        if not self._quiet:
+            seconds = time.monotonic() - self._start
+            print(f"[{seconds:5.1f} s] {stage} ...", file=sys.stderr, flush=True)

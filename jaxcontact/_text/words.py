@@ -1,0 +1,19 @@
+"""Words for counts and ranges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+Words = tuple[str, str]
+"""A noun phrase in the singular and in the plural."""
+
+
+def counted(count: int, words: Words) -> str:
+    """`1 trial`, `2 trials`, `0 trials`."""
+    return f"{count} {words[count != 1]}"
+
+
+def span(values: Sequence[float], unit: str = "") -> str:
+    """The range of values: `0.1 to 0.3 m`, or `0.1 m` where all are equal."""
+    low, high = f"{min(values):.3g}", f"{max(values):.3g}"
+    return f"{low if low == high else f'{low} to {high}'} {unit}".rstrip()
