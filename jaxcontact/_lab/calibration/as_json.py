@@ -1,4 +1,4 @@
-"""Plain dataclasses as JSON and back: strict, and with every number to its last bit."""
+"""JSON encoding of plain dataclasses: strict, every float exact to its last bit."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ..._laws import AbstractLaw, describe, get_law, list_laws, parameters_of
 
 
 class FormatError(ValueError):
-    """A file whose content does not have the format; the message names the field."""
+    """A file whose content does not match the format; the message names the field."""
 
 
 def dumps(value: Any, version: int) -> str:
-    """A dataclass as JSON text; ValueError for a number that is not finite where one is needed."""
+    """Return a dataclass as JSON text; raise ValueError for a non-finite number."""
     whole = {"format_version": version, **_encoded(value, type(value), "")}
     return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def loads(text: str, cls: type[Any], version: int) -> Any:
-    """The dataclass in JSON text; FormatError names whatever does not match it."""
+    """Return the dataclass encoded in JSON text; FormatError names any field that does not match."""
     try:
         data = json.loads(text, parse_constant=lambda name: _refuse("", f"holds {name}"))
     except json.JSONDecodeError as error:
@@ -41,7 +41,7 @@ def _refuse(where: str, what: str) -> typing.NoReturn:
 
 
 def _needed(hint: Any, value: Any) -> Any:
-    """The type that a value must have: of `X | None`, None for None and X for all else."""
+    """Return the required type of a value; for `X | None` and the value None, NoneType."""
     choices = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
     if value is None and types.NoneType in choices:
         return types.NoneType
