@@ -1,4 +1,4 @@
-"""Whether the data determine the kind of law with certainty."""
+"""Certainty of the choice of a kind of law."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BETTER = 0.05
 
 @dataclasses.dataclass(frozen=True)
 class Standing:
-    """Whether a choice of the law `kind` is `sure`; `containing` are the laws that contain it.
+    """Certainty of the choice of `kind`: it is `sure`; the laws `containing` it.
 
     The choice of X is sure if every law that does not contain X is excluded, no law that contains X
     is clearly better, and X describes the data.

@@ -76,7 +76,7 @@ def asked_of(delivered: float, standard_error: float | None, grid: Grid) -> tupl
 
 
 def _around(place: np.ndarray, e: np.ndarray, delivered: float) -> tuple[np.ndarray, ...]:
-    """Return the ends of the grid cell of each law that holds `delivered`, and their delivered e."""
+    """Return the ends of each law's grid cell that holds `delivered`, and their e."""
     rows = np.arange(len(e))
     cell = np.clip(np.sum(e < delivered, axis=1), 1, _GRID - 1)
     return place[rows, cell - 1], place[rows, cell], e[rows, cell - 1], e[rows, cell]
@@ -85,7 +85,7 @@ def _around(place: np.ndarray, e: np.ndarray, delivered: float) -> tuple[np.ndar
 def _on_grid(
     names: list[str], low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, list[np.ndarray | None]]:
-    """Return a grid from `low` to `high` (laws,), and what each law delivers (see `restitutions`)."""
+    """Return a grid from `low` to `high` (laws,), and the e of each law on it."""
     place = np.linspace(low, high, _GRID, axis=1)
     # By class: a name may be registered again.
     classes = tuple(describe(name).cls for name in names)

@@ -18,7 +18,7 @@ class Estimate:
     lacking: str = "not identifiable"
 
     def __str__(self) -> str:
-        """Return `0.8799 ± 0.0010 unit`: the error with two digits, the value with as many places."""
+        """Return `0.8799 ± 0.0010 unit`: two digits of the error, equal places of the value."""
         unit = f" {self.unit}" if self.unit else ""
         if self.standard_error is None:
             return f"{self.value:.3g}{unit} ({self.lacking})"

@@ -82,11 +82,11 @@ class AbstractKind(abc.ABC):
 
     @abc.abstractmethod
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
-        """Return the law with these parameters; `reference` in m/s is the speed of a power law's c."""
+        """Return the law of these parameters; `reference` in m/s is that of a power law's c."""
 
     @abc.abstractmethod
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
-        """Return what e(v) determines: parameter, name, factor to the parameter's value, and unit."""
+        """Return what e(v) determines: parameter, name, factor to its value, and unit."""
 
     def serves(self, exponent: float | Array) -> bool:
         """Return whether the curve is known for a contact with this exponent."""
@@ -95,7 +95,7 @@ class AbstractKind(abc.ABC):
     def restitution(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Float[Array, " n"]:
-        """Return e at closing speeds `velocity` in m/s; of a Hunt-Crossley law, from its α alone."""
+        """Return e at closing speeds `velocity` in m/s; by default from the law's α alone."""
         alpha = self.law_of(params, contact, reference).damping_factor(contact, velocity)
         # Without contact and speed `restitution` is one formula, which compiles in half the time.
         return jnp.broadcast_to(restitution(Damped(alpha=alpha)), velocity.shape)

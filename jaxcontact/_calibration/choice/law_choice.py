@@ -65,7 +65,7 @@ class LawFit:
 
     @property
     def said(self) -> str:
-        """What e(v) determines, in words."""
+        """The parameters that e(v) determines, in words."""
         parameters = [e for e in self.estimates if e.name in ("power", self.estimates[0].name)]
         return ", ".join(f"{e.name} = {e}" for e in parameters)
 
@@ -110,7 +110,7 @@ class ChoiceData:
 
     @property
     def yardstick(self) -> str:
-        """How much better any smooth curve of e(v) could be than the best law.
+        """The gain of any smooth curve of e(v) over the best law, in words.
 
         It is "" for few points, and if contact times or peak forces were fitted too.
         """

@@ -1,4 +1,4 @@
-"""Draws of a density by the no-U-turn sampler."""
+"""Draws from a density by the no-U-turn sampler."""
 
 from __future__ import annotations
 
@@ -14,40 +14,47 @@ from .density import Density
 from .mode import Mode
 
 _AT_ONCE = 100
-"""Draws of one call of the compiled program, which any number of them then shares."""
+"""Draws of one call of the compiled program, which any number of draws then shares."""
 
 _DEPTH = 8
-"""Doublings of a trajectory. Chains wait for each other, so a long one costs all of them."""
+"""Largest number of doublings of a trajectory. Chains wait for each other, so a long one costs all.
+"""
 
 _ACCEPTANCE = 0.95
-"""Of proposals, to which the step size is tuned: with 0.9 a few draws of every skewed density
-diverge, as that of a logarithm near its bound."""
+"""Target acceptance of the step size. At 0.9 a few draws of every skewed density diverge.
+
+An example is the density of a logarithm near its bound.
+"""
 
 _SPREAD = 2.0
-"""Of starts, in standard deviations of the normal approximation: chains that begin far apart and
-end alike have forgotten where they began."""
+"""Spread of the starts, in standard deviations of the normal approximation.
+
+Chains that begin far apart and end alike do not depend on their starts.
+"""
 
 _HALVINGS = 8
 _DEEPEST = 10.0
-"""Below that of the mode, for each coordinate: a normal density falls by 2 on average at a start.
-Where the approximation is far too wide a chain would never come back."""
+"""Largest depth of a start below the mode, per coordinate; a normal density falls by 2 on average.
+
+If the approximation is far too wide, a chain farther out would never return.
+"""
 
 _WINDOWS = 0.2, 0.5, 1.0
-"""Parts of the warm-up: the way into the density, its covariance, the step size for that."""
+"""Ends of the phases of the warm-up: approach, covariance, and step size for that covariance."""
 
 _PRIOR_DRAWS = 10
-"""The weight of the normal approximation in a covariance, in draws."""
+"""Weight of the normal approximation in a covariance, in draws."""
 
 
 class Frame(NamedTuple):
-    """Coordinates q in which the density is about standard normal: φ = centre + root q."""
+    """Coordinates q in which the density is nearly standard normal: φ = centre + root q."""
 
     centre: Float[Array, " m"]
     root: Float[Array, "m m"]
 
 
 class Chains(NamedTuple):
-    """Where chains stand: the sampler's state, that of its step size, the draws so far."""
+    """State of the chains: that of the sampler, that of its step size, and the draws so far."""
 
     state: Any
     step: Any
@@ -55,8 +62,9 @@ class Chains(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """q and φ (chains, draws, m), the parameters (chains, draws, k), divergences and evaluations of
-    the density.
+    """q and φ (chains, draws, m), the parameters (chains, draws, k), and counts.
+
+    The counts are divergences and evaluations of the density.
     """
 
     q: Float[np.ndarray, "chains draws m"]
@@ -67,8 +75,9 @@ class Draws(NamedTuple):
 
 
 def draw(density: Density, mode: Mode, chains: int, warmup: int, draws: int, seed: int) -> Draws:
-    """Draws of chains that began far apart, after a warm-up in which step size and covariance are
-    found by all chains together.
+    """Draw from chains that began far apart, after a warm-up.
+
+    In the warm-up all chains together find step size and covariance.
     """
     init, _, final = _averaging()
     frame = Frame(jnp.asarray(mode.centre), jnp.asarray(mode.root))
@@ -102,7 +111,7 @@ def _number(x: Any) -> Array:
 def _many(
     density: Density, frame: Frame, now: Chains, key: Array, count: int, adapting: bool
 ) -> tuple[Chains, Draws]:
-    """So many draws of each chain, some at a time, and where the chains then stand."""
+    """Draw `count` samples of each chain in batches; return the chains and the draws."""
     chains, m = now.state.position.shape
     k = len(density.problem.space.names)
     parts = [[np.zeros((0, chains, size))] for size in (m, m, k)]
@@ -120,7 +129,7 @@ def _many(
 
 @eqx.filter_jit
 def _begun(density: Density, frame: Frame, key: Array, chains: int) -> Any:
-    """States of chains around the mode, nearer where the density is too low farther out."""
+    """Return states of chains around the mode, nearer if the density is too low farther out."""
     import blackjax
 
     away = _SPREAD * jax.random.normal(jax.random.fold_in(key, 0), (chains, len(frame.centre)))
@@ -137,7 +146,10 @@ def _begun(density: Density, frame: Frame, key: Array, chains: int) -> Any:
 def _some(
     density: Density, frame: Frame, now: Chains, key: Array, count: Array, adapting: Array
 ) -> tuple[Chains, tuple[Array, Array, Array], Array]:
-    """The next `count` draws, at most `_AT_ONCE`: q, φ and values, divergences and evaluations."""
+    """Draw the next `count` samples, at most `_AT_ONCE`.
+
+    Returns the chains; q, φ and values; and divergences and evaluations.
+    """
     import blackjax
 
     kernel, log_density = blackjax.nuts.build_kernel(), _in(density, frame)
@@ -176,7 +188,7 @@ def _in(density: Density, frame: Frame) -> Any:
 
 
 def _reframed(frame: Frame, now: Chains, q: Float[np.ndarray, "n m"]) -> tuple[Frame, Chains]:
-    """Coordinates in which the draws q are about standard normal, and the chains in them."""
+    """Return coordinates in which the draws q are nearly standard normal, and the chains."""
     centre = q.mean(axis=0)
     scatter = (q - centre).T @ (q - centre) + _PRIOR_DRAWS * np.eye(len(centre))
     root = np.linalg.cholesky(scatter / (len(q) + _PRIOR_DRAWS))

@@ -24,7 +24,7 @@ def dumps(value: Any, version: int) -> str:
 
 
 def loads(text: str, cls: type[Any], version: int) -> Any:
-    """Return the dataclass encoded in JSON text; FormatError names any field that does not match."""
+    """Return the dataclass encoded in JSON text; raise FormatError for fields that differ."""
     try:
         data = json.loads(text, parse_constant=lambda name: _refuse("", f"holds {name}"))
     except json.JSONDecodeError as error:

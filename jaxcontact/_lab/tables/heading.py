@@ -33,7 +33,7 @@ class Meaning:
     remarks: bool = True
 
     def heading(self, text: str) -> Heading | None:
-        """Return the heading if it has this meaning: its words match, and its unit, if any, fits."""
+        """Return the heading if it has this meaning: words and unit (if any) match."""
         for words, unit in _readings(text):
             if self._says(words) and (unit is None or self._takes(unit)):
                 return Heading(text, unit)
@@ -46,7 +46,7 @@ class Meaning:
         return None
 
     def unknown_unit(self, text: str) -> str | None:
-        """Return the text in brackets after matching words if it is not a suitable unit, or None."""
+        """Return the text in brackets after matching words if it is no suitable unit."""
         found = _BRACKETS.fullmatch(text.strip())
         if found is None or self.unit is None or not self.remarks or not self._says(found[1]):
             return None

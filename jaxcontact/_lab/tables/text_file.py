@@ -136,7 +136,7 @@ def _labels(rows: list[Line]) -> tuple[list[str], list[Line]] | None:
 def _commented_heading(
     above: list[tuple[int, str]], read: _Reading, source: str, known: Known
 ) -> list[Line]:
-    """Return the last comment above the numbers if it is the heading, as `numpy.savetxt` writes it."""
+    """Return the last comment above the numbers if it is the heading (`numpy.savetxt`)."""
     if not above or any(known_cells(cells, known) for _, cells in read.rows):
         return []
     number, line = above[-1]
@@ -189,7 +189,7 @@ def _split(
 
 
 def _blanks(line: str) -> str:
-    """Return a line of blank-separated columns with single blanks, and units joined to their words."""
+    """Return a blank-separated line with single blanks, and units joined to their words."""
     parts = line.split()
     if all(map(is_number, parts)):
         return " ".join(parts) + "\n"
