@@ -1,4 +1,4 @@
-"""`jaxcontact export`: what to type into another simulator."""
+"""`jaxcontact export`: settings for another simulator."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def _asked(arguments: argparse.Namespace) -> tuple[Any, Contact | None]:
         given = [name for name in ("mass", "stiffness") if getattr(arguments, name) is not None]
         if not given:
             return known, None
-        # What is not given here is known there, or else asked for.
+        # Numbers not given here come from the calibration; otherwise they are required.
         for name in ("mass", "stiffness"):
             if getattr(arguments, name) is None and name in known.given:
                 setattr(arguments, name, float(getattr(known.contact, name)))

@@ -56,12 +56,12 @@ exit codes: 0 done; 1 the fit did not converge; 2 bad input.
 """
 
 _START = 0.7
-"""Of the parameter e of a law, where none is given."""
+"""Start of the parameter e of a law, if it is not given."""
 
 
 @dataclasses.dataclass(frozen=True)
 class _Problem:
-    """The columns of a problem, those of them that must be there, and how it is fitted."""
+    """The columns of a problem, the required ones among them, and its fit."""
 
     columns: tuple[str, ...]
     needed: tuple[str, ...]
@@ -83,7 +83,7 @@ def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     if own is not None and not sigmas:
         sigmas = {"sigma_e": own}
     if not sigmas and data.keys() == {"velocity", "e"}:
-        # Errors are the same part of each e, as in `calibrate`, for ln e to the third order.
+        # Errors are the same fraction of each e, as in `calibrate`, to third order in ln e.
         product = data["e"] * marked_in(data["velocity"], data["e"])[1]
         how["weights"] = {"e": np.where(product > 0, product, np.inf) ** -1.0}
     return fit_impacts(law, contact_asked(arguments, exponent), **data, **sigmas, **how)
@@ -240,7 +240,7 @@ def _read(
 
 
 def _without_marked(read: Columns) -> tuple[Mapping[str, Any], tuple[str, ...]]:
-    """The columns without what `calibrate` marks, and what they were read as."""
+    """Return the columns without the rows that `calibrate` marks, and the notes."""
     import numpy as np
 
     from ..._calibration.pairs.outliers import marked_in
@@ -258,7 +258,7 @@ def _without_marked(read: Columns) -> tuple[Mapping[str, Any], tuple[str, ...]]:
 def _read_bounces(
     arguments: argparse.Namespace, how: Mapping[str, Any]
 ) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
-    """The flights before and after each bounce; pairs off the trend are for `calibrate`."""
+    """Return the flights before and after each bounce; `calibrate` handles pairs off the trend."""
     import numpy as np
 
     from ..._flight import Flight
@@ -274,7 +274,7 @@ def _read_bounces(
         )
     kind, first, second = flights
     data: dict[str, Any] = {"kind": kind, "first": first, "second": second}
-    # The pairs of a track share the errors of its floor and scale, which no scatter shows.
+    # The pairs of a track share errors of its floor and scale, which scatter cannot show.
     if pairs.covariance is not None and (pairs.absolute or recording.tracks):
         size = np.sqrt(np.diag(pairs.covariance))
         data |= {"sigma": size, "correlation": pairs.covariance / np.outer(size, size)}
