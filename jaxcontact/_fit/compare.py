@@ -114,8 +114,8 @@ def compare_fits(
 
     With known noise AIC = 2 loss + 2k, without it n ln(2 loss/n) - Σ ln w + 2(k+1) for weights w.
     AICc adds the small-sample term; k counts the identifiable parameters. Cross-validation repeats
-    each fit without one of `folds` parts. They are drawn from `seed`, or with `groups` (points,)
-    made of whole groups (such as the trials of an experiment), so that points of one group are
+    each fit without one of `folds` parts, which are drawn from `seed`. With `groups` (points,), the
+    parts consist of whole groups, such as the trials of an experiment. Points of one group are then
     never on both sides. If the fits have `groups`, a difference of AICc must be clear by group.
 
     Arguments: the `fits` by name, with the same data and weights. Returns a `Comparison`, which

@@ -1,6 +1,6 @@
 """The laboratory: recordings and instrument records are read, calibrated, reported and drawn.
 
-No module outside imports it: laws, impacts, scenes, fits and calibrations of arrays work without
+No lower room imports it: laws, impacts, scenes, fits and calibrations of arrays work without
 it. Names are loaded on first use.
 """
 

@@ -56,7 +56,7 @@ def sure_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind]) -> Standing 
 def rivals_of(
     fits: Mapping[str, Fit], kinds: Sequence[AbstractKind], best: str | None, sure: Standing | None
 ) -> tuple[str, ...]:
-    """Return the converged laws beside the best that are not ruled out."""
+    """Return the converged laws other than the best that are not ruled out."""
     if best is None or sure is not None:
         return ()
     return tuple(n for n in standing_of(fits, kinds, best).rivals if fits[n].converged)

@@ -51,37 +51,41 @@ def choose_law(
 ) -> LawChoice:
     """Fit every kind of law to restitution over closing speed, and choose one.
 
-    Laws fall into kinds by e(v): a constant e, which most of them deliver (each for a different
-    parameter e); a constant c, with α = c v/K (also Marhefka and Orin's law, with a = c/K); c as a
-    power of v; 1 - b v^p; and, for n = 3/2, Kuwabara and Kono's, and Thornton's of elastic-plastic
-    spheres.
+    Laws of one kind have the same form of e(v):
 
-    Three more are compared with a constant e if `law` names them: "bridges", of min(1, a v^-p),
-    which few tables separate from that of plastic spheres; and, for n = 3/2, "linear_dashpot" and
-    "step_damping".
+    - a constant e, which most laws deliver (each for a different parameter e);
+    - a constant c, with α = c v/K (also Marhefka and Orin's law, with a = c/K);
+    - c as a power of v;
+    - 1 - b v^p;
+    - for n = 3/2, Kuwabara and Kono's law, and Thornton's law of elastic-plastic spheres.
+
+    Three more are compared with a constant e if `law` names them. "bridges" is min(1, a v^-p),
+    which few tables separate from the curve of plastic spheres. "linear_dashpot" and "step_damping"
+    need n = 3/2.
 
     One fit for each kind minimises Σ ((ln e_k - ln e(v_k))/σ_k)². It is the same calibration that
-    `jaxcontact calibrate` and `calibrate` make of the table. Measured contact times or peak forces
-    are fitted as logarithms together with ln e, and the stiffness with them. They are those of the
-    force of each law. For 1 - b v^p, a v^-p and a constant e the Hunt-Crossley member that delivers
-    the same e is used, and for Thornton's spheres his force.
+    `jaxcontact calibrate` and `calibrate` make of the table. Logarithms of measured contact times
+    and peak forces are fitted together with ln e, and then the stiffness is fitted too. They are
+    computed from the force of each law. For 1 - b v^p, a v^-p and a constant e, that is the
+    Hunt-Crossley member that delivers the same e; for Thornton's spheres it is his force.
 
     Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may raise a
     measured one above 1), both (points,). Mass and stiffness of the `contact` are taken as known
     (e(v) determines only c/K and A (K/m)^(2/5)). `law`: "all" or the name of one law, as in
     `calibrate`. `duration` in s and `max_force` in N (points,), NaN if not measured.
 
-    `sigma`, standard deviations of e, with `sigma_duration` and `sigma_max_force`, relative to
-    their column; or relative `weights` of e (by default, the scatter about a trend). `groups`
-    (points,), the trial of each point, by default one for each. With at least 8 trials, standard
-    errors and the comparison allow for correlation within a trial. `mark_outliers`, whether points
-    more than 6 robust standard deviations off the trend are left out. Other keywords go to `fit`
-    (`optimizer`, `starts`, ...), for all kinds.
+    `sigma`: standard deviations of e; with it, `sigma_duration` and `sigma_max_force` relative to
+    their column. `weights`: relative weights of e instead (by default, the scatter about a trend).
+    `groups` (points,): the trial of each point, by default one for each. With at least 8 trials,
+    standard errors and the comparison allow for correlation within a trial. `mark_outliers`:
+    whether points more than 6 robust standard deviations off the trend are left out. Other keywords
+    go to `fit` (`optimizer`, `starts`, ...), for all kinds.
 
     The held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits,
-    groups=...)` leaves out other groups. The choice is `sure` of a law if every law that does not
-    contain it is excluded (p < 0.01), no law that contains it is clearly better (p < 0.05), and it
-    describes the data. A free smooth curve shows how much better any law could be.
+    groups=...)` leaves out other groups. The choice is `sure` of a law under three conditions.
+    Every law that does not contain it is excluded (p < 0.01). No law that contains it is clearly
+    better (p < 0.05). It describes the data. A free smooth curve shows how much better any law
+    could be.
 
     Returns a `LawChoice`, which prints as a table with a verdict and which `jc.plot.choice` draws.
     Raises ValueError for columns that do not match or are out of range, for fewer than 4 points,

@@ -51,7 +51,7 @@ WIDEST_LOGARITHM = 2.0
 
 _LEAST_E = 1e-6
 _SHORTEST = 256
-"""Compiling takes a thousand times as long as fitting so many points."""
+"""Least padded length; compiling takes a thousand times as long as fitting it."""
 
 
 @dataclasses.dataclass(frozen=True)

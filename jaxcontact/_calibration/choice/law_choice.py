@@ -75,15 +75,14 @@ class ChoiceData:
     """All kinds of laws on the same pairs, as plain data.
 
     `count` of pairs. `candidates`, the comparison in the order of AICc (see `compare_fits`).
-    `best`, the kind to use, None if no fit converged. `sure`, whether the data leave no doubt of
-    it: every law that does not contain it is excluded, no law that contains it is clearly better,
-    and it describes the data. `verdict`, the same in words.
+    `best`, the kind to use, None if no fit converged. `sure`, whether the data determine `best`
+    with certainty (see `choose_law`), and `verdict`, the same in words.
 
     `laws`, the fits in the order in which they were made, a constant e first. `line`, the trend
     without a law. `free`, the smooth curve that shows how much better any law could be. `asked`,
     the e to set in each law of constant e to deliver the fitted constant e. `next_measurement`, in
-    words, what would settle an undecided choice. `rivals`, the laws beside the best that are not
-    ruled out.
+    words, the measurement that would settle an undecided choice. `rivals`, the laws other than the
+    best that are not ruled out.
     """
 
     count: int

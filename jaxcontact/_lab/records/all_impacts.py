@@ -77,7 +77,7 @@ def fitted_impacts(
 
 
 class WeighedImpacts(NamedTuple):
-    """As `Weighed`, with the largest forces as a column beside e; the correlation is (2n, 2n)."""
+    """`Weighed` with the largest forces as an additional column; the correlation is (2n, 2n)."""
 
     noise: Noise
     weights: Floats

@@ -1,8 +1,8 @@
 """Instrument noise: low-pass filters correlate it, and resolution steps round readings.
 
-Noise with standard deviation σ, of which a low-pass filter has passed the share s, has the
-covariance C = σ² ((1 - s) I + s R), where R is the correlation behind the filter. Rounding to steps
-q with a uniformly random zero adds
+Noise of standard deviation σ has the covariance C = σ² ((1 - s) I + s R). The share s has passed a
+low-pass filter, and R is the correlation behind it. Rounding to steps q with a uniformly random
+zero adds
 
     Q_ij = Σ_k q²/(2π²k²) cos(2πk (μ_i - μ_j)/q) exp(-2π²k² (C_ii + C_jj - 2 C_ij)/q²)
 
@@ -10,9 +10,9 @@ for readings with expectation μ. This is q²/12 for each reading, shared by rea
 neither signal nor noise moves by a step. It is the covariance of the Fourier series of rounding
 (Widrow, Kollár & Liu 1996, doi 10.1109/19.492748).
 
-Fits weigh readings as if rounding were independent. Weights Q⁻¹ would cancel rounding errors by the
-position within a step that the fit itself predicts, and the fit would be overconfident. Standard
-errors are computed with Q.
+Fits weight readings as if rounding were independent. Weights Q⁻¹ would cancel rounding errors by
+the position within a step that the fit itself predicts, and the fit would be overconfident.
+Standard errors are computed with Q.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def require_filterable(name: str, readings: Column | None) -> None:
 
 
 def _thinned(size: int) -> str:
-    """Return the thinning that reduces so many readings to what a matrix can hold."""
+    """Return the thinning that reduces the readings to the size of a matrix, as text."""
     every = math.ceil(size / _MOST)
     return f"every {every}{_ORDINALS.get(every, 'th')}"
 

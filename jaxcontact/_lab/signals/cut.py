@@ -141,7 +141,7 @@ def _quiet(height: Floats, noise: float, width: int) -> np.ndarray:
 
 
 def _contacts(mean: Floats, noise: float) -> list[Cut]:
-    """Return the peaks that exceed the noise and the dips beside them."""
+    """Return the peaks that exceed the noise and the adjacent dips."""
     from scipy.signal import find_peaks, peak_prominences
 
     # SciPy does not find a plateau at the edge of a record.
