@@ -17,8 +17,7 @@ _AT_ONCE = 100
 """Draws of one call of the compiled program, which any number of draws then shares."""
 
 _DEPTH = 8
-"""Largest number of doublings of a trajectory. Chains wait for each other, so a long one costs all.
-"""
+"""Most doublings of a trajectory. Chains wait for each other, so a long one costs all."""
 
 _ACCEPTANCE = 0.95
 """Target acceptance of the step size. At 0.9 a few draws of every skewed density diverge.

@@ -39,8 +39,7 @@ _REFUSED = 16
 """Refused steps in a row after which the search ends; each is a quarter of the last."""
 
 _NARROWINGS = 12
-"""Iterations of the damping for a step as long as the radius within a tenth; three usually suffice.
-"""
+"""Iterations of the damping for a step within 10 % of the radius; three usually suffice."""
 
 
 class Here(NamedTuple):

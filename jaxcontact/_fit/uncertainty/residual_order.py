@@ -177,9 +177,7 @@ def share_left(
 
 
 def _of_neighbours(z: Float[np.ndarray, "draws m"]) -> Float[np.ndarray, " draws"]:
-    """Return weighted products of neighbours, up to about half of √m apart; adjacent ones weigh
-    most.
-    """
+    """Return weighted products of neighbours up to about √m/2 apart; the nearest weigh most."""
     m = z.shape[1]
     far = max(1, min(round(math.sqrt(m) / 2), m - 1))
     return sum(

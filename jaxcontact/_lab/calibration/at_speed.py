@@ -33,9 +33,7 @@ class AtSpeed:
 def at_speeds(
     fit: Fit, others: Iterable[Fit], kept: np.ndarray, asked: Sequence[float]
 ) -> tuple[AtSpeed, ...]:
-    """Return e at the slowest and the fastest of the `kept` speeds (m/s), and at the speeds
-    `asked`.
-    """
+    """Return e at the slowest and the fastest `kept` speed (m/s), and at those `asked`."""
     ends = float(kept.min()), float(kept.max())
     speeds = np.array([*ends, *asked])
     n, at = len(speeds), padded(speeds, ends[0])

@@ -65,9 +65,7 @@ class Calibration:
 
     @property
     def contact(self) -> Contact:
-        """The contact of `law`, with the given mass and stiffness; numbers that were not given are
-        1.
-        """
+        """The contact of `law`; mass or stiffness is 1 if it was not given or fitted."""
         return self.summary.contact
 
     @property

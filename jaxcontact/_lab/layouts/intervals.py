@@ -212,9 +212,7 @@ class Intervals(Layout[Interval]):
     def guess(
         self, records: Sequence[tuple[Interval, ...]], flagged: np.ndarray, e: float
     ) -> Mapping[int, str]:
-        """Return spurious, missed and shifted triggers, from the intervals around each flagged
-        pair.
-        """
+        """Return probable trigger faults, from the intervals around each flagged pair."""
         at = {(r.group, r.bounce): r.seconds for couple in records for r in couple}
         guesses = {}
         for k in map(int, np.flatnonzero(flagged)):

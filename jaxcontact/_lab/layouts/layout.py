@@ -48,9 +48,7 @@ R = TypeVar("R", bound=Record)
 
 
 class ReadingError(NamedTuple):
-    """A reading error: unit, printed unit (`factor` · σ in `shown`), and the quantity it belongs
-    to.
-    """
+    """A reading error: its unit, its printed form (`factor` · σ in `shown`), its quantity."""
 
     unit: str
     shown: str

@@ -113,9 +113,7 @@ def _modes(order: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _half(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return one pole of each conjugate pair, with twice its residue; the real part is the
-    response.
-    """
+    """Return one pole of each conjugate pair, with twice its residue."""
     poles, residues = _modes(order)
     kept = np.arange(order) < (order + 1) // 2
     alone = 2 * np.arange(order) + 1 == order

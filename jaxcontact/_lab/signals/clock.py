@@ -16,8 +16,7 @@ CLOCK = Meaning(
 )
 
 _SLOWEST = 2e-3
-"""Longest step in s; contacts are shorter than eight such steps, so longer ones mean another unit.
-"""
+"""Longest plausible step in s; contacts are shorter than eight of them."""
 
 _UNEVEN = 0.5
 """Tolerance in steps for even times, which are written with few digits."""

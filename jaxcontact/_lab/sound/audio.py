@@ -40,9 +40,7 @@ class Audio(NamedTuple):
         return self.frames / self.rate
 
     def blocks(self) -> Iterator[Samples]:
-        """Yield all frames in blocks of a few seconds, so that a long file does not fill the
-        memory.
-        """
+        """Yield all frames in blocks, so that a long file does not fill the memory."""
         for start in range(0, self.frames, _BLOCK):
             yield self.read(start, min(_BLOCK, self.frames - start))
 

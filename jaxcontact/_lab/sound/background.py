@@ -26,8 +26,7 @@ _QUIET = 0.3
 """Quantile over segments, at each frequency, that counts as background."""
 
 _RANGE = 1e-5
-"""Relative floor of the spectrum; weaker frequencies, as above a coding limit, are not raised more.
-"""
+"""Relative floor of the spectrum; limits gain at weak frequencies, as in coded files."""
 
 _LEAST = 1e-11
 """Variance of rounding to 16 bits, at full scale 1."""

@@ -25,8 +25,7 @@ _UNSURE = 2e-4
 """Timing error in s above which an impact is doubtful."""
 
 _MOST_EVEN = 0.985
-"""Largest median ratio of intervals of a ball; more even sounds are those of a voice or a machine.
-"""
+"""Largest median ratio of intervals of a ball; voices and machines are more even."""
 
 _FREE, _FAR = 3e-3, 6.0
 """Tolerance of ln(ratio) of flights, absolute and in standard deviations."""

@@ -29,9 +29,7 @@ class Match:
         return sheet.rows(self.places, self.headings)
 
     def notes(self) -> tuple[str, ...]:
-        """Return which headings were assigned or converted, unless the heading is the column's
-        name.
-        """
+        """Return which headings were assigned or converted, if not the column's name."""
         told = []
         for name, heading in self.headings.items():
             unit = heading.unit
