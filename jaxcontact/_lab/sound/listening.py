@@ -81,7 +81,7 @@ def listen(source: pathlib.Path | bytes | Audio) -> Sound:
 def _drops(
     audio: Audio, filters: Whitener, rises: Rises
 ) -> tuple[tuple[tuple[Bounce, ...], ...], tuple[Other, ...]]:
-    """Return the drops, clearest first; sounds within a drop are not used for others."""
+    """Find the clearest drop first, then others, and return them in order of time."""
     left, drops, others, spans = rises, [], [], []
     tries = _TRIES
     while tries and (series := best_series(left)) is not None:
