@@ -114,9 +114,9 @@ def measured(
             "is None."
         )
     if sigmas:
-        return {"data": data, "sigma": _filled(data, sigmas, np.inf)}
+        return {"data": data, "sigma": _fill_gaps(data, sigmas, np.inf)}
     weights = {name: weight(values) for name, values in data.items()}
-    return {"data": data, "weights": _filled(data, weights, 0.0)}
+    return {"data": data, "weights": _fill_gaps(data, weights, 0.0)}
 
 
 def with_transforms(own: Mapping[str, Any], how: dict[str, Any]) -> dict[str, Any]:
@@ -140,7 +140,7 @@ def with_transforms(own: Mapping[str, Any], how: dict[str, Any]) -> dict[str, An
     return how | {"transforms": {**own, **(given or {})}}
 
 
-def _filled(
+def _fill_gaps(
     data: dict[str, Column], numbers: Mapping[str, Any], missing: float
 ) -> dict[str, Column]:
     """Return `numbers` for each point of the columns, and `missing` for gaps."""

@@ -82,8 +82,8 @@ def shared_noise(
     the two standard deviations is averaged with the weight L.
     """
     unit = float(np.mean(np.diag(shape)[used]))
-    shares, to_parameters, residual = _linear(found, used, shape / unit)
-    angle = _seen(shares, to_parameters, residual[:, None]).angle[0]
+    shares, to_parameters, residual = _linearise(found, used, shape / unit)
+    angle = _weigh_shares(shares, to_parameters, residual[:, None]).angle[0]
     share = float(np.sin(angle) ** 2)
     whole = (1 - share) * np.eye(used.size) + share * shape / unit
     size = np.sqrt(np.diag(whole))
@@ -99,14 +99,16 @@ def widening(found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, 
     10.1093/biomet/74.3.457).
     """
     unit = float(np.mean(np.diag(shape)[used]))
-    shares, to_parameters, residual = _linear(found, used, shape / unit)
-    seen = _seen(shares, to_parameters, residual[:, None])
+    shares, to_parameters, residual = _linearise(found, used, shape / unit)
+    seen = _weigh_shares(shares, to_parameters, residual[:, None])
     n, rank = shares.slope.shape
     draws = int(_DRAWS * min(1, _MANY / n))
     noise = np.random.default_rng(0).normal(size=(n, draws))
     ratios, weights = [], []
     for variance in shares.variance[::_EVERY]:
-        one = _seen(shares, to_parameters, shares.vectors @ (np.sqrt(variance)[:, None] * noise))
+        one = _weigh_shares(
+            shares, to_parameters, shares.vectors @ (np.sqrt(variance)[:, None] * noise)
+        )
         ratios.append(np.log(np.maximum(np.abs(one.moved), _NOTHING) / np.sqrt(one.whole)))
         weights.append(one.weight)
 
@@ -132,7 +134,7 @@ def slope_of(found: Fit) -> Float[np.ndarray, "n k"]:
     return slope / np.where(factor > 0, factor, 1)[:, None]
 
 
-def _linear(
+def _linearise(
     found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, "n n"]
 ) -> tuple[_Shares, Float[np.ndarray, "k rank"], Float[np.ndarray, " n"]]:
     """Linearise the fit about its end.
@@ -157,7 +159,7 @@ def _shares_of(shape: Float[np.ndarray, "n n"], slope: Float[np.ndarray, "n rank
     return _Shares(vectors, variance, slope, np.linalg.inv(information), -volume / 2)
 
 
-def _seen(
+def _weigh_shares(
     shares: _Shares, to_parameters: Float[np.ndarray, "k rank"], r: Float[np.ndarray, "n draws"]
 ) -> _Seen:
     r, precision = shares.vectors.T @ r, 1 / shares.variance

@@ -49,7 +49,7 @@ def without_wrong_pairs(fitted: Callable[..., Fit], how: dict[str, Any], reading
     seen: set[bytes] = set()
     while True:
         seen.add(keep.tobytes())
-        found = fitted(**_only(keep, how))
+        found = fitted(**_without_weight(keep, how))
         if not found.converged or len(seen) > _ROUNDS:
             break
         residual = np.asarray(found.predict()) - np.log(second)
@@ -57,10 +57,10 @@ def without_wrong_pairs(fitted: Callable[..., Fit], how: dict[str, Any], reading
         keep = np.abs(residual) <= THRESHOLD * noise.sigma(factor)
         if keep.tobytes() in seen:
             break
-    return _told(found, int(np.count_nonzero(~keep)), keep.size)
+    return _note_wrong_pairs(found, int(np.count_nonzero(~keep)), keep.size)
 
 
-def _only(keep: Bool[np.ndarray, " n"], how: dict[str, Any]) -> dict[str, Any]:
+def _without_weight(keep: Bool[np.ndarray, " n"], how: dict[str, Any]) -> dict[str, Any]:
     """Return the arguments of `fit` with zero weight for other pairs."""
     if how.get("sigma") is not None:
         sigma = for_each(how["sigma"], "sigma", keep.size)
@@ -70,7 +70,7 @@ def _only(keep: Bool[np.ndarray, " n"], how: dict[str, Any]) -> dict[str, Any]:
     return {"weights": np.where(keep, weights, 0.0)}
 
 
-def _told(found: Fit, wrong: int, count: int) -> Fit:
+def _note_wrong_pairs(found: Fit, wrong: int, count: int) -> Fit:
     if not wrong:
         return found
     pairs = f"{wrong} of {count} pairs lie more than {THRESHOLD:g} standard deviations off"

@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     from ..._export import export
     from ..._text.table import wrapped
 
-    law, contact = _asked(arguments)
+    law, contact = _law_and_contact(arguments)
     options = dict(arguments.option)
     if arguments.radius is not None:
         options["radius"] = arguments.radius
@@ -124,7 +124,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     return 0
 
 
-def _asked(arguments: argparse.Namespace) -> tuple[Any, Contact | None]:
+def _law_and_contact(arguments: argparse.Namespace) -> tuple[Any, Contact | None]:
     from ..._laws import get_law
 
     if (arguments.calibration is None) == (arguments.law is None):

@@ -79,7 +79,7 @@ def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     data = dict(data)
     own = data.pop("sigma", None)
     sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
-    how = _held(arguments) | _robust(arguments)
+    how = _fixed(arguments) | _robust(arguments)
     if own is not None and not sigmas:
         sigmas = {"sigma_e": own}
     if not sigmas and data.keys() == {"velocity", "e"}:
@@ -115,7 +115,7 @@ def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
     contact = contact_asked(arguments, exponent)
     columns = {name: values for name, values in data.items() if name != "time"}
-    how = _held(arguments) | _robust(arguments)
+    how = _fixed(arguments) | _robust(arguments)
     return fit_record(data["time"], law, contact, arguments.velocity, **columns, **sigmas, **how)
 
 
@@ -309,7 +309,7 @@ def _sigmas(arguments: argparse.Namespace, data: Mapping[str, Any]) -> dict[str,
     return given
 
 
-def _held(arguments: argparse.Namespace) -> dict[str, Any]:
+def _fixed(arguments: argparse.Namespace) -> dict[str, Any]:
     return {} if arguments.hold is None else {"fixed": ("mass", *arguments.hold)}
 
 

@@ -82,18 +82,18 @@ def draw(density: Density, mode: Mode, chains: int, warmup: int, draws: int, see
     frame = Frame(jnp.asarray(mode.centre), jnp.asarray(mode.root))
     key = jax.random.key(seed)
     step = jax.tree.map(_number, init(jnp.asarray(0.5)))
-    now = Chains(_begun(density, frame, key, chains), step, jnp.zeros((), int))
+    now = Chains(_starting_states(density, frame, key, chains), step, jnp.zeros((), int))
     evaluations, done = chains * (_HALVINGS + 1), 0
     for part in _WINDOWS:
         count = round(part * warmup) - done
         done += count
-        now, drawn = _many(density, frame, now, key, count, True)
+        now, drawn = _draw_batches(density, frame, now, key, count, True)
         evaluations += drawn.evaluations
         if part == _WINDOWS[1] and drawn.q.size:
-            frame, now = _reframed(frame, now, drawn.q.reshape(-1, drawn.q.shape[-1]))
+            frame, now = _change_frame(frame, now, drawn.q.reshape(-1, drawn.q.shape[-1]))
         if done < warmup:
             now = now._replace(step=jax.tree.map(_number, init(final(now.step))))
-    _, drawn = _many(density, frame, now, key, draws, False)
+    _, drawn = _draw_batches(density, frame, now, key, draws, False)
     return drawn._replace(evaluations=evaluations + drawn.evaluations)
 
 
@@ -107,7 +107,7 @@ def _number(x: Any) -> Array:
     return jnp.asarray(x, float)
 
 
-def _many(
+def _draw_batches(
     density: Density, frame: Frame, now: Chains, key: Array, count: int, adapting: bool
 ) -> tuple[Chains, Draws]:
     """Draw `count` samples of each chain in batches; return the chains and the draws."""
@@ -118,7 +118,7 @@ def _many(
     for begin in range(0, count, _AT_ONCE):
         some = min(_AT_ONCE, count - begin)
         flags = jnp.asarray(some), jnp.asarray(adapting)
-        now, new, counted = _some(density, frame, now, key, *flags)
+        now, new, counted = _draw_batch(density, frame, now, key, *flags)
         counts += np.asarray(counted)
         for part, more in zip(parts, new, strict=True):
             part.append(np.asarray(more)[:some])
@@ -127,7 +127,7 @@ def _many(
 
 
 @eqx.filter_jit
-def _begun(density: Density, frame: Frame, key: Array, chains: int) -> Any:
+def _starting_states(density: Density, frame: Frame, key: Array, chains: int) -> Any:
     """Return states of chains around the mode, nearer if the density is too low farther out."""
     import blackjax
 
@@ -142,7 +142,7 @@ def _begun(density: Density, frame: Frame, key: Array, chains: int) -> Any:
 
 
 @eqx.filter_jit
-def _some(
+def _draw_batch(
     density: Density, frame: Frame, now: Chains, key: Array, count: Array, adapting: Array
 ) -> tuple[Chains, tuple[Array, Array, Array], Array]:
     """Draw the next `count` samples, at most `_AT_ONCE`.
@@ -186,7 +186,7 @@ def _in(density: Density, frame: Frame) -> Any:
     return lambda q: density(frame.centre + frame.root @ q)
 
 
-def _reframed(frame: Frame, now: Chains, q: Float[np.ndarray, "n m"]) -> tuple[Frame, Chains]:
+def _change_frame(frame: Frame, now: Chains, q: Float[np.ndarray, "n m"]) -> tuple[Frame, Chains]:
     """Return coordinates in which the draws q are nearly standard normal, and the chains."""
     centre = q.mean(axis=0)
     scatter = (q - centre).T @ (q - centre) + _PRIOR_DRAWS * np.eye(len(centre))

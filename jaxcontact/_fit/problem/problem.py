@@ -50,8 +50,8 @@ class Problem(eqx.Module):
         shapes = shapes_of(got)
         if shapes != self.shapes:
             raise ValueError(
-                f"Argument `predict` must return the shape of `data`, {_shown(self.shapes)}, but "
-                f"returns {_shown(shapes)}."
+                f"Argument `predict` must return the shape of `data`, {_text_of(self.shapes)}, but "
+                f"returns {_text_of(shapes)}."
             )
         return flattened(got)
 
@@ -131,5 +131,5 @@ def shapes_of(tree: Any) -> tuple[tuple[int, ...], ...]:
     return tuple(np.shape(leaf) or (1,) for leaf in jax.tree.leaves(tree))
 
 
-def _shown(shapes: tuple[tuple[int, ...], ...]) -> str:
+def _text_of(shapes: tuple[tuple[int, ...], ...]) -> str:
     return str(shapes[0]) if len(shapes) == 1 else str(shapes)

@@ -94,7 +94,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
         raise ValueError(
             f"Argument `start` must be a tree of numbers, but is {rendered(start)}."
         ) from error
-    chosen = _chosen(start, transforms)
+    chosen = _leaf_transforms(start, transforms)
     names, units, coordinates, shapes, others, ends, theta = [], [], [], [], [], [], []
     for (path, leaf), given in zip(paths, chosen, strict=True):
         if not _is_end(given):
@@ -102,7 +102,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
                 "Argument `transforms` must hold `Free`, `Positive`, `Between` or `Fixed`, but "
                 f"holds {rendered(given)}."
             )
-        transform = given or _declared(start, path)
+        transform = given or _declared_transform(start, path)
         if not _is_fitted(leaf) or isinstance(transform, Fixed):
             shapes.append(None)
             others.append(jnp.asarray(float(leaf)) if type(leaf) is float else leaf)
@@ -167,10 +167,10 @@ def _is_fitted(leaf: Any) -> bool:
     return isinstance(leaf, int | float | complex | np.number) or hasattr(leaf, "__array__")
 
 
-def _chosen(start: Any, transforms: Any) -> list[Any]:
+def _leaf_transforms(start: Any, transforms: Any) -> list[Any]:
     """Return the transform given for each leaf, None without one."""
     if isinstance(transforms, dict):
-        return _named(start, transforms)
+        return _transforms_by_name(start, transforms)
     chosen = []
 
     def give(transform: Any, part: Any) -> None:
@@ -186,7 +186,7 @@ def _chosen(start: Any, transforms: Any) -> list[Any]:
     return chosen
 
 
-def _named(start: Any, transforms: dict[str, Any]) -> list[Any]:
+def _transforms_by_name(start: Any, transforms: dict[str, Any]) -> list[Any]:
     """Return transforms by the name of a number, or of its owner."""
     names = names_in(start)
     chosen = [None] * len(names)
@@ -208,7 +208,7 @@ def _is_end(x: Any) -> bool:
     return x is None or isinstance(x, AbstractTransform)
 
 
-def _declared(start: Any, path: tuple[Any, ...]) -> AbstractTransform:
+def _declared_transform(start: Any, path: tuple[Any, ...]) -> AbstractTransform:
     """Return the transform for the range that a module declares for its field."""
     allowed = _declaration(start, path).get("allowed")
     return Free() if allowed is None else of_range(allowed)

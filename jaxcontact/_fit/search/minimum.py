@@ -64,16 +64,16 @@ class Found(NamedTuple):
 
 def found_from(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
     """Search from `start`, and compute the distance of its end from a minimum."""
-    return _judged(problem, _searched(problem, start, options), options.rtol, jnp)
+    return _assess(problem, _run_search(problem, start, options), options.rtol, jnp)
 
 
-def _searched(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
+def _run_search(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
     path, end = search(problem, start, options)
     values = problem.space.values(path.theta)
     return Found(*path, path.theta[0], end.z, end.jacobian, values, end.prediction)
 
 
-def _judged(problem: Problem, found: Found, rtol: Float[Numbers, ""], xp: Any) -> Found:
+def _assess(problem: Problem, found: Found, rtol: Float[Numbers, ""], xp: Any) -> Found:
     loss = xp.sum(xp.square(shortened(found.z, problem.threshold, xp))) / 2
     return with_step(problem, found._replace(loss=loss), found.jacobian, rtol, xp)
 
@@ -81,10 +81,10 @@ def _judged(problem: Problem, found: Found, rtol: Float[Numbers, ""], xp: Any) -
 _FEW_POINTS = 1000
 """Largest number of data whose fit takes longer to compile than to run."""
 
-_compiled = eqx.filter_jit(_searched)
-_quickly_compiled = quick(_searched)
-_soon_compiled = soon_compiled(_searched)
-_compiled_all = eqx.filter_jit(eqx.filter_vmap(_searched, in_axes=(None, 0, None)))
+_compiled = eqx.filter_jit(_run_search)
+_quickly_compiled = quick(_run_search)
+_soon_compiled = soon_compiled(_run_search)
+_compiled_all = eqx.filter_jit(eqx.filter_vmap(_run_search, in_axes=(None, 0, None)))
 
 
 def find(problem: Problem, start: Float[np.ndarray, " k"], options: Options) -> Found:
@@ -99,7 +99,7 @@ def find(problem: Problem, start: Float[np.ndarray, " k"], options: Options) -> 
         searched = _quickly_compiled
     found = in_numpy(searched(problem, jnp.asarray(start), options))
     with np.errstate(all="ignore"):
-        return _judged(in_numpy(problem), found, np.asarray(options.rtol), np)
+        return _assess(in_numpy(problem), found, np.asarray(options.rtol), np)
 
 
 def find_all(problem: Problem, starts: Float[np.ndarray, "lanes k"], options: Options) -> Found:

@@ -123,7 +123,7 @@ def least_squares(
         radius = jnp.where(gain > _GOOD, more, jnp.where(gain < _POOR, less, radius))
         again = ~(accepted | trial.corrected | hidden) & jnp.isfinite(fall)
         bend = jnp.where(again, there.r - here.r - here.slope @ trial.step, 0)
-        begun, wide = _begun(problem, there)
+        begun, wide = _initial(problem, there)
         there, radius = _where(first, (begun, wide), (there, radius))
         here = _where(accepted, there, here)
         trial = _next(here, trial, radius, bend, again)
@@ -152,7 +152,7 @@ def _at(problem: Problem, theta: Float[Array, " k"], scale: Float[Array, " k"]) 
     return Here(theta, point, shortened(point.z, problem.threshold), slope, longest)
 
 
-def _begun(problem: Problem, here: Here) -> tuple[Here, Float[Array, ""]]:
+def _initial(problem: Problem, here: Here) -> tuple[Here, Float[Array, ""]]:
     """Return the start of a search, and a first radius: each coordinate may change by its size.
 
     A logarithm or logit with little effect at the start must not run away. A change by 1 therefore

@@ -145,7 +145,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
         structure_p = chance(statistics, left, model, noise)
     # Scale-free statistics are independent of χ² (Basu); those of repeated points are not.
     independent = [structure_p, chi2_p if fit.absolute or structure_p is None else None]
-    p = _combined([one for one in independent if one is not None])
+    p = _combine([one for one in independent if one is not None])
     if p is None:
         few = f"{fit.dof} degrees of freedom" if fit.dof > 1 else "one degree of freedom"
         why = f"{few}, and the noise is not known"
@@ -258,7 +258,7 @@ def _signs(
     return lambda draws: whole * (random.integers(0, 2, size=(draws, count)) * 2 - 1)[:, trial]
 
 
-def _combined(p: list[float]) -> float | None:
+def _combine(p: list[float]) -> float | None:
     """Return Fisher's combination of independent probabilities.
 
     -2 Σ ln p is a χ² with two degrees of freedom for each.

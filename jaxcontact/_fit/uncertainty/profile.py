@@ -135,11 +135,11 @@ def held_at(
 
     Both are NaN if the fit of the others did not converge.
     """
-    loss, converged, step = _refitted(fit, held, starts)
+    loss, converged, step = _refit(fit, held, starts)
     out = creeping(fit.problem.space, step) & np.isnan(held) & ~converged[:, None]
     if out.any():
         bound = np.where(step > 0, fit.problem.space.high, fit.problem.space.low)
-        there, met, _ = _refitted(fit, np.where(out, bound, held), starts)
+        there, met, _ = _refit(fit, np.where(out, bound, held), starts)
         # Lanes without a creeping coordinate are unchanged.
         better = met & (there <= loss)
         loss, converged = np.where(better, there, loss), better | converged
@@ -156,7 +156,7 @@ def held_at(
         return np.sqrt(2 * np.maximum(loss - fit.loss, 0) / unit), loss
 
 
-def _refitted(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
+def _refit(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)
         found = _held(fit.problem, jnp.asarray(held), jnp.asarray(starts), options)

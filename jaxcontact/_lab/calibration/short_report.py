@@ -42,10 +42,10 @@ def verdict_lines(s: SummaryData) -> list[str]:
     ):
         lines += wrapped(head, said, width=_WIDTH)
     if s.recording.notes:
-        lines += _capped("Read as", "; ".join(s.recording.notes), 3)
+        lines += _cut_lines("Read as", "; ".join(s.recording.notes), 3)
     cautions_said = cautions(s)
     if cautions_said:
-        lines += _capped("Caution", "; ".join(cautions_said), 4)
+        lines += _cut_lines("Caution", "; ".join(cautions_said), 4)
     if s.choice.next_measurement:
         lines += wrapped("Next", s.choice.next_measurement, width=_WIDTH)
     return lines
@@ -55,7 +55,7 @@ def _item(sentence: str) -> list[str]:
     return textwrap.wrap(sentence, _WIDTH, subsequent_indent="    ", break_on_hyphens=False)
 
 
-def _capped(head: str, text: str, most: int) -> list[str]:
+def _cut_lines(head: str, text: str, most: int) -> list[str]:
     """Wrap as `wrapped` does, and cut after `most` lines."""
     lines = wrapped(head, text, width=_WIDTH)
     if len(lines) <= most:
@@ -240,7 +240,7 @@ def law_sentence(s: SummaryData) -> str:
         said.append(f"You asked for this law; of those compared the choice would be {choice.best}")
     if law.adequate is False:
         good = [one.kind for one in choice.laws if one.adequate is True]
-        rest = f"; {_listed(good)} {'does' if len(good) == 1 else 'do'}" if good else ""
+        rest = f"; {_join_names(good)} {'does' if len(good) == 1 else 'do'}" if good else ""
         none = "" if good else ", and none of the others does"
         if not good and len(choice.laws) == 1:
             none = ""
@@ -259,11 +259,11 @@ def _certainty(s: SummaryData) -> list[str]:
     if choice.sure:
         return ["No doubt is left: every other law is ruled out, or contains this one"]
     if choice.rivals:
-        return [f"Not ruled out: {_listed(list(choice.rivals))}"]
+        return [f"Not ruled out: {_join_names(list(choice.rivals))}"]
     return []
 
 
-def _listed(names: list[str]) -> str:
+def _join_names(names: list[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 

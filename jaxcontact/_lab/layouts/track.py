@@ -121,7 +121,7 @@ class Tracks(Layout[Flown]):
             if track is None or not track.drops:
                 empty.append((frames, track))
                 continue
-            records += _flown(ball, trial, track)
+            records += _flights_of(ball, trial, track)
         if not records:
             frames, track = max(empty, key=lambda one: one[0].time.size)
             rows[0].refuse("y", _nothing(frames, track))
@@ -211,7 +211,7 @@ def _in_air(drop: Drop, flight: Flight) -> Drop:
     return refit(drop, shape_of(flight), beta)
 
 
-def _flown(ball: str, trial: str, track: Track) -> list[Flown]:
+def _flights_of(ball: str, trial: str, track: Track) -> list[Flown]:
     several = len(track.drops) > 1
     records = []
     for k, drop in enumerate(track.drops, 1):

@@ -30,7 +30,7 @@ def clock_of(rows: Sequence[Row], rate: float | None) -> Clock:
     if rate is None:
         if "time" not in there:
             rows[0].refuse("frame", "counts frames; give the frames per second as `rate`")
-        if not rows[0].has_unit("time") and _counts(rows, "time"):
+        if not rows[0].has_unit("time") and _is_count(rows, "time"):
             rows[0].refuse(
                 "time",
                 "counts 0, 1, 2, ...; are these frames? then give the frames per second as "
@@ -39,7 +39,7 @@ def clock_of(rows: Sequence[Row], rate: float | None) -> Clock:
         return Clock("time", 1.0)
     if "frame" in there:
         return Clock("frame", 1 / rate)
-    if rows[0].has_unit("time") or not _counts(rows, "time"):
+    if rows[0].has_unit("time") or not _is_count(rows, "time"):
         rows[0].refuse("time", f"gives times already; leave `rate` out, which is {rate:g}")
     return Clock("time", 1 / rate)
 
@@ -92,7 +92,7 @@ def _place(row: Row, column: str) -> float:
     return row.real(column)
 
 
-def _counts(rows: Sequence[Row], column: str) -> bool:
+def _is_count(rows: Sequence[Row], column: str) -> bool:
     """Return whether a column counts 0, 1, 2, ..., possibly with gaps."""
     values = np.sort([row.real(column) for row in rows])
     whole = bool(np.all(values == np.round(values)))

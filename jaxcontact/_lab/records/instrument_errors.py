@@ -94,11 +94,11 @@ def require_filterable(name: str, readings: Column | None) -> None:
     if readings.size > _MOST:
         raise ValueError(
             f"Argument `{name}` must have at most {_MOST} readings with `low_pass_{name}`, but has "
-            f"{readings.size}; give {_thinned(readings.size)}: a filter leaves little between them."
+            f"{readings.size}; give {_thin(readings.size)}: a filter leaves little between them."
         )
 
 
-def _thinned(size: int) -> str:
+def _thin(size: int) -> str:
     """Return the thinning that reduces the readings to the size of a matrix, as text."""
     every = math.ceil(size / _MOST)
     return f"every {every}{_ORDINALS.get(every, 'th')}"
@@ -224,7 +224,7 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
         expected = np.asarray(found.predict()[column.name])
         if column.sigma is None:
             sigma = np.full(time.size, step * _part_of(found, used, passed, expected, column))
-        whole = _rounded(sigma, passed, expected, step)
+        whole = _rounding_errors(sigma, passed, expected, step)
     size = np.sqrt(sigma**2 + step**2 / 12)
     if passed is not None:
         passed = passed * np.outer(sigma / size, sigma / size)
@@ -232,7 +232,7 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
     return _Noise(size, passed, whole)
 
 
-def _rounded(
+def _rounding_errors(
     sigma: Column, passed: Float[np.ndarray, "n n"] | None, expected: Column, step: float
 ) -> SharedErrors:
     """Return the errors of rounded readings; `passed` is the filtered correlation or None."""
@@ -261,7 +261,7 @@ def _part_of(
     expected = expected[rows] / column.step
     logs = np.array(
         [
-            _log_likelihood(_rounded(np.full(rows.size, part), some, expected, 1.0), seen)
+            _log_likelihood(_rounding_errors(np.full(rows.size, part), some, expected, 1.0), seen)
             for part in _PARTS
         ]
     )

@@ -76,7 +76,7 @@ class ImpactFit:
 
 def fitted_impact(one: Impact, contact: Contact) -> ImpactFit | str:
     """Fit an impact with mass and exponent of `contact`; return the reason on failure."""
-    time, reading = _shortened(one)
+    time, reading = _shorten(one)
     mass = float(contact.mass)
     column, scale = _column(one, mass)
     reading = scale * reading
@@ -135,7 +135,7 @@ def _outcomes(
     return logs(point), jax.jacfwd(logs)(point)
 
 
-def _shortened(one: Impact) -> tuple[np.ndarray, np.ndarray]:
+def _shorten(one: Impact) -> tuple[np.ndarray, np.ndarray]:
     """Return the window of an impact, averaged down if it is longer than a fit takes."""
     time, reading = one.time, one.reading
     width = math.ceil(time.size / _LENGTH)

@@ -130,14 +130,14 @@ def treatment(s: CalibrationSummary) -> Html:
     both = table(*side_by_side_rows(s), left=1) if rows else Html("")
     return section(
         "What was done to the data",
-        definitions(_merged([*words, ("Marked", marked)])),
+        definitions(_merge([*words, ("Marked", marked)])),
         table(header, rows, left=1),
         element("h3", "With and without the marked pairs") if rows else Html(""),
         both,
     )
 
 
-def _merged(words: list[tuple[str, str]]) -> list[tuple[str, str]]:
+def _merge(words: list[tuple[str, str]]) -> list[tuple[str, str]]:
     """Append sentences without a heading to the one before."""
     found: list[tuple[str, str]] = []
     for head, said in words:

@@ -80,7 +80,7 @@ def cut(quantity: str, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
     for k, one in enumerate(found):
         before = found[k - 1].end if k else -math.inf
         after = found[k + 1].touch if k + 1 < len(found) else math.inf
-        made = _windowed(one, before, after, value.size)
+        made = _add_window(one, before, after, value.size)
         why = made if isinstance(made, str) else _doubt(made, found, mean, value, noise)
         if isinstance(made, str) or why:
             doubtful.append(Doubtful(float(time[min(max(int(one.touch), 0), time.size - 1)]), why))
@@ -158,7 +158,7 @@ def _contacts(mean: Floats, noise: float) -> list[Cut]:
     return found
 
 
-def _windowed(one: Cut, before: float, after: float, size: int) -> Cut | str:
+def _add_window(one: Cut, before: float, after: float, size: int) -> Cut | str:
     """Return the contact with the free readings around it, or why there are too few."""
     long = one.end - one.touch
     if one.touch - before < 0 or after - one.end < 0:

@@ -101,7 +101,7 @@ def grid_of(rows: list[Line], known: Known, notes: Sequence[str] = ()) -> Grid:
         names = _with_units(names, rows[first][1])
     if at is None:
         return Grid(names, None, below, tuple(notes))
-    notes = [*notes, *_left_out(rows[:first], "above the headings")]
+    notes = [*notes, *_left_out_notes(rows[:first], "above the headings")]
     heading = _texts(rows[at][1])
     start = rows[at][1][:1]
     repeats = [
@@ -118,11 +118,11 @@ def grid_of(rows: list[Line], known: Known, notes: Sequence[str] = ()) -> Grid:
     end = len(below)
     while end > 1 and _is_summary(below[end - 1][1], len(names)):
         end -= 1
-    notes += _left_out(below[end:], "below the measurements")
+    notes += _left_out_notes(below[end:], "below the measurements")
     return Grid(names, number, below[:end], tuple(notes), tuple(repeats))
 
 
-def _left_out(rows: Sequence[Line], where: str) -> list[str]:
+def _left_out_notes(rows: Sequence[Line], where: str) -> list[str]:
     """Return the note on rows that are not read."""
     if not rows:
         return []

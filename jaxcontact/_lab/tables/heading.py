@@ -35,39 +35,39 @@ class Meaning:
     def heading(self, text: str) -> Heading | None:
         """Return the heading if it has this meaning: words and unit (if any) match."""
         for words, unit in _readings(text):
-            if self._says(words) and (unit is None or self._takes(unit)):
+            if self._matches(words) and (unit is None or self._accepts(unit)):
                 return Heading(text, unit)
         # "Restitution (e)": two names of one quantity, or a remark after the name of a label.
         found = _BRACKETS.fullmatch(text.strip())
         if not self.remarks:
             return None
-        if found and self._says(found[1]) and self.unknown_unit(text) is None:
+        if found and self._matches(found[1]) and self.unknown_unit(text) is None:
             return Heading(text)
         return None
 
     def unknown_unit(self, text: str) -> str | None:
         """Return the text in brackets after matching words if it is no suitable unit."""
         found = _BRACKETS.fullmatch(text.strip())
-        if found is None or self.unit is None or not self.remarks or not self._says(found[1]):
+        if found is None or self.unit is None or not self.remarks or not self._matches(found[1]):
             return None
         unit = written_unit(found[2])
-        if _plain(found[2]) in self.words or (unit and self._takes(unit)):
+        if _plain(found[2]) in self.words or (unit and self._accepts(unit)):
             return None
         # A dimensionless column may have a remark.
         return None if self.unit == "" and unit is None else found[2].strip()
 
-    def _says(self, text: str) -> bool:
+    def _matches(self, text: str) -> bool:
         """Return whether the words match, in singular or plural."""
         word = _plain(text)
         return word in self.words or (len(word) > 3 and word.removesuffix("s") in self.words)
 
-    def _takes(self, unit: Unit) -> bool:
+    def _accepts(self, unit: Unit) -> bool:
         return self.unit is not None and unit.si in (self.unit, self.or_unit)
 
     def unit_in(self, text: str) -> Unit | None:
         """Return the unit of the right kind that is written in a heading, whatever its words."""
         units = (unit for _, unit in _readings(text) if unit is not None)
-        return next((unit for unit in units if self._takes(unit)), None)
+        return next((unit for unit in units if self._accepts(unit)), None)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -73,7 +73,7 @@ def match(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Match | 
     places: dict[str, int] = {}
     headings: dict[str, Heading] = {}
     for key, place in told.items():
-        named = _named(key, meanings)
+        named = _find_meaning(key, meanings)
         if named is None:
             return None
         name, asked = named
@@ -136,7 +136,7 @@ def _check_beside(
     )
 
 
-def _named(key: str, meanings: Mapping[str, Meaning]) -> tuple[str, Heading] | None:
+def _find_meaning(key: str, meanings: Mapping[str, Meaning]) -> tuple[str, Heading] | None:
     for name, meaning in meanings.items():
         if key == name or meaning.heading(key):
             return name, meaning.heading(key) or Heading(key)

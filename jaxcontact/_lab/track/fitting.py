@@ -75,7 +75,7 @@ def _fit(frames: Frames, guess: Guess) -> Drop | np.ndarray:
     time, flights = frames.time, guess.times.size - 1
     low, high = guess.low, guess.high
     step = float(np.median(np.diff(time)))
-    seen = _seen(frames)
+    seen = _observations(frames)
     speeds = _speeds(np.diff(guess.times))
     model = Model(flights, frames.along is not None, time[low], time[high - 1], speeds)
     vector = _start(model, frames, guess)
@@ -129,13 +129,13 @@ def refit(drop: Drop, shape: Shape, beta: float) -> Drop:
         shape,
         beta,
     )
-    seen, sigma = _seen(frames), np.array([s for s in drop.noise[::-1] if s is not None])
+    seen, sigma = _observations(frames), np.array([s for s in drop.noise[::-1] if s is not None])
     found = search(model, frames.time[drop.used], seen[drop.used], sigma, drop.vector)
     vector = drop.vector if found is None else found
     return _result(model, vector, frames, seen, sigma, drop.used, drop.off)
 
 
-def _seen(frames: Frames) -> np.ndarray:
+def _observations(frames: Frames) -> np.ndarray:
     """Return heights, and positions along the floor (n, 1 or 2)."""
     columns = [frames.height] if frames.along is None else [frames.height, frames.along]
     return np.stack(columns, axis=1)

@@ -32,7 +32,7 @@ def follow(frames: Frames) -> Track:
     best: Track | None = None
     for sign in (1, -1):
         turned = dataclasses.replace(frames, height=sign * frames.height, sign=sign)
-        found = _followed(turned, find(turned.time, turned.height))
+        found = _fit_drops(turned, find(turned.time, turned.height))
         if best is None or _count(found) > _count(best):
             best = found
     assert best is not None  # for the type checker
@@ -43,7 +43,7 @@ def _count(track: Track) -> int:
     return sum(int(drop.used.sum()) for drop in track.drops)
 
 
-def _followed(frames: Frames, found: Found) -> Track:
+def _fit_drops(frames: Frames, found: Found) -> Track:
     drops: list[Drop] = []
     skipped = [Skipped(time, "no flights on both sides") for time in found.others]
     for guess in found.guesses:
