@@ -1,4 +1,4 @@
-"""Laws from measured arrays: ready-made problems, the choice of a law, plans of measurements."""
+"""Laws from measured arrays: fit problems, the choice of a law, and measurement designs."""
 
 from .choice.choose_law import choose_law as choose_law
 from .choice.law_choice import LawChoice as LawChoice

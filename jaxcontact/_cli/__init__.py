@@ -1,5 +1,6 @@
-"""The command `jaxcontact`: calibrate, fit, design, laws, impact, sweep, scene, export, explore,
-paper.
+"""The command `jaxcontact` with its subcommands.
+
+They are calibrate, fit, design, laws, impact, sweep, scene, export, explore and paper.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _COMMANDS = {
     "paper": paper,
 }
 
-_INTERRUPTED = 130  # as shells count: 128 and the number of the signal
+_INTERRUPTED = 130  # shell convention: 128 plus the signal number
 
 _EPILOG = f"""\
 exit codes: 0 done; 1 done, but something did not converge; 2 bad input, and nothing was written;
@@ -55,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = _parser().parse_args(argv)
 
-    # Imported when the arguments are known to be good: --help need not wait for JAX.
+    # Imported after the arguments are checked, so that --help does not wait for JAX.
     import jax
 
     jax.config.update("jax_enable_x64", True)
@@ -66,8 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except BrokenPipeError:
-        # The reader (`| head`, say) has read enough. What Python still flushes at its end goes
-        # nowhere, instead of into a second error.
+        # The reader (such as `| head`) has closed the pipe. Python's final flush goes to the null
+        # device, which avoids a second error.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except KeyboardInterrupt:

@@ -1,4 +1,4 @@
-"""Gravity and the drag of the air on bouncing balls, as options."""
+"""Gravity and air drag on bouncing balls, as options."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def add_air_options(parser: argparse.ArgumentParser, *, mass: str | None = None) -> None:
-    """Add `--gravity` and what tells drag; `--mass` with these words, where there is none yet."""
+    """Add `--gravity` and the drag options; `--mass` with these words, if it is not yet defined."""
     air = parser.add_argument_group(
         "drag of the air", "quadratic drag, taken out of the flights if all three are given"
     )
@@ -39,10 +39,10 @@ def gravity_asked(arguments: argparse.Namespace) -> float:
 def drag_asked(
     arguments: argparse.Namespace, *, used: Collection[str] = (), hint: str = ""
 ) -> Drag | None:
-    """The drag of which mass, radius and coefficient are given, or None.
+    """Return the drag if mass, radius and coefficient are given, otherwise None.
 
-    Raises InputError for some of these numbers without the others, unless they are `used`
-    otherwise; `hint` says what else a mass that stands alone may be for.
+    Raises InputError for some of these numbers without the others, unless they are `used` for
+    another purpose. `hint` names another use of a single mass.
     """
     from .._flight import AIR_DENSITY, Drag
 

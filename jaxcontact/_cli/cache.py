@@ -6,9 +6,9 @@ import warnings
 
 
 def keep_programs() -> None:
-    """Keep what is compiled for the next command.
+    """Keep compiled programs for the next command.
 
-    What cannot be written or read is compiled as if there were no store, without a word.
+    Programs that cannot be written or read are compiled as without a cache, without a message.
     """
     from .._cache import cache
 

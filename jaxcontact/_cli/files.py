@@ -10,7 +10,7 @@ from .options import InputError
 
 
 def output_path(option: str, name: str, suffixes: Sequence[str]) -> pathlib.Path:
-    """The file to write. Raises InputError unless its name ends in one of `suffixes`."""
+    """Return the file to write; raise InputError unless its name ends in one of `suffixes`."""
     path = pathlib.Path(name)
     if path.suffix.lower() not in suffixes:
         allowed = " or ".join([*filter(None, [", ".join(suffixes[:-1])]), suffixes[-1]])

@@ -1,4 +1,4 @@
-"""A law and a contact on the command line: the options, and what was given, checked."""
+"""A law and a contact on the command line: the options, and checks of their values."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def add_law_and_contact(
 ) -> None:
     """Add the options of a law, a contact and a closing speed.
 
-    `number` reads a parameter of the law, `size` a number of the contact; `form` holds what help
-    shows as the VALUE of a NAME=VALUE, and an example. Without `defaults` the numbers of the
-    contact are required, and a law always is, unless not `needed`; `velocity` tells whether there
-    is a closing speed.
+    `number` reads a parameter of the law, and `size` a number of the contact. `form` holds the
+    VALUE that help shows for NAME=VALUE, and an example. Without `defaults` the contact numbers are
+    required, and a law always is, unless not `needed`. `velocity`: whether there is a closing
+    speed.
     """
     value, example = form
     parser.add_argument(
@@ -64,7 +64,7 @@ def add_law_and_contact(
 
 
 def parameters_asked(arguments: argparse.Namespace) -> dict[str, Any]:
-    """The law's parameters, from `--e` and `--param`. Raises InputError unless all are there."""
+    """Return the law's parameters, from `--e` and `--param`; raise InputError unless complete."""
     from .._laws import list_laws, parameters_of
     from .._parameter import did_you_mean
 
@@ -96,7 +96,7 @@ def parameters_asked(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def contact_asked(arguments: argparse.Namespace, exponent: float) -> Contact:
-    """The contact of `--mass` and `--stiffness`. Raises InputError where one is not given."""
+    """Return the contact of `--mass` and `--stiffness`; raise InputError if one is missing."""
     from .._contact import Contact
 
     missing = [name for name in ("mass", "stiffness") if getattr(arguments, name) is None]
@@ -107,7 +107,7 @@ def contact_asked(arguments: argparse.Namespace, exponent: float) -> Contact:
 
 
 def exponent_asked(arguments: argparse.Namespace) -> float:
-    """`--exponent`, or the law's own. Raises InputError for one the law is not made for."""
+    """Return `--exponent`, or the law's own; raise InputError if the law does not support it."""
     from .._laws import describe
 
     exponents = describe(arguments.law).cls.exponents

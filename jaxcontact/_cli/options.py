@@ -1,4 +1,4 @@
-"""Numbers on the command line, checked where they come in."""
+"""Numbers on the command line, checked on entry."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 
 class InputError(ValueError):
-    """Something the user gave cannot be used; the message is for the user."""
+    """Invalid input of the user; the message is shown to the user."""
 
 
 def positive(text: str) -> float:
-    """A positive, finite number; for argparse, whose message then names the option."""
+    """Return a positive, finite number; for argparse, whose message then names the option."""
     value = number(text)
     if value <= 0:
         raise argparse.ArgumentTypeError(f"must be positive, but is {text}")
@@ -21,7 +21,7 @@ def positive(text: str) -> float:
 
 
 def number(text: str) -> float:
-    """A finite number; for argparse."""
+    """Return a finite number; for argparse."""
     try:
         value = float(text)
     except ValueError:
@@ -32,7 +32,7 @@ def number(text: str) -> float:
 
 
 def assignment(text: str, read: Callable[[str], Any], form: str) -> tuple[str, Any]:
-    """`NAME=VALUE`, the value by `read`; for argparse, with what help shows as VALUE in `form`."""
+    """Parse `NAME=VALUE`, with the value by `read`; for argparse. `form` is VALUE in the help."""
     name, equals, value = text.partition("=")
     if not equals or not name.isidentifier():
         raise argparse.ArgumentTypeError(f"{text!r} is not of the form NAME={form}")

@@ -1,4 +1,4 @@
-"""The parser of all commands: suggestions for what is misspelt, the version, completion."""
+"""The parser of all commands: suggestions for misspelt words, the version, completion."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _CHOICE = re.compile(r"invalid choice: '(.*?)' \(choose from (.*)\)")
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose messages say what was probably meant."""
+    """A parser whose messages suggest the probable meaning."""
 
     def __init__(self, *arguments: Any, **how: Any):
         how = {"formatter_class": argparse.RawDescriptionHelpFormatter, "allow_abbrev": False} | how
@@ -23,12 +23,12 @@ class Parser(argparse.ArgumentParser):
         self._given: list[str] = []
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As argparse does; what was given is kept for messages."""
+        """Parse as argparse does, and keep the arguments for messages."""
         self._given = list(sys.argv[1:] if args is None else args)
         return super().parse_known_args(args, namespace)
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:
-        """As argparse does, but an unknown option is told by the command that lacks it."""
+        """Parse as argparse does, but report an unknown option from its subcommand."""
         found, unknown = self.parse_known_args(args, namespace)
         if unknown:
             own = self._commands().get(getattr(found, "command", None), self)
@@ -36,17 +36,17 @@ class Parser(argparse.ArgumentParser):
         return found
 
     def unknown(self, arguments: Sequence[str]) -> str:
-        """The message for arguments that are not understood."""
+        """Return the message for unknown arguments."""
         known = self._options()
         guesses = [meant(argument.partition("=")[0], known) for argument in arguments]
         guess = next((f"; did you mean {one}?" for one in guesses if one), "")
         return f"unknown: {' '.join(arguments)}{guess}"
 
     def error(self, message: str) -> NoReturn:
-        """Print the message, with a suggestion for what is misspelt; exit with 2."""
+        """Print the message, with a suggestion for a misspelt word; exit with 2."""
         options = [given for given in self._given if given.startswith("--")]
         odd = [given for given in options if given.partition("=")[0] not in self._options()]
-        # A misspelt option is more to the point than the one that is missing for it.
+        # A misspelt option explains why another one is missing, so it is reported first.
         if odd and "required" in message:
             message = self.unknown(odd)
         if found := _CHOICE.search(message):
@@ -67,13 +67,13 @@ class Parser(argparse.ArgumentParser):
 
 
 def meant(given: str, known: Iterable[str]) -> str | None:
-    """The one of the known words that is most like a misspelt one; None where none is."""
+    """Return the known word closest to a misspelt one, or None."""
     found = difflib.get_close_matches(given, list(known), n=1)
     return found[0] if found else None
 
 
 class Version(argparse.Action):
-    """Print the version of the package, and end."""
+    """Print the version of the package, and exit."""
 
     def __call__(self, parser: argparse.ArgumentParser, *unused: Any) -> NoReturn:
         from importlib.metadata import version
@@ -83,7 +83,7 @@ class Version(argparse.Action):
 
 
 class Completion(argparse.Action):
-    """Print what makes a shell complete the commands, their options, and names; and end."""
+    """Print the shell script that completes commands, options and names; then exit."""
 
     def __call__(self, parser: Any, namespace: Any, shell: Any, *unused: Any) -> NoReturn:
         try:

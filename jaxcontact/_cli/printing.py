@@ -1,4 +1,4 @@
-"""Results as JSON: strict, with null for what is not finite."""
+"""Results as JSON: strict, with null for non-finite numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def print_json(result: Any) -> None:
 
 
 def plain(value: Any) -> Any:
-    """A result with lists for arrays, Python numbers, and None for what is not finite."""
+    """Convert arrays to lists, numbers to Python's, and non-finite ones to None."""
     if isinstance(value, dict):
         return {str(name): plain(one) for name, one in value.items()}
     if isinstance(value, list | tuple):
@@ -24,5 +24,5 @@ def plain(value: Any) -> Any:
         return value if math.isfinite(value) else None
     import numpy as np
 
-    # What is left are arrays and numbers of NumPy and JAX.
+    # The remaining values are arrays and numbers of NumPy and JAX.
     return plain(np.asarray(value).tolist())

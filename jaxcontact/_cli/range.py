@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def span(text: str) -> float | np.ndarray:
-    """A number, or the numbers of FROM:TO:COUNT or FROM:TO:COUNT:log; for argparse."""
+    """Return a number, or the numbers of FROM:TO:COUNT or FROM:TO:COUNT:log; for argparse."""
     import numpy as np
 
     parts = text.split(":")

@@ -1,4 +1,4 @@
-"""Options of commands that read a table, and its errors in their words."""
+"""Options of commands that read a table, and its errors in terms of options."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def add_table_options(parser: argparse.ArgumentParser) -> None:
 
 
 def input_error(error: ValueError) -> InputError:
-    """The error of a reader, with options where it names arguments."""
+    """Return the error of a reader, with options in place of arguments."""
     text = re.sub(r'`(columns|decimal)="([^"]*)"`', r'--\1 "\2"', str(error))
     text = re.sub(r"Argument `(columns|decimal|layout|ball|rate)`", r"--\1", text)
     text = text.replace("`rate`", "--rate")

@@ -1,4 +1,4 @@
-"""Which of several fits to the same data to use."""
+"""The choice among several fits to the same data."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from .search.minimum import find, in_numpy
 from .uncertainty.adequacy import shown
 
 CLEAR_AICC = 2.0
-"""Below this difference of AICc two fits count as equally good (Burnham & Anderson 2002)."""
+"""Difference of AICc below which two fits are equally good (Burnham & Anderson 2002)."""
 
 _SAME = 5e-3
-"""Two criteria that differ by less are printed as one: the same curve, but for rounding."""
+"""Difference of criteria that is only rounding: both print alike, for the same curve."""
 
 CLEAR_ADVANTAGE = 2.0
 """The same for the advantage summed over groups, in its standard errors."""
@@ -37,12 +37,12 @@ CLEAR_ADVANTAGE = 2.0
 class Candidate:
     """One fit among others: k identifiable parameters, and four measures; lower is better.
 
-    `aicc` and `bic` up to a constant that all share; `held_out`, the root mean square of the
-    standardised residuals of points that were left out (plain residuals without `sigma`), None
-    where a fit without them did not converge; `behind`, the advantage of the fit of lowest AICc
-    over this one, summed over groups of points, in its standard errors (Vuong's test; None for that
-    fit itself, and with fewer than 8 groups); `adequate`, whether it describes the data, and `p`,
-    the probability of such residuals if it does (None where that cannot be told).
+    `aicc` and `bic` are defined up to a common constant. `held_out` is the root mean square of the
+    standardised residuals of points that were left out (plain residuals without `sigma`), None if a
+    fit without them did not converge. `behind` is the advantage of the fit of lowest AICc over this
+    one, summed over groups of points, in its standard errors (Vuong's test). It is None for that
+    fit itself, and with fewer than 8 groups. `adequate`: whether the fit describes the data, and
+    `p`, the probability of such residuals if it does (None if undecided).
     """
 
     name: str
@@ -61,11 +61,11 @@ class Candidate:
 class Comparison:
     """Fits to the same data in the order of AICc; `best`, the name of the one to use, and why.
 
-    `best` is the simplest of those that describe the data equally well: whose AICc is less than 2
-    above the lowest, or whose disadvantage is below two of its standard errors by group; of equally
-    simple ones, the first of the given fits where it is among them, else the one of lowest AICc.
-    If it does not describe the data the verdict says so, and which others may. None where no fit
-    converged.
+    `best` is the simplest of those that describe the data equally well. These have an AICc less
+    than 2 above the lowest, or a disadvantage below two of its standard errors by group. Among
+    equally simple ones it is the first of the given fits if that is among them, otherwise the one
+    of lowest AICc. If it does not describe the data, the verdict says so, and names others that
+    may. `best` is None if no fit converged.
     """
 
     candidates: tuple[Candidate, ...]
@@ -79,7 +79,7 @@ class Comparison:
 def table(
     candidates: tuple[Candidate, ...], parameters: Callable[[str], str] | None = None
 ) -> list[str]:
-    """The candidates as lines of text, with their `parameters` in words if given."""
+    """Return the candidates as lines of text, with their `parameters` in words if given."""
     head = ("", "k", "loss", "ΔAICc", "ΔBIC", "held out", *(["parameters"] if parameters else []))
     aicc = min(c.aicc for c in candidates)
     bic = min(c.bic for c in candidates)
@@ -112,15 +112,17 @@ def compare_fits(
 ) -> Comparison:
     """Compare fits to the same data: AICc, BIC, and the error at points that were left out.
 
-    With known noise AIC = 2 loss + 2k, without it n ln(2 loss/n) - Σ ln w + 2(k+1) for weights w,
-    and AICc adds the small-sample term; k counts the identifiable parameters. Cross-validation fits
-    again without one of `folds` parts, drawn from `seed` or, with `groups` (points,), made of whole
-    groups (the trials of an experiment, say), so that points of one group never stand on both
-    sides. With the `groups` that the fits were given, a difference of AICc must be clear by group.
+    With known noise AIC = 2 loss + 2k, without it n ln(2 loss/n) - Σ ln w + 2(k+1) for weights w.
+    AICc adds the small-sample term; k counts the identifiable parameters. Cross-validation repeats
+    each fit without one of `folds` parts, which are drawn from `seed`. With `groups` (points,), the
+    parts consist of whole groups, such as the trials of an experiment. Points of one group are then
+    never on both sides. If the fits have `groups`, a difference of AICc must be clear by group.
 
     Arguments: the `fits` by name, with the same data and weights. Returns a `Comparison`, which
     prints as a table with a verdict. Raises ValueError for fewer than two fits, fits to other data,
-    robust fits that found their own scale, which cannot be compared, and correlations that differ.
+    robust fits that estimated their own scale, which cannot be compared, and correlations that
+    differ.
+
     Source: Burnham & Anderson (2002), doi 10.1007/b97636; Vuong (1989), doi 10.2307/1912557.
     """
     folds = require_count("folds", folds, 2)
@@ -139,11 +141,11 @@ def compared(
     group: str = "group",
     among: Collection[str] | None = None,
 ) -> Comparison:
-    """The comparison of fits by the points that `parts` leave out.
+    """Compare fits by the points that `parts` leave out.
 
-    `parameters` gives those of a fit in words, for the verdict; `left_out` and `group` are what
-    the verdict calls the parts and the groups; `among` names those that describe the data equally
-    well where the caller knows it, by default as `undecided` says.
+    `parameters` gives those of a fit in words, for the verdict. `left_out` and `group` are the
+    verdict's words for the parts and the groups. `among` names the fits that describe the data
+    equally well, by default those of `undecided`.
     """
     _check(fits)
     names = sorted(fits, key=lambda name: (not fits[name].converged, criteria(fits[name])[1]))
@@ -156,7 +158,7 @@ def compared(
 
 
 def criteria(fit: FitData) -> tuple[int, float, float]:
-    """The number of identifiable parameters, AICc and BIC, as `compare_fits` defines them."""
+    """Return the number of identifiable parameters, AICc and BIC, as defined in `compare_fits`."""
     factor = np.asarray(fit.problem.factor)
     factor = factor[factor > 0]
     k = len(factor) - fit.dof
@@ -166,13 +168,13 @@ def criteria(fit: FitData) -> tuple[int, float, float]:
 def criteria_of(
     loss: float, k: int, factor: Float[np.ndarray, " n"], absolute: bool
 ) -> tuple[float, float]:
-    """AICc and BIC of ½ Σ z² with k parameters; z are residuals times `factor`."""
+    """Return AICc and BIC of ½ Σ z² with k parameters; z are residuals times `factor`."""
     n = len(factor)
     if absolute:
         deviance, counted = 2 * loss, k
     else:
-        # Data without noise are fitted exactly; the logarithm needs a positive number. With the
-        # sum of the weights' logarithms, their common scale cancels.
+        # Data without noise are fitted exactly; the logarithm needs a positive number. The sum of
+        # the logarithms of the weights cancels their common scale.
         scale = 2 * float(np.sum(np.log(factor)))
         deviance, counted = n * math.log(max(2 * loss / n, 1e-300)) - scale, k + 1
     small = 2 * counted * (counted + 1) / (n - counted - 1) if n > counted + 1 else math.inf
@@ -180,11 +182,11 @@ def criteria_of(
 
 
 def advantage(fit: FitData, other: FitData) -> float | None:
-    """How many standard errors, by group, a fit is better than another (Vuong's test).
+    """Return by how many standard errors, by group, a fit is better than another (Vuong's test).
 
     The advantage ½ (z'² - z²) of each point, in units of the mean square residual, is summed within
-    each group; the result is the total over its standard error. None with fewer than
-    `LEAST_GROUPS` groups, or where the two fits are the same.
+    each group. The result is the total over its standard error. It is None with fewer than
+    `LEAST_GROUPS` groups, or if the two fits are the same.
     """
     if fit.groups is None:
         return None
@@ -199,7 +201,7 @@ def advantage(fit: FitData, other: FitData) -> float | None:
 
 
 def has_trials(fit: FitData) -> bool:
-    """Whether some group holds several points, whose errors may be correlated."""
+    """Return whether some group holds several points, whose errors may be correlated."""
     if fit.groups is None:
         return False
     number = fit.groups[np.asarray(fit.problem.factor) > 0]
@@ -237,7 +239,7 @@ def _same(one: Array | None, other: Array | None) -> bool:
 def _parts(
     used: np.ndarray, folds: int, groups: ArrayLike | None, seed: int
 ) -> Bool[np.ndarray, "folds n"]:
-    """Which points each fold leaves out."""
+    """Return which points each fold leaves out."""
     random = np.random.default_rng(seed)
     number = groups_of(np.arange(used.size) if groups is None else groups, used.size)
     assert number is not None  # for the type checker
@@ -262,7 +264,7 @@ def _candidate(name: str, fit: Fit, first: Fit, parts: Bool[np.ndarray, "folds n
 
 
 def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
-    """√(mean z²) of points, each by the fit without its part; None where one did not converge."""
+    """Return √(mean z²) of points, each by the fit without its part; None if one failed."""
     square, whole = 0.0, in_numpy(fit.problem)
     whitener, whole = whole.whitener, dataclasses.replace(whole, whitener=None)
     for out in parts:
@@ -270,7 +272,7 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
         weights = np.where(out, 0, np.asarray(fit.problem.factor))
         fewer = eqx.tree_at(lambda p: p.factor, fit.problem, jnp.asarray(weights))
         if whitener is not None:
-            # That of the points which are left: those without weight must not be taken as exact.
+            # Whiten the remaining points only: points without weight must not count as exact.
             factor = np.linalg.solve(whitener, np.eye(len(whitener)))
             rest = whitener_of(factor @ factor.T, weights > 0)
             fewer = eqx.tree_at(lambda p: p.whitener, fewer, jnp.asarray(rest))
@@ -283,7 +285,7 @@ def _held_out(fit: FitData, parts: Bool[np.ndarray, "folds n"]) -> float | None:
 
 
 def undecided(found: Sequence[Candidate]) -> list[Candidate]:
-    """Those that the data do not distinguish from the one with the lowest AICc, which is first."""
+    """Return the fits that the data do not distinguish from the one of lowest AICc."""
     good = [c for c in found if c.converged]
     return [
         c
@@ -301,7 +303,7 @@ def _verdict(
     left_out: str,
     group: str,
 ) -> tuple[str | None, str]:
-    """Which fit to use, and why, in a few sentences."""
+    """Return the fit to use, and why, in a few sentences."""
     good = [c for c in found if c.converged]
     if not good:
         return None, "No fit converged."
@@ -334,7 +336,7 @@ def _verdict(
         text += f" BIC{why} prefers {brief.name} by {best.bic - brief.bic:.1f}."
     judged = [(c.held_out, c) for c in good if c.held_out is not None]
     error, held = min(judged, key=operator.itemgetter(0), default=(0.0, best))
-    # Where the errors are printed as one, none is smaller.
+    # Errors that print alike count as equal.
     equally = [c for e, c in judged if f"{e:.4g}" == f"{error:.4g}"]
     if judged and not any(c in equal for c in equally):
         text += f" But {left_out} that were left out are predicted best by {held.name}."
@@ -342,12 +344,12 @@ def _verdict(
 
 
 def _least(equal: list[Candidate], k: int) -> float:
-    """The lowest AICc with k parameters."""
+    """Return the lowest AICc with k parameters."""
     return min(c.aicc for c in equal if c.k == k)
 
 
 def _none_describes(best: Candidate, first: Candidate, good: list[Candidate], values: str) -> str:
-    """That the fit to use does not describe the data, and which may."""
+    """Return the sentence that the best fit does not describe the data, and which others may."""
     them = [c.name for c in good if c.adequate is not False]
     assert best.p is not None  # for the type checker
     head = f"The best is {best.name}{values}"
@@ -358,7 +360,7 @@ def _none_describes(best: Candidate, first: Candidate, good: list[Candidate], va
 
 
 def _distance(c: Candidate, first: Candidate, group: str) -> str:
-    """A candidate and how far it is from the one with the lowest AICc."""
+    """Return a candidate and its distance from the one with the lowest AICc."""
     if c is first:
         return f"{c.name} (lowest AICc)"
     by_group = "" if c.behind is None else f"; by {group} {c.behind:.1f} standard errors"

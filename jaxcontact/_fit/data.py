@@ -1,4 +1,4 @@
-"""The outcome of a fit, as plain data."""
+"""The result of a fit, as plain data."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from .search.laplace import Direction
 
 
 class SharedErrors(NamedTuple):
-    """Errors of n points of the covariance V = diag(own) + R Rᵀ: the variance `own` (n,) of each
-    alone, and the `root` R (n, m) of what they share.
+    """Errors of n points with covariance V = diag(own) + R Rᵀ.
+
+    `own` (n,) are the independent variances, and `root` R (n, m) the shared part.
     """
 
     own: Float[np.ndarray, " n"]
@@ -26,23 +27,24 @@ class SharedErrors(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class FitData:
-    """The best parameters, how certain they are, and whether to trust them.
+    """The best parameters, their uncertainty, and the validity of the fit.
 
     `params` has the structure of the start; `names` and `values` (k,) list its fitted numbers.
-    `loss` is ½ Σ z² (or Huber's) of the residuals z, and `history` (steps,) its course; `residuals`
-    are prediction minus data, one vector. `converged`, and `reason` in words; `steps` taken.
+    `loss` is ½ Σ z² (or Huber's) of the residuals z, and `history` (steps,) its course. `residuals`
+    are prediction minus data, one vector. `converged`, with `reason` in words, and `steps` taken.
 
     `covariance` (k, k), `standard_errors` by name, `correlation` (k, k): Laplace's approximation,
-    or the sandwich over groups of points where `by_group` is True; NaN for what is not
-    identifiable. `unidentified`: the changes of parameters that leave the prediction unchanged.
-    `at_bound`: the names of parameters that ran to a bound; they have no standard error. `dof` are
-    the degrees of freedom, `noise` is the variance of z that Laplace's standard errors assume.
-    `starts` (lanes,) are the losses at which other starts ended. `adequate`: whether the model
-    describes the data, None where that cannot be told, and `adequacy`, the tests of it. `notes`:
-    what else a ready-made problem found, in words. `shared`: the errors of z of the points with
-    weight, where they share some that the fit does not weigh by, None elsewhere;
-    `wider` (k,), by how much squared standard errors are larger than the curvature of the loss
-    says, for that or since the noise is little known; None where they are not.
+    or the sandwich over groups of points if `by_group` is True. They are NaN for parameters that
+    are not identifiable. `unidentified`: the changes of parameters that leave the prediction
+    unchanged. `at_bound`: the names of parameters that ran to a bound; they have no standard error.
+    `dof` are the degrees of freedom, and `noise` is the variance of z assumed by Laplace's standard
+    errors. `starts` (lanes,) are the losses at which other starts ended.
+
+    `adequate`: whether the model describes the data, None if undecided, and `adequacy`, the tests
+    of it. `notes`: further results of a ready-made problem, in words. `shared`: the errors of z of
+    the points with weight if they share errors that the weights ignore, otherwise None. `wider`
+    (k,): the factor by which squared standard errors exceed those from the curvature of the loss,
+    because of shared errors or poorly known noise; None if they do not.
     """
 
     params: Any
@@ -79,7 +81,7 @@ class FitData:
 
     @property
     def standard_errors(self) -> dict[str, float]:
-        """The standard error of each parameter; NaN where it is not identifiable."""
+        """The standard error of each parameter; NaN if it is not identifiable."""
         return dict(zip(self.names, self.errors.tolist(), strict=True))
 
     @property
@@ -90,7 +92,7 @@ class FitData:
 
     @property
     def z(self) -> np.ndarray:
-        """The standardised residuals of the points with weight, in their order; whitened."""
+        """The whitened standardised residuals of the points with weight, in their order."""
         factor, whitener = np.asarray(self.problem.factor), self.problem.whitener
         z = np.where(factor > 0, self.residuals, 0) * factor
         return (z if whitener is None else np.asarray(whitener) @ z)[factor > 0]
@@ -102,12 +104,13 @@ class FitData:
             return self.covariance / np.outer(self.errors, self.errors)
 
     def predict(self, x: Any = None) -> Any:
-        """The prediction of the best parameters, at the data's x or at others."""
+        """Return the prediction of the best parameters, at the data's x or at others."""
         with jax.enable_x64(True):
             return evaluated(self.problem.predict, self.params, self._place(x))
 
     def predict_with_error(self, x: Any = None) -> tuple[np.ndarray, np.ndarray]:
-        """The prediction (n,), flattened, and its standard error √(g Cov gᵀ), g = d prediction/dp.
+        """Return the flattened prediction (n,) and its standard error √(g Cov gᵀ), g = d
+        prediction/dp.
 
         Parameters without a standard error count as known.
         """
@@ -117,7 +120,7 @@ class FitData:
         return curve, np.sqrt(np.sum(part * slope[:, known], axis=1))
 
     def linearised(self, x: Any = None) -> tuple[np.ndarray, np.ndarray]:
-        """The prediction (n,), flattened, and its derivative by the parameters (n, k)."""
+        """Return the flattened prediction (n,) and its derivative by the parameters (n, k)."""
         with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
             values = jnp.asarray(self.values)
             slope, curve = _linearised(self.problem, values, self._place(x))

@@ -1,4 +1,4 @@
-"""`fit`: check the arguments, search, and judge the end of the search."""
+"""`fit`: check the arguments, search, and assess the end of the search."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from .search.unused import refuse_unused
 from .search.verdict import at_bound_of, creeping, falling, verdict
 
 _END = 40.0
-"""The logit of what rounds to 1 in double precision, where the slope is 0."""
+"""A logit whose value rounds to 1 in double precision, where the slope is 0."""
 
 _MOST_GRADIENT_STEPS = 10_000
 LEVENBERG_MARQUARDT = "levenberg-marquardt"
@@ -65,46 +65,51 @@ def fit(
     reverse: bool = False,
     progress: bool | Callable[[int, float], None] = False,
 ) -> Fit:
-    """The parameters that bring a prediction nearest to data: least squares, or Huber's loss.
+    """Fit the parameters of a prediction to data, by least squares or Huber's loss.
 
     Minimises ½ Σ ((predict(params) - data)/σ)² over the floating-point numbers in the pytree
-    `start` (a law, a contact, a dict of them); whole arrays are fitted, integers and strings stay.
+    `start` (a law, a contact, a dict of them). Whole arrays are fitted; integers and strings stay.
 
     Arguments: `predict(params)`, or `predict(params, x)` if `x` is given, differentiable by JAX,
     with the structure of `data`, any tree of numbers. `sigma`, standard deviations of the data (one
     number, or a tree like the data), or `weights`, relative ones of squares (1 if neither is
-    given); a weight of 0 leaves a point out, whatever its value. With `sigma` standard errors
-    are absolute, else they are scaled by the residuals. `groups` (points,): the name of the trial
-    that each point belongs to, where points of one trial are correlated; with at least 8 trials
-    standard errors are the sandwich over trials, which such a correlation does not bias.
-    `correlation` (points, points): of the errors of the points, 1 on its diagonal, where it is
-    known: then they are made independent before they are squared.
+    given). A weight of 0 leaves a point out, whatever its value. With `sigma` standard errors are
+    absolute, otherwise they are scaled by the residuals.
+
+    `groups` (points,): the name of the trial of each point, if points of one trial are correlated.
+    With at least 8 trials standard errors are the sandwich over trials, which such a correlation
+    does not bias. `correlation` (points, points): the known correlation of the errors of the
+    points, 1 on its diagonal. Residuals are then whitened before they are squared.
 
     `transforms`: `Free()`, `Positive()`, `Between(low, high)` or `Fixed()`, for all numbers; or a
     dict of them by name ("contact.mass", or "contact" for all in it); or a prefix of the tree of
-    `start`, with None for the default. By default a number keeps to the range that its law or
-    contact declares, and is free elsewhere. `loss`: "squares" or `Huber(threshold)`, which bounds
-    the influence of outliers; without `sigma` its scale is the median of |residuals|, found in turn
-    with the fit. `noise`: one size for all points, "common", times the weights; or one for each
-    leaf of the tree of `data`, "by column", found in turn with the fit where readings of several
-    instruments are fitted together, whose errors are not correlated with each other. `optimizer`:
-    "levenberg-marquardt" or an optax optimiser, which stops after `patience` steps that gain
-    nothing. `starts`: the number of starts, the given one and normal ones around it, drawn from
-    `seed`, whose standard deviation is `spread` in a logarithm or logit and `spread` times a number
-    without bounds (from zero: times the change that moves the prediction by the size of the data);
-    the lowest loss is kept. `max_steps`: by default 500, 10000 for optax. `reverse`: take the
-    Jacobian in reverse mode, for predictions without a forward mode. `progress`: True shows step
-    and loss on stderr, a function is called with them.
+    `start`, with None for the default. By default a number keeps to the range declared by its law
+    or contact, and is free otherwise.
 
-    `converged` does not depend on the optimizer: the remaining Gauss-Newton step must be below
-    `rtol` of each parameter (of its logarithm, of its logit), or, where the search ended by itself,
-    below a thousandth of its standard error. Computes in double precision whatever JAX is set to,
-    and is not for use under `jit`. The same `predict` (and optax optimiser) over data of the same
-    shapes does not compile again; a lambda written anew is another function and does.
+    `loss`: "squares" or `Huber(threshold)`, which bounds the influence of outliers. Without `sigma`
+    its scale is the median of |residuals|, iterated with the fit. `noise`: "common", one size for
+    all points, times the weights; or "by column", one for each leaf of the tree of `data`, iterated
+    with the fit. Use "by column" for readings of several instruments with independent errors.
+
+    `optimizer`: "levenberg-marquardt" or an optax optimiser, which stops after `patience` steps
+    without gain. `starts`: the number of starts, the given one and normal ones around it, drawn
+    from `seed`; the lowest loss is kept. Their standard deviation is `spread` in a logarithm or
+    logit, and `spread` times a number without bounds (from zero: times the change that moves the
+    prediction by the size of the data). `max_steps`: by default 500, 10000 for optax. `reverse`:
+    compute the Jacobian in reverse mode, for predictions without a forward mode. `progress`: True
+    shows step and loss on stderr, a function is called with them.
+
+    `converged` does not depend on the optimizer. The remaining Gauss-Newton step must be below
+    `rtol` of each parameter (of its logarithm, of its logit). If the search ended by itself, a step
+    below a thousandth of the standard error suffices. Computes in double precision regardless of
+    the JAX setting, and does not work under `jit`. The same `predict` (and optax optimiser) over
+    data of the same shapes does not compile again; a new lambda is another function and does.
 
     Returns a `Fit`. Raises ValueError for data that are not finite where they count (the points are
-    named) or fewer than the named numbers to fit, a start outside its bounds, without a finite
-    prediction or with a number that the prediction does not use, and arguments that do not match.
+    named); for fewer data than named numbers to fit; for a start outside its bounds, without a
+    finite prediction or with a number that the prediction does not use; and for arguments that do
+    not match.
+
     Source: Levenberg (1944), doi 10.1090/qam/10666; Marquardt (1963), doi 10.1137/0111030; in a
     trust region: Moré (1978), doi 10.1007/BFb0067700.
     """
@@ -168,7 +173,7 @@ def _check(loss: Any, optimizer: Any) -> None:
         raise ValueError(
             f"Argument `loss` must be 'squares' or a `Huber`, but is {rendered(loss)}."
         )
-    # A class has the functions of its objects, but is no optimiser.
+    # A class has the functions of its objects, but is not an optimiser.
     parts = () if isinstance(optimizer, type) else ("init", "update")
     is_optax = bool(parts) and all(callable(getattr(optimizer, part, None)) for part in parts)
     is_ours = isinstance(optimizer, str) and optimizer == LEVENBERG_MARQUARDT
@@ -180,9 +185,9 @@ def _check(loss: Any, optimizer: Any) -> None:
 
 
 def _refuse_too_many(space: Space, target: Target) -> None:
-    """Raise ValueError where numbers with a name are more than the points that count.
+    """Raise ValueError if more named numbers are fitted than points count.
 
-    Of the weights in an array, as a network has them, that is no mistake.
+    This is not a mistake for the weights in an array, as in a network.
     """
     points = int((target.factor > 0).sum())
     free = [n for n, held in zip(space.names, np.isnan(space.held), strict=True) if held]
@@ -197,7 +202,7 @@ def _refuse_too_many(space: Space, target: Target) -> None:
 def _best_start(
     problem: Problem, lanes: np.ndarray, options: Options
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The best end of many starts, and the loss at which each start ended."""
+    """Return the best end of many starts, and the loss at which each start ended."""
     found = find_all(problem, lanes, options._replace(tell=None))
     ends = np.where(np.isfinite(found.loss), found.loss, np.inf)
     best = int(np.argmin(ends))
@@ -205,7 +210,7 @@ def _best_start(
 
 
 def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
-    """Raise ValueError where the prediction is not finite at the start."""
+    """Raise ValueError if the prediction is not finite at the start."""
     if np.isfinite(found.history[0]):
         return
     prediction = np.asarray(problem.prediction(jnp.asarray(theta)))
@@ -218,7 +223,7 @@ def _check_start(problem: Problem, theta: np.ndarray, found: Found) -> None:
 
 
 def _set_to_bound(problem: Problem, found: Found, start: np.ndarray, options: Options) -> Found:
-    """The fit with a parameter that creeps to a bound set there, if that is no worse."""
+    """Set a parameter that creeps to a bound there, if that is no worse."""
     space = problem.space
     out = creeping(space, found.step)
     if not out.any() or not np.isfinite(found.loss):
@@ -281,7 +286,7 @@ def _result(
 
 @contextlib.contextmanager
 def _listener_of(progress: Any, most: int) -> Iterator[Callable[[Any, Any], Any] | None]:
-    """What to call with each step and its loss; None where nothing is shown."""
+    """Yield the function to call with each step and its loss; None without progress."""
     if as_flag(progress) is False:
         yield None
     elif callable(progress):

@@ -1,4 +1,4 @@
-"""What `fit` returns: its outcome, and the methods that go on from it."""
+"""The result of `fit`, with the methods that continue from it."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ class Fit(FitData):
 
     @functools.cached_property
     def adequacy(self) -> Adequacy:
-        """Whether the model describes the data, by which tests; computed where it is asked for."""
+        """The tests whether the model describes the data, computed on first use."""
         return adequacy_of(self)
 
     @property
     def adequate(self) -> bool | None:
-        """Whether the model describes the data; None where that cannot be told."""
+        """True if the model describes the data; None if undecided."""
         return self.adequacy.adequate
 
     def summary(self) -> str:
-        """The fit in words, a line for each parameter."""
+        """Return the fit in words, with a line for each parameter."""
         good = "converged" if self.converged else "NOT CONVERGED"
         points = np.count_nonzero(self.problem.factor)
         lines = [

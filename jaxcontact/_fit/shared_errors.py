@@ -1,8 +1,8 @@
-"""Errors that readings share in a way which would mislead a fit that weighed by it.
+"""Errors that readings share but that must not enter the weights.
 
-Weights that follow the data too closely let a fit cancel errors which it only believes to know.
-Such a fit weighs its points as if they were independent; only its standard errors, intervals and
-adequacy go by what they share.
+If the weights include this correlation, the fit cancels part of the error and reports standard
+errors that are too small. Such a fit weights its points as if they were independent. Only standard
+errors, intervals and adequacy include the correlation.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ _F = TypeVar("_F", bound=FitData)
 
 
 def with_shared(fit: _F, shared: SharedErrors) -> _F:
-    """The fit with standard errors for z of the errors `shared`, of the points with weight.
+    """Return the fit with standard errors for z of the errors `shared`, of the points with weight.
 
-    Cov θ = H V Hᵀ, H the pseudoinverse of J = dz/dθ; the intervals widen as the errors do.
+    Cov θ = H V Hᵀ, with H the pseudoinverse of J = dz/dθ. Intervals widen as the errors do.
     """
     jacobian = fit.jacobian[np.asarray(fit.problem.factor) > 0]
     length = np.linalg.norm(jacobian, axis=0)

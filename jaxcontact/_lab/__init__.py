@@ -1,7 +1,7 @@
-"""The laboratory: recordings and records of instruments, read, calibrated, reported and drawn.
+"""The laboratory: recordings and instrument records are read, calibrated, reported and drawn.
 
-Nothing below imports it: laws, impacts, scenes, fits and calibrations of arrays work without. A
-name is loaded when it is first used.
+No lower room imports it: laws, impacts, scenes, fits and calibrations of arrays work without
+it. Names are loaded on first use.
 """
 
 from importlib import import_module as _import_module

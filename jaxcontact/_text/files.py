@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and are read whole or not at all."""
+"""Files that are written and read completely or not at all."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from collections.abc import Callable, Mapping
 from typing import BinaryIO
 
 FIGURES = (".png", ".pdf", ".svg")
-"""What a figure may be written as."""
+"""File formats of a figure."""
 
 MOST_BYTES = 256 * 2**20
-"""More than any table or description holds: a mistaken file stays out of memory."""
+"""Limit for any table or description; keeps a mistaken file out of memory."""
 
 
 def read_whole(path: pathlib.Path) -> bytes:
-    """All bytes of a file; ValueError for one of more than `MOST_BYTES`, which are not read."""
+    """Return all bytes of a file; raise ValueError, without reading it, above `MOST_BYTES`."""
     with path.open("rb") as file:
-        # A device has no size that could be looked at before.
+        # A device has no size to check in advance.
         content = file.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
         raise ValueError(
@@ -30,16 +30,16 @@ def read_whole(path: pathlib.Path) -> bytes:
 
 
 def is_special(path: pathlib.Path) -> bool:
-    """Whether there is a folder, a pipe or a device of this name, which no file can replace."""
+    """Return whether the name is a folder, a pipe or a device, which a file cannot replace."""
     return path.exists() and not path.is_file()
 
 
 def write_all(contents: Mapping[pathlib.Path, bytes | Callable[[BinaryIO], object]]) -> None:
-    """Write all files, each whole: to a temporary file beside it first, then renamed.
+    """Write all files completely: each to a temporary file beside it first, then renamed.
 
-    A content is what to write, or a function that writes it. Missing folders are made. Nothing is
+    A content is bytes, or a function that writes them. Missing folders are created. Nothing is
     renamed before everything is written; the temporary files are removed if anything fails. Raises
-    OSError, also where a name is that of a folder, a pipe or a device.
+    OSError, also if a name is that of a folder, a pipe or a device.
     """
     for path in contents:
         if is_special(path):
@@ -55,7 +55,7 @@ def write_all(contents: Mapping[pathlib.Path, bytes | Callable[[BinaryIO], objec
                     content(file)
                 else:
                     file.write(content)
-            # mkstemp makes files that only their owner may read; give them the usual rights.
+            # mkstemp makes files that only their owner may read; restore the usual permissions.
             mask = os.umask(0)
             os.umask(mask)
             os.chmod(name, 0o666 & ~mask)

@@ -10,29 +10,29 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 _PATIENCE = 1.0
-"""Seconds: work that ends sooner shows no bar."""
+"""Seconds; work that ends sooner shows no bar."""
 _TERMINAL, _FILE = 0.2, 10.0
-"""Seconds between two states of the bar, where they replace each other and in a file."""
+"""Seconds between two updates of the bar, in a terminal and in a file."""
 
 Listener = Callable[[int, int], None]
 """A user's function of the work done and the whole work."""
 
 
 class Tell(Protocol):
-    """What the code that works calls: the work done so far, the whole if known, and a note."""
+    """The function that working code calls: the work done, the whole if known, and a note."""
 
     def __call__(self, done: int, total: int | None = None, note: str = "", /) -> None: ...
 
 
 @contextlib.contextmanager
 def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Iterator[Tell]:
-    """A context that gives the `Tell` to call while working.
+    """Yield the `Tell` to call while working.
 
-    `wanted`: True shows a bar on stderr once the work has lasted a second; None does so if stderr
-    is a terminal or this is a notebook; False shows nothing; a function is called with the work
-    done and the whole (None where that is unknown). The bar begins with `describe`, counts in
-    `unit`, shows the rate and, if the whole is known, the time left, and ends with the last note.
-    Raises ValueError for what is none of these.
+    `wanted`: True shows a bar on stderr once the work has lasted a second. None does so if stderr
+    is a terminal or this is a notebook. False shows nothing. A function is called with the work
+    done and the whole (None if unknown). The bar begins with `describe`, counts in `unit`, shows
+    the rate and, if the whole is known, the time left, and ends with the last note. Raises
+    ValueError for other values.
     """
     require_progress(wanted)
     if callable(wanted):
@@ -53,7 +53,7 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
         file=sys.stderr,
         delay=_PATIENCE,
         mininterval=_TERMINAL if watched else _FILE,
-        # Without a floor of steps, a note alone is shown too.
+        # Without a minimum of steps, a note alone is shown too.
         miniters=0,
         dynamic_ncols=watched,
     )
@@ -68,8 +68,8 @@ def progress_of(wanted: bool | Listener | None, unit: str, describe: str) -> Ite
 
 
 def require_progress(wanted: bool | Listener | None) -> None:
-    """Raise ValueError for what `progress_of` does not take."""
-    # Not at the top: the command line has stages, and its --help need not wait for JAX.
+    """Raise ValueError for values that `progress_of` does not accept."""
+    # Imported here, so that --help of the command line does not wait for JAX.
     from .._parameter import as_flag, rendered
 
     if not callable(wanted) and wanted is not None and as_flag(wanted) is None:
@@ -80,7 +80,7 @@ def require_progress(wanted: bool | Listener | None) -> None:
 
 
 def _bar_type() -> Any:
-    """The widget of notebooks where it can be shown, and the line of text elsewhere."""
+    """Return the notebook widget if it can be shown, otherwise the line of text."""
     if in_notebook() and importlib.util.find_spec("ipywidgets"):
         from tqdm.notebook import tqdm
     else:
@@ -89,16 +89,16 @@ def _bar_type() -> Any:
 
 
 def in_notebook() -> bool:
-    """Whether this runs in a cell of a notebook, whose stderr is no terminal but is shown."""
+    """Return whether this runs in a notebook cell, whose stderr is shown but is not a terminal."""
     shell = sys.modules.get("IPython")
     get = getattr(shell, "get_ipython", None)
     return get is not None and getattr(get(), "kernel", None) is not None
 
 
 def stages_of(wanted: bool | Callable[[str], None]) -> Callable[[str], None]:
-    """What to call with each stage: a user's function, or `Stages` for True and False.
+    """Return the function to call with each stage: the user's, or `Stages` for True and False.
 
-    Raises ValueError for what is none of these.
+    Raises ValueError for other values.
     """
     if callable(wanted):
         return wanted

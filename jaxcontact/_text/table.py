@@ -1,4 +1,4 @@
-"""Text in columns and wrapped text: the one writer of both."""
+"""Text in columns, and wrapped text."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ def text_table(
     gap: int = 2,
     rule: bool = False,
 ) -> list[str]:
-    """The lines of a table whose columns are as wide as their widest cell.
+    """Return the lines of a table whose columns are as wide as their widest cell.
 
-    `align` holds "<" or ">" for each column in order, "<" where it ends early; `indent` is the
-    number of spaces before the first column, `gap` that between columns; `rule` draws a line below
-    the `header`. A row may have fewer cells than there are columns.
+    `align` holds "<" or ">" for each column in order, "<" beyond its end. `indent` is the number of
+    spaces before the first column, and `gap` that between columns. `rule` draws a line below the
+    `header`. A row may have fewer cells than there are columns.
     """
     cells = [list(header)] * bool(header) + [list(row) for row in rows]
     columns = max(map(len, cells), default=0)
@@ -37,7 +37,7 @@ def text_table(
 
 
 def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """The lines of a table in Markdown."""
+    """Return the lines of a table in Markdown."""
     lines = [
         "|" + "".join(f" {cell} |" if cell else " |" for cell in row) for row in (header, *rows)
     ]
@@ -47,7 +47,7 @@ def markdown_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list
 def wrapped(
     head: str, text: str, *, width: int = 100, indent: int = 11, lead: str = ""
 ) -> list[str]:
-    """Lines of at most `width` characters: `lead`, `head`, and `text` from column `indent` on."""
+    """Return lines of at most `width` characters: `lead`, `head`, `text` at column `indent`."""
     return textwrap.wrap(
         text,
         width,
@@ -59,7 +59,7 @@ def wrapped(
 
 
 def with_error(value: float, error: float) -> str:
-    """`0.8799 ± 0.0010`: the error with two digits and the value with as many places."""
+    """Return `0.8799 ± 0.0010`: the error with two digits, the value with as many places."""
     if not error > 0:
         return f"{value:.6g} ± 0"
     places = 1 - math.floor(math.log10(error))

@@ -1,4 +1,4 @@
-"""The words and the SI unit of every quantity, by the name it has as a field or an argument."""
+"""The words and the SI unit of every quantity, by its name as a field or an argument."""
 
 from __future__ import annotations
 
@@ -52,17 +52,17 @@ _MEANING = {
 
 
 def meaning(name: str) -> tuple[str, str]:
-    """What a name stands for, and its unit; the name itself and "" if the name is not known."""
+    """Return the words and the unit of a name; the name itself and "" if it is unknown."""
     return _MEANING.get(name, (name, ""))
 
 
 def quantity(name: str, number: str) -> str:
-    """A number with the unit of `name`: "4.2 m/s"."""
+    """Return a number with the unit of `name`: "4.2 m/s"."""
     return f"{number} {meaning(name)[1]}".rstrip()
 
 
 def label(name: str, words: str | None = None, *, prefix: str = "") -> str:
-    """The label of a figure's axis: "closing speed / (m/s)".
+    """Return the label of a figure's axis: "closing speed / (m/s)".
 
     `words` replace those of the table; `prefix` is that of the unit, "m" for milli.
     """
@@ -74,11 +74,11 @@ def label(name: str, words: str | None = None, *, prefix: str = "") -> str:
 
 
 class Shown(NamedTuple):
-    """How a number of a prediction is shown: as which quantity, and in which `words`, by default
-    those of the quantity; `logarithm` where the prediction is its logarithm.
+    """The presentation of a number of a prediction: its quantity, and `words`.
 
-    A prediction may have `shown`, a mapping: "x" for what it is over, the name of each column, and
-    "" for a lone one.
+    By default the words are those of the quantity. `logarithm`: the prediction is its logarithm. A
+    prediction may have `shown`, a mapping: "x" for its variable, the name of each column, and ""
+    for a single one.
     """
 
     name: str
@@ -88,7 +88,7 @@ class Shown(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Unit:
-    """A unit as people write it: what it measures, and the number SI = number · times / by."""
+    """A written unit: what it measures, and the conversion SI = number · times / by."""
 
     written: str
     si: str
@@ -97,16 +97,16 @@ class Unit:
 
     @property
     def converts(self) -> bool:
-        """Whether numbers change on the way to SI."""
+        """True if numbers change in the conversion to SI."""
         return self.times != self.by
 
     def to_si(self, number: float) -> float:
-        """The number in SI units; rounded once where `times` or `by` is 1."""
+        """Return the number in SI units; rounded once if `times` or `by` is 1."""
         return number * self.times / self.by
 
     @property
     def words(self) -> str:
-        """What is done to a number: "/ 1000"."""
+        """The conversion of a number in words: "/ 1000"."""
         return " ".join(
             [f"* {self.times:g}"] * (self.times != 1) + [f"/ {self.by:g}"] * (self.by != 1)
         )
@@ -154,7 +154,7 @@ _WRITTEN: dict[str, dict[str, tuple[float, float]]] = {
         "kgf kp": (9.80665, 1),
     },
 }
-"""By the SI unit: the written units that are turned into it, and by what."""
+"""By SI unit: the written units that are converted to it, and the factors."""
 
 _BY_WORD = {
     word: (si, times, by)
@@ -162,15 +162,15 @@ _BY_WORD = {
     for words, (times, by) in groups.items()
     for word in words.split()
 }
-# mN is not MN; of the others people write capitals as they like.
+# mN is not MN; other units are recognised in any case.
 _ANY_CASE = {word.casefold(): found for word, found in _BY_WORD.items() if found[0] != "N"}
 
 _CLOCK = re.compile(r"(h+:)?(m|mm|min):(s|ss|sec)([.,](s+|c+|0+|f+|x+|ms))?")
-"""The form of times such as 01:02.50, which people write in place of a unit."""
+"""The form of times such as 01:02.50, which may be written in place of a unit."""
 
 
 def written_unit(text: str) -> Unit | None:
-    """The unit that a text such as "mm/s" or "[ms]" means; None for what is no unit we know."""
+    """Return the unit of a text such as "mm/s" or "[ms]"; None if it is unknown."""
     plain = text.strip().strip("[](){}").strip()
     word = plain.replace(" ", "")
     found = _BY_WORD.get(word) or _ANY_CASE.get(word.casefold())

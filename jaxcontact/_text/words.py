@@ -9,11 +9,11 @@ Words = tuple[str, str]
 
 
 def counted(count: int, words: Words) -> str:
-    """`1 trial`, `2 trials`, `0 trials`."""
+    """Return a count with its noun: `1 trial`, `2 trials`, `0 trials`."""
     return f"{count} {words[count != 1]}"
 
 
 def span(values: Sequence[float], unit: str = "") -> str:
-    """The range of values: `0.1 to 0.3 m`, or `0.1 m` where all are equal."""
+    """Return the range of values: `0.1 to 0.3 m`, or `0.1 m` if all are equal."""
     low, high = f"{min(values):.3g}", f"{max(values):.3g}"
     return f"{low if low == high else f'{low} to {high}'} {unit}".rstrip()

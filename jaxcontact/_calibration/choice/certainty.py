@@ -1,4 +1,4 @@
-"""Whether the data leave no doubt about the kind of law."""
+"""Certainty of the choice of a kind of law."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from ..._fit import Fit, FitData, has_trials
 from .kinds import AbstractKind
 
 EXCLUDED = 0.01
-"""A law that is right is excluded by a law that is wrong in at most so many tables."""
+"""p below which a law is excluded; a right law is excluded by a wrong one at most this often."""
 
 BETTER = 0.05
-"""A law is clearly better than a special case of it from this probability downwards."""
+"""p below which a law is clearly better than its special case."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Standing:
-    """Whether a choice is `sure`, of the law `kind`; `containing` are the laws that contain it.
+    """Certainty of the choice of `kind`: it is `sure`; the laws `containing` it.
 
-    Sure of X: every law that does not contain X is excluded, no law that contains X is clearly
-    better, and X describes the data.
+    The choice of X is sure if every law that does not contain X is excluded, no law that contains X
+    is clearly better, and X describes the data.
     """
 
     sure: bool
     kind: str
     containing: frozenset[str]
     rivals: tuple[str, ...]
-    """Laws that keep it from being sure: not excluded, or clearly better."""
+    """Laws that prevent certainty: not excluded, or clearly better."""
 
 
 def standing_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind], kind: str) -> Standing:
-    """Where one kind stands among all that were fitted."""
+    """Return the standing of one kind among all that were fitted."""
     by_name = {one.name: one for one in kinds}
     own, found = by_name[kind], fits[kind]
     containing = frozenset(name for name, one in by_name.items() if one.contains(own))
@@ -48,7 +48,7 @@ def standing_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind], kind: st
 
 
 def sure_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind]) -> Standing | None:
-    """The one law of which the data leave no doubt; None where they do."""
+    """Return the one law that is sure, or None."""
     found = (standing_of(fits, kinds, kind.name) for kind in kinds)
     return next((one for one in found if one.sure), None)
 
@@ -56,30 +56,31 @@ def sure_of(fits: Mapping[str, Fit], kinds: Sequence[AbstractKind]) -> Standing 
 def rivals_of(
     fits: Mapping[str, Fit], kinds: Sequence[AbstractKind], best: str | None, sure: Standing | None
 ) -> tuple[str, ...]:
-    """The laws that are not ruled out beside the best; only those that converged."""
+    """Return the converged laws other than the best that are not ruled out."""
     if best is None or sure is not None:
         return ()
     return tuple(n for n in standing_of(fits, kinds, best).rivals if fits[n].converged)
 
 
 def _keeps_open(found: FitData, own: AbstractKind, fit: FitData, other: AbstractKind) -> bool:
-    """Whether another law, which may contain this one, has to be reckoned with."""
+    """Return whether another law, which may contain this one, prevents certainty."""
     if not (found.converged and fit.converged):
         return True
     more = len(fit.names) - len(found.names)
     if other.contains(own):
         return excess_p(fit, found, more) < BETTER
-    # A law that does not contain the other can come near it along one more direction.
+    # A law that does not contain the other can approach it along one more direction.
     numbers = max(-more, 0) + (0 if own.contains(other) else 1)
     return excess_p(found, fit, numbers) >= EXCLUDED
 
 
 def excess_p(better: FitData, worse: FitData, numbers: int) -> float:
-    """The probability of so much larger a sum of squares, if `numbers` of the better fit are idle.
+    """Return the probability of so much larger a sum of squares if `numbers` parameters are idle.
 
-    F = (Σz'² - Σz²)/numbers/s², with s² of the better fit, or 1 where the noise is known. Where
-    points of a trial may be correlated, the larger of this and the probability by the noise along
-    the difference d = z' - z of the two curves, Σ_g (Σ_i d_i z_i)²/Σ d² over the trials g.
+    F = (Σz'² - Σz²)/numbers/s², with s² of the better fit, or 1 if the noise is known. If points of
+    a trial may be correlated, the result is the larger of this and the probability by trial. The
+    latter uses the noise along the difference d = z' - z of the two curves, Σ_g (Σ_i d_i z_i)²/Σ d²
+    over the trials g.
     """
     gain = 2 * (worse.loss - better.loss)
     if gain <= 0 or better.dof < 1:
@@ -94,7 +95,7 @@ def excess_p(better: FitData, worse: FitData, numbers: int) -> float:
 
 
 def _by_trial(better: FitData, worse: FitData, gain: float, numbers: int) -> float:
-    """The probability by trial; 0 where every point is a trial of its own."""
+    """Return the probability by trial; 0 if every point is its own trial."""
     if not has_trials(better):
         return 0.0
     assert better.groups is not None  # for the type checker
@@ -116,9 +117,9 @@ def sure_sentence(
     sure: Standing | None,
     said: Collection[str | None],
 ) -> str:
-    """Whether the choice of `best` is sure, in words that follow the verdict.
+    """Return whether the choice of `best` is sure, as a sentence that follows the verdict.
 
-    `said` are the laws of which the verdict says that the data do not distinguish them from it.
+    `said` are the laws that the verdict already calls indistinguishable from it.
     """
     if sure is not None:
         but = " that does not contain it" if sure.containing else ""

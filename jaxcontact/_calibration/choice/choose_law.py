@@ -1,4 +1,4 @@
-"""Which kind of law describes restitutions measured over the closing speed."""
+"""The choice of the kind of law that describes restitution over closing speed."""
 
 from __future__ import annotations
 
@@ -49,39 +49,49 @@ def choose_law(
     mark_outliers: bool = True,
     **how: Any,
 ) -> LawChoice:
-    """Every kind of law fitted to restitutions over the closing speed, and which one to use.
+    """Fit every kind of law to restitution over closing speed, and choose one.
 
-    Laws fall into kinds by e(v): a constant e, which most of them deliver (each for a different
-    parameter e); a constant c, with α = c v/K (also Marhefka and Orin's law, with a = c/K); c as a
-    power of v; 1 - b v^p; and, for n = 3/2, Kuwabara and Kono's, and Thornton's of elastic-plastic
-    spheres. Three more are compared with a constant e where `law` names them: "bridges", of
-    min(1, a v^-p), which few tables tell from that of plastic spheres; and, for n = 3/2,
-    "linear_dashpot" and "step_damping". One fit for each kind minimises
-    Σ ((ln e_k - ln e(v_k))/σ_k)². It is the calibration that `jaxcontact calibrate` and `calibrate`
-    make of the same table. Where contact times or peak forces were measured, too, their logarithms
-    are fitted with ln e, and the stiffness with them: they are those of the force of each law, for
-    1 - b v^p, a v^-p and a constant e of the member of the Hunt-Crossley family that delivers it,
-    for Thornton's spheres his.
+    Laws of one kind have the same form of e(v):
 
-    Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may bring a
-    measured one above 1), both (points,); the `contact`, whose mass and stiffness are taken as
-    known (e(v) determines only c/K and A (K/m)^(2/5)); `law`, "all" or the name of one law, as in
-    `calibrate`; `duration` in s and `max_force` in N (points,), NaN where not measured; `sigma`,
-    standard deviations of e, with `sigma_duration` and `sigma_max_force`, relative to their column,
-    or `weights` of e, relative ones (by default, the scatter about a trend); `groups` (points,),
-    the trial of each point, by default one for each: with at least 8, standard errors and the
-    comparison allow for correlation inside a trial; `mark_outliers`, whether points more than 6
-    robust standard deviations off the trend are left out; what else `fit` takes (`optimizer`,
-    `starts`, ...), for all of them. The held-out error leaves out four bands of speed in turn;
-    `compare_fits(choice.fits, groups=...)` leaves out other groups.
+    - a constant e, which most laws deliver (each for a different parameter e);
+    - a constant c, with α = c v/K (also Marhefka and Orin's law, with a = c/K);
+    - c as a power of v;
+    - 1 - b v^p;
+    - for n = 3/2, Kuwabara and Kono's law, and Thornton's law of elastic-plastic spheres.
 
-    The choice is `sure` of a law if every law that does not contain it is excluded (p < 0.01), no
-    law that contains it is clearly better (p < 0.05), and it describes the data. A free smooth
-    curve, which is no law, shows how much better any could be.
+    Three more are compared with a constant e if `law` names them. "bridges" is min(1, a v^-p),
+    which few tables separate from the curve of plastic spheres. "linear_dashpot" and "step_damping"
+    need n = 3/2.
 
-    Returns a `LawChoice`, which prints as a table with a verdict, and which `jc.plot.choice` draws.
-    Raises ValueError for columns that do not match or leave their range, fewer than 4 points, and
-    what `fit` and `compare_fits` raise. Source: Burnham & Anderson (2002), doi 10.1007/b97636.
+    One fit for each kind minimises Σ ((ln e_k - ln e(v_k))/σ_k)². It is the same calibration that
+    `jaxcontact calibrate` and `calibrate` make of the table. Logarithms of measured contact times
+    and peak forces are fitted together with ln e, and then the stiffness is fitted too. They are
+    computed from the force of each law. For 1 - b v^p, a v^-p and a constant e, that is the
+    Hunt-Crossley member that delivers the same e; for Thornton's spheres it is his force.
+
+    Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may raise a
+    measured one above 1), both (points,). Mass and stiffness of the `contact` are taken as known
+    (e(v) determines only c/K and A (K/m)^(2/5)). `law`: "all" or the name of one law, as in
+    `calibrate`. `duration` in s and `max_force` in N (points,), NaN if not measured.
+
+    `sigma`: standard deviations of e; with it, `sigma_duration` and `sigma_max_force` relative to
+    their column. `weights`: relative weights of e instead (by default, the scatter about a trend).
+    `groups` (points,): the trial of each point, by default one for each. With at least 8 trials,
+    standard errors and the comparison allow for correlation within a trial. `mark_outliers`:
+    whether points more than 6 robust standard deviations off the trend are left out. Other keywords
+    go to `fit` (`optimizer`, `starts`, ...), for all kinds.
+
+    The held-out error leaves out four bands of speed in turn; `compare_fits(choice.fits,
+    groups=...)` leaves out other groups. The choice is `sure` of a law under three conditions.
+    Every law that does not contain it is excluded (p < 0.01). No law that contains it is clearly
+    better (p < 0.05). It describes the data. A free smooth curve shows how much better any law
+    could be.
+
+    Returns a `LawChoice`, which prints as a table with a verdict and which `jc.plot.choice` draws.
+    Raises ValueError for columns that do not match or are out of range, for fewer than 4 points,
+    and as `fit` and `compare_fits` do.
+
+    Source: Burnham & Anderson (2002), doi 10.1007/b97636.
     """
     require_contact(contact)
     kinds = kinds_of(law, contact.exponent)
@@ -119,8 +129,9 @@ def choose_law(
 
 
 class Weighed(NamedTuple):
-    """The noise of ln e, the weights (n,) of all pairs, and the correlation (n, n) of their errors,
-    None where pairs count as independent.
+    """The noise of ln e, the weights (n,) of all pairs, and the correlation (n, n) of their errors.
+
+    The correlation is None for independent pairs.
     """
 
     noise: Noise
@@ -129,15 +140,15 @@ class Weighed(NamedTuple):
 
 
 def weights_of(pairs: Pairs, outliers: Outliers, keep: np.ndarray) -> Weighed:
-    """The noise of ln e about the trend of the pairs to `keep`, and what follows for all.
+    """Return the noise of ln e about the trend of the pairs `keep`, and the weights of all pairs.
 
-    Where the errors of the readings are known, they are taken as they are, with what pairs share of
-    them; the scatter of the bounces is estimated beside them, unless they contain it.
+    Known errors of the readings are used unchanged, with what pairs share of them. The scatter of
+    the bounces is estimated in addition, unless the errors contain it.
     """
     good = pairs.where(keep)
     if pairs.absolute and pairs.covariance is not None:
         size = np.sqrt(np.diag(pairs.covariance))
-        if not pairs.reading:  # σ/√(e e₀) of ln e are σ of e, to the third order
+        if not pairs.reading:  # to third order, σ/√(e e₀) of ln e is the σ of e
             size = size * np.sqrt(pairs.restitution / np.exp(outliers.trend(pairs.velocity)))
         usual = 0.0 if pairs.reading else float(np.median(size[keep]))
         correlation = pairs.covariance / np.outer(size, size)
@@ -171,19 +182,19 @@ def choose(
     progress: Any = None,
     **how: Any,
 ) -> LawChoice:
-    """The choice among `kinds` on the pairs for which `use` (n,) is true; relative `weights` (n,).
+    """Choose among `kinds` on the pairs where `use` (n,) is True, with relative `weights` (n,).
 
-    `others` were measured with the pairs. `correlation` (n, n) is that of the errors of ln e, and
-    of them with those of `others` where it is (columns n, columns n).
+    `others` were measured with the pairs. `correlation` (n, n) is that of the errors of ln e; with
+    `others` included it is (columns n, columns n).
 
-    Each kind has one compiled search: pairs without weight pad the data to a few lengths, and
-    everything that leaves pairs out (outliers, bands of speed) changes weights only.
+    Each kind has one compiled search. Pairs without weight pad the data to a few lengths, and
+    leaving pairs out (outliers, bands of speed) changes only weights.
     """
     v = pairs.velocity[use]
     middle = float(np.median(v))
     typical = min(max(float(np.median(pairs.restitution[use])), 0.05), 0.999)
     reference = float(np.exp(np.mean(np.log(v))))
-    # AICc is finite for n > k + 1 readings, and for one more where their noise is not known.
+    # AICc is finite for n > k + 1 readings; unknown noise takes one more.
     readings = len(v) + sum(int(np.isfinite(one[use]).sum()) for one in others.sigma.values())
     free = readings - (1 if "sigma" in how else 2) - bool(others)
     every, kinds = kinds, tuple(kind for kind in kinds if len(kind.transforms) < free)
@@ -201,7 +212,7 @@ def choose(
         return found, law_fit(kind, found, pairs, use, contact, known, middle)
 
     found: list[tuple[Fit, LawFit]] = []
-    # What laws of constant e deliver is compiled with the fits, and needed after them.
+    # The restitution delivered by laws of constant e is compiled in parallel with the fits.
     jobs: list[Any] = [functools.partial(fitted, kind) for kind in kinds]
     outcomes: Any = side_by_side([*jobs, delivered_by_laws])
     for kind in kinds:
@@ -214,7 +225,7 @@ def choose(
     said = {law.kind: law.said for law in laws}
     bands = np.tile(_bands(pairs, use, len(data["x"])), 1 + len(others.values))
     bands &= np.asarray(fits[kinds[0].name].problem.factor) > 0
-    # Of laws that were not fitted nothing is known.
+    # Certainty needs fits of all laws.
     standing = sure_of(fits, kinds) if kinds == every else None
     comparison = compared(
         fits,
@@ -227,7 +238,7 @@ def choose(
     constant = laws[0].constant
     some, x = fits[kinds[0].name], np.asarray(data["x"])
     free = curve_of(some, x)
-    if others:  # whose criterion is that of other data
+    if others:  # its criterion is that of other data
         free = dataclasses.replace(free, aicc=None)
     rivals = [c.name for c in undecided(comparison.candidates) if c.name != comparison.best]
     if standing is not None:
@@ -268,7 +279,7 @@ def padded_data(
     correlation: Floats | None,
     how: dict[str, Any],
 ) -> dict[str, Any]:
-    """The arguments of `fit`: ln e first, then what else was measured."""
+    """Return the arguments of `fit`: ln e first, then the other measured columns."""
     sigma = how.pop("sigma", None)
     absolute = sigma is not None
     if sigma is None:
@@ -298,8 +309,9 @@ def padded_data(
 
 
 def _groups(pairs: Pairs, columns: int) -> np.ndarray:
-    """The number of the trial of each padded point: readings of one impact are independent, those
-    of a trial may not be.
+    """Return the trial number of each padded point.
+
+    Readings of one impact are independent; those of a trial may be correlated.
     """
     own = padded(pairs.cluster, -1)
     if len(np.unique(pairs.cluster)) < len(pairs):
@@ -308,7 +320,7 @@ def _groups(pairs: Pairs, columns: int) -> np.ndarray:
 
 
 def _bands(pairs: Pairs, use: np.ndarray, length: int) -> np.ndarray:
-    """Which of the padded points each band of speed leaves out (bands, length)."""
+    """Return which of the padded points each band of speed leaves out (bands, length)."""
     place = np.flatnonzero(use)
     order = place[np.argsort(pairs.velocity[use], kind="stable")]
     parts = np.zeros((min(_BANDS, len(place)), length), bool)

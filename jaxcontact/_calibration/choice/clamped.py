@@ -1,4 +1,4 @@
-"""The restitution of a contact that pushes only, by equal steps of the phase angle."""
+"""The restitution of a contact without tension, by equal steps of the phase angle."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ _STEPS = 256
 def clamped_restitution(
     law: AbstractLaw, contact: Contact, velocity: Float[Array, " n"]
 ) -> Float[Array, " n"]:
-    """e at closing speeds in m/s, of a law without tension for n = 3/2.
+    """Return e at closing speeds in m/s, of a law without tension for n = 3/2.
 
-    Within 1e-5 for e above 0.7, 2e-3 for e above 0.15 (a linear dashpot's, whose force jumps).
-
-    Where the force has vanished the bodies fly apart, and the polar angle of (√x, v) goes on to π:
-    its steps need neither an event nor a step controller, whose jumps would stop a line search.
-    They are those of the classical method of Runge and Kutta.
+    The error is within 1e-5 for e above 0.7, and 2e-3 for e above 0.15 (for a linear dashpot, whose
+    force jumps). After the force has vanished the bodies separate, and the polar angle of (√x, v)
+    continues to π. Equal steps of it need neither an event nor a step controller, whose jumps would
+    stop a line search. The steps are classical Runge-Kutta steps.
     """
     scale = scale_of(contact, velocity)
     step = np.pi / _STEPS
@@ -31,7 +30,7 @@ def clamped_restitution(
     sines, cosines = (jnp.asarray(f(nodes), velocity.dtype) for f in (np.sin, np.cos))
 
     def slope(radius: Array, sine: Array, cosine: Array) -> Array:
-        """d ln r/dψ of w = r sin ψ, v = r cos ψ, with w' = v/2 and v' = -w f."""
+        """Return d ln r/dψ of w = r sin ψ, v = r cos ψ, with w' = v/2 and v' = -w f."""
         w, v = radius * sine, radius * cosine
         force = force_of(law, scale.length * w * w, scale.speed * v, contact, scale.speed)
         across, along = v / 2, -w * force / scale.force

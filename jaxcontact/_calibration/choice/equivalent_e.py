@@ -1,4 +1,4 @@
-"""The parameter e with which each law of constant restitution delivers a given one."""
+"""The parameter e with which each law of constant restitution delivers a requested value."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ..._impact import restitutions
 from ..._laws import constant_laws, describe
 
 _GRID = 1001
-"""Points of a grid, refined in one of its cells: a straight line between two is good to 1e-12."""
+"""Points of a grid, refined in one of its cells; linear interpolation is then accurate to 1e-12."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Asked:
-    """A law, the e to set in it, and its standard error; None where the law cannot deliver.
+    """A law, the e to set in it, and its standard error; None if the law cannot deliver it.
 
-    `least` and `most` are what the law delivers at the ends of its range.
+    `least` and `most` are the delivered values at the ends of its range.
     """
 
     law: str
@@ -41,10 +41,10 @@ Grid = tuple[list[str], np.ndarray, np.ndarray]
 
 
 def delivered_by_laws() -> Grid:
-    """Names of laws, a grid of e (laws, points) over the whole range, and what they deliver there.
+    """Return names of laws, a grid of e (laws, points) over the whole range, and the delivered e.
 
-    A registered law of one parameter e is left out if what it delivers depends on more, or does not
-    rise with e.
+    A registered law of one parameter e is left out if its delivered e depends on more, or does not
+    increase with e.
     """
     names = constant_laws()
     # 0 itself may be out of range; no real e is so small.
@@ -55,11 +55,10 @@ def delivered_by_laws() -> Grid:
 
 
 def asked_of(delivered: float, standard_error: float | None, grid: Grid) -> tuple[Asked, ...]:
-    """The e to set in each law so that it delivers the restitution `delivered` ± `standard_error`.
+    """Return the e to set in each law to deliver the restitution `delivered` ± `standard_error`.
 
-    At a constant e every law has one equivalent in every other: e(v) cannot distinguish them, and
-    the choice among them is one of convenience or of the contact's duration. `grid` is that of
-    `delivered_by_laws`.
+    At a constant e every law has one equivalent in every other. e(v) cannot distinguish them;
+    convenience or the contact time decides. `grid` is that of `delivered_by_laws`.
     """
     names, place, e = grid
     low, high, *_ = _around(place, e, delivered)
@@ -77,7 +76,7 @@ def asked_of(delivered: float, standard_error: float | None, grid: Grid) -> tupl
 
 
 def _around(place: np.ndarray, e: np.ndarray, delivered: float) -> tuple[np.ndarray, ...]:
-    """The ends of the cell of each law's grid that holds `delivered`, and what they deliver."""
+    """Return the ends of each law's grid cell that holds `delivered`, and their e."""
     rows = np.arange(len(e))
     cell = np.clip(np.sum(e < delivered, axis=1), 1, _GRID - 1)
     return place[rows, cell - 1], place[rows, cell], e[rows, cell - 1], e[rows, cell]
@@ -86,9 +85,9 @@ def _around(place: np.ndarray, e: np.ndarray, delivered: float) -> tuple[np.ndar
 def _on_grid(
     names: list[str], low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, list[np.ndarray | None]]:
-    """A grid from `low` to `high` (laws,), and what each law delivers on it; see `restitutions`."""
+    """Return a grid from `low` to `high` (laws,), and the e of each law on it."""
     place = np.linspace(low, high, _GRID, axis=1)
-    # By class: a name may be registered anew.
+    # By class: a name may be registered again.
     classes = tuple(describe(name).cls for name in names)
     with jax.enable_x64(True):
         rows = restitutions(classes, jnp.asarray(place))

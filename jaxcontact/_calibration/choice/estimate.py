@@ -1,4 +1,4 @@
-"""A number with its standard error and unit, as it is printed."""
+"""A number with its standard error and unit, as printed."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from ..._text.table import with_error
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
-    """A number with its standard error, None where it is `lacking` for that reason, and unit."""
+    """A number with unit and standard error; the error is None for the reason `lacking`."""
 
     name: str
     value: float
@@ -18,7 +18,7 @@ class Estimate:
     lacking: str = "not identifiable"
 
     def __str__(self) -> str:
-        """`0.8799 ± 0.0010 unit`, the error with two digits and the value with as many places."""
+        """Return `0.8799 ± 0.0010 unit`: two digits of the error, equal places of the value."""
         unit = f" {self.unit}" if self.unit else ""
         if self.standard_error is None:
             return f"{self.value:.3g}{unit} ({self.lacking})"

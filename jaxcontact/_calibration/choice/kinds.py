@@ -1,7 +1,7 @@
 """Kinds of laws by their e(v): one curve each, with the parameters that e(v) can determine.
 
-e(v) contains the contact only through c/K or A (K/m)^(2/5), so any contact serves to fit a curve;
-mass and stiffness only convert these combinations to c and A.
+e(v) contains the contact only through c/K or A (K/m)^(2/5), so any contact serves to fit a curve.
+Mass and stiffness only convert these combinations to c and A.
 """
 
 from __future__ import annotations
@@ -47,21 +47,21 @@ from .plastic import plastic_impact
 Params = Mapping[str, Any]
 
 WIDEST_LOGARITHM = 2.0
-"""A parameter whose logarithm (or logit) has a larger standard error is not identifiable."""
+"""Standard error of a logarithm (or logit) above which a parameter is not identifiable."""
 
 _LEAST_E = 1e-6
 _SHORTEST = 256
-"""Compiling takes a thousand times as long as fitting so many points."""
+"""Least padded length; compiling takes a thousand times as long as fitting it."""
 
 
 @dataclasses.dataclass(frozen=True)
 class AbstractKind(abc.ABC):
-    """A kind of law: how its e(v) follows from a few parameters, and what these mean.
+    """A kind of law: its e(v) from a few parameters, and their meaning.
 
-    `law` is the registered name of a law of this kind, `name` the kind in a few words,
-    `unidentified` what e(v) leaves open; `transforms` tell where the parameters may lie; `own` are
-    the law's parameters that e(v) alone does not determine, each with its unit and the numbers of
-    the contact from which it follows. Hashable: it selects compiled code.
+    `law` is the registered name of a law of this kind, `name` the kind in a few words, and
+    `unidentified` what e(v) leaves open. `transforms` give the ranges of the parameters. `own` are
+    the parameters of the law that e(v) alone does not determine. Each has its unit and the contact
+    numbers from which it follows. Kinds are hashable, since they select compiled code.
     """
 
     law: str
@@ -70,52 +70,53 @@ class AbstractKind(abc.ABC):
     transforms: ClassVar[Mapping[str, AbstractTransform]]
     own: ClassVar[tuple[tuple[str, str, frozenset[str]], ...]] = ()
     special: ClassVar[tuple[type[AbstractKind], ...]] = ()
-    """Kinds each of whose curves is a curve of this kind, too."""
+    """Kinds all of whose curves are also curves of this kind."""
 
     def contains(self, other: AbstractKind) -> bool:
-        """Whether every curve of another kind is one of this kind."""
+        """Return whether every curve of another kind is one of this kind."""
         return type(other) in self.special
 
     @abc.abstractmethod
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """Parameters whose curve passes near `e` at the speed `reference` in m/s."""
+        """Return parameters whose curve passes near `e` at the speed `reference` in m/s."""
 
     @abc.abstractmethod
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
-        """The law with these parameters; `reference` in m/s is the speed of a power law's c."""
+        """Return the law of these parameters; `reference` in m/s is that of a power law's c."""
 
     @abc.abstractmethod
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
-        """What e(v) determines: parameter, name, factor to the parameter's value, and unit."""
+        """Return what e(v) determines: parameter, name, factor to its value, and unit."""
 
     def serves(self, exponent: float | Array) -> bool:
-        """Whether the curve is known for a contact with this exponent."""
+        """Return whether the curve is known for a contact with this exponent."""
         return True
 
     def restitution(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Float[Array, " n"]:
-        """e at closing speeds `velocity` in m/s: of a Hunt-Crossley law, from its α alone."""
+        """Return e at closing speeds `velocity` in m/s; by default from the law's α alone."""
         alpha = self.law_of(params, contact, reference).damping_factor(contact, velocity)
-        # Without contact and speed `restitution` is one formula, and compiles in half the time.
+        # Without contact and speed `restitution` is one formula, which compiles in half the time.
         return jnp.broadcast_to(restitution(Damped(alpha=alpha)), velocity.shape)
 
     def moved(self, params: Params, contact: Contact, other: Contact) -> Params:
-        """The parameters that give the same e(v) to another contact."""
+        """Return the parameters that give the same e(v) in another contact."""
         return params
 
     def outcome(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Any:
-        """`duration` and `max_force` of impacts: those of the law."""
+        """Return `duration` and `max_force` of impacts of the law."""
         return impact(self.law_of(params, contact, reference), contact, velocity)
 
     def estimates(
         self, fit: FitData, contact: Contact, known: frozenset[str], speed: float
     ) -> tuple[Estimate, ...]:
-        """What e(v) determines; e at a typical speed; what follows where `known` has what it needs.
+        """Return what e(v) determines, e at a typical speed, and parameters that follow from
+        `known`.
 
-        `known` names what of the contact was given, of "mass" and "stiffness".
+        `known` names the contact numbers that were given, "mass" and "stiffness".
         """
         good = is_identifiable(fit)
 
@@ -133,13 +134,13 @@ class AbstractKind(abc.ABC):
         return (*found, *own)
 
     def at_speed(self, speed: float) -> str:
-        """What e at a speed in m/s is called; nothing where it is a parameter."""
+        """Return the name of e at a speed in m/s; "" if it is a parameter."""
         return f"e at {speed:.2f} m/s"
 
 
 @dataclasses.dataclass(frozen=True)
 class ConstantE(AbstractKind):
-    """The same e at every speed, as the law `law` of one parameter e delivers it."""
+    """The same e at every speed, as delivered by the law `law` of one parameter e."""
 
     law: str = "exact"
     name: str = "constant e"
@@ -158,8 +159,8 @@ class ConstantE(AbstractKind):
     def restitution(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Float[Array, " n"]:
-        """What the law delivers, at every speed."""
-        if self.law == "exact":  # by definition, and nothing needs to be compiled
+        """Return the delivered e, the same at every speed."""
+        if self.law == "exact":  # by definition, so nothing is compiled
             return jnp.broadcast_to(params["e"], velocity.shape)
         return jnp.broadcast_to(restitution(get_law(self.law, e=params["e"])), velocity.shape)
 
@@ -178,7 +179,7 @@ class ConstantC(AbstractKind):
     own = (("c", "N s/m^(5/2)", frozenset({"stiffness"})),)
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """The c of Hu and Guo's α = 3(1-e)/(2e), which nearly delivers e."""
+        """Return the c of Hu and Guo's α = 3(1-e)/(2e), which nearly delivers e."""
         return {"c": 1.5 * (1 - e) / e * float(contact.stiffness) / reference}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
@@ -193,7 +194,7 @@ class ConstantC(AbstractKind):
 
 @dataclasses.dataclass(frozen=True)
 class PowerOfSpeed(ConstantC):
-    """A damping factor that goes as a power of the closing speed: α = c (v/v_r)^p v/K."""
+    """A damping factor that is a power of the closing speed: α = c (v/v_r)^p v/K."""
 
     law: str = "power_damping"
     name: str = "c as a power of v"
@@ -201,14 +202,14 @@ class PowerOfSpeed(ConstantC):
     special = (ConstantE, ConstantC)
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """A constant c."""
+        """Return a constant c."""
         return super().start(e, contact, reference) | {"power": 0.0}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
         return PowerDamping(c=params["c"], power=params["power"], reference=reference)
 
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
-        """c/K at the reference speed, and the power."""
+        """Return c/K at the reference speed, and the power."""
         return (*super().identified(contact), ("power", "power", 1.0, ""))
 
 
@@ -226,7 +227,7 @@ class Viscoelastic(AbstractKind):
         return isinstance(exponent, float) and exponent == 1.5
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v^(1/5), capped where it is too much."""
+        """Return A of 1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v^(1/5), capped for large losses."""
         strength = min((1 - e) / 1.73, 0.4) / reference**0.2
         return {"A": strength / _frequency(contact)}
 
@@ -243,7 +244,7 @@ class Viscoelastic(AbstractKind):
     def restitution(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Float[Array, " n"]:
-        """e by the series of the law's form."""
+        """Return e by the series of the law's form."""
         e = restitution(self.law_of(params, contact, reference), contact, velocity)
         return jnp.broadcast_to(e, velocity.shape)
 
@@ -261,7 +262,7 @@ class Plastic(AbstractKind):
         return isinstance(exponent, float) and exponent == 1.5
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """r = v_y/v from a formula that is 1 at e = 1 and near e⁴ far beyond yielding."""
+        """Return r = v_y/v from a formula that is 1 at e = 1 and near e⁴ far beyond yielding."""
         ratio = e**4 * (1 - 0.6 * (1 - e) ** 0.3)
         return {"yield_speed": ratio * reference}
 
@@ -279,13 +280,13 @@ class Plastic(AbstractKind):
     def outcome(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Any:
-        """Those of plastic spheres: the law's force only delivers their e."""
+        """Return the outcome of plastic spheres; the law's own force delivers only their e."""
         return plastic_impact(params["yield_speed"], contact, velocity)
 
 
 @dataclasses.dataclass(frozen=True)
 class PowerOfLoss(AbstractKind):
-    """A loss that goes as a power of the closing speed: e = 1 - b (v/v_r)^p."""
+    """A loss that is a power of the closing speed: e = 1 - b (v/v_r)^p."""
 
     law: str = "power_restitution"
     name: str = "1 - b v^p"
@@ -294,20 +295,20 @@ class PowerOfLoss(AbstractKind):
     special = (ConstantE,)
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """A constant e."""
+        """Return a constant e."""
         return {"loss": 1 - e, "power": 0.0}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
         return PowerRestitution(params["loss"], params["power"], reference)
 
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
-        """b at the reference speed, and the power."""
+        """Return b at the reference speed, and the power."""
         return (("loss", "b", 1.0, ""), ("power", "power", 1.0, ""))
 
     def restitution(
         self, params: Params, contact: Contact, reference: Any, velocity: Float[Array, " n"]
     ) -> Float[Array, " n"]:
-        """The curve, held above 0, where its logarithm ends."""
+        """Return the curve, kept above 0, where its logarithm is defined."""
         e = PowerRestitution(params["loss"], params["power"], reference).restitution_at(velocity)
         return jnp.maximum(e, _LEAST_E)
 
@@ -323,14 +324,14 @@ class PowerOfRestitution(AbstractKind):
     special = (ConstantE,)
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """A constant e."""
+        """Return a constant e."""
         return {"a": e, "power": 0.0}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
         return Bridges(params["a"], params["power"], reference)
 
     def identified(self, contact: Contact) -> tuple[tuple[str, str, float, str], ...]:
-        """a at the reference speed, and the power."""
+        """Return a at the reference speed, and the power."""
         return (("a", "a", 1.0, ""), ("power", "power", 1.0, ""))
 
     def restitution(
@@ -341,7 +342,7 @@ class PowerOfRestitution(AbstractKind):
 
 @dataclasses.dataclass(frozen=True)
 class Dashpot(AbstractKind):
-    """A linear dashpot beside Hertz's force: e depends on c/(m^(3/5) K^(2/5)) v^(-1/5)."""
+    """A linear dashpot parallel to Hertz's force: e depends on c/(m^(3/5) K^(2/5)) v^(-1/5)."""
 
     law: str = "linear_dashpot"
     name: str = "linear dashpot"
@@ -353,7 +354,7 @@ class Dashpot(AbstractKind):
         return isinstance(exponent, float) and exponent == 1.5
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """ln e = -1.6 c/(m^(3/5) K^(2/5)) v^(-1/5), which nearly delivers e."""
+        """Return c of ln e = -1.6 c/(m^(3/5) K^(2/5)) v^(-1/5), which nearly delivers e."""
         return {"c": -math.log(e) / 1.6 * reference**0.2 * _dashpot(contact)}
 
     def law_of(self, params: Params, contact: Contact, reference: Any) -> AbstractLaw:
@@ -373,7 +374,7 @@ class Dashpot(AbstractKind):
 
 @dataclasses.dataclass(frozen=True)
 class Stepped(Dashpot):
-    """Adams' IMPACT beside Hertz's force: e depends on d (K/m)^(2/5) v^(-4/5), too."""
+    """Adams' IMPACT with Hertz's force: e also depends on d (K/m)^(2/5) v^(-4/5)."""
 
     law: str = "step_damping"
     name: str = "step damping"
@@ -385,7 +386,7 @@ class Stepped(Dashpot):
     )
 
     def start(self, e: float, contact: Contact, reference: float) -> dict[str, float]:
-        """A d of 0.3 of the elastic indentation."""
+        """Return d as 0.3 of the elastic indentation, and c_max."""
         depth = 0.3 * reference**0.8 / _frequency(contact)
         return {"c_max": 1.1 * super().start(e, contact, reference)["c"], "d": depth}
 
@@ -417,7 +418,7 @@ def _dashpot(contact: Contact) -> Any:
 
 
 class LogRestitution(eqx.Module):
-    """ln e(v) of a kind of law: what is compared with the measured ln e."""
+    """ln e(v) of a kind of law, for comparison with the measured ln e."""
 
     is_formula: ClassVar[bool] = True
     shown: ClassVar[Mapping[str, Shown]] = {
@@ -433,19 +434,22 @@ class LogRestitution(eqx.Module):
 
 
 def is_identifiable(fit: FitData) -> bool:
-    """Whether the data determine every parameter: its logarithm or logit to `WIDEST_LOGARITHM`."""
+    """Return whether the data determine the logarithm or logit of every parameter.
+
+    The limit of its standard error is `WIDEST_LOGARITHM`.
+    """
     return bool(np.all(fit.scaled_errors < WIDEST_LOGARITHM))
 
 
 def delivered(fit: FitData, speeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """e of a fitted kind at speeds (n,) in m/s, and its standard error."""
+    """Return e of a fitted kind at speeds (n,) in m/s, and its standard error."""
     log_e, error = fit.predict_with_error(padded(speeds, speeds[0]))
     e = np.exp(log_e[: len(speeds)])
     return e, e * error[: len(speeds)]
 
 
 def padded(values: np.ndarray, filling: float) -> np.ndarray:
-    """`values` filled up to a power of two of at least 256: such arrays share compiled code."""
+    """Pad `values` to a power of two of at least 256, so that arrays share compiled code."""
     length = max(_SHORTEST, 1 << (len(values) - 1).bit_length())
     return np.concatenate([values, np.full(length - len(values), filling)])
 
@@ -456,20 +460,20 @@ SPEED_DEPENDENT: tuple[AbstractKind, ...] = (
 )
 
 ON_REQUEST: tuple[AbstractKind, ...] = (PowerOfRestitution(), Dashpot(), Stepped())
-"""Kinds that are compared where their law is asked for by name.
+"""Kinds that are compared only if their law is named.
 
-Few tables of e(v) tell a v^-p from the curve of plastic spheres, which falls as v^(-1/4): beside it
-no choice would be sure of these. The curves of dashpots have no formula.
+Few tables of e(v) separate a v^-p from the curve of plastic spheres, which falls as v^(-1/4). If
+both were compared, no choice of either would be sure. The curves of dashpots have no formula.
 """
 
 
 def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
-    """The kinds to compare: a constant e first, then one or all speed-dependent kinds.
+    """Return the kinds to compare: a constant e first, then one or all speed-dependent kinds.
 
-    `law` "all" compares the exact constant e with all of them; the name of a speed-dependent law
-    compares that one with the exact constant e, those on request too; the name of a
-    law with parameter e makes that law deliver the constant e. Kinds that are not known for the
-    exponent are left out. Raises ValueError for any other name.
+    `law` "all" compares the exact constant e with all of them, except those on request. The name of
+    a speed-dependent law, including those on request, compares it with the exact constant e. The
+    name of a law with parameter e makes that law deliver the constant e. Kinds that are unknown for
+    the exponent are left out. Raises ValueError for any other name.
     """
     others = tuple(kind for kind in SPEED_DEPENDENT if kind.serves(exponent))
     asked = tuple(kind for kind in ON_REQUEST if kind.serves(exponent))
@@ -489,7 +493,7 @@ def kinds_of(law: str, exponent: float | Array) -> tuple[AbstractKind, ...]:
 
 
 def kind_of_law(law: AbstractLaw) -> AbstractKind:
-    """The kind whose e(v) a law has."""
+    """Return the kind with the e(v) of a law."""
     for kind in (*SPEED_DEPENDENT, *ON_REQUEST):
         if describe(kind.law).cls is type(law):
             return kind
@@ -497,7 +501,7 @@ def kind_of_law(law: AbstractLaw) -> AbstractKind:
 
 
 def law_in(law: AbstractLaw, old: Contact, new: Contact) -> AbstractLaw:
-    """The law that has the same e(v) in another contact."""
+    """Return the law with the same e(v) in another contact."""
     kind = kind_of_law(law)
     params = {name: getattr(law, name) for name in kind.transforms if hasattr(law, name)}
     for name, value in kind.moved(params, old, new).items():

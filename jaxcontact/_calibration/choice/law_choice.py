@@ -1,4 +1,4 @@
-"""What a choice among the kinds of laws found."""
+"""Results of a choice among the kinds of laws."""
 
 from __future__ import annotations
 
@@ -26,21 +26,22 @@ from .trend import Curve, Line
 _NUMBERS = "number", "numbers"
 
 _CONSTANT = "e", "e delivered"
-"""What the estimate of a constant e is called, as `ConstantE` has it."""
+"""Names of the estimate of a constant e, as in `ConstantE`."""
 
 
 @dataclasses.dataclass(frozen=True)
 class LawFit:
-    """One kind of law fitted to n pairs: what the fit found, as plain numbers and words.
+    """One kind of law fitted to n pairs, as plain numbers and words.
 
     `law` is the registered name. `estimates`: what e(v) determines first, then what follows from
-    it. `errors_by`: "group" for standard errors by trial, "point" where pairs count as independent,
-    "readings" where known errors of readings say how they are correlated.
+    it. `errors_by`: "group" for standard errors by trial, "point" for independent pairs, "readings"
+    if the correlation follows from known errors of readings.
+
     `identifiable`: whether the data determine every parameter; `unidentified`, what e(v) leaves
-    open. `rms` is the root mean square of e_measured - e(v), `reduced_chi2` Σ z²/(n-k) of the
-    residuals z of ln e over their noise. `adequate`, whether the law describes the data (None where
-    that cannot be told), and its `grounds`, the tests in words. `converged`, the `reason`, and the
-    `steps` taken.
+    open. `rms` is the root mean square of e_measured - e(v). `reduced_chi2` is Σ z²/(n-k) of the
+    residuals z of ln e over their noise. `adequate`, whether the law describes the data (None if
+    undecided), and its `grounds`, the tests in words. `converged`, the `reason`, and the `steps`
+    taken.
     """
 
     kind: str
@@ -59,12 +60,12 @@ class LawFit:
 
     @property
     def constant(self) -> Estimate:
-        """The e that the kind of a constant e found."""
+        """The fitted e of the constant-e kind."""
         return next(one for one in reversed(self.estimates) if one.name in _CONSTANT)
 
     @property
     def said(self) -> str:
-        """What e(v) determines, in words."""
+        """The parameters that e(v) determines, in words."""
         parameters = [e for e in self.estimates if e.name in ("power", self.estimates[0].name)]
         return ", ".join(f"{e.name} = {e}" for e in parameters)
 
@@ -73,14 +74,15 @@ class LawFit:
 class ChoiceData:
     """All kinds of laws on the same pairs, as plain data.
 
-    `count` of pairs; `candidates`, the comparison in the order of AICc (see `compare_fits`);
-    `best`, the kind to use, None where no fit converged; `sure`, whether the data leave no doubt of
-    it: every law that does not contain it is excluded, no law that contains it is clearly better,
-    and it describes the data; `verdict`, the same in words; `laws`, the fits in the order in which
-    they were made, a constant e first; `line`, the trend without a law, and `free`, the smooth
-    curve that shows how much better any law could be; `asked`, the e to set in each law of constant
-    e so that it delivers the constant e found; `next_measurement`, in words, what would settle an
-    undecided choice; `rivals`, the laws that are not ruled out beside the best.
+    `count` of pairs. `candidates`, the comparison in the order of AICc (see `compare_fits`).
+    `best`, the kind to use, None if no fit converged. `sure`, whether the data determine `best`
+    with certainty (see `choose_law`), and `verdict`, the same in words.
+
+    `laws`, the fits in the order in which they were made, a constant e first. `line`, the trend
+    without a law. `free`, the smooth curve that shows how much better any law could be. `asked`,
+    the e to set in each law of constant e to deliver the fitted constant e. `next_measurement`, in
+    words, the measurement that would settle an undecided choice. `rivals`, the laws other than the
+    best that are not ruled out.
     """
 
     count: int
@@ -96,20 +98,20 @@ class ChoiceData:
     rivals: tuple[str, ...] = dataclasses.field(default=(), kw_only=True)
 
     def law_fit(self, kind: str) -> LawFit:
-        """The fit of a kind of law, by its name; ValueError for an unknown one."""
+        """Return the fit of a kind of law, by its name; raise ValueError for an unknown one."""
         require_choice("kind", kind, [law.kind for law in self.laws])
         return next(law for law in self.laws if law.kind == kind)
 
     @property
     def constant(self) -> Estimate:
-        """The constant e that the laws of a constant e deliver, which are the first."""
+        """The constant e of the first law, which has constant e."""
         return self.laws[0].constant
 
     @property
     def yardstick(self) -> str:
-        """How much better any smooth curve of e(v) could be than the best law.
+        """The gain of any smooth curve of e(v) over the best law, in words.
 
-        Nothing with few points, and where contact times or peak forces were fitted with it.
+        It is "" for few points, and if contact times or peak forces were fitted too.
         """
         gain = self._gain
         if gain is None:
@@ -122,31 +124,31 @@ class ChoiceData:
 
     @property
     def better_possible(self) -> bool:
-        """Whether a free smooth curve is clearly better than every law."""
+        """True if a free smooth curve is clearly better than every law."""
         return self._gain is not None and self._gain > CLEAR_AICC
 
     @property
     def _gain(self) -> float | None:
-        """By how much the AICc of the free curve is below that of every law."""
+        """AICc of the best law minus that of the free curve."""
         converged = [c.aicc for c in self.candidates if c.converged]
         if self.free.aicc is None or not converged:
             return None
         return min(converged) - self.free.aicc
 
     def table(self) -> str:
-        """The kinds of laws with their parameters and criteria; lower is better."""
+        """Return the kinds of laws with their parameters and criteria; lower is better."""
         return "\n".join(table(self.candidates, lambda kind: self.law_fit(kind).said))
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class LawChoice(ChoiceData):
-    """All kinds of laws on one table of e(v): how well each describes it, with which parameters.
+    """All kinds of laws on one table of e(v): how well each describes it, and its parameters.
 
-    Beside the plain data of the choice (`candidates` in the order of AICc, `best`, `verdict`,
-    `laws`, `sure`, `line`, `free`, `asked`, `count`): `fits` by kind, each a `Fit` of ln e over the
-    speed, padded with points without weight; the `contact` that was given, in whose units they are;
-    `marked` (n,), the points left out as outliers; `reference` in m/s, the speed to which the c of
-    a power law, the b of 1 - b v^p and the a of a v^-p belong.
+    It has the plain data of the choice (`candidates` in the order of AICc, `best`, `verdict`,
+    `laws`, `sure`, `line`, `free`, `asked`, `count`). In addition: `fits` by kind, each a `Fit` of
+    ln e over the speed, padded with points without weight; the given `contact`, in whose units they
+    are; and `marked` (n,), the points left out as outliers. `reference` in m/s is the speed to
+    which the c of a power law, the b of 1 - b v^p and the a of a v^-p belong.
     """
 
     fits: Mapping[str, Fit]
@@ -161,9 +163,9 @@ class LawChoice(ChoiceData):
         return ChoiceData(**{f.name: getattr(self, f.name) for f in dataclasses.fields(ChoiceData)})
 
     def law(self, kind: str | None = None) -> AbstractLaw:
-        """The fitted law of a kind, by default of the best one, for its `contact_of`.
+        """Return the fitted law of a kind, by default of the best one, for its `contact_of`.
 
-        Raises ValueError for an unknown kind, and where its fit did not converge.
+        Raises ValueError for an unknown kind, and if its fit did not converge.
         """
         of, found = self._of(kind)
         with jax.enable_x64(True):
@@ -172,10 +174,10 @@ class LawChoice(ChoiceData):
             return of.law_of(params, contact, jnp.asarray(self.reference))
 
     def contact_of(self, kind: str | None = None) -> Contact:
-        """The contact of a kind, by default of the best one: the given one, with the stiffness that
-        was fitted if contact times or peak forces were.
+        """Return the contact of a kind, by default of the best one.
 
-        Raises ValueError for an unknown kind, and where its fit did not converge.
+        It is the given contact, with the fitted stiffness if contact times or peak forces were
+        fitted. Raises ValueError for an unknown kind, and if its fit did not converge.
         """
         with jax.enable_x64(True):
             return with_stiffness(self.contact, self._of(kind)[1].params)
@@ -191,7 +193,7 @@ class LawChoice(ChoiceData):
         return next(k for k in self.kinds if k.name == chosen), found
 
     def curve(self, kind: str, speeds: ArrayLike) -> tuple[Floats, Floats]:
-        """e of a kind at closing speeds (n,) in m/s, and its standard error.
+        """Return e of a kind at closing speeds (n,) in m/s, and its standard error.
 
         Raises ValueError for an unknown kind, and for speeds that are not positive.
         """

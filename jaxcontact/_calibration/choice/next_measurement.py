@@ -1,4 +1,4 @@
-"""What measurement would settle an undecided choice among laws."""
+"""The measurement that would settle an undecided choice among laws."""
 
 from __future__ import annotations
 
@@ -12,38 +12,38 @@ from ..design.optimal_rows import shared_out
 from .kinds import padded
 
 _PLACES = 40
-"""Speeds among which those of the measurement are looked for."""
+"""Candidate speeds of the measurement."""
 
 _WANTED = 40.0
-"""λ at which the wrong law is seen in all but one of ten thousand tables."""
+"""λ at which the wrong law is detected in all but one of ten thousand tables."""
 
 _MANY = 2_000
-"""More readings than these do not average out what they share: a scale that reads 1 % too much."""
+"""Readings beyond which shared errors dominate, such as a scale that reads 1 % too high."""
 
 _SHOWN = 12
-"""Into so many parts the readings are shared to see at which speeds they are needed."""
+"""Parts into which the readings are divided, to find the speeds that need them."""
 
 
 def what_settles(
     fits: dict[str, Fit], best: str | None, rivals: list[str], ends: tuple[float, float]
 ) -> str:
-    """Where and how often to measure e in order to tell the best law from its nearest rival.
+    """Return where and how often to measure e to separate the best law from its nearest rival.
 
-    The law with more parameters is taken as right, as it was fitted; the other's are moved so that
-    its largest distance from it, between the slowest and the fastest speed, is least: it is best
-    read where it has that distance (see `design`). Nothing where the choice is clear, and where
-    the best law does not describe the data.
+    Minimax: the law with more parameters is taken as right, as fitted. The other law is refitted to
+    minimise its maximum deviation between the slowest and the fastest speed. The speeds are those
+    where that maximum occurs (see `design`). Returns "" if the choice is clear, or if the best law
+    does not describe the data.
     """
     if best is None or not rivals or fits[best].adequate is False:
         return ""
-    # Where both have as many, the best is taken as right.
+    # With equal numbers of parameters, the best is taken as right.
     right, other = sorted((best, rivals[0]), key=lambda name: -len(fits[name].names))
     low, high = ends
     if not high > low:
         return f"to tell {best} from {rivals[0]}, measure e at other speeds than {low:.3g} m/s"
     speeds = np.geomspace(low, high, _PLACES)
     distance, share = _least_distance(fits[right], fits[other], speeds)
-    # Of e, which is the first column.
+    # The noise of e, which is the first column.
     noise = float(np.nanmedian(scatter(fits[right])[: len(fits[right].problem.x)]))
     between = f"to tell {best} from {rivals[0]}"
     count = math.inf if distance == 0 else math.ceil(_WANTED * (noise / distance) ** 2)
@@ -65,8 +65,9 @@ def what_settles(
 def _least_distance(
     right: Fit, other: Fit, speeds: Float[np.ndarray, " m"]
 ) -> tuple[float, Float[np.ndarray, " m"]]:
-    """The least largest difference of ln e, to first order in the other's parameters, and how the
-    readings are shared out.
+    """Return the minimax difference of ln e, and the shares of the readings.
+
+    The difference is linear in the parameters of the other law.
     """
     from scipy.optimize import linprog
 
@@ -74,7 +75,7 @@ def _least_distance(
     truth = right.linearised(at)[0][: len(speeds)]
     curve, slopes = (part[: len(speeds)] for part in other.linearised(at))
     off, k = curve - truth, slopes.shape[1]
-    # Parameters of different units, for the programme: by what they change.
+    # Scale parameters of different units by their effect, for the linear programme.
     size = np.abs(slopes).max(axis=0)
     slopes = slopes / np.where(size > 0, size, 1)
     upper = np.column_stack([np.concatenate([slopes, -slopes]), -np.ones(2 * len(off))])

@@ -17,13 +17,13 @@ from ..pairs.noise import RELATIVE_FLOOR
 from .kinds import AbstractKind, Params
 
 _TREND = 2
-"""Degree of the logarithm of a contact time or a force over that of the speed, about which their
-scatter is estimated."""
+"""Degree of the trend of ln(contact time) or ln(force) over ln v, for the scatter."""
 
 
 class Columns(NamedTuple):
-    """Logarithms of what was measured beside e, by name, and their standard deviations, infinite
-    where nothing was measured.
+    """Logarithms of what was measured beside e, by name, and their standard deviations.
+
+    A standard deviation is infinite where nothing was measured.
     """
 
     values: dict[str, Column]
@@ -42,10 +42,10 @@ def columns_of(
     sigma: ArrayLike | None,
     weights: ArrayLike | None,
 ) -> Columns:
-    """The columns that were given with their relative standard deviations, or without.
+    """Return the given columns, with given or estimated relative standard deviations.
 
-    Without, their scatter is that about a smooth trend, as for e. Raises ValueError for columns
-    that do not match or leave their range, and for standard deviations of only some of them.
+    Without `sigma` the scatter is that about a smooth trend, as for e. Raises ValueError for
+    columns that do not match or are out of range, and for standard deviations of only some of them.
     """
     values, sizes = {}, {}
     for name, (measured, error) in given.items():
@@ -79,7 +79,7 @@ def columns_of(
 
 
 def _scatter(readings: Column, velocity: Column) -> float:
-    """The standard deviation of readings about a polynomial of ln v."""
+    """Return the standard deviation of readings about a polynomial of ln v."""
     degree = min(_TREND, len(np.unique(velocity)) - 1, len(readings) - 2)
     if degree < 0:
         return 1.0
@@ -89,8 +89,10 @@ def _scatter(readings: Column, velocity: Column) -> float:
 
 
 class LogOutcomes(eqx.Module):
-    """ln e(v) of a kind of law, and the logarithms of the other `fields`: contact time in s and
-    largest force in N. Beside the law's parameters the stiffness is one.
+    """ln e(v) of a kind of law, and the logarithms of the other `fields`.
+
+    These are contact time in s and largest force in N. The stiffness is a parameter in addition to
+    those of the law.
     """
 
     kind: AbstractKind = eqx.field(static=True)
@@ -100,7 +102,7 @@ class LogOutcomes(eqx.Module):
 
     @property
     def shown(self) -> dict[str, Shown]:
-        """How the columns are shown, which are numbered."""
+        """The presentation of the columns, which are numbered."""
         columns = enumerate(("restitution", *self.fields))
         return {"x": Shown("velocity")} | {
             str(k): Shown(name, logarithm=True) for k, name in columns
@@ -115,6 +117,6 @@ class LogOutcomes(eqx.Module):
 
 
 def with_stiffness(contact: Contact, params: Params) -> Contact:
-    """The contact with a fitted stiffness, if there is one."""
+    """Return the contact with the fitted stiffness, if it was fitted."""
     stiffness = params.get("stiffness", contact.stiffness)
     return Contact(contact.mass, stiffness, contact.exponent)

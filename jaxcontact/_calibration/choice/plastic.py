@@ -1,9 +1,9 @@
 """Contact time and largest force of elastic-plastic spheres, from their force over indentation.
 
-Loading follows Hertz, F = K δ^(3/2), up to the indentation δ_y of yielding, and beyond it the
-tangent there, since a contact of constant pressure grows with δ. Unloading is elastic again, with
-the larger radius R* of the flattened contact: R* F_max = R F_e, where F_e is Hertz's force at the
-largest indentation (Thornton 1997, doi 10.1115/1.2787319). So everything follows from v_y.
+Loading follows Hertz, F = K δ^(3/2), up to the indentation δ_y of yielding. Beyond it, it follows
+the tangent there, since a contact of constant pressure grows with δ. Unloading is elastic again,
+with the larger radius R* of the flattened contact: R* F_max = R F_e, where F_e is Hertz's force at
+the largest indentation (Thornton 1997, doi 10.1115/1.2787319). All results follow from v_y.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _BETA = math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9)
 """B(2/5, 1/2)."""
 
 _HALF = 0.4 * _BETA
-"""Hertz's compression lasts so many times δ_max/v."""
+"""Duration of Hertz's compression in units of δ_max/v."""
 
 
 class Plastic(NamedTuple):
@@ -34,10 +34,10 @@ class Plastic(NamedTuple):
 def plastic_impact(
     yield_speed: Float[Array, ""], contact: Contact, velocity: Float[Array, " n"]
 ) -> Plastic:
-    """The impacts at closing speeds (n,) in m/s of a contact with n = 3/2."""
+    """Return the impacts at closing speeds (n,) in m/s of a contact with n = 3/2."""
     yields = velocity > yield_speed
-    # Each branch gets numbers of its own side, for the sake of derivatives; speeds are positive,
-    # so that no root is taken of zero.
+    # Each branch gets numbers of its own side, so that derivatives stay finite. Speeds are
+    # positive, so no root is taken of zero.
     slow = jnp.where(yields, yield_speed, velocity)
     deepest = _indentation(slow, contact)
     elastic = Plastic(2 * _HALF * deepest / slow, contact.stiffness * deepest * jnp.sqrt(deepest))
@@ -47,14 +47,14 @@ def plastic_impact(
 
 
 def _indentation(velocity: Float[Array, "..."], contact: Contact) -> Float[Array, "..."]:
-    """Hertz's largest indentation, in m."""
+    """Return Hertz's largest indentation, in m."""
     return (1.25 * contact.mass * jnp.square(velocity) / contact.stiffness) ** 0.4
 
 
 def _beyond(
     yield_speed: Float[Array, ""], contact: Contact, velocity: Float[Array, " n"]
 ) -> Plastic:
-    """Impacts faster than the yield speed; δ = x δ_y."""
+    """Return impacts faster than the yield speed; δ = x δ_y."""
     ratio = yield_speed / velocity
     square = 1 / jnp.square(ratio)
     depth = _indentation(yield_speed, contact)

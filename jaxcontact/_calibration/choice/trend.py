@@ -1,4 +1,4 @@
-"""What restitutions say without a law: a straight line, and a free smooth curve."""
+"""Restitution without a law: a straight line, and a free smooth curve."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jaxtyping import Float
 from ..._fit import LEAST_GROUPS, FitData, criteria_of, sandwich
 
 _MOST = 6
-"""Degree of the free curve: more turns within the data are no law's."""
+"""Largest degree of the free curve; laws do not have more turns within the data."""
 
 Floats = Float[np.ndarray, " n"]
 
@@ -21,7 +21,7 @@ Floats = Float[np.ndarray, " n"]
 class Line:
     """The straight line ln e = a + b v through the data.
 
-    `level` a; `slope` b in s/m, with its standard error, None where the speeds do not determine it.
+    `level` a; `slope` b in s/m, with its standard error, None if the speeds do not determine it.
     """
 
     level: float
@@ -31,11 +31,11 @@ class Line:
 
 @dataclasses.dataclass(frozen=True)
 class Curve:
-    """A free smooth curve: ln e as a polynomial of ln v, of the degree that has the least AICc.
+    """A free smooth curve: ln e as a polynomial of ln v, of the degree with the least AICc.
 
-    No law, and no candidate, but the yardstick of what any law could reach. `coefficients` are
-    those of Chebyshev polynomials over ln v from `slowest` to `fastest` in m/s; `aicc` as that of
-    the laws, None with too few points.
+    It is not a candidate, but shows what any law could reach. `coefficients` are those of Chebyshev
+    polynomials over ln v from `slowest` to `fastest` in m/s. `aicc` is comparable with that of the
+    laws, None with too few points.
     """
 
     coefficients: tuple[float, ...]
@@ -44,7 +44,7 @@ class Curve:
     aicc: float | None
 
     def __call__(self, velocity: Floats) -> Floats:
-        """e at closing speeds (n,) in m/s."""
+        """Return e at closing speeds (n,) in m/s."""
         return np.exp(np.polynomial.chebyshev.chebval(self._place(velocity), self.coefficients))
 
     def _place(self, velocity: Floats) -> Floats:
@@ -60,7 +60,7 @@ class _Linear(NamedTuple):
 
 
 class _Data(NamedTuple):
-    """ln e of a fit, its weights' roots, its groups, and whether the noise is known."""
+    """ln e of a fit, roots of its weights, groups, whether the noise is known, and the whitener."""
 
     y: Floats
     factor: Floats
@@ -69,7 +69,7 @@ class _Data(NamedTuple):
     whitener: Float[np.ndarray, "n n"] | None
 
     def fitted(self, columns: Float[np.ndarray, "n k"]) -> _Linear:
-        """A fit of columns; a covariance of NaN where it is singular."""
+        """Fit columns; the covariance is NaN if it is singular."""
         used = self.factor > 0
         weighted = columns * self.factor[:, None]
         y = np.where(used, self.y, 0) * self.factor
@@ -90,17 +90,17 @@ class _Data(NamedTuple):
 
 
 def _data_of(fit: FitData, n: int) -> _Data:
-    """The first column of n points, which is ln e."""
+    """Return the first column of n points, which is ln e."""
     groups = None if fit.groups is None else fit.groups[:n]
     whitener = fit.problem.whitener
-    # Of other columns there is no correlation; the first one's is the corner, as the factor of a
-    # lower triangle is.
+    # Other columns are uncorrelated. The first column's part is the corner, because the factor is
+    # lower triangular.
     own = None if whitener is None else np.asarray(whitener)[:n, :n]
     return _Data(fit.data[:n], np.asarray(fit.problem.factor)[:n], groups, fit.absolute, own)
 
 
 def line_of(fit: FitData, velocity: Floats) -> Line:
-    """The line through the data of a fit of ln e, with their weights and groups."""
+    """Return the line through the data of a fit of ln e, with their weights and groups."""
     data = _data_of(fit, len(velocity))
     found = data.fitted(np.stack([np.ones_like(velocity), velocity], axis=1))
     error = math.sqrt(found.covariance[1, 1]) if found.covariance[1, 1] >= 0 else math.nan
@@ -109,7 +109,7 @@ def line_of(fit: FitData, velocity: Floats) -> Line:
 
 
 def curve_of(fit: FitData, velocity: Floats) -> Curve:
-    """The free curve through the data of a fit of ln e, with their weights."""
+    """Return the free curve through the data of a fit of ln e, with their weights."""
     data = _data_of(fit, len(velocity))
     v = velocity[data.factor > 0]
     ends = float(v.min()), float(v.max())
@@ -128,7 +128,7 @@ def curve_of(fit: FitData, velocity: Floats) -> Curve:
 
 
 def _place(velocity: Floats, slowest: float, fastest: float) -> Floats:
-    """ln v from -1 to 1."""
+    """Return ln v scaled to [-1, 1]."""
     if not fastest > slowest:
         return np.zeros_like(velocity)
     return 2 * np.log(velocity / slowest) / np.log(fastest / slowest) - 1

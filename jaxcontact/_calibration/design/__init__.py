@@ -1,1 +1,1 @@
-"""Plans of measurements."""
+"""Design of measurements."""

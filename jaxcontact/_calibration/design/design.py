@@ -1,4 +1,4 @@
-"""Which measurement comes next: the readings that determine parameters, or tell laws apart."""
+"""Design of the next readings: for parameters, or to separate two laws."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ QUANTITIES = "e", "duration", "max_force"
 ALL = "all"
 
 _RARE = 1e-2
-"""A reading with less than this share of a plan is left to its neighbours."""
+"""Share of a plan below which a reading is left to its neighbours, relative to the largest."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Design:
     """A plan of n readings: at the closing speeds `velocity` (n,) in m/s, each of one `quantity`.
 
-    `standard_errors` of the parameters that these readings will leave, and `even`, those of as many
-    readings spread evenly over the candidates; for two laws `noncentrality`, the least
-    λ = Σ ((difference of the laws)/σ)² over the parameters of the second, instead; None where it is
-    not the other's. `noise` names the quantities that could be read.
+    `standard_errors` are those of the parameters after these readings, and `even` those after as
+    many readings spread evenly over the candidates. For two laws these are None, and
+    `noncentrality` is the least λ = Σ ((difference of the laws)/σ)² over the parameters of the
+    second. `noise` names the quantities that could be read.
     """
 
     velocity: np.ndarray
@@ -50,11 +50,11 @@ class Design:
     noise: tuple[str, ...] = QUANTITIES
 
     def readings_for(self, noncentrality: float = 40.0) -> int:
-        """How many readings like these it takes to tell the laws apart.
+        """Return how many readings like these separate the laws.
 
-        With λ = 40 the wrong law is seen in all but one of ten thousand data sets (χ² at 5 % with
-        one degree of freedom). Raises ValueError for a plan that is not for two laws, whose laws
-        do not differ, or a λ that is not positive.
+        With λ = 40 the wrong law is detected in all but one of ten thousand data sets (χ² at 5 %
+        with one degree of freedom). Raises ValueError for a plan without a second law, for laws
+        that do not differ, and for a λ that is not positive.
         """
         wanted = require_number("noncentrality", noncentrality, POSITIVE)
         if self.noncentrality is None:
@@ -67,7 +67,7 @@ class Design:
 
     @property
     def meaning(self) -> str:
-        """What λ says, in words, and what to do; nothing for a plan for one law."""
+        """The meaning of λ in words, and what to do; "" for a plan for one law."""
         if self.noncentrality is None:
             return ""
         if math.isnan(self.noncentrality):
@@ -113,24 +113,25 @@ def design(
     fixed: tuple[str, ...] = ("mass",),
     method: str | AbstractMethod = "auto",
 ) -> Design:
-    """The n readings that determine the parameters of a law and a contact best.
+    """Design the n readings that best determine the parameters of a law and a contact.
 
-    A reading of a quantity y at a closing speed v tells x = (dy/dp)/σ of the parameters, and n of
-    them leave the covariance (Σ x xᵀ)⁻¹. What is made smallest is its determinant (D-optimal), or
-    one element of its diagonal. With a second law as `goal` the readings make
-    λ = min Σ ((y - y₂)/σ)² over its parameters largest (T-optimal): those that tell the laws apart.
+    A reading of a quantity y at a closing speed v has the sensitivity x = (dy/dp)/σ to the
+    parameters, and n of them leave the covariance (Σ x xᵀ)⁻¹. The design minimises its determinant
+    (D-optimal), or one element of its diagonal. With a second law as `goal` it maximises λ = min Σ
+    ((y - y₂)/σ)² over the parameters of the second law (T-optimal), to separate the laws.
 
-    Arguments: `law` and `contact`, as near to the truth as is known: the plan is best there, and
-    good near it. `noise`: the standard deviation of a reading, by quantity: "e", and "duration" and
-    "max_force" relative to their size; only those in it are read. `candidates` (m,), closing
-    speeds in m/s at which one could read. `n` readings, each of one quantity at one speed, which
-    may repeat. `goal`: "all" parameters, the name of one ("law.c", "contact.stiffness"), or the
-    other law. `fixed`: numbers that are known, by name, as in `fit_impacts`; e alone determines
-    neither K nor m. `method` as in `impact`.
+    Arguments: `law` and `contact`, the best known values: the plan is optimal there, and good near
+    it. `noise`: the standard deviation of a reading, by quantity: "e", and "duration" and
+    "max_force" relative to their size; only the quantities in it are read. `candidates` (m,):
+    possible closing speeds in m/s. `n` readings, each of one quantity at one speed, which may
+    repeat. `goal`: "all" parameters, the name of one ("law.c", "contact.stiffness"), or the other
+    law. `fixed`: names of known numbers, as in `fit_impacts`; e alone determines neither K nor m.
+    `method` as in `impact`.
 
-    Returns a `Design`. Computes in double precision whatever JAX is set to. Raises ValueError for
-    arguments out of range, candidates that do not determine the parameters, fewer readings than
-    parameters, and a second law whose fit does not converge.
+    Returns a `Design`. Computes in double precision regardless of the JAX setting. Raises
+    ValueError for arguments out of range, candidates that do not determine the parameters, fewer
+    readings than parameters, and a second law whose fit does not converge.
+
     Source: Atkinson, Donev & Tobias (2007), Optimum Experimental Designs, with SAS; Atkinson &
     Fedorov (1975), doi 10.1093/biomet/62.1.57.
     """
@@ -189,13 +190,13 @@ def _noise(given: Any) -> dict[str, float]:
 def _transforms(
     model: ImpactModel, fixed: tuple[str, ...], other: Any
 ) -> dict[str, AbstractTransform]:
-    """The transforms of a model, of whose `fixed` numbers some may be the other law's alone."""
+    """Return the transforms of a model; some `fixed` names may belong only to the other law."""
     names: Any = fixed
     if isinstance(other, str) or not isinstance(names, list | tuple | set | frozenset):
         return transforms_of(model, fixed)
     own = tuple(name for name in names if full_name(model, name) is not None)
     unknown = set(names) - set(own) if other is not None else set()
-    # A name that no law holds is refused there, with the others.
+    # `transforms_of` refuses a name that neither law has.
     rival: Any = None if other is None else ImpactModel(other, model.contact)
     all_known = all(full_name(rival, name) is not None for name in unknown)
     return transforms_of(model, own if all_known else tuple(names))
@@ -224,6 +225,6 @@ def _check(scaled: np.ndarray, space: Space, count: int, noise: Any) -> None:
 
 
 def _errors(rows: np.ndarray, of: int, count: int) -> np.ndarray:
-    """The standard errors of `count` readings that are like `of` ones."""
+    """Return the standard errors of `count` readings distributed like `of` ones."""
     inverse = np.linalg.inv(rows.T @ rows * (count / of))
     return np.sqrt(np.diag(inverse))

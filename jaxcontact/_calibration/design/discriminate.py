@@ -1,4 +1,4 @@
-"""The plan of readings that tells two laws apart."""
+"""The design of readings that separates two laws."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from ..._program import quick
 from ..problems.impacts import ImpactModel, Outcome
 
 _SETTLED = 1e-3
-"""A largest difference of two laws that can fall by no more than this part is the least one."""
+"""Relative decrease of the largest difference of two laws at convergence."""
 
 _ROUNDS = 50
 _REACH = 1.0
-"""Of one programme, in logarithms or logits."""
+"""Step limit of one linear programme, in logarithms or logits."""
 
 _SAME = 1e-6
-"""Readings of two laws that differ by less than this part of their noise are the same."""
+"""Difference of two laws in units of the noise below which they are the same."""
 
 
 def telling_apart(
@@ -32,13 +32,13 @@ def telling_apart(
     size: np.ndarray,
     transforms: dict[str, AbstractTransform],
 ) -> np.ndarray:
-    """The share of each candidate in the plan that tells another law from the `readings`.
+    """Return the share of each candidate in the plan that separates another law from `readings`.
 
-    Where the largest difference of the laws is smallest over the other's parameters, the
-    multipliers of the candidates that have it are the best plan: in it these parameters are those
-    of least squares (Atkinson & Fedorov 1975). Found by linear programmes about the last place.
+    The parameters of the other law minimise its largest difference. The multipliers of the
+    candidates with that difference are the best plan; under it, these parameters are also those of
+    least squares (Atkinson & Fedorov 1975). Solved by successive linear programmes.
     """
-    # Programming brings half of SciPy with it, for which no other user should wait.
+    # Imported here, since `linprog` loads half of SciPy.
     from scipy.optimize import linprog
 
     fields = model.fields
@@ -83,7 +83,7 @@ def _differences(
     readings: np.ndarray,
     size: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of a law from readings, in units of their noise, and the derivatives of it."""
+    """Return differences of a law from readings, in units of noise, after their derivatives."""
     slopes, own = readings_of(model, space, theta, speeds)
     return slopes / size[:, None], (own - readings) / size
 
@@ -97,7 +97,7 @@ def distance_of(
     counts: np.ndarray,
     transforms: dict[str, AbstractTransform],
 ) -> float:
-    """λ of a plan, with the other law fitted to its readings."""
+    """Return λ of a plan, with the other law fitted to its readings."""
     fields = model.fields
     data = dict(zip(fields, readings.reshape(len(fields), -1), strict=True))
     weights = dict(zip(fields, (counts / size**2).reshape(len(fields), -1), strict=True))
@@ -109,8 +109,9 @@ def distance_of(
 def readings_of(
     model: Outcome, space: Space, theta: np.ndarray, speeds: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """d reading/d(free coordinate) of all candidates, and the readings: one quantity after
-    another, in the order of the model.
+    """Return d reading/d(free coordinate) of all candidates, and the readings.
+
+    Quantities follow each other in the order of the model.
     """
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         slopes, readings = _compiled(model, space, jnp.asarray(theta), jnp.asarray(speeds))

@@ -1,4 +1,4 @@
-"""Which of many possible readings determine the parameters of a linear model best."""
+"""The readings that best determine the parameters of a linear model."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from jaxtyping import Float, Int
 
 _STARTS = 8
 _GAIN = 1e-9
-"""Relative to a criterion: a smaller one counts as none."""
+"""Least improvement of a criterion."""
 
 _FLOOR = 1e-12
-"""Relative to the information of all candidates: makes a matrix of too few readings regular."""
+"""Regularisation for too few readings, relative to the information of all candidates."""
 
 Matrices = Float[np.ndarray, "m k k"]
 Criterion = Callable[[Matrices], Float[np.ndarray, " m"]]
-"""To be made small, of information matrices."""
+"""A function of information matrices that is minimised."""
 
 
 def by_volume(information: Matrices) -> Float[np.ndarray, " m"]:
-    """-ln det M/k: the mean logarithm of the squared axes of the ellipsoid of errors."""
+    """Return -ln det M/k: the mean logarithm of the squared axes of the error ellipsoid."""
     return -np.linalg.slogdet(information)[1] / information.shape[-1]
 
 
 def by_parameter(index: int) -> Criterion:
-    """ln (M⁻¹)_ii, of the squared standard error of one parameter."""
+    """Return the criterion ln (M⁻¹)_ii, of the squared standard error of one parameter."""
 
     def criterion(information: Matrices) -> Float[np.ndarray, " m"]:
         return np.log(np.linalg.inv(information)[:, index, index])
@@ -36,10 +36,10 @@ def by_parameter(index: int) -> Criterion:
 def best_rows(
     slopes: Float[np.ndarray, "m k"], count: int, criterion: Criterion
 ) -> Int[np.ndarray, " count"]:
-    """The `count` rows of `slopes`, which may repeat, whose Σ x xᵀ has the smallest criterion.
+    """Return the `count` rows of `slopes`, which may repeat, whose Σ x xᵀ has the least criterion.
 
-    Exchanges one row for a better one until there is none, from several starts (Fedorov 1972,
-    Theory of Optimal Experiments; Nguyen & Miller 1992, doi 10.1016/0167-9473(92)90064-M).
+    Exchanges rows for better ones while possible, from several starts (Fedorov 1972, Theory of
+    Optimal Experiments; Nguyen & Miller 1992, doi 10.1016/0167-9473(92)90064-M).
     """
     scale = np.linalg.norm(slopes, axis=0)
     rows = slopes / scale
@@ -66,12 +66,12 @@ def best_rows(
 
 
 def shared_out(weights: Float[np.ndarray, " m"], count: int) -> Int[np.ndarray, " m"]:
-    """Whole numbers that add up to `count`, nearly in proportion to weights.
+    """Return integers that add up to `count`, nearly in proportion to weights.
 
     The efficient rounding of Pukelsheim & Rieder (1992), doi 10.1093/biomet/79.4.763.
     """
     support = np.flatnonzero(weights)
-    # More places than readings: the heaviest.
+    # With more places than readings, use the heaviest.
     support = support[np.argsort(-weights[support], kind="stable")[:count]]
     share = weights[support] / weights[support].sum()
     whole = np.ceil((count - len(support) / 2) * share).astype(int)

@@ -1,1 +1,1 @@
-"""Measured columns and pairs: their checks, noise and outliers."""
+"""Measured columns and pairs: checks, noise and outliers."""

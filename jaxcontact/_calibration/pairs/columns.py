@@ -24,11 +24,10 @@ def column(
     least: int = 1,
     gaps: bool = False,
 ) -> Column:
-    """A measured column (n,), every number of it in its range; with `gaps`, NaN is no measurement.
+    """Return a measured column (n,) with every number in range; with `gaps`, NaN marks a gap.
 
-    `beside` is the name of another column, and the column itself, of the same length.
-
-    Raises ValueError that names the first bad point.
+    `beside` is the name of another column, and the column itself, of the same length. Raises
+    ValueError that names the first bad point.
     """
     array = as_numbers(value, name)
     if array.ndim != 1 or array.size < least:
@@ -53,7 +52,7 @@ def column(
 
 
 def _guess(array: Column, allowed: Range) -> str:
-    """What a column of restitutions may be instead; nothing where that is not clear."""
+    """Return a guess of the unit of restitutions; "" if unclear."""
     restitution = allowed.high in (RESTITUTION.high, MEASURED_RESTITUTION.high)
     percent = restitution and in_percent(array[array == array])
     return " Is it in percent? Then divide by 100." if percent else ""
@@ -63,11 +62,11 @@ ASKED_AND_DELIVERED = {
     "x": Shown("e"),
     "": Shown("restitution", "restitution delivered"),
 }
-"""How the columns of `asked_and_delivered` are shown."""
+"""Presentation of the columns of `asked_and_delivered`."""
 
 
 def asked_and_delivered(e_in: ArrayLike, e_out: ArrayLike | None) -> tuple[Column, Column]:
-    """The columns `e_in` in (0, 1] and `e_out`, measured; without it, what is asked for twice."""
+    """Return the columns `e_in` in (0, 1] and `e_out`, measured; without `e_out`, `e_in` twice."""
     asked = column(e_in, "e_in", RESTITUTION)
     if e_out is None:
         return asked, asked
@@ -81,11 +80,11 @@ def measured(
     gaps: bool = False,
     weight: Callable[[Column], float] = lambda values: 1.0,
 ) -> dict[str, Any]:
-    """The arguments `data` and `sigma` or `weights` of `fit`, from some columns by name.
+    """Return the arguments `data` and `sigma` or `weights` of `fit`, from named columns.
 
-    `given` holds values, standard deviations and range of each; None where there are none. Without
+    `given` holds values, standard deviations and range of each; missing values are None. Without
     standard deviations a column counts with its `weight`. Raises ValueError without a column, for
-    bad ones, and for standard deviations of only some of them.
+    invalid ones, and for standard deviations of only some of them.
     """
     there = {name: one for name, one in given.items() if one[0] is not None}
     if not there:
@@ -115,15 +114,16 @@ def measured(
             "is None."
         )
     if sigmas:
-        return {"data": data, "sigma": _filled(data, sigmas, np.inf)}
+        return {"data": data, "sigma": _fill_gaps(data, sigmas, np.inf)}
     weights = {name: weight(values) for name, values in data.items()}
-    return {"data": data, "weights": _filled(data, weights, 0.0)}
+    return {"data": data, "weights": _fill_gaps(data, weights, 0.0)}
 
 
 def with_transforms(own: Mapping[str, Any], how: dict[str, Any]) -> dict[str, Any]:
-    """The arguments of `fit` with the transforms that a ready-made problem brings itself.
+    """Return the arguments of `fit` with the transforms of a ready-made problem.
 
-    Raises ValueError for a user's `transforms` that are no dict by name, or name one of its own.
+    Raises ValueError unless the user's `transforms` are a dict by name, or if they name one of the
+    problem's own.
     """
     given = how.get("transforms")
     if given is not None and not isinstance(given, dict):
@@ -140,18 +140,18 @@ def with_transforms(own: Mapping[str, Any], how: dict[str, Any]) -> dict[str, An
     return how | {"transforms": {**own, **(given or {})}}
 
 
-def _filled(
+def _fill_gaps(
     data: dict[str, Column], numbers: Mapping[str, Any], missing: float
 ) -> dict[str, Column]:
-    """`numbers` for each point of the columns, and `missing` where nothing was measured."""
+    """Return `numbers` for each point of the columns, and `missing` for gaps."""
     return {name: np.where(np.isnan(data[name]), missing, numbers[name]) for name in data}
 
 
 def for_each(value: Any, name: str, length: int, *, zero: bool = False) -> Column:
-    """A standard deviation or a weight for each point (n,), from one for all or one for each.
+    """Return a standard deviation or a weight for each point (n,), from one for all or one each.
 
-    Raises ValueError for what is no number above 0 (or `zero`); an infinite standard deviation
-    leaves a point out.
+    Raises ValueError unless numbers are above 0 (or not negative, with `zero`). An infinite
+    standard deviation leaves a point out.
     """
     array = as_numbers(value, name)
     if array.shape not in ((), (length,)):

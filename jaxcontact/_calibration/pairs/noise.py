@@ -1,7 +1,7 @@
 """Scatter of ln e: a relative part from the bounce itself and an absolute reading error.
 
-A trigger is late by a time and a height is misread by a length, which matter more in short flights.
-So
+A trigger is delayed by a time and a height is misread by a length, which matter more in short
+flights:
 
     var(ln e) = s₀² + σ² q
 
@@ -40,22 +40,22 @@ class Noise:
     reading: float
 
     def sigma(self, reading_factor: Floats) -> Floats:
-        """Standard deviation of ln e, shape of `reading_factor`."""
+        """Return the standard deviation of ln e, with the shape of `reading_factor`."""
         return np.sqrt(self.relative**2 + self.reading**2 * reading_factor)
 
 
 def mad_sigma(values: Floats) -> float:
-    """1.4826 times the median absolute value: σ for normal scatter about 0, whatever the tails."""
+    """Return 1.4826 times the median absolute value: σ of normal scatter about 0, despite tails."""
     return _MAD_TO_SIGMA * float(np.median(np.abs(values)))
 
 
 def estimate_noise(residual: Floats, reading_factor: Floats, *, robust: bool) -> Noise:
-    """The two scatters from residuals of ln e (n,) and their reading factors q (n,).
+    """Return both scatters from residuals of ln e (n,) and their reading factors q (n,).
 
-    Both maximise a likelihood, over a grid of shares of the reading error and, for each, a size
-    found by fixed-point iteration. With `robust` the likelihood is Student's (3 degrees of
-    freedom), and the size is then set so that the median absolute standardised residual is that of
-    a normal distribution; otherwise it is normal. The size is at least `RELATIVE_FLOOR`.
+    Both maximise a likelihood over a grid of shares of the reading error; for each share the size
+    follows by fixed-point iteration. With `robust` the likelihood is Student's (3 degrees of
+    freedom). The size is then set so that the median absolute standardised residual is that of a
+    normal distribution. Otherwise the likelihood is normal. The size is at least `RELATIVE_FLOOR`.
     """
     scale = float(np.mean(reading_factor))
     shares, scale = (_SHARES, scale) if scale > 0 else (_SHARES[:1], 1.0)
@@ -85,11 +85,11 @@ def estimate_noise(residual: Floats, reading_factor: Floats, *, robust: bool) ->
 def scatter_beside(
     values: Floats, columns: Floats, covariance: Floats, *, least: float = RELATIVE_FLOOR
 ) -> float:
-    """s₀ of values (n,) about a trend, the span of `columns` (n, k), beside known errors.
+    """Return s₀ of values (n,) about a trend, the span of `columns` (n, k), beside known errors.
 
-    The variance is V = s₀² I + `covariance` (n, n). It maximises the restricted likelihood
-    -2 ln L = ln|V| + ln|XᵀV⁻¹X| + rᵀV⁻¹r (Patterson & Thompson 1971, doi 10.1093/biomet/58.3.545)
-    over a grid of s₀ from 0 on; `least` is where it begins.
+    The variance is V = s₀² I + `covariance` (n, n). s₀ maximises the restricted likelihood -2 ln L
+    = ln|V| + ln|XᵀV⁻¹X| + rᵀV⁻¹r (Patterson & Thompson 1971, doi 10.1093/biomet/58.3.545) over a
+    grid with 0 and values from `least` on.
     """
     size, vectors = np.linalg.eigh(covariance)
     values, columns = vectors.T @ values, vectors.T @ columns

@@ -1,8 +1,8 @@
 """A robust rule that marks outliers, such as spurious and missed triggers.
 
-A pair is marked where ln e lies more than `THRESHOLD` standard deviations off a robust trend in
-speed, and in a table off a smooth curve; the standard deviation is that of its reading (see
-`_noise`), or the known error of one that has its own. e > 1 alone marks nothing.
+A pair is marked if ln e lies more than `THRESHOLD` standard deviations off a robust trend in speed,
+and in a table also off a smooth curve. The standard deviation is that of its reading (see `noise`),
+or the known error of the reading. e > 1 alone does not mark a pair.
 """
 
 from __future__ import annotations
@@ -19,9 +19,11 @@ from .noise import RELATIVE_FLOOR, Noise, estimate_noise, mad_sigma
 from .pairs import LEAST_PAIRS, Pairs, pairs_of
 
 THRESHOLD = 6.0
-"""Pairs beyond this many robust standard deviations are marked. Real scatter has longer tails than
-the normal distribution: that of the shipped balls ends at 4.9 (blue) and 5.8 (pingpong, drag taken
-out), and the next deviations are 7.9 and 11.9."""
+"""Robust standard deviations beyond which pairs are marked.
+
+Real scatter has longer tails than the normal distribution. For the shipped balls it ends at 4.9
+(blue) and 5.8 (pingpong, drag removed); the next deviations are 7.9 and 11.9.
+"""
 
 _LINE_POINTS = 10
 _BENDS = 7
@@ -29,7 +31,7 @@ _BENDS = 7
 
 _CURVE_STEPS = 25
 _BIWEIGHT = 4.685
-"""Standard deviations beyond which a point counts nothing: 95 % efficient for normal scatter."""
+"""Standard deviations beyond which a point has no weight: 95 % efficient for normal scatter."""
 
 _MOST_SHIFTS = 400
 
@@ -43,13 +45,13 @@ class Trend:
     slope: float
 
     def columns(self, velocity: Floats) -> Floats:
-        """What it is a sum of, at speeds in m/s: 1, and x where it has a slope (n, 1 or 2)."""
+        """Return the columns (n, 1 or 2) at speeds in m/s: 1, and x if it has a slope."""
         x = _AXES[self.kind](velocity)
         one = np.ones_like(velocity)
         return np.stack([one] if self.kind == "constant" else [one, x], axis=1)
 
     def __call__(self, velocity: Floats) -> Floats:
-        """ln e at speeds in m/s."""
+        """Return ln e at speeds in m/s."""
         return self.level + self.slope * _AXES[self.kind](velocity)
 
 
@@ -62,10 +64,10 @@ _AXES: dict[str, Callable[[Floats], Floats]] = {
 
 @dataclasses.dataclass(frozen=True)
 class Outliers:
-    """Which of n pairs are marked, and why.
+    """Marked pairs among n, and the grounds.
 
-    `flagged` (n,) bool; `deviation` (n,) from `trend` in standard deviations of `noise`, positive
-    for a ratio that is too large; `guess`, for each flagged pair, what may have happened.
+    `flagged` (n,) bool. `deviation` (n,) from `trend` in standard deviations of `noise`, positive
+    for a ratio that is too large. `guess`, for each flagged pair, the probable cause.
     """
 
     flagged: NDArray[np.bool_]
@@ -76,7 +78,7 @@ class Outliers:
 
 
 def _off_curve(pairs: Pairs) -> NDArray[np.bool_]:
-    """Which pairs lie off a smooth curve, too.
+    """Return which pairs also lie off a smooth curve.
 
     It is a polynomial of ln v, by Tukey's biweight from the curve of least absolute deviations.
     """
@@ -105,7 +107,7 @@ def _off_curve(pairs: Pairs) -> NDArray[np.bool_]:
 def marked_in(
     velocity: Floats, e: Floats, sigma: Floats | None = None
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Which rows (n,) of a table are marked, and e on the trend; NaN in `e` is no row.
+    """Return which rows (n,) of a table are marked, and e on the trend; NaN in `e` is no row.
 
     `sigma` is the standard deviation of e.
     """
@@ -120,7 +122,7 @@ def marked_in(
 
 
 class Marked(NamedTuple):
-    """Which of n pairs are marked, how far each lies off, the trend, and the noise about it."""
+    """Marked pairs among n, their deviations, the trend, and the noise about it."""
 
     flagged: NDArray[np.bool_]
     deviation: Floats
@@ -129,12 +131,12 @@ class Marked(NamedTuple):
 
 
 def find_outliers(pairs: Pairs) -> Outliers:
-    """Mark pairs as `mark` does, and guess what happened to them.
+    """Mark pairs as `mark` does, and guess the causes.
 
-    In a table no pair is marked that lies on a smooth curve: e(v) may be steep and bent. Recordings
-    of flights have spurious triggers, and speeds in a narrow range.
+    In a table, pairs on a smooth curve are not marked, because e(v) may be steep and curved.
+    Recordings of flights have spurious triggers, and speeds in a narrow range.
     """
-    # Few pairs may agree by chance to less than what their readings are known to be off.
+    # Few pairs may agree by chance to less than their known errors.
     least = 0.0 if pairs.covariance is None else np.sqrt(np.diag(pairs.covariance))
     found = mark(pairs.velocity, pairs.restitution, pairs.reading_factor, least)
     if found.flagged.any() and not pairs.from_flights:
@@ -151,18 +153,17 @@ def mark(
     reading_factor: Floats,
     least: Floats | float = 0.0,
 ) -> Marked:
-    """Mark the pairs that lie more than `THRESHOLD` robust standard deviations off the trend.
+    """Mark the pairs more than `THRESHOLD` robust standard deviations off the trend.
 
-    A standard deviation counts as `least` (n,) where it is found smaller.
-
-    The trend (constant, or a Theil-Sen line in speed or in its logarithm, whichever leaves the
-    least scatter) and the noise are estimated, pairs marked, and both estimated again from the
-    unmarked pairs, until the marks stay the same.
+    `least` (n,) is a lower bound of the standard deviations. The trend is constant, or a Theil-Sen
+    line in speed or in its logarithm, whichever leaves the least scatter. Trend and noise are
+    estimated, pairs marked, and both estimated again from the unmarked pairs, until the marks stay
+    the same.
     """
     y = np.log(restitution)
     keep = np.ones(len(y), dtype=bool)
-    # The first round includes all outliers and so uses the median alone, which holds while fewer
-    # than half the pairs are wrong; later rounds, without the gross ones, fit slopes too.
+    # The first round includes all outliers. It uses only the median, which is robust while fewer
+    # than half the pairs are wrong. Later rounds, without the gross ones, fit slopes too.
     kinds: Iterable[str] = ["constant"]
     seen: set[bytes] = set()
     while True:
@@ -171,7 +172,7 @@ def mark(
         noise = estimate_noise(residual[keep], reading_factor[keep], robust=True)
         deviation = residual / np.maximum(noise.sigma(reading_factor), least)
         keep = np.abs(deviation) <= THRESHOLD
-        # The marks may alternate between two sets: stop when a set comes up again.
+        # The marks may alternate between two sets: stop when a set recurs.
         if keep.tobytes() in seen:
             return Marked(~keep, deviation, trend, noise)
         seen.add(keep.tobytes())
@@ -179,7 +180,7 @@ def mark(
 
 
 def _robust_trend(kinds: Iterable[str], velocity: Floats, y: Floats) -> Trend:
-    """Of the kinds of trends, each a Theil-Sen line, the one that leaves the least scatter."""
+    """Return the kind of trend, each a Theil-Sen line, with the least scatter."""
     trends = []
     for kind in kinds:
         x = _AXES[kind](velocity)
@@ -189,7 +190,7 @@ def _robust_trend(kinds: Iterable[str], velocity: Floats, y: Floats) -> Trend:
 
 
 def _median_slope(x: Floats, y: Floats) -> float:
-    """Median of the slopes between pairs of points: a line that a quarter of them cannot move."""
+    """Return the median slope between pairs of points; a quarter of outliers cannot move it."""
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
     least = 1e-9 * np.max(np.abs(x))

@@ -13,7 +13,7 @@ from ..._flight import Floats
 Ints = NDArray[np.int64]
 
 LEAST_PAIRS = 4
-"""One parameter of the law, two of the noise, and one left over to judge the fit by."""
+"""One parameter of the law, two of the noise, and one degree of freedom to judge the fit."""
 
 _NEEDED = (
     "is needed",
@@ -25,11 +25,11 @@ _NEEDED = (
 class Pairs:
     """n measured pairs; every array has the shape (n,).
 
-    `velocity` is the approach speed in m/s and `restitution` the measured e. `reading_factor` says
-    how a reading error enters: one of standard deviation σ gives ln e the variance
-    σ² · `reading_factor`. `cluster` numbers the group of pairs that share errors, whose names are
-    `cluster_names`. Where the errors of the readings are known, `covariance` (n, n) is that of ln e
-    by them, and `reading` is their usual size; `absolute`, whether that is all of the noise.
+    `velocity` is the approach speed in m/s and `restitution` the measured e. `reading_factor`
+    propagates reading errors: a standard deviation σ gives ln e the variance σ² · `reading_factor`.
+    `cluster` numbers the group of pairs that share errors, with the names `cluster_names`. For
+    known reading errors, `covariance` (n, n) is the resulting one of ln e, and `reading` their
+    typical size. `absolute`: whether that is all of the noise.
     """
 
     velocity: Floats
@@ -43,12 +43,12 @@ class Pairs:
 
     @property
     def words(self) -> tuple[str, str]:
-        """The noun of one pair and of several."""
+        """The noun for one pair and for several."""
         return "pair of speed and restitution", "pairs of speed and restitution"
 
     @property
     def owner(self) -> str:
-        """` of NAME` where the pairs are those of a ball with a name."""
+        """` of NAME` for pairs of a ball with a name."""
         return ""
 
     @property
@@ -58,18 +58,18 @@ class Pairs:
 
     @property
     def from_flights(self) -> bool:
-        """Whether speeds follow from flights of a ball."""
+        """True if speeds follow from flights of a ball."""
         return False
 
     def guess(self, flagged: NDArray[np.bool_], e: float) -> Mapping[int, str]:
-        """Likely causes of the flagged pairs, by number; `e` is the usual restitution."""
+        """Return likely causes of the flagged pairs, by number; `e` is the usual restitution."""
         return {}
 
     def __len__(self) -> int:
         return len(self.velocity)
 
     def where(self, keep: NDArray[np.bool_]) -> Pairs:
-        """The pairs for which `keep` (n,) is true."""
+        """Return the pairs for which `keep` (n,) is True."""
         kept = {name: x[keep] for name, x in vars(self).items() if isinstance(x, np.ndarray)}
         if self.covariance is not None:
             kept["covariance"] = self.covariance[np.ix_(keep, keep)]
@@ -87,12 +87,12 @@ class Pairs:
         )
 
     def fault(self, problem: str) -> ValueError:
-        """The error that says what is wrong with these pairs."""
+        """Return the error for a problem of these pairs."""
         return ValueError(problem)
 
 
 def pairs_of(velocity: Floats, restitution: Floats, sigma: Floats | None = None) -> Pairs:
-    """The pairs of columns (n,); `sigma` are standard deviations of e, all of their noise."""
+    """Return pairs of columns (n,); `sigma` are standard deviations of e, all of their noise."""
     count = len(velocity)
     return Pairs(
         velocity=velocity,

@@ -1,4 +1,4 @@
-"""Plausible readings of bouncing balls: ranges of e, and guesses at a wrong unit."""
+"""Plausible readings of bouncing balls: ranges of e, and guesses of a wrong unit."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from ..._flight import STANDARD_GRAVITY, Floats
 from ..._parameter import Range
 
 MEASURED_RESTITUTION = Range(low=0.0, high=1.2, low_open=True, inside=0.5)
-"""Of a measured e, which noise may bring above 1."""
+"""Range of a measured e, which noise may raise above 1."""
 MEASURED_RESTITUTION_FROM_ZERO = Range(low=0.0, high=1.2, inside=0.5)
 
 _AROUND = math.sqrt(10)
-"""Half of the way, in powers of ten, from one unit to the next."""
+"""Half of a factor of ten, on a logarithmic scale: the limit between two units."""
 
 _LONG = 20.0
-"""Of an interval in s: a ball that is so long in the air came from half a kilometre."""
+"""Longest plausible interval in s; such a flight rises half a kilometre."""
 
 EVEN = 0.985
-"""Balls that keep so much of their speed are hardly found: what is evener is a clock."""
+"""Ratio of successive intervals above which they are those of a clock, not of a ball."""
 
 _MOST_COMPARED = 200
 
 
 def in_percent(e: Floats) -> bool:
-    """Whether restitutions look as if they were written in percent."""
+    """Return whether restitutions seem to be in percent."""
     return bool(e.size) and float(np.median(e)) > 2 and float(e.max()) <= 120
 
 
 def length_guess(times: float) -> str:
-    """The unit of a length that is so many times too large; nothing where that is not clear."""
+    """Return the unit of a length that is `times` too large; "" if unclear."""
     for unit, size in (("cm", 100), ("mm", 1000)):
         if size / _AROUND < times < size * _AROUND:
             return f"; is it in {unit}? then divide by {size}"
@@ -41,7 +41,7 @@ def length_guess(times: float) -> str:
 
 
 def too_long(seconds: ArrayLike, gravity: float = STANDARD_GRAVITY) -> str:
-    """Why these are no intervals in s, with a guess of their unit; nothing where they may be."""
+    """Return why these are not intervals in s, with a guess of their unit; "" if plausible."""
     typical = float(np.median(np.asarray(seconds)))
     rise = gravity * typical**2 / 8
     if rise <= STANDARD_GRAVITY * _LONG**2 / 8:
@@ -53,12 +53,12 @@ def too_long(seconds: ArrayLike, gravity: float = STANDARD_GRAVITY) -> str:
 
 
 def not_shrinking(chains: Iterable[Floats], power: float = 1.0) -> float | None:
-    """The median factor from one interval to the next, where those of no ball have it.
+    """Return the median factor between successive intervals if no ball can have it, or None.
 
-    `chains` are successive intervals (n,) of one trial each, or with `power` 2 heights. They do not
-    shrink where the factor is above `EVEN` to this power, and where not clearly more of them are
-    shorter than one before than are longer: by less than two standard deviations of Kendall's
-    (1938) count, doi 10.1093/biomet/30.1-2.81.
+    `chains` are successive intervals (n,) of one trial each, or heights with `power` 2. The result
+    is not None if two conditions hold. The factor is above `EVEN` to this power. And shorter
+    intervals than before do not clearly outnumber longer ones: by less than two standard deviations
+    of Kendall's (1938) count, doi 10.1093/biomet/30.1-2.81.
     """
     steps, score, variance = [], 0.0, 0.0
     for chain in chains:

@@ -1,1 +1,1 @@
-"""Ready-made fits of a law to what was measured."""
+"""Ready-made fits of a law to measurements."""

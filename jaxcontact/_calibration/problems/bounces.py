@@ -1,4 +1,4 @@
-"""A law, and the drag of the air, from successive flights of a ball or from heights."""
+"""A law, and air drag, from successive flights of a ball or from heights."""
 
 from __future__ import annotations
 
@@ -40,8 +40,11 @@ def _landing_after(time: Any, gravity: Any, b: Any) -> Any:
 
 
 class _Kind(NamedTuple):
-    """The speed of landing from the first reading, and that of launch and the second reading from
-    each other; the errors that pairs share, and how both readings are shown.
+    """Functions of one kind of readings.
+
+    `landing` gives the landing speed from the first reading. `launch` and `second` convert between
+    launch speed and second reading. `shared` gives the errors that pairs share, and `shown` the
+    presentation of both readings.
     """
 
     landing: Callable[..., Any]
@@ -64,11 +67,11 @@ _KINDS = {
 
 
 _OWN_ERRORS = "sigma", "weights", "groups", "correlation"
-"""Arguments of `fit` with which the user says what the errors are like."""
+"""Arguments of `fit` by which the user describes the errors."""
 
 
 class BounceModel(eqx.Module):
-    """What a fit of bounces varies: a law, a contact, and C_d, which is None in vacuum."""
+    """The parameters of a bounce fit: a law, a contact, and C_d, which is None in vacuum."""
 
     law: AbstractLaw
     contact: Contact
@@ -88,7 +91,7 @@ class NextFlight(eqx.Module):
 
     @property
     def shown(self) -> Mapping[str, Shown]:
-        """What is measured before an impact, and after it."""
+        """The presentation of the readings before and after an impact."""
         return _KINDS[self.kind].shown
 
     def __call__(self, model: BounceModel, first: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -113,40 +116,44 @@ def fit_bounces(
     method: str | AbstractMethod = "auto",
     **how: Any,
 ) -> Fit:
-    """A law, and the drag of the air, from successive flights of a ball on a heavy, level floor.
+    """Fit a law, and air drag, to successive flights of a ball on a heavy, level floor.
 
-    A flight that lands at w is followed by one launched at e(w) w; in vacuum T₂ = e T₁ and
-    h₂ = e² h₁. Compared are logarithms, ln T₂ or ln h₂: errors, `sigma` and residuals are relative.
+    A flight that lands at speed w is followed by one launched at e(w) w; in vacuum T₂ = e T₁ and h₂
+    = e² h₁. The fit compares logarithms, ln T₂ or ln h₂: errors, `sigma` and residuals are
+    relative.
 
-    Arguments: the `law` and the `contact` to start from; `first` and `second`, both (points,): of
-    `kind` "intervals", the times in s between one impact and the next and between that and the one
-    after; of kind "heights", those in m of a drop from rest and of the rebound. `gravity` in m/s²
-    (less buoyancy, g(1 - ρ_air/ρ_ball), for a light ball). `drag`, a quadratic one: mass in kg and
-    radius in m of the ball, the coefficient C_d, which is fitted from that start unless it is
-    `fixed`, and the density of the air in kg/m³; None is vacuum. `fixed`: numbers that stay, by
-    name. e(w) does not distinguish mass and stiffness from the parameters of the usual laws, so
-    these are held by default; and C_d, since only a wide range of speeds distinguishes drag from a
-    law whose damping grows with speed: the assumed law shifts C_d by far more than its standard
-    error. `method` as in `impact`; what else `fit` takes (`sigma`, `loss=Huber()`, ...).
+    Arguments: `law` and `contact` are the start of the fit. `first` and `second`, both (points,),
+    are, for `kind` "intervals", two successive times in s between impacts; for kind "heights", the
+    heights in m of a drop from rest and of the rebound. `gravity` in m/s² (for a light ball reduced
+    by buoyancy, g(1 - ρ_air/ρ_ball)). `drag` is quadratic: mass in kg and radius in m of the ball,
+    coefficient C_d, and density of the air in kg/m³; None is vacuum. C_d is fitted from that start
+    unless it is `fixed`. `method` as in `impact`. Other keywords go to `fit` (`sigma`,
+    `loss=Huber()`, ...).
 
-    Errors of `first` change the logarithm of `second` by nearly as much, so count them in `sigma`,
-    the root of the sum of both squares; there is no bias while they are small compared with the
-    range of the data. Successive intervals share a trigger, whose error enters them with opposite
-    signs, and drops from one height share the error of that height: unless `sigma`, `weights`,
-    `groups` or `correlation` is given, the size of these errors and the scatter of the bounces are
-    found by restricted likelihood, in one trial too (pairs follow each other where the second
-    interval of one is the first of the next), and stand in `notes`; standard errors allow for how
-    little few pairs tell of them. How much trials differ, one trial cannot tell. `calibrate` holds
-    C_d.
+    `fixed`: names of numbers that are held. e(w) does not separate mass and stiffness from the
+    parameters of the usual laws, so both are held by default. So is C_d, because only a wide range
+    of speeds separates drag from a law whose damping grows with speed. The assumed law shifts C_d
+    by far more than its standard error. `calibrate` holds C_d.
 
-    With `loss=Huber()` pairs that a spurious or missed trigger has spoilt are left out: those that
-    lie more than six robust standard deviations off the fit, found in turn with it from a trend
-    that knows no law. `notes` say how many; with more than 40 % of them the recording cannot be
-    used, and the fit has not converged.
+    Errors of `first` change the logarithm of `second` by nearly as much, so include them in
+    `sigma`, the root of the sum of both squares. There is no bias while they are small compared
+    with the range of the data.
+
+    Successive intervals share a trigger, whose error enters them with opposite signs. Drops from
+    one height share the error of that height. Unless `sigma`, `weights`, `groups` or `correlation`
+    is given, restricted likelihood estimates the size of these errors and the scatter of the
+    bounces, even for one trial. Pairs are successive if the second interval of one is the first of
+    the next. The sizes are reported in `notes`. Standard errors account for the uncertainty of both
+    sizes with few pairs. One trial does not determine the scatter between trials.
+
+    With `loss=Huber()` pairs corrupted by a spurious or missed trigger are left out: those more
+    than six robust standard deviations off the fit. They are found iteratively, starting from a
+    trend without a law, and `notes` give their number. If they exceed 40 %, the recording cannot be
+    used, and the fit is not converged.
 
     Returns a `Fit` whose params have `.law`, `.contact` and `.drag_coefficient` (None in vacuum),
-    and whose `predict(first)` is ln T₂ or ln h₂. Raises ValueError for columns that do not match
-    or are not positive, and arguments out of range.
+    and whose `predict(first)` is ln T₂ or ln h₂. Raises ValueError for columns that do not match or
+    are not positive, and arguments out of range.
     """
     require_choice("kind", kind, _KINDS)
     require_law(law)

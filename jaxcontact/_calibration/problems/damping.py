@@ -47,23 +47,24 @@ def fit_damping(
     method: str | AbstractMethod = "auto",
     **how: Any,
 ) -> Fit:
-    """The hysteresis damping factor c for which a contact delivers e(v0): F = K δⁿ + c δⁿ δ'.
+    """Fit the hysteresis damping factor c with which a contact delivers e(v0): F = K δⁿ + c δⁿ δ'.
 
-    Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may bring a
-    measured one above 1), both (points,); the contact; `form` "constant", one c in N s/m^(n+1), or
-    "power", c(v0) = c (v0/v_r)^power with v_r the geometric mean of the speeds; `method` of the
-    impacts, as in `impact`; what else `fit` takes (`sigma`, `loss`, ...). With a constant c, e
-    falls with speed, since α = c v0/K. A power of -1 is a constant α, and so a constant e.
+    Arguments: closing speeds `velocity` in m/s and restitutions `e` in (0, 1.2] (noise may raise a
+    measured one above 1), both (points,); the contact. `form`: "constant", one c in N s/m^(n+1), or
+    "power", c(v0) = c (v0/v_r)^power with v_r the geometric mean of the speeds. `method` as in
+    `impact`. Other keywords go to `fit` (`sigma`, `loss`, ...). With a constant c, e falls with
+    speed, since α = c v0/K. A power of -1 is a constant α, and so a constant e.
 
     Returns a `Fit` whose params are a dict with "c" (and "power"), and whose `predict(v)` is e(v).
-    Raises ValueError for columns that do not match or leave their range.
+    Raises ValueError for columns that do not match or are out of range.
+
     Source: Hunt & Crossley (1975), doi 10.1115/1.3423596.
     """
     require_choice("form", form, ("constant", "power"))
     require_contact(contact)
     v = column(velocity, "velocity", POSITIVE)
     measured = column(e, "e", MEASURED_RESTITUTION, ("velocity", v))
-    # Near the middle of the data Hu and Guo's relation gives an α that is close enough.
+    # Near the middle of the data Hu and Guo's relation gives a close enough α.
     middle, typical = float(np.exp(np.mean(np.log(v)))), min(float(np.median(measured)), 0.999)
     alpha = 1.5 * (1 - typical) / typical
     start: dict[str, Any] = {"c": alpha * np.asarray(contact.stiffness, float) / middle}

@@ -1,4 +1,4 @@
-"""The power β of the energy-loss family that delivers what is asked for."""
+"""The power β of the energy-loss family that delivers the requested restitution."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from ..pairs.columns import ASKED_AND_DELIVERED, asked_and_delivered
 
 
 class DeliveredByEnergyLoss(eqx.Module):
-    """e_out(e_in) of the energy-loss family, β constant or e to a polynomial of e_in.
+    """e_out(e_in) of the energy-loss family, with constant β or ln β a polynomial of e_in.
 
-    ln β = Σ b_k T_k(t), t = 2 (e_in - low)/(1 - low) - 1, in Chebyshev's polynomials.
+    ln β = Σ b_k T_k(t), t = 2 (e_in - low)/(1 - low) - 1, in Chebyshev polynomials.
     """
 
     contact: Contact
@@ -36,7 +36,7 @@ class DeliveredByEnergyLoss(eqx.Module):
         return restitution(law, self.contact, jnp.ones(()), method=self.method)
 
     def beta(self, params: dict[str, Array], asked: Float[Array, "..."]) -> Float[Array, "..."]:
-        """β at the restitutions asked for."""
+        """Return β at the requested restitutions."""
         if "beta" in params:
             return params["beta"]
         t = 2 * (jnp.maximum(asked, self.low) - self.low) / (1 - self.low) - 1
@@ -52,17 +52,18 @@ def fit_energy_loss(
     method: str | AbstractMethod = "auto",
     **how: Any,
 ) -> Fit:
-    """The power β for which the energy-loss family, asked for e_in, delivers e_out.
+    """Fit the power β with which the energy-loss family, given e_in, delivers e_out.
 
-    α = (1-e)/e / ((n+1) I(β)), see `EnergyLoss`. Arguments: `e_in` in (0, 1] and `e_out` in
-    (0, 1.2] (noise may bring a measured one above 1), both (points,); `e_out` is by default what
-    was asked for; `degree` None for a constant β, else ln β is a polynomial of that degree in e_in
-    over [least e_in, 1]; a `contact` for another exponent than 3/2; `method` as in `impact`; what
-    else `fit` takes. At e = 1 nothing depends on β.
+    α = (1-e)/e / ((n+1) I(β)), see `EnergyLoss`. Arguments: `e_in` in (0, 1] and `e_out` in (0,
+    1.2] (noise may raise a measured one above 1), both (points,); `e_out` is `e_in` by default.
+    `degree`: None for a constant β, otherwise ln β is a polynomial of that degree in e_in over
+    [least e_in, 1]. `contact` for an exponent other than 3/2. `method` as in `impact`. Other
+    keywords go to `fit`. At e = 1 nothing depends on β.
 
-    Returns a `Fit` whose params are {"beta": β}, or {"log_beta": Chebyshev coefficients of ln β};
-    `predict(e)` is what is delivered, and `problem.predict.beta(params, e)` is β(e). Raises
-    ValueError for columns that do not match or leave their range.
+    Returns a `Fit` whose params are {"beta": β}, or {"log_beta": Chebyshev coefficients of ln β}.
+    `predict(e)` is the delivered e, and `problem.predict.beta(params, e)` is β(e). Raises
+    ValueError for columns that do not match or are out of range.
+
     Source: Hu & Guo (2015), Eq. 22-37, doi 10.1007/s11044-015-9453-z.
     """
     asked, wanted = asked_and_delivered(e_in, e_out)

@@ -22,15 +22,16 @@ from ..pairs.plausible import MEASURED_RESTITUTION_FROM_ZERO
 
 
 class ImpactModel(eqx.Module):
-    """What a fit of impacts varies: a law and a contact."""
+    """The parameters of a fit of impacts: a law and a contact."""
 
     law: AbstractLaw
     contact: Contact
 
 
 class Outcome(eqx.Module):
-    """Those in `fields` of e and the logarithms of duration and largest force, whose errors are
-    relative.
+    """The outcomes in `fields`: e, and the logarithms of contact time and largest force.
+
+    Errors of the logarithms are relative.
     """
 
     method: AbstractMethod = eqx.field(converter=method_of)
@@ -67,19 +68,20 @@ def fit_impacts(
     method: str | AbstractMethod = "auto",
     **how: Any,
 ) -> Fit:
-    """A law and a contact from restitutions, contact times and peak forces over the closing speed.
+    """Fit a law and a contact to restitutions, contact times and peak forces over closing speed.
 
-    Arguments: the `law` and the `contact` to start from, all of whose numbers are fitted but the
-    `fixed` ones, by their names as the fit prints them ("law.c") or without the owner ("mass" by
-    default: times determine only K/m; n is fitted if the contact's exponent is an array);
-    `velocity` in m/s; `e` in [0, 1.2], `duration` in s and `max_force` in N, at least one of them,
-    NaN where a speed was not measured, all (points,). `sigma_e`, and `sigma_duration`
-    and `sigma_max_force` relative to their column (one number, or one for each point), are standard
-    deviations; give those of all columns or of none. `method` as in `impact`; what else `fit` takes
-    (`noise="by column"`, say).
+    Arguments: `law` and `contact` are the start. All their numbers are fitted except the `fixed`
+    ones, named as the fit prints them ("law.c") or without the owner. By default "mass" is fixed,
+    because times determine only K/m. n is fitted if the contact's exponent is an array. `velocity`
+    in m/s. `e` in [0, 1.2], `duration` in s and `max_force` in N, at least one of them, NaN for
+    missing readings, all (points,).
+
+    `sigma_e`, and `sigma_duration` and `sigma_max_force` relative to their column, are standard
+    deviations (one number, or one for each point). Give those of all columns or of none. `method`
+    as in `impact`. Other keywords go to `fit` (such as `noise="by column"`).
 
     Returns a `Fit` whose params have `.law` and `.contact`. Raises ValueError for columns that do
-    not match or leave their range.
+    not match or are out of range.
     """
     require_law(law)
     require_contact(contact)
@@ -99,13 +101,13 @@ def fit_impacts(
 
 
 def holds(owner: Any, name: Any) -> bool:
-    """Whether a model, law or contact has a field of this name."""
+    """Return whether a model, law or contact has a field of this name."""
     fields = {field.name.lstrip("_") for field in dataclasses.fields(owner)}
     return isinstance(name, str) and name in fields and name != "tension"
 
 
 def full_name(start: Any, name: Any) -> str | None:
-    """The name of a number with its owner in front, "law.c" of "c"; None where nothing has it."""
+    """Return the name of a number with its owner, "law.c" of "c"; None for unknown names."""
     for prefix, owner in (("", start), ("contact.", start.contact), ("law.", start.law)):
         if isinstance(name, str) and holds(owner, name.removeprefix(prefix)):
             return prefix + name.removeprefix(prefix)
@@ -113,10 +115,10 @@ def full_name(start: Any, name: Any) -> str | None:
 
 
 def transforms_of(start: Any, fixed: tuple[str, ...]) -> dict[str, AbstractTransform]:
-    """The transforms of the numbers of a model.
+    """Return the transforms of the numbers of a model.
 
     `fixed` names numbers of the model, its contact or its law, as "c" or as "law.c". A number that
-    is None or static, such as an exponent that is no array, is not fitted anyway.
+    is None or static, such as an exponent that is not an array, is never fitted.
     """
     transforms: dict[str, AbstractTransform] = {}
     if not isinstance(start.contact.exponent, float):

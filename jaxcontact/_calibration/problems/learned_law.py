@@ -1,4 +1,4 @@
-"""A law α(e) learned from what it should deliver."""
+"""A law α(e) learned from the restitution it should deliver."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .shapes import SHAPES, AbstractShape
 
 
 class DeliveredByShape(eqx.Module):
-    """e_out(e_in) of the law that a shape makes."""
+    """e_out(e_in) of the law defined by a shape."""
 
     contact: Contact | None
     method: AbstractMethod = eqx.field(converter=method_of)
@@ -39,16 +39,16 @@ def learn_law(
     method: str | AbstractMethod = "auto",
     **how: Any,
 ) -> Fit:
-    """A law α(e) = g(e) (1-e)/e learned so that it delivers e_out when asked for e_in.
+    """Learn a law α(e) = g(e) (1-e)/e that delivers e_out for the parameter e_in.
 
-    Arguments: `e_in` in (0, 1] and `e_out` in (0, 1.2] (noise may bring a measured one above 1),
-    both (points,); `e_out` is by default what was asked for; `form` of g: "rational", "spline",
-    "network", or a shape of your own to start from; a `contact` where the method needs one;
-    `method` as in `impact`; what else `fit` takes.
+    Arguments: `e_in` in (0, 1] and `e_out` in (0, 1.2] (noise may raise a measured one above 1),
+    both (points,); `e_out` is `e_in` by default. `form` of g: "rational", "spline", "network", or
+    your own shape as the start. `contact`, if the method needs one. `method` as in `impact`. Other
+    keywords go to `fit`.
 
     Returns a `Fit` whose params are the shape: `found.params.law(e=0.4)` is a law like any other.
-    Its numbers have no meaning one by one, and many of them may be undetermined.
-    Raises ValueError for columns that do not match or leave their range.
+    Its single numbers have no meaning, and many of them may be undetermined. Raises ValueError for
+    columns that do not match or are out of range.
     """
     asked, wanted = asked_and_delivered(e_in, e_out)
     if contact is not None:

@@ -20,17 +20,17 @@ _BELOW_ONE = Range(low=0.0, high=1.0, high_open=True, inside=0.5)
 
 
 class AbstractShape(eqx.Module):
-    """A function g(e) > 0 that makes a law α = g(e) (1-e)/e; its arrays are its parameters.
+    """A function g(e) > 0 that defines a law α = g(e) (1-e)/e; its arrays are its parameters.
 
-    In the law that delivers what it is asked for g rises from 1 at e → 0 to 3/2 at e → 1.
+    For the law that delivers exactly the requested e, g rises from 1 at e → 0 to 3/2 at e → 1.
     """
 
     @abc.abstractmethod
     def __call__(self, e: Float[Array, "..."]) -> Float[Array, "..."]:
-        """g at e, of any shape."""
+        """Return g at e, of any shape."""
 
     def law(self, e: ArrayLike) -> Damped:
-        """The law asked for e in (0, 1]: its damping factor is α = g(e) (1-e)/e.
+        """Return the law for e in (0, 1], with the damping factor α = g(e) (1-e)/e.
 
         Raises ValueError for a Python scalar out of range.
         """
@@ -41,7 +41,7 @@ class AbstractShape(eqx.Module):
 class Rational(AbstractShape):
     """g(e) = Σ a_k T_k(t) / (1 + Σ b_k T_k(t)), t = 2e - 1: Chebyshev polynomials, one degree.
 
-    `degree` of both; it starts as g = 1.
+    `degree` is that of both. The start is linear in e: g = 1.25 + 0.25 t.
     """
 
     above: Float[Array, " degree_plus_1"]
@@ -61,7 +61,7 @@ class Rational(AbstractShape):
 class Spline(AbstractShape):
     """g(e): a cubic spline with `intervals` equal intervals on [low, 1], from its B-spline weights.
 
-    Outside it goes on as the polynomial at the end. Source: de Boor (1978), doi
+    Outside, the polynomial of the last interval continues. Source: de Boor (1978), doi
     10.1007/978-1-4612-6333-3.
     """
 
@@ -107,4 +107,4 @@ SHAPES: dict[str, Callable[[float], AbstractShape]] = {
     "spline": lambda low: Spline(low=low),
     "network": lambda low: Network(),
 }
-"""A shape to start from by name, for restitutions of at least `low`."""
+"""Initial shapes by name, for restitutions of at least `low`."""

@@ -1,7 +1,7 @@
-"""Errors that readings share beside those of each alone: how large both are, and what follows.
+"""Errors that readings share in addition to independent ones: their sizes and consequences.
 
-With the matrix B of what is shared, of the mean variance 1, errors have the covariance
-σ² V(s) = σ² ((1 - s) I + s B). Where neither σ nor the share s is known, few readings leave s open.
+With the matrix B of the shared part, of mean variance 1, errors have the covariance σ² V(s) = σ²
+((1 - s) I + s B). If neither σ nor the share s is known, few readings leave s open.
 """
 
 from __future__ import annotations
@@ -18,21 +18,23 @@ _ODDS = np.concatenate([[0], np.geomspace(1e-2, 1e6, 40)])
 _SHARES = _ODDS / (1 + _ODDS)
 
 _ANGLES = np.arctan(np.sqrt(_ODDS))
-"""Of the two standard deviations, √(1 - s) and √s: before the data all are equally probable."""
+"""Angles of the two standard deviations, √(1 - s) and √s; all are equally probable a priori."""
 
 _PRIOR = np.gradient(_ANGLES)
 
 _LEVEL = 0.95
 _DRAWS, _MANY, _EVERY = 1000, 300, 2
-"""Of simulated data for every second share: fewer draws where there are more points than so."""
+"""Simulated data sets for every second share; beyond `_MANY` points, fewer sets."""
 
 _ROUNDS = 2
 _NOTHING = 1e-300
 
 
 class SharedNoise(NamedTuple):
-    """The errors of points: `variance` (n,) relative, `correlation` (n, n), the `share` of what is
-    shared in the mean variance, and the mean variance `unit` that B had as it was given.
+    """The errors of points: relative `variance` (n,), `correlation` (n, n) and `share`.
+
+    `share` is that of the shared part in the mean variance. `unit` is the mean variance of the
+    given B.
     """
 
     variance: Float[np.ndarray, " n"]
@@ -44,8 +46,8 @@ class SharedNoise(NamedTuple):
 class _Shares(NamedTuple):
     """V(s) of all shares in the eigenvectors of B, where it is the diagonal `variance` (s, n).
 
-    `slope` (n, rank) is what the parameters can move, `inverse` (s, rank, rank) of XᵀV⁻¹X, `volume`
-    (s,) what its determinant and that of V add to the likelihood.
+    `slope` (n, rank) spans what the parameters can move. `inverse` (s, rank, rank) is that of
+    XᵀV⁻¹X, and `volume` (s,) the contribution of its determinant and that of V to the likelihood.
     """
 
     vectors: Float[np.ndarray, "n n"]
@@ -56,9 +58,11 @@ class _Shares(NamedTuple):
 
 
 class _Seen(NamedTuple):
-    """What draws of residuals (n, draws) say: the `weight` (s, draws) of each share, and the mean
-    `angle` (draws,), with whose share they are fitted; how far that moves the parameters, `moved`
-    (k, draws), and their variance by it, `alone`, and by all shares together, `whole`.
+    """Results of draws of residuals (n, draws).
+
+    The `weight` (s, draws) of each share, and the mean `angle` (draws,), with whose share they are
+    fitted. `moved` (k, draws) is the resulting shift of the parameters, `alone` its variance at
+    that share, and `whole` its variance over all shares.
     """
 
     weight: Float[np.ndarray, "s draws"]
@@ -71,15 +75,15 @@ class _Seen(NamedTuple):
 def shared_noise(
     found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, "n n"]
 ) -> SharedNoise:
-    """The share of the errors of a covariance like `shape` (n, n) in what a fit leaves.
+    """Estimate the share of errors with a covariance like `shape` (n, n) in the residuals of a fit.
 
     By restricted likelihood, -2 ln L = (n - k) ln(rᵀ P r) + ln|V| + ln|Xᵀ V⁻¹ X|, with the fit
-    linearised about its end (Patterson & Thompson 1971, doi 10.1093/biomet/58.3.545); the angle of
+    linearised about its end (Patterson & Thompson 1971, doi 10.1093/biomet/58.3.545). The angle of
     the two standard deviations is averaged with the weight L.
     """
     unit = float(np.mean(np.diag(shape)[used]))
-    shares, to_parameters, residual = _linear(found, used, shape / unit)
-    angle = _seen(shares, to_parameters, residual[:, None]).angle[0]
+    shares, to_parameters, residual = _linearise(found, used, shape / unit)
+    angle = _weigh_shares(shares, to_parameters, residual[:, None]).angle[0]
     share = float(np.sin(angle) ** 2)
     whole = (1 - share) * np.eye(used.size) + share * shape / unit
     size = np.sqrt(np.diag(whole))
@@ -87,22 +91,24 @@ def shared_noise(
 
 
 def widening(found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, "n n"]) -> float:
-    """By how much squared standard errors are larger since the share is not known better.
+    """Return the factor by which the uncertainty of the share widens squared standard errors.
 
-    So that Student's t with n - k degrees of freedom gives intervals which hold the truth in 95 %:
-    the quantile of (estimate - truth)/(standard error) is simulated for each share, averaged with
+    Intervals of Student's t with n - k degrees of freedom then cover the truth in 95 % of cases.
+    The quantile of (estimate - truth)/(standard error) is simulated for each share, averaged with
     its likelihood, and simulated again with that average (prepivoting: Beran 1987, doi
     10.1093/biomet/74.3.457).
     """
     unit = float(np.mean(np.diag(shape)[used]))
-    shares, to_parameters, residual = _linear(found, used, shape / unit)
-    seen = _seen(shares, to_parameters, residual[:, None])
+    shares, to_parameters, residual = _linearise(found, used, shape / unit)
+    seen = _weigh_shares(shares, to_parameters, residual[:, None])
     n, rank = shares.slope.shape
     draws = int(_DRAWS * min(1, _MANY / n))
     noise = np.random.default_rng(0).normal(size=(n, draws))
     ratios, weights = [], []
     for variance in shares.variance[::_EVERY]:
-        one = _seen(shares, to_parameters, shares.vectors @ (np.sqrt(variance)[:, None] * noise))
+        one = _weigh_shares(
+            shares, to_parameters, shares.vectors @ (np.sqrt(variance)[:, None] * noise)
+        )
         ratios.append(np.log(np.maximum(np.abs(one.moved), _NOTHING) / np.sqrt(one.whole)))
         weights.append(one.weight)
 
@@ -120,7 +126,7 @@ def widening(found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, 
 
 
 def slope_of(found: Fit) -> Float[np.ndarray, "n k"]:
-    """The derivative of the residuals themselves, neither weighted nor whitened."""
+    """Return the derivative of the residuals themselves, neither weighted nor whitened."""
     factor, whitener = np.asarray(found.problem.factor), found.problem.whitener
     slope = found.jacobian
     if whitener is not None:
@@ -128,11 +134,12 @@ def slope_of(found: Fit) -> Float[np.ndarray, "n k"]:
     return slope / np.where(factor > 0, factor, 1)[:, None]
 
 
-def _linear(
+def _linearise(
     found: Fit, used: Bool[np.ndarray, " n"], shape: Float[np.ndarray, "n n"]
 ) -> tuple[_Shares, Float[np.ndarray, "k rank"], Float[np.ndarray, " n"]]:
-    """The fit linearised about its end: all shares, the parameters from coordinates of the slope,
-    and the residuals.
+    """Linearise the fit about its end.
+
+    Returns all shares, the parameters from coordinates of the slope, and the residuals.
     """
     slope = slope_of(found)[used]
     basis = basis_of(slope)
@@ -152,7 +159,7 @@ def _shares_of(shape: Float[np.ndarray, "n n"], slope: Float[np.ndarray, "n rank
     return _Shares(vectors, variance, slope, np.linalg.inv(information), -volume / 2)
 
 
-def _seen(
+def _weigh_shares(
     shares: _Shares, to_parameters: Float[np.ndarray, "k rank"], r: Float[np.ndarray, "n draws"]
 ) -> _Seen:
     r, precision = shares.vectors.T @ r, 1 / shares.variance

@@ -1,14 +1,13 @@
-"""The errors that pairs share: those of the triggers between intervals, or of one drop height.
+"""Errors that pairs share: those of triggers between intervals, or of one drop height.
 
-An interval that ends late makes the next one begin late. With errors n of the triggers, each of the
-standard deviation σ, and a scatter of each bounce of the relative size s₀,
+An interval that ends late makes the next one begin late. With trigger errors n, each of standard
+deviation σ, and a scatter of each bounce of relative size s₀,
 
     ln T₂ - ln T₁ - ln e  has the error  (n₃ - n₂)/T₂ - (n₂ - n₁)/T₁ + s₀ ε,
 
-so that pairs which share triggers are correlated, to one and to two places. The T that divide are
-those that the fit expects: divided by an interval that was read too long, its error would count
-less, and e come out too small. Drops from one height h
-share its error n, which enters ln h₂ - ln h as -n/h.
+so pairs that share triggers are correlated, up to two places apart. The divisors T are those that
+the fit expects. Division by the reading would give errors of long readings less weight, and e would
+be too small. Drops from one height h share its error n, which enters ln h₂ - ln h as -n/h.
 """
 
 from __future__ import annotations
@@ -27,20 +26,21 @@ from .shared_errors import shared_noise, widening
 Column = Float[np.ndarray, " n"]
 
 _FEWEST, _FREE = 6, 4
-"""Pairs, and degrees of freedom, from which two sizes of noise can be told."""
+"""Least pairs and degrees of freedom to separate two sizes of noise."""
 
 _MOST = 2000
-"""Pairs whose correlation is held as a matrix. Of more there are many trials: give `groups`."""
+"""Largest number of pairs with a correlation matrix. More pairs have many trials: use `groups`."""
 
 _ROUNDS = 6
 _SAME = 0.01
-"""A change of the share of shared errors that counts as none."""
+"""Largest change of the share of shared errors at convergence."""
 
 
 class Shared(NamedTuple):
-    """What pairs share: the covariance (n, n) for shared errors of 1 s or 1 m, None where no two
-    pairs share one; the words of both errors, for numbers in ms or mm and in %; and what else to
-    say.
+    """The errors that pairs share, and their words.
+
+    `shape` (n, n) is the covariance for shared errors of 1 s or 1 m, None if no two pairs share
+    one. `words` report both errors, for numbers in ms or mm and in %. `notes` are additional notes.
     """
 
     shape: Float[np.ndarray, "n n"] | None
@@ -55,10 +55,11 @@ def with_shared_errors(
     second: Column,
     shared_by: Callable[[Column, Column, Column], Shared],
 ) -> Fit:
-    """The fit with the correlation of pairs that share errors, found in turn with it.
+    """Refit with the correlation of pairs that share errors, in turns until it settles.
 
-    `shared_by` tells what they share from the readings and what the fit expects of the second.
-    Where no two pairs share an error, or where they are too few or too many to tell, the same fit.
+    `shared_by` returns the shared errors from the readings and the second readings that the fit
+    expects. Returns the same fit if no two pairs share an error, or if there are too few or too
+    many pairs.
     """
     used = np.asarray(found.problem.factor) > 0
     if not _FEWEST <= np.count_nonzero(used) <= _MOST:
@@ -80,7 +81,7 @@ def with_shared_errors(
     if not found.converged or shared.shape is None:
         return found
     wider = widening(found, used, shared.shape)
-    # A robust fit has put the scale that it found into its weights.
+    # A robust fit has included its estimated scale in its weights.
     factor = np.asarray(found.problem.factor)[used]
     size = found.noise * float(np.median(factor**-2.0 / noise.variance[used]))
     both = (
@@ -97,11 +98,11 @@ def with_shared_errors(
 
 
 def by_triggers(first: Column, second: Column, expected: Column) -> Shared:
-    """What pairs of intervals share.
+    """Return the errors that pairs of intervals share.
 
-    Two pairs follow each other where the second interval of one is the first of the next. The
-    `expected` second intervals (NaN of a pair that does not count) give the ratios between those of
-    a run, and its length their size.
+    Two pairs are successive if the second interval of one is the first of the next. The `expected`
+    second intervals (NaN for a pair without weight) give the ratios within a run; the length of the
+    run sets their scale.
     """
     words = "errors of triggers {:.2g} ms, scatter of ln e {:.2g} %"
     follows = np.concatenate([[False], second[:-1] == first[1:]])
@@ -124,7 +125,7 @@ def by_triggers(first: Column, second: Column, expected: Column) -> Shared:
 
 
 def by_height(first: Column, second: Column, expected: Column) -> Shared:
-    """What drops share: all from one height its error."""
+    """Return the errors that drops share: all from one height share its error."""
     same = first[:, None] == first
     shape = None if np.array_equal(same, np.eye(first.size)) else same / np.outer(first, first)
     return Shared(shape, "errors of drop heights {:.2g} mm, scatter of ln h {:.2g} %")

@@ -1,4 +1,4 @@
-"""The power β of the velocity profile that a compression follows: the regression of Eq. 22."""
+"""The power β of the velocity profile of a compression: the regression of Eq. 22."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _FEWEST = 3
 class VelocityProfile:
     """The profile δ' = v0 √(1 - (δ/δ_m)^β) nearest to samples of a compression.
 
-    `beta`, dimensionless; `residual`, the weighted root mean square of what was fitted, δ'/v0 or
-    its square; both NaN unless `converged`. The `steps` of the search, and in words the `reason`
-    why it stopped; the `fit` itself, of δ'/v0 or its square over δ/δ_m.
+    `beta`, dimensionless, and `residual`, the weighted root mean square for δ'/v0 or its square;
+    both NaN unless `converged`. `steps` of the search, and `reason` why it stopped, in words. `fit`
+    is the fit of δ'/v0 or its square over δ/δ_m.
     """
 
     beta: float
@@ -46,18 +46,18 @@ def fit_velocity_profile(
     squared: bool = False,
     start: float = 2.5,
 ) -> VelocityProfile:
-    """The β > 0 for which δ' = v0 √(1 - (δ/δ_m)^β) is nearest to a compression: least squares.
+    """Fit the β > 0 for which δ' = v0 √(1 - (δ/δ_m)^β) is nearest to a compression.
 
-    Minimises Σ wᵢ [δ'ᵢ/v0 - √(1 - (δᵢ/δ_m)^β)]² / Σ wᵢ over ln β from `start`; with `squared=True`
-    the squares of both are compared, without the root. Arguments, all of shape (samples,), at
-    least 3: `indentation` δ in m, from 0 at touch to δ_m, never falling; `velocity` δ' in m/s, from
-    v0 > 0 at touch to 0 at the turn; `weights` ≥ 0, equal if None. A trajectory may lack its
-    turn: append `impact(...).max_indentation` and 0. β depends on where the samples lie, each of
-    which counts by its weight.
+    Minimises Σ wᵢ [δ'ᵢ/v0 - √(1 - (δᵢ/δ_m)^β)]² / Σ wᵢ over ln β from `start`. With `squared=True`
+    the squares of both are compared, without the root. Arguments, all of shape (samples,), at least
+    3: `indentation` δ in m, from 0 at touch to δ_m, never falling; `velocity` δ' in m/s, from v0 >
+    0 at touch to 0 at the turn; `weights` ≥ 0, equal if None. If a trajectory lacks its turn,
+    append `impact(...).max_indentation` and 0. β depends on the distribution of the samples, each
+    of which counts by its weight.
 
-    Returns a `VelocityProfile`. No standard error is given: the samples of a solved motion carry no
-    noise, and the residual is the part that no β describes. Computes in double precision whatever
-    JAX is set to, and is not for use under `jit`. Raises ValueError for samples that are no
+    Returns a `VelocityProfile`. It has no standard error: the samples of a solved motion carry no
+    noise, and the residual is the part that no β describes. Computes in double precision regardless
+    of the JAX setting, and does not work under `jit`. Raises ValueError for samples that are not a
     compression.
 
     Source: Hu & Guo (2015), Eq. 22, doi 10.1007/s11044-015-9453-z.
@@ -96,7 +96,7 @@ class Profile(eqx.Module):
 
     @property
     def shown(self) -> dict[str, Shown]:
-        """How both are shown."""
+        """The presentation of both."""
         words = "velocity / velocity at touch"
         return {
             "x": Shown("", "indentation / largest"),
@@ -108,14 +108,17 @@ class Profile(eqx.Module):
 
 
 def _square(params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:
-    """(δ'/v0)² = 1 - u^β, with its derivative in β: 0 at both ends, where ln 0 or 0/0 would be."""
+    """Return (δ'/v0)² = 1 - u^β with its derivative in β, which is 0 at both ends.
+
+    There ln 0 or 0/0 would occur.
+    """
     inside = (u > 0) & (u < 1)
     log_u = jnp.log(jnp.where(inside, u, 0.5))
     return jnp.where(inside, -jnp.expm1(params["beta"] * log_u), jnp.where(u > 0, 0.0, 1.0))
 
 
 def _profile(params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:
-    """δ'/v0 = √(1 - u^β); where the square has vanished, so has its derivative."""
+    """Return δ'/v0 = √(1 - u^β); where the square is zero, so is its derivative."""
     square = _square(params, u)
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)

@@ -1,4 +1,4 @@
-"""A robust fit of bounces, without the pairs that a spurious or missed trigger has spoilt."""
+"""A robust fit of bounces, without pairs corrupted by a spurious or missed trigger."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from ..pairs.outliers import THRESHOLD, mark
 Column = Float[np.ndarray, " n"]
 
 _MOST_WRONG = 0.4
-"""With more of its pairs wrong a recording cannot be used: a wrong trigger spoils two or three, and
-medians hold up to half."""
+"""Largest usable fraction of wrong pairs.
+
+A wrong trigger corrupts two or three pairs, and medians are robust up to half.
+"""
 
 _ROUNDS = 10
 
 
 class Readings(NamedTuple):
-    """Two readings after each other, and the speed and the restitution between them (n,)."""
+    """Two successive readings, and the speed and the restitution between them (n,)."""
 
     first: Column
     second: Column
@@ -33,21 +35,21 @@ class Readings(NamedTuple):
 
 
 def without_wrong_pairs(fitted: Callable[..., Fit], how: dict[str, Any], readings: Readings) -> Fit:
-    """The fit of the pairs that lie within `THRESHOLD` robust standard deviations of it.
+    """Fit the pairs that lie within `THRESHOLD` robust standard deviations of the fit.
 
-    A wrong trigger is no scatter: however small its weight, it pulls. The first fit leaves out what
-    lies off a trend that knows no law, so that it starts near its end; the next ones what lies off
-    the last, until the pairs stay the same.
+    A wrong trigger is not scatter: however small its weight, it biases the fit. The first fit
+    leaves out what lies off a trend without a law, so that it starts near its end. The next ones
+    leave out what lies off the previous fit, until the pairs stay the same.
     """
     first, second, velocity, e = readings
-    # By the reading that is expected: one that is too short would else excuse itself.
+    # Use the expected reading: a reading that is too short would excuse itself.
     usual = first * np.median(second / first)
     factor = first**-2.0 + usual**-2.0
     keep = ~mark(velocity, e, factor).flagged
     seen: set[bytes] = set()
     while True:
         seen.add(keep.tobytes())
-        found = fitted(**_only(keep, how))
+        found = fitted(**_without_weight(keep, how))
         if not found.converged or len(seen) > _ROUNDS:
             break
         residual = np.asarray(found.predict()) - np.log(second)
@@ -55,11 +57,11 @@ def without_wrong_pairs(fitted: Callable[..., Fit], how: dict[str, Any], reading
         keep = np.abs(residual) <= THRESHOLD * noise.sigma(factor)
         if keep.tobytes() in seen:
             break
-    return _told(found, int(np.count_nonzero(~keep)), keep.size)
+    return _note_wrong_pairs(found, int(np.count_nonzero(~keep)), keep.size)
 
 
-def _only(keep: Bool[np.ndarray, " n"], how: dict[str, Any]) -> dict[str, Any]:
-    """The arguments of `fit` with the weight of other pairs zero."""
+def _without_weight(keep: Bool[np.ndarray, " n"], how: dict[str, Any]) -> dict[str, Any]:
+    """Return the arguments of `fit` with zero weight for other pairs."""
     if how.get("sigma") is not None:
         sigma = for_each(how["sigma"], "sigma", keep.size)
         return {"sigma": np.where(keep, sigma, np.inf)}
@@ -68,7 +70,7 @@ def _only(keep: Bool[np.ndarray, " n"], how: dict[str, Any]) -> dict[str, Any]:
     return {"weights": np.where(keep, weights, 0.0)}
 
 
-def _told(found: Fit, wrong: int, count: int) -> Fit:
+def _note_wrong_pairs(found: Fit, wrong: int, count: int) -> Fit:
     if not wrong:
         return found
     pairs = f"{wrong} of {count} pairs lie more than {THRESHOLD:g} standard deviations off"

@@ -150,7 +150,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Calibrate as asked; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
+    """Calibrate; return 0, or 1 if a fit did not converge. Raises InputError, OSError."""
     progress("reading the recording")
     from ..._lab.calibration.calibrate import calibrate
     from ..._lab.recordings import RecordingError, read_recording
@@ -187,8 +187,8 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     except RecordingError as error:
         raise input_error(error) from error
     except ValueError as error:
-        # Numbers are checked by the parser: what is left is a law that e(v) cannot be fitted with,
-        # and what a record needs.
+        # The parser has checked the numbers. The remaining errors are a law that cannot be fitted
+        # to e(v), and missing numbers of a record.
         option = re.match(r"Argument `(mass|stiffness|exponent)`", str(error))
         if option:
             raise InputError(str(error).replace(option[0], f"--{option[1]}", 1)) from error
@@ -220,7 +220,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
 
 def _page(name: str | None, out: pathlib.Path) -> pathlib.Path | None:
-    """The file of `--report`; None without it. Raises InputError for another ending."""
+    """Return the file of `--report`, None without it; raise InputError for another extension."""
     if name is None:
         return None
     if not name:
@@ -240,7 +240,7 @@ def _page(name: str | None, out: pathlib.Path) -> pathlib.Path | None:
 def _drag(arguments: argparse.Namespace) -> Drag | None:
     used = []
     if arguments.stiffness is not None:
-        used.append("--mass")  # wanted for A
+        used.append("--mass")  # needed for A
     if arguments.report:
-        used.append("--radius")  # wanted for simulators
+        used.append("--radius")  # needed for simulators
     return drag_asked(arguments, used=used, hint=" (or --stiffness, for A)")

@@ -1,4 +1,4 @@
-"""`jaxcontact design`: what to measure next."""
+"""`jaxcontact design`: the next measurements."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Plan and print. Raises InputError."""
+    """Design the readings and print them. Raises InputError."""
     progress("compiling and planning")
     from ..._calibration import design
     from ..._laws import constant_laws, get_law

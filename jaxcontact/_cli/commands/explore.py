@@ -1,4 +1,4 @@
-"""`jaxcontact explore`: the page on which one drags e."""
+"""`jaxcontact explore`: the interactive page of laws."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Write the page, and open it unless told otherwise."""
+    """Write the page, and open it unless `--no-open` is given."""
     from ..._explore import page
 
     if arguments.out is not None:

@@ -1,4 +1,4 @@
-"""`jaxcontact export`: what to type into another simulator."""
+"""`jaxcontact export`: settings for another simulator."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     from ..._export import export
     from ..._text.table import wrapped
 
-    law, contact = _asked(arguments)
+    law, contact = _law_and_contact(arguments)
     options = dict(arguments.option)
     if arguments.radius is not None:
         options["radius"] = arguments.radius
@@ -124,7 +124,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     return 0
 
 
-def _asked(arguments: argparse.Namespace) -> tuple[Any, Contact | None]:
+def _law_and_contact(arguments: argparse.Namespace) -> tuple[Any, Contact | None]:
     from ..._laws import get_law
 
     if (arguments.calibration is None) == (arguments.law is None):
@@ -139,7 +139,7 @@ def _asked(arguments: argparse.Namespace) -> tuple[Any, Contact | None]:
         given = [name for name in ("mass", "stiffness") if getattr(arguments, name) is not None]
         if not given:
             return known, None
-        # What is not given here is known there, or else asked for.
+        # Numbers not given here come from the calibration; otherwise they are required.
         for name in ("mass", "stiffness"):
             if getattr(arguments, name) is None and name in known.given:
                 setattr(arguments, name, float(getattr(known.contact, name)))

@@ -56,12 +56,12 @@ exit codes: 0 done; 1 the fit did not converge; 2 bad input.
 """
 
 _START = 0.7
-"""Of the parameter e of a law, where none is given."""
+"""Start of the parameter e of a law, if it is not given."""
 
 
 @dataclasses.dataclass(frozen=True)
 class _Problem:
-    """The columns of a problem, those of them that must be there, and how it is fitted."""
+    """The columns of a problem, the required ones among them, and its fit."""
 
     columns: tuple[str, ...]
     needed: tuple[str, ...]
@@ -79,11 +79,11 @@ def _impacts(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     data = dict(data)
     own = data.pop("sigma", None)
     sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
-    how = _held(arguments) | _robust(arguments)
+    how = _fixed(arguments) | _robust(arguments)
     if own is not None and not sigmas:
         sigmas = {"sigma_e": own}
     if not sigmas and data.keys() == {"velocity", "e"}:
-        # Errors are the same part of each e, as in `calibrate`, for ln e to the third order.
+        # Errors are the same fraction of each e, as in `calibrate`, to third order in ln e.
         product = data["e"] * marked_in(data["velocity"], data["e"])[1]
         how["weights"] = {"e": np.where(product > 0, product, np.inf) ** -1.0}
     return fit_impacts(law, contact_asked(arguments, exponent), **data, **sigmas, **how)
@@ -115,7 +115,7 @@ def _record(arguments: argparse.Namespace, data: Mapping[str, Any]) -> Fit:
     sigmas = {f"sigma_{name}": value for name, value in _sigmas(arguments, data).items()}
     contact = contact_asked(arguments, exponent)
     columns = {name: values for name, values in data.items() if name != "time"}
-    how = _held(arguments) | _robust(arguments)
+    how = _fixed(arguments) | _robust(arguments)
     return fit_record(data["time"], law, contact, arguments.velocity, **columns, **sigmas, **how)
 
 
@@ -240,7 +240,7 @@ def _read(
 
 
 def _without_marked(read: Columns) -> tuple[Mapping[str, Any], tuple[str, ...]]:
-    """The columns without what `calibrate` marks, and what they were read as."""
+    """Return the columns without the rows that `calibrate` marks, and the notes."""
     import numpy as np
 
     from ..._calibration.pairs.outliers import marked_in
@@ -258,7 +258,7 @@ def _without_marked(read: Columns) -> tuple[Mapping[str, Any], tuple[str, ...]]:
 def _read_bounces(
     arguments: argparse.Namespace, how: Mapping[str, Any]
 ) -> tuple[str, Mapping[str, Any], tuple[str, ...]]:
-    """The flights before and after each bounce; pairs off the trend are for `calibrate`."""
+    """Return the flights before and after each bounce; `calibrate` handles pairs off the trend."""
     import numpy as np
 
     from ..._flight import Flight
@@ -274,7 +274,7 @@ def _read_bounces(
         )
     kind, first, second = flights
     data: dict[str, Any] = {"kind": kind, "first": first, "second": second}
-    # The pairs of a track share the errors of its floor and scale, which no scatter shows.
+    # The pairs of a track share errors of its floor and scale, which scatter cannot show.
     if pairs.covariance is not None and (pairs.absolute or recording.tracks):
         size = np.sqrt(np.diag(pairs.covariance))
         data |= {"sigma": size, "correlation": pairs.covariance / np.outer(size, size)}
@@ -309,7 +309,7 @@ def _sigmas(arguments: argparse.Namespace, data: Mapping[str, Any]) -> dict[str,
     return given
 
 
-def _held(arguments: argparse.Namespace) -> dict[str, Any]:
+def _fixed(arguments: argparse.Namespace) -> dict[str, Any]:
     return {} if arguments.hold is None else {"fixed": ("mass", *arguments.hold)}
 
 

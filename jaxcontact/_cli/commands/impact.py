@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         try:
             picture = _figure(law, contact, hit, arguments, plot)
         except ValueError as error:
-            # Its course is found by another solve than its numbers, which may not converge.
+            # The trajectory comes from another solve than the numbers, which may not converge.
             print(f"no picture: {error}", file=sys.stderr)
             complete = False
         else:
@@ -91,7 +91,7 @@ def _numbers(hit: Impact) -> dict[str, float]:
 
 
 def _beyond(hit: Impact, status: Status) -> list[str]:
-    """What a separated contact has no number for: mass, stiffness and velocity lie too far out."""
+    """Return the non-finite numbers of a separated contact, caused by extreme arguments."""
     from ..._impact import Status
 
     if status != Status.SEPARATED:

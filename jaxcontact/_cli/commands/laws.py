@@ -26,7 +26,7 @@ exit codes: 0 done; 2 bad input.
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """None but those of every command."""
+    """Add no options beyond those of every command."""
 
 
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
 
 def table() -> list[dict[str, Any]]:
-    """One row per law: `law`, `formula`, `source`, `valid`, `delivers` ({e: e_out}, or None)."""
+    """Return rows of `law`, `formula`, `source`, `valid`, `delivers` ({e: e_out} or None)."""
     import jax.numpy as jnp
 
     from ..._impact import restitutions

@@ -40,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Make the figures of the arguments and write them. Raises InputError, OSError."""
+    """Make the requested figures and write them. Raises InputError, OSError."""
     from ... import paper
     from ..._parameter import did_you_mean
 

@@ -1,4 +1,4 @@
-"""`jaxcontact scene`: many bodies from a file, as a table of impacts, and as pictures."""
+"""`jaxcontact scene`: many bodies from a file, as a table of impacts, and as figures."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 RUN, IMPACTS = "run.csv", "impacts.csv"
 MOVING = (".gif",)
-"""What a moving picture may be written as."""
+"""File formats of an animation."""
 
 _WIDTH, _LOW, _HIGH = 6.4, 2.6, 7.2
-"""Of a picture in inches: its width, and its least and largest height."""
+"""Width, and least and largest height, of a figure in inches."""
 
 _ENERGY = 2.4
-"""The height of the picture of the energy, below that of the paths."""
+"""Height in inches of the energy plot, below that of the paths."""
 
 SUMMARY = "many bodies from impact to impact, from a file"
 
@@ -92,7 +92,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Run the scene, print it, and write what is asked for. Raises InputError, OSError."""
+    """Run the scene, print it, and write the requested files. Raises InputError, OSError."""
     progress("reading the scene")
     from ..._scene import Ending, read_scene, simulate
     from ..._scene._file import examples
@@ -150,7 +150,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
 
 def _axes(given: str | None, dimensions: int) -> tuple[int, ...] | None:
-    """The numbers of two axes, None for all that there are. Raises InputError for other letters."""
+    """Return the numbers of two axes, None for all; raise InputError for other letters."""
     names = "xyz"[:dimensions]
     if given is None:
         return (0, 2) if dimensions == 3 else None
@@ -161,12 +161,12 @@ def _axes(given: str | None, dimensions: int) -> tuple[int, ...] | None:
 
 
 def _picture(done: Run, axes: tuple[int, ...] | None, file: pathlib.Path) -> bytes:
-    """The paths, and below them the energy, each in a part of its own."""
+    """Draw the paths, and the energy below them, in separate axes."""
     from ...plot import energy, scene
     from ...plot._save import drawn
 
     def fill(figure: Figure) -> None:
-        # Only when the paths are drawn is it known how high they are.
+        # The height of the paths is known only after drawing.
         upper, lower = figure.subplots(2, height_ratios=(1, 1))
         scene(done, axes=axes, ax=upper)
         energy(done, ax=lower)
@@ -178,7 +178,7 @@ def _picture(done: Run, axes: tuple[int, ...] | None, file: pathlib.Path) -> byt
 
 
 def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:
-    """The moving picture as a GIF."""
+    """Return the animation as a GIF."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -189,7 +189,7 @@ def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:
     ax = figure.add_subplot()
     animation = animate(done, axes=axes, ax=ax)
     figure.set_size_inches(_WIDTH, _height(ax))
-    # The writer of matplotlib takes nothing but the name of a file.
+    # The writer of matplotlib accepts only the name of a file.
     with tempfile.TemporaryDirectory() as folder:
         file = pathlib.Path(folder) / f"film{MOVING[0]}"
         animation.save(file, writer="pillow", dpi=80)
@@ -197,7 +197,7 @@ def _moving(done: Run, axes: tuple[int, ...] | None) -> bytes:
 
 
 def _height(ax: Axes) -> float:
-    """The height in inches that a picture of space asks for by its limits."""
+    """Return the height in inches that a plot of space needs for its limits."""
     if ax.get_aspect() != 1.0:
         return 4.4
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()

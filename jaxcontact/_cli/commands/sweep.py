@@ -44,7 +44,7 @@ written.
 """
 
 _CONTACT = {"mass": 1.0, "stiffness": 1e8, "velocity": 1.0}
-"""The defaults; the restitution often depends on none of them."""
+"""Defaults; the restitution often depends on none of them."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -61,7 +61,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace, progress: Stages) -> int:
-    """Sweep over the ranges given and write the table. Raises InputError, OSError."""
+    """Sweep over the given ranges and write the table. Raises InputError, OSError."""
     import numpy as np
 
     out = output_path("--out", arguments.out, (".nc", ".csv"))
@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
 
 def _beyond(table: Sweep) -> int:
-    """How many contacts separated but have no number for one of their fields."""
+    """Return how many separated contacts have a non-finite field."""
     import numpy as np
 
     from ..._impact import Status
@@ -149,7 +149,7 @@ def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path 
 
 
 def _function(arguments: argparse.Namespace, given: dict[str, Any]) -> Callable[..., Impact]:
-    """One impact from named numbers. Raises InputError if a number alone is out of its range."""
+    """Return a function of one impact; raise InputError if a single number is out of range."""
     from ..._contact import Contact
     from ..._impact import impact
     from ..._impact._front_door import SPEED

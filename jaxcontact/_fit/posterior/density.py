@@ -15,7 +15,7 @@ from .prior import Prior, curvature
 
 
 class Height(NamedTuple):
-    """The log density, its gradient (m,), and of the data's part minus its curvature (m, m)."""
+    """The log density, its gradient (m,), and minus the curvature (m, m) of the data's part."""
 
     value: Float[Array, ""]
     gradient: Float[Array, " m"]
@@ -23,10 +23,10 @@ class Height(NamedTuple):
 
 
 class Density(eqx.Module):
-    """ln p(θ, ln σ | data) = -Σ ρ(z/σ) - n ln σ + ln p(θ), but for a constant.
+    """ln p(θ, ln σ | data) = -Σ ρ(z/σ) - n ln σ + ln p(θ), up to a constant.
 
-    ρ(u) = u²/2, or Huber's; n are the points with weight. φ = (θ, ln σ) where the noise is `free`,
-    flat in ln σ; φ = θ and σ = 1 elsewhere.
+    ρ(u) = u²/2, or Huber's; n is the number of points with weight. φ = (θ, ln σ) if the noise is
+    `free`, with a prior flat in ln σ; otherwise φ = θ and σ = 1.
     """
 
     problem: Problem
@@ -34,9 +34,9 @@ class Density(eqx.Module):
     free: bool = eqx.field(static=True)
 
     def at(self, phi: Float[Array, " m"]) -> Height:
-        """The height of the density, by the derivatives that the fit used.
+        """Return the height of the density, by the derivatives that the fit used.
 
-        Without weight where the prediction is not finite.
+        The density is zero where the prediction is not finite.
         """
         problem = self.problem
         k = len(problem.space.names)
@@ -61,9 +61,9 @@ class Density(eqx.Module):
         return Height(jnp.where(good, value, -jnp.inf), gradient, information)
 
     def __call__(self, phi: Float[Array, " m"]) -> Float[Array, ""]:
-        """The log density, for a caller that differentiates it in either mode.
+        """Return the log density, for a caller that differentiates it in either mode.
 
-        A prediction may have forward derivatives only, which reverse mode would not find.
+        A prediction may have forward derivatives only, which reverse mode could not use.
         """
         fixed = jax.lax.stop_gradient(phi)
         value, gradient, _ = jax.lax.stop_gradient(self.at(fixed))
@@ -72,6 +72,6 @@ class Density(eqx.Module):
 
 @eqx.filter_jit
 def height(density: Density, phi: Float[Array, " m"]) -> tuple[Height, Float[Array, "k k"]]:
-    """The height of a density, and the curvature of its prior."""
+    """Return the height of a density, and the curvature of its prior."""
     space = density.problem.space
     return density.at(phi), curvature(density.prior, space, phi[: len(space.names)])

@@ -1,4 +1,4 @@
-"""Whether chains of draws agree, and how many independent draws they are worth.
+"""Agreement of chains of draws, and their effective sample size.
 
 Source: Vehtari, Gelman, Simpson, Carpenter & Bürkner (2021), Bayesian Analysis 16:667, doi
 10.1214/20-BA1221.
@@ -11,12 +11,14 @@ from jaxtyping import Float
 
 _TAILS = 0.05, 0.95
 _FEWEST = 4
-"""Draws of a chain whose halves have a variance."""
+"""Least draws of a chain whose halves have a variance."""
 
 
 def r_hat(draws: Float[np.ndarray, "chains draws"]) -> float:
-    """The rank-normalised split R-hat: the larger of that of the draws and of their distances from
-    the median; NaN for fewer than four draws of a chain, and for constant ones.
+    """Return the rank-normalised split R-hat.
+
+    It is the larger of that of the draws and of their distances from the median. It is NaN for
+    fewer than four draws of a chain, and for constant draws.
     """
     if draws.shape[1] < _FEWEST or not np.isfinite(draws).all():
         return np.nan
@@ -26,7 +28,7 @@ def r_hat(draws: Float[np.ndarray, "chains draws"]) -> float:
 
 
 def effective(draws: Float[np.ndarray, "chains draws"]) -> float:
-    """The smaller of the bulk's and the tails' effective number of draws; NaN as for `r_hat`."""
+    """Return the smaller of the bulk and tail effective sample sizes; NaN as for `r_hat`."""
     if draws.shape[1] < _FEWEST or not np.isfinite(draws).all():
         return np.nan
     tails = [_halves(draws <= end).astype(float) for end in np.quantile(draws, _TAILS)]
@@ -34,13 +36,13 @@ def effective(draws: Float[np.ndarray, "chains draws"]) -> float:
 
 
 def _halves(draws: np.ndarray) -> np.ndarray:
-    # Of an odd number the middle draw is left out.
+    # For an odd number the middle draw is left out.
     half = draws.shape[1] // 2
     return np.concatenate([draws[:, :half], draws[:, -half:]])
 
 
 def _normal(draws: np.ndarray) -> np.ndarray:
-    """Normal quantiles of the ranks; equal draws share theirs."""
+    """Return normal quantiles of the ranks; equal draws share theirs."""
     _, place, count = np.unique(draws, return_inverse=True, return_counts=True)
     rank = np.cumsum(count) - (count - 1) / 2
     from scipy.special import ndtri
@@ -49,7 +51,7 @@ def _normal(draws: np.ndarray) -> np.ndarray:
 
 
 def _ratio(draws: np.ndarray) -> float:
-    """√(variance of all / variance within chains)."""
+    """Return √(variance of all / variance within chains)."""
     n, within = draws.shape[1], draws.var(axis=1, ddof=1).mean()
     if within == 0:
         return np.nan
@@ -57,7 +59,7 @@ def _ratio(draws: np.ndarray) -> float:
 
 
 def _independent(draws: np.ndarray) -> float:
-    """The number of draws over the sum of their autocorrelations, cut by Geyer's monotone pairs."""
+    """Return the effective number of draws, with autocorrelations cut by Geyer's monotone pairs."""
     n = draws.shape[1]
     off = draws - draws.mean(axis=1, keepdims=True)
     wave = np.fft.rfft(off, 2 * n)
@@ -72,6 +74,6 @@ def _independent(draws: np.ndarray) -> float:
     pairs = rho[0 : 2 * last : 2] + rho[1 : 2 * last : 2]
     low = np.flatnonzero(pairs <= 0)
     end = int(low[0]) if low.size else max(last - 1, 0)
-    # The even term behind the cut may count, its odd neighbour is noise.
+    # The even term after the cut may count; its odd neighbour is noise.
     tau = -1 + 2 * np.minimum.accumulate(pairs[:end]).sum() + max(rho[2 * end], 0)
     return float(draws.size / max(tau, 1 / np.log10(draws.size)))

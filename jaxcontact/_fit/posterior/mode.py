@@ -13,18 +13,20 @@ from .density import Density, Height, height
 
 _STEPS = 100
 _GAIN = 1e-6
-"""A step that promises less of the log density is none."""
+"""Predicted gain of the log density below which the search ends."""
 
 _SHORTEST = 1e-3
-"""Curvature of a logarithm or a logit below the square of this is no scale of it."""
+"""Least scale of a logarithm or logit: smaller square roots of the curvature are not used."""
 
 _FLOOR = 1e-13
-"""Of the largest eigenvalue of a scaled curvature: what is smaller is rounding."""
+"""Relative eigenvalue of a scaled curvature below which it is rounding."""
 
 
 class Mode(NamedTuple):
-    """The largest density (m,), a square root (m, m) of the covariance there, what of its inverse
-    comes from the prior (k, k), and the logarithm of the density.
+    """The mode (m,), with a square root (m, m) of the covariance there.
+
+    `prior` (k, k) is the part of the inverse covariance that comes from the prior, and `value` the
+    logarithm of the density.
     """
 
     centre: Float[np.ndarray, " m"]
@@ -34,7 +36,7 @@ class Mode(NamedTuple):
 
 
 def root_of(information: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
-    """A square root of the inverse, which has any scales."""
+    """Return a square root of the inverse, for any scales of the coordinates."""
     size = np.sqrt(np.abs(np.diag(information)))
     size = np.where(size > 0, size, 1)
     values, vectors = np.linalg.eigh(information / np.outer(size, size))
@@ -43,9 +45,9 @@ def root_of(information: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
 
 
 def find_mode(density: Density, start: Float[np.ndarray, " m"], held: int | None = None) -> Mode:
-    """Climb by damped Gauss-Newton steps, to which the prior adds its own curvature.
+    """Find the mode by damped Gauss-Newton steps, which include the curvature of the prior.
 
-    The coordinate `held` stays where it is.
+    The coordinate `held` stays fixed.
     """
     free = np.arange(len(start)) != held
     unit = density.problem.space.has_unit

@@ -1,4 +1,4 @@
-"""Draws of a density by the no-U-turn sampler."""
+"""Draws from a density by the no-U-turn sampler."""
 
 from __future__ import annotations
 
@@ -14,40 +14,46 @@ from .density import Density
 from .mode import Mode
 
 _AT_ONCE = 100
-"""Draws of one call of the compiled program, which any number of them then shares."""
+"""Draws of one call of the compiled program, which any number of draws then shares."""
 
 _DEPTH = 8
-"""Doublings of a trajectory. Chains wait for each other, so a long one costs all of them."""
+"""Most doublings of a trajectory. Chains wait for each other, so a long one costs all."""
 
 _ACCEPTANCE = 0.95
-"""Of proposals, to which the step size is tuned: with 0.9 a few draws of every skewed density
-diverge, as that of a logarithm near its bound."""
+"""Target acceptance of the step size. At 0.9 a few draws of every skewed density diverge.
+
+An example is the density of a logarithm near its bound.
+"""
 
 _SPREAD = 2.0
-"""Of starts, in standard deviations of the normal approximation: chains that begin far apart and
-end alike have forgotten where they began."""
+"""Spread of the starts, in standard deviations of the normal approximation.
+
+Chains that begin far apart and end alike do not depend on their starts.
+"""
 
 _HALVINGS = 8
 _DEEPEST = 10.0
-"""Below that of the mode, for each coordinate: a normal density falls by 2 on average at a start.
-Where the approximation is far too wide a chain would never come back."""
+"""Largest depth of a start below the mode, per coordinate; a normal density falls by 2 on average.
+
+If the approximation is far too wide, a chain farther out would never return.
+"""
 
 _WINDOWS = 0.2, 0.5, 1.0
-"""Parts of the warm-up: the way into the density, its covariance, the step size for that."""
+"""Ends of the phases of the warm-up: approach, covariance, and step size for that covariance."""
 
 _PRIOR_DRAWS = 10
-"""The weight of the normal approximation in a covariance, in draws."""
+"""Weight of the normal approximation in a covariance, in draws."""
 
 
 class Frame(NamedTuple):
-    """Coordinates q in which the density is about standard normal: φ = centre + root q."""
+    """Coordinates q in which the density is nearly standard normal: φ = centre + root q."""
 
     centre: Float[Array, " m"]
     root: Float[Array, "m m"]
 
 
 class Chains(NamedTuple):
-    """Where chains stand: the sampler's state, that of its step size, the draws so far."""
+    """State of the chains: that of the sampler, that of its step size, and the draws so far."""
 
     state: Any
     step: Any
@@ -55,8 +61,9 @@ class Chains(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """q and φ (chains, draws, m), the parameters (chains, draws, k), divergences and evaluations of
-    the density.
+    """q and φ (chains, draws, m), the parameters (chains, draws, k), and counts.
+
+    The counts are divergences and evaluations of the density.
     """
 
     q: Float[np.ndarray, "chains draws m"]
@@ -67,25 +74,26 @@ class Draws(NamedTuple):
 
 
 def draw(density: Density, mode: Mode, chains: int, warmup: int, draws: int, seed: int) -> Draws:
-    """Draws of chains that began far apart, after a warm-up in which step size and covariance are
-    found by all chains together.
+    """Draw from chains that began far apart, after a warm-up.
+
+    In the warm-up all chains together find step size and covariance.
     """
     init, _, final = _averaging()
     frame = Frame(jnp.asarray(mode.centre), jnp.asarray(mode.root))
     key = jax.random.key(seed)
     step = jax.tree.map(_number, init(jnp.asarray(0.5)))
-    now = Chains(_begun(density, frame, key, chains), step, jnp.zeros((), int))
+    now = Chains(_starting_states(density, frame, key, chains), step, jnp.zeros((), int))
     evaluations, done = chains * (_HALVINGS + 1), 0
     for part in _WINDOWS:
         count = round(part * warmup) - done
         done += count
-        now, drawn = _many(density, frame, now, key, count, True)
+        now, drawn = _draw_batches(density, frame, now, key, count, True)
         evaluations += drawn.evaluations
         if part == _WINDOWS[1] and drawn.q.size:
-            frame, now = _reframed(frame, now, drawn.q.reshape(-1, drawn.q.shape[-1]))
+            frame, now = _change_frame(frame, now, drawn.q.reshape(-1, drawn.q.shape[-1]))
         if done < warmup:
             now = now._replace(step=jax.tree.map(_number, init(final(now.step))))
-    _, drawn = _many(density, frame, now, key, draws, False)
+    _, drawn = _draw_batches(density, frame, now, key, draws, False)
     return drawn._replace(evaluations=evaluations + drawn.evaluations)
 
 
@@ -99,10 +107,10 @@ def _number(x: Any) -> Array:
     return jnp.asarray(x, float)
 
 
-def _many(
+def _draw_batches(
     density: Density, frame: Frame, now: Chains, key: Array, count: int, adapting: bool
 ) -> tuple[Chains, Draws]:
-    """So many draws of each chain, some at a time, and where the chains then stand."""
+    """Draw `count` samples of each chain in batches; return the chains and the draws."""
     chains, m = now.state.position.shape
     k = len(density.problem.space.names)
     parts = [[np.zeros((0, chains, size))] for size in (m, m, k)]
@@ -110,7 +118,7 @@ def _many(
     for begin in range(0, count, _AT_ONCE):
         some = min(_AT_ONCE, count - begin)
         flags = jnp.asarray(some), jnp.asarray(adapting)
-        now, new, counted = _some(density, frame, now, key, *flags)
+        now, new, counted = _draw_batch(density, frame, now, key, *flags)
         counts += np.asarray(counted)
         for part, more in zip(parts, new, strict=True):
             part.append(np.asarray(more)[:some])
@@ -119,8 +127,8 @@ def _many(
 
 
 @eqx.filter_jit
-def _begun(density: Density, frame: Frame, key: Array, chains: int) -> Any:
-    """States of chains around the mode, nearer where the density is too low farther out."""
+def _starting_states(density: Density, frame: Frame, key: Array, chains: int) -> Any:
+    """Return states of chains around the mode, nearer if the density is too low farther out."""
     import blackjax
 
     away = _SPREAD * jax.random.normal(jax.random.fold_in(key, 0), (chains, len(frame.centre)))
@@ -134,10 +142,13 @@ def _begun(density: Density, frame: Frame, key: Array, chains: int) -> Any:
 
 
 @eqx.filter_jit
-def _some(
+def _draw_batch(
     density: Density, frame: Frame, now: Chains, key: Array, count: Array, adapting: Array
 ) -> tuple[Chains, tuple[Array, Array, Array], Array]:
-    """The next `count` draws, at most `_AT_ONCE`: q, φ and values, divergences and evaluations."""
+    """Draw the next `count` samples, at most `_AT_ONCE`.
+
+    Returns the chains; q, φ and values; and divergences and evaluations.
+    """
     import blackjax
 
     kernel, log_density = blackjax.nuts.build_kernel(), _in(density, frame)
@@ -175,8 +186,8 @@ def _in(density: Density, frame: Frame) -> Any:
     return lambda q: density(frame.centre + frame.root @ q)
 
 
-def _reframed(frame: Frame, now: Chains, q: Float[np.ndarray, "n m"]) -> tuple[Frame, Chains]:
-    """Coordinates in which the draws q are about standard normal, and the chains in them."""
+def _change_frame(frame: Frame, now: Chains, q: Float[np.ndarray, "n m"]) -> tuple[Frame, Chains]:
+    """Return coordinates in which the draws q are nearly standard normal, and the chains."""
     centre = q.mean(axis=0)
     scatter = (q - centre).T @ (q - centre) + _PRIOR_DRAWS * np.eye(len(centre))
     root = np.linalg.cholesky(scatter / (len(q) + _PRIOR_DRAWS))

@@ -1,4 +1,4 @@
-"""What data and prior together say of the parameters of a fit."""
+"""The posterior of the parameters of a fit, from data and prior."""
 
 from __future__ import annotations
 
@@ -34,29 +34,31 @@ from .prior import centre_of, prior_of
 
 LARGEST_R_HAT = 1.01
 FEWEST_EFFECTIVE = 400
-"""What Vehtari et al. (2021) ask of draws that are to be trusted."""
+"""Limits that Vehtari et al. (2021) require for reliable draws."""
 
 _FAR = 18.0
-"""A logarithm or logit that is farther than this from the most probable one is at a bound."""
+"""Distance of a logarithm or logit from the mode beyond which it is at a bound."""
 
 _ROUNDING = 16 * float(np.finfo(float).eps)
-"""Residuals below this part of the data are rounding."""
+"""Fraction of the data below which residuals are rounding."""
 
 _PLACES = 5
 _SHOWN = 1e-3
-"""Smaller components of a direction are left out of its words."""
+"""Component of a direction below which it is omitted from its words."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
 class Posterior:
-    """Draws of the parameters of a fit, and whether to trust them.
+    """Draws of the parameters of a fit, and their diagnostics.
 
     `samples`: (chains, draws) by the name of a parameter, and "noise", σ of the standardised
-    residuals, where it is not known. `r_hat` and `effective_samples` (the smaller of the bulk's and
-    the tails') by name; `divergences` among the draws; `evaluations` of the prediction with its
-    derivatives by the chains, in warm-up too, and while they waited for each other.
+    residuals, if it is unknown. `r_hat` and `effective_samples` (the smaller of the bulk's and the
+    tails') by name. `divergences` among the draws. `evaluations` of the prediction with its
+    derivatives by the chains, including the warm-up and the time they waited for each other.
+
     `converged`: every R-hat below 1.01, at least 400 effective samples, no divergence and no bound
-    that a flat prior leaves open; `reason` in words. `fit` is what was sampled.
+    that a flat prior leaves open; `reason` in words. `fit` is the sampled fit.
+
     Source: Vehtari et al. (2021), doi 10.1214/20-BA1221.
     """
 
@@ -71,7 +73,7 @@ class Posterior:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What was sampled."""
+        """The names of the samples."""
         return tuple(self.samples)
 
     @property
@@ -93,9 +95,10 @@ class Posterior:
             return eqx.filter_vmap(eqx.filter_vmap(tree_of))(jnp.asarray(values))
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
-        """The interval that holds `level` of the draws, and as many below as above.
+        """Return the central interval that holds `level` of the draws.
 
-        Raises ValueError for an unknown name and a level outside (0, 1).
+        Equally many draws lie below and above. Raises ValueError for an unknown name and a level
+        outside (0, 1).
         """
         require_choice("name", name, self.names)
         level = require_number("level", level, FRACTION)
@@ -103,11 +106,11 @@ class Posterior:
         return float(low), float(high)
 
     def to_dict(self) -> dict[str, np.ndarray]:
-        """The draws (chains, draws) by name, as `arviz.from_dict(posterior=...)` takes them."""
+        """Return the draws (chains, draws) by name, for `arviz.from_dict(posterior=...)`."""
         return {name: draws.copy() for name, draws in self.samples.items()}
 
     def summary(self) -> str:
-        """The posterior in words, a line for each parameter."""
+        """Return the posterior in words, with a line for each parameter."""
         good = "converged" if self.converged else "NOT CONVERGED"
         chains, draws = next(iter(self.samples.values())).shape
         lines = [
@@ -142,35 +145,37 @@ def posterior(
     prior: Mapping[str, tuple[float, float]] | Callable[[Any], Any] | None = None,
     seed: int = 0,
 ) -> Posterior:
-    """The posterior of the parameters of a fit, drawn by the no-U-turn sampler.
+    """Sample the posterior of the parameters of a fit by the no-U-turn sampler.
 
     p(θ, σ | data) ~ p(θ) Π exp(-ρ(z/σ))/σ over the standardised residuals z, ρ = z²/2. With the
-    fit's `sigma` the noise is known, σ = 1; else σ is drawn, too, with a prior flat in ln σ. For
-    Huber's loss ρ is Huber's: noise that is normal in the middle and exponential beyond the
-    threshold, a definite distribution, while the fit's standard errors assume none; σ is relative
-    to the scale that the fit used.
+    fit's `sigma` the noise is known, σ = 1; otherwise σ is sampled too, with a prior flat in ln σ.
+    For Huber's loss ρ is Huber's: noise that is normal in the middle and exponential beyond the
+    threshold. That is a definite distribution, while the fit's standard errors assume none; σ is
+    then relative to the scale that the fit used.
 
-    Arguments: the fit; `samples`, the draws of each chain that are kept, and `warmup`, those before
-    them that are not; `chains`, at least 2; `seed`. `prior`: None is flat in the fit's free
-    coordinates θ, that is in ln c for a `Positive` c, in logit e for an e `Between` bounds, and in
-    the others themselves. A dict {"e": (0.7, 0.05)} of means and
-    standard deviations gives these parameters normal densities, cut at their bounds. A function of
-    the params (a law, a contact, a dict, as in the fit) returns the logarithm of their joint
-    density. Both are densities of the parameters themselves: the change of variables |dx/dθ| is
-    added here. A flat prior of a logarithm or a logit is improper, and where the data do not
-    exclude the bound so is the posterior, which the result says. Chains begin around the fit: a
-    mode that none of them reaches stays unknown.
+    Arguments: the fit; `samples`, the kept draws of each chain, and `warmup`, the discarded ones
+    before them; `chains`, at least 2; `seed`. `prior`: None is flat in the fit's free coordinates
+    θ: in ln c for a `Positive` c, in logit e for an e `Between` bounds, and in the others
+    themselves. A dict {"e": (0.7, 0.05)} of means and standard deviations gives these parameters
+    normal densities, truncated at their bounds. A function of the params (a law, a contact, a dict,
+    as in the fit) returns the logarithm of their joint density. Both are densities of the
+    parameters themselves: the change of variables |dx/dθ| is added here.
 
-    Computes in double precision whatever JAX is set to, and is not for use under `jit`. The same
-    `predict` over data of the same shapes does not compile again, whatever `samples`, `warmup` and
-    a prior by name; a function newly written does. Chains advance together, each draw as slow as
-    that of the slowest.
+    A flat prior of a logarithm or a logit is improper. If the data do not exclude the bound, so is
+    the posterior, and the result reports it. Chains begin around the fit: a mode that none of them
+    reaches stays unknown.
 
-    Returns a `Posterior`; read its `converged` first. Raises ImportError without blackjax, which
+    Computes in double precision regardless of the JAX setting, and does not work under `jit`. The
+    same `predict` over data of the same shapes does not compile again, whatever `samples`, `warmup`
+    and a prior by name; a new function does. Chains advance together, each draw as slow as that of
+    the slowest.
+
+    Returns a `Posterior`; check its `converged` first. Raises ImportError without blackjax, which
     comes with `pip install 'jaxcontact[posterior]'`. Raises ValueError for a fit that did not
-    converge; one whose points are correlated (`groups`, or coarse steps), which this likelihood
-    takes as independent; unknown noise without degrees of freedom; and where data and prior leave a
+    converge; for correlated points (`groups`, or coarse steps), which this likelihood takes as
+    independent; for unknown noise without degrees of freedom; and if data and prior leave a
     direction open, or a parameter at its bound.
+
     Source: Hoffman & Gelman (2014), JMLR 15:1593; Huber (1964), doi 10.1214/aoms/1177703732.
     """
     require_kind("fit", fit, FitData, "a `Fit`")
@@ -228,7 +233,7 @@ def _require_blackjax() -> None:
 
 
 def _start(fit: FitData, density: Density) -> np.ndarray:
-    """The best parameters, and the most probable noise there."""
+    """Return the best parameters, and the most probable noise there."""
     if not density.free:
         return fit.theta
     threshold = density.problem.threshold
@@ -237,7 +242,7 @@ def _start(fit: FitData, density: Density) -> np.ndarray:
 
 
 def _mode_of(fit: FitData, density: Density) -> Mode:
-    """With a flat prior the end of the fit, and its Jacobian."""
+    """Return the mode with a flat prior: the end of the fit, and its Jacobian."""
     centre = _start(fit, density)
     k = len(fit.theta)
     scale = np.exp(centre[k]) if density.free else 1.0
@@ -263,13 +268,13 @@ def _mode_with_prior(fit: FitData, density: Density, prior: Any) -> Mode:
 
 
 def _refuse_open(fit: FitData, curvature: np.ndarray, prior: Any) -> None:
-    """Raise ValueError where neither data nor the curvature of a prior decide a direction."""
+    """Raise ValueError if neither data nor the curvature of a prior determine a direction."""
     names, labels = fit.names, dict(zip(fit.names, fit.problem.space.labels, strict=True))
     open_ = [Direction({name: 1.0}, labels) for name in fit.at_bound] + list(fit.unidentified)
     if not open_:
         return
     basis = np.array([[one.components.get(name, 0.0) for one in open_] for name in names])
-    # Each direction in the unit in which the prior knows it; nothing is known of one of length 0.
+    # Scale each direction by the prior; length 0 means that the prior does not constrain it.
     curvature = np.where(np.isfinite(curvature), curvature, 0)
     length = np.sqrt(np.abs(np.diag(curvature)) @ basis**2)
     basis /= np.where(length > 0, length, np.linalg.norm(basis, axis=0))
@@ -325,10 +330,11 @@ def _result(fit: FitData, density: Density, mode: Mode, drawn: Draws) -> Posteri
 
 
 def _open_bounds(density: Density, mode: Mode, drawn: Draws) -> list[str]:
-    """The coordinates whose flat prior goes on where the data hold nothing against it.
+    """Return the coordinates whose flat prior extends where the data do not exclude it.
 
-    Towards a bound the density of a logarithm or logit becomes level. Chains run there, or would
-    have by chance: where one unit of it holds more than a draw, the other parameters at their best.
+    Towards a bound the density of a logarithm or logit becomes constant. The test is whether one
+    unit there holds more than a draw, with the other parameters at their best: chains reach it, or
+    would have by chance.
     """
     prior, space = density.prior, density.problem.space
     places = np.flatnonzero(space.has_unit & ~np.asarray(prior.given))
@@ -349,7 +355,7 @@ def _open_bounds(density: Density, mode: Mode, drawn: Draws) -> list[str]:
 
 
 def _places(value: float, width: float) -> int:
-    """Places in which a number shows what it is known to."""
+    """Return the significant digits of a number with this width."""
     with np.errstate(divide="ignore", invalid="ignore"):
         known = np.log10(np.abs(value) / width)
     return int(np.clip(np.ceil(known) + 2, _PLACES, 15)) if np.isfinite(known) else _PLACES

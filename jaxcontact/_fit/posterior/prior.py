@@ -1,4 +1,4 @@
-"""What is known of the parameters before the data."""
+"""Prior knowledge of the parameters."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..problem.space import Space
 
 
 class Prior(eqx.Module):
-    """A normal density for the parameters where `given`, or a `density` of all of them.
+    """A normal density for the parameters that are `given`, or a `density` of all of them.
 
     Both are densities of the parameters x themselves: p(θ) = p(x) |dx/dθ|. A coordinate without one
     is flat in θ.
@@ -28,7 +28,7 @@ class Prior(eqx.Module):
     density: Callable[[Any], Any] | None = None
 
     def __call__(self, space: Space, theta: Float[Array, " k"]) -> Float[Array, ""]:
-        """The logarithm of the density of the free coordinates, but for a constant."""
+        """Return the logarithm of the density of the free coordinates, up to a constant."""
         values, slopes = space.values(theta), space.log_slopes(theta)
         if self.density is not None:
             known = jnp.asarray(self.density(space.tree_of(values)))
@@ -43,7 +43,7 @@ class Prior(eqx.Module):
 
 
 def prior_of(prior: Any, space: Space) -> Prior:
-    """A prior from None, a dict of (mean, standard deviation) by name, or a function of params."""
+    """Return a prior from None, a dict of (mean, standard deviation), or a function of params."""
     k = len(space.names)
     given, mean, width = np.zeros(k, bool), np.zeros(k), np.ones(k)
     if isinstance(prior, Mapping):
@@ -72,7 +72,7 @@ def prior_of(prior: Any, space: Space) -> Prior:
 
 
 def centre_of(prior: Prior, space: Space, place: int) -> float:
-    """The free coordinate of the mean of a parameter, brought inside its bounds."""
+    """Return the free coordinate of the mean of a parameter, moved inside its bounds."""
     low, high = float(space.low[place]), float(space.high[place])
     inside = min(float(prior.width[place]), (high - low) / 4)
     value = float(np.clip(prior.mean[place], low + inside, high - inside))
@@ -80,5 +80,5 @@ def centre_of(prior: Prior, space: Space, place: int) -> float:
 
 
 def curvature(prior: Prior, space: Space, theta: Float[Array, " k"]) -> Float[Array, "k k"]:
-    """The second derivative of minus the logarithm of the density."""
+    """Return the second derivative of minus the logarithm of the density."""
     return -jax.hessian(lambda at: prior(space, at))(theta)

@@ -1,4 +1,4 @@
-"""What is minimised: squares, or Huber's loss for data with outliers."""
+"""The loss: squares, or Huber's loss for data with outliers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ class Huber:
     """Squares up to `threshold` standard deviations, absolute values beyond.
 
     ρ(z) = z²/2 for |z| ≤ k, k |z| - k²/2 beyond. With k = 1.345 it loses 5 % of the efficiency of
-    squares where there are no outliers. Raises ValueError unless `threshold` is positive.
+    squares if there are no outliers. Raises ValueError unless `threshold` is positive.
+
     Source: Huber (1964), Ann. Math. Stat. 35:73, doi 10.1214/aoms/1177703732.
     """
 
@@ -30,7 +31,10 @@ class Huber:
 def shortened(
     z: Float[Array, " n"], threshold: Float[Array, ""] | None, xp: Any = jnp
 ) -> Float[Array, " n"]:
-    """Residuals whose squares are twice the loss: z itself, or ±√(2ρ(z)); `xp` is JAX or NumPy."""
+    """Return residuals whose squares are twice the loss: z itself, or ±√(2ρ(z)).
+
+    `xp` is JAX or NumPy.
+    """
     if threshold is None:
         return z
     far = xp.abs(z) > threshold
@@ -44,7 +48,7 @@ def shortened_slope(
     threshold: Float[Array, ""] | None,
     xp: Any = jnp,
 ) -> Float[Array, "n k"]:
-    """The derivative of `shortened` residuals from that of z, 0 where that is not finite.
+    """Return the derivative of `shortened` residuals from that of z, 0 where that is not finite.
 
     Zeros hide no failure: where the prediction is not finite, the loss is not finite either.
     """

@@ -17,7 +17,7 @@ from .space import Space
 
 
 class Point(NamedTuple):
-    """What a search knows where it stands: z, dz/dθ and the prediction of all points."""
+    """The evaluation at a point: z, dz/dθ and the prediction of all points."""
 
     z: Float[Array, " n"]
     jacobian: Float[Array, "n k"]
@@ -25,10 +25,10 @@ class Point(NamedTuple):
 
 
 class Problem(eqx.Module):
-    """What is fitted: the prediction, the space of its parameters, the data.
+    """A fit problem: the prediction, the space of its parameters, the data.
 
-    Numbers are leaves, so that new ones do not compile anew; the prediction is compared by
-    identity, unless it is a pytree itself. `whitener` (n, n) makes correlated errors independent.
+    Numbers are leaves, so that new ones do not recompile. The prediction is compared by identity,
+    unless it is a pytree itself. `whitener` (n, n) makes correlated errors independent.
     """
 
     predict: Callable[..., Any]
@@ -42,7 +42,7 @@ class Problem(eqx.Module):
     whitener: Float[Array, "n n"] | None = None
 
     def prediction(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
-        """What the parameters predict, as one vector.
+        """Return the prediction as one vector.
 
         Raises ValueError, while it is traced, unless it has the shapes of the data.
         """
@@ -50,13 +50,13 @@ class Problem(eqx.Module):
         shapes = shapes_of(got)
         if shapes != self.shapes:
             raise ValueError(
-                f"Argument `predict` must return the shape of `data`, {_shown(self.shapes)}, but "
-                f"returns {_shown(shapes)}."
+                f"Argument `predict` must return the shape of `data`, {_text_of(self.shapes)}, but "
+                f"returns {_text_of(shapes)}."
             )
         return flattened(got)
 
     def standardised(self, prediction: Float[Array, " n"], xp: Any = jnp) -> Float[Array, " n"]:
-        """z = (prediction - data)/σ, zero where a point has no weight; whitened.
+        """Return z = (prediction - data)/σ, zero for points without weight, whitened.
 
         `xp` is JAX, or NumPy for a problem whose arrays are in it.
         """
@@ -65,15 +65,15 @@ class Problem(eqx.Module):
         return z if self.whitener is None else self.whitener @ z
 
     def residual(self, theta: Float[Array, " k"]) -> Float[Array, " n"]:
-        """What is squared and summed."""
+        """Return the residuals that are squared and summed."""
         return shortened(self.standardised(self.prediction(theta)), self.threshold)
 
     def loss(self, theta: Float[Array, " k"]) -> Float[Array, ""]:
-        """½ Σ residual²."""
+        """Return ½ Σ residual²."""
         return jnp.sum(jnp.square(self.residual(theta))) / 2
 
     def at(self, theta: Float[Array, " k"]) -> Point:
-        """Standardised residuals and their derivatives."""
+        """Return standardised residuals and their derivatives."""
 
         def twice(theta: Float[Array, " k"]) -> tuple[Array, tuple[Array, Array]]:
             prediction = self.prediction(theta)
@@ -86,15 +86,15 @@ class Problem(eqx.Module):
     def jacobian(
         self, function: Callable, at: Float[Array, " k"]
     ) -> tuple[Float[Array, "n k"], Any]:
-        """The derivative of the first of two results of a function of (k,), and the second."""
+        """Return the derivative of the first of a function's two results, and the second."""
         return (jax.jacrev if self.reverse else jax.jacfwd)(function, has_aux=True)(at)
 
 
 def place_of(x: Any) -> Any:
-    """The tree of arrays at which a prediction is made; ValueError for what JAX cannot hold."""
+    """Return the tree of arrays `x` of a prediction; raise ValueError if JAX cannot hold it."""
 
     def array(leaf: Any) -> Array:
-        # A prediction may look things up by flags, or compute with complex numbers.
+        # A prediction may index by flags, or compute with complex numbers.
         flags = isinstance(leaf, bool | np.bool_) or (
             type(leaf) is np.ndarray and leaf.dtype == bool
         )
@@ -105,7 +105,7 @@ def place_of(x: Any) -> Any:
 
 
 def place_like(x: Any, known: Any) -> Any:
-    """Another `x` than that of the data, `known`; ValueError for one that is not like it."""
+    """Return another `x` with the structure of the data's, `known`; raise ValueError otherwise."""
     if isinstance(known, jax.Array) and jnp.issubdtype(known.dtype, jnp.floating):
         return as_parameter(x, "x").astype(known.dtype)
     place = place_of(x)
@@ -117,19 +117,19 @@ def place_like(x: Any, known: Any) -> Any:
 
 
 def evaluated(predict: Callable[..., Any], params: Any, x: Any) -> Any:
-    """The prediction at `x`, which None leaves out."""
+    """Return the prediction at `x`, which is omitted if None."""
     return predict(params) if x is None else predict(params, x)
 
 
 def flattened(tree: Any) -> Float[Array, " n"]:
-    """All numbers of a tree as one vector of double precision."""
+    """Return all numbers of a tree as one vector of double precision."""
     return jnp.concatenate([jnp.ravel(leaf).astype(float) for leaf in jax.tree.leaves(tree)])
 
 
 def shapes_of(tree: Any) -> tuple[tuple[int, ...], ...]:
-    """The shapes of the leaves; a lone number counts as a list of one."""
+    """Return the shapes of the leaves; a single number counts as a list of one."""
     return tuple(np.shape(leaf) or (1,) for leaf in jax.tree.leaves(tree))
 
 
-def _shown(shapes: tuple[tuple[int, ...], ...]) -> str:
+def _text_of(shapes: tuple[tuple[int, ...], ...]) -> str:
     return str(shapes[0]) if len(shapes) == 1 else str(shapes)

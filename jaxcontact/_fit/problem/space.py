@@ -1,4 +1,4 @@
-"""The numbers of a pytree that are fitted: their names, bounds and free coordinates."""
+"""The fitted numbers of a pytree: their names, bounds and free coordinates."""
 
 from __future__ import annotations
 
@@ -23,9 +23,8 @@ from .transforms import AbstractTransform, Coordinate, Fixed, Free, of_range
 class Space(eqx.Module):
     """Free coordinates θ (k,) of the fitted numbers in a pytree of parameters.
 
-    `coordinates`, one for each number, select code; `units` are "" where none is known;
-    bounds and the other leaves are data. A number stays at `held` whatever its coordinate is,
-    unless that is NaN.
+    `coordinates`, one for each number, select code. `units` are "" if unknown. Bounds and the other
+    leaves are data. A number stays at `held`, whatever its coordinate, unless that is NaN.
     """
 
     low: Float[Array, " k"]
@@ -39,18 +38,18 @@ class Space(eqx.Module):
     units: tuple[str, ...] = eqx.field(static=True)
 
     def values(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
-        """The fitted numbers themselves, in the order of their names."""
+        """Return the fitted numbers themselves, in the order of their names."""
         columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
         moved = jnp.stack([coordinate.to_value(*column) for coordinate, *column in columns])
         return jnp.where(jnp.isnan(self.held), moved, self.held)
 
     def log_slopes(self, theta: Float[Array, " k"]) -> Float[Array, " k"]:
-        """ln dx/dθ (k,), of each number by its own coordinate."""
+        """Return ln dx/dθ (k,), of each number by its own coordinate."""
         columns = zip(self.coordinates, theta, self.low, self.high, strict=True)
         return jnp.stack([coordinate.log_slope(*column) for coordinate, *column in columns])
 
     def tree_of(self, values: Float[Array, " k"]) -> Any:
-        """The pytree that holds the fitted numbers `values`."""
+        """Return the pytree with the fitted numbers `values`."""
         leaves, others, at = [], iter(self.others), 0
         for shape in self.shapes:
             if shape is None:
@@ -62,7 +61,7 @@ class Space(eqx.Module):
         return jax.tree.unflatten(self.structure, leaves)
 
     def stretch(self, values: np.ndarray) -> np.ndarray:
-        """dx/dθ (k,), of each number by its own coordinate."""
+        """Return dx/dθ (k,), of each number by its own coordinate."""
         bounds = np.asarray(self.low), np.asarray(self.high)
         columns = zip(self.coordinates, values, *bounds, strict=True)
         return np.array([coordinate.slope(*column) for coordinate, *column in columns])
@@ -74,20 +73,20 @@ class Space(eqx.Module):
 
     @property
     def has_unit(self) -> np.ndarray:
-        """Which coordinates (k,) are logarithms or logits."""
+        """The mask (k,) of coordinates that are logarithms or logits."""
         return np.array([coordinate.has_unit for coordinate in self.coordinates])
 
     @property
     def bounded_above(self) -> np.ndarray:
-        """Which coordinates (k,) have a bound above, too."""
+        """The mask (k,) of coordinates that also have an upper bound."""
         return np.array([coordinate.bounded_above for coordinate in self.coordinates])
 
 
 def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
-    """The space of the numbers in `start`, and the coordinates of its values.
+    """Return the space of the numbers in `start`, and the coordinates of its values.
 
-    Raises ValueError for a start outside its bounds, one that is not finite, transforms that do
-    not match, and nothing to fit.
+    Raises ValueError for a start outside its bounds, one that is not finite, transforms that do not
+    match, and a start without a number to fit.
     """
     try:
         paths, structure = jax.tree.flatten_with_path(start)
@@ -95,7 +94,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
         raise ValueError(
             f"Argument `start` must be a tree of numbers, but is {rendered(start)}."
         ) from error
-    chosen = _chosen(start, transforms)
+    chosen = _leaf_transforms(start, transforms)
     names, units, coordinates, shapes, others, ends, theta = [], [], [], [], [], [], []
     for (path, leaf), given in zip(paths, chosen, strict=True):
         if not _is_end(given):
@@ -103,7 +102,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
                 "Argument `transforms` must hold `Free`, `Positive`, `Between` or `Fixed`, but "
                 f"holds {rendered(given)}."
             )
-        transform = given or _declared(start, path)
+        transform = given or _declared_transform(start, path)
         if not _is_fitted(leaf) or isinstance(transform, Fixed):
             shapes.append(None)
             others.append(jnp.asarray(float(leaf)) if type(leaf) is float else leaf)
@@ -132,7 +131,7 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
             f"Argument `start` must hold numbers of different names, but holds {listed(twice)} "
             "twice."
         )
-    # Put together in NumPy: each operation of JAX outside a compiled function is a program.
+    # Assembled in NumPy: each JAX operation outside a compiled function is a program.
     low, high = (jnp.asarray(end) for end in np.asarray(ends, float).T)
     keys = tuple(coordinates), tuple(shapes), tuple(names), tuple(units)
     held = jnp.asarray(np.full(len(names), np.nan))
@@ -140,17 +139,17 @@ def space_of(start: Any, transforms: Any) -> tuple[Space, np.ndarray]:
 
 
 def names_in(tree: Any) -> list[str]:
-    """The names of all leaves."""
+    """Return the names of all leaves."""
     return [_name_of(path) for path, _ in jax.tree.leaves_with_path(tree)]
 
 
 def _name_of(path: tuple[Any, ...]) -> str:
-    """A leaf's place in words: `law.e`, `c`, `[0].mass`."""
+    """Return the place of a leaf in words: `law.e`, `c`, `[0].mass`."""
     text = ""
     for key in path:
         match key:
             case GetAttrKey(name):
-                # A leaf that could have been static is named after the field that holds it.
+                # A leaf that could be static is named after the field that holds it.
                 text += "" if name == "traced" else f".{name.lstrip('_')}"
             case DictKey(name):
                 text += f".{name}"
@@ -164,14 +163,14 @@ def _is_fitted(leaf: Any) -> bool:
         return False
     if isinstance(leaf, np.ndarray | jax.Array):
         return eqx.is_inexact_array(leaf)
-    # A lone number, or a column of a data frame.
+    # A single number, or a column of a data frame.
     return isinstance(leaf, int | float | complex | np.number) or hasattr(leaf, "__array__")
 
 
-def _chosen(start: Any, transforms: Any) -> list[Any]:
-    """The transform given for each leaf; None where none was given."""
+def _leaf_transforms(start: Any, transforms: Any) -> list[Any]:
+    """Return the transform given for each leaf, None without one."""
     if isinstance(transforms, dict):
-        return _named(start, transforms)
+        return _transforms_by_name(start, transforms)
     chosen = []
 
     def give(transform: Any, part: Any) -> None:
@@ -187,8 +186,8 @@ def _chosen(start: Any, transforms: Any) -> list[Any]:
     return chosen
 
 
-def _named(start: Any, transforms: dict[str, Any]) -> list[Any]:
-    """Transforms by the name of a number, or of what holds it."""
+def _transforms_by_name(start: Any, transforms: dict[str, Any]) -> list[Any]:
+    """Return transforms by the name of a number, or of its owner."""
     names = names_in(start)
     chosen = [None] * len(names)
     for wanted, transform in transforms.items():
@@ -209,14 +208,14 @@ def _is_end(x: Any) -> bool:
     return x is None or isinstance(x, AbstractTransform)
 
 
-def _declared(start: Any, path: tuple[Any, ...]) -> AbstractTransform:
-    """The transform that follows from the range that a module declares for its field."""
+def _declared_transform(start: Any, path: tuple[Any, ...]) -> AbstractTransform:
+    """Return the transform for the range that a module declares for its field."""
     allowed = _declaration(start, path).get("allowed")
     return Free() if allowed is None else of_range(allowed)
 
 
 def _unit_of(start: Any, path: tuple[Any, ...]) -> str:
-    """The unit that a module declares for its field, or that the name of one with a range has."""
+    """Return the unit that a module declares for its field, or that of the name of a ranged one."""
     declared = _declaration(start, path)
     if declared.get("unit") is not None or "allowed" not in declared:
         return declared.get("unit") or ""
@@ -224,7 +223,7 @@ def _unit_of(start: Any, path: tuple[Any, ...]) -> str:
 
 
 def _declaration(start: Any, path: tuple[Any, ...]) -> Mapping[str, Any]:
-    """What a module says of the field at the end of a path; nothing for what is no such field."""
+    """Return the metadata of the module field at the end of a path; empty for other paths."""
     owner, declared = start, {}
     for key in path:
         match key:

@@ -1,4 +1,4 @@
-"""The data of a fit, checked: one vector, and the weight of each point."""
+"""The checked data of a fit: one vector, and the weight of each point."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Target(NamedTuple):
 
 
 def target_of(data: Any, sigma: Any, weights: Any) -> Target:
-    """The data as one vector.
+    """Return the data as one vector.
 
-    Raises ValueError for data that are no numbers or not finite where they count, and for bad
+    Raises ValueError for data that are not numbers, or not finite where they count, and for invalid
     `sigma` or `weights`.
     """
     if sigma is not None and weights is not None:
@@ -58,7 +58,7 @@ def target_of(data: Any, sigma: Any, weights: Any) -> Target:
 
 
 def groups_of(names: Any, count: int) -> np.ndarray | None:
-    """The number of the group (n,) of each point; ValueError unless there is a name for each."""
+    """Return the group number (n,) of each point; raise ValueError unless each has a name."""
     if names is None:
         return None
     given = None if isinstance(names, np.ma.MaskedArray) else as_array(names)
@@ -75,14 +75,14 @@ def groups_of(names: Any, count: int) -> np.ndarray | None:
     try:
         return np.unique(given, return_inverse=True)[1]
     except TypeError as error:
-        # Texts and numbers together have no order.
+        # Mixed texts and numbers have no order.
         raise _no_names(names, count) from error
 
 
 def whitener_of(correlation: Any, used: np.ndarray) -> np.ndarray | None:
-    """The inverse (n, n) of the lower factor of a correlation, of the points that are `used`.
+    """Return the inverse (n, n) of the lower factor of a correlation, of the points `used`.
 
-    Raises ValueError for what is no correlation: symmetric, 1 on the diagonal, positive definite.
+    Raises ValueError unless it is a correlation: symmetric, 1 on the diagonal, positive definite.
     """
     if correlation is None:
         return None
@@ -112,7 +112,7 @@ def _no_names(names: Any, count: int) -> ValueError:
 
 
 def _flat(tree: Any, name: str) -> np.ndarray:
-    """All numbers of a tree as one vector."""
+    """Return all numbers of a tree as one vector."""
     leaves = [as_numbers(leaf, name).ravel() for leaf in jax.tree.leaves(tree)]
     return np.concatenate(leaves) if leaves else np.zeros(0)
 
@@ -127,7 +127,7 @@ def _vector(tree: Any, name: str) -> np.ndarray:
 
 
 def _spread(value: Any, data: Any, name: str) -> np.ndarray:
-    """One number for each point, from a number for all or a tree like the data."""
+    """Return one number for each point, from a number for all or a tree like the data."""
     count = _flat(data, "data").size
     number = concrete(value)
     if number is not None:

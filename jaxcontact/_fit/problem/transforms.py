@@ -1,4 +1,4 @@
-"""Where a fitted parameter may lie, and the free coordinate in which it is fitted."""
+"""The range of a fitted parameter, and the free coordinate in which it is fitted."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ..._parameter import Range, require_number
 
 
 class Coordinate(NamedTuple):
-    """How a bounded value becomes a free number: it selects code, the bounds are data.
+    """Conversion between a bounded value and a free number; it selects code, the bounds are data.
 
-    `label` stands before the name of a parameter in this coordinate. `has_unit`: a change of 1
-    means the same everywhere, as it does for a logarithm or a logit. The functions are of
-    (value, low, high), or (free number, low, high); `slope` is dvalue/dfree at a value, `log_slope`
-    its logarithm at a free number.
+    `label` precedes the name of a parameter in this coordinate. `has_unit`: a change of 1 means the
+    same everywhere, as for a logarithm or a logit. The functions take (value, low, high), or (free
+    number, low, high). `slope` is dvalue/dfree at a value, and `log_slope` its logarithm at a free
+    number.
     """
 
     label: str
@@ -63,7 +63,7 @@ LOGIT = Coordinate(
 
 
 class AbstractTransform:
-    """Where a fitted parameter may lie: `Free`, `Positive`, `Between` or `Fixed`."""
+    """The range of a fitted parameter: `Free`, `Positive`, `Between` or `Fixed`."""
 
     coordinate: Coordinate = IDENTITY
 
@@ -75,7 +75,7 @@ class AbstractTransform:
 
 @dataclasses.dataclass(frozen=True)
 class Free(AbstractTransform):
-    """Any real number; fitted as it is."""
+    """Any real number, fitted directly."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,10 +91,10 @@ class Positive(AbstractTransform):
 
 @dataclasses.dataclass(frozen=True)
 class Between(AbstractTransform):
-    """A number between `low` and `high`; the logit of its place between them is fitted.
+    """A number between `low` and `high`; the logit of its relative position is fitted.
 
-    The ends are approached, never reached: a fit that runs there says so.
-    Raises ValueError unless low < high are finite.
+    The ends are approached but never reached; a fit that runs there reports it. Raises ValueError
+    unless low < high are finite.
     """
 
     low: float
@@ -120,7 +120,7 @@ class Fixed(AbstractTransform):
 
 
 def of_range(allowed: Range) -> AbstractTransform:
-    """The transform of a parameter that declares its range."""
+    """Return the transform of a parameter that declares its range."""
     if math.isinf(allowed.low) and math.isinf(allowed.high):
         return Free()
     if allowed.low == 0 and math.isinf(allowed.high):

@@ -1,4 +1,4 @@
-"""How certain the best parameters are, and which combinations are not identifiable."""
+"""Uncertainty of the best parameters, and combinations that are not identifiable."""
 
 from __future__ import annotations
 
@@ -13,19 +13,21 @@ from ..problem.space import Space
 from .minimum import SINGULAR, Found
 
 _PART = 1e-3
-"""A parameter is not identifiable if its component of a direction that leaves the prediction
-unchanged is larger than this part of the largest component."""
+"""Relative component in an open direction above which a parameter is not identifiable.
+
+An open direction leaves the prediction unchanged; the component is relative to the largest.
+"""
 
 LEAST_GROUPS = 8
-"""With fewer groups of points their scatter is no basis for standard errors."""
+"""Fewest groups of points whose scatter gives standard errors."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Direction:
     """A change of parameters that leaves the prediction unchanged.
 
-    `components` by name, the largest is 1: the change of an unbounded parameter, of a bounded one
-    that of its logarithm or logit. Prints as "ln K + 1.00 ln m".
+    `components` by name, the largest is 1: the change of an unbounded parameter, or of the
+    logarithm or logit of a bounded one. Prints as "ln K + 1.00 ln m".
     """
 
     components: dict[str, float]
@@ -41,7 +43,7 @@ class Direction:
 
 
 class Inference(NamedTuple):
-    """The covariance (k, k) of the parameters, NaN where not identifiable, and its grounds."""
+    """The covariance (k, k) of the parameters, NaN if not identifiable, and its grounds."""
 
     covariance: np.ndarray
     unidentified: tuple[Direction, ...]
@@ -54,14 +56,14 @@ class Inference(NamedTuple):
 def infer(
     problem: Problem, found: Found, at_bound: np.ndarray, absolute: bool, groups: np.ndarray | None
 ) -> Inference:
-    """Laplace's approximation Cov θ = s² (JᵀJ)⁻¹, carried to the parameters by dx/dθ.
+    """Return Laplace's approximation Cov θ = s² (JᵀJ)⁻¹, converted to the parameters by dx/dθ.
 
-    s² is 1 for known noise and Σz²/(n-k) otherwise; for Huber's loss Σψ²/(n-k)/(mean ψ')² in both
-    cases (Huber & Ronchetti 2009, Eq. 7.86, doi 10.1002/9780470434697). With at least
-    `LEAST_GROUPS` groups of points: the sandwich (JᵀJ)⁻¹ Σ_g s_g s_gᵀ (JᵀJ)⁻¹ C/(C-1) of the scores
-    s_g = Σ Jᵀψ of C groups, which holds whatever the correlation inside a group (Liang & Zeger
+    s² is 1 for known noise and Σz²/(n-k) otherwise. For Huber's loss it is Σψ²/(n-k)/(mean ψ')² in
+    both cases (Huber & Ronchetti 2009, Eq. 7.86, doi 10.1002/9780470434697). With at least
+    `LEAST_GROUPS` groups of points, the sandwich (JᵀJ)⁻¹ Σ_g s_g s_gᵀ (JᵀJ)⁻¹ C/(C-1) of the scores
+    s_g = Σ Jᵀψ of C groups is used. It is valid for any correlation within a group (Liang & Zeger
     1986, doi 10.1093/biomet/73.1.13). Directions in which JᵀJ is singular come from a singular
-    value decomposition of the scaled columns; a parameter at its bound is held.
+    value decomposition of the scaled columns. A parameter at its bound is held.
     """
     space, k = problem.space, len(at_bound)
     finite = np.isfinite(found.jacobian).all()
@@ -120,7 +122,7 @@ def infer(
 def sandwich(
     bread: Float[np.ndarray, "k k"], scores: Float[np.ndarray, "n k"], number: np.ndarray
 ) -> Float[np.ndarray, "k k"]:
-    """The covariance by the scores of points in groups, each of which has a `number` (n,)."""
+    """Return the covariance from the scores of points in groups; `number` (n,) is their group."""
     summed = np.zeros((int(number.max()) + 1, scores.shape[1]))
     np.add.at(summed, number, scores)
     count = len(np.unique(number))
@@ -128,7 +130,7 @@ def sandwich(
 
 
 def basis_of(jacobian: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n rank"]:
-    """What the parameters can move, as orthonormal columns."""
+    """Return an orthonormal basis of the directions that the parameters can move."""
     length = np.linalg.norm(jacobian, axis=0)
     scaled = jacobian[:, length > 0] / length[length > 0]
     if not scaled.size:

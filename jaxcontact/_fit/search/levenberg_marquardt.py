@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt and the optimisers of optax, called alike."""
+"""Levenberg-Marquardt and the optimisers of optax, with one interface."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from ..problem.problem import Point, Problem
 from .trust_region import least_squares
 
 MOST_STEPS = 500
-"""Steps of Levenberg-Marquardt, unless the caller says otherwise."""
+"""Default steps of Levenberg-Marquardt."""
 
 PATIENCE = 200
-"""Steps of a gradient method that may gain nothing."""
+"""Steps without gain after which a gradient method stops."""
 
 _LEVEL = 1e-12
-"""Relative decrease of the loss that counts as none, for the patience of a gradient method."""
+"""Least relative decrease of the loss that a gradient method counts as gain."""
 
 
 class Options(NamedTuple):
-    """How to search: an `optimizer` of optax, or None for Levenberg-Marquardt.
+    """Search options: an optax `optimizer`, or None for Levenberg-Marquardt.
 
-    `rtol` decides about convergence; it is an array, so that another one does not compile anew.
-    `tell` is called with the number of each step and its loss.
+    `rtol` decides convergence; it is an array, so that another value does not recompile. `tell` is
+    called with the number of each step and its loss.
     """
 
     rtol: Float[Array, ""]
@@ -36,15 +36,15 @@ class Options(NamedTuple):
     tell: Callable[[Any, Any], Any] | None = None
 
     def report(self, step: Array, loss: Array) -> None:
-        """Call `tell`, if there is one, from compiled code."""
+        """Call `tell`, if given, from compiled code."""
         if self.tell is not None:
             jax.debug.callback(self.tell, step, loss)
 
 
 class Path(NamedTuple):
-    """Where a search went: its best point, the loss after each of its steps (NaN beyond).
+    """The course of a search: its best point, and the loss after each step (NaN beyond).
 
-    `stopped`: by itself, not by the limit of steps.
+    `stopped`: it ended by itself, not by the limit of steps.
     """
 
     theta: Float[Array, " k"]
@@ -54,7 +54,7 @@ class Path(NamedTuple):
 
 
 def search(problem: Problem, start: Float[Array, " k"], options: Options) -> tuple[Path, Point]:
-    """Minimise from `start` until the loss no longer falls, or for `max_steps`; and the end."""
+    """Minimise from `start` until the loss no longer falls, or for `max_steps`; return the end."""
     method = _levenberg_marquardt if options.optimizer is None else _gradient_descent
     return method(problem, start, options)
 
@@ -81,7 +81,7 @@ def _gradient_descent(
         theta, state, best, lowest, idle, history, step = carry
         loss, gradient = jax.value_and_grad(problem.loss)(theta)
         better = loss < lowest * (1 - _LEVEL)
-        # The best point is kept even where the gain is too small to count.
+        # The best point is kept even if the gain is too small to count.
         lower = loss < lowest
         best, lowest = jnp.where(lower, theta, best), jnp.where(lower, loss, lowest)
         changes, state = optimizer.update(
@@ -89,7 +89,7 @@ def _gradient_descent(
         )
         options.report(step, loss)
         moved = jnp.asarray(optax.apply_updates(theta, changes))
-        # A step into a region without numbers is taken back to the best point.
+        # A step into a region without finite values returns to the best point.
         theta = jnp.where(jnp.all(jnp.isfinite(moved)) & jnp.isfinite(loss), moved, best)
         idle = jnp.where(better, 0, idle + 1)
         return theta, state, best, lowest, idle, history.at[step].set(loss), step + 1

@@ -1,4 +1,4 @@
-"""A search and the numbers that its verdict needs, compiled together."""
+"""A search and the numbers for its verdict, compiled together."""
 
 from __future__ import annotations
 
@@ -17,29 +17,31 @@ from .levenberg_marquardt import Options, search
 from .trust_region import scale_of
 
 SINGULAR = 1e-7
-"""Singular values of the Jacobian, its columns scaled to length 1, that are smaller than this part
-of the largest count as zero: derivatives of an event solve are accurate to about 1e-7."""
+"""Relative singular value of the Jacobian, with unit columns, that counts as zero.
+
+Derivatives of an event solve are accurate to about 1e-7.
+"""
 
 _ROUNDING = 16 * float(jnp.finfo(jnp.float64).eps)
-"""Of all residuals together, relative to the terms they are the sums of."""
+"""Rounding of all residuals together, relative to the terms of their differences."""
 
 NEGLIGIBLE = 1e-3
-"""A remaining step of less than this part of a standard error counts as none."""
+"""Remaining step in standard errors that is negligible."""
 
 COARSE = 1e-2
-"""A remaining step of a logarithm or logit of more than this counts, even if rounding hides it."""
+"""Remaining step of a logarithm or logit that counts, even if rounding hides it."""
 
 
 Numbers = Any
-"""Arrays: of JAX while a search is compiled, of NumPy once its end is judged."""
+"""Arrays: of JAX while a search is compiled, of NumPy when its end is assessed."""
 
 
 class Found(NamedTuple):
-    """The end of a search: its `Path`, and the numbers that belong to its last point.
+    """The end of a search: its `Path`, and the numbers at its last point.
 
-    `z` are the standardised residuals, `jacobian` is dz/dθ, `values` are the parameters,
-    `prediction` is that of all points; `step` the remaining Gauss-Newton step, `allowed` the
-    largest that counts as none, for each coordinate.
+    `z` are the standardised residuals, `jacobian` is dz/dθ, `values` are the parameters, and
+    `prediction` is that of all points. `step` is the remaining Gauss-Newton step, and `allowed` the
+    largest negligible one, for each coordinate.
     """
 
     theta: Float[Numbers, " k"]
@@ -56,40 +58,40 @@ class Found(NamedTuple):
 
     @property
     def still(self) -> Bool[Numbers, " k"]:
-        """Which coordinates have converged."""
+        """The mask of converged coordinates."""
         return abs(self.step) <= self.allowed
 
 
 def found_from(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
-    """Search from `start`, and the distance of its end from a minimum."""
-    return _judged(problem, _searched(problem, start, options), options.rtol, jnp)
+    """Search from `start`, and compute the distance of its end from a minimum."""
+    return _assess(problem, _run_search(problem, start, options), options.rtol, jnp)
 
 
-def _searched(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
+def _run_search(problem: Problem, start: Float[Array, " k"], options: Options) -> Found:
     path, end = search(problem, start, options)
     values = problem.space.values(path.theta)
     return Found(*path, path.theta[0], end.z, end.jacobian, values, end.prediction)
 
 
-def _judged(problem: Problem, found: Found, rtol: Float[Numbers, ""], xp: Any) -> Found:
+def _assess(problem: Problem, found: Found, rtol: Float[Numbers, ""], xp: Any) -> Found:
     loss = xp.sum(xp.square(shortened(found.z, problem.threshold, xp))) / 2
     return with_step(problem, found._replace(loss=loss), found.jacobian, rtol, xp)
 
 
 _FEW_POINTS = 1000
-"""Data whose fit takes longer to compile than to run."""
+"""Largest number of data whose fit takes longer to compile than to run."""
 
-_compiled = eqx.filter_jit(_searched)
-_quickly_compiled = quick(_searched)
-_soon_compiled = soon_compiled(_searched)
-_compiled_all = eqx.filter_jit(eqx.filter_vmap(_searched, in_axes=(None, 0, None)))
+_compiled = eqx.filter_jit(_run_search)
+_quickly_compiled = quick(_run_search)
+_soon_compiled = soon_compiled(_run_search)
+_compiled_all = eqx.filter_jit(eqx.filter_vmap(_run_search, in_axes=(None, 0, None)))
 
 
 def find(problem: Problem, start: Float[np.ndarray, " k"], options: Options) -> Found:
-    """`found_from`, compiled but for what judges its end, which is little work for NumPy.
+    """Compile and run `found_from`; its end is assessed in NumPy, which is little work.
 
-    A search over few points, or of a prediction that says `is_formula`, runs so quickly that it is
-    compiled quickly, too.
+    A search over few points, or of a prediction with `is_formula`, runs so quickly that it is also
+    compiled quickly.
     """
     formula = getattr(problem.predict, "is_formula", False)
     searched = _soon_compiled if formula else _compiled
@@ -97,11 +99,11 @@ def find(problem: Problem, start: Float[np.ndarray, " k"], options: Options) -> 
         searched = _quickly_compiled
     found = in_numpy(searched(problem, jnp.asarray(start), options))
     with np.errstate(all="ignore"):
-        return _judged(in_numpy(problem), found, np.asarray(options.rtol), np)
+        return _assess(in_numpy(problem), found, np.asarray(options.rtol), np)
 
 
 def find_all(problem: Problem, starts: Float[np.ndarray, "lanes k"], options: Options) -> Found:
-    """The ends of searches from many starts at once, not judged but for their loss."""
+    """Return the ends of searches from many starts at once, with only their loss assessed."""
     found = in_numpy(_compiled_all(problem, jnp.asarray(starts), options))
     with np.errstate(all="ignore"):
         r = shortened(found.z, in_numpy(problem.threshold), np)
@@ -109,7 +111,7 @@ def find_all(problem: Problem, starts: Float[np.ndarray, "lanes k"], options: Op
 
 
 def in_numpy(tree: Any) -> Any:
-    """A tree with its arrays in NumPy."""
+    """Return a tree with its arrays in NumPy."""
     return jax.tree.map(lambda x: np.asarray(x) if isinstance(x, jax.Array) else x, tree)
 
 
@@ -119,7 +121,7 @@ def _natural(problem: Problem, theta: Float[Array, " k"]) -> Float[Array, " k"]:
 
 
 def start_scale(problem: Problem, theta: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """What counts as a large change of each free coordinate at the start, whatever its unit."""
+    """Return a large change of each free coordinate at the start, whatever its unit."""
     scale = np.where(problem.space.has_unit, 1.0, np.abs(theta))
     if (scale == 0).any():
         scale = np.where(scale == 0, np.asarray(_natural(problem, jnp.asarray(theta))), scale)
@@ -128,7 +130,7 @@ def start_scale(problem: Problem, theta: Float[np.ndarray, " k"]) -> Float[np.nd
 
 @eqx.filter_jit
 def losses(problem: Problem, thetas: Float[Array, "lanes k"]) -> Float[Array, " lanes"]:
-    """The loss at many points."""
+    """Return the loss at many points."""
     return jax.vmap(problem.loss)(thetas)
 
 
@@ -139,9 +141,9 @@ def with_step(
     rtol: Float[Numbers, ""],
     xp: Any,
 ) -> Found:
-    """`found` with its remaining step by a Jacobian, in which columns of zeros hold coordinates.
+    """Return `found` with its remaining step by a Jacobian; zero columns hold coordinates.
 
-    `xp` is JAX while it is compiled, else NumPy.
+    `xp` is JAX while it is compiled, otherwise NumPy.
     """
     r = shortened(found.z, problem.threshold, xp)
     usable = shortened_slope(found.z, jacobian, problem.threshold, xp)
@@ -150,16 +152,16 @@ def with_step(
         xp.linalg.norm(xp.where(used & xp.isfinite(x), x, 0))
         for x in (problem.factor * problem.y, problem.factor * found.prediction)
     )
-    # Data of zeros are met to the last bit of whatever the search began with.
+    # Zero data have no scale of rounding: use the loss at the start.
     blur = _ROUNDING * xp.where(data > 0, data + terms, xp.sqrt(2 * found.history[0]))
     r = xp.where(xp.isfinite(r), r, 0)
     step, error, resolution = _gauss_newton(usable, r, xp.sum(used), blur, xp)
     # Steps of a logarithm or a logit are absolute.
     size = xp.where(problem.space.has_unit, 1, xp.maximum(xp.abs(found.theta), error))
-    # Of a search that was cut off the remaining step tells little: in a curved valley each step is
-    # small beside the way that is left.
+    # After a search that was cut off, a small step is no evidence: in a curved valley each step is
+    # small compared with the remaining way.
     enough = xp.where(found.stopped, NEGLIGIBLE * error, 0)
-    # Rounding may hide the way to a bound: a logarithm that is so badly known has not converged.
+    # Rounding may hide the way to a bound: a logarithm so poorly known has not converged.
     resolution = xp.where(problem.space.has_unit, xp.minimum(resolution, COARSE), resolution)
     allowed = xp.maximum(xp.maximum(rtol * size, enough), resolution)
     return found._replace(step=step, allowed=allowed)
@@ -172,8 +174,9 @@ def _gauss_newton(
     blur: Numbers,
     xp: Any,
 ) -> tuple[Float[Numbers, " k"], Float[Numbers, " k"], Float[Numbers, " k"]]:
-    """The step to the minimum of |r + J p|, the standard error of each coordinate, and the change
-    of it that a rounding of the residuals by `blur` makes.
+    """Return the step to the minimum of |r + J p|, with errors of each coordinate.
+
+    They are its standard error, and its change by a rounding of the residuals by `blur`.
     """
     length = xp.linalg.norm(jacobian, axis=0)
     known = length > 0

@@ -1,4 +1,4 @@
-"""Noise whose size is not known: of all points, or of each column of the data, found by the fit."""
+"""Unknown noise, common to all points or of each column of the data, estimated by the fit."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ COMMON, BY_COLUMN = "common", "by column"
 
 _ROUNDS = 30
 _SAME = 1e-3
-"""A relative change of a size of noise that counts as none."""
+"""Relative change of the noise at convergence."""
 
 _MEDIAN_OF_NORMAL = 0.6744897501960817
 
 _LEAST = 1e-6
-"""A column that is met to this part of its scatter shows no noise, and weighs no more than so."""
+"""Least noise of a column relative to its scatter, which limits the weight of exact data."""
 
 
 def columns_of(problem: Problem, noise: str) -> Int[np.ndarray, " n"]:
-    """The number of the column of each point; zeros where noise is common to all."""
+    """Return the number of the column of each point; zeros for common noise."""
     sizes = [int(np.prod(shape)) for shape in problem.shapes]
     numbers = np.arange(len(sizes)) * (noise == BY_COLUMN)
     return np.repeat(numbers, sizes)
@@ -34,7 +34,7 @@ def columns_of(problem: Problem, noise: str) -> Int[np.ndarray, " n"]:
 def refuse_between(
     columns: Int[np.ndarray, " n"], whitener: Float[np.ndarray, "n n"] | None
 ) -> None:
-    """Raise ValueError for errors that are correlated between columns with noise of their own."""
+    """Raise ValueError for errors correlated between columns that have their own noise."""
     if whitener is not None and whitener[columns[:, None] != columns].any():
         raise ValueError(
             "Argument `noise` must be 'common' with a `correlation` between columns, but is "
@@ -48,11 +48,11 @@ def with_noise(
     columns: Int[np.ndarray, " n"],
     search: Callable[[Problem, np.ndarray], Found],
 ) -> tuple[Problem, Found, bool]:
-    """The fit and the noise of its columns, found in turn, and whether they have settled.
+    """Iterate the fit and the noise of its columns; return whether they have settled.
 
-    Of squares: σ_c² = Σ_c r²/(n_c - Σ_c h), h the leverage of each point in the fit that has these
-    σ, at which the restricted likelihood is largest (Patterson & Thompson 1971, doi
-    10.1093/biomet/58.3.545). With Huber's loss: the median of |residuals|.
+    For squares: σ_c² = Σ_c r²/(n_c - Σ_c h), with h the leverage of each point in the fit with
+    these σ. There the restricted likelihood is largest (Patterson & Thompson 1971, doi
+    10.1093/biomet/58.3.545). For Huber's loss: the median of |residuals|.
     """
     relative = np.asarray(problem.factor)
     used = relative > 0
@@ -62,7 +62,7 @@ def with_noise(
     for turn in range(_ROUNDS):
         seen = scale * _sizes(problem, found, columns, used)
         new = np.maximum(seen, least)
-        # Where nothing shows noise, there is no other weight to find.
+        # If no column shows noise, the weights cannot improve.
         if not (seen > least).any() or (turn and np.all(np.abs(new - scale) <= _SAME * new)):
             return problem, found, True
         scale = np.where(new > 0, new, scale)
@@ -76,7 +76,7 @@ def with_noise(
 def _sizes(
     problem: Problem, found: Found, columns: np.ndarray, used: np.ndarray
 ) -> Float[np.ndarray, " columns"]:
-    """The noise of each column in units of what the fit assumed."""
+    """Return the noise of each column in units of what the fit assumed."""
     count = int(columns.max()) + 1
     inside = [used & (columns == c) for c in range(count)]
     if problem.threshold is not None:
@@ -90,5 +90,5 @@ def _sizes(
 
 
 def _scatter(problem: Problem, rows: np.ndarray) -> float:
-    """Of the data of a column, in units of what the fit assumed."""
+    """Return the scatter of the data of a column, in units of what the fit assumed."""
     return float(np.std(np.asarray(problem.y * problem.factor)[rows])) if rows.any() else 0.0

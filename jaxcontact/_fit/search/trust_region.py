@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt within a trust region, with a correction for the curvature of residuals."""
+"""Levenberg-Marquardt within a trust region, with a correction for curved residuals."""
 
 from __future__ import annotations
 
@@ -15,34 +15,37 @@ from ..problem.loss import shortened, shortened_slope
 from ..problem.problem import Point, Problem
 
 _TOLERANCE = 1e-13
-"""A smaller step, relative to its coordinate, is none; nor is a smaller fall of the loss."""
+"""Step relative to its coordinate, and relative fall of the loss, at convergence."""
 
 _EPS = float(jnp.finfo(jnp.float64).eps)
 
 _CUT = 1e-14
-"""Singular values below this part of the largest are rounding."""
+"""Relative singular value that is rounding."""
 
 _LEAST, _POOR, _GOOD = 1e-4, 0.25, 0.75
-"""Of the fall of the loss that a step promises: with less it is refused, the next ones are shorter,
-and with more they are longer."""
+"""Limits of the ratio of the actual to the predicted fall of the loss.
+
+Below the first a step is refused, below the second the next ones are shorter, and above the third
+they are longer.
+"""
 
 _BENT = 0.375
-"""A correction that is longer than this part of its step is not to be trusted."""
+"""Longest accepted correction relative to its step."""
 
 _LINEAR = 1e-3
-"""A step that keeps its promise within this part may be followed by one of ten times its length."""
+"""Deviation from the predicted fall below which the next step may be ten times as long."""
 
 _REFUSED = 16
-"""Steps refused in a row after which none will be accepted: each is a quarter of the last."""
+"""Refused steps in a row after which the search ends; each is a quarter of the last."""
 
 _NARROWINGS = 12
-"""Of the damping, to make a step as long as the radius within a tenth: mostly three do."""
+"""Iterations of the damping for a step within 10 % of the radius; three usually suffice."""
 
 
 class Here(NamedTuple):
     """The best point θ of a search, its residuals r, and dr/dθ with non-finite numbers as 0.
 
-    Steps of different units are compared by `scale` (k,), the greatest length that each column of
+    `scale` (k,) makes steps of different units comparable: the greatest length that each column of
     dr/dθ has had.
     """
 
@@ -59,10 +62,10 @@ class Here(NamedTuple):
 
 
 class _Trial(NamedTuple):
-    """A point θ to evaluate, and the step that leads there, but for a correction.
+    """A point θ to evaluate, and the step to it, apart from a correction.
 
-    `length`: that of the step, scaled; `promise`: the fall of the sum of squares by the linear
-    model, which counts the damping twice.
+    `length` is that of the scaled step. `promise` is the fall of the sum of squares predicted by
+    the linear model, which counts the damping twice.
     """
 
     theta: Float[Array, " k"]
@@ -73,7 +76,7 @@ class _Trial(NamedTuple):
     corrected: Bool[Array, ""]
 
 
-# Shapes are asked for before the search: a compiled function is traced once for both.
+# Shapes are computed before the search: a compiled function is traced once for both.
 _point = eqx.filter_jit(Problem.at)
 
 
@@ -83,11 +86,13 @@ def least_squares(
     max_steps: int,
     report: Callable[[Array, Array], None],
 ) -> tuple[Here, Float[Array, " steps"], Int[Array, ""], Bool[Array, ""]]:
-    """The end of a search, the loss after each step, their number, and whether it ended by itself.
+    """Return the end of a search, the loss after each step, their number, and whether it ended.
 
-    The step p minimises |r + J p| with |D p| ≤ radius, D the greatest lengths of the columns of J.
-    If it is refused, the residuals tell how they curve along it: next is the parabola p + a/2, with
-    (JᵀJ + λD²) a = -2 Jᵀ(r(θ + p) - r - J p). So narrow curved valleys are followed.
+    The last is True if it ended by itself. The step p minimises |r + J p| with |D p| ≤ radius, D
+    the greatest lengths of the columns of J. If it is refused, the residuals give their curvature
+    along it. The next trial is the parabola p + a/2, with (JᵀJ + λD²) a = -2 Jᵀ(r(θ + p) - r - J
+    p). It follows narrow curved valleys.
+
     Source: Moré (1978), doi 10.1007/BFb0067700; Transtrum and Sethna (2012), doi
     10.48550/arXiv.1201.5885.
     """
@@ -102,7 +107,7 @@ def least_squares(
         there = _at(problem, trial.theta, here.scale)
         fall = here.squares - there.squares
         gain = jnp.where(jnp.isfinite(fall), fall / _positive(trial.promise), -1)
-        # Where rounding hides the fall, Gauss-Newton steps are good as long as they get shorter.
+        # If rounding hides the fall, Gauss-Newton steps are accepted while they get shorter.
         blur = _blur(problem, here)
         level = 4 * (jnp.sqrt(here.squares) + blur) * (_EPS * jnp.sqrt(here.squares) + blur)
         hidden = trial.promise <= level
@@ -118,7 +123,7 @@ def least_squares(
         radius = jnp.where(gain > _GOOD, more, jnp.where(gain < _POOR, less, radius))
         again = ~(accepted | trial.corrected | hidden) & jnp.isfinite(fall)
         bend = jnp.where(again, there.r - here.r - here.slope @ trial.step, 0)
-        begun, wide = _begun(problem, there)
+        begun, wide = _initial(problem, there)
         there, radius = _where(first, (begun, wide), (there, radius))
         here = _where(accepted, there, here)
         trial = _next(here, trial, radius, bend, again)
@@ -147,11 +152,11 @@ def _at(problem: Problem, theta: Float[Array, " k"], scale: Float[Array, " k"]) 
     return Here(theta, point, shortened(point.z, problem.threshold), slope, longest)
 
 
-def _begun(problem: Problem, here: Here) -> tuple[Here, Float[Array, ""]]:
-    """The start of a search, and its first radius: each coordinate may change by its own size.
+def _initial(problem: Problem, here: Here) -> tuple[Here, Float[Array, ""]]:
+    """Return the start of a search, and a first radius: each coordinate may change by its size.
 
-    A logarithm or logit that hardly counts at the start shall not run away: to move it by 1 counts
-    as much as the size of the data.
+    A logarithm or logit with little effect at the start must not run away. A change by 1 therefore
+    counts at least as much as the size of the data.
     """
     unit = jnp.where(problem.space.has_unit, _unit(problem, here.point), 0)
     scale = jnp.maximum(here.scale, unit)
@@ -165,9 +170,9 @@ def _sizes(problem: Problem, here: Here) -> Float[Array, " k"]:
 
 
 def scale_of(problem: Problem, point: Point) -> Float[Array, " k"]:
-    """The change of each free coordinate that moves the prediction by the size of the data.
+    """Return the change of each free coordinate that moves the prediction by the size of the data.
 
-    Logarithms and logits have a unit of their own, which is 1.
+    Logarithms and logits have their own unit, which is 1.
     """
     slope = shortened_slope(point.z, point.jacobian, problem.threshold)
     length = jnp.linalg.norm(slope, axis=0)
@@ -181,7 +186,7 @@ def _unit(problem: Problem, point: Point) -> Float[Array, ""]:
 
 
 def _blur(problem: Problem, here: Here) -> Float[Array, ""]:
-    """The rounding of all residuals together."""
+    """Return the rounding of all residuals together."""
     terms = jnp.abs(problem.y) + jnp.abs(here.point.prediction)
     return _EPS * _size(problem, problem.factor * terms)
 
@@ -201,8 +206,10 @@ def _positive(x: Array) -> Array:
 def _next(
     here: Here, trial: _Trial, radius: Array, bend: Float[Array, " n"], may: Bool[Array, ""]
 ) -> _Trial:
-    """The step from `here` within the radius; or, where it `may` be and is short, the correction of
-    the last one by how far its end was off the linear model, `bend`.
+    """Return the step from `here` within the radius, or the correction of the last one.
+
+    The correction is used if it `may` be and is short. It follows from `bend`, the deviation of the
+    last end from the linear model.
     """
     scale = _positive(here.scale)
     u, s, vt = jnp.linalg.svd(here.slope / scale[None, :], full_matrices=False)
@@ -225,7 +232,7 @@ def _next(
 
 
 def _damping(s: Float[Array, " m"], slope: Float[Array, " m"], radius: Array) -> Float[Array, ""]:
-    """λ where the step -slope/(s² + λ) is as long as the radius; 0 if none is longer."""
+    """Return λ for which the step -slope/(s² + λ) is as long as the radius; 0 if it is shorter."""
 
     def length(damping: Array) -> Array:
         return jnp.linalg.norm(slope / _positive(s * s + damping))
@@ -234,7 +241,7 @@ def _damping(s: Float[Array, " m"], slope: Float[Array, " m"], radius: Array) ->
         low, high, damping = known
         now = length(damping)
         low, high = jnp.where(now > radius, damping, low), jnp.where(now > radius, high, damping)
-        # Newton's step for 1/length, which is almost a straight line.
+        # Newton's step for 1/length, which is nearly linear.
         turn = jnp.sum(jnp.square(slope) / _positive(s * s + damping) ** 3)
         better = damping + jnp.square(now) / _positive(turn) * (now / _positive(radius) - 1)
         inside = (low < better) & (better < high)

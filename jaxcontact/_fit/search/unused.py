@@ -1,4 +1,4 @@
-"""Numbers that a prediction does not use, whatever they are."""
+"""Numbers that a prediction never uses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .minimum import Found
 def refuse_unused(problem: Problem, found: Found) -> None:
     """Raise ValueError for numbers of the start that do not enter the prediction.
 
-    Where only the derivative vanishes, a number is not identifiable, which is no mistake.
+    A number whose derivative alone vanishes is not identifiable, which is not a mistake.
     """
     without = np.flatnonzero(~np.any(found.jacobian, axis=0))
     if not without.size:
@@ -30,7 +30,7 @@ def refuse_unused(problem: Problem, found: Found) -> None:
         return jax.tree.leaves(evaluated(problem.predict, tree, problem.x))
 
     jaxpr = jax.make_jaxpr(of_fitted)([leaves[i] for i in fitted]).jaxpr
-    # Backwards from the results; what is computed inside of one step counts as used by it.
+    # Backwards from the results; all inputs of one operation count as used by it.
     used = {id(one) for one in jaxpr.outvars}
     for step in reversed(jaxpr.eqns):
         if any(id(one) in used for one in step.outvars):

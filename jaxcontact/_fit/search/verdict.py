@@ -1,4 +1,4 @@
-"""Whether the end of a search is a minimum, and which parameters ran to a bound."""
+"""Tests whether the end of a search is a minimum, and which parameters ran to a bound."""
 
 from __future__ import annotations
 
@@ -11,34 +11,36 @@ from .laplace import Direction
 from .minimum import Found, losses, start_scale
 
 AT_BOUND = "at the bound"
-"""How a reason ends where parameters ran there."""
+"""Ending of the reason if parameters ran to a bound."""
 
 _AT_BOUND = 1e-6
-"""A parameter nearer to a bound than this part of the interval has run there."""
+"""Distance to a bound, as a fraction of the interval, at which a parameter has run there."""
 
 _FAR = 18.0
-"""A logarithm that has fallen by more than this (to 1.5e-8 of its start) has run to 0."""
+"""Fall of a logarithm (to 1.5e-8 of its start) by which a parameter has run to 0."""
 
 _OUTWARD = 3.0
-"""With a larger remaining step of a logarithm or logit, the search creeps to a bound."""
+"""Remaining step of a logarithm or logit above which the search creeps to a bound."""
 
 _ASIDE = 1e-2
-"""How far a direction without slope is followed to see whether the loss falls there, relative to
-the parameter, absolute for a logarithm or a logit."""
+"""Distance along a flat direction at which the loss is tested.
+
+It is relative to the parameter, absolute for a logarithm or a logit.
+"""
 
 _FALL = 1e-5
-"""Relative fall of the loss by which a saddle is recognised: a curvature of order 1 gives 1e-4."""
+"""Relative fall of the loss that identifies a saddle; a curvature of order 1 gives 1e-4."""
 
 _ROUNDING = 16 * float(np.finfo(float).eps)
-"""Of a residual, relative to the terms it is the sum of."""
+"""Rounding of a residual, relative to the terms of its difference."""
 
 
 def at_bound_of(space: Space, found: Found, start: np.ndarray, used: np.ndarray) -> np.ndarray:
-    """Which parameters have run to an end of their interval.
+    """Return which parameters have run to an end of their interval.
 
-    A wide interval may hold a well-determined value near its end, so nearness alone is not enough:
-    a change of the distance to the end by a factor e must stay below the scatter of the data, or
-    the search must have stopped by itself with an outward step remaining.
+    A wide interval may hold a well-determined value near its end, so nearness alone is not enough.
+    A change of the distance to the end by a factor e must stay below the scatter of the data.
+    Otherwise the search must have stopped by itself with an outward step remaining.
     """
     low, high = np.asarray(space.low), np.asarray(space.high)
     two_sided = space.bounded_above
@@ -54,7 +56,7 @@ def at_bound_of(space: Space, found: Found, start: np.ndarray, used: np.ndarray)
 
 
 def creeping(space: Space, step: np.ndarray) -> np.ndarray:
-    """Which logarithms and logits a search moves to a bound, where its remaining step is large."""
+    """Return which logarithms and logits creep to a bound, by their large remaining step."""
     # A logarithm has a bound on one side only.
     bounded = space.bounded_above | (space.has_unit & (step < 0))
     return (np.abs(step) > _OUTWARD) & bounded
@@ -63,7 +65,7 @@ def creeping(space: Space, step: np.ndarray) -> np.ndarray:
 def falling(
     problem: Problem, found: Found, start: np.ndarray, directions: tuple[Direction, ...]
 ) -> Direction | None:
-    """A direction without slope along which the loss still falls: the end is no minimum."""
+    """Return a flat direction along which the loss still falls, so the end is not a minimum."""
     if not directions:
         return None
     theta, space = found.theta, problem.space
@@ -73,7 +75,7 @@ def falling(
     aside = np.asarray(
         losses(problem, jnp.asarray(theta + np.stack([change, -change])).reshape(-1, len(theta)))
     ).reshape(2, -1)
-    # Where the data are met to rounding, the loss is nothing else.
+    # If the data are met to rounding, the loss is only rounding.
     factor = np.asarray(problem.factor)
     used = factor > 0
     terms = factor[used] * (np.abs(problem.y)[used] + np.abs(found.prediction)[used])
@@ -84,7 +86,7 @@ def falling(
 
 
 def verdict(found: Found, at_bound: np.ndarray, space: Space, most: int) -> tuple[bool, str]:
-    """Whether the search converged, and the reason in words."""
+    """Return whether the search converged, and the reason in words."""
     if not (np.isfinite(found.loss) and np.isfinite(found.jacobian).all()):
         return False, "the prediction is not finite there"
     ran = [name for name, there in zip(space.names, at_bound, strict=True) if there]

@@ -1,1 +1,1 @@
-"""Intervals, bootstrap, and whether the model describes the data."""
+"""Intervals, bootstrap, and tests whether the model describes the data."""

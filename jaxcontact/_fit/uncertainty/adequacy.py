@@ -1,4 +1,4 @@
-"""Whether a model describes its data."""
+"""Tests whether a model describes its data."""
 
 from __future__ import annotations
 
@@ -15,33 +15,38 @@ from ..search.laplace import LEAST_GROUPS, basis_of
 from .residual_order import DRAWS, Column, Statistics, chance, share_left
 
 LEVEL = 0.05
-"""Of models that are right so many are called inadequate."""
+"""Rate at which right models are called inadequate."""
 
 _EXACT = 1e-6
-"""Residuals that are smaller than this part of the data's scatter are no noise of a measurement:
-what they follow is rounding, or the accuracy of a solver."""
+"""Size of residuals relative to the data's scatter below which they are not measurement noise.
+
+They then follow rounding, or the accuracy of a solver.
+"""
 
 _SAME = 1e-12
-"""Scatter below this part of the data is rounding."""
+"""Relative scatter of the data that is rounding."""
 
 _WITHIN = 0.2
-"""Of the slowest misfits so much must be left within trials for shifts of them to be taken out: six
-trials through all x, of two points each, leave 0.21 to 0.33 of what laws of two parameters and a
-level do not describe, six that lie side by side 0.15 of what a line does not."""
+"""Fraction of the slowest misfits within trials that is required to project out shifts of trials.
+
+Six trials through all x, of two points each, leave 0.21 to 0.33 of the misfit of laws with two
+parameters and a level. Six adjacent trials leave 0.15 of the misfit of a line.
+"""
 
 _FOLLOWED = 1e-3
-"""Of the variance of a trial the fit must leave so much for its size to be told."""
+"""Fraction of the variance of a trial that the fit must leave to determine its size."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Adequacy:
-    """How probable residuals like these are where the model is right.
+    """The probability of residuals like these if the model is right.
 
-    `chi2_per_dof` is Σz²/(n-k) of residuals over their known noise, or over that which repeated
-    points tell; `chi2_p` its probability; None where neither is known. `structure_p`: that noise
-    alone follows the order of the points as much, by simulation through the fit; None with too few
-    points. `p` combines the two by Fisher's sum of logarithms. `along`: what the points were
-    ordered by. `adequate`: p ≥ 0.05; None where it cannot be told, for the `reason`.
+    `chi2_per_dof` is Σz²/(n-k) of residuals over their known noise, or over that of repeated
+    points; `chi2_p` is its probability. Both are None if that noise is unknown. `structure_p` is
+    the probability that noise alone follows the order of the points as much, by simulation through
+    the fit; None with too few points. `p` combines the two by Fisher's sum of logarithms. `along`
+    is the variable that orders the points. `adequate`: p ≥ 0.05; None if undecided, for the
+    `reason`.
     """
 
     adequate: bool | None
@@ -76,21 +81,22 @@ class Adequacy:
 
 
 def shown(p: float) -> str:
-    """A probability as text; one that simulation or rounding bounds, as a bound."""
+    """Return a probability as text; as a bound if simulation or rounding limits it."""
     if p == 0:
         return "p < 1e-300"
     return f"p < {2 / (DRAWS + 1):.0e}" if p == 1 / (DRAWS + 1) else f"p = {p:.2g}"
 
 
 def adequacy_of(fit: FitData) -> Adequacy:
-    """Whether the model of a fit describes its data.
+    """Test whether the model of a fit describes its data.
 
-    Points are ordered by `x` where it has one number for each, else as they were given. Noise is
-    simulated as normal; where points of one trial may be correlated, as the residuals with the sign
-    of each trial drawn, and with Huber's loss, which is for noise that is not normal, with the
-    sign of each point drawn. With fewer than 8 trials there are too few signs: then what shifts all
-    points of a trial alike is taken out together with what the model describes, and the rest is
-    simulated as normal, unless trials lie side by side, where nothing tells a shift from a misfit.
+    Points are ordered by `x` if it has one number for each, otherwise as given. Noise is simulated
+    as normal. If points of a trial may be correlated, the null distribution comes from flipping the
+    sign of each trial's residuals. With Huber's loss, which is for noise that is not normal, the
+    sign of each point is flipped. With fewer than 8 trials there are too few signs. Then a shift of
+    each trial is projected out together with the model, and the rest is simulated as normal.
+    Adjacent trials are undecided, because a shift cannot be separated from a misfit.
+
     Source: Davidson & Flachaire (2008), doi 10.1016/j.jeconom.2008.08.003, for drawn signs; Fisher
     (1932) for the combination.
     """
@@ -112,7 +118,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
     many = trial if trial is not None and trial.max() + 1 >= LEAST_GROUPS else None
     told = many is not None or problem.threshold is None
     if trial is not None and many is None and told:
-        # What is the same for all trials, a shift of each would hide in any order of them.
+        # The part common to all trials; shifts of each trial would hide it in any order of them.
         same, shifted = (
             basis_of(np.concatenate([model, _shifts(fit, used, one)], axis=1))
             for one in (np.zeros_like(trial), trial)
@@ -137,9 +143,9 @@ def adequacy_of(fit: FitData) -> Adequacy:
     if statistics and told:
         noise = _noise(left, columns, fit) if many is None else _signs(z, many, model)
         structure_p = chance(statistics, left, model, noise)
-    # Statistics without a size are independent of χ² (Basu), those of repeated points are not.
+    # Scale-free statistics are independent of χ² (Basu); those of repeated points are not.
     independent = [structure_p, chi2_p if fit.absolute or structure_p is None else None]
-    p = _combined([one for one in independent if one is not None])
+    p = _combine([one for one in independent if one is not None])
     if p is None:
         few = f"{fit.dof} degrees of freedom" if fit.dof > 1 else "one degree of freedom"
         why = f"{few}, and the noise is not known"
@@ -150,7 +156,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
 
 
 def _columns(fit: FitData) -> tuple[list[Column], str]:
-    """The used points of each column of the data in the order of its variable, and its name."""
+    """Return the used points of each column in the order of its variable, and its name."""
     used = np.asarray(fit.problem.factor) > 0
     number = np.cumsum(used) - 1
     numbers = [
@@ -177,7 +183,7 @@ def _columns(fit: FitData) -> tuple[list[Column], str]:
 
 def _is_exact(fit: FitData, z: np.ndarray) -> bool:
     factor = np.asarray(fit.problem.factor)
-    # Columns have units of their own.
+    # Columns have their own units.
     ends = np.cumsum([math.prod(shape) for shape in fit.problem.shapes])[:-1]
     parts = [
         (y[w > 0], w[w > 0])
@@ -187,13 +193,13 @@ def _is_exact(fit: FitData, z: np.ndarray) -> bool:
     spread, size = (
         math.hypot(*(np.linalg.norm((y - off * y.mean()) * w) for y, w in parts)) for off in (1, 0)
     )
-    # Data that are the same to rounding have no scatter of their own.
+    # Data that are constant to rounding have no scatter.
     scale = spread if spread > _SAME * size else size
     return bool(np.linalg.norm(z) <= _EXACT * scale)
 
 
 def _trials(fit: FitData, used: np.ndarray) -> np.ndarray | None:
-    """The number of the trial of each used point; None where every point is one of its own."""
+    """Return the trial number of each used point; None if every point is its own trial."""
     if fit.groups is None:
         return None
     trial = np.unique(fit.groups[used], return_inverse=True)[1]
@@ -203,7 +209,7 @@ def _trials(fit: FitData, used: np.ndarray) -> np.ndarray | None:
 def _shifts(
     fit: FitData, used: np.ndarray, trial: np.ndarray
 ) -> Float[np.ndarray, "n trials*columns"]:
-    """What a shift of all points of a trial, in one column of the data, changes of z."""
+    """Return the change of z by a shift of all points of a trial, in one column of the data."""
     factor, whitener = np.asarray(fit.problem.factor), fit.problem.whitener
     column = np.repeat(*np.transpose([(i, math.prod(s)) for i, s in enumerate(fit.problem.shapes)]))
     kind = np.unique(np.stack([column[used], trial]), axis=1, return_inverse=True)[1].ravel()
@@ -215,8 +221,10 @@ def _shifts(
 def _noise(
     z: np.ndarray, columns: list[Column], fit: FitData
 ) -> Callable[[int], Float[np.ndarray, "draws n"]]:
-    """Normal noise; where its size is not known, in each column what neighbours differ by: the
-    fit carries the noise of a column to others, where it is smooth.
+    """Return a sampler of normal noise.
+
+    If its size is unknown, each column takes it from differences of neighbours: the fit carries the
+    noise of a column to others, where it is smooth.
     """
     random, size = np.random.default_rng(0), np.ones_like(z)
     if fit.shared is not None:
@@ -235,9 +243,10 @@ def _noise(
 def _signs(
     z: np.ndarray, trial: np.ndarray, model: Float[np.ndarray, "n k"]
 ) -> Callable[[int], Float[np.ndarray, "draws n"]]:
-    """What is left, with a sign drawn for each trial.
+    """Return a sampler of residuals with a random sign for each trial.
 
-    The fit follows a trial by its share H_gg of the hat matrix: (I - H_gg)^(-1/2) takes that back.
+    The fit absorbs part of a trial by its block H_gg of the hat matrix; (I - H_gg)^(-1/2) restores
+    it.
     """
     random, count = np.random.default_rng(0), int(trial.max()) + 1
     whole = z.copy()
@@ -249,8 +258,11 @@ def _signs(
     return lambda draws: whole * (random.integers(0, 2, size=(draws, count)) * 2 - 1)[:, trial]
 
 
-def _combined(p: list[float]) -> float | None:
-    """Fisher's probability of independent ones: of -2 Σ ln p, a χ² with two degrees for each."""
+def _combine(p: list[float]) -> float | None:
+    """Return Fisher's combination of independent probabilities.
+
+    -2 Σ ln p is a χ² with two degrees of freedom for each.
+    """
     if not p:
         return None
     if len(p) == 1 or 0 in p:
@@ -259,7 +271,7 @@ def _combined(p: list[float]) -> float | None:
     return math.exp(-half) * sum(half**k / math.factorial(k) for k in range(len(p)))
 
 
-# SciPy takes half a second to load, so that only those wait for it who need it.
+# SciPy takes half a second to load, so it is imported only if needed.
 def _above_chi2(dof: int, chi2: float) -> float:
     from scipy.special import gammaincc
 

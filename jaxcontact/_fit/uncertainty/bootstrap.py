@@ -34,7 +34,7 @@ class Bootstrap:
         return dict(zip(self.names, spread.tolist(), strict=True))
 
     def interval(self, level: float = 0.95) -> dict[str, tuple[float, float]]:
-        """The percentile interval of each parameter."""
+        """Return the percentile interval of each parameter."""
         level = require_number("level", level, FRACTION)
         part = np.array([1 - level, 1 + level]) / 2
         ends = np.quantile(self.values[self.converged], part, axis=0)
@@ -53,8 +53,9 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
     """Fit data simulated from this fit: its prediction plus normal noise of its size.
 
     Returns a `Bootstrap`: parameters (draws, k), their spread and percentile intervals. Draws that
-    did not converge are flagged and left out. Raises ValueError where the size of the noise is
-    unknown, or this fit did not converge.
+    did not converge are flagged and left out. Raises ValueError if the size of the noise is
+    unknown, or if this fit did not converge.
+
     Source: Efron & Tibshirani (1993), doi 10.1201/9780429246593.
     """
     draws = require_count("draws", draws, 2)
@@ -72,7 +73,7 @@ def bootstrap(fit: FitData, draws: int = 200, *, seed: int = 0) -> Bootstrap:
             noise = noise * np.sqrt(fit.noise)
         else:
             size, root = fit.shared
-            # Another key: the same one would draw the same numbers again.
+            # A new key: the same one would draw the same numbers again.
             key = jax.random.fold_in(jax.random.key(seed), 1)
             shared = jax.random.normal(key, (draws, root.shape[1])) @ root.T
             used = np.flatnonzero(fit.problem.factor)

@@ -20,26 +20,29 @@ _MET = 1e-3
 """Relative error of a deviation at the end of an interval: a thousandth of a standard error."""
 
 _STRIDE = 2.0
-"""A probe goes at most so many times as far as the last one."""
+"""Largest ratio of the distance of a probe to that of the last one."""
 
 _FAR = 40.0
-"""A logarithm or logit this far away is its bound, or beyond all data."""
+"""Distance of a logarithm or logit that is its bound, or beyond all data."""
 
 _FREE_FAR = 1e6
-"""So many standard errors of a number without a unit are beyond all data."""
+"""Distance in standard errors of a number without a unit that is beyond all data."""
 
 
 def interval(fit: FitData, level: float = 0.95) -> dict[str, tuple[float, float]]:
-    """The confidence interval (low, high) of each parameter, by its profile likelihood.
+    """Return the confidence interval (low, high) of each parameter, by its profile likelihood.
 
-    An end is where 2 (loss - best)/s², with the other parameters fitted anew, is the square of
-    the quantile: of a normal where `sigma` was given, else of Student's t with `dof`. No end lies
-    beyond a bound; where the data do not limit a parameter, it is the bound, which may be infinite.
-    With `groups`, whose correlation no likelihood knows, the interval is that of the sandwich in
-    the logarithm or logit of the parameter, with Student's t for the number of groups less one. An
-    end that was not found, since fits of the others did not converge, is NaN.
+    At an end, 2 (loss - best)/s², with the other parameters refitted, is the square of the
+    quantile. It is that of a normal distribution if `sigma` was given, otherwise of Student's t
+    with `dof`. No end lies beyond a bound. If the data do not limit a parameter, the end is the
+    bound, which may be infinite.
+
+    With `groups`, the likelihood cannot include the correlation. The interval is then that of the
+    sandwich in the logarithm or logit of the parameter, with Student's t for the number of groups
+    less one. An end is NaN if it was not found because fits of the others did not converge.
 
     Raises ValueError for a level outside (0, 1), and for a fit that did not converge.
+
     Source: Bates & Watts (1988), doi 10.1002/9780470316757, ch. 6.
     """
     level = require_number("level", level, FRACTION)
@@ -68,12 +71,14 @@ def interval(fit: FitData, level: float = 0.95) -> dict[str, tuple[float, float]
 def confidence_band(
     fit: FitData, x: Any = None, *, level: float = 0.95
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The band low, high (n,) that holds the true curve, at each place with the given probability.
+    """Return the band low, high (n,) that holds the true curve, pointwise with probability `level`.
 
-    Prediction ± q √(g Cov gᵀ) with g = d prediction/dp and q the quantile of a normal where `sigma`
-    was given, else of Student's t with `dof` (with groups, for their number less one). `x` as in
-    `predict`; several columns one after another. Raises ValueError for a level outside (0, 1), and
-    for a fit that did not converge. Source: Seber & Wild (1989), doi 10.1002/0471725315, ch. 5.
+    The band is the prediction ± q √(g Cov gᵀ) with g = d prediction/dp. q is the quantile of a
+    normal distribution if `sigma` was given, otherwise of Student's t with `dof` (with groups, for
+    their number less one). `x` as in `predict`; several columns follow each other. Raises
+    ValueError for a level outside (0, 1), and for a fit that did not converge.
+
+    Source: Seber & Wild (1989), doi 10.1002/0471725315, ch. 5.
     """
     level = require_number("level", level, FRACTION)
     _require_converged(fit, "bands")
@@ -85,11 +90,11 @@ def confidence_band(
 def prediction_band(
     fit: FitData, x: Any = None, *, level: float = 0.95, sigma: Any = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The band low, high (n,) that holds a new reading, at each place with the given probability.
+    """Return the band low, high (n,) that holds a new reading, pointwise with probability `level`.
 
     As `confidence_band`, with the scatter of a reading: q √(g Cov gᵀ + σ²). `sigma` is the standard
-    deviation of the new readings, one number or one for each; by default that of the data, and the
-    median of their column where `x` is given and they differ. Raises ValueError as
+    deviation of the new readings, one number or one for each. By default it is that of the data, or
+    the median of their column if `x` is given and they differ. Raises ValueError as
     `confidence_band` does, and for a `sigma` that is not positive or has another shape.
     """
     level = require_number("level", level, FRACTION)
@@ -112,7 +117,7 @@ def prediction_band(
 
 
 def scatter(fit: FitData) -> np.ndarray:
-    """The standard deviation of each reading (n,); NaN for one without weight."""
+    """Return the standard deviation of each reading (n,); NaN for one without weight."""
     factor = np.asarray(fit.problem.factor)
     used = factor > 0
     return np.where(used, np.sqrt(fit.noise) / np.where(used, factor, 1), np.nan)
@@ -124,7 +129,7 @@ def _require_converged(fit: FitData, what: str) -> None:
 
 
 def _quantile(fit: FitData, level: float) -> float:
-    """What a standard error is multiplied by; NaN without a degree of freedom."""
+    """Return the factor of a standard error; NaN without a degree of freedom."""
     if fit.by_group and fit.groups is not None:
         used = np.asarray(fit.problem.factor) > 0
         return quantile_of(False, len(np.unique(fit.groups[used])) - 1, level)
@@ -132,24 +137,24 @@ def _quantile(fit: FitData, level: float) -> float:
 
 
 def _values(fit: FitData, theta: np.ndarray) -> np.ndarray:
-    """The parameters at free coordinates (rows, k)."""
+    """Return the parameters at free coordinates (rows, k)."""
     with jax.enable_x64(True):
         return np.asarray(jax.vmap(fit.problem.space.values)(jnp.asarray(theta)))
 
 
 def _outwards(fit: FitData, i: int, sign: int) -> bool:
-    """Whether a parameter at its bound would leave it to this side."""
+    """Return whether this side of a parameter at its bound lies outside the bound."""
     space = fit.problem.space
     above = space.bounded_above[i] and fit.theta[i] > 0
     return (sign > 0) == above
 
 
 class _Ray(NamedTuple):
-    """The ways (lanes,) of parameters `at` to one `side`, -1 or 1, from the best fit.
+    """Searches (lanes,) for interval ends of parameters `at` to one `side`, -1 or 1.
 
-    A distance along a ray is one of the parameter's free coordinate; `drift` (lanes, k) is what the
-    others do with it to first order. `stride` is the distance at which the end is expected, `limit`
-    one beyond which is the `bound`.
+    A distance along a ray is one of the parameter's free coordinate. `drift` (lanes, k) is the
+    accompanying change of the others, to first order. `stride` is the distance at which the end is
+    expected; beyond `limit` the end is the `bound`.
     """
 
     at: np.ndarray
@@ -164,7 +169,7 @@ def _rays(fit: FitData, lanes: np.ndarray, error: np.ndarray, quantile: float) -
     space = fit.problem.space
     at, side = lanes[:, 0], lanes[:, 1].astype(float)
     known = np.isfinite(error[at])
-    # From its bound, which is far out, a parameter first goes back to the middle.
+    # From its bound, which is far out, a parameter first returns to the middle.
     stride = np.where(known, quantile * np.where(known, error[at], 1), np.abs(fit.theta[at]))
     limit = np.where(space.has_unit[at], np.maximum(_FAR, 2 * stride), _FREE_FAR * stride)
     limit = np.where(known, limit, 2 * stride)
@@ -178,7 +183,7 @@ def _rays(fit: FitData, lanes: np.ndarray, error: np.ndarray, quantile: float) -
 
 
 def _ends(fit: FitData, lanes: np.ndarray, error: np.ndarray, quantile: float) -> np.ndarray:
-    """Where the deviation of a parameter is the quantile, for lanes of (parameter, side)."""
+    """Return where the deviation of a parameter is the quantile, for lanes (parameter, side)."""
     ray = _rays(fit, lanes, error, quantile)
     rows = np.arange(ray.at.size), ray.at
     inside, inner = np.zeros(ray.at.size), np.zeros(ray.at.size)
@@ -195,7 +200,7 @@ def _ends(fit: FitData, lanes: np.ndarray, error: np.ndarray, quantile: float) -
         done |= met | beyond
         if done.all():
             break
-        # A probe without an answer is as good as one that went too far.
+        # A failed probe counts as one that went too far.
         inside, inner = np.where(below, [probe, deviation], [inside, inner])
         outside, outer = np.where(below, [outside, outer], [probe, deviation])
         probe = np.minimum(_between(inside, inner, outside, outer, quantile), ray.limit)
@@ -205,14 +210,14 @@ def _ends(fit: FitData, lanes: np.ndarray, error: np.ndarray, quantile: float) -
 def _between(
     inside: np.ndarray, inner: np.ndarray, outside: np.ndarray, outer: np.ndarray, quantile: float
 ) -> np.ndarray:
-    """The next probe: deviations are nearly linear in a free coordinate."""
+    """Return the next probe: deviations are nearly linear in a free coordinate."""
     with np.errstate(invalid="ignore", divide="ignore"):
         onwards = inside * np.clip(quantile / inner, 1.1, _STRIDE)
         met = inside + (outside - inside) * (quantile - inner) / (outer - inner)
-        # A little away from both, so that neither stays for ever.
+        # Keep some distance from both, so that both converge.
         aside = _ASIDE * (outside - inside)
         met = np.clip(met, inside + aside, outside - aside)
         half = (inside + outside) / 2
-    # On the way back from a bound, where a deviation rises like an exponential.
+    # Returning from a bound, where a deviation rises exponentially.
     near = np.isfinite(met) & (inner > _NEAR * quantile) & (outer < quantile / _NEAR)
     return np.where(near, met, np.where(np.isfinite(outside), half, onwards))

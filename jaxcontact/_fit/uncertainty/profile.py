@@ -35,7 +35,7 @@ class Profile:
     """The lowest loss (points,) with one parameter held at each of `values` (points,).
 
     `deviation` (points,) is ±√(2 (loss - best)/s²), which is a straight line through the best value
-    where the normal approximation holds; s² is the variance of the standardised residuals. Points
+    where the normal approximation holds. s² is the variance of the standardised residuals. Points
     whose fit of the other parameters did not converge are NaN.
     """
 
@@ -48,11 +48,11 @@ class Profile:
     absolute: bool
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Where the deviation is that of a normal, or of Student's t with `dof`, at the level.
+        """Return where the deviation is the quantile of a normal distribution, or of Student's t.
 
-        An end beyond the profiled values is infinite.
+        Student's t has `dof` degrees of freedom. An end beyond the profiled values is infinite.
         """
-        # Interpolation brings half of SciPy with it, for which no other user should wait.
+        # Imported here, since interpolation loads half of SciPy.
         from scipy.interpolate import PchipInterpolator
 
         wanted = self.quantile(level)
@@ -64,7 +64,7 @@ class Profile:
         return (-np.inf if np.isnan(low) else low, np.inf if np.isnan(high) else high)
 
     def quantile(self, level: float) -> float:
-        """The deviation at the ends of an interval."""
+        """Return the deviation at the ends of an interval."""
         return quantile_of(self.absolute, self.dof, require_number("level", level, FRACTION))
 
     def __repr__(self) -> str:
@@ -73,7 +73,10 @@ class Profile:
 
 
 def quantile_of(absolute: bool, dof: int, level: float) -> float:
-    """Of a normal where the noise is known, else of Student's t; NaN without degrees of freedom."""
+    """Return the quantile of a normal distribution for known noise, otherwise of Student's t.
+
+    It is NaN without degrees of freedom.
+    """
     tail = (1 + level) / 2
     if absolute:
         return statistics.NormalDist().inv_cdf(tail)
@@ -86,12 +89,14 @@ def quantile_of(absolute: bool, dof: int, level: float) -> float:
 def profile(
     fit: FitData, name: str, values: ArrayLike | None = None, *, points: int = 41, span: float = 4.0
 ) -> Profile:
-    """The profile likelihood of one parameter: the lowest loss with it held at each value.
+    """Return the profile likelihood of one parameter: the lowest loss with it held at each value.
 
     By default `points` values over `span` standard errors to both sides, inside the bounds. Returns
     a `Profile`, whose `interval(level)` needs no normal approximation. Raises ValueError for an
-    unknown name, one without a standard error if no values are given, and a fit that did not
-    converge. Source: Venzon & Moolgavkar (1988), doi 10.2307/2347496.
+    unknown name, for one without a standard error if no values are given, and for a fit that did
+    not converge.
+
+    Source: Venzon & Moolgavkar (1988), doi 10.2307/2347496.
     """
     require_choice("name", name, fit.names)
     points = require_count("points", points, 2)
@@ -126,16 +131,16 @@ def profile(
 def held_at(
     fit: FitData, held: Float[np.ndarray, "lanes k"], starts: Float[np.ndarray, "lanes k"]
 ) -> tuple[Float[np.ndarray, " lanes"], Float[np.ndarray, " lanes"]]:
-    """√(2 (loss - best)/s²) and the lowest loss with some numbers `held`, NaN where they are free.
+    """Return √(2 (loss - best)/s²) and the lowest loss with some numbers `held` (NaN: free).
 
-    Both are NaN where the fit of the others did not converge.
+    Both are NaN if the fit of the others did not converge.
     """
-    loss, converged, step = _refitted(fit, held, starts)
+    loss, converged, step = _refit(fit, held, starts)
     out = creeping(fit.problem.space, step) & np.isnan(held) & ~converged[:, None]
     if out.any():
         bound = np.where(step > 0, fit.problem.space.high, fit.problem.space.low)
-        there, met, _ = _refitted(fit, np.where(out, bound, held), starts)
-        # Lanes from which nothing creeps are the same again.
+        there, met, _ = _refit(fit, np.where(out, bound, held), starts)
+        # Lanes without a creeping coordinate are unchanged.
         better = met & (there <= loss)
         loss, converged = np.where(better, there, loss), better | converged
     loss = np.where(converged, loss, np.nan)
@@ -145,13 +150,13 @@ def held_at(
     if threshold is not None:
         unit *= float(np.mean(np.abs(fit.z) <= float(threshold)))
     if fit.wider is not None:
-        # A lane holds the one parameter of which it is the profile.
+        # A lane holds the one parameter that it profiles.
         unit = unit * fit.wider[np.argmax(~np.isnan(held), axis=1)]
     with np.errstate(invalid="ignore"):
         return np.sqrt(2 * np.maximum(loss - fit.loss, 0) / unit), loss
 
 
-def _refitted(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
+def _refit(fit: FitData, held: np.ndarray, starts: np.ndarray) -> tuple[np.ndarray, ...]:
     with jax.enable_x64(True), jax.numpy_dtype_promotion("standard"):
         options = Options(jnp.asarray(fit.rtol), max_steps=_STEPS)
         found = _held(fit.problem, jnp.asarray(held), jnp.asarray(starts), options)
@@ -165,7 +170,7 @@ def _held(
     starts: Float[Array, "lanes k"],
     options: Options,
 ) -> tuple[Float[Array, " lanes"], Bool[Array, " lanes"], Float[Array, "lanes k"]]:
-    """The losses, which of them have converged, and the steps that are left."""
+    """Return the losses, which of them have converged, and the remaining steps."""
 
     def one(held: Float[Array, " k"], start: Float[Array, " k"]) -> tuple[Array, Array, Array]:
         found = found_from(eqx.tree_at(lambda p: p.space.held, problem, held), start, options)

@@ -1,4 +1,4 @@
-"""Whether residuals follow the order of their points: statistics that noise alone knows too."""
+"""Statistics of whether residuals follow the order of their points, and their null distribution."""
 
 from __future__ import annotations
 
@@ -10,38 +10,44 @@ import numpy as np
 from jaxtyping import Float, Int
 
 DRAWS = 1999
-"""Of simulated noise; a probability cannot come out below one in `DRAWS + 1`."""
+"""Draws of simulated noise; a probability cannot be below one in `DRAWS + 1`."""
 
 _CLOSE, _MORE = (0.03, 0.08), 8000
-"""Between these probabilities so many draws more: `DRAWS` alone would leave 0.5 % of 5 % to chance,
-the same chance in every fit.
+"""Range of probabilities that need more draws, and their number.
+
+`DRAWS` alone would leave an error of 0.5 % in 5 %, the same in every fit.
 """
 
 _NUMBERS = 4_000_000
-"""That are held at once while noise is simulated."""
+"""Numbers held at once while noise is simulated."""
 
 _ORDERS = 2, 4
-"""Numbers of slow waves for which a share of the residuals is asked: two for what bends once or
-twice, four for what turns back within the data, too."""
+"""Numbers of slow waves in the statistics.
+
+Two detect misfits that bend once or twice, four also those that turn back within the data.
+"""
 
 _NEW = 0.1
-"""Of a wave what the model and slower waves must leave, for it to count as another: a curve that
-the model almost describes is the first that it fails to describe."""
+"""Part of a wave that the model and slower waves must leave for it to count.
+
+A curve that the model almost describes is the first that it fails to describe.
+"""
 
 _LEAST = 2
 """Degrees of freedom that a statistic must leave to the noise."""
 
 _ROUNDING = 1e-9
-"""Of a statistic or a sum of squares, relative."""
+"""Relative rounding of a statistic or a sum of squares."""
 
 _REPLICATED = 4
-"""Degrees of freedom between points of one place from which their scatter is told."""
+"""Least degrees of freedom between repeated points for an estimate of their scatter."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Column:
-    """Points that were measured along one variable: their indices in its order, and which of them
-    share a value of it.
+    """Points measured along one variable: their indices in its order, and shared values.
+
+    `level` is equal for points that share a value of the variable.
     """
 
     order: Int[np.ndarray, " m"]
@@ -50,7 +56,7 @@ class Column:
 
 @dataclasses.dataclass(frozen=True)
 class _Places:
-    """Points of a column whose places are one after another, and where each place starts."""
+    """Points of a column in the order of their places, and where each place starts."""
 
     order: Int[np.ndarray, " m"]
     start: Int[np.ndarray, " places"]
@@ -62,17 +68,17 @@ class _Places:
         return _Places(column.order, start, factor[column.order])
 
     def between(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, " draws"]:
-        """The sum of squares of what is the same for all points of a place."""
+        """Return the sum of squares of the part common to all points of a place."""
         shared = np.add.reduceat(z[:, self.order] * self.factor, self.start, axis=1)
         return np.sum(shared**2 / np.add.reduceat(self.factor**2, self.start), axis=1)
 
 
 class Statistics:
-    """What grows where residuals (draws, n) follow their order, whatever their size.
+    """Scale-free statistics that grow if residuals (draws, n) follow their order.
 
-    Shares of slow waves, F = (Σ_waves (zᵀq)²/m)/(rest/(ν-m)); the correlation of neighbours,
-    Σ_l w_l Σ_i z_i z_(i+l) / Σ z²; and, where points were repeated, the scatter between places over
-    that within.
+    They are shares of slow waves, F = (Σ_waves (zᵀq)²/m)/(rest/(ν-m)); the correlation of
+    neighbours, Σ_l w_l Σ_i z_i z_(i+l) / Σ z²; and, for repeated points, the scatter between places
+    over that within.
     """
 
     def __init__(
@@ -103,9 +109,9 @@ class Statistics:
         return np.stack(found)
 
     def lack_of_fit(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, " draws"]:
-        """The scatter between places over that within, each per degree of freedom.
+        """Return the scatter between places over that within, each per degree of freedom.
 
-        0 where repeated points are the same to rounding, which tells nothing of their noise.
+        It is 0 if repeated points are the same to rounding, which does not determine their noise.
         """
         total = np.sum(z**2, axis=1)
         between = sum(places.between(z) for places in self._places)
@@ -120,7 +126,7 @@ class Statistics:
         return (waves / m) / ((total - waves) / (self._dof - m))
 
     def _sizes(self, z: Float[np.ndarray, "draws n"]) -> Float[np.ndarray, "draws n"]:
-        """Root mean squares, of each column by itself: instruments differ in their noise."""
+        """Return root mean squares, by column, because instruments differ in their noise."""
         sizes = np.ones_like(z)
         for c in self._columns:
             size = np.sqrt(np.mean(z[:, c.order] ** 2, axis=1, keepdims=True))
@@ -131,9 +137,9 @@ class Statistics:
 def _slow_waves(
     columns: Sequence[Column], model: Float[np.ndarray, "n k"], count: int
 ) -> Float[np.ndarray, "n m"] | None:
-    """The slowest waves along each column that the model does not describe, orthonormal.
+    """Return the slowest waves along each column that the model does not describe, orthonormal.
 
-    None where that many do not exist.
+    Returns None if that many do not exist.
     """
     n, k = model.shape
     found: list[np.ndarray] = []
@@ -159,8 +165,10 @@ def _slow_waves(
 def share_left(
     columns: Sequence[Column], model: Float[np.ndarray, "n k"], more: Float[np.ndarray, "n m"]
 ) -> float:
-    """Of the slowest waves that the model does not describe, the mean part that `more` (which
-    holds the model) does not describe either; 0 where there are no such waves.
+    """Return the mean part of the slowest waves that neither the model nor `more` describes.
+
+    The waves are those that the model does not describe, and `more` includes the model. The result
+    is 0 without such waves.
     """
     waves = _slow_waves(columns, model, _ORDERS[0])
     if waves is None:
@@ -169,7 +177,7 @@ def share_left(
 
 
 def _of_neighbours(z: Float[np.ndarray, "draws m"]) -> Float[np.ndarray, " draws"]:
-    """Products of neighbours, next ones with the largest weight, over about half of √m of them."""
+    """Return weighted products of neighbours up to about √m/2 apart; the nearest weigh most."""
     m = z.shape[1]
     far = max(1, min(round(math.sqrt(m) / 2), m - 1))
     return sum(
@@ -184,14 +192,16 @@ def chance(
     model: Float[np.ndarray, "n k"],
     noise: Callable[[int], Float[np.ndarray, "draws n"]],
 ) -> float:
-    """The probability that noise alone shows as much structure as z: of the smallest of the
-    probabilities of all statistics, by what the fit leaves of `noise(draws)`.
+    """Return the probability that noise alone shows as much structure as z.
+
+    It is that of the smallest of the probabilities of all statistics, from residuals of fits to
+    `noise(draws)`.
     """
     every = [statistics(z[None, :])]
     p = 0.0
     for draws in (DRAWS, _MORE):
         every += [statistics(part) for part in _left(model, noise, draws)]
-        # What was measured is one of the draws, if the model is right: all are ranked alike.
+        # If the model is right, the measurement is one of the draws: all are ranked alike.
         least = _rank(np.concatenate(every, axis=1)).min(axis=0)
         p = float(np.mean(least <= least[0]))
         if not _CLOSE[0] < p < _CLOSE[1]:
@@ -202,7 +212,7 @@ def chance(
 def _left(
     model: Float[np.ndarray, "n k"], noise: Callable[[int], np.ndarray], count: int
 ) -> Iterator[np.ndarray]:
-    """What the fit leaves of noise, some draws at a time."""
+    """Yield the residuals of fits to noise, some draws at a time."""
     done, at_once = 0, max(1, _NUMBERS // len(model))
     while done < count:
         draws = noise(min(at_once, count - done))
@@ -211,8 +221,8 @@ def _left(
 
 
 def _rank(values: Float[np.ndarray, "kinds draws"]) -> Float[np.ndarray, "kinds draws"]:
-    """Of each statistic the share of draws that are as large, but for rounding."""
-    # Drawn signs repeat the residuals themselves, and leave some statistics as they are.
+    """Return for each statistic the share of draws that are as large, up to rounding."""
+    # Drawn signs may repeat the residuals themselves, and leave some statistics unchanged.
     least = values - _ROUNDING * np.abs(values)
     below = [np.searchsorted(np.sort(row), one) for row, one in zip(values, least, strict=True)]
     return 1 - np.stack(below) / values.shape[1]

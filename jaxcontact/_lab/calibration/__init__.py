@@ -1,1 +1,1 @@
-"""Calibration of a recording: the fits, their summary, its words and its file."""
+"""Calibration of a recording: fits, summary, reports and file."""

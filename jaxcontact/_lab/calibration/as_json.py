@@ -1,4 +1,4 @@
-"""Plain dataclasses as JSON and back: strict, and with every number to its last bit."""
+"""JSON encoding of plain dataclasses: strict, every float exact to its last bit."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ..._laws import AbstractLaw, describe, get_law, list_laws, parameters_of
 
 
 class FormatError(ValueError):
-    """A file whose content does not have the format; the message names the field."""
+    """A file whose content does not match the format; the message names the field."""
 
 
 def dumps(value: Any, version: int) -> str:
-    """A dataclass as JSON text; ValueError for a number that is not finite where one is needed."""
-    whole = {"format_version": version, **_encoded(value, type(value), "")}
+    """Return a dataclass as JSON text; raise ValueError for a non-finite number."""
+    whole = {"format_version": version, **_encode(value, type(value), "")}
     return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def loads(text: str, cls: type[Any], version: int) -> Any:
-    """The dataclass in JSON text; FormatError names whatever does not match it."""
+    """Return the dataclass encoded in JSON text; raise FormatError for fields that differ."""
     try:
         data = json.loads(text, parse_constant=lambda name: _refuse("", f"holds {name}"))
     except json.JSONDecodeError as error:
@@ -33,15 +33,15 @@ def loads(text: str, cls: type[Any], version: int) -> Any:
         raise FormatError("format_version is missing")
     if data.pop("format_version") != version:
         raise FormatError(f"format_version must be {version}")
-    return _decoded(data, cls, "")
+    return _decode(data, cls, "")
 
 
 def _refuse(where: str, what: str) -> typing.NoReturn:
     raise FormatError(f"{where.lstrip('.') or 'the file'} {what}")
 
 
-def _needed(hint: Any, value: Any) -> Any:
-    """The type that a value must have: of `X | None`, None for None and X for all else."""
+def _required_type(hint: Any, value: Any) -> Any:
+    """Return the required type of a value; for `X | None` and the value None, NoneType."""
     choices = typing.get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
     if value is None and types.NoneType in choices:
         return types.NoneType
@@ -53,20 +53,20 @@ def _hints(cls: Any) -> dict[str, Any]:
     return {field.name: hints[field.name] for field in dataclasses.fields(cls)}
 
 
-def _encoded(value: Any, hint: Any, where: str) -> Any:
-    hint = _needed(hint, value)
+def _encode(value: Any, hint: Any, where: str) -> Any:
+    hint = _required_type(hint, value)
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin is tuple:
-        return [_encoded(v, inner[0], f"{where}[{i}]") for i, v in enumerate(value)]
+        return [_encode(v, inner[0], f"{where}[{i}]") for i, v in enumerate(value)]
     if origin is dict:
-        return {name: _encoded(v, inner[1], f"{where}.{name}") for name, v in value.items()}
+        return {name: _encode(v, inner[1], f"{where}.{name}") for name, v in value.items()}
     if hint is AbstractLaw:
         return _law_numbers(value)
     if hint is Contact:
         return {name: float(getattr(value, name)) for name in _CONTACT}
     if dataclasses.is_dataclass(hint):
         return {
-            name: _encoded(getattr(value, name), own, f"{where}.{name}")
+            name: _encode(getattr(value, name), own, f"{where}.{name}")
             for name, own in _hints(hint).items()
         }
     if hint is types.NoneType:
@@ -76,26 +76,26 @@ def _encoded(value: Any, hint: Any, where: str) -> Any:
     return hint(value)
 
 
-def _decoded(value: Any, hint: Any, where: str) -> Any:
-    hint = _needed(hint, value)
+def _decode(value: Any, hint: Any, where: str) -> Any:
+    hint = _required_type(hint, value)
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin is tuple:
         _expect(value, list, "a list", where)
-        return tuple(_decoded(v, inner[0], f"{where}[{i}]") for i, v in enumerate(value))
+        return tuple(_decode(v, inner[0], f"{where}[{i}]") for i, v in enumerate(value))
     if origin is dict:
         _expect(value, dict, "an object", where)
-        return {name: _decoded(v, inner[1], f"{where}.{name}") for name, v in value.items()}
+        return {name: _decode(v, inner[1], f"{where}.{name}") for name, v in value.items()}
     if hint is AbstractLaw:
         return _law_of(value, where)
     if hint is Contact:
-        _fields(value, _CONTACT, where)
-        numbers = {name: _decoded(value[name], float, f"{where}.{name}") for name in _CONTACT}
-        return _made(lambda: Contact(**numbers), where)
+        _check_fields(value, _CONTACT, where)
+        numbers = {name: _decode(value[name], float, f"{where}.{name}") for name in _CONTACT}
+        return _construct(lambda: Contact(**numbers), where)
     if dataclasses.is_dataclass(hint):
         hints = _hints(hint)
-        _fields(value, hints, where)
-        numbers = {n: _decoded(value[n], own, f"{where}.{n}") for n, own in hints.items()}
-        return _made(lambda: hint(**numbers), where)  # pyright: ignore[reportCallIssue]
+        _check_fields(value, hints, where)
+        numbers = {n: _decode(value[n], own, f"{where}.{n}") for n, own in hints.items()}
+        return _construct(lambda: hint(**numbers), where)  # pyright: ignore[reportCallIssue]
     if hint is float:
         if isinstance(value, bool) or not isinstance(value, int | float):
             _refuse(where, f"must be a number, but is {value!r}")
@@ -113,7 +113,7 @@ def _expect(value: Any, kind: type, name: str, where: str) -> None:
         _refuse(where, f"must be {name}, but is {value!r}")
 
 
-def _fields(value: Any, wanted: Any, where: str) -> None:
+def _check_fields(value: Any, wanted: Any, where: str) -> None:
     _expect(value, dict, "an object", where)
     for name in value:
         if name not in wanted:
@@ -133,18 +133,18 @@ def _law_numbers(law: AbstractLaw) -> dict[str, Any]:
 
 
 def _law_of(value: Any, where: str) -> AbstractLaw:
-    _fields(value, ("name", "parameters", "tension"), where)
+    _check_fields(value, ("name", "parameters", "tension"), where)
     name, tension = value["name"], value["tension"]
     if name not in list_laws():
         _refuse(f"{where}.name", f"must be one of {', '.join(list_laws())}, but is {name!r}")
     _expect(tension, bool, "true or false", f"{where}.tension")
     given, wanted = value["parameters"], parameters_of(name)
-    _fields(given, wanted, f"{where}.parameters")
-    numbers = {p: _decoded(given[p], float, f"{where}.parameters.{p}") for p in wanted}
-    return _made(lambda: get_law(name, **numbers, tension=tension), where)
+    _check_fields(given, wanted, f"{where}.parameters")
+    numbers = {p: _decode(given[p], float, f"{where}.parameters.{p}") for p in wanted}
+    return _construct(lambda: get_law(name, **numbers, tension=tension), where)
 
 
-def _made(make: typing.Callable[[], Any], where: str) -> Any:
+def _construct(make: typing.Callable[[], Any], where: str) -> Any:
     try:
         return make()
     except ValueError as error:

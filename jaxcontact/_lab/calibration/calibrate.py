@@ -1,4 +1,4 @@
-"""Calibration: which constant e, or which speed-dependent law, a recording of bounces supports."""
+"""Calibration: the constant e or the speed-dependent law that a recording of bounces supports."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ _PACKAGES = ("jaxcontact", "jax", "optimistix", "numpy")
 
 @dataclasses.dataclass(frozen=True)
 class Calibration:
-    """What a recording says about laws; prints its verdict, and `report()` says everything.
+    """Result of `calibrate`; prints its verdict, and `report()` gives the full text.
 
-    `pairs` (speed, e) of the recording, `outliers` which of them the robust rule marked, and
-    `noise`, the scatter of the others; `choice`, the laws fitted without the marked pairs, and
-    `with_marked`, with them; `summary`, all of it as plain data, which `save` writes; `impacts`,
-    the fits of the impacts in a record of an instrument.
+    `pairs` are the pairs (speed, e) of the recording. `outliers` marks pairs by the robust rule,
+    and `noise` is the scatter of the others. `choice` holds the laws fitted without the marked
+    pairs, `with_marked` those fitted with them. `summary` is all of it as plain data, which `save`
+    writes. `impacts` are the fits of the impacts in an instrument record.
     """
 
     pairs: RecordedPairs
@@ -57,7 +57,7 @@ class Calibration:
 
     @property
     def law(self) -> AbstractLaw | None:
-        """The law asked for, or the best one, with its fitted parameters; None if none converged.
+        """The law asked for, or the best one, with its fitted parameters; None if no fit converged.
 
         `impact(law, contact, v)` gives the fitted e.
         """
@@ -65,47 +65,49 @@ class Calibration:
 
     @property
     def contact(self) -> Contact:
-        """The contact of `law`: the given mass and stiffness, and 1 for what was not given."""
+        """The contact of `law`; mass or stiffness is 1 if it was not given or fitted."""
         return self.summary.contact
 
     @property
     def standard_errors(self) -> dict[str, float | None]:
-        """The standard errors of the law's parameters; None where they are not identifiable."""
+        """Standard errors of the law's parameters; None for those that are not identifiable."""
         return self.summary.standard_errors
 
     @property
     def converged(self) -> bool:
-        """Whether every fit converged."""
+        """True if every fit converged."""
         return self.summary.converged
 
     def table(self) -> str:
-        """The kinds of laws with their parameters and criteria, as text; lower is better."""
+        """Return the kinds of laws with their parameters and criteria as text; lower is better."""
         return self.choice.table()
 
     def report(self) -> str:
-        """Everything in words, the verdict first: what `print` shows, then data, marked pairs,
-        fits, their comparison, and what stays open.
+        """Return the full report, verdict first.
+
+        It has what `print` shows, then data, marked pairs, fits, their comparison, and open
+        questions.
         """
         return self.summary.report()
 
     def __export__(
         self, contact: Contact | None
     ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
-        """The law, the contact, and closing speeds in m/s over the measured range, for `export`.
+        """Return law, contact and closing speeds in m/s over the measured range, for `export`.
 
-        Raises ValueError where no fit converged, and where mass or stiffness is not known.
+        Raises ValueError if no fit converged, or if mass or stiffness is unknown.
         """
         return self.summary.__export__(contact)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write `summary` to a JSON file, whole or not at all; `load_calibration` reads it.
+        """Write `summary` to a JSON file, completely or not at all; `load_calibration` reads it.
 
-        Raises OSError where that fails.
+        Raises OSError if writing fails.
         """
         save(self.summary, path)
 
     def to_json(self) -> str:
-        """The text that `save` writes."""
+        """Return the text that `save` writes."""
         return to_json(self.summary)
 
     def __repr__(self) -> str:
@@ -127,27 +129,29 @@ def calibrate(
     """Fit a constant e and speed-dependent laws to a recording of bounces, and compare them.
 
     Minimises Σ ((ln e_k - ln e(v_k))/σ_k)² over the parameters of each kind of law (see
-    `choose_law`). Pairs marked by a robust rule (spurious and missed triggers) are left out; the
-    same fits with them are made, too. σ_k combines the scatter of the bounce and the reading error
-    of that interval or height, both estimated from the pairs; their common scale is fitted.
-    Standard errors and comparisons allow for correlation inside a trial.
+    `choose_law`). Pairs marked by a robust rule (spurious and missed triggers) are left out. The
+    same fits are repeated with them. σ_k combines the scatter of the bounce with the reading error
+    of that interval or height. Both are estimated from the pairs, and their common scale is fitted.
+    Standard errors and comparisons allow for correlation within a trial.
 
-    Arguments: `recording`, see `read_recording`; `law`, "all", the name of a speed-dependent law,
-    which is compared with a constant e, or the name of a law with parameter e, which then delivers
-    the constant e; `drag` to correct the flights for the drag of the air; `mass` in kg and
-    `stiffness` in N/m^(3/2) of the contact, from which c and A follow; `exponent` n of the force
-    of a record, by default 3/2 of spheres; `gravity` in m/s²; `at`, closing speeds in m/s at
-    which to say e, beside the slowest and the fastest one measured;
-    `progress`, True to show the stages on stderr, or a function that is called with each.
+    Arguments: `recording`, see `read_recording`. `law`: "all"; or the name of a speed-dependent
+    law, which is compared with a constant e; or the name of a law with parameter e, which then
+    delivers the constant e. `drag` corrects the flights for air drag. `mass` in kg and `stiffness`
+    in N/m^(3/2) of the contact determine c and A. `exponent` n is that of the force in a record, by
+    default 3/2 (spheres). `gravity` is in m/s². `at`: closing speeds in m/s at which e is reported,
+    besides the slowest and the fastest measured one. `progress`: True to show the stages on stderr,
+    or a function that is called with each.
 
-    Impacts in a record of force, acceleration or indentation are fitted one by one with their time
-    of touch and zero, F = K δ^n (1 + α δ'/v₀), which with the `mass` gives speed, e and K of each
-    (m v₀ T = ∫ F (T - t) dt); laws are then fitted to all e and largest forces, and the stiffness
-    with them. Of fewer than four pairs e of each is told, and the constant e that is their mean.
+    Impacts in a record of force, acceleration or indentation are fitted one by one, with time of
+    touch and zero level: F = K δ^n (1 + α δ'/v₀). With the `mass` this gives speed, e and K of each
+    (m v₀ T = ∫ F (T - t) dt). Laws, and with them the stiffness, are then fitted to all e and
+    largest forces. With fewer than four pairs, the result is the e of each pair and the constant e
+    that is their mean.
 
-    Returns a `Calibration`. Computes in double precision whatever JAX is set to. Raises ValueError
-    for a recording without a pair and for arguments out of range.
-    Source: Burnham & Anderson (2002), doi 10.1007/b97636; the laws' own.
+    Returns a `Calibration`. Computes in double precision regardless of the JAX setting. Raises
+    ValueError for a recording without a pair and for arguments out of range.
+
+    Source: Burnham & Anderson (2002), doi 10.1007/b97636; the laws have their own sources.
     """
     require_kind("recording", recording, Recording, "a `Recording` (see `read_recording`)")
     n = exponent_of(recording, exponent)

@@ -1,4 +1,4 @@
-"""What fewer pairs than a law takes say: the e of each, their mean, and a stiffness if measured."""
+"""Results from fewer pairs than a law needs: e of each, their mean, and a stiffness if measured."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _UNKNOWN = "one pair does not tell its error"
 
 
 def none_marked(pairs: Pairs) -> Outliers:
-    """No pair marked: of so few nothing tells which is wrong."""
+    """Return outliers with no pair marked: with so few pairs a wrong one cannot be identified."""
     level = float(np.median(np.log(pairs.restitution)))
     nothing = np.zeros(len(pairs))
     noise = Noise(RELATIVE_FLOOR, 0.0)
@@ -35,9 +35,10 @@ def none_marked(pairs: Pairs) -> Outliers:
 
 
 def known_errors(pairs: Pairs, use: np.ndarray) -> tuple[Floats, Floats] | None:
-    """The inverse variances (n,) of ln e and the correlation (n, n) by known errors of readings.
+    """Return inverse variances (n,) of ln e and correlation (n, n) from known errors of readings.
 
-    None where they are not known, and where the pairs in `use` differ by more than these errors.
+    Returns None if the errors are unknown, or if the pairs in `use` differ by more than their
+    errors.
     """
     whole = pairs.covariance
     if whole is None:
@@ -62,10 +63,10 @@ def only_constant(
     *,
     known: bool,
 ) -> LawChoice:
-    """A constant e, the mean of the few pairs in `use`; with `others`, the stiffness, too.
+    """Fit a constant e, the mean of the few pairs in `use`; with `others`, the stiffness too.
 
-    Arguments as for `choose`; `weights` are the inverse variances of ln e, relative ones where they
-    are not `known`.
+    Arguments as for `choose`. `weights` are inverse variances of ln e; they are relative unless
+    `known`.
     """
     v, e = pairs.velocity[use], pairs.restitution[use]
     how: dict[str, object] = {"groups": None}

@@ -1,4 +1,4 @@
-"""Calibrations saved to and loaded from a file."""
+"""Saving calibrations to a file, and loading them."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from .as_json import FormatError, dumps, loads
 from .summary import CalibrationSummary
 
 VERSION = 5
-"""Of the file's format; raised whenever a field is added, removed or changes its meaning."""
+"""Version of the file format; raised when a field is added, removed or changes its meaning."""
 
 
 def to_json(summary: CalibrationSummary) -> str:
-    """A calibration as the text of a file; ValueError for a number that is not finite."""
+    """Return a calibration as file text; raise ValueError for a number that is not finite."""
     return dumps(summary, VERSION)
 
 
 def save(summary: CalibrationSummary, path: str | os.PathLike[str]) -> None:
-    """Write a calibration as JSON, whole or not at all; OSError where that fails."""
+    """Write a calibration as JSON, completely or not at all; raise OSError if that fails."""
     write_all({require_path("path", path): to_json(summary).encode()})
 
 
 def load_calibration(path: str | os.PathLike[str]) -> CalibrationSummary:
-    """The calibration that `Calibration.save` wrote, every number to its last bit.
+    """Load the calibration that `Calibration.save` wrote, every number to its last bit.
 
-    Returns a `CalibrationSummary`: `.law`, `.contact`, `.standard_errors`, `.choice` and all else
-    that was found, as plain data. Raises ValueError that names the file and the field for an
-    unknown format version, an unknown or missing field, an unknown law, a number that is missing or
-    not finite, and for what is no path; OSError for a file that cannot be read.
+    Returns a `CalibrationSummary` as plain data: `.law`, `.contact`, `.standard_errors`, `.choice`
+    and all other results. Raises ValueError, which names file and field, for an unknown format
+    version, an unknown or missing field, an unknown law, and a number that is missing or not
+    finite. Raises ValueError for an invalid path, and OSError for a file that cannot be read.
     """
     file = require_path("path", path)
     try:

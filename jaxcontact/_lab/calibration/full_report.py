@@ -1,4 +1,4 @@
-"""A calibration in words."""
+"""The full report of a calibration."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Row = tuple[str, ...]
 
 
 def noise_note(s: SummaryData) -> str:
-    """What a reduced chi² near 1 says; nothing where the noise is not that of the pairs."""
+    """Return what a reduced chi² near 1 means; "" if the noise was not estimated from the pairs."""
     if s.few:
         return ""
     if FROM_FILE in s.recording.notes:
@@ -30,8 +30,9 @@ def noise_note(s: SummaryData) -> str:
 
 
 def report(summary: SummaryData) -> str:
-    """The calibration as text: the verdict, then data, marked pairs, fits, comparison, and what
-    e(v) leaves open.
+    """Return the calibration as text, verdict first.
+
+    Then follow data, marked pairs, fits, comparison, and what e(v) leaves open.
     """
     layout = LAYOUTS[summary.recording.layout]
     parts = [
@@ -55,7 +56,7 @@ def _data(s: SummaryData, layout: Layout) -> list[str]:
 
 
 def data_words(s: SummaryData, layout: Layout) -> list[tuple[str, str]]:
-    """What the data are and what was done to them: a word and a sentence of each."""
+    """Return rows (heading, sentence) on the data and how they were processed."""
     r = s.recording
     words = [("Recording", r.source + (f", ball {r.ball}" if r.ball else ""))]
     if r.notes:
@@ -73,7 +74,7 @@ def data_words(s: SummaryData, layout: Layout) -> list[tuple[str, str]]:
 
 
 def _scatter(s: SummaryData, scatter: float, layout: Layout) -> str:
-    """The scatter of a usual pair, and what it is made of."""
+    """Return the scatter of a usual pair and its components."""
     said = f"{scatter_said(scatter)} of e in a usual pair"
     error = layout.reading_error
     if error is not None:
@@ -93,7 +94,7 @@ def _scatter_of(s: SummaryData) -> str:
 
 
 def drag_sentence(s: SummaryData, layout: Layout) -> str:
-    """Whether and how the drag of the air was taken out of the flights."""
+    """Return whether and how air drag was removed from the flights."""
     if not layout.uses_flight:
         return "plays no part: the speeds are those at the impact itself"
     if s.drag is None:
@@ -112,7 +113,7 @@ def drag_sentence(s: SummaryData, layout: Layout) -> str:
 
 
 def impact_rows(s: SummaryData) -> tuple[Row, list[Row]]:
-    """The header and the rows of a table of the impacts in a record."""
+    """Return header and rows of a table of the impacts in a record."""
     rows = [
         (
             f"{one.number}",
@@ -147,22 +148,22 @@ def _impacts(s: SummaryData) -> list[str]:
 
 
 def marking_rule(s: SummaryData) -> str:
-    """When a pair is marked."""
+    """Return the rule by which pairs are marked."""
     rule = f"more than {s.threshold:g} robust standard deviations off the trend"
-    # A table may be steep and bent.
+    # A table may be steep and curved.
     flights = LAYOUTS[s.recording.layout].uses_flight
     return rule if flights else f"{rule} and off a smooth curve"
 
 
 def none_marked_sentence(s: SummaryData) -> str:
-    """That no pair is marked."""
+    """Return the sentence for a recording without marked pairs."""
     if s.few:
         return "no pair: of so few nothing tells which is wrong"
     return f"none of {len(s.pairs)} pairs is {marking_rule(s)}"
 
 
 def marked_rows(s: SummaryData) -> tuple[Row, list[Row]]:
-    """The header and the rows of a table of the marked pairs."""
+    """Return header and rows of a table of the marked pairs."""
     rows = [
         (
             ", ".join(map(str, pair.rows)),
@@ -192,7 +193,7 @@ def _marked(s: SummaryData) -> list[str]:
 
 
 def errors_sentence(s: SummaryData, layout: Layout) -> str:
-    """How the standard errors were found, and what they allow for."""
+    """Return how the standard errors were computed and what they account for."""
     if any(law.errors_by == "point" for law in s.choice.laws):
         return (
             f"take pairs as independent: fewer than 8 {layout.cluster_words[1]} cannot tell how "
@@ -229,7 +230,7 @@ def _fits(s: SummaryData, layout: Layout) -> list[str]:
 
 
 def speed_rows(s: SummaryData) -> tuple[Row, list[Row]]:
-    """The header and the rows of a table of medians by speed, and of the fits there."""
+    """Return header and rows of a table of medians by speed with the fits there."""
     kinds = [law.kind for law in s.choice.laws]
     rows = [
         (
@@ -270,7 +271,7 @@ def _equivalents(choice: ChoiceData) -> list[str]:
 
 
 def equivalents_sentence(choice: ChoiceData) -> str:
-    """The e to set in each law of constant e."""
+    """Return the e to set in each law of constant e."""
     e = choice.constant.value
     able = [f"{a.law} {a.e:.4f}" for a in choice.asked if a.e is not None]
     unable = [f"{a.law} ({a.least:.3g} to {a.most:.3g})" for a in choice.asked if a.e is None]
@@ -284,7 +285,7 @@ def equivalents_sentence(choice: ChoiceData) -> str:
 
 
 def line_sentence(choice: ChoiceData) -> str:
-    """The trend of a straight line beside the laws."""
+    """Return the slope of a straight line, for comparison with the laws."""
     line = choice.line
     if line.slope_error is None:
         if choice.count < 3:
@@ -297,9 +298,9 @@ def line_sentence(choice: ChoiceData) -> str:
 
 
 def side_by_side_rows(s: SummaryData) -> tuple[Row, list[Row]]:
-    """The header and the rows of a table of the laws without and with the marked pairs."""
+    """Return header and rows of a table of the laws without and with the marked pairs."""
     rows: list[Row] = []
-    # With more pairs, laws may be fitted that have too many parameters without.
+    # The larger set may include laws with too many parameters for the kept pairs alone.
     kept = {one.kind: one for one in s.choice.laws}
     for everything in s.with_marked.laws:
         if everything.kind not in kept:
@@ -325,7 +326,7 @@ def _side_by_side(s: SummaryData) -> list[str]:
 
 
 def open_questions(s: SummaryData) -> list[str]:
-    """What e(v) does not determine, law by law, and what would."""
+    """Return what e(v) does not determine, law by law, and what would determine it."""
     lines = [f"{law.kind}: {law.unidentified}" for law in s.choice.laws]
     if len(s.given) < 2:
         lines.append("give --stiffness for c, and --mass with it for A (in Python: arguments)")
@@ -333,6 +334,6 @@ def open_questions(s: SummaryData) -> list[str]:
 
 
 def _open_questions(s: SummaryData) -> list[str]:
-    if s.impacts:  # whose forces tell K, and with it the rest
+    if s.impacts:  # the forces determine K, and c and A with it
         return []
     return ["What e(v) alone leaves open", *(f"  {line}" for line in open_questions(s))]

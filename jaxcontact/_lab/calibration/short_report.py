@@ -1,4 +1,4 @@
-"""A calibration in at most 25 lines: e at which speeds, the law, the data, and what comes next."""
+"""A calibration in at most 25 lines: e with its speeds, the law, the data, and the next step."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from .summary_data import SummaryData, contact_note
 
 _WIDTH = 100
 _EVEN = 0.2
-"""The two halves of an interval that differ by a smaller part are given as one."""
+"""Largest relative difference of the halves of an interval that is printed as one ±."""
 
 _FEW_ROWS = 12
-"""So many bounces are listed one by one."""
+"""Largest number of bounces that are listed one by one."""
 
 MORE = "--details (in Python `report()`) prints all tables; --report ball.html writes a page"
 
 
 def short(s: SummaryData) -> str:
-    """The calibration in few lines, the verdict first, and where to find more."""
+    """Return the calibration in a few lines, verdict first, and where to find more."""
     return "\n".join([*verdict_lines(s), *wrapped("More", MORE, width=_WIDTH)])
 
 
 def verdict_lines(s: SummaryData) -> list[str]:
-    """The verdict, the law, the data, and what comes next."""
+    """Return the verdict, the law, the data, and the next step."""
     lines = textwrap.wrap(title(s), _WIDTH, break_on_hyphens=False)
     lines += ["", *(line for one in headlines(s) for line in _item(one))]
     header, rows = bounce_rows(s)
@@ -42,10 +42,10 @@ def verdict_lines(s: SummaryData) -> list[str]:
     ):
         lines += wrapped(head, said, width=_WIDTH)
     if s.recording.notes:
-        lines += _capped("Read as", "; ".join(s.recording.notes), 3)
+        lines += _cut_lines("Read as", "; ".join(s.recording.notes), 3)
     cautions_said = cautions(s)
     if cautions_said:
-        lines += _capped("Caution", "; ".join(cautions_said), 4)
+        lines += _cut_lines("Caution", "; ".join(cautions_said), 4)
     if s.choice.next_measurement:
         lines += wrapped("Next", s.choice.next_measurement, width=_WIDTH)
     return lines
@@ -55,8 +55,8 @@ def _item(sentence: str) -> list[str]:
     return textwrap.wrap(sentence, _WIDTH, subsequent_indent="    ", break_on_hyphens=False)
 
 
-def _capped(head: str, text: str, most: int) -> list[str]:
-    """As `wrapped`, cut after so many lines."""
+def _cut_lines(head: str, text: str, most: int) -> list[str]:
+    """Wrap as `wrapped` does, and cut after `most` lines."""
     lines = wrapped(head, text, width=_WIDTH)
     if len(lines) <= most:
         return lines
@@ -71,13 +71,13 @@ def _capped(head: str, text: str, most: int) -> list[str]:
 
 
 def title(s: SummaryData) -> str:
-    """What was calibrated."""
+    """Return the title with source and ball."""
     ball = f", ball {s.recording.ball}" if s.recording.ball else ""
     return f"Calibration of {s.recording.source}{ball}"
 
 
 def headlines(s: SummaryData) -> list[str]:
-    """The verdict in sentences: e at which speeds, and what its interval means."""
+    """Return the verdict in sentences: e with its speeds, and the meaning of its interval."""
     if not s.at:
         kept = [pair.restitution for pair in s.pairs if not pair.marked]
         return [
@@ -108,7 +108,7 @@ def headlines(s: SummaryData) -> list[str]:
 
 
 def _mean(s: SummaryData, law: AtSpeed) -> str:
-    """The e of one pair, or the mean of a few."""
+    """Return the e of one pair, or the mean of a few."""
     kept = [pair for pair in s.pairs if not pair.marked]
     speeds = span([pair.velocity for pair in kept], "m/s")
     if len(kept) > 1:
@@ -133,7 +133,7 @@ def _where(slow: AtSpeed, fast: AtSpeed) -> str:
 
 
 def _level(slow: AtSpeed, fast: AtSpeed) -> bool:
-    """Whether the law has the same e at both speeds."""
+    """Return whether the law has the same e at both speeds."""
     return math.isclose(slow.restitution, fast.restitution, rel_tol=1e-12)
 
 
@@ -150,13 +150,13 @@ def _half(one: AtSpeed) -> float | None:
 
 
 def _number(one: AtSpeed) -> str:
-    """e with as many digits as its interval warrants."""
+    """Return e with as many digits as its interval warrants."""
     half = _half(one)
     return f"{one.restitution:.3g}" if not half else with_error(one.restitution, half).split()[0]
 
 
 def _interval(one: AtSpeed) -> str:
-    """`± 0.0017`, or `0.70 to 0.93` where e is not in the middle; nothing where it is not known."""
+    """Return `± 0.0017`, or `0.70 to 0.93` if asymmetric; "" if the interval is unknown."""
     half = _half(one)
     if half is None or one.low is None or one.high is None:
         return ""
@@ -167,19 +167,19 @@ def _interval(one: AtSpeed) -> str:
 
 
 def _range(low: float, high: float) -> str:
-    """Two numbers with two digits of their difference."""
+    """Return two numbers, each to two digits of their difference."""
     places = min(max(1 - math.floor(math.log10(high - low)), 2), 6) if high > low else 4
     return f"{low:.{places}f} to {high:.{places}f}"
 
 
 def _spread(one: AtSpeed) -> float:
-    """By how much laws that are not ruled out differ, where that is more than the interval."""
+    """Return the spread of e over laws not ruled out, or 0 if within the half interval."""
     off = max(one.restitution - one.least, one.most - one.restitution)
     return off if off > (_half(one) or 0.0) else 0.0
 
 
 def meaning(s: SummaryData) -> list[str]:
-    """What the interval is one of, and how single readings scatter beside it, in a paragraph."""
+    """Return, as one paragraph, what the interval refers to and how single readings scatter."""
     said = []
     wrong = s.chosen is not None and s.chosen.adequate is False
     if not wrong and any(one.low is not None for one in s.at):
@@ -198,7 +198,7 @@ def meaning(s: SummaryData) -> list[str]:
 
 
 def scatter_said(scatter: float) -> str:
-    """A standard deviation of ln e, in percent of e."""
+    """Return a standard deviation of ln e in percent of e."""
     return f"{100 * scatter:.2g} %"
 
 
@@ -207,7 +207,7 @@ def _capital(words: str) -> str:
 
 
 def bounce_rows(s: SummaryData) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """The header and the rows of a table of each bounce, where there are few pairs."""
+    """Return header and rows of a table of each bounce, if there are few pairs."""
     if not s.few or len(s.pairs) > _FEW_ROWS:
         return (), []
     rows = [
@@ -226,7 +226,7 @@ def bounce_rows(s: SummaryData) -> tuple[tuple[str, ...], list[tuple[str, ...]]]
 
 
 def law_sentence(s: SummaryData) -> str:
-    """The law, whether it describes the data, and which others may."""
+    """Return the law, whether it describes the data, and which other laws may."""
     law, choice = s.chosen, s.choice
     if law is None:
         return "no fit converged"
@@ -240,7 +240,7 @@ def law_sentence(s: SummaryData) -> str:
         said.append(f"You asked for this law; of those compared the choice would be {choice.best}")
     if law.adequate is False:
         good = [one.kind for one in choice.laws if one.adequate is True]
-        rest = f"; {_listed(good)} {'does' if len(good) == 1 else 'do'}" if good else ""
+        rest = f"; {_join_names(good)} {'does' if len(good) == 1 else 'do'}" if good else ""
         none = "" if good else ", and none of the others does"
         if not good and len(choice.laws) == 1:
             none = ""
@@ -259,16 +259,16 @@ def _certainty(s: SummaryData) -> list[str]:
     if choice.sure:
         return ["No doubt is left: every other law is ruled out, or contains this one"]
     if choice.rivals:
-        return [f"Not ruled out: {_listed(list(choice.rivals))}"]
+        return [f"Not ruled out: {_join_names(list(choice.rivals))}"]
     return []
 
 
-def _listed(names: list[str]) -> str:
+def _join_names(names: list[str]) -> str:
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 def law_in_python(s: SummaryData) -> str:
-    """The law and its contact as objects, and which numbers of it were given."""
+    """Return law and contact as Python objects, and which contact numbers were not given."""
     if s.law is None:
         return "no law"
     note = f" ({contact_note(s.given)})" if len(s.given) < 2 else ""
@@ -276,7 +276,7 @@ def law_in_python(s: SummaryData) -> str:
 
 
 def data_sentence(s: SummaryData) -> str:
-    """How many pairs, of what, at which speeds, and how many were left out."""
+    """Return the number of pairs, their origin, their speeds, and how many were left out."""
     layout = LAYOUTS[s.recording.layout]
     marked = sum(pair.marked for pair in s.pairs)
     out = ""
@@ -290,7 +290,7 @@ def data_sentence(s: SummaryData) -> str:
 
 
 def cautions(s: SummaryData) -> list[str]:
-    """What may be wrong, in short."""
+    """Return short warnings on what may be wrong."""
     found = []
     bad = [one.kind for one in (*s.choice.laws, *s.with_marked.laws) if not one.converged]
     if bad:
@@ -305,7 +305,7 @@ def cautions(s: SummaryData) -> list[str]:
 
 
 def drag_caution(s: SummaryData) -> str | None:
-    """A warning where e falls with speed while the drag of the air was left in."""
+    """Return a warning if e falls with speed and air drag was not removed, otherwise None."""
     error, layout = s.choice.line.slope_error, LAYOUTS[s.recording.layout]
     if not layout.uses_flight or s.drag is not None or error is None:
         return None

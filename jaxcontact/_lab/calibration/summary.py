@@ -1,4 +1,4 @@
-"""The summary of a calibration: its plain data, with what people do with it."""
+"""The summary of a calibration: plain data with report and export."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .short_report import short
 from .summary_data import SummaryData
 
 _SPEEDS = 17
-"""Of an export, over the measured range."""
+"""Number of closing speeds of an export, over the measured range."""
 
 
 @dataclasses.dataclass(frozen=True, repr=False)
@@ -23,16 +23,16 @@ class CalibrationSummary(SummaryData):
     __doc__ = SummaryData.__doc__
 
     def report(self) -> str:
-        """Everything in words, the verdict first."""
+        """Return the full report, verdict first."""
         return report(self)
 
     def __export__(
         self, contact: Contact | None
     ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
-        """The law, the contact, and closing speeds in m/s over the measured range, for `export`.
+        """Return law, contact and closing speeds in m/s over the measured range, for `export`.
 
-        With another `contact` the law is the one with the same e(v). Raises ValueError where no fit
-        converged, and where mass or stiffness is not known.
+        With another `contact`, the law is converted to keep e(v). Raises ValueError if no fit
+        converged, or if mass or stiffness is unknown.
         """
         if self.law is None:
             raise ValueError("Argument `law` must have a fit that converged, but none did.")

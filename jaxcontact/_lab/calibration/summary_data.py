@@ -1,4 +1,4 @@
-"""A calibration as plain data: what is saved, and what its texts are made of."""
+"""A calibration as plain data, which is saved and from which reports are made."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ _UNITS = {"mass": "kg", "stiffness": "N/m^(3/2)"}
 
 @dataclasses.dataclass(frozen=True)
 class RecordingSummary:
-    """Where the pairs come from: source, layout and ball; how many pairs, of which trials.
+    """Origin of the pairs: source, layout, ball, number of pairs, and trials.
 
-    `notes` say how the source was read: headings that were understood, units converted.
+    `notes` say how the source was read: recognised headings and converted units.
     """
 
     source: str
@@ -33,9 +33,10 @@ class RecordingSummary:
 
 @dataclasses.dataclass(frozen=True)
 class PairSummary:
-    """One pair: its rows, speed in m/s and e, how many robust standard deviations off the trend.
+    """One pair: rows, speed in m/s, e, and deviation from the trend in robust standard deviations.
 
-    `error` is the standard error of e by the known errors of its readings, None without them.
+    `error` is the standard error of e from the known errors of its readings, None if those are
+    unknown.
     """
 
     rows: tuple[int, ...]
@@ -49,9 +50,11 @@ class PairSummary:
 
 @dataclasses.dataclass(frozen=True)
 class ImpactSummary:
-    """One impact in the record of an instrument: its `number` and `time` of touch in s, and what a
-    fit of its readings found, each with its standard error: closing speed in m/s, e, contact time
-    in s, largest force in N, stiffness in N/m^n. `adequate`: whether that fit describes them.
+    """One impact in an instrument record: `number`, `time` of touch in s, and the fitted
+    quantities.
+
+    Each has its standard error: closing speed in m/s, e, contact time in s, largest force in N,
+    stiffness in N/m^n. `adequate`: whether the fit describes the readings; None if undecided.
     """
 
     number: int
@@ -82,17 +85,18 @@ class SpeedBand:
 
 @dataclasses.dataclass(frozen=True)
 class SummaryData:
-    """What a calibration found, as plain data; `save` writes it and `load_calibration` reads it.
+    """Results of a calibration as plain data; `save` writes it and `load_calibration` reads it.
 
-    `law` with the fitted parameters (None where no fit converged) and `contact`:
-    `impact(law, contact, v)` gives the fitted e. `given` names what of the contact was given
-    ("mass", "stiffness"); the rest is 1. `standard_errors` of the law's parameters, None where they
-    are not identifiable. `requested` is the `law` that was asked for; `gravity` in m/s²; `drag`,
-    None if it was left in; `noise`, the scatter of ln e; `threshold` of the outlier rule and its
-    `trend`; all `pairs`; the `choice` among laws without marked pairs, and `with_marked` with them;
-    medians `by_speed`; `versions` of the packages; the `impacts` in the record of an instrument.
-    `at`: e of the law at the slowest and the fastest speed measured, and at those asked for.
-    `scatter`: the usual standard deviation of ln e of a pair about the trend, None for one pair.
+    `law` has the fitted parameters (None if no fit converged). With `contact`, `impact(law,
+    contact, v)` gives the fitted e. `given` names the contact numbers that were given ("mass",
+    "stiffness"); the others are 1. `standard_errors` are those of the law's parameters, None if not
+    identifiable. `requested` is the argument `law`, `gravity` is in m/s², and `drag` is None if it
+    was not removed. `noise` is the scatter of ln e. `threshold` and `trend` are those of the
+    outlier rule. `pairs` holds all pairs. `choice` compares the laws without the marked pairs,
+    `with_marked` with them. `by_speed` holds medians, `versions` the packages, and `impacts` the
+    impacts in an instrument record. `at` is e of the law at the slowest and the fastest measured
+    speed and at those requested. `scatter` is the median standard deviation of ln e of a pair about
+    the trend, None for fewer than four pairs.
     """
 
     law: AbstractLaw | None
@@ -117,7 +121,7 @@ class SummaryData:
 
     @property
     def converged(self) -> bool:
-        """Whether every fit converged."""
+        """True if every fit converged."""
         return all(f.converged for c in (self.choice, self.with_marked) for f in c.laws)
 
     @property
@@ -129,17 +133,17 @@ class SummaryData:
 
     @property
     def few(self) -> bool:
-        """Whether there are fewer pairs than a law takes."""
+        """True if there are fewer pairs than a law needs."""
         return self.choice.count < LEAST_PAIRS
 
     @property
     def only_mean(self) -> bool:
-        """Whether nothing was fitted but the mean e of few pairs."""
+        """True if only the mean e of a few pairs was fitted."""
         return self.few and len(self.choice.laws) == 1
 
 
 def contact_note(given: tuple[str, ...]) -> str:
-    """Which numbers of the contact were not given, and are 1."""
+    """Return which contact numbers were not given and are 1."""
     missing = [name for name in ("mass", "stiffness") if name not in given]
     if len(missing) == 1:
         return f"{missing[0]} was not given: 1 {_UNITS[missing[0]]} stands for it"

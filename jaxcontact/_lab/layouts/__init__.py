@@ -1,1 +1,1 @@
-"""Layouts of recordings, one class for each: how rows are read and paired."""
+"""Column layouts of recordings, one class each: reading and pairing of rows."""

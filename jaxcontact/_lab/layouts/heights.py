@@ -1,4 +1,4 @@
-"""Layouts in which each row is a pair: heights of a drop and its rebound, and tables of e(v)."""
+"""Layouts with one pair a row: heights of a drop and its rebound, and tables of e(v)."""
 
 from __future__ import annotations
 
@@ -79,13 +79,13 @@ class Heights(Layout[Rebound]):
         dropped, reached = np.array([(one.drop_height, one.height) for one in records]).T
         landing, _ = flight.evaluate(speed_after_drop, dropped)
         launch, _ = flight.evaluate(speed_to_reach, reached)
-        # As for intervals, the noise is that of the height that is expected.
+        # As for intervals, the noise is computed at the expected height.
         expected = dropped * np.median(reached / dropped)
         return Paired(
             velocity=landing,
             restitution=launch / landing,
-            # d ln(launch)/dh is 1/(2 h) in vacuum; drag changes it by a few per cent of itself,
-            # which does not matter in a model of noise.
+            # d ln(launch)/dh is 1/(2 h) in vacuum. Drag changes it by a few per cent, which does
+            # not matter in a model of noise.
             reading_factor=(0.5 / expected) ** 2,
             # All drops from one height share the error of that height.
             clusters=[f"drop {record.drop_height:g} m" for record in records],
@@ -128,7 +128,7 @@ SIGMA_E = deviation_of(
 
 
 class Table(Layout[Point]):
-    """Rows of approach speed and restitution, taken as they are; a column `ball` is optional."""
+    """Rows of approach speed and restitution, used unchanged; a column `ball` is optional."""
 
     name = "table"
     columns = ("ball", "sigma", "velocity", "restitution")

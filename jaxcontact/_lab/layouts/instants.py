@@ -1,4 +1,4 @@
-"""Instants of bounces, as stopwatches and labels of an audio editor give them."""
+"""Times of bounces, as given by stopwatches and labels of an audio editor."""
 
 from __future__ import annotations
 
@@ -18,22 +18,24 @@ from .intervals import Group, Interval, Intervals, interval_groups
 from .layout import DROP_HEIGHT, LABELS, bounces_of
 
 _PAUSE = 3.0
-"""An interval that is so many times as long as the one before holds no bounces: even three flights
-in one, of a ball that loses nothing, are not longer."""
+"""Ratio to the previous interval above which an interval separates two drops.
+
+Even three merged flights of a ball without loss are not longer.
+"""
 
 _BOUNCE = re.compile(r"\W*(bounce|impact|hit|touch|contact|click|knock|new point|b)?[\W\d_]*")
-"""Labels of a bounce, "" and numbers among them."""
+"""Labels of a bounce, including "" and numbers."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Between(Interval):
-    """The time between two instants, and a note on the `others`, which are no bounces."""
+    """The time between two bounces, and a note on the `others`, which are not bounces."""
 
     others: str
 
 
 class Instants(Intervals):
-    """Times of successive bounces; between two that follow each other lies an interval."""
+    """Times of successive bounces; each two in succession bound an interval."""
 
     name = "instants"
     columns = ("ball", "drop_height_m", "trial", "bounce", "label", "bounce_time_s")
@@ -64,7 +66,7 @@ class Instants(Intervals):
     )
 
     def fits(self, made: Match, sheet: Sheet) -> bool:
-        """Not where the word is that of any clock, beside columns that nobody understands."""
+        """Return False for a generic word for time beside headings that are not recognised."""
         heading = made.headings.get("bounce_time_s")
         if heading is None or CLOCK.heading(heading.text) is None:
             return True
@@ -113,7 +115,7 @@ def _number(one: tuple[int, float, Row]) -> int:
 
 
 def _bounces_in(rows: Sequence[Row]) -> tuple[Sequence[Row], str]:
-    """The rows whose label names a bounce, or all where none does, and a note on the others."""
+    """Return the rows labelled as bounces (all if no label is), and a note on the others."""
     if not rows or "label" not in rows[0].values:
         return rows, ""
     labels = [str(row.values["label"] or "").strip().casefold() for row in rows]

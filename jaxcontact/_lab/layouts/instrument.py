@@ -1,4 +1,4 @@
-"""Records of instruments: force, acceleration or indentation over time, with impacts in them."""
+"""Instrument records: force, acceleration or indentation over time, with impacts in them."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ _FEWEST = 3 * LEAST_READINGS
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Impact(Record):
-    """One impact in a record: its `number`, from 1, the `trace` that holds it, where it touches and
-    separates, about, and the window [start, stop), all in numbers of readings.
+    """One impact in a record: its `number`, from 1, and the `trace` that holds it.
+
+    `touch`, `end` (both approximate) and the window [start, stop) are in numbers of readings.
     """
 
     number: int
@@ -42,7 +43,7 @@ class Impact(Record):
 
     @property
     def reading(self) -> Floats:
-        """The readings (n,) of the window over the level without contact."""
+        """The readings (n,) of the window relative to the level without contact."""
         value = self.trace.value[self.start : self.stop]
         if self.trace.quantity == "indentation":
             return value
@@ -52,13 +53,15 @@ class Impact(Record):
 
     @property
     def duration(self) -> float:
-        """The duration of contact in s, about."""
+        """The approximate contact time in s."""
         return (self.end - self.touch) * self.trace.step
 
 
 class Records(Layout[Impact]):
-    """What an instrument reads over time while bodies collide: impacts are cut apart, and each is
-    fitted with its time of touch and its zero. `quantity` is what it reads.
+    """Readings of an instrument over time while bodies collide.
+
+    Impacts are separated, and each is fitted with its time of touch and zero level. `quantity` is
+    the measured quantity.
     """
 
     quantity: str
@@ -83,7 +86,7 @@ class Records(Layout[Impact]):
         return f"impacts in a record of {self.quantity}"
 
     def at_rate(self, rate: float | None) -> Records:
-        return self  # whose times were made of it
+        return self  # its times already include the rate
 
     def read(self, rows: Sequence[Row]) -> list[Impact]:
         clock, value = column_of(rows, "time"), column_of(rows, self.quantity)
@@ -103,7 +106,7 @@ class Records(Layout[Impact]):
         ]
 
     def cut(self, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
-        """The record and the impacts in it."""
+        """Return the trace and the impacts in it."""
         return cut(self.quantity, time, value)
 
     def _refuse(self, rows: Sequence[Row], trace: Trace) -> None:
@@ -165,7 +168,7 @@ def _meanings(quantity: str, said: str, unit: str, must_say: str = "") -> Mappin
 
 
 class Forces(Records):
-    """A force over time, as a force plate or a load cell reads it."""
+    """A force over time, as read by a force plate or a load cell."""
 
     name = quantity = "force"
     columns = measured = ("time", "force")
@@ -178,7 +181,7 @@ class Forces(Records):
 
 
 class Accelerations(Records):
-    """The acceleration of the body over time, as an accelerometer on it reads it."""
+    """The acceleration of the body over time, as read by an accelerometer on it."""
 
     name = quantity = "acceleration"
     columns = measured = ("time", "acceleration")
@@ -193,7 +196,7 @@ class Accelerations(Records):
 
 
 class Indentations(Records):
-    """The indentation of one impact over time, whose zero is about that of touch."""
+    """The indentation of one impact over time; its zero is approximately at touch."""
 
     name = quantity = "indentation"
     columns = measured = ("time", "indentation")
@@ -205,7 +208,7 @@ class Indentations(Records):
     )
 
     def cut(self, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
-        """The one contact about the largest indentation."""
+        """Return the trace and the one contact around the largest indentation."""
         top = int(np.argmax(value))
         out = np.flatnonzero(value <= 0)
         before, after = out[out < top], out[out > top]

@@ -27,19 +27,22 @@ from ..tables.sheet import Row, Sheet
 from .layout import DROP_HEIGHT, LABELS, Flights, Layout, Paired, ReadingError, Record, bounces_of
 
 _TOLERANCE = 0.06
-_LATE_TOLERANCE = 0.25  # of the deviation that a late trigger would explain
+_LATE_TOLERANCE = 0.25  # fraction of the deviation that a late trigger would explain
 _MOST_MERGED = 5
 
 _CONTRADICTS = 30.0
-"""Shares of height that a ball keeps at its first impact and at its second do not differ by this
-factor, of five in e; even bounces that were not recorded before them do not make it."""
+"""Largest ratio of the fractions of height kept at the first and the second impact.
+
+It is a factor of five in e. Bounces missing before the first record do not reach it.
+"""
 
 Group = tuple[str, float | None, str]
 
 
 class Timing(NamedTuple):
-    """Standard deviations in s where they are known: of the time at which an interval begins, of
-    that at which it ends, and of the duration of contact, which every interval holds, too.
+    """Known standard deviations in s: of the start and end of an interval, and of the contact time.
+
+    Every interval includes a contact.
     """
 
     start: float
@@ -51,8 +54,8 @@ class Timing(NamedTuple):
 class Interval(Record):
     """Time in s between impacts `bounce` and `bounce + 1` of one trial.
 
-    `drop_height` in m is None where it was not given, and so is `timing` where the errors of the
-    times are not known, and `sigma`, the standard deviation in s of the interval.
+    `drop_height` in m is None if it was not given. `timing` is None if the errors of the times are
+    unknown. `sigma` is the standard deviation in s of the interval, None if it was not given.
     """
 
     drop_height: float | None
@@ -64,7 +67,7 @@ class Interval(Record):
 
     @property
     def group(self) -> Group:
-        """What identifies the trial: two intervals of a group in succession make a pair."""
+        """Key of the trial; two successive intervals of a group make a pair."""
         return self.ball, self.drop_height, self.trial
 
 
@@ -113,11 +116,11 @@ class Intervals(Layout[Interval]):
 
     @staticmethod
     def is_step(text: str) -> bool:
-        """Whether a heading may be that of the steps of any clock."""
+        """Return whether a heading may denote the steps of any clock."""
         return Meaning(_STEP, "s").heading(text) is not None
 
     def fits(self, made: Match, sheet: Sheet) -> bool:
-        """Not where a word for any step of a clock stands beside its times."""
+        """Return False for a generic word for time steps beside a column of times."""
         heading = made.headings.get("interval_s")
         if heading is None or not self.is_step(heading.text):
             return True
@@ -137,7 +140,7 @@ class Intervals(Layout[Interval]):
         return records
 
     def check(self, rows: Sequence[Row], records: Sequence[Interval], column: str) -> None:
-        """Refuse intervals, made of a `column`, that are those of no ball."""
+        """Refuse intervals from a `column` that cannot be those of a bouncing ball."""
         if records and (why := too_long([record.seconds for record in records])):
             word = column.partition("_")[0]
             rows[0].refuse(column, why + f", or write the unit in the heading, '{word} [ms]'")
@@ -146,7 +149,7 @@ class Intervals(Layout[Interval]):
         self._check_drops(rows, records)
 
     def _check_drops(self, rows: Sequence[Row], records: Sequence[Interval]) -> None:
-        """Refuse drop heights to which the flights after the first impact do not fit."""
+        """Refuse drop heights that contradict the flights after the first impact."""
         seconds = {(record.group, record.bounce): record.seconds for record in records}
         rises = [
             (STANDARD_GRAVITY * t1**2 / 8 / group[1], (t2 / t1) ** 2)
@@ -209,7 +212,7 @@ class Intervals(Layout[Interval]):
     def guess(
         self, records: Sequence[tuple[Interval, ...]], flagged: np.ndarray, e: float
     ) -> Mapping[int, str]:
-        """Spurious, missed and shifted triggers, from the intervals around each flagged pair."""
+        """Return probable trigger faults, from the intervals around each flagged pair."""
         at = {(r.group, r.bounce): r.seconds for couple in records for r in couple}
         guesses = {}
         for k in map(int, np.flatnonzero(flagged)):
@@ -220,7 +223,7 @@ class Intervals(Layout[Interval]):
 
 
 def interval_groups(rows: Sequence[Row]) -> list[Group]:
-    """The ball, the drop height and the trial of each row."""
+    """Return ball, drop height and trial of each row."""
     return [
         (
             row.place[0],
@@ -232,7 +235,7 @@ def interval_groups(rows: Sequence[Row]) -> list[Group]:
 
 
 def chains_of(records: Sequence[Interval]) -> list[Floats]:
-    """The intervals of each trial that follow each other without a gap, in order."""
+    """Return the intervals of each trial that are contiguous, in order."""
     chains: list[list[Interval]] = []
     order = {group: k for k, group in enumerate(dict.fromkeys(one.group for one in records))}
     for record in sorted(records, key=lambda one: (order[one.group], one.bounce)):
@@ -244,7 +247,7 @@ def chains_of(records: Sequence[Interval]) -> list[Floats]:
 
 
 def _no_ball(factor: float, records: Sequence[Interval], column: str) -> str:
-    """Why intervals that stay the same or grow are those of no ball, and what they may be."""
+    """Return why constant or growing intervals are not those of a ball, with a guess."""
     usual = float(np.median([record.seconds for record in records]))
     ball = "those of a bouncing ball shrink"
     if factor > 2 - EVEN:
@@ -262,8 +265,9 @@ def _no_ball(factor: float, records: Sequence[Interval], column: str) -> str:
 
 
 class Ratios(NamedTuple):
-    """Of n pairs of flights, all (n,): the approach speed in m/s, e, and how errors of durations T₁
-    and T₂ enter: d ln e = p dT₂ - q dT₁.
+    """Speed, e and error propagation of n pairs of flights, all (n,).
+
+    The approach speed is in m/s. Errors of the durations T₁ and T₂ enter as d ln e = p dT₂ - q dT₁.
     """
 
     velocity: Floats
@@ -273,10 +277,9 @@ class Ratios(NamedTuple):
 
 
 def ratios_of(t1: Floats, t2: Floats, flight: Flight) -> Ratios:
-    """Speed and e of impacts between flights of the durations `t1` and `t2` (n,) in s."""
-    # The size of the noise is taken from the interval that is expected, not from the one that
-    # was read: otherwise an interval read too short would get less weight than one read too
-    # long, and the fit would be biased.
+    """Return speed and e of impacts between flights of durations `t1` and `t2` (n,) in s."""
+    # The noise is computed at the expected interval, not at the reading. Otherwise intervals read
+    # too short would get less weight than those read too long, and the fit would be biased.
     expected = t1 * (np.median(t2 / t1) if len(t1) else 1.0)
     launch, slope = flight.evaluate(launch_speed, np.concatenate([t1, t2, expected]))
     (u1, u2, _), (slope1, _, expected_slope) = np.split(launch, 3), np.split(slope, 3)
@@ -285,11 +288,12 @@ def ratios_of(t1: Floats, t2: Floats, flight: Flight) -> Ratios:
 
 
 def _known(couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats) -> Floats | None:
-    """The covariance (n, n) of ln e by the known errors of times; None where some are not known.
+    """Return the covariance (n, n) of ln e from the known errors of times; None if some are
+    unknown.
 
-    ln e = p T₂ - q T₁ to first order, p and q of the shape (n,). Intervals that follow each other
-    share a time. Each holds a contact besides the flight, of a duration that is not known but goes
-    as v^(-1/5) (Hertz), with which the sound of the impact is late, too.
+    ln e = p T₂ - q T₁ to first order, with p and q of shape (n,). Successive intervals share a
+    time. Each interval includes a contact besides the flight. Its duration is unknown but scales as
+    v^(-1/5) (Hertz), and the sound of the impact is delayed with it.
     """
     known = [one.timing for couple in couples for one in couple]
     if not known or any(one is None for one in known):
@@ -333,9 +337,10 @@ def _known(couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats) -
 def _by_sigma(
     couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats
 ) -> tuple[Floats, float]:
-    """The covariance (n, n) of ln e by independent errors of intervals, of which two pairs that
-    follow each other share one, and the mean square error in s² of a trigger, of which an interval
-    has two.
+    """Return the covariance (n, n) of ln e, and the mean square trigger error in s².
+
+    Errors of intervals are independent, and two successive pairs share an interval. An interval has
+    two triggers.
     """
     number: dict[tuple[Group, int], int] = {}
     sigma: list[float] = []
@@ -350,7 +355,7 @@ def _by_sigma(
 
 
 def _mean_square(couples: Sequence[tuple[Interval, Interval]]) -> float:
-    """Of the known errors of times, in s²."""
+    """Return the mean square of the known errors of times, in s²."""
     known = [one.timing for couple in couples for one in couple if one.timing is not None]
     return float(np.mean([(one.start**2 + one.end**2) / 2 for one in known]))
 
@@ -361,13 +366,13 @@ def _trial(interval: Interval) -> str:
 
 
 def _trigger_fault(near: Sequence[float], e: float) -> str:
-    """What may have happened to the pair (k, k+1) of intervals.
+    """Return the probable fault of the pair (k, k+1) of intervals.
 
-    `near` are the intervals k-2 ... k+3 in s, NaN where there is none; `e` is the usual ratio.
+    `near` are the intervals k-2 ... k+3 in s, NaN if missing; `e` is the usual ratio.
     """
     two_before, before, first, second, after, two_after = near
-    # A flight cut in two: the parts together fit their neighbours, and each is too short.
-    # This is checked first: neighbours on both sides are better evidence than one ratio.
+    # A flight cut in two: the sum of the parts fits the neighbours. This is checked first:
+    # neighbours on both sides are better evidence than one ratio.
     for left, whole, right in (
         (before, first + second, after),
         (first, second + after, two_after),
@@ -383,8 +388,8 @@ def _trigger_fault(near: Sequence[float], e: float) -> str:
             return f"missed trigger ({m} flights in the second interval)"
         if _close(second / first, e**m / whole):
             return f"missed trigger ({m} flights in the first interval)"
-    # A trigger between two good ones that came late or early: one interval is too long, its
-    # neighbour too short, and their sum is right, much more nearly than the ratio.
+    # A late or early trigger: one interval is too long, its neighbour too short. Their sum is
+    # right, to a much smaller tolerance than the ratio.
     off = abs(math.log(second / first / e))
     tolerance = min(_LATE_TOLERANCE * off, _TOLERANCE)
     for reference, a, b in (
@@ -393,7 +398,7 @@ def _trigger_fault(near: Sequence[float], e: float) -> str:
         (first, second, after),
     ):
         right = abs(math.log((a + b) / reference / (e + e * e))) < tolerance
-        # Two good intervals also have the right sum: the fault must lie between these two.
+        # Two correct intervals also have the right sum, so the ratio must be off between these two.
         if right and abs(math.log(b / a / e)) > off / 2:
             return "late or early trigger"
     return "unclear"

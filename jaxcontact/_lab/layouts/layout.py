@@ -1,4 +1,4 @@
-"""What a column layout is, and the register of layouts."""
+"""Interface of column layouts, and their register."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LABELS = {
         )
     ),
 }
-"""What layouts have in common."""
+"""Columns that several layouts have."""
 
 DROP_HEIGHT = Meaning(
     words("drop height, drop height m, dropped from, initial height, start height, h0, h 0"),
@@ -38,7 +38,7 @@ DROP_HEIGHT = Meaning(
 
 @dataclasses.dataclass(frozen=True)
 class Record:
-    """One measurement: the name of its ball, "" for none, and the number of its row."""
+    """One measurement: the name of its ball ("" without one), and its row number."""
 
     ball: str
     row: int
@@ -48,7 +48,7 @@ R = TypeVar("R", bound=Record)
 
 
 class ReadingError(NamedTuple):
-    """The unit of a reading error, how it is printed (`factor` · σ in `shown`), and of what."""
+    """A reading error: its unit, its printed form (`factor` · σ in `shown`), its quantity."""
 
     unit: str
     shown: str
@@ -57,11 +57,11 @@ class ReadingError(NamedTuple):
 
 
 class Paired(NamedTuple, Generic[R]):
-    """What a layout makes of records: n pairs, all arrays of shape (n,).
+    """The n pairs that a layout makes of records, all arrays of shape (n,).
 
-    Approach speeds `velocity` in m/s, the measured `restitution`, `reading_factor` and `records` as
-    in `Pairs`; `clusters` names for each pair the group that shares errors; `unpaired` counts the
-    records that make no pair; `covariance`, `reading` and `absolute` as in `Pairs`.
+    Approach speeds `velocity` are in m/s. `restitution`, `reading_factor`, `covariance`, `reading`
+    and `absolute` are those of `Pairs`. `clusters` names for each pair the group that shares
+    errors. `records` are those of each pair; `unpaired` counts the records that make no pair.
     """
 
     velocity: Floats
@@ -84,18 +84,18 @@ class Flights(NamedTuple):
 
 
 class Layout(abc.ABC, Generic[R]):
-    """A column layout: how its rows are read and paired, and the words that reports use of it.
+    """A column layout: how its rows are read and paired, and its words in reports.
 
-    `name`; `columns`, the reading that is paired last; `measured`, those of them that cannot be
-    left out; `meanings`, by which words a column is known, and its unit (a column that is not
-    among them is known by its name only); `reading_error`, None where its effect is not known;
-    `uses_flight`, whether gravity and the drag of the air enter the speeds.
+    `name`. `columns`, with the reading that is paired last. `measured`, the required columns.
+    `meanings`, the recognised headings of a column and its unit; a column without an entry is
+    recognised by its name only. `reading_error`, None if its effect is unknown. `uses_flight`,
+    whether gravity and air drag affect the speeds.
 
-    For reports: `made_of`, what pairs are made of; `pair_words` and `cluster_words`; `pair_rule`,
-    when rows make a pair; `errors_words`, how standard errors by cluster are found and what they
-    allow for; `known_errors`, the same in short and in full where the errors of readings are known.
+    For reports: `made_of`, the origin of pairs. `pair_words` and `cluster_words`. `pair_rule`, when
+    rows make a pair. `errors_words`, how standard errors by cluster are computed and what they
+    account for. `known_errors`, the same, short and in full, for known reading errors.
 
-    `instead`, what to do where a column is missing, by column. `fitted`, whether speed and e follow
+    `instead`, what to do if a column is missing, by column. `fitted`, whether speed and e follow
     from a fit of each record, which needs the mass, and not from `pair`.
     """
 
@@ -120,22 +120,22 @@ class Layout(abc.ABC, Generic[R]):
 
     @abc.abstractmethod
     def read(self, rows: Sequence[Row]) -> list[R]:
-        """The records in `rows`, checked. Raises RecordingError for a fault."""
+        """Return the records in `rows`, checked; raise RecordingError for a fault."""
 
     @abc.abstractmethod
     def facts(self, records: Sequence[R]) -> Mapping[str, str]:
-        """Counts and ranges of the records, by name, for print."""
+        """Return counts and ranges of the records by name, for printing."""
 
     def notes(self, records: Sequence[R]) -> tuple[str, ...]:
-        """What was done to the records, beyond how their columns were read."""
+        """Return notes on the processing of records, beyond the reading of their columns."""
         return ()
 
     @abc.abstractmethod
     def pair(self, records: Sequence[R], flight: Flight) -> Paired[R]:
-        """The pairs in `records`, which are of one ball."""
+        """Return the pairs in `records`, which are of one ball."""
 
     def flights(self, records: Sequence[tuple[R, ...]]) -> Flights | None:
-        """The flights before and after each bounce, for `fit_bounces`; None where there are none.
+        """Return the flights before and after each bounce, for `fit_bounces`; None without flights.
 
         `records` are those of all pairs.
         """
@@ -144,7 +144,7 @@ class Layout(abc.ABC, Generic[R]):
     def guess(
         self, records: Sequence[tuple[R, ...]], flagged: np.ndarray, e: float
     ) -> Mapping[int, str]:
-        """What may have happened to flagged pairs, by number; nothing where it cannot be told.
+        """Return the probable faults of flagged pairs, by number; unknown ones are omitted.
 
         `records` are those of all pairs and `flagged` (n,) marks some; `e` is the usual
         restitution.
@@ -152,19 +152,19 @@ class Layout(abc.ABC, Generic[R]):
         return {}
 
     def meaning(self, column: str) -> Meaning:
-        """What a column may be called."""
+        """Return the recognised headings and the unit of a column."""
         return self.meanings.get(column, Meaning((column.casefold().replace("_", " "),)))
 
     def lacking(self, there: Iterable[str]) -> list[str]:
-        """The columns that cannot be left out and are not among those that are there."""
+        """Return the required columns that are missing."""
         return [column for column in self.measured if column not in there]
 
     def fits(self, made: Match, sheet: Sheet) -> bool:
-        """Whether columns that match mean this layout, where nobody says so."""
+        """Return whether matching columns mean this layout if the user names none."""
         return True
 
     def at_rate(self, rate: float | None) -> Layout[R]:
-        """The layout of a file of `rate` readings per second. Raises ValueError where none is."""
+        """Return the layout at `rate` readings per second; raise ValueError if it has no rate."""
         if rate is None:
             return self
         raise ValueError(
@@ -177,7 +177,7 @@ class Layout(abc.ABC, Generic[R]):
 
 
 def bounces_of(rows: Sequence[Row], groups: Sequence[Hashable]) -> list[int]:
-    """The number of each row's bounce in its group: that of the column `bounce`, or in order.
+    """Return the bounce number of each row in its group, from the column `bounce` or by order.
 
     Raises RecordingError for a number that a group has twice.
     """
@@ -197,11 +197,11 @@ def bounces_of(rows: Sequence[Row], groups: Sequence[Hashable]) -> list[int]:
 
 
 LAYOUTS: dict[str, Layout[Any]] = {}
-"""All layouts by name; where the columns fit several, the first is taken."""
+"""All layouts by name; if the columns fit several, the first is used."""
 
 
 def register_layout(layout: Layout[Any]) -> None:
-    """Add a layout to `LAYOUTS`. Raises ValueError where its name is taken."""
+    """Add a layout to `LAYOUTS`; raise ValueError if its name is in use."""
     if layout.name in LAYOUTS:
         raise ValueError(f"Argument `layout` must have a new name, but is {layout.name!r}.")
     LAYOUTS[layout.name] = layout

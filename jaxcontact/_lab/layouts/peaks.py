@@ -18,7 +18,7 @@ from .layout import LABELS, Flights, Layout, Paired, ReadingError, Record, bounc
 
 @dataclasses.dataclass(frozen=True)
 class Peak(Record):
-    """Height in m to which a ball rose in one flight, or from which it was dropped."""
+    """Height in m of one flight, or of the drop."""
 
     trial: str
     bounce: int
@@ -92,7 +92,7 @@ class Peaks(Layout[Peak]):
         )
         landing, _ = flight.evaluate(speed_after_drop, before)
         launch, _ = flight.evaluate(speed_to_reach, after)
-        # As for intervals, the noise of the second height is that of the one that is expected.
+        # As for intervals, the noise of the second height is computed at its expected value.
         expected = before * (np.median(after / before) if len(before) else 1.0)
         return Paired(
             velocity=landing,
@@ -106,7 +106,7 @@ class Peaks(Layout[Peak]):
 
 
 def _chains(records: Sequence[Peak]) -> list[np.ndarray]:
-    """The heights of successive flights of each trial."""
+    """Return the heights of successive flights of each trial."""
     chains: dict[tuple[str, str], list[Peak]] = {}
     for one in records:
         chains.setdefault((one.ball, one.trial), []).append(one)

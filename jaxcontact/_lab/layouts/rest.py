@@ -23,7 +23,7 @@ from ..tables.sheet import Row
 from .layout import DROP_HEIGHT, LABELS, Layout, Paired, ReadingError, Record
 
 _BOUNCES = 200
-"""In air, before the rest of the time is that in vacuum: the ball is slow by then."""
+"""Bounces computed with air drag; the slow remainder is that in vacuum."""
 
 _STEPS, _SAME = 40, 1e-12
 
@@ -38,11 +38,11 @@ class Stop(Record):
 
 
 class Stops(Layout[Stop]):
-    """Drops and total times to rest: t = √(2h/g)(1 + e)/(1 - e) with the fall, in vacuum and with
-    the same e at every bounce.
+    """Drops and total times to rest: t = √(2h/g)(1 + e)/(1 - e), including the fall.
 
-    Where e depends on the speed, it is that at v₀ e^(e/(1-e)), v₀ = √(2 g h), to first order: of
-    ln t, the bounce k = 0, 1, ... takes the share (1 - e) e^k, and meets the floor at v₀ e^k.
+    This holds in vacuum with the same e at every bounce. If e depends on the speed, the result is e
+    at v₀ e^(e/(1-e)), v₀ = √(2 g h), to first order. Bounce k = 0, 1, ... contributes the share (1
+    - e) e^k to ln t, and has the closing speed v₀ e^k.
     """
 
     name = "stops"
@@ -105,7 +105,7 @@ class Stops(Layout[Stop]):
         e = (ratio - 1) / (ratio + 1)
         if flight.drag is not None:
             e = _in_air(e, landing, time - fall, flight)
-        # As for heights, the noise is that of the time that is expected.
+        # As for heights, the noise is computed at the expected time.
         usual = float(np.median(e))
         expected = (1 + usual) / (1 - usual)
         return Paired(
@@ -118,7 +118,7 @@ class Stops(Layout[Stop]):
 
 
 def _in_air(e: Floats, landing: Floats, bouncing: Floats, flight: Flight) -> Floats:
-    """The e (n,) with which the bounces after a landing take the time `bouncing` (n,)."""
+    """Return the e (n,) for which the bounces after a landing take the time `bouncing` (n,)."""
 
     def lasts(e: Floats) -> Floats:
         total, speed = np.zeros_like(e), landing

@@ -26,7 +26,7 @@ class Collision(Record):
 
 
 class Speeds(Layout[Collision]):
-    """Speeds before and after impacts, as light gates and video give them: e is their ratio."""
+    """Speeds before and after impacts, as from light gates and video: e is their ratio."""
 
     name = "speeds"
     columns = ("ball", "velocity", "rebound_velocity")
@@ -72,7 +72,7 @@ class Speeds(Layout[Collision]):
 
     def pair(self, records: Sequence[Collision], flight: Flight) -> Paired[Collision]:
         before, after = np.array([(one.velocity, one.rebound_velocity) for one in records]).T
-        # As for intervals, the noise is that of the speed that is expected.
+        # As for intervals, the noise is computed at the expected speed.
         expected = before * np.median(after / before)
         return Paired(
             velocity=before,

@@ -1,4 +1,4 @@
-"""Tracks from video: places of a ball over time, whose parabolas tell e, scale and tilt."""
+"""Tracks from video: positions of a ball over time; parabolas give e, scale and tilt."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ from .track_words import camera_notes, shown_e, skipped_notes, wrong_lengths
 _FEWEST = 10
 
 _Name = tuple[str, str]
-"""Of a ball, and of a trial."""
+"""Names of a ball and of a trial."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Flown(Record):
-    """One flight in a track: its `number` in the `drop`, from 0 on, the first of which the track
-    has a part; the `trial`, and the `track` of the ball.
+    """One flight in a track: its `number` in the `drop`, the `trial`, and the `track` of the ball.
+
+    Flight 0 is the first; the track holds only part of it.
     """
 
     trial: str
@@ -47,7 +48,7 @@ class Flown(Record):
 
 @dataclasses.dataclass(frozen=True)
 class Tracks(Layout[Flown]):
-    """Places of a ball over time, as trackers of video give them; `rate` is frames per second."""
+    """Positions of a ball over time, from video trackers; `rate` is frames per second."""
 
     rate: float | None = None
 
@@ -99,7 +100,7 @@ class Tracks(Layout[Flown]):
         return Tracks(rate)
 
     def lacking(self, there: Iterable[str]) -> list[str]:
-        """Frame numbers stand for times."""
+        """Return the missing columns; frame numbers replace times."""
         missing = super().lacking(there)
         return [one for one in missing if one != "time" or "frame" not in there]
 
@@ -120,7 +121,7 @@ class Tracks(Layout[Flown]):
             if track is None or not track.drops:
                 empty.append((frames, track))
                 continue
-            records += _flown(ball, trial, track)
+            records += _flights_of(ball, trial, track)
         if not records:
             frames, track = max(empty, key=lambda one: one[0].time.size)
             rows[0].refuse("y", _nothing(frames, track))
@@ -168,7 +169,7 @@ class Tracks(Layout[Flown]):
             covariance[np.ix_(at, at)] = slope @ drop.covariance @ slope.T
             start += at.size
         variance = [np.diag(drop.covariance) for drop in drops]
-        # The flight that the end of the track cuts is known far worse than the others.
+        # The flight cut off by the end of the track has a far larger error than the others.
         square = float(np.median(np.concatenate(variance))) if variance else 1.0
         return Paired(
             velocity=velocity,
@@ -185,18 +186,18 @@ class Tracks(Layout[Flown]):
 
 
 def counts_frames(headings: Iterable[str]) -> bool:
-    """Whether a table is a track, whose frames are numbered, and no record of an instrument."""
+    """Return whether a table is a track with numbered frames, not an instrument record."""
     known = Tracks.meanings
     return any(known[name].heading(text) for name in ("frame", "y") for text in headings)
 
 
 def drops_of(records: Iterable[Any]) -> list[Drop]:
-    """The drops of flights, each once."""
+    """Return the drops of flights, each once."""
     return list({id(one.drop): one.drop for one in records if isinstance(one, Flown)}.values())
 
 
 def tracks_of(records: Iterable[Any]) -> tuple[Track, ...]:
-    """The tracks that flights are seen in, each once; none for other records."""
+    """Return the tracks of flights, each once; empty for other records."""
     return tuple({id(one.track): one.track for one in records if isinstance(one, Flown)}.values())
 
 
@@ -210,7 +211,7 @@ def _in_air(drop: Drop, flight: Flight) -> Drop:
     return refit(drop, shape_of(flight), beta)
 
 
-def _flown(ball: str, trial: str, track: Track) -> list[Flown]:
+def _flights_of(ball: str, trial: str, track: Track) -> list[Flown]:
     several = len(track.drops) > 1
     records = []
     for k, drop in enumerate(track.drops, 1):
@@ -224,7 +225,7 @@ def _flown(ball: str, trial: str, track: Track) -> list[Flown]:
 
 
 def _nothing(frames: Frames, track: Track | None) -> str:
-    """Why a track holds no bounces, and what to do."""
+    """Return why a track holds no bounces, and what to do."""
     count = counted(frames.time.size, ("frame", "frames"))
     peaks = '; if these are heights of successive flights, say so with `columns="height_m=..."`'
     if track is None:

@@ -1,4 +1,4 @@
-"""Flights of a track under the drag of the air."""
+"""Flights of a track with air drag."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ..._flight import Flight, Floats, height_after, launch_speed
 from ..track.model import Shape
 
 _SHORTEST = 256
-"""Tracks of up to this length share one compiled function."""
+"""Tracks up to this length share one compiled function."""
 
 
 def shape_of(flight: Flight) -> Shape:
-    """H of a flight with drag: its height over g, by the time since its launch and its duration."""
+    """Return H of a flight with drag: height over g, by time since launch and by duration."""
 
     def shape(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
         size, n = max(_SHORTEST, 1 << (since.size - 1).bit_length()), since.size

@@ -1,4 +1,4 @@
-"""The frames of a track: when, where, and in which unit."""
+"""The frames of a track: times, positions and unit."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _MISSING = ("", "nan", "none", "na", "n/a", "null", "-")
 
 
 class Clock(NamedTuple):
-    """The `column` that tells when a frame was taken, in steps of `step` s."""
+    """The `column` that gives the time of a frame, in steps of `step` s."""
 
     column: str
     step: float
 
 
 def clock_of(rows: Sequence[Row], rate: float | None) -> Clock:
-    """Frame numbers where there is a `rate`, else times. Raises RecordingError where it cannot be.
+    """Return frame numbers if there is a `rate`, otherwise times; raise RecordingError for neither.
 
     A column of times that counts 0, 1, 2, ... numbers frames.
     """
@@ -30,7 +30,7 @@ def clock_of(rows: Sequence[Row], rate: float | None) -> Clock:
     if rate is None:
         if "time" not in there:
             rows[0].refuse("frame", "counts frames; give the frames per second as `rate`")
-        if not rows[0].has_unit("time") and _counts(rows, "time"):
+        if not rows[0].has_unit("time") and _is_count(rows, "time"):
             rows[0].refuse(
                 "time",
                 "counts 0, 1, 2, ...; are these frames? then give the frames per second as "
@@ -39,13 +39,13 @@ def clock_of(rows: Sequence[Row], rate: float | None) -> Clock:
         return Clock("time", 1.0)
     if "frame" in there:
         return Clock("frame", 1 / rate)
-    if rows[0].has_unit("time") or not _counts(rows, "time"):
+    if rows[0].has_unit("time") or not _is_count(rows, "time"):
         rows[0].refuse("time", f"gives times already; leave `rate` out, which is {rate:g}")
     return Clock("time", 1 / rate)
 
 
 def _unit(rows: Sequence[Row]) -> str:
-    """The unit in which places are written, "" for none. Raises RecordingError for two units."""
+    """Return the unit of positions, "" if unwritten; raise RecordingError for two units."""
     there = [name for name in ("y", "x") if name in rows[0].headings]
     units = {name: unit.si if (unit := rows[0].headings[name].unit) else "" for name in there}
     if len(set(units.values())) > 1:
@@ -55,7 +55,7 @@ def _unit(rows: Sequence[Row]) -> str:
 
 
 def frames_of(rows: Sequence[Row], clock: Clock) -> Frames:
-    """The frames in which the ball was found, in order."""
+    """Return the frames in which the ball was detected, in order."""
     along = "x" in rows[0].values
     found = []
     for row in rows:
@@ -83,7 +83,7 @@ def frames_of(rows: Sequence[Row], clock: Clock) -> Frames:
 
 
 def _place(row: Row, column: str) -> float:
-    """A place; NaN where the ball was not found."""
+    """Return a position; NaN if the ball was not detected."""
     value = row.values[column]
     if value is None or value != value:
         return math.nan
@@ -92,8 +92,8 @@ def _place(row: Row, column: str) -> float:
     return row.real(column)
 
 
-def _counts(rows: Sequence[Row], column: str) -> bool:
-    """Whether a column counts: 0, 1, 2, ..., some left out."""
+def _is_count(rows: Sequence[Row], column: str) -> bool:
+    """Return whether a column counts 0, 1, 2, ..., possibly with gaps."""
     values = np.sort([row.real(column) for row in rows])
     whole = bool(np.all(values == np.round(values)))
     return whole and values.size > 1 and float(np.median(np.diff(np.unique(values)))) == 1

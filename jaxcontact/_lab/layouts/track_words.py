@@ -1,4 +1,4 @@
-"""What a track says of its camera, in words."""
+"""Notes on the camera of a track."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ..track import Drop, Track
 
 _SHOWN = 6
 _MOST_WRONG = 1.5
-"""By so much heights in m contradict g: what is wrong is no stick that was laid askew."""
+"""Factor by which heights in m contradict g; a misplaced length reference cannot explain it."""
 
 _SURE = 3.0
 
 
 def _mean(values: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
-    """The mean weighted by errors, and its standard error."""
+    """Return the mean weighted by errors, and its standard error."""
     weight = np.array(errors) ** -2.0
     return float(weight @ np.array(values) / weight.sum()), float(weight.sum() ** -0.5)
 
@@ -30,7 +30,7 @@ def _fall(drops: Sequence[Drop]) -> tuple[float, float]:
 
 
 def camera_notes(drops: Sequence[Drop]) -> tuple[str, ...]:
-    """Impacts and frames that were found, and scale and tilt of the camera."""
+    """Return notes on impacts and frames, and on scale and tilt of the camera."""
     impacts = sum(drop.impact.size for drop in drops)
     off = sum(int(drop.off.sum()) for drop in drops)
     errors = [1e3 * one for drop in drops for one in drop.error]
@@ -45,7 +45,7 @@ def camera_notes(drops: Sequence[Drop]) -> tuple[str, ...]:
 
 
 def _scale(drops: Sequence[Drop]) -> str:
-    """What a unit of length is, by the known g."""
+    """Return the scale of lengths implied by the known g."""
     fall, error = _fall(drops)
     unit = drops[0].frames.unit
     known = f"at g = {STANDARD_GRAVITY:g} m/s²"
@@ -78,7 +78,7 @@ def _tilt(drops: Sequence[Drop]) -> str:
 
 
 def _nearer(drops: Sequence[Drop]) -> tuple[str, ...]:
-    """Whether the floor rises in the picture, and whether that was told from e."""
+    """Return whether the floor rises in the picture, and whether e could be separated from it."""
     several = [drop for drop in drops if drop.impact.size > 1]
     notes = []
     if len(several) < len(drops):
@@ -101,7 +101,7 @@ def _nearer(drops: Sequence[Drop]) -> tuple[str, ...]:
 
 
 def _air(drops: Sequence[Drop]) -> tuple[str, ...]:
-    """What the flights tell of drag, where that is sure: the way down takes longer than that up."""
+    """Return the drag if significant; with drag, the way down takes longer than up."""
     beta, error = _mean(*zip(*[drop.air for drop in drops if drop.air], strict=True))
     if beta <= _SURE * error:
         return ()
@@ -111,7 +111,7 @@ def _air(drops: Sequence[Drop]) -> tuple[str, ...]:
 
 
 def skipped_notes(tracks: Sequence[Track]) -> tuple[str, ...]:
-    """Impacts that are not used, and why."""
+    """Return the impacts that are not used, and why."""
     skipped = [one for track in tracks for one in track.skipped]
     if not skipped:
         return ()
@@ -121,7 +121,7 @@ def skipped_notes(tracks: Sequence[Track]) -> tuple[str, ...]:
 
 
 def wrong_lengths(drops: Sequence[Drop]) -> str:
-    """Why heights in m contradict g, with a guess; nothing where they do not."""
+    """Return why heights in m contradict g, with a guess; "" if they agree."""
     fall, _ = _fall(drops)
     ratio = fall / STANDARD_GRAVITY
     if drops[0].frames.unit != "m" or 1 / _MOST_WRONG < ratio < _MOST_WRONG:
@@ -134,7 +134,7 @@ def wrong_lengths(drops: Sequence[Drop]) -> str:
 
 
 def shown_e(drops: Sequence[Drop]) -> str:
-    """e of the first impacts in a vacuum, with standard errors."""
+    """Return e of the first impacts in vacuum, with standard errors."""
     told = []
     for drop in drops:
         seconds = drop.seconds

@@ -1,1 +1,1 @@
-"""Pictures of recordings and their calibration."""
+"""Figures of recordings and their calibration."""

@@ -1,4 +1,4 @@
-"""The figure of a calibration: measured restitution against speed, and the fitted curves."""
+"""The figure of a calibration: measured restitution over speed, and the fitted curves."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ _FINE = 200
 
 
 def calibration(result: Calibration, *, ax: Axes | None = None) -> Axes:
-    """Draw e against approach speed (m/s): kept and marked pairs, and each fit ± 2 standard errors.
+    """Draw e over approach speed (m/s): kept and marked pairs, and each fit ± 2 standard errors.
 
-    Marked pairs outside the frame are drawn at its edge as arrows, so that none is hidden. Returns
-    the axes, new ones if `ax` is None. Raises ValueError for what is no `Calibration` and no axes.
+    Marked pairs outside the frame are drawn at its edge as arrows, so that all are visible. Returns
+    the axes, new ones if `ax` is None. Raises ValueError unless `result` is a `Calibration` and
+    `ax` are axes.
     """
     require_kind("result", result, Calibration, "a `Calibration` (see `calibrate`)")
     ax = axes_of(ax, figsize=(7.0, 4.6))

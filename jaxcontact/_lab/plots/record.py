@@ -1,4 +1,4 @@
-"""The figure of a record: the impacts that were cut out of it, and their fits."""
+"""The figure of an instrument record: the separated impacts and their fits."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _LABEL = {
 
 
 def record(recording: Recording | Calibration, *, ax: Any = None) -> Any:
-    """Draw the record of an instrument with the impacts that were cut out of it.
+    """Draw the record of an instrument with the impacts separated from it.
 
-    `recording` is one of force, acceleration or indentation, or its calibration. Impacts that are
-    used have numbers, and doubtful ones crosses; drawn are the largest and the smallest reading in
-    each of at most 4000 spans of time. Of a calibration, two axes are drawn: on the second the
-    readings of the first six impacts over the time since touch, with the fitted curves. `ax`: one,
-    or two for a calibration. Returns the axes, new ones if `ax` is None. Raises ValueError for a
-    recording of something else, and for what are no axes.
+    `recording` is one of force, acceleration or indentation, or its calibration. Used impacts have
+    numbers, doubtful ones crosses. The curve shows the largest and smallest reading in each of at
+    most 4000 time intervals. For a calibration two axes are drawn: the second shows the readings of
+    the first six impacts over the time since touch, with the fitted curves. `ax`: one, or two for a
+    calibration. Returns the axes, new ones if `ax` is None. Raises ValueError for other recordings,
+    and for invalid axes.
     """
     fits = recording.impacts if isinstance(recording, Calibration) else ()
     impacts: list[Impact] = []

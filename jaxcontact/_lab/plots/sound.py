@@ -1,4 +1,4 @@
-"""The figure of a recording of sound: its loudness, and which sounds are taken for bounces."""
+"""The figure of a sound recording: its loudness, and the sounds used as bounces."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _ROOM = 0.06
 
 
 def sound(recording: Recording, *, ax: Axes | None = None) -> Axes:
-    """Draw the level of a recording of sound in dB over its noise, with marks at what was heard.
+    """Draw the level of a sound recording in dB over its noise, with marks at the detected sounds.
 
-    Bounces that are used have numbers at the first and the last of each drop; doubtful ones and
-    other sounds are not used. The level is that behind a filter that makes the background white,
-    its highest in each of at most 4000 spans of time. Returns the axes, new ones if `ax` is None.
-    Raises ValueError for a recording that is no sound, and for what are no axes.
+    Used bounces have numbers at the first and the last of each drop; doubtful ones and other sounds
+    are not used. The level is that after the whitening filter, its maximum in each of at most 4000
+    time intervals. Returns the axes, new ones if `ax` is None. Raises ValueError for a recording
+    that is not a sound, and for invalid axes.
     """
     require_kind("recording", recording, Recording, "a `Recording` (see `read_recording`)")
     heard = recording.sound

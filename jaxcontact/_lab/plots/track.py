@@ -1,4 +1,4 @@
-"""The figure of a track: its frames, the parabolas through them, and the impacts between."""
+"""The figure of a track: its frames, the fitted parabolas, and the impacts between them."""
 
 from __future__ import annotations
 
@@ -19,18 +19,17 @@ if TYPE_CHECKING:
 _USED, _OFF, _OTHER, _LINE = "#0072B2", "#D55E00", "#999999", "#000000"
 _UNIT = {"": "", "m": " / m", "px": " / px"}
 _ROOM = 0.15
-"""Of the range of heights, above and below."""
+"""Margin above and below, as a fraction of the range of heights."""
 
 
 def track(recording: Recording | Calibration, *, ax: Axes | None = None) -> Axes:
-    """Draw the heights of a track over time, with the parabolas that were fitted.
+    """Draw the heights of a track over time, with the fitted parabolas.
 
-    `recording` is that of a track, or its calibration. Frames that were fitted are full dots,
-    misreadings crosses, and others (near impacts, held, at rest) open circles. Impacts have
-    triangles with their numbers in the drop; those that are doubtful and not used are dotted lines.
-    Heights are those of the file: where they count downwards, the axis does. Returns the axes, new
-    ones if `ax` is None. Raises ValueError for a recording of something else, and for what are no
-    axes.
+    `recording` is that of a track, or its calibration. Fitted frames are full dots, misreadings
+    crosses, and others (near impacts, held, at rest) open circles. Impacts are triangles with their
+    numbers in the drop; dotted lines mark doubtful impacts that are not used. Heights are those of
+    the file; if they count downwards, so does the axis. Returns the axes, new ones if `ax` is None.
+    Raises ValueError for other recordings, and for invalid axes.
     """
     tracks: tuple[Track, ...] = ()
     if isinstance(recording, Calibration):
@@ -103,7 +102,7 @@ def _drop(ax: Axes, drop: Drop) -> None:
 
 
 def _range(drops: Sequence[Drop]) -> tuple[float, float]:
-    """The heights between which the ball was; misreadings may lie far outside."""
+    """Return the range of heights of the ball; misreadings may lie far outside."""
     fitted = np.concatenate([drop.fitted[np.isfinite(drop.fitted)] for drop in drops])
     used = np.concatenate([drop.frames.height[drop.used] for drop in drops])
     low, high = float(fitted.min()), float(max(fitted.max(), used.max()))

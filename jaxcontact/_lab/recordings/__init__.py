@@ -1,4 +1,4 @@
-"""Recordings of bouncing balls: reading them, pairs of speed and restitution, noise, outliers."""
+"""Recordings of bouncing balls: reading them, and pairs of speed and restitution."""
 
 from ..layouts.heights import Heights, Table
 from ..layouts.instants import Instants
@@ -26,9 +26,9 @@ from .table_columns import read_columns as read_columns
 
 for _layout_class in (
     *(Intervals, Heights, Stops, Table, Speeds),
-    # Where forces are read, y is a place on the plate; beside places accelerations are derived.
+    # With forces, y is a position on the plate; with positions, accelerations are derived.
     *(Forces, Tracks, Peaks, Accelerations, Indentations, Samples),
-    # Beside anything that was measured over time, times are no bounces.
+    # Beside any quantity measured over time, times are not bounces.
     Instants,
 ):
     register_layout(_layout_class())

@@ -21,9 +21,9 @@ from .recording import Recording
 class RecordedPairs(Pairs):
     """Pairs of a recording.
 
-    `first_row` and `second_row` are the rows of `source` that a pair was made of (equal where it
-    was made of one). Reading errors are in `layout.reading_error.unit`. `records` are those of each
-    pair; `unpaired` counts the records that make no pair.
+    `first_row` and `second_row` are the rows of `source` from which a pair was made (equal for one
+    row). Reading errors are in `layout.reading_error.unit`. `records` are those of each pair;
+    `unpaired` counts the records that make no pair.
     """
 
     source: str
@@ -66,7 +66,7 @@ class RecordedPairs(Pairs):
 
 
 def make_pairs(recording: Recording, flight: Flight) -> RecordedPairs:
-    """The pairs in a recording: e = launch speed/landing speed at approach speed = landing speed.
+    """Return the pairs in a recording: e = launch speed/landing speed, at the landing speed.
 
     Speeds follow from the readings by `flight`, unless the layout gives them.
     """

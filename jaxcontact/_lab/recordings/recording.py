@@ -1,4 +1,4 @@
-"""Recordings of one bouncing ball, read from anything that has columns."""
+"""Recordings of one bouncing ball, read from any source with columns."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ _UNIT_ALONE = re.compile(r"\[[^\]]*\]")
 class Recording:
     """The measurements of one ball.
 
-    `source` names where they come from, `layout` is their column layout (see `read_recording`),
-    `ball` the name of the ball ("" where there is none), `records` the measurements in order, and
-    `notes` say how they were read: headings that were understood, units that were converted;
-    `sound` is what was heard in a sound file, None for anything else (see `jc.plot.sound`).
+    `source` is their origin, `layout` their column layout (see `read_recording`), and `ball` the
+    name of the ball ("" without a name). `records` are the measurements in order. `notes` say how
+    they were read: recognised headings and converted units. `sound` is what was detected in a sound
+    file, otherwise None (see `jc.plot.sound`).
     """
 
     source: str
@@ -55,7 +55,7 @@ class Recording:
 
     @property
     def tracks(self) -> tuple[Track, ...]:
-        """What was seen in tracks from video, one of each trial; none for anything else."""
+        """The evaluated tracks from video, one for each trial; empty for other recordings."""
         return tracks_of(self.records)
 
     def __repr__(self) -> str:
@@ -87,52 +87,53 @@ def read_recording(
 
     - "intervals": `interval_s`, the time in s between impacts `bounce` and `bounce` + 1 of a
       `trial`, and `drop_height_m`;
-    - "instants": `bounce_time_s`, the times in s of successive bounces; where a `label` names some,
-      the others are left out;
+    - "instants": `bounce_time_s`, the times in s of successive bounces; if a `label` marks some of
+      them, the others are left out;
     - "stops": `drop_height_m` and `rest_time_s`, the time in s from the release until rest;
     - "heights": `drop_height_m` and `rebound_height_m`, a drop and its first rebound in m;
     - "table": `velocity`, the approach speed in m/s, and `restitution`;
     - "speeds": `velocity` and `rebound_velocity`, the speeds in m/s before and after an impact;
     - "peaks": `height_m`, the heights in m of successive flights of a trial;
-    - "force", "acceleration", "indentation": `time` in s and what an instrument reads, in N, m/s²
-      or m, with one or several impacts in it, which are cut apart; a record without `time` has the
-      `rate` in Hz at which it was sampled;
+    - "force", "acceleration", "indentation": `time` in s and the readings of an instrument in N,
+      m/s² or m; several impacts in one record are separated; a record without `time` needs its
+      sampling `rate` in Hz;
     - "sound": `time` or a `rate`, and `sound`, its samples in any unit;
-    - "track": `y`, the height of a ball in each moment, and `x`, in m, pixels or any unit, with
-      `time` in s, or the number `frame` of the frame and the `rate` in frames per second.
+    - "track": `y`, the height of a ball over time, and `x`, in m, pixels or any unit, with `time`
+      in s, or the number `frame` of the frame and the `rate` in frames per second.
 
-    `ball`, `trial`, `bounce` and the drop height of intervals may be left out, which means one ball
-    and one trial whose bounces are counted in order; `sigma`, standard deviations of e or of
-    intervals, may be left out, too. Times may be written as mm:ss.cc. Headings are understood by
-    their meaning ("v", "COR", "speed (mm/s)", "t_flight / ms"); a unit that is written there is
-    converted, and `notes` of the recording say so. Numbers that look wrong without a unit are
-    refused.
+    `ball`, `trial`, `bounce` and the drop height of intervals are optional. Without them there is
+    one ball and one trial, with bounces counted in order. `sigma`, the standard deviations of e or
+    of intervals, is optional too. Times may be written as mm:ss.cc. Headings are recognised by
+    meaning ("v", "COR", "speed (mm/s)", "t_flight / ms"). A unit in a heading is converted, and
+    `notes` of the recording say so. Implausible numbers without a unit are refused.
 
-    `source` is the path of a file or an open file, a dict of columns, or a data frame (of pandas,
-    polars, or anything with `.columns` and `[name]`); other columns are ignored. A sound file is
-    read, too: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`; the bounces that
-    are found in it give intervals, each drop a trial, with the errors of their times, and `notes`
-    list doubtful sounds, which are not used. In a track parabolas are fitted between the impacts,
-    which are found, with errors of their times; `notes` give the scale and the tilt of the camera
-    that follow from g, and doubtful impacts. A text file may be
-    separated by commas, semicolons, tabs or blanks, have decimal commas, comments (#, %, //) and
-    any line ends, in UTF-8, UTF-16 or Latin-1. Spreadsheets (.xlsx, .ods) and parquet files
-    take `pip install 'jaxcontact[data]'`. None reads the bounce intervals that ship with the
-    package. Without `source`, columns may be given by keyword:
+    `source` is a path, an open file, a dict of columns, or a data frame (pandas, polars, or any
+    object with `.columns` and `[name]`). Other columns are ignored. None reads the bounce intervals
+    that ship with the package. Without `source`, columns may be given by keyword:
     `read_recording(interval_s=[0.42, 0.37, 0.33])`.
 
-    `ball` chooses a ball by its name, which is necessary where there are several (from the shipped
-    data, "blue" is chosen). A sequence of names is the column `ball`, given by keyword. `columns`
-    says which column holds what, by number from 1 or by heading, as in "speed=2,e=5" or
-    {"speed": 2, "e": "COR"}. `decimal`, "." or ",", is the decimal mark of a file in which it
-    cannot be told.
+    A sound file may be WAV, or FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. The
+    detected bounces give intervals with timing errors, each drop a trial. `notes` list doubtful
+    sounds, which are not used.
+
+    In a track, parabolas are fitted between the detected impacts, whose times have errors. `notes`
+    give the scale and the camera tilt that follow from g, and doubtful impacts.
+
+    A text file may be separated by commas, semicolons, tabs or blanks, in UTF-8, UTF-16 or Latin-1.
+    It may have decimal commas, comments (#, %, //) and any line ends. Spreadsheets (.xlsx, .ods)
+    and parquet files need `pip install 'jaxcontact[data]'`.
+
+    `ball` chooses a ball by name, which is required if there are several ("blue" by default in the
+    shipped data). A sequence of names is the column `ball`, given by keyword. `columns` assigns
+    columns by number from 1 or by heading, as in "speed=2,e=5" or {"speed": 2, "e": "COR"}.
+    `decimal`, "." or ",", is the decimal mark if the file leaves it ambiguous.
 
     Returns a `Recording`. Raises RecordingError, which names source, row and column, for a file
-    that cannot be read, a column that is missing, repeated, not one-dimensional or of another
-    length, a row with too many fields, a number that is missing, text, not finite or not positive,
-    a repeated bounce, intervals that stay the same or grow, and a ball that does not exist or has
-    to be chosen. Rows of a file are its lines, the header included; in columns of values they count
-    from 1. Raises ValueError for other arguments, unknown columns among the keywords included.
+    that cannot be read; a column that is missing, repeated, not one-dimensional or of another
+    length; a row with too many fields; a number that is missing, text, not finite or not positive;
+    a repeated bounce; intervals that stay the same or grow; and a ball that does not exist or must
+    be chosen. Rows of a file are its lines, including the header; in columns of values they count
+    from 1. Raises ValueError for other arguments, including unknown columns among the keywords.
     """
     if layout is not None:
         require_choice("layout", layout, LAYOUTS)
@@ -161,7 +162,7 @@ def read_recording(
     every = {name: meaning for one in meanings.values() for name, meaning in one.items()}
     _refuse_unknown_columns(values, told, meanings, every)
 
-    # A text is looked at for every separator that it might have.
+    # A heading is tested once for every possible separator, hence the cache.
     @functools.cache
     def is_heading(text: str) -> bool:
         return any(
@@ -186,7 +187,7 @@ def read_recording(
     records = [] if meant.fitted else meant.read(rows)
     if not sheet.by_keyword:
         check_usual(rows, meanings[meant.name])
-    if meant.fitted:  # a long search, which waits for the check of units
+    if meant.fitted:  # a long search, so units are checked first
         records = meant.read(rows)
     if ball is None and source is None and not values:
         ball = _SHIPPED_BALL
@@ -216,7 +217,7 @@ def _refuse_unknown_columns(
 
 
 def _chosen_ball(ball: str | None, records: Sequence[Record], sheet: Sheet) -> str:
-    """The ball to take, by its name or as the only one. Raises RecordingError where none is it."""
+    """Return the ball to use, by name or as the only one; raise RecordingError otherwise."""
     balls = dict.fromkeys(record.ball for record in records)
     named = ", ".join(filter(None, balls))
     if ball is None:
@@ -234,7 +235,7 @@ def _chosen_ball(ball: str | None, records: Sequence[Record], sheet: Sheet) -> s
 
 
 def _with_trials(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Sheet:
-    """The columns with the number of the part, where headings are repeated, as the trial."""
+    """Return the sheet with the number of its part as trial, if headings are repeated."""
     trial = meanings["trial"]
     if not sheet.repeats or any(map(trial.heading, [*sheet.names, *told])):
         return sheet
@@ -247,7 +248,7 @@ def _with_trials(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> S
 def _check_sound(
     layout: str | None, ball: Any, told: Mapping[str, Any], rate: float | None
 ) -> None:
-    """Raise ValueError for what says nothing of a sound."""
+    """Raise ValueError for arguments that do not apply to a sound."""
     if layout not in (None, "intervals"):
         raise ValueError(
             f"Argument `layout` must be None or 'intervals' for a sound, but is {rendered(layout)}."
@@ -265,7 +266,7 @@ def _check_sound(
 def _layout_of(
     sheet: Sheet, name: str | None, told: Told, meanings: Mapping[str, Mapping[str, Meaning]]
 ) -> tuple[Layout[Any], Match]:
-    """The layout called `name`, or the one that the columns fit best; its columns are there."""
+    """Return the layout called `name`, or the best match, with the places of its columns."""
     layouts = [one for one in LAYOUTS.values() if name in (None, one.name)]
     if not told and sheet.names and not any(_UNIT_ALONE.sub("", text) for text in sheet.names):
         raise _without_headings(sheet)
@@ -301,10 +302,9 @@ def _layout_of(
         return lacks, not there, -held, len(LAYOUTS[one].columns) - held
 
     complete = [one for one in found if misfit(one)[0] == 0]
-    # What is told by the very name of a column means the layout that has it.
+    # Columns assigned by their exact name select the layout that has them.
     complete.sort(key=lambda one: -sum(name in LAYOUTS[one].columns for name in told))
-    # The layout that lacks least is meant. What it lacks is then named, rather than all columns of
-    # all layouts.
+    # The layout that lacks least is meant. The message then names only what it lacks.
     meant = LAYOUTS[complete[0] if complete else min(found, key=misfit)]
     made = found[meant.name]
     if isinstance(made, RecordingError):
@@ -334,9 +334,9 @@ def _layout_of(
 def _needed(
     one: Layout[Any], found: Mapping[str, Match | RecordingError], sheet: Sheet, asked: bool
 ) -> str:
-    """What is needed beside the columns that are there.
+    """Return which columns are needed beside those present.
 
-    A layout has a name only where that was `asked` for.
+    The layout is named only if it was `asked` for.
     """
     if asked:
         return f"the layout {one.name!r} needs the columns {', '.join(one.measured)}"
@@ -354,7 +354,7 @@ def _needed(
 
 
 def _only_a_letter(made: Match | RecordingError | None) -> bool:
-    """Whether all that a table has of a layout is a letter, which may mean anything."""
+    """Return whether the only matching heading is a single letter, which is ambiguous."""
     if not isinstance(made, Match) or len(made.headings) != 1:
         return False
     (heading,) = made.headings.values()
@@ -362,7 +362,7 @@ def _only_a_letter(made: Match | RecordingError | None) -> bool:
 
 
 def _how_to_say(sheet: Sheet, column: str = "velocity", used: Iterable[int] = ()) -> str:
-    """How to name a column whose heading is not understood, and that is not `used`."""
+    """Return how to assign a column whose heading is not recognised and that is not `used`."""
     if sheet.by_keyword or not sheet.names:
         return ""
     free = min({*range(len(sheet.names))} - {*used}, default=0) + 1
@@ -370,7 +370,7 @@ def _how_to_say(sheet: Sheet, column: str = "velocity", used: Iterable[int] = ()
 
 
 def _without_headings(sheet: Sheet) -> RecordingError:
-    """The error for numbers without a word: what they may be, and how to say it."""
+    """Return the error for numbers without headings: possible meanings, and how to name them."""
     lines = sheet.lines(range(len(sheet.names)))
     row = lines[0][0] if lines else None
     if len(sheet.names) != 1:

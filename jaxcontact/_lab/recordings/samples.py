@@ -1,4 +1,4 @@
-"""Sound as a column of samples: the bounces in it, as in a sound file."""
+"""Sound as a column of samples, searched for bounces like a sound file."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from .sound_file import heard
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Heard(Interval):
-    """The time between two bounces that were heard in a `sound`, and the notes on it."""
+    """The time between two bounces detected in a `sound`, and the notes on it."""
 
     sound: Sound
     told: tuple[str, ...]
 
 
 class Samples(Intervals):
-    """Samples of a sound over time, in any unit, as interfaces with a microphone write them."""
+    """Samples of a sound over time, in any unit, as written by interfaces with a microphone."""
 
     name = "sound"
     columns = measured = ("time", "sound")
@@ -48,7 +48,7 @@ class Samples(Intervals):
         return True
 
     def at_rate(self, rate: float | None) -> Samples:
-        return self  # whose times were made of it
+        return self  # its times already include the rate
 
     def read(self, rows: Sequence[Row]) -> list[Interval]:
         from ..sound.audio import Audio
@@ -80,5 +80,5 @@ class Samples(Intervals):
 
 
 def sound_of(records: Sequence[object]) -> Sound | None:
-    """The sound that intervals were heard in, if any."""
+    """Return the sound in which intervals were detected, None without one."""
     return next((one.sound for one in records if isinstance(one, Heard)), None)

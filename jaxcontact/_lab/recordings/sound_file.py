@@ -1,4 +1,4 @@
-"""A recording of sound as intervals between impacts, each with the errors of its times."""
+"""A sound recording as intervals between impacts, each with its timing errors."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from ..sound.audio import Audio
 
 _CONTACT = 4e-4
-"""In s: contacts of balls that bounce on hard floors last up to a millisecond."""
+"""Contact time in s; contacts of balls on hard floors last up to a millisecond."""
 
 _SHOWN = 6
 
 
 def sound_in(source: Any) -> tuple[str, pathlib.Path | bytes] | None:
-    """The name and the place of a sound file, None for anything else; its first bytes decide.
+    """Return name and content of a sound file, None for other files; the first bytes decide.
 
-    An open file is read from where it stands, and stands there again if it is none.
+    An open file is read from its current position, which is restored if it is not a sound.
     """
     if isinstance(source, str | os.PathLike):
         path = require_path("source", source)
@@ -33,7 +33,7 @@ def sound_in(source: Any) -> tuple[str, pathlib.Path | bytes] | None:
             with path.open("rb") as file:
                 start = file.read(16)
         except OSError:
-            return None  # which is told where the file is read
+            return None  # the reader of tables reports it
         return (str(path), path) if is_sound(start) else None
     if isinstance(source, io.TextIOBase) or not hasattr(source, "seek"):
         return None
@@ -51,9 +51,9 @@ def sound_in(source: Any) -> tuple[str, pathlib.Path | bytes] | None:
 def heard(
     name: str, source: pathlib.Path | bytes | Audio
 ) -> tuple[Sound, list[Interval], list[str]]:
-    """What is in a sound: the intervals of each drop, as a trial, and notes.
+    """Return what a sound holds: the sound, the intervals of each drop as a trial, and notes.
 
-    Raises RecordingError for a file that cannot be read, and where no ball bounces in it.
+    Raises RecordingError for a file that cannot be read, and if no bounces are found.
     """
     from ..sound.listening import listen
 
@@ -96,7 +96,7 @@ def _long(sound: Sound) -> str:
 
 
 def _nothing(sound: Sound) -> str:
-    """Why a recording holds no bounces, and what to do."""
+    """Return why a recording holds no bounces, and what to do."""
     what = f"{_long(sound)} s of sound ({sound.words})"
     if not sound.others:
         return (

@@ -1,4 +1,4 @@
-"""Named columns of numbers from any table, for fits that are no recordings of bounces."""
+"""Named columns of numbers from any table, for fits of data other than bounces."""
 
 from __future__ import annotations
 
@@ -43,15 +43,14 @@ COLUMNS: Mapping[str, Meaning] = {
         words("indentation, displacement, deformation, penetration, compression, depth, δ, x"), "m"
     ),
 }
-"""What the columns of fits mean."""
+"""Meanings of the columns of fits."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Columns:
-    """Columns in SI units by name, all of the shape (n,); NaN for empty cells.
+    """Columns in SI units by name, all of shape (n,); NaN for empty cells.
 
-    `source` is where they come from, `notes` say how they were read, and `rows` (n,) where they
-    stand in it.
+    `source` is their origin, `notes` say how they were read, and `rows` (n,) are their rows in it.
     """
 
     source: str
@@ -69,7 +68,7 @@ def read_columns(
     decimal: str | None = None,
     ball: str | None = None,
 ) -> Columns:
-    """Those of the columns `names` (of `COLUMNS`) that a table has; `needed` ones must be there.
+    """Read those of the columns `names` (of `COLUMNS`) that a table has; `needed` ones must exist.
 
     `source`, `columns`, `decimal` and `ball` as in `read_recording`. Raises RecordingError and
     ValueError as that does.
@@ -90,7 +89,7 @@ def read_columns(
 
     sheet = sheet_of(source, {}, known, decimal)
     found = match(sheet, meanings, told)
-    assert found is not None  # every key that was told is known
+    assert found is not None  # every assigned name is known
     for name in needed:
         if name not in found.places:
             guesses = (suggestion(text, {name: meanings[name]}) for text in sheet.names if text)
@@ -115,7 +114,7 @@ def read_columns(
 
 
 def _of_ball(sheet: Sheet, rows: list[Row], ball: str | None) -> list[Row]:
-    """The rows of one ball, which must be chosen among several."""
+    """Return the rows of one ball, which must be chosen if there are several."""
     names = [row.text("ball") for row in rows]
     there = dict.fromkeys(names)
     if ball is None and len(there) > 1:

@@ -1,1 +1,1 @@
-"""Fits of the force of an impact over time, with the errors of the instrument."""
+"""Fits of the force of an impact over time, with instrument errors."""

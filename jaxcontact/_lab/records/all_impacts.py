@@ -1,4 +1,4 @@
-"""All impacts in a record: as pairs of speed and e with their largest forces, and what they say."""
+"""All impacts in a record, as pairs of speed and e with their largest forces, and their notes."""
 
 from __future__ import annotations
 
@@ -21,17 +21,19 @@ from ..recordings import Impact, RecordedPairs, Recording, RecordingError
 from .one_impact import ImpactFit, fitted_impact, with_free_exponent
 
 _AT_REST = 10
-"""Readings from which the weight of a body is told that lies on a plate, and as many errors."""
+"""Least number of readings, and of standard errors, for the weight of a resting body."""
 
 _FAR = 3.0
-"""Standard errors by which an exponent is another one."""
+"""Standard errors beyond which the fitted exponent contradicts the given one."""
 
 _NUMBERS = "velocity", "restitution", "duration", "max_force", "stiffness"
 
 
 class Fitted(NamedTuple):
-    """What the impacts of a record gave: the pairs, the largest forces beside e, the covariance
-    (n, 2, 2) of both logarithms, the fits, and what to say.
+    """Results of the impacts in a record.
+
+    The pairs, the largest forces, the covariance (n, 2, 2) of ln e and of the logarithm of the
+    force, the fits, and the notes.
     """
 
     pairs: RecordedPairs
@@ -45,9 +47,9 @@ class Fitted(NamedTuple):
 def fitted_impacts(
     recording: Recording, contact: Contact, flight: Flight, tell: Callable[[str], None]
 ) -> Fitted:
-    """The impacts of a recording, each fitted with the mass and the exponent of `contact`.
+    """Fit each impact of a recording with the mass and exponent of `contact`.
 
-    Raises RecordingError where none can be fitted.
+    Raises RecordingError if no impact can be fitted.
     """
     good: list[ImpactFit] = []
     bad: list[str] = []
@@ -75,7 +77,7 @@ def fitted_impacts(
 
 
 class WeighedImpacts(NamedTuple):
-    """As `Weighed`, with the largest forces as a column beside e; the correlation is (2n, 2n)."""
+    """`Weighed` with the largest forces as an additional column; the correlation is (2n, 2n)."""
 
     noise: Noise
     weights: Floats
@@ -84,10 +86,11 @@ class WeighedImpacts(NamedTuple):
 
 
 def weighed(found: Fitted, keep: np.ndarray) -> WeighedImpacts:
-    """The noise of ln e and of the logarithm of the force, about trends of the impacts to `keep`.
+    """Return the noise of ln e and of the logarithm of the force about trends of the impacts
+    `keep`.
 
-    Beside the errors that the readings of each impact give, both may scatter from impact to impact
-    about a power of the speed.
+    Each may scatter from impact to impact about a power of the speed, in addition to the reading
+    errors.
     """
     values = np.log(np.stack([found.pairs.restitution, found.force]))
     variance = np.diagonal(found.covariance, axis1=1, axis2=2).T
@@ -107,7 +110,7 @@ def weighed(found: Fitted, keep: np.ndarray) -> WeighedImpacts:
 
 
 def summaries(found: Fitted) -> tuple[ImpactSummary, ...]:
-    """The impacts as plain data."""
+    """Return the impacts as plain data."""
     return tuple(
         ImpactSummary(
             number=one.impact.number,
@@ -122,7 +125,7 @@ def summaries(found: Fitted) -> tuple[ImpactSummary, ...]:
 
 
 def exponent_of(recording: Recording, exponent: float | None) -> float:
-    """The exponent n of the contact. Raises ValueError where the recording does not use it."""
+    """Return the exponent n of the contact; raise ValueError if the recording does not use it."""
     if exponent is None:
         return 1.5
     if not recording.layout.fitted:
@@ -134,7 +137,7 @@ def exponent_of(recording: Recording, exponent: float | None) -> float:
 
 
 def require_mass(recording: Recording, mass: float | None, stiffness: float | None) -> None:
-    """Raise ValueError for a record without a mass, and for a stiffness, which is fitted."""
+    """Raise ValueError for a record without a mass, and for a given stiffness, which is fitted."""
     if stiffness is not None:
         raise ValueError(
             "Argument `stiffness` must be None for a record, which gives it, but is "
@@ -149,7 +152,7 @@ def require_mass(recording: Recording, mass: float | None, stiffness: float | No
 
 
 def _weight(recording: Recording) -> str:
-    """What the body weighs that lies on a force plate at the end; nothing where none does."""
+    """Return a note on the weight of a body resting on the force plate at the end, or ""."""
     impacts: list[Impact] = list(recording.records)  # pyright: ignore[reportAssignmentType]
     first, trace = impacts[0], impacts[0].trace
     if trace.quantity != "force":
@@ -170,7 +173,7 @@ def _weight(recording: Recording) -> str:
 
 
 def _exponent(one: ImpactFit, contact: Contact) -> list[str]:
-    """What the clearest record says about the exponent."""
+    """Return what the clearest record implies for the exponent."""
     other = with_free_exponent(one)
     error = other.standard_errors.get("contact.exponent", math.nan)
     if not other.converged or not math.isfinite(error):
@@ -186,7 +189,7 @@ def _exponent(one: ImpactFit, contact: Contact) -> list[str]:
 
 
 def _shape(good: list[ImpactFit]) -> list[str]:
-    """Whether the force that is fitted has the shape of the records."""
+    """Return whether the fitted force law has the shape of the records."""
     wrong = [one.impact.number for one in good if one.adequate is False]
     told = sum(one.adequate is True for one in good)
     force = "the force K δ^n (1 + α δ'/v₀)"
@@ -205,7 +208,7 @@ def _shape(good: list[ImpactFit]) -> list[str]:
 
 
 def _flights(good: list[ImpactFit], flight: Flight) -> list[str]:
-    """What the times between impacts say, where each follows the last by a bounce."""
+    """Return how flight times between consecutive impacts compare with the fitted speeds."""
     ratios = []
     for one, two in itertools.pairwise(good):
         if two.impact.number != one.impact.number + 1:

@@ -26,15 +26,15 @@ from .saturation import left_out, limits_of, met_limits, said
 from .start import near, touch_in, without_a_contact_elsewhere
 
 _SAMPLES = 128
-"""Moments of the motion between which a cubic is laid: its error is below 1e-7 of the largest."""
+"""Samples of the motion for cubic interpolation: its error is below 1e-7 of the largest value."""
 
 
 class RecordModel(eqx.Module):
-    """What a fit of a record varies: law, contact, speed, touch, zero errors, and filters.
+    """The parameters of a record fit: law, contact, speed, touch, zero errors, and filters.
 
-    `velocity` v0 in m/s, `start_time` in s, `force_offset` in N and `indentation_offset` in m, the
-    last two None where that column was not measured. `low_pass_force` and `low_pass_indentation`
-    are None where a sensor is fast.
+    `velocity` v0 in m/s, `start_time` in s, `force_offset` in N and `indentation_offset` in m. An
+    offset is None if its column was not measured. `low_pass_force` and `low_pass_indentation` are
+    None for a fast sensor.
     """
 
     law: AbstractLaw
@@ -48,7 +48,7 @@ class RecordModel(eqx.Module):
 
 
 class Recorded(eqx.Module):
-    """What instruments read at given times, each between its limits."""
+    """Instrument readings at given times, each clipped to its limits."""
 
     low: Mapping[str, Array]
     high: Mapping[str, Array]
@@ -102,7 +102,7 @@ def _between(
     since: Float[Array, "..."],
     end: Float[Array, ""],
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Indentation and its rate at times after touch: Hermite's cubic between even samples."""
+    """Return indentation and rate at times after touch, by cubics between even samples."""
     width = end / (depth.size - 1)
     place = since / width
     left = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)).astype(int), 0, depth.size - 2)
@@ -129,29 +129,34 @@ def fit_record(
     fixed: tuple[str, ...] = ("mass",),
     **how: Any,
 ) -> Fit:
-    """A law and a contact from a sampled, noisy record of one impact, F(t), δ(t), or both.
+    """Fit a law and a contact to a sampled, noisy record of one impact: F(t), δ(t), or both.
 
-    Arguments: `time` in s; the `law`, the `contact` and the closing `velocity` in m/s to start
-    from; the columns `force` in N and `indentation` in m, at least one, all (samples,), with a
-    standard deviation for each or for none (then the fit finds the noise of each column). The
-    moment of touch and the zero errors of the instruments are unknown and fitted, too: `start_time`
-    in s is where to begin, by default where a reading first exceeds 5 % of the largest. A stiffness
-    by which the contact would last over three times as long as the record shows, or under a third,
-    is replaced by one that fits, for the start. Before and after the contact the force is zero and
-    the indentation that of free flight. `low_pass_force` and `low_pass_indentation`: the filter of
-    a sensor that is not much faster than the contact; its cut-off is fitted from there on unless
-    "low_pass_force" is `fixed`. `fixed`: numbers that stay, by name, the mass by default
-    ("velocity" if it was measured). What else `fit` takes: `loss=Huber()`, say.
+    Arguments: `time` in s. `law`, `contact` and closing `velocity` in m/s are the start of the fit.
+    The columns are `force` in N and `indentation` in m, at least one, all (samples,). Give a
+    standard deviation for each column or for none; without them the fit estimates the noise of each
+    column.
 
-    What instruments do to noise is found with the fit, and said in `notes`: readings at a limit
-    count as at least that; a low-pass filter correlates noise; readings in steps q, larger than a
-    third of their scatter, have the rounding errors of a random zero, of the variance q²/12, which
-    they share where the signal rests: standard errors and intervals know it, weights do not.
+    The time of touch and the zero errors of the instruments are fitted too. `start_time` in s is
+    the initial guess, by default the first reading above 5 % of the largest. An initial stiffness
+    is replaced if its contact would last over three times as long as the record shows, or under a
+    third. Before and after the contact the force is zero and the indentation that of free flight.
 
-    A force alone determines the mass only if the speed is known, an indentation alone determines
-    only K/m: hold what is not identifiable, or read it in `unidentified`. Returns a `Fit` whose
-    params have `.law`, `.contact`, `.velocity`, `.start_time` and the offsets; it has not converged
-    where its contact misses that of the record. Raises ValueError for columns that do not match.
+    `low_pass_force` and `low_pass_indentation` model a sensor that is not much faster than the
+    contact. The cut-off is fitted from the given value unless "low_pass_force" is in `fixed`.
+    `fixed` names the parameters that are held, the mass by default (add "velocity" if it was
+    measured). Other keywords go to `fit`, such as `loss=Huber()`.
+
+    Instrument noise is estimated with the fit and reported in `notes`. Readings at a limit count as
+    at least that value. A low-pass filter correlates noise. Steps q above a third of the scatter
+    have the rounding errors of a random zero, with variance q²/12. Readings share them while the
+    signal rests. Standard errors and intervals include this correlation; weights do not.
+
+    A force alone determines the mass only if the speed is known. An indentation alone determines
+    only K/m. Hold what is not identifiable, or see `unidentified`.
+
+    Returns a `Fit` whose params have `.law`, `.contact`, `.velocity`, `.start_time` and the
+    offsets. It is not converged if its contact misses that of the record. Raises ValueError for
+    columns that do not match.
     """
     require_law(law)
     require_contact(contact)
@@ -191,7 +196,7 @@ def fit_record(
     how = with_transforms(transforms, how)
     if "sigma" not in table:
         how = {"noise": "by column"} | how
-    # The zero before and after a contact is no limit of a force.
+    # The zero before and after a contact is not a limit of a force.
     limits = {
         name: limits_of(readings, two_sided=name == "indentation")
         for name, readings in table["data"].items()
@@ -204,7 +209,7 @@ def fit_record(
     def fitted(start: RecordModel, **other: Any) -> Fit:
         return fit(instruments, start=start, x=moments, **(table | how | other))
 
-    # Readings behind a filter will be correlated: one program for all that follows.
+    # Readings behind a filter get a correlation later: starting with one keeps a single program.
     one = {"correlation": np.eye(moments.size * len(table["data"]))}
     found = fitted(start, **(one if any(filters.values()) else {}))
     if found.converged and any(one.at_limit.any() for one in limits.values()):

@@ -1,16 +1,18 @@
-"""What instruments do to the noise of their readings: filters correlate it, steps round it.
+"""Instrument noise: low-pass filters correlate it, and resolution steps round readings.
 
-Noise of the standard deviation σ, of which a low-pass filter has passed the share s, has the
-covariance C = σ² ((1 - s) I + s R), R the correlation behind the filter. Rounding to steps q with a
-zero that is as probable anywhere adds
+Noise of standard deviation σ has the covariance C = σ² ((1 - s) I + s R). The share s has passed a
+low-pass filter, and R is the correlation behind it. Rounding to steps q with a uniformly random
+zero adds
 
     Q_ij = Σ_k q²/(2π²k²) cos(2πk (μ_i - μ_j)/q) exp(-2π²k² (C_ii + C_jj - 2 C_ij)/q²)
 
-for readings expected at μ: q²/12 for each, shared by those between which neither signal nor noise
-moves by a step. It is the covariance of the Fourier series of rounding (Widrow, Kollár & Liu 1996,
-doi 10.1109/19.492748). Fits weigh as if rounding were independent: with weights Q⁻¹ they would
-cancel rounding errors between readings by where in its step the fit itself puts each, and come out
-too sure. Standard errors are those of Q.
+for readings with expectation μ. This is q²/12 for each reading, shared by readings between which
+neither signal nor noise moves by a step. It is the covariance of the Fourier series of rounding
+(Widrow, Kollár & Liu 1996, doi 10.1109/19.492748).
+
+Fits weight readings as if rounding were independent. Weights Q⁻¹ would cancel rounding errors by
+the position within a step that the fit itself predicts, and the fit would be overconfident.
+Standard errors are computed with Q.
 """
 
 from __future__ import annotations
@@ -31,30 +33,30 @@ from .saturation import Limits
 Column = Float[np.ndarray, " n"]
 
 _NOTICED = 1 / 3
-"""Steps above this part of the scatter of a column are part of its noise."""
+"""Steps above this fraction of the scatter of a column are treated as noise."""
 
 _SHARED = 2.0
-"""Of steps below so many standard deviations no rounding error is shared: exp(-π²) is left."""
+"""Steps below this many standard deviations share no rounding error: at most exp(-π²) remains."""
 
 _LEAST = 0.05
-"""Of a step: less noise is as good as none, and would leave readings with one error."""
+"""Least noise in steps; less would leave readings that share one error."""
 
 _PARTS = np.geomspace(0.05, 0.6, 9)
-"""Of a step: standard deviations of noise between which rounding tells."""
+"""Standard deviations of noise in steps, between which rounding determines the noise."""
 
 _PASSED = 0.999
-"""Of the noise before it is rounded, behind a filter."""
+"""Fraction of the noise before rounding that has passed the filter."""
 
 _TERMS = 12
 _MOST = 2000
-"""Readings whose correlation is held as a matrix."""
+"""Largest number of readings with a correlation matrix."""
 
 _ROUNDS = 6
 _SAME = 1e-2
-"""A change of all correlations that counts as none."""
+"""Largest change of all correlations at convergence."""
 
 _WHOLE = 1e-3
-"""Of a step: so close to a multiple is one."""
+"""Tolerance in steps within which a gap is a multiple of the step."""
 
 _ORDINALS = {2: "nd", 3: "rd"}
 
@@ -62,8 +64,9 @@ _ROUNDED, _NOTHING = 1e-9, 1e-300
 
 
 class _Column(NamedTuple):
-    """A column of a record: its rows in the fit, its steps (0 without), and its known standard
-    deviations (n,), None where the noise is found by the fit.
+    """A column of a record: rows in the fit, step (0 without) and known standard deviations (n,).
+
+    The standard deviations are None if the fit estimates the noise.
     """
 
     name: str
@@ -73,8 +76,10 @@ class _Column(NamedTuple):
 
 
 class _Noise(NamedTuple):
-    """The standard deviations (n,) of readings and their correlation (n, n), by which a fit weighs
-    (None without one); and all their errors, where rounding shares more.
+    """Standard deviations (n,) of readings, their correlation (n, n) and their full errors.
+
+    A fit weighs by the correlation (None without one). `whole` holds all errors if rounding shares
+    more.
     """
 
     size: Column
@@ -83,33 +88,33 @@ class _Noise(NamedTuple):
 
 
 def require_filterable(name: str, readings: Column | None) -> None:
-    """Raise ValueError for a filter without a column, or of too many readings."""
+    """Raise ValueError for a filter without a column, or for one with too many readings."""
     if readings is None:
         raise ValueError(f"Argument `low_pass_{name}` must be None without `{name}`.")
     if readings.size > _MOST:
         raise ValueError(
             f"Argument `{name}` must have at most {_MOST} readings with `low_pass_{name}`, but has "
-            f"{readings.size}; give {_thinned(readings.size)}: a filter leaves little between them."
+            f"{readings.size}; give {_thin(readings.size)}: a filter leaves little between them."
         )
 
 
-def _thinned(size: int) -> str:
-    """How to get from so many readings to as many as are held as a matrix."""
+def _thin(size: int) -> str:
+    """Return the thinning that reduces the readings to the size of a matrix, as text."""
     every = math.ceil(size / _MOST)
     return f"every {every}{_ORDINALS.get(every, 'th')}"
 
 
 def step_of(readings: Column) -> float:
-    """The steps in which a column is read, 0 where it shows none.
+    """Return the resolution step of a column, 0 if it has none.
 
-    All readings lie on multiples of it from one of them, and some lie on the same.
+    All readings must lie on multiples of the step from one of them, and some must coincide.
     """
     values = np.unique(readings)
     gaps = np.diff(values)
     gaps = gaps[gaps > _ROUNDED * np.ptp(values)]
     if gaps.size < 2 or gaps.size + 1 >= readings.size:
         return 0.0
-    # The mean of gaps of one step is sharper than the smallest.
+    # The mean of single-step gaps is more accurate than the smallest gap.
     step = float(np.mean(gaps[gaps < 1.5 * gaps.min()]))
     whole = np.abs(gaps / step - np.round(gaps / step)) < _WHOLE * np.maximum(1, gaps / step)
     return step if whole.all() else 0.0
@@ -118,23 +123,23 @@ def step_of(readings: Column) -> float:
 def rounding(
     noise: Float[np.ndarray, "n n"], expected: Column, step: float
 ) -> Float[np.ndarray, "n n"]:
-    """The covariance Q (n, n) of rounding to steps; `noise` is C and `expected` μ."""
+    """Return the covariance Q (n, n) of rounding to steps; `noise` is C and `expected` is μ."""
     size = np.diag(noise)
     apart = (size[:, None] + size - 2 * noise) / step**2
     turn = 2 * np.pi * (expected[:, None] - expected) / step
     total = np.zeros_like(noise)
     for k in range(1, _TERMS + 1):
         total += np.cos(k * turn) * np.exp(-2 * (np.pi * k) ** 2 * apart) / (2 * (np.pi * k) ** 2)
-    # What the terms left out make of q²/12 is small, and counts as shared by none.
+    # The omitted terms of q²/12 are small and are treated as independent.
     total[np.diag_indices_from(total)] = 1 / 12
     return step**2 * total
 
 
 def rounding_of_white_noise(sigma: Column, expected: Column, step: float) -> SharedErrors:
-    """The errors of readings of independent noise `sigma` (n,) in steps: C + Q as a diagonal and a
-    product of a few columns, small for any number of readings.
+    """Return the errors C + Q of readings with independent noise `sigma` (n,), rounded to steps.
 
-    Then exp(-2π²k² (σ_i² + σ_j²)/q²) is a product, and the cosine of a difference the sum of two.
+    They are a diagonal plus a product of a few columns, small for any number of readings:
+    exp(-2π²k² (σ_i² + σ_j²)/q²) is a product, and the cosine of a difference is a sum of two.
     """
     turns = np.arange(1, _TERMS + 1)
     kept = np.exp(-2 * (np.pi * sigma[:, None] * turns / step) ** 2) / (np.sqrt(2) * np.pi * turns)
@@ -150,9 +155,9 @@ def with_noise_of_instruments(
     time: Column,
     limits: Mapping[str, Limits],
 ) -> Fit:
-    """The fit with the noise that filters and steps make of white noise, found in turn with it.
+    """Refit with the correlated noise of filters and steps, in turns until it settles.
 
-    The same fit where there is no filter, and no step that exceeds a third of the scatter.
+    Returns the same fit if there is no filter and no step above a third of the scatter.
     """
     columns = [
         _Column(
@@ -188,12 +193,12 @@ def with_noise_of_instruments(
 
 
 def _scatter(found: Fit, column: _Column) -> float:
-    """The standard deviation of what the fit leaves of a column."""
+    """Return the standard deviation of the residuals of a column."""
     return max(float(np.sqrt(np.nanmean(found.residuals[column.rows] ** 2))), _NOTHING)
 
 
 def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
-    """The noise of a column; None where its readings are independent and as given."""
+    """Return the noise of a column; None if its readings are independent and as given."""
     factor = np.asarray(found.problem.factor)
     used = np.zeros(factor.size, bool)
     used[column.rows] = factor[column.rows] > 0
@@ -211,7 +216,7 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
     if low_pass is not None:
         shape = np.eye(factor.size)
         shape[column.rows, column.rows] = behind = low_pass.correlation(time)
-        # Where there are steps, what no filter has passed is their rounding.
+        # With steps, the unfiltered part of the noise is their rounding.
         share = _PASSED if step else shared_noise(found, used, shape).share
         passed = (1 - share) * np.eye(time.size) + share * behind
     whole = None
@@ -219,7 +224,7 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
         expected = np.asarray(found.predict()[column.name])
         if column.sigma is None:
             sigma = np.full(time.size, step * _part_of(found, used, passed, expected, column))
-        whole = _rounded(sigma, passed, expected, step)
+        whole = _rounding_errors(sigma, passed, expected, step)
     size = np.sqrt(sigma**2 + step**2 / 12)
     if passed is not None:
         passed = passed * np.outer(sigma / size, sigma / size)
@@ -227,10 +232,10 @@ def _noise_of(found: Fit, column: _Column, time: Column) -> _Noise | None:
     return _Noise(size, passed, whole)
 
 
-def _rounded(
+def _rounding_errors(
     sigma: Column, passed: Float[np.ndarray, "n n"] | None, expected: Column, step: float
 ) -> SharedErrors:
-    """The errors of readings in steps, of noise that a filter has `passed`, None without one."""
+    """Return the errors of rounded readings; `passed` is the filtered correlation or None."""
     if passed is None:
         return rounding_of_white_noise(sigma, expected, step)
     noise = passed * np.outer(sigma, sigma)
@@ -245,10 +250,10 @@ def _part_of(
     expected: Column,
     column: _Column,
 ) -> float:
-    """The noise of a column before it is rounded, in steps, by restricted likelihood.
+    """Return the noise of a column before rounding, in steps, by restricted likelihood.
 
-    What a fit leaves does not tell it by its size alone: readings share rounding errors, which the
-    parameters follow. Its logarithm is averaged with the likelihood, flat before.
+    The size of the residuals alone does not determine it, because readings share rounding errors
+    that the parameters follow. Its logarithm is averaged with the likelihood under a flat prior.
     """
     seen = np.column_stack([basis_of(slope_of(found)[used]), found.residuals[used] / column.step])
     rows = np.flatnonzero(used) - column.rows.start
@@ -256,7 +261,7 @@ def _part_of(
     expected = expected[rows] / column.step
     logs = np.array(
         [
-            _log_likelihood(_rounded(np.full(rows.size, part), some, expected, 1.0), seen)
+            _log_likelihood(_rounding_errors(np.full(rows.size, part), some, expected, 1.0), seen)
             for part in _PARTS
         ]
     )
@@ -265,9 +270,9 @@ def _part_of(
 
 
 def _log_likelihood(errors: SharedErrors, seen: Float[np.ndarray, "n k+1"]) -> float:
-    """The restricted one of the last column of `seen`, which the others may move."""
+    """Return the restricted log-likelihood of the last column of `seen` given the others."""
     if errors.own.any():
-        # Woodbury's identity: only as many columns as are shared are solved for.
+        # Woodbury's identity: the linear system has only as many rows as shared columns.
         size = np.sqrt(errors.own)[:, None]
         root, seen = errors.root / size, seen / size
         inner = np.eye(root.shape[1]) + root.T @ root
@@ -286,8 +291,9 @@ def _log_likelihood(errors: SharedErrors, seen: Float[np.ndarray, "n k+1"]) -> f
 def _errors(
     columns: list[_Column], noises: list[_Noise | None]
 ) -> tuple[dict[str, Any], Float[np.ndarray, " numbers"]]:
-    """The arguments of `fit` for the noise of columns, none where it is as given; and all numbers
-    in them.
+    """Return the arguments of `fit` for the noise of columns, and all their numbers.
+
+    The arguments are empty if the noise is as given.
     """
     given: dict[str, Any] = {}
     if any(noise and noise.correlation is not None for noise in noises):
@@ -308,7 +314,7 @@ def _errors(
 
 
 def _errors_of_z(found: Fit, columns: list[_Column], noises: list[_Noise | None]) -> SharedErrors:
-    """Those of the standardised residuals of readings with weight, as rounding shares them."""
+    """Return the errors of standardised residuals with weight, including shared rounding."""
     factor, whitener = np.asarray(found.problem.factor), found.problem.whitener
     used, own = factor > 0, np.full(factor.size, found.noise)
     roots = [np.zeros((factor.size, 0))]
@@ -319,7 +325,7 @@ def _errors_of_z(found: Fit, columns: list[_Column], noises: list[_Noise | None]
         root = np.zeros((factor.size, whole.root.shape[1]))
         root[rows] = whole.root * factor[rows, None]
         if getattr(found.params, f"low_pass_{column.name}") is not None:
-            # Only what a filter has passed is whitened, and has no error of its own.
+            # Only filtered noise is whitened, and it has no error of its own.
             root[rows] = np.asarray(whitener)[rows, rows] @ root[rows]
         own[rows] = whole.own * factor[rows] ** 2
         roots.append(root)

@@ -1,4 +1,4 @@
-"""A low-pass filter between a contact and what is read of it."""
+"""A low-pass filter between a contact and its readings."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from jaxtyping import Array, Float
 from ..._parameter import POSITIVE, parameter, require_count
 
 _HIGHEST = 8
-"""Order beyond which the poles of a filter lie too close for sums of their modes."""
+"""Highest order; beyond it the poles lie too close for sums over modes."""
 
 _NODES, _WEIGHTS = ((np.polynomial.legendre.leggauss(4)[i] + 1 - i) / 2 for i in (0, 1))
-"""Gauss's rule on [0, 1], in each interval of a contact."""
+"""Gauss's rule on [0, 1], for each interval of a contact."""
 
 
 class Course(NamedTuple):
     """A signal over the time since touch.
 
-    A straight line through zero of the rate `before`, and on top of it `inside(t)` until the `end`
-    of the contact, then a straight line with the value and the rate `after`.
+    A straight line through zero with the rate `before`. `inside(t)` is added until the `end` of the
+    contact, then a straight line with the value and the rate `after`.
     """
 
     before: Float[Array, ""]
@@ -34,7 +34,7 @@ class Course(NamedTuple):
     after: tuple[Float[Array, ""] | float, Float[Array, ""] | float]
 
     def read(self, since: Float[Array, " n"]) -> Float[Array, " n"]:
-        """The signal itself, without a filter."""
+        """Return the signal without a filter."""
         value, rate = self.after
         on_top = self.inside(jnp.clip(since, 0, self.end))
         on_top = jnp.where(since < self.end, on_top, value + rate * (since - self.end))
@@ -51,10 +51,11 @@ def _order(given: int) -> int:
 class LowPass(eqx.Module):
     """A sensor that reads through a Butterworth low-pass filter, |H(f)|² = 1/(1 + (f/f_c)^(2N)).
 
-    `cutoff` f_c in Hz, where half of the power passes, and `order` N, 1 to 8. The filter is causal,
-    that of an amplifier: it delays (by 0.23/f_c at N = 2), and noise that passes it is correlated.
-    A filter that has run over a record forwards and backwards is another one. Raises ValueError
-    unless f_c is positive and N such a count.
+    `cutoff` f_c in Hz is the half-power frequency, and `order` N is 1 to 8. The filter is causal,
+    like that of an amplifier: it delays (by 0.23/f_c at N = 2) and correlates noise. It does not
+    describe a filter that was run forwards and backwards over a record. Raises ValueError unless
+    f_c is positive and N is such a count.
+
     Source: Butterworth (1930), Wireless Engineer 7:536.
     """
 
@@ -62,22 +63,22 @@ class LowPass(eqx.Module):
     order: int = eqx.field(static=True, default=2, converter=_order)
 
     def read(self, course: Course, since: Float[Array, " n"], parts: int) -> Float[Array, " n"]:
-        """What the sensor shows of a signal: Σ Re r_k ∫ exp(p_k (t - u)) signal(u) du over poles.
+        """Return the filtered signal, Σ Re r_k ∫ exp(p_k (t - u)) signal(u) du over the poles.
 
-        The contact is integrated in so many `parts`, exactly but for polynomials of degree 7.
+        The contact is integrated in `parts` intervals, exactly for polynomials up to degree 7.
         """
         rate = 2 * jnp.pi * self.cutoff
         width = course.end / parts
         starts = jnp.arange(parts) * width
         there = course.inside(starts[:, None] + (width * _NODES)[None, :])
-        # On from the last begin of a part before each moment.
+        # Continue from the start of the interval that contains each time.
         t = jnp.clip(since, 0, course.end)
         part = jnp.clip(jnp.floor(jax.lax.stop_gradient(t / width)).astype(int), 0, parts - 1)
         rest = (t - starts[part])[:, None]
         late = course.inside(starts[part][:, None] + rest * _NODES[None, :])
-        # From the end of one part to the begin of another, no earlier one.
+        # From the end of one interval to the start of a later one, never an earlier one.
         steps = np.arange(parts + 1)[:, None] - 1 - np.arange(parts)
-        # After the contact: of a constant and of a ramp.
+        # After the contact: response to a constant and a ramp.
         value, slope = course.after
         beyond = jnp.maximum(since - course.end, 0)
         on_top, delay = jnp.zeros_like(since), jnp.zeros_like(rate)
@@ -96,7 +97,7 @@ class LowPass(eqx.Module):
         return course.before * (since - delay) + jnp.where(since > 0, on_top, 0)
 
     def correlation(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
-        """Of white noise behind the filter, between the moments in s of readings."""
+        """Return the correlation of filtered white noise between reading times in s."""
         poles, residues = _modes(self.order)
         # Σ r_k H(-p_k) exp(p_k |τ|).
         power = residues / np.prod(-poles[:, None] - poles, axis=1)
@@ -106,13 +107,13 @@ class LowPass(eqx.Module):
 
 
 def _modes(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Poles and residues of a filter whose cut-off is 1 rad/s: Σ r_k exp(p_k t) is its response."""
+    """Return poles and residues at a cut-off of 1 rad/s; the response is Σ r_k exp(p_k t)."""
     poles = np.exp(1j * np.pi * (2 * np.arange(order) + order + 1) / (2 * order))
     return poles, 1 / np.prod(poles[:, None] - poles + np.eye(order), axis=1)
 
 
 def _half(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Of poles that are conjugate one, with twice its residue: the real part is the response."""
+    """Return one pole of each conjugate pair, with twice its residue."""
     poles, residues = _modes(order)
     kept = np.arange(order) < (order + 1) // 2
     alone = 2 * np.arange(order) + 1 == order

@@ -1,4 +1,4 @@
-"""One impact in the record of an instrument, fitted: its speed, e, contact time, force and K."""
+"""The fit of one impact in an instrument record: speed, e, contact time, force and K."""
 
 from __future__ import annotations
 
@@ -22,12 +22,14 @@ from .fit_record import fit_record
 from .saturation import limits_of
 
 _LENGTH = 512
-"""Readings of every fit, so that all share one program: longer windows are averaged, shorter ones
-filled up with readings without weight."""
+"""Readings of every fit, so that all share one compiled program.
+
+Longer windows are averaged, shorter ones padded with readings of zero weight.
+"""
 
 _LEAST_E, _MOST_E = 0.1, 0.99
 _WRONG = 0.01
-"""A probability below which the readings are not those of the force that was fitted."""
+"""Probability below which the fitted force law does not describe the readings."""
 
 OUTCOMES = "restitution", "duration", "max_force"
 
@@ -43,10 +45,10 @@ class Outcome(NamedTuple):
 class ImpactFit:
     """One impact of a record, fitted by F = K δ^n (1 + α δ'/v₀).
 
-    `impact` holds the readings, `fit` what was found with them (see `fit_record`), of the `time`
-    (n,) in s and the `reading` (n,); `velocity` in m/s, `restitution`, `duration` in s, `max_force`
-    in N and `stiffness` in N/m^n follow; `covariance` (2, 2) is that of ln e and, at the speed
-    found, of the logarithm of the largest force.
+    `impact` holds the readings. `fit` is the fit (see `fit_record`) of the `reading` (n,) over the
+    `time` (n,) in s. Results are `velocity` in m/s, `restitution`, `duration` in s, `max_force` in
+    N and `stiffness` in N/m^n. `covariance` (2, 2) is that of ln e and the logarithm of the largest
+    force, at the fitted speed.
     """
 
     impact: Impact
@@ -62,7 +64,7 @@ class ImpactFit:
 
     @property
     def adequate(self) -> bool | None:
-        """Whether the fit describes the readings, of which noise makes it fail one in a hundred."""
+        """True if the fit describes the readings (false alarm rate 1 %); None if undecided."""
         p = self.fit.adequacy.p
         return None if p is None else p >= _WRONG
 
@@ -73,8 +75,8 @@ class ImpactFit:
 
 
 def fitted_impact(one: Impact, contact: Contact) -> ImpactFit | str:
-    """The fit of an impact with the mass and the exponent of `contact`, or why there is none."""
-    time, reading = _shortened(one)
+    """Fit an impact with mass and exponent of `contact`; return the reason on failure."""
+    time, reading = _shorten(one)
     mass = float(contact.mass)
     column, scale = _column(one, mass)
     reading = scale * reading
@@ -101,7 +103,7 @@ def fitted_impact(one: Impact, contact: Contact) -> ImpactFit | str:
     end = float(found_law.start_time) + numbers[1].value
     if not time[0] < float(found_law.start_time) < end < time[-1]:
         return "its contact reaches beyond what is free about it"
-    # At the speed found: a wrong speed moves the stiffness with it, and not the force.
+    # At the fitted speed: an error of the speed moves the stiffness with it, but not the force.
     ahead = slope[[0, 2]].copy()
     ahead[:, 2] = 0
     error = np.sqrt(np.diag(covariance))
@@ -123,7 +125,7 @@ def fitted_impact(one: Impact, contact: Contact) -> ImpactFit | str:
 def _outcomes(
     point: Float[Array, " 3"], mass: Float[Array, ""], exponent: float
 ) -> tuple[Float[Array, " 3"], Float[Array, "3 3"]]:
-    """The logarithms of e, contact time and largest force, and their slopes by α, K and v₀."""
+    """Return ln of e, contact time and largest force, and their slopes by α, K and v₀."""
 
     def logs(point: Float[Array, " 3"]) -> Float[Array, " 3"]:
         alpha, stiffness, velocity = point
@@ -133,14 +135,14 @@ def _outcomes(
     return logs(point), jax.jacfwd(logs)(point)
 
 
-def _shortened(one: Impact) -> tuple[np.ndarray, np.ndarray]:
-    """The window of an impact, in means of readings where it is longer than a fit takes."""
+def _shorten(one: Impact) -> tuple[np.ndarray, np.ndarray]:
+    """Return the window of an impact, averaged down if it is longer than a fit takes."""
     time, reading = one.time, one.reading
     width = math.ceil(time.size / _LENGTH)
     if width == 1:
         return time, reading
     if limits_of(reading, two_sided=False).at_limit.any():
-        # The mean over the end of a plateau is no reading.
+        # A mean across the edge of a plateau is not a reading.
         return time[::width], reading[::width]
     count = time.size // width
     means = (x[: count * width].reshape(count, width).mean(axis=1) for x in (time, reading))
@@ -148,7 +150,7 @@ def _shortened(one: Impact) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _column(one: Impact, mass: float) -> tuple[str, float]:
-    """The argument of `fit_record` for what was read, and what the readings are multiplied by."""
+    """Return the argument of `fit_record` for the quantity, and the factor for the readings."""
     quantity = one.trace.quantity
     column = "indentation" if quantity == "indentation" else "force"
     return column, mass if quantity == "acceleration" else 1.0
@@ -162,7 +164,10 @@ class _Start(NamedTuple):
 
 
 def _start(one: Impact, time: np.ndarray, reading: np.ndarray, contact: Contact) -> _Start:
-    """Where a fit begins: by the impulse and its centre, m v₀ T = ∫ F (T - t) dt, e = t̄/(T - t̄)."""
+    """Return the start of a fit from the impulse and its centre.
+
+    It uses m v₀ T = ∫ F (T - t) dt and e = t̄/(T - t̄).
+    """
     touch, long = float(one.trace.time[0] + one.touch * one.trace.step), one.duration
     inside = (time >= touch) & (time <= touch + long)
     t, y, step = time[inside] - touch, reading[inside], float(time[1] - time[0])
@@ -183,7 +188,7 @@ def _start(one: Impact, time: np.ndarray, reading: np.ndarray, contact: Contact)
 
 
 def with_free_exponent(one: ImpactFit) -> Fit:
-    """The fit of the same readings with the exponent n free."""
+    """Fit the same readings with the exponent n free."""
     found = one.fit.params
     mass = found.contact.mass
     with jax.enable_x64(True):
@@ -195,7 +200,7 @@ def with_free_exponent(one: ImpactFit) -> Fit:
 
 
 def _fit_of(time: np.ndarray, reading: np.ndarray, column: str, start: _Start) -> Fit:
-    """The fit of a window that is filled up with readings without weight."""
+    """Fit a window padded with readings of zero weight."""
     count = time.size
     step = float(time[-1] - time[0]) / (count - 1)
     time = np.concatenate([time, time[-1] + step * np.arange(1, _LENGTH - count + 1)])

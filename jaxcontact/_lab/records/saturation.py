@@ -1,4 +1,4 @@
-"""The limits of an instrument: readings that stay at the largest or smallest it can show."""
+"""Instrument limits: readings that stay at the largest or smallest value."""
 
 from __future__ import annotations
 
@@ -11,19 +11,24 @@ from jaxtyping import Bool, Float
 from ..._fit import Fit
 
 _RUN = 3
-"""Equal readings in a row from which a plateau is told."""
+"""Least number of equal readings in a row for a plateau."""
 
 _STEPS, _TIMES, _LONGER = 4.0, 4, 8
-"""A plateau is a limit where the readings beside it rise to it by more than so many of their steps
-of resolution, where it is so many times as long as there are readings of the value beside it, or
-so many times as long as any other run of equal readings. A peak in coarse steps is flat, too, but
-reached slowly: of a parabola there are at most 1 + √2 times as many readings as of the value beside
-it, whose runs noise cuts short; and where noise cuts the peak, it cuts all else as well."""
+"""A plateau is a limit if one of three conditions holds.
+
+The readings beside it rise to it by more than 4 resolution steps; or it is 4 times as long as there
+are readings of the value beside it; or it is 8 times as long as any other run. A peak in coarse
+steps is flat too, but it is reached slowly: a parabola has at most 1 + √2 times as many readings
+there as of the value beside it. Noise shortens the runs beside it; where it also cuts the peak, it
+cuts all other runs as well.
+"""
 
 
 class Limits(NamedTuple):
-    """The smallest and the largest reading of an instrument (infinite where it has shown none),
-    and which readings (n,) are at one of them.
+    """The smallest and largest reading of an instrument, and which readings (n,) are at one of
+    them.
+
+    A limit that does not occur is infinite.
     """
 
     low: float
@@ -32,10 +37,10 @@ class Limits(NamedTuple):
 
 
 def limits_of(readings: Float[np.ndarray, " n"], *, two_sided: bool) -> Limits:
-    """The limits that a column of readings shows; the low one only if asked for.
+    """Return the limits that a column of readings shows; the low one only if `two_sided`.
 
-    A limit is a value that no reading exceeds, that at least three readings in a row have, and that
-    they reach at once.
+    A limit is a value that no reading exceeds, that at least three successive readings have, and
+    that they reach abruptly.
     """
     at_high = _plateau(readings)
     at_low = _plateau(-readings) if two_sided else np.zeros_like(at_high)
@@ -45,7 +50,7 @@ def limits_of(readings: Float[np.ndarray, " n"], *, two_sided: bool) -> Limits:
 
 
 def _plateau(y: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """The readings in a plateau at the maximum."""
+    """Return the mask of readings in a plateau at the maximum."""
     at_top = y == y.max()
     begin = np.concatenate([[0], np.flatnonzero(np.diff(y)) + 1])
     length, level = np.diff(np.append(begin, y.size)), y[begin]
@@ -57,13 +62,13 @@ def _plateau(y: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
         most = max((np.count_nonzero(y == level[j]) for j in beside), default=y.size)
         others = max(length[level < y.max()], default=y.size)
         if rise > _STEPS * step or length[i] > min(_TIMES * most, _LONGER * others):
-            # One long plateau shows the limit; other readings there are at it, too.
+            # One long plateau shows the limit; other readings at that value are limited too.
             return at_top
     return np.zeros_like(at_top)
 
 
 def met_limits(found: Fit, limits: Mapping[str, Limits]) -> dict[str, Bool[np.ndarray, " n"]]:
-    """Readings at a limit beyond which the fit puts them: they have no residual, and no noise."""
+    """Return masks of readings at a limit that the fit puts beyond it (no residual)."""
     predicted = found.predict()
     return {
         name: one.at_limit & ((predicted[name] <= one.low) | (predicted[name] >= one.high))
@@ -76,13 +81,13 @@ def left_out(
     met: Mapping[str, Bool[np.ndarray, " n"]],
     kind: str,
 ) -> dict[str, Float[np.ndarray, " n"]]:
-    """The "sigma" or "weights" of columns without the readings that a limit has met."""
+    """Return the "sigma" or "weights" of columns with readings beyond a limit left out."""
     nothing = np.inf if kind == "sigma" else 0.0
     return {name: np.where(met[name], nothing, values) for name, values in given.items()}
 
 
 def said(limits: Mapping[str, Limits]) -> list[str]:
-    """The limits in words."""
+    """Return notes on the limits."""
     return [
         f"{np.count_nonzero(one.at_limit)} of {one.at_limit.size} readings of {name} are at a "
         "limit of the instrument and count as that or beyond"

@@ -1,4 +1,4 @@
-"""Where a record shows a contact: a start for its fit, and whether its end is there."""
+"""Locating the contact in a record: a start for its fit, and a check of the result."""
 
 from __future__ import annotations
 
@@ -19,30 +19,34 @@ Column = Float[np.ndarray, " n"]
 Model = TypeVar("Model", bound=Any)
 
 _TOUCHED = 0.05
-"""Of the largest reading: where a record rises above it, a start for the moment of touch."""
+"""Fraction of the largest reading above which contact is assumed, as a start for the touch."""
 
 _HALF = 0.6
-"""Of a contact that a force or an indentation is above half of its maximum: from .57 for a Hertz
-force to .67 for the sine of a linear spring."""
+"""Fraction of a contact during which force or indentation exceeds half of its maximum.
+
+It ranges from .57 for a Hertz force to .67 for the sine of a linear spring.
+"""
 
 _FAR = 3.0
-"""A duration that is off by more is no start: the two contacts would hardly overlap."""
+"""Factor beyond which a duration is no usable start: the two contacts would hardly overlap."""
 
 _DAMPING = 0.01, 3.0
-"""Between these a damping factor α shows in a record, and leaves a rebound to see."""
+"""Range of damping factors α that show in a record and leave a measurable rebound."""
 
 _SEEN = 0.5
-"""What a fit must describe of the scatter of a column that is not noise. Contacts that lie beside
-the one of the record describe next to nothing of it."""
+"""Least fraction of the non-noise scatter of a column that a fit must describe.
+
+Contacts that lie beside the one of the record describe almost nothing of it.
+"""
 
 
 def touch_in(time: Column, reading: Column) -> float:
-    """The moment in s at which a reading rises above its beginning, about."""
+    """Return the approximate time in s at which a reading rises above its beginning."""
     return float(time[np.argmax(reading > _TOUCHED * reading.max())])
 
 
 def near(start: Model, time: Column, reading: Column, held: Container[str]) -> Model:
-    """The start with a stiffness by which its contact lasts about as long as that of the record.
+    """Return the start with a stiffness that gives about the contact duration of the record.
 
     Numbers that are `held`, by their full names, stay.
 
@@ -61,7 +65,7 @@ def near(start: Model, time: Column, reading: Column, held: Container[str]) -> M
     start = eqx.tree_at(lambda s: s.contact.stiffness, start, jnp.asarray(better))
     law, c = start.law, getattr(start.law, "c", None)
     if isinstance(law, AbstractHuntCrossley) and c is not None and "law.c" not in held:
-        # A damping factor in units means another damping with another stiffness.
+        # A dimensional damping factor means a different damping at a different stiffness.
         alpha = float(law.damping_factor(start.contact, speed))
         if alpha > 0:
             c = c * (min(max(alpha, _DAMPING[0]), _DAMPING[1]) / alpha)
@@ -70,10 +74,10 @@ def near(start: Model, time: Column, reading: Column, held: Container[str]) -> M
 
 
 def without_a_contact_elsewhere(found: Fit, data: dict[str, Column]) -> Fit:
-    """The fit, not converged if it describes no contact of a column.
+    """Return the fit, not converged if it misses the contact in a column.
 
-    What neighbours differ by is noise: the scatter beyond it is the contact, and what the fit
-    leaves of it must be less than half.
+    Differences of neighbouring readings measure the noise; scatter beyond it is the contact. The
+    fit must leave less than half of that scatter.
     """
     at = 0
     for name, column in data.items():

@@ -1,4 +1,4 @@
-"""A calibration as one page to read, print and send."""
+"""A calibration as a one-page report."""
 
 from .write import PDF as PDF
 from .write import SUFFIXES as SUFFIXES

@@ -8,23 +8,23 @@ from collections.abc import Iterable, Sequence
 
 
 class Html(str):
-    """A text that is HTML already; every other one is escaped where it is put into some."""
+    """A text that is already HTML; any other text is escaped when inserted."""
 
     __slots__ = ()
 
 
 def text(content: str) -> Html:
-    """The HTML of a text."""
+    """Return the HTML of a text."""
     return content if isinstance(content, Html) else Html(html.escape(content))
 
 
 def joined(parts: Iterable[str]) -> Html:
-    """Parts one after another, each on a line of its own."""
+    """Join parts, each on its own line."""
     return Html("\n".join(text(part) for part in parts if part))
 
 
 def element(name: str, *content: str, **attributes: str) -> Html:
-    """An element with its content; `class_` stands for `class`."""
+    """Return an element with its content; `class_` is the attribute `class`."""
     given = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{html.escape(value)}"'
         for key, value in attributes.items()
@@ -34,12 +34,12 @@ def element(name: str, *content: str, **attributes: str) -> Html:
 
 
 def section(title: str, *content: str) -> Html:
-    """A section with a heading; nothing where it has no content."""
+    """Return a section with a heading; empty without content."""
     return element("section", element("h2", title), *content) if any(content) else Html("")
 
 
 def paragraphs(*sentences: str) -> Html:
-    """A paragraph for each sentence, with a capital and a full stop."""
+    """Return a paragraph for each sentence, with a capital and a full stop."""
     return joined(element("p", _sentence(one)) for one in sentences if one)
 
 
@@ -48,13 +48,13 @@ def _sentence(words: str) -> str:
         return words
     end = "" if words.rstrip().endswith((".", ":", "?")) else "."
     first = words.split(maxsplit=1)[0]
-    # A symbol or a name, such as e or interval_s, stays as it is.
+    # A symbol or a name, such as e or interval_s, keeps its case.
     plain = len(first) > 1 and first.rstrip(",;:").isalpha()
     return (words[0].upper() + words[1:] if plain else words) + end
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1) -> Html:
-    """A table that scrolls sideways where it is too wide; nothing without rows.
+    """Return a table that scrolls sideways if it is too wide; empty without rows.
 
     The first `left` columns are words, the others numbers. A row of one cell is a heading.
     """
@@ -74,13 +74,13 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], *, left: int = 1
 
 
 def definitions(rows: Iterable[tuple[str, str]]) -> Html:
-    """A list of words and what is said of each."""
+    """Return a definition list of terms and sentences."""
     parts = (part for a, b in rows for part in (element("dt", a), element("dd", _sentence(b))))
     return element("dl", *parts)
 
 
 def picture(svg: bytes, words: str) -> Html:
-    """A picture inside the page, with the words that say what it shows."""
+    """Return a picture embedded in the page, with its caption."""
     source = "data:image/svg+xml;base64," + base64.b64encode(svg).decode()
     image = Html(f'<img src="{source}" alt="{html.escape(words)}">')
     return element("figure", image, element("figcaption", words))

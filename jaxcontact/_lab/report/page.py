@@ -1,4 +1,4 @@
-"""The page: one file without scripts, fonts or anything else from elsewhere."""
+"""The page: one self-contained file without scripts or fonts."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ $body
 
 
 def page_of(calibration: Calibration, radius: float | None, tell: Callable[[str], None]) -> str:
-    """The page of a calibration."""
+    """Return the page of a calibration."""
     s = calibration.summary
     tell("drawing")
     drawings = pictures(calibration)

@@ -1,4 +1,4 @@
-"""The pictures of the page: small ones that are read on a phone."""
+"""The figures of the page, small enough to read on a phone."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _WIDTH, _HEIGHT = 4.4, 3.9
-"""In inches: as wide as a phone, on which letters then have their own size."""
+"""In inches: the width of a phone, so that text is shown at its own size."""
 
 _SVG = pathlib.Path("picture.svg")
 
 
 def pictures(calibration: Calibration) -> Html:
-    """The curves with their bands, the choice among laws, and the residuals of the best law."""
+    """Return the curves with bands, the choice among laws, and the residuals of the best law."""
     from ...plot import calibration as curves
     from ...plot import choice, residuals
 

@@ -1,4 +1,4 @@
-"""The words and tables of the page, in the order in which they are read."""
+"""The sections of the page, in reading order."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ADEQUATE = {True: "yes", False: "no", None: "cannot be told"}
 
 
 def verdict(s: CalibrationSummary) -> Html:
-    """What to believe, before anything else: as `print` says it."""
+    """Return the verdict section, with the same content as `print`."""
     first, *rest = headlines(s)
     ask = s.choice.next_measurement
     return element(
@@ -40,7 +40,7 @@ def verdict(s: CalibrationSummary) -> Html:
 
 
 def _mood(s: CalibrationSummary) -> str:
-    """Whether the verdict is good, open or bad."""
+    """Return whether the verdict is good, open or bad."""
     law = s.chosen
     if law is None or law.adequate is False:
         return "bad"
@@ -48,7 +48,7 @@ def _mood(s: CalibrationSummary) -> str:
 
 
 def parameters(s: CalibrationSummary) -> Html:
-    """The parameters of every law, with standard errors and units."""
+    """Return the parameters of every law, with standard errors and units."""
     rows: list[tuple[str, ...]] = []
     for law in s.choice.laws:
         rows.append((law.kind,))
@@ -66,7 +66,7 @@ def parameters(s: CalibrationSummary) -> Html:
 
 
 def impacts(s: CalibrationSummary) -> Html:
-    """The impacts in a record, each by itself."""
+    """Return the table of the single impacts in a record."""
     if not s.impacts:
         return Html("")
     return section(
@@ -77,7 +77,7 @@ def impacts(s: CalibrationSummary) -> Html:
 
 
 def compared(s: CalibrationSummary) -> Html:
-    """The laws side by side."""
+    """Return the comparison of the laws."""
     best = min(candidate.aicc for candidate in s.choice.candidates)
     by_kind = {law.kind: law for law in s.choice.laws}
     rows = [
@@ -120,7 +120,7 @@ def compared(s: CalibrationSummary) -> Html:
 
 
 def treatment(s: CalibrationSummary) -> Html:
-    """What was done to the data: how they were read, converted, marked."""
+    """Return how the data were read, converted and marked."""
     words = [*data_words(s, LAYOUTS[s.recording.layout]), ("Gravity", f"{s.gravity:g} m/s²")]
     header, rows = marked_rows(s)
     if rows:
@@ -130,15 +130,15 @@ def treatment(s: CalibrationSummary) -> Html:
     both = table(*side_by_side_rows(s), left=1) if rows else Html("")
     return section(
         "What was done to the data",
-        definitions(_merged([*words, ("Marked", marked)])),
+        definitions(_merge([*words, ("Marked", marked)])),
         table(header, rows, left=1),
         element("h3", "With and without the marked pairs") if rows else Html(""),
         both,
     )
 
 
-def _merged(words: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """A sentence without a word of its own goes on with the one before."""
+def _merge(words: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Append sentences without a heading to the one before."""
     found: list[tuple[str, str]] = []
     for head, said in words:
         if head or not found:
@@ -149,6 +149,6 @@ def _merged(words: list[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def footer(s: CalibrationSummary) -> Html:
-    """With what it was made."""
+    """Return the versions of the packages used."""
     versions = ", ".join(f"{name} {number}" for name, number in s.versions.items() if number)
     return element("footer", joined([paragraphs(f"made with {versions}")]))

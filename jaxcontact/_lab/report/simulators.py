@@ -1,4 +1,4 @@
-"""What to type into each simulator, and why some cannot take the law."""
+"""Settings for each simulator, and why some cannot take the law."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..calibration.summary import CalibrationSummary
 from .html import Html, element, joined, paragraphs, table
 
 _EXACT = 5e-5
-"""An error of e below this is none."""
+"""Largest error of e that is reported as negligible."""
 
 
 def simulators(s: CalibrationSummary, radius: float | None, tell: Callable[[str], None]) -> Html:
-    """The parameters for each simulator, or the reason why there are none."""
+    """Return the parameters for each simulator, or why they cannot be given."""
     if s.law is None:
         return paragraphs("no fit converged, so there is no law to take to a simulator")
     missing = [name for name in ("mass", "stiffness") if name not in s.given]
@@ -49,7 +49,7 @@ def simulators(s: CalibrationSummary, radius: float | None, tell: Callable[[str]
 
 
 def _exported(s: CalibrationSummary, engine: str, radius: float | None) -> Export:
-    """The export, with the radius for the engines that take one."""
+    """Return the export, with the radius for the engines that take one."""
     if radius is not None:
         try:
             return export(s, engine=engine, radius=radius)

@@ -1,4 +1,4 @@
-"""The front door: a calibration as a file whose ending says what it is."""
+"""A calibration as a file whose extension selects the format."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..calibration.calibrate import Calibration
 from .page import page_of
 
 SUFFIXES = (".html", ".md", ".txt", ".json")
-"""What a report may be written as."""
+"""Formats of a report."""
 
 PDF = (
     "write it as .html, open that in a browser and print to PDF (Ctrl+P), or run `chromium "
     "--headless --no-pdf-header-footer --print-to-pdf={0}.pdf {0}.html`"
 )
-"""How a page becomes a PDF."""
+"""Advice on converting a page to PDF."""
 
 
 def report(
@@ -29,19 +29,20 @@ def report(
     radius: float | None = None,
     progress: bool | Callable[[str], None] = False,
 ) -> None:
-    """Write what a calibration found as one file; its ending says as what.
+    """Write a calibration report to one file; its extension selects the format.
 
-    `.html` is a page to read, print (on A4, or to PDF from the browser) and send: the verdict
-    first, then pictures, parameters with standard errors, what to type into each simulator, the
-    laws compared, and what was done to the data. It needs no script and nothing from elsewhere.
-    `.txt` is `calibration.report()`, `.md` the same as Markdown, `.json` what `calibration.save`
-    writes.
+    `.html` is a page to read, print (on A4, or to PDF from the browser) and send, without scripts
+    or external content. It contains: verdict, plots, parameters with standard errors, settings for
+    each simulator, the comparison of laws, and the processing of the data. `.txt` is
+    `calibration.report()`, `.md` the same as Markdown, and `.json` what `calibration.save` writes.
 
-    Arguments: what `calibrate` returned; the `file`, which appears whole or not at all; the
-    `radius` of the ball in m, by default that of the drag, for simulators that ask for it;
-    `progress`, True to show the stages on stderr, or a function that is called with each. The
-    parameters for simulators need the calibration's mass and stiffness, and say so. Raises
-    ValueError for another ending and arguments out of range, OSError where writing fails.
+    Arguments: `calibration`, the result of `calibrate`. `file` is written completely or not at all.
+    `radius` of the ball in m, by default that of the drag, for simulators that need it. `progress`:
+    True to show the stages on stderr, or a function that is called with each.
+
+    The settings for simulators need mass and stiffness in the calibration; the page says so if they
+    are missing. Raises ValueError for another extension and arguments out of range, OSError if
+    writing fails.
     """
     require_kind("calibration", calibration, Calibration, "a `Calibration` (see `calibrate`)")
     path = require_path("file", file)
@@ -64,7 +65,7 @@ def content_of(
     tell: Callable[[str], None],
     picture: str = "",
 ) -> bytes:
-    """The content of a report of this name; a Markdown page shows the `picture` beside it."""
+    """Return the content of a report with this name; Markdown links the `picture` beside it."""
     kind = file.suffix.lower()
     if kind == ".json":
         return calibration.to_json().encode()

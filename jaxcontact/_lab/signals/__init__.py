@@ -1,1 +1,1 @@
-"""Readings over time: their clock, noise, and the impacts cut out of them."""
+"""Readings over time: clock, noise, and the impacts separated from them."""

@@ -1,4 +1,4 @@
-"""The times of a record: of its own column, or by its sampling rate."""
+"""The times of a record, from its own column or its sampling rate."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ CLOCK = Meaning(
 )
 
 _SLOWEST = 2e-3
-"""In s: contacts are shorter than eight such steps; times are then in another unit."""
+"""Longest plausible step in s; contacts are shorter than eight of them."""
 
 _UNEVEN = 0.5
-"""Of a step, by which times of even readings may be off, since they are written with few digits."""
+"""Tolerance in steps for even times, which are written with few digits."""
 
 
 def with_clock(sheet: Sheet, rate: float) -> Sheet:
-    """The columns with one of time beside them, for a record of `rate` readings per second.
+    """Return the sheet with a column of times, for `rate` readings per second.
 
-    Raises RecordingError for a sheet that has one, ValueError for a rate that sees no impact.
+    Raises RecordingError for a sheet that has times, ValueError for a rate too low for impacts.
     """
     if rate * _SLOWEST <= 1:
         raise ValueError(
@@ -39,10 +39,10 @@ def with_clock(sheet: Sheet, rate: float) -> Sheet:
 
 
 def column_of(rows: Sequence[Row], name: str) -> Floats:
-    """A column (n,) as numbers in SI units. Raises RecordingError for the first that is none."""
+    """Return a column (n,) as numbers in SI units; raise RecordingError for the first fault."""
     heading = rows[0].headings.get(name)
     try:
-        # All at once; what is wrong with one is said by the row itself.
+        # Convert all at once; the row itself reports a single fault.
         found = np.array([row.values[name] for row in rows]).astype(float)
         if found.ndim != 1 or not np.isfinite(found).all():
             raise ValueError
@@ -56,7 +56,7 @@ def column_of(rows: Sequence[Row], name: str) -> Floats:
 
 
 def even(rows: Sequence[Row], time: Floats) -> tuple[Floats, tuple[str, ...]]:
-    """Times (n,) in s that grow by even steps, and what was done to them.
+    """Return times (n,) in s with even steps, and notes on what was done to them.
 
     Raises RecordingError for times that do not grow, have gaps or seem to be in another unit.
     """

@@ -1,4 +1,4 @@
-"""Impacts in a long record of force or acceleration, cut apart."""
+"""Impacts in a long record of force or acceleration, separated from each other."""
 
 from __future__ import annotations
 
@@ -10,36 +10,40 @@ import numpy as np
 from .trace import Doubtful, Floats, Trace, hum_of, noise_of
 
 HALF = 0.6
-"""Of a contact that its force is above half of its maximum, about."""
+"""Approximate fraction of a contact during which its force exceeds half of its maximum."""
 
 LEAST_READINGS = 8
-"""Of a contact, from which its shape can be fitted."""
+"""Least readings of a contact from which its shape can be fitted."""
 
 _CLEAR = 6.0
-"""A contact rises by so many standard deviations of the noise, behind a mean over a fifth of it."""
+"""Standard deviations of the noise by which a contact rises, after a mean over a fifth of it."""
 
 _DIP = 5.0, 0.1
-"""Two contacts have a dip between them, of so many deviations and this part of their height."""
+"""Depth of the dip between two contacts, in deviations and as a fraction of their height."""
 
 _AROUND = 16.0
-"""Half-heights over which the level without contact is a running median."""
+"""Widths at half height over which the level without contact is a running median."""
 
 _MARGIN, _BESIDE = 0.3, 1.0
-"""Durations of contact that must be free before and after it, and that are kept where they are."""
+"""Contact durations that must be free before and after a contact, and that are kept if free."""
 
 _BELOW, _BETWEEN, _STEP = 0.35, 4.0, 5.0
-"""A swing below the level by this part of the height is no contact that pushes; levels before and
-after a contact agree to so many of their errors; contacts last less than so many times as long as
-others."""
+"""Limits of a contact that can be fitted.
+
+A swing below the level by the first fraction of the height is not a pushing contact. Levels before
+and after agree within the second number of errors. Contacts differ in length by less than the third
+factor.
+"""
 
 
 _EDGES = 0.1, 0.3
-"""Durations before the touch and behind the end that may belong to a contact."""
+"""Contact durations before the touch and after the end that may belong to a contact."""
 
 
 class Cut(NamedTuple):
-    """A contact by the numbers of readings: where it begins and ends, about; its height; and the
-    window [start, stop) with what is free beside it.
+    """A contact in numbers of readings: approximate touch and end, and the window [start, stop).
+
+    `height` is its height. The window includes free readings beside the contact.
     """
 
     touch: float
@@ -50,7 +54,7 @@ class Cut(NamedTuple):
 
 
 def cut(quantity: str, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
-    """The record, with its noise and without hum, and the contacts in it that can be fitted."""
+    """Return the record, with its noise and without hum, and its contacts that can be fitted."""
     from scipy.ndimage import median_filter, uniform_filter1d
 
     notes = []
@@ -76,7 +80,7 @@ def cut(quantity: str, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
     for k, one in enumerate(found):
         before = found[k - 1].end if k else -math.inf
         after = found[k + 1].touch if k + 1 < len(found) else math.inf
-        made = _windowed(one, before, after, value.size)
+        made = _add_window(one, before, after, value.size)
         why = made if isinstance(made, str) else _doubt(made, found, mean, value, noise)
         if isinstance(made, str) or why:
             doubtful.append(Doubtful(float(time[min(max(int(one.touch), 0), time.size - 1)]), why))
@@ -87,20 +91,20 @@ def cut(quantity: str, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
 
 
 def shown(quantity: str, number: float) -> str:
-    """A reading with its unit."""
+    """Return a reading with its unit."""
     unit = {"force": "N", "acceleration": "m/s²", "indentation": "m"}[quantity]
     return f"{number:.3g} {unit}"
 
 
 def _width(smooth: Floats, middle: float) -> int:
-    """Readings of the largest excursion above half of its height."""
+    """Return the width in readings of the largest excursion at half height."""
     top = int(np.argmax(smooth))
     left, right = _half(smooth - middle, top)
     return max(int(right - left), 1)
 
 
 def _half(height: Floats, top: int) -> tuple[float, float]:
-    """Where readings about a peak pass half of its height, in numbers of readings."""
+    """Return the positions at half height around a peak, in numbers of readings."""
     half = height[top] / 2
     below = np.flatnonzero(height[: top + 1] < half)
     left = float(below[-1]) if below.size else 0.0
@@ -116,7 +120,7 @@ def _half(height: Floats, top: int) -> tuple[float, float]:
 
 
 def _level(value: Floats, width: int) -> Floats:
-    """A running median, long against a contact, which follows steps of the level."""
+    """Return a running median, long compared with a contact, which follows steps of the level."""
     from scipy.ndimage import median_filter
 
     block = max(width // 4, 1)
@@ -129,7 +133,7 @@ def _level(value: Floats, width: int) -> Floats:
 
 
 def _quiet(height: Floats, noise: float, width: int) -> np.ndarray:
-    """Which readings (n,) are far from contacts; hum may be larger than the noise."""
+    """Return the mask (n,) of readings far from contacts; hum may exceed the noise."""
     from scipy.ndimage import uniform_filter1d
 
     most = max(5 * noise, 6 * float(np.median(np.abs(height))))
@@ -137,10 +141,10 @@ def _quiet(height: Floats, noise: float, width: int) -> np.ndarray:
 
 
 def _contacts(mean: Floats, noise: float) -> list[Cut]:
-    """The peaks that stand out of the noise and of the dips beside them."""
+    """Return the peaks that exceed the noise and the adjacent dips."""
     from scipy.signal import find_peaks, peak_prominences
 
-    # A plateau at the edge of a record is no peak for SciPy.
+    # SciPy does not find a plateau at the edge of a record.
     low = float(mean.min()) - noise
     within = np.concatenate([[low], mean, [low]])
     tops = find_peaks(within, height=_CLEAR * noise)[0]
@@ -154,8 +158,8 @@ def _contacts(mean: Floats, noise: float) -> list[Cut]:
     return found
 
 
-def _windowed(one: Cut, before: float, after: float, size: int) -> Cut | str:
-    """The contact with what is free before and after it, or why that is too little."""
+def _add_window(one: Cut, before: float, after: float, size: int) -> Cut | str:
+    """Return the contact with the free readings around it, or why there are too few."""
     long = one.end - one.touch
     if one.touch - before < 0 or after - one.end < 0:
         return "a double contact"
@@ -171,7 +175,7 @@ def _windowed(one: Cut, before: float, after: float, size: int) -> Cut | str:
 
 
 def _doubt(one: Cut, found: list[Cut], mean: Floats, value: Floats, noise: float) -> str:
-    """Why a contact cannot be fitted; nothing where it can."""
+    """Return why a contact cannot be fitted, "" if it can."""
     long = one.end - one.touch
     if long < LEAST_READINGS:
         return f"only {long:.0f} readings of the contact"
@@ -180,7 +184,7 @@ def _doubt(one: Cut, found: list[Cut], mean: Floats, value: Floats, noise: float
         return f"lasts {long / usual:.2g} times as long as the others"
     if mean[one.start : one.stop].min() < -max(_BELOW * one.height, _CLEAR * noise):
         return "swings below zero, as the ringing of an instrument does"
-    # A contact with a loss ends slowly, later than what is above half of its height says.
+    # A contact with loss ends slowly, later than its width at half height implies.
     last_before, first_after = one.touch - _EDGES[0] * long, one.end + _EDGES[1] * long
     sides = value[one.start : math.floor(last_before)], value[math.ceil(first_after) : one.stop]
     if min(map(len, sides)) < 2:

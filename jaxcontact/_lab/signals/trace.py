@@ -1,4 +1,4 @@
-"""A long record of an instrument: even times, its noise, and the hum of the mains taken out."""
+"""A long instrument record: even times, noise, and removal of mains hum."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from jaxtyping import Float
 Floats = Float[np.ndarray, " n"]
 
 _SEGMENT, _SEGMENTS, _SHORTEST = 32, 12, 8
-"""Readings of a segment in which noise is estimated, about a line; fewer in a short record."""
+"""Readings of a segment for the noise estimate about a line; fewer in a short record."""
 
 _QUIET = 0.3
-"""So many of the segments are quieter than the one whose scatter is taken for the noise."""
+"""Quantile of the scatter of segments from which the noise is estimated."""
 
 _MAINS = 50.0, 60.0
 _AROUND = 0.3
 _PERIODS, _HARMONICS = 3, 3
 _CLEAR = 40.0
-"""A line of the mains counts where it lowers the sum of squares by so many noise variances."""
+"""Reduction of the sum of squares, in noise variances, for a significant mains line."""
 
 _SLOW = 2000.0
-"""In Hz: the frequency of the mains is looked for in means of readings at about this rate."""
+"""Rate in Hz of the averaged readings in which the mains frequency is searched."""
 
 
 class Doubtful(NamedTuple):
@@ -38,9 +38,9 @@ class Doubtful(NamedTuple):
 class Trace:
     """A record: `quantity` is "force", "acceleration" or "indentation", read at `time` (n,) in s.
 
-    `value` (n,) in N, m/s² or m, turned so that contacts are positive, without hum; `level` (n,) is
-    what it reads without contact, and `noise` the standard deviation of one reading; `doubtful` are
-    contacts that are not used, and `notes` say what was done.
+    `value` (n,) in N, m/s² or m is without hum, with the sign for positive contacts. `level` (n,)
+    is the reading without contact, and `noise` the standard deviation of one reading. `doubtful`
+    are contacts that are not used, and `notes` list the processing steps.
     """
 
     quantity: str
@@ -53,12 +53,12 @@ class Trace:
 
     @property
     def step(self) -> float:
-        """The time in s from one reading to the next."""
+        """The time in s between readings."""
         return float(self.time[-1] - self.time[0]) / (self.time.size - 1)
 
 
 def noise_of(value: Floats) -> float:
-    """The standard deviation of the noise of readings (n,), most of which may hold contacts."""
+    """Return the standard deviation of the noise of readings (n,), even if most hold contacts."""
     from scipy.stats import chi2
 
     size = min(max(value.size // _SEGMENTS, _SHORTEST), _SEGMENT)
@@ -70,14 +70,14 @@ def noise_of(value: Floats) -> float:
     square = np.sum(left**2, axis=1)
     usual = float(chi2.ppf(_QUIET, size - 2))
     noise = math.sqrt(float(np.quantile(square, _QUIET)) / usual)
-    # Readings in coarse steps may not differ at all where nothing happens.
+    # Readings in coarse steps may be constant without contact.
     values = np.unique(value)
     step = float(np.min(np.diff(values))) if values.size > 1 else 0.0
     return max(noise, step / math.sqrt(12))
 
 
 class Hum(NamedTuple):
-    """The mains in a record: readings (n,), frequency in Hz and amplitude of the fundamental."""
+    """Mains hum in a record: readings (n,), frequency in Hz and amplitude of the fundamental."""
 
     value: Floats
     frequency: float
@@ -85,7 +85,7 @@ class Hum(NamedTuple):
 
 
 def hum_of(time: Floats, value: Floats, quiet: np.ndarray, noise: float) -> Hum | None:
-    """The hum of the mains and its harmonics, from the `quiet` readings (n,); None without any."""
+    """Return mains hum and harmonics, from the `quiet` readings (n,); None without hum."""
     length = float(time[-1] - time[0])
     at = np.flatnonzero(quiet)
     if length * _MAINS[0] < _PERIODS or at.size < 4 * _SEGMENT:
@@ -115,8 +115,9 @@ def _waves(time: Floats, frequencies: list[float]) -> np.ndarray:
 
 
 def _gain(time: Floats, value: Floats, frequency: float) -> float:
-    """By how much a wave of this frequency lowers the sum of squares."""
+    """Return the reduction of the sum of squares by a wave of this frequency."""
     columns = _waves(time, [frequency])
-    # Of orthogonal columns, nearly: the normal equations lose no digits, and take a tenth.
+    # The columns are nearly orthogonal: normal equations lose no digits and take a tenth of the
+    # time.
     left = value - columns @ np.linalg.solve(columns.T @ columns, columns.T @ value)
     return float(np.sum((value - value.mean()) ** 2) - left @ left)

@@ -1,6 +1,6 @@
-"""Sound of a bouncing ball: reading it, and the times of its impacts. It knows no measurements.
+"""Sound of a bouncing ball: reading files, and timing impacts; independent of measurements.
 
-`listen` stands in `_listen`, which brings SciPy's filters: what reads tables only does not wait.
+`listen` is in `listening`, which imports SciPy's filters: reading tables does not wait for them.
 """
 
 from .audio import SoundError as SoundError

@@ -1,4 +1,4 @@
-"""Samples of a sound file, by parts: WAV by the standard library and SciPy, others by soundfile."""
+"""Samples of a sound file in blocks: WAV by the standard library and SciPy, others by soundfile."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _HOW = "convert it to WAV or FLAC, as with `ffmpeg -i recording bounce.wav`"
 
 
 class SoundError(ValueError):
-    """What is wrong with a recording of sound, without the name of its file."""
+    """A fault of a sound recording, without the name of its file."""
 
 
 class Audio(NamedTuple):
@@ -40,26 +40,26 @@ class Audio(NamedTuple):
         return self.frames / self.rate
 
     def blocks(self) -> Iterator[Samples]:
-        """All frames, a few seconds at a time: a long file does not fill the memory."""
+        """Yield all frames in blocks, so that a long file does not fill the memory."""
         for start in range(0, self.frames, _BLOCK):
             yield self.read(start, min(_BLOCK, self.frames - start))
 
 
 def is_sound(start: bytes) -> bool:
-    """Whether a file that begins so is a recording of sound, of any kind."""
+    """Return whether a file with these first bytes is a sound recording of any kind."""
     return _kind(start) is not None
 
 
 def _kind(start: bytes) -> str | None:
     if start[:4] in (b"RIFF", b"RF64", b"RIFX") and start[8:12] == b"WAVE":
         return "WAV"
-    # A table may begin with a word, "FORMAT" or "ID3", too.
+    # A table may also begin with a word such as "FORMAT" or "ID3".
     if start[:4] == b"FORM" and start[8:12] in (b"AIFF", b"AIFC"):
         return "AIFF"
     for mark, name in ((b"fLaC", "FLAC"), (b"OggS\0", "OGG"), (b"caff\0", "CAF")):
         if start.startswith(mark):
             return name
-    # A tag of a version, or a frame of MPEG layer III; 0xFFFE is the mark of UTF-16.
+    # A version tag, or a frame of MPEG layer III; 0xFFFE is the byte order mark of UTF-16.
     tagged = start[:3] == b"ID3" and start[3:4] in (b"\2", b"\3", b"\4")
     if tagged or start[:2] in {b"\xff" + bytes([x]) for x in b"\xfb\xfa\xf3\xf2\xe3\xe2"}:
         return "MP3"
@@ -67,7 +67,7 @@ def _kind(start: bytes) -> str | None:
 
 
 def open_sound(source: pathlib.Path | bytes) -> Audio:
-    """The samples of a file or of its bytes. Raises SoundError for what cannot be read."""
+    """Return the samples of a file or of its bytes; raise SoundError if they cannot be read."""
     start = source[:16] if isinstance(source, bytes) else _beginning(source)
     kind = _kind(start)
     if kind in _FOREIGN:
@@ -94,7 +94,7 @@ def _file(source: pathlib.Path | bytes) -> io.BytesIO | str:
 
 
 def _wave(source: pathlib.Path | bytes) -> Audio | None:
-    """Whole numbers of 8 to 32 bits; None for another coding, which `wave` refuses."""
+    """Return integer samples of 8 to 32 bits; None for other codings, which `wave` refuses."""
     try:
         with wave.open(_file(source), "rb") as file:
             rate, channels = file.getframerate(), file.getnchannels()
@@ -109,23 +109,23 @@ def _wave(source: pathlib.Path | bytes) -> Audio | None:
         whole = len(data) // (width * channels) * width * channels
         return _numbers(np.frombuffer(data[:whole], np.uint8), width).reshape(-1, channels)
 
-    # What was cut off is not there; a header may promise more.
+    # A truncated file holds fewer frames than its header says.
     size = len(source) if isinstance(source, bytes) else source.stat().st_size
     frames = min(frames, size // (width * channels))
     return Audio(rate, frames, channels, f"WAV of {8 * width} bits", read)
 
 
 def _numbers(data: np.ndarray, width: int) -> np.ndarray:
-    if width == 1:  # the only one without a sign
+    if width == 1:  # the only unsigned width
         return (data.astype(float) - 128) / 128
-    # Lower bytes are filled up with zeros, so that all are of 32 bits.
+    # Pad the lower bytes with zeros, so that all samples have 32 bits.
     wide = np.zeros((data.size // width, 4), np.uint8)
     wide[:, 4 - width :] = data.reshape(-1, width)
     return wide.reshape(-1).view("<i4") / 2.0**31
 
 
 def _by_scipy(source: pathlib.Path | bytes) -> Audio:
-    """WAV of floating-point numbers and with an extended header."""
+    """Return WAV with floating-point numbers or an extended header."""
     from scipy.io import wavfile
 
     with warnings.catch_warnings():
@@ -147,10 +147,10 @@ def _by_scipy(source: pathlib.Path | bytes) -> Audio:
 
 
 def _by_soundfile(source: pathlib.Path | bytes) -> Audio | None:
-    """Whatever soundfile reads; None where it is not installed.
+    """Return any format that soundfile reads; None if it is not installed.
 
-    It is decoded in order, once, into a temporary file: what a decoder gives after a jump into a
-    coded file is another sound for some milliseconds.
+    The file is decoded once, in order, into a temporary file. After a seek in a coded file,
+    decoders return wrong samples for some milliseconds.
     """
     try:
         import soundfile

@@ -1,9 +1,9 @@
-"""The background of a recording, and the filter behind which it is white.
+"""The background of a recording, and the filter that whitens it.
 
-Hum and the low frequencies of a room are far louder than a distant bounce, but not at all
-frequencies. A filter of linear prediction for the background's spectrum leaves white noise of it;
-it is causal, so that nothing sounds before an impact. Source: Akaike's picker on such residuals,
-Sleeman & van Eck (1999), doi 10.1016/S0031-9201(99)00007-2.
+Hum and low frequencies of a room are far louder than a distant bounce, but not at all frequencies.
+A linear prediction filter for the background spectrum turns it into white noise. The filter is
+causal, so that nothing sounds before an impact. Source: Akaike's picker on such residuals, Sleeman
+& van Eck (1999), doi 10.1016/S0031-9201(99)00007-2.
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from scipy import linalg, signal
 from .audio import Audio, SoundError
 
 _HIGH_PASS = 150.0
-"""In Hz: hum and its first harmonics, and what wind does to a microphone."""
+"""Cut-off in Hz, against hum with its first harmonics and wind noise."""
 
 _ORDER = 24
 _SEGMENT = 0.03
 _MOST_SEGMENTS = 2000
 _QUIET = 0.3
-"""Of the segments so many are quieter at each frequency than what counts as background."""
+"""Quantile over segments, at each frequency, that counts as background."""
 
 _RANGE = 1e-5
-"""Frequencies that are weaker by so much, as above the limit of a coding, are not raised more."""
+"""Relative floor of the spectrum; limits gain at weak frequencies, as in coded files."""
 
 _LEAST = 1e-11
-"""Variance of the rounding to 16 bits, of a full scale of 1."""
+"""Variance of rounding to 16 bits, at full scale 1."""
 
 _SETTLED = 0.03
 
 
 @dataclasses.dataclass(frozen=True)
 class Whitener:
-    """A high-pass filter, and one of linear prediction behind it, for one channel of a file."""
+    """A high-pass filter followed by a linear prediction filter, for one channel of a file."""
 
     audio: Audio
     channel: int
     high_pass: Float[np.ndarray, "sections 6"]
     prediction: Float[np.ndarray, " order"]
     settled: Float[np.ndarray, "sections 2"]
-    """The state of the first filter behind a constant 1."""
+    """State of the first filter after a constant 1."""
 
     def apply(self, x: Float[np.ndarray, " n"], state: list | None = None) -> np.ndarray:
-        """Filtered samples (n,); a `state`, at first [], is carried on from block to block."""
+        """Return filtered samples (n,); `state`, initially [], carries over from block to block."""
         if state is None:
             state = []
         if not state:
@@ -59,7 +59,7 @@ class Whitener:
         return x
 
     def part(self, start: int, stop: int) -> np.ndarray:
-        """Filtered samples `start` to `stop`; zeros beyond the ends of the file."""
+        """Return filtered samples `start` to `stop`; zeros beyond the ends of the file."""
         rate, frames = self.audio.rate, self.audio.frames
         first, last = max(start - round(_SETTLED * rate), 0), min(stop, frames)
         whole = np.zeros(stop - start)
@@ -71,7 +71,7 @@ class Whitener:
 
 
 def whiteners(audio: Audio) -> list[Whitener]:
-    """The filter of each channel. Raises SoundError for samples that are not finite."""
+    """Return the filter of each channel; raise SoundError for samples that are not finite."""
     length = max(1 << round(np.log2(_SEGMENT * audio.rate)), 2 * _ORDER)
     step = max(audio.frames // length // _MOST_SEGMENTS, 1)
     window = np.asarray(signal.get_window("hann", length), float)[:, None]

@@ -1,4 +1,4 @@
-"""What is heard in a recording of sound, as plain data."""
+"""Results of a sound recording as plain data."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ class Envelope(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Bounce:
-    """One impact: its `number` in the drop, from 1; `time` and its standard `error` in s; `level`
-    over the noise in dB.
+    """One impact: its `number` in the drop, from 1, and its `time` with standard `error` in s.
+
+    `level` is its level over the noise in dB.
     """
 
     number: int
@@ -33,8 +34,9 @@ class Bounce:
 
 @dataclasses.dataclass(frozen=True)
 class Other:
-    """A sound that is not used: its time in s, its level over the noise in dB, and why; `doubtful`
-    if it may be a bounce.
+    """A sound that is not used: its time in s, its level over the noise in dB, and why.
+
+    It is `doubtful` if it may be a bounce.
     """
 
     time: float
@@ -45,10 +47,10 @@ class Other:
 
 @dataclasses.dataclass(frozen=True)
 class Sound:
-    """What was heard: the drops, each of bounces in order; `others`; the length in `seconds`.
+    """Detected sounds: the drops, each of bounces in order; `others`; the length in `seconds`.
 
-    `envelope` is the energy of the whitened samples of the `channel` (from 1) that was used, in
-    steps of half a millisecond, and of its noise; `words` say what file it is.
+    `envelope` is the energy of the whitened samples, and of their noise, in steps of half a
+    millisecond. It is that of the `channel` (from 1) that was used. `words` describe the file.
     """
 
     words: str

@@ -1,4 +1,4 @@
-"""The impacts of a bouncing ball in a recording of sound."""
+"""The impacts of a bouncing ball in a sound recording."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ _SHORT = 0.3
 _LEAST_RATE = 4000
 _MOST_RISES = 5000
 _REACH = 0.04
-"""Of a flight, around the time at which the next impact is expected, at most."""
+"""Largest search radius around the expected time of the next impact, as a fraction of a flight."""
 
 _CERTAIN, _LEAST_REACH = 2e-3, 4e-4
 _UNSURE = 2e-4
-"""An impact whose time has a larger error, in s, is doubtful."""
+"""Timing error in s above which an impact is doubtful."""
 
 _MOST_EVEN = 0.985
-"""Sounds at intervals which are equal but for so much are those of a voice or a machine."""
+"""Largest median ratio of intervals of a ball; voices and machines are more even."""
 
 _FREE, _FAR = 3e-3, 6.0
-"""Flights agree whose ln(ratio) differs by less than this, and so many standard deviations."""
+"""Tolerance of ln(ratio) of flights, absolute and in standard deviations."""
 
 _TRIES = 12
-"""Series that turn out to be none, after which no more are tried."""
+"""Rejected series after which the search ends."""
 
 _EXPECTED = 10.0
-"""As `CLEAR`, for a sound within a fraction of a millisecond of where it is expected."""
+"""As `CLEAR`, for a sound within a fraction of a millisecond of its expected time."""
 
 _SURE = 4.0
-"""Times as clear as needed: the series is carried on from these."""
+"""Clearness, in units of `CLEAR`, of the impacts from which a series is extended."""
 
 _LOUD = 12.0
-"""Other sounds that are so many dB over the noise are listed."""
+"""Level over the noise in dB above which other sounds are listed."""
 
 _AMPLITUDES = 0.15, 2.5
 
 
 def listen(source: pathlib.Path | bytes | Audio) -> Sound:
-    """Find the bounces in a file of sound, in its bytes, or in samples.
+    """Find the bounces in a sound file, in its bytes, or in samples.
 
-    Raises SoundError for what cannot be read and for a recording that is too short; a recording
-    without bounces has no drops.
+    Raises SoundError for a file that cannot be read and for a recording that is too short. A
+    recording without bounces has no drops.
     """
     audio = source if isinstance(source, Audio) else open_sound(source)
     if audio.rate < _LEAST_RATE:
@@ -64,7 +64,7 @@ def listen(source: pathlib.Path | bytes | Audio) -> Sound:
         )
     filters = whiteners(audio)
     found = envelopes(filters)
-    # The channel with the loudest impact over its noise: a sum of channels would smear impacts.
+    # Use the channel with the loudest impact over its noise: a sum of channels would smear impacts.
     height = [float(np.max(one.energy / one.noise)) for one in found]
     channel = int(np.argmax(height))
     rises = rises_of(found[channel])
@@ -81,7 +81,7 @@ def listen(source: pathlib.Path | bytes | Audio) -> Sound:
 def _drops(
     audio: Audio, filters: Whitener, rises: Rises
 ) -> tuple[tuple[tuple[Bounce, ...], ...], tuple[Other, ...]]:
-    """One drop after another, the clearest first; sounds within a drop belong to no other."""
+    """Find the clearest drop first, then others, and return them in order of time."""
     left, drops, others, spans = rises, [], [], []
     tries = _TRIES
     while tries and (series := best_series(left)) is not None:
@@ -114,7 +114,7 @@ def _drops(
 def _drop(
     filters: Whitener, rises: Rises, series: Series
 ) -> tuple[tuple[Bounce, ...], list[Other]]:
-    """The bounces of a series at refined times, with weaker ones where they are expected."""
+    """Return the bounces of a series at refined times, adding weaker ones at expected times."""
     place = list(series.place)
     near = [float(t) for t in rises.time[place]]
     loudest = int(np.argmax(rises.level[place]))
@@ -126,7 +126,7 @@ def _drop(
     }
     if not _three_in_a_row(known):
         return (), []
-    # Weaker ones are found again where the clearest let them be expected.
+    # Weaker impacts are searched again at the times that the clearest ones predict.
     sure = {number: one for number, one in known.items() if one.clear > _SURE * CLEAR}
     known = sure if _three_in_a_row(sure) else known
     _extend(filters, shape, known)
@@ -167,7 +167,7 @@ def _level(one: Timed) -> float:
 
 
 def _extend(filters: Whitener, shape: Shape, known: dict[int, Timed]) -> None:
-    """Add impacts before, between and after those that are known, where they are expected."""
+    """Add impacts before, between and after the known ones, at expected times."""
     for onwards in (1, -1):
         for _ in range(200):
             number = max(known) if onwards > 0 else min(known)
@@ -201,8 +201,9 @@ def _add(filters: Whitener, shape: Shape, known: dict[int, Timed], number: int) 
 
 
 def _expected(known: dict[int, Timed], number: int) -> tuple[float, float, float] | None:
-    """When an impact is expected, and how long the flight before or after it is, in s; and by how
-    much ln(ratio) of the flights nearby differs.
+    """Return the expected time of an impact, the adjacent flight time, and the spread of ratios.
+
+    Times are in s; the spread is that of ln(ratio) of nearby flights.
     """
     flights = {k: known[k + 1].time - known[k].time for k in known if k + 1 in known}
     pairs = [(k, flights[k + 1] / flights[k]) for k in flights if k + 1 in flights]
@@ -230,17 +231,17 @@ def _three_in_a_row(known: dict[int, Timed]) -> bool:
 
 
 def _usual_ratio(good: dict[int, Timed]) -> float:
-    """The median ratio of successive flights; infinite where there are none."""
+    """Return the median ratio of successive flights; infinite without any."""
     triples = [(good[k], good[k + 1], good[k + 2]) for k in good if {k + 1, k + 2} <= good.keys()]
     ratios = [(three.time - two.time) / (two.time - one.time) for one, two, three in triples]
     return float(np.median(ratios)) if ratios else math.inf
 
 
 def _misfit(good: dict[int, Timed]) -> int | None:
-    """The least certain of three impacts whose flights do not go with those nearby; None if none.
+    """Return the least certain of three impacts whose flights misfit the nearby ones, or None.
 
-    Compared is ln(T₂/T₁) with its median over five others nearby, and the difference with what the
-    errors of the times and the scatter of the ratios allow.
+    ln(T₂/T₁) is compared with its median over five nearby ones. The limit allows for timing errors
+    and the scatter of the ratios.
     """
     found = []
     for k in good:

@@ -1,8 +1,8 @@
-"""Where a recording becomes louder at once: the energy just after against that just before.
+"""Sudden rises in a recording: the energy just after a time over that just before.
 
-The ratio of a short-time to a long-time average of the energy, here of whitened samples, with both
-windows beside each other, so that the tail of the last impact counts as noise. Source: Allen
-(1978), doi 10.1785/BSSA0680051521.
+This is the ratio of a short-time to a long-time average of the energy of whitened samples. The two
+windows are adjacent, so that the tail of the last impact counts as noise. Source: Allen (1978), doi
+10.1785/BSSA0680051521.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Floats = Float[np.ndarray, " n"]
 
 @dataclasses.dataclass(frozen=True)
 class Rises:
-    """Sudden rises: time in s, the ratio of energies, and the level over the noise in dB."""
+    """Sudden rises: time in s, ratio of energies, and level over the noise in dB."""
 
     time: Floats
     ratio: Floats
@@ -46,7 +46,7 @@ class Rises:
 
 
 def envelopes(filters: list[Whitener]) -> list[Envelope]:
-    """The energy of each channel over time, read in one pass."""
+    """Return the energy of each channel over time, read in one pass."""
     audio = filters[0].audio
     hop = max(round(HOP * audio.rate), 1)
     states: list[list] = [[] for _ in filters]
@@ -63,7 +63,7 @@ def envelopes(filters: list[Whitener]) -> list[Envelope]:
 
 
 def _with_noise(step: float, energy: Floats) -> Envelope:
-    """With the noise: what is quiet in quarters of a second, at the median of two seconds."""
+    """Return the envelope with noise: the quiet part of quarter seconds, over two seconds."""
     size = max(round(_CHUNK / step), 1)
     count = max(energy.size // size, 1)
     smooth = ndimage.uniform_filter1d(energy, _AFTER, mode="nearest")
@@ -76,7 +76,7 @@ def _with_noise(step: float, energy: Floats) -> Envelope:
 
 
 def rises_of(found: Envelope) -> Rises:
-    """All rises of at least `LEAST_RISE`, in order."""
+    """Return all rises of at least `LEAST_RISE`, in order."""
     energy = found.energy
     total = np.concatenate([[0.0], np.cumsum(energy)])
     k = np.arange(energy.size)
@@ -95,9 +95,9 @@ def rises_of(found: Envelope) -> Rises:
 
 
 def _onset(energy: Floats, at: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """The hop that parts quiet from loud around each rise: the best two variances (Akaike's).
+    """Return the hop that separates quiet from loud at each rise, by two variances (Akaike).
 
-    All of a short sound may lie in the window after, long before it begins.
+    A short sound may lie entirely in the window after, long before it begins.
     """
     steps = np.arange(-_BEFORE, 2 * _AFTER)
     part = energy[np.clip(at[:, None] + steps, 0, energy.size - 1)] + 1e-300

@@ -1,7 +1,7 @@
-"""The bounces of one drop among sudden sounds: intervals and loudness that shrink by like factors.
+"""The bounces of one drop among sudden sounds: intervals and loudness shrink geometrically.
 
-A ball that bounces at the speeds v, e v, e² v, ... is in the air for T, e T, e² T, ... e changes
-little from one bounce to the next, and the sound becomes weaker. The best such series is found by
+A ball that bounces at the speeds v, e v, e² v, ... is in the air for T, e T, e² T, ... From one
+bounce to the next e changes little, and the sound becomes weaker. The best such series is found by
 dynamic programming over pairs of successive sounds.
 """
 
@@ -15,34 +15,35 @@ import numpy as np
 from .rises import Rises
 
 SHORTEST, LONGEST = 0.02, 1.8
-"""Flights in s that are looked for; a ball that flies for 1.8 s rises 4 m."""
+"""Range of flights in s; a ball that flies for 1.8 s rises 4 m."""
 
 _LOW, _HIGH = 0.25, 0.99
-"""Ratios of successive flights; larger only by errors of the times."""
+"""Range of ratios of successive flights; larger only through timing errors."""
 
 _CHANGE = 0.07
-"""By how much ln(ratio) may change from one bounce to the next: drag, and e(v)."""
+"""Largest change of ln(ratio) from one bounce to the next, by drag and e(v)."""
 
 _TIMING = 1.5e-3
-"""In s, of a sudden rise before its time is refined."""
+"""Timing error in s of a sudden rise before refinement."""
 
 _LOUDER, _WEAKER = 6.0, 22.0
-"""By so many dB the next bounce may be louder or weaker."""
+"""Limits in dB by which the next bounce may be louder or weaker."""
 
 _MOST_GAIN, _MISS, _MISFIT = 3.0, 2.0, 0.5
 LEAST_BOUNCES = 4
-"""Three intervals, whose two ratios agree: fewer sounds are no evidence of a series."""
+"""Least bounces of a series: three intervals have two ratios that can agree."""
 
 _LEAST_CLEAR = 3
-"""Of them that stand out by themselves; others may be found where they let them be expected."""
+"""Least sounds of a series that stand out alone; the others may be searched at expected times."""
 
 _LEAST_SCORE = 5.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Series:
-    """Some rises by their positions, and the number of each bounce: one that was missed is left
-    out of the count. `score` is larger for more and clearer ones.
+    """Rises by position, and the number of each bounce; a missed bounce skips a number.
+
+    `score` is larger for more and clearer bounces.
     """
 
     place: tuple[int, ...]
@@ -52,8 +53,10 @@ class Series:
 
 @dataclasses.dataclass
 class _Ends:
-    """Series that end with a rise, by the rise before it: `flight` is the last one in s, `ratio` of
-    the last two (NaN for the first), `last` the best series before, `step` flights between.
+    """Series that end with one rise, listed by the rise before it.
+
+    `flight` is the last one in s, and `ratio` that of the last two (NaN for the first). `last` is
+    the best series before, and `step` the number of flights between.
     """
 
     before: np.ndarray
@@ -65,7 +68,7 @@ class _Ends:
 
 
 def best_series(rises: Rises) -> Series | None:
-    """The series with the highest score; None where no sounds make one."""
+    """Return the series with the highest score; None if no sounds form one."""
     gain = np.minimum(np.log(rises.ratio), _MOST_GAIN)
     ends: list[_Ends] = []
     top = (_LEAST_SCORE, -1, -1)
@@ -98,8 +101,10 @@ def best_series(rises: Rises) -> Series | None:
 def _onwards(
     ends: list[_Ends], near: np.ndarray, wait: np.ndarray, gain: np.ndarray, own: float
 ) -> _Ends:
-    """The best series that end with each of the rises `near` and, after `wait` s, one of gain
-    `own`; `ends` are those that end with each of `near`.
+    """Return the best series that end with each of the rises `near` and one more.
+
+    It follows after `wait` s and has the gain `own`. `ends` are the series that end with each of
+    `near`.
     """
     found = _Ends(
         near,

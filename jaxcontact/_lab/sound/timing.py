@@ -1,15 +1,15 @@
-"""Times of impacts to a few microseconds: each sounds like the others of its drop, only weaker.
+"""Times of impacts to a few microseconds, by matching the common sound of a drop.
 
-Behind the whitening filter a bounce is a_k s(t - t_k) + noise with one shape s for all. The time
+Behind the whitening filter a bounce is a_k s(t - t_k) + noise, with one shape s for all. The time
 with the largest correlation c(τ) = ∫ x(t + τ) s(t) dt has the error
 
     var t = Σ |S'(f)|² |R(f)|² / (a Σ |S'(f)|²)²,
 
-with S' the spectrum of s', R of what the bounce leaves beside the shape of the others: noise, and
-how it differs from them. In white noise of the variance σ² that is σ²/(a² Σ s'²). The posterior of
-τ, exp(c²/(2 σ² Σ s²)), says whether another period fits as well. No threshold is met later by a
-weaker sound, as that of a picker is. Source: Kay (1993), Fundamentals
-of Statistical Signal Processing: Estimation Theory, ISBN 978-0133457117, ex. 3.13.
+with S' the spectrum of s'. R is that of the residual after subtracting the shape of the others:
+noise, and true differences. In white noise of variance σ² this is σ²/(a² Σ s'²). The posterior of
+τ, exp(c²/(2 σ² Σ s²)), shows whether another period fits as well. Unlike a threshold picker, this
+does not date weaker sounds later. Source: Kay (1993), Fundamentals of Statistical Signal
+Processing: Estimation Theory, ISBN 978-0133457117, ex. 3.13.
 """
 
 from __future__ import annotations
@@ -24,24 +24,25 @@ from jaxtyping import Float
 from .background import Whitener
 
 _LEAD, _SHAPE, _FADE = 5e-4, 6e-3, 2e-3
-"""Parts of the shape in s: before the impact, after it, and of that where it fades out."""
+"""Parts of the shape in s: before the impact, after it, and the final fade-out."""
 
 _QUIET = 16e-3
 _LONG = 1.0
 _ALIKE = 0.2
-"""A sound of whose energy less is that of the shape is no such impact."""
+"""Least fraction of the energy of a sound that must be that of the shape."""
 
 _FINE = 384e3
-"""Samples per second between which a parabola is exact enough."""
+"""Samples per second between which a parabola is accurate enough."""
 
 _ROUNDS = 3
 CLEAR = 16.0
-"""c²/(σ² Σ s²) of a sound that is the shape: noise is above 16 once in ten thousand lags."""
+"""c²/(σ² Σ s²) of a sound with the shape; noise exceeds 16 once in ten thousand lags."""
 
 
 class Timed(NamedTuple):
-    """The `time` of an impact in s, its standard `error`, its amplitude in units of the shape, how
-    `clear` it is, c²/(σ² Σ s²), and the `share` of its energy that is that of the shape.
+    """The `time` of an impact in s, its standard `error`, and its amplitude in units of the shape.
+
+    `clear` is c²/(σ² Σ s²), and `share` the fraction of its energy that is that of the shape.
     """
 
     time: float
@@ -53,7 +54,7 @@ class Timed(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Shape:
-    """What all impacts of a drop sound like: samples from `lead` before the impact on."""
+    """The common sound of all impacts of a drop: samples from `lead` before the impact on."""
 
     samples: Float[np.ndarray, " m"]
     lead: int
@@ -61,7 +62,7 @@ class Shape:
 
 
 def shape_at(filters: Whitener, time: float) -> Shape:
-    """The sound at one time."""
+    """Return the sound at one time."""
     rate = filters.audio.rate
     lead, after = round(_LEAD * rate), round(_SHAPE * rate)
     at = round(time * rate)
@@ -77,11 +78,11 @@ def _window(rate: float) -> Float[np.ndarray, " m"]:
 def find(
     filters: Whitener, shape: Shape, near: float, reach: float, flight: float = _LONG
 ) -> Timed:
-    """The impact within `reach` s of a time, after a `flight` in s."""
+    """Find the impact within `reach` s of a time, after a `flight` in s."""
     rate, m = shape.rate, shape.samples.size
     margin = round(reach * rate) + 2
     start = round(near * rate) - shape.lead - margin
-    # The noise is that of the end of the flight, where the last impact has died away most.
+    # Take the noise from the end of the flight, where the last impact has decayed most.
     quiet = max(round(min(_QUIET, 0.4 * flight) * rate), m + round(_LEAD * rate))
     x = filters.part(start - quiet, start + m + 2 * margin)
     before, x = x[:quiet], x[quiet:]
@@ -101,7 +102,7 @@ def find(
     left = _at(filters, shape, time) - amplitude * shape.samples
     spectrum = np.fft.fft(shape.samples)
     energy = np.abs(spectrum) ** 2
-    # What is left has colours: what matters is how much of it is like the shape.
+    # The residual is coloured: only its part that resembles the shape matters.
     rest = np.abs(np.fft.fft(left)) ** 2
     variance = noise = max(float(energy @ rest) / m**2, 1e-30)
     if near > quiet / rate + reach:
@@ -123,7 +124,7 @@ def find(
 
 
 def _at(filters: Whitener, shape: Shape, time: float) -> Float[np.ndarray, " m"]:
-    """The sound at a time between samples, as long as the shape."""
+    """Return the sound at a time between samples, as long as the shape."""
     exact, m = time * shape.rate - shape.lead, shape.samples.size
     whole = math.floor(exact)
     x = filters.part(whole - m, whole + 2 * m)
@@ -132,13 +133,15 @@ def _at(filters: Whitener, shape: Shape, time: float) -> Float[np.ndarray, " m"]
 
 
 def _shapes(filters: Whitener, found: list[Timed], shape: Shape) -> tuple[Shape, list[Shape]]:
-    """The mean of sounds at their times, each weighted as its amplitude and noise say; and the same
-    without each in turn, since a sound is always like a mean that holds it.
+    """Return the mean of sounds at their times, weighted by amplitude and noise.
+
+    Also return the mean without each in turn, since a sound always resembles a mean that includes
+    it.
     """
     sounds = np.array([_at(filters, shape, one.time) for one in found])
     size = np.array([one.amplitude for one in found])
     clear = np.array([one.clear for one in found])
-    # A clear sound weighs as its energy; a weak one less, by its noise.
+    # A clear sound is weighted by its energy, a weak one less because of its noise.
     weight = size * clear / (clear + CLEAR)
     total, whole = weight @ sounds, float(weight @ size)
     if not whole > 0:
@@ -152,7 +155,7 @@ def _shapes(filters: Whitener, found: list[Timed], shape: Shape) -> tuple[Shape,
 
 
 def timed(filters: Whitener, near: list[float], loudest: int) -> tuple[list[Timed], Shape]:
-    """The impacts near some times, and their common shape, which begins as that of the loudest."""
+    """Return the impacts near some times, and their common shape, starting from the loudest."""
     shape, reach = shape_at(filters, near[loudest]), 2e-3
     flights = np.diff(near, prepend=near[0] - _LONG)
     found = [

@@ -1,1 +1,1 @@
-"""Tables from files of any usual kind: their text, headings, units and rows."""
+"""Tables from files of any usual kind: text, headings, units and rows."""

@@ -1,4 +1,4 @@
-"""Columns of standard deviations: what they are called, and those that are not used."""
+"""Columns of standard deviations: recognised headings, and notes on unused columns."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from .heading import Meaning, words
 
 FROM_FILE = "errors are the standard deviations in the file, taken as they are"
-"""The note of a recording that has them."""
+"""The note of a recording with standard deviations."""
 
 _BASES = (
     "sigma",
@@ -46,12 +46,12 @@ _DEVIATION = re.compile(
 
 
 def is_bare(text: str) -> bool:
-    """Whether a heading does not say of what it is the deviation."""
+    """Return whether a heading does not name the quantity of its deviation."""
     return Meaning(_BARE, "").heading(text) is not None or Meaning(_BARE).heading(text) is not None
 
 
 def deviation_of(column: str, names: Iterable[str], unit: str) -> Meaning:
-    """The meaning of standard deviations of a `column`, which has other `names`, too, in short."""
+    """Return the meaning of standard deviations of a `column`, also under its short `names`."""
     made = [*_BARE]
     for base in _BASES:
         for name in names:
@@ -61,7 +61,7 @@ def deviation_of(column: str, names: Iterable[str], unit: str) -> Meaning:
 
 
 def unused_notes(names: Sequence[str], used: Mapping[str, int]) -> tuple[str, ...]:
-    """The note on columns of standard deviations that nothing was made of."""
+    """Return the note on columns of standard deviations that are not used."""
     left = [
         name
         for k, name in enumerate(names)

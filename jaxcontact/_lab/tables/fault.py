@@ -1,12 +1,12 @@
-"""The error of a recording, with its place."""
+"""The error of a recording, with its location."""
 
 from __future__ import annotations
 
 
 class RecordingError(ValueError):
-    """A fault in a recording, with its `source`, `row` and `column` (None where it has none).
+    """A fault in a recording, with its `source`, `row` and `column` (None if not applicable).
 
-    `problem` is the message without the place. In a file `row` is the line, the header counted;
+    `problem` is the message without the location. In a file `row` is the line, counting the header;
     in columns of values it counts measurements from 1.
     """
 

@@ -1,4 +1,4 @@
-"""A table of cells as a file holds it, before its columns mean anything."""
+"""The cells of a table in a file, before its columns have a meaning."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..._text.units import written_unit
 from .fault import RecordingError
 
 Known = Callable[[str], bool]
-"""Whether a text may be the heading of a column."""
+"""Test whether a text may be the heading of a column."""
 
 Line = tuple[int, list[Any]]
 """The number of a row in its file, and its cells: texts, numbers, None."""
@@ -33,24 +33,24 @@ _SUMMARIES = frozenset(
     "variance,var,min,max,minimum,maximum,sum,total,count,mittelwert,mittel,standardabweichung,"
     "summe,moyenne,écart type,media,promedio,σ,μ".split(",")
 )
-"""What stands before the numbers that people write below a table."""
+"""Words that begin summary rows below a table."""
 
 
 _LONGEST = 12
-"""Letters of a unit."""
+"""Largest length of a unit."""
 
 _OTHER_UNITS = frozenset(
     "Nm,N·m,N m,N*m,N-m,V,mV,Hz,kHz,kg,deg,°,°C,rad,rad/s,°/s,Pa,kPa,MPa,bar,J,W,dB,a.u.".split(",")
 )
-"""Of columns that are not read."""
+"""Units of columns that are not read."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Grid:
-    """The headings of a table and its rows; `header_row` is None where no row is a heading.
+    """The headings of a table and its rows; `header_row` is None if no row is a heading.
 
-    `notes` say in words how the file was read, where that is not the plainest way; `repeats` are
-    the rows that hold the headings once more.
+    `notes` say how the file was read, if not in the plainest way; `repeats` are the rows that
+    repeat the headings.
     """
 
     names: list[str]
@@ -61,14 +61,14 @@ class Grid:
 
 
 def is_number(cell: Any) -> bool:
-    """Whether a cell holds a number, with a decimal point or comma, or a time as mm:ss.cc."""
+    """Return whether a cell holds a number with decimal point or comma, or a time as mm:ss.cc."""
     return _NUMBER.fullmatch(cell) is not None if isinstance(cell, str) else cell is not None
 
 
 def known_cells(cells: Sequence[Any], known: Known) -> int:
-    """How many cells of a row may be headings; 0 for a row with numbers.
+    """Return how many cells of a row may be headings; 0 for a row with numbers.
 
-    A unit is none: N is the newton, and no number of a bounce.
+    A unit is not a heading: N is the newton, not the number of a bounce.
     """
     if is_number(cells[0]) and cells[0] != "":
         return 0  # the usual row
@@ -78,12 +78,12 @@ def known_cells(cells: Sequence[Any], known: Known) -> int:
 
 
 def grid_of(rows: list[Line], known: Known, notes: Sequence[str] = ()) -> Grid:
-    """The rows of a file as headings and measurements.
+    """Split the rows of a file into headings and measurements.
 
-    The heading is the row with most known words; without any the row above the first numbers, if
-    that holds more than units; none where the table begins with numbers. Rows above it are left
-    out, and a row of units beside it goes into the headings. Left out are headings that are
-    repeated below, and the means and the like at the end.
+    The heading is the row with most known words. Without any, it is the row above the first
+    numbers, if that holds more than units. A table that begins with numbers has no heading. Rows
+    above the heading are left out, and an adjacent row of units is merged into it. Repeated
+    headings below, and means and similar rows at the end, are left out.
     """
     at = _heading(rows, known)
     width = max((len(cells) for _, cells in rows), default=0)
@@ -101,7 +101,7 @@ def grid_of(rows: list[Line], known: Known, notes: Sequence[str] = ()) -> Grid:
         names = _with_units(names, rows[first][1])
     if at is None:
         return Grid(names, None, below, tuple(notes))
-    notes = [*notes, *_left_out(rows[:first], "above the headings")]
+    notes = [*notes, *_left_out_notes(rows[:first], "above the headings")]
     heading = _texts(rows[at][1])
     start = rows[at][1][:1]
     repeats = [
@@ -118,12 +118,12 @@ def grid_of(rows: list[Line], known: Known, notes: Sequence[str] = ()) -> Grid:
     end = len(below)
     while end > 1 and _is_summary(below[end - 1][1], len(names)):
         end -= 1
-    notes += _left_out(below[end:], "below the measurements")
+    notes += _left_out_notes(below[end:], "below the measurements")
     return Grid(names, number, below[:end], tuple(notes), tuple(repeats))
 
 
-def _left_out(rows: Sequence[Line], where: str) -> list[str]:
-    """The note on rows that are not read."""
+def _left_out_notes(rows: Sequence[Line], where: str) -> list[str]:
+    """Return the note on rows that are not read."""
     if not rows:
         return []
     several = f"rows {rows[0][0]} to {rows[-1][0]}" if len(rows) > 1 else f"row {rows[0][0]}"
@@ -135,7 +135,7 @@ def _cells(rows: Sequence[Line], k: int) -> Sequence[Any]:
 
 
 def _texts(cells: Sequence[Any]) -> list[str]:
-    """What is written in a row, without empty cells at its end."""
+    """Return the texts of a row, without empty cells at its end."""
     texts = ["" if cell is None else str(cell).strip() for cell in cells]
     while texts and not texts[-1]:
         texts.pop()
@@ -143,7 +143,7 @@ def _texts(cells: Sequence[Any]) -> list[str]:
 
 
 def _is_summary(cells: Sequence[Any], width: int) -> bool:
-    """Whether a row at the end holds no measurement: a mean or the like, or a remark."""
+    """Return whether a row at the end is not a measurement: a mean or similar, or a remark."""
     texts = _texts(cells)
     words = [text for text in texts if text]
     if not words or is_number(words[0]):
@@ -153,7 +153,7 @@ def _is_summary(cells: Sequence[Any], width: int) -> bool:
 
 
 def _with_units(names: Sequence[str], units: Sequence[Any]) -> list[str]:
-    """The headings with the units of a row of their own, unless they have them."""
+    """Return the headings with the units of a separate row, unless they have them."""
     found = []
     for k, name in enumerate(names):
         unit = "" if k >= len(units) or units[k] is None else str(units[k]).strip().strip("[](){}")
@@ -175,7 +175,7 @@ def _heading(rows: list[Line], known: Known) -> int | None:
 
 
 def _are_units(cells: Sequence[Any]) -> bool:
-    """Whether a row holds units and nothing else, most of them known: "s; N; N m"."""
+    """Return whether a row holds only units, most of them known: "s; N; N m"."""
     texts = [cell for cell in cells if cell not in ("", None)]
     if not texts or not all(isinstance(cell, str) and len(cell) < _LONGEST for cell in texts):
         return False
@@ -184,7 +184,7 @@ def _are_units(cells: Sequence[Any]) -> bool:
     numbers = sum(map(is_number, texts))
     if len(others) == len(texts) or any(map(is_number, others)):
         return False
-    if numbers:  # 1 is a unit, of what has none
+    if numbers:  # 1 is the unit of a dimensionless column
         return not others and numbers < len(texts)
     return 2 * unknown < len(texts)
 
@@ -192,10 +192,10 @@ def _are_units(cells: Sequence[Any]) -> bool:
 def with_points(
     rows: list[Line], source: str, decimal: str | None, *, apart: bool
 ) -> tuple[list[Line], bool]:
-    """The rows with decimal points in their numbers, and whether they had decimal commas.
+    """Return the rows with decimal points in their numbers, and whether they had decimal commas.
 
-    `decimal` is the mark that was named, if any; `apart`, whether commas separate columns, so that
-    none is left in a number. Raises RecordingError where the marks cannot be told.
+    `decimal` is the mark given by the user, if any. `apart` is True if commas separate columns, so
+    that no number contains one. Raises RecordingError if the marks are ambiguous.
     """
     comma: tuple[int, str] | None = None
     point: tuple[int, str] | None = None
@@ -210,7 +210,7 @@ def with_points(
                     point = k, c
                 continue
             written = True
-            # The usual number, without the price of patterns.
+            # Shortcut for the usual number, without the cost of patterns.
             if sure and c.lstrip("+-").replace(",", "", 1).isdecimal():
                 continue
             if one := _COMMA.fullmatch(c) or _THOUSANDS[","].fullmatch(c):
@@ -238,7 +238,7 @@ def with_points(
     if not written:
         return rows, False
     if simple and mark == "," and point is None:
-        # So it is nearly always, and a third of the time.
+        # The usual case, in a third of the time.
         return [
             (k, [c.replace(",", ".") if isinstance(c, str) else c for c in cells])
             for k, cells in rows

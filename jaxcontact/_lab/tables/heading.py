@@ -1,4 +1,4 @@
-"""What the heading of a column means: its words, and the unit that is written in it."""
+"""Meaning of the heading of a column: its words and its unit."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from ..._text.units import Unit, written_unit
 
 @dataclasses.dataclass(frozen=True)
 class Meaning:
-    """What a column may be called: `words`, and `unit`, the SI unit, None for labels and counts;
-    `or_unit`, another that it may be in.
+    """The recognised headings of a column: `words`, and the SI `unit`, None for labels and counts.
 
-    Numbers without a written unit whose median lies above `usual` are refused: `usual_words` say
-    what they would be, for the message. Where no unit is written, that of the column `like` is
-    meant. `remarks`: whether what is no unit may stand in brackets.
+    `or_unit` is an alternative unit. Numbers without a written unit whose median exceeds `usual`
+    are refused; `usual_words` describe them in the message. `must_say` names units, one of which
+    must be written. Without a written unit, that of the column `like` is used. `remarks`: whether
+    brackets may hold text other than a unit.
     """
 
     words: tuple[str, ...] = ()
@@ -33,46 +33,46 @@ class Meaning:
     remarks: bool = True
 
     def heading(self, text: str) -> Heading | None:
-        """The heading, if it means this: by its words, and a unit of the right kind, if any."""
+        """Return the heading if it has this meaning: words and unit (if any) match."""
         for words, unit in _readings(text):
-            if self._says(words) and (unit is None or self._takes(unit)):
+            if self._matches(words) and (unit is None or self._accepts(unit)):
                 return Heading(text, unit)
-        # "Restitution (e)": two names of one thing, or a remark behind the name of a label.
+        # "Restitution (e)": two names of one quantity, or a remark after the name of a label.
         found = _BRACKETS.fullmatch(text.strip())
         if not self.remarks:
             return None
-        if found and self._says(found[1]) and self.unknown_unit(text) is None:
+        if found and self._matches(found[1]) and self.unknown_unit(text) is None:
             return Heading(text)
         return None
 
     def unknown_unit(self, text: str) -> str | None:
-        """What stands in brackets behind words that mean this, where it is no unit of the kind."""
+        """Return the text in brackets after matching words if it is no suitable unit."""
         found = _BRACKETS.fullmatch(text.strip())
-        if found is None or self.unit is None or not self.remarks or not self._says(found[1]):
+        if found is None or self.unit is None or not self.remarks or not self._matches(found[1]):
             return None
         unit = written_unit(found[2])
-        if _plain(found[2]) in self.words or (unit and self._takes(unit)):
+        if _plain(found[2]) in self.words or (unit and self._accepts(unit)):
             return None
-        # What has no unit may have a remark.
+        # A dimensionless column may have a remark.
         return None if self.unit == "" and unit is None else found[2].strip()
 
-    def _says(self, text: str) -> bool:
-        """Whether these words mean this, in the plural, too."""
+    def _matches(self, text: str) -> bool:
+        """Return whether the words match, in singular or plural."""
         word = _plain(text)
         return word in self.words or (len(word) > 3 and word.removesuffix("s") in self.words)
 
-    def _takes(self, unit: Unit) -> bool:
+    def _accepts(self, unit: Unit) -> bool:
         return self.unit is not None and unit.si in (self.unit, self.or_unit)
 
     def unit_in(self, text: str) -> Unit | None:
-        """The unit of the right kind that is written in a heading, whatever its words."""
+        """Return the unit of the right kind that is written in a heading, whatever its words."""
         units = (unit for _, unit in _readings(text) if unit is not None)
-        return next((unit for unit in units if self._takes(unit)), None)
+        return next((unit for unit in units if self._accepts(unit)), None)
 
 
 @dataclasses.dataclass(frozen=True)
 class Heading:
-    """A heading as it is written, and the unit in it; None where none is written.
+    """A heading as written, and its unit; None without one.
 
     `is_time`: whether it is that of times, which may be written as mm:ss.cc.
     """
@@ -83,7 +83,7 @@ class Heading:
 
 
 def words(text: str) -> tuple[str, ...]:
-    """The words of a `Meaning`, of a text in which commas separate them."""
+    """Return the words of a `Meaning` from a text that separates them by commas."""
     return tuple(map(_plain, text.split(",")))
 
 
@@ -93,14 +93,14 @@ _RATE = re.compile(r"(.+?)[\s_]+([^\s_]+)[\s_]+(?:per[\s_]+)?([^\s_]+)")
 
 
 def _plain(text: str) -> str:
-    """A heading for comparison: small letters, one blank between words, h₀ as h0."""
+    """Normalise a heading: lower case, one blank between words, h₀ as h0."""
     text = unicodedata.normalize("NFKC", text).casefold()
     return re.sub(r"[\s_.\-]+", " ", text).strip()
 
 
 @functools.lru_cache(1024)
 def _readings(text: str) -> list[tuple[str, Unit | None]]:
-    """The ways to read a heading: all of it as words, or its end as a unit."""
+    """Return the ways to read a heading: all of it as words, or its end as a unit."""
     text = text.strip()
     ways: list[tuple[str, Unit | None]] = [(text, None)]
     if (found := _BRACKETS.fullmatch(text)) and (unit := written_unit(found[2])):
@@ -114,7 +114,7 @@ def _readings(text: str) -> list[tuple[str, Unit | None]]:
 
 
 def suggestion(text: str, meanings: Mapping[str, Meaning]) -> str:
-    """'; did you mean ...?' for a heading that is nearly one that is known, or nothing."""
+    """Return '; did you mean ...?' for a heading close to a known one, or ""."""
     known = {word: word for one in meanings.values() for word in one.words}
     known |= {_plain(name): name for name in meanings}
     stem = _plain(re.sub(r"[\[({/].*", "", text)) or _plain(text)

@@ -1,4 +1,4 @@
-"""Which columns of a table are which: by their headings, or by what the reader is told."""
+"""Assignment of columns of a table, by their headings or by the user's `columns`."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from .heading import Heading, Meaning, suggestion
 from .sheet import Row, Sheet
 
 Told = Mapping[str, int | str]
-"""The number of a column, from 1, or its heading, by what it holds."""
+"""The number of a column, from 1, or its heading, by content."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Match:
-    """Where the columns of a layout stand in a table, and their headings."""
+    """Positions of the columns of a layout in a table, and their headings."""
 
     places: Mapping[str, int]
     headings: Mapping[str, Heading]
 
     def rows(self, sheet: Sheet) -> list[Row]:
-        """The rows of a sheet by the names of the layout."""
+        """Return the rows of a sheet by the names of the layout."""
         return sheet.rows(self.places, self.headings)
 
     def notes(self) -> tuple[str, ...]:
-        """What was taken for what, and converted, where the heading is not the column's name."""
+        """Return which headings were assigned or converted, if not the column's name."""
         told = []
         for name, heading in self.headings.items():
             unit = heading.unit
@@ -42,7 +42,7 @@ class Match:
 
 
 def as_told(columns: Any) -> Told:
-    """The columns of "speed=2,e=5" or of a dict; ValueError for anything else."""
+    """Return the columns of "speed=2,e=5" or of a dict; raise ValueError for other input."""
     given = columns
     if isinstance(columns, str):
         parts = [part.partition("=") for part in columns.split(",") if part.strip()]
@@ -65,15 +65,15 @@ def as_told(columns: Any) -> Told:
 
 
 def match(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Match | None:
-    """The columns of a sheet that mean something; None if `told` names what has no meaning here.
+    """Return the columns of a sheet that have a meaning; None if `told` names an unknown one.
 
-    Raises RecordingError for a heading that is there twice, for two that mean the same, and for a
-    unit that is not known.
+    Raises RecordingError for a repeated heading, for two with the same meaning, and for an unknown
+    unit.
     """
     places: dict[str, int] = {}
     headings: dict[str, Heading] = {}
     for key, place in told.items():
-        named = _named(key, meanings)
+        named = _find_meaning(key, meanings)
         if named is None:
             return None
         name, asked = named
@@ -84,7 +84,7 @@ def match(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Match | 
         if name in places:
             continue
         free = [k for k in range(len(sheet.names)) if k not in places.values()]
-        # The very name wins over what else means the same.
+        # The exact name has precedence over other headings with the same meaning.
         found = [k for k in free if sheet.names[k] == name]
         found = found or [k for k in free if meaning.heading(sheet.names[k])]
         if meaning.like and len(found) > 1:  # "v, ±, e, ±"
@@ -109,7 +109,7 @@ def match(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Match | 
                     f"{meaning.unit or '-'}"
                 )
                 raise sheet.fault(problem, text)
-    # In the order of the layout, with the columns that were told among the others.
+    # Restore the order of the layout, including the columns assigned by the user.
     order = [name for name in meanings if name in places]
     for name in order:
         own, like = headings[name], headings.get(meanings[name].like)
@@ -125,7 +125,7 @@ def _check_beside(
     meanings: Mapping[str, Meaning],
     places: Mapping[str, int],
 ) -> None:
-    """Refuse "v, ±, e", whose deviations may be those of either."""
+    """Refuse "v, ±, e", in which the deviations may belong to either."""
     left = next((name for name, k in places.items() if k == place - 1), meaning.like)
     if left == meaning.like or meanings[left].unit is None or not is_bare(sheet.names[place]):
         return
@@ -136,7 +136,7 @@ def _check_beside(
     )
 
 
-def _named(key: str, meanings: Mapping[str, Meaning]) -> tuple[str, Heading] | None:
+def _find_meaning(key: str, meanings: Mapping[str, Meaning]) -> tuple[str, Heading] | None:
     for name, meaning in meanings.items():
         if key == name or meaning.heading(key):
             return name, meaning.heading(key) or Heading(key)
@@ -160,7 +160,7 @@ def _place(sheet: Sheet, place: int | str) -> int:
 
 
 def check_usual(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> None:
-    """Refuse numbers that look wrong and whose unit is not written."""
+    """Refuse implausible numbers without a written unit."""
     for name, meaning in meanings.items():
         if meaning.must_say and rows and name in rows[0].values and not rows[0].has_unit(name):
             text = rows[0].headings[name].text or name
@@ -187,7 +187,7 @@ def check_usual(rows: Sequence[Row], meanings: Mapping[str, Meaning]) -> None:
 
 
 def unknown_name(key: str, meanings: Iterable[Mapping[str, Meaning]]) -> str:
-    """The message for what no layout has."""
+    """Return the message for a column that no layout has."""
     every = {name: meaning for one in meanings for name, meaning in one.items()}
     return (
         f"Argument `columns` names {key!r}, which is no known column; these are "

@@ -31,15 +31,15 @@ _OTHER_KINDS = {
     b"\x89PNG": "a picture; save the table as CSV",
     b"\xff\xd8\xff": "a picture; save the table as CSV",
 }
-"""What begins so is no table."""
+"""First bytes of files that are not tables, with the advice to give."""
 
 
 @dataclasses.dataclass(slots=True, eq=False)
 class Row:
-    """The values of one measurement by column; texts, numbers, or None for what is missing.
+    """The values of one measurement by column: texts, numbers, or None if missing.
 
-    `headings` are those of the file, by column; numbers are returned in SI units where a heading
-    has another unit.
+    `headings` are those of the file, by column. Numbers are converted to SI units from the unit of
+    the heading.
     """
 
     source: str
@@ -48,12 +48,12 @@ class Row:
     headings: Mapping[str, Heading] = dataclasses.field(default_factory=dict)
 
     def refuse(self, column: str, problem: str) -> NoReturn:
-        """Raise RecordingError with the place of this row."""
+        """Raise RecordingError with the location of this row."""
         shown = self.headings[column].text if column in self.headings else column
         raise RecordingError(problem, self.source, self.number, shown or column)
 
     def has_unit(self, column: str) -> bool:
-        """Whether the unit of a column is written in its heading."""
+        """Return whether the unit of a column is written in its heading."""
         return column in self.headings and self.headings[column].unit is not None
 
     @property
@@ -62,7 +62,7 @@ class Row:
         return self.text("ball", ""), self.number
 
     def text(self, column: str, default: str | None = None) -> str:
-        """The value as text; `default` where the recording has no such column."""
+        """Return the value as text; `default` if the recording has no such column."""
         if default is not None and column not in self.values:
             return default
         value = self.values[column]
@@ -75,13 +75,13 @@ class Row:
         # 1.0 names the same trial as 1.
         whole = isinstance(value, float) and value.is_integer()
         text = str(int(value) if whole else value).strip()
-        # NaN, None and pandas' <NA> stand for what is missing; a text "nan" is a bad number.
+        # NaN, None and pandas' <NA> mark missing values; a text "nan" is an invalid number.
         if value is None or text in ("", "<NA>") or value != value:
             self.refuse(column, "is empty")
         return text
 
     def positive(self, column: str) -> float:
-        """The value as a positive, finite number in SI units, with all its bits."""
+        """Return the value as a positive, finite number in SI units, at full precision."""
         text, number = self._number(column, "a number")
         if not math.isfinite(number):
             self.refuse(column, f"{text!r} is not a finite number")
@@ -90,7 +90,7 @@ class Row:
         return self._in_si(column, number)
 
     def real(self, column: str) -> float:
-        """The value as a finite number in SI units; NaN for an empty cell."""
+        """Return the value as a finite number in SI units; NaN for an empty cell."""
         value = self.values[column]
         if value is None or value != value or (isinstance(value, str) and not value.strip()):
             return math.nan
@@ -104,7 +104,7 @@ class Row:
         return number if heading is None or heading.unit is None else heading.unit.to_si(number)
 
     def count(self, column: str) -> int:
-        """The value as a whole number that is not negative."""
+        """Return the value as a non-negative integer."""
         text, number = self._number(column, "a whole number")
         if not number.is_integer():
             self.refuse(column, f"{text!r} is not a whole number")
@@ -119,7 +119,7 @@ class Row:
                 if ":" in value and self._is_time(column):
                     return text, _seconds(value)
                 return text, float(value)
-            # `float` takes bytes and flags, too, and cuts digits off.
+            # `float` would accept bytes and flags, and lose digits of a longdouble.
             if isinstance(value, bytes | bytearray | bool | np.bool_):
                 raise TypeError
             if type(value) is np.longdouble:
@@ -130,7 +130,7 @@ class Row:
             self.refuse(column, f"{rendered(text)} is not {kind}{written}")
 
     def _is_time(self, column: str) -> bool:
-        """Whether a column holds times, of which none is written in ms or another unit."""
+        """Return whether a column holds times without a unit that needs conversion."""
         heading = self.headings.get(column)
         return (
             heading is not None
@@ -143,7 +143,7 @@ _CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d{1,2}(?:[.,]\d+)?)")
 
 
 def _seconds(text: str) -> float:
-    """The seconds of a time as hh:mm:ss.cc or mm:ss.cc. Raises ValueError for anything else."""
+    """Return the seconds of a time as hh:mm:ss.cc or mm:ss.cc; raise ValueError otherwise."""
     found = _CLOCK.fullmatch(text.strip())
     if found is None:
         raise ValueError
@@ -155,18 +155,18 @@ _NUMBER_AND_UNIT = re.compile(r"[+-]?[\d.,]+\s*([^\d\s].*)")
 
 
 def _has_unit(value: Any) -> bool:
-    """Whether a text is a number with a unit behind it."""
+    """Return whether a text is a number followed by a unit."""
     found = _NUMBER_AND_UNIT.fullmatch(value.strip()) if isinstance(value, str) else None
     return found is not None and written_unit(found[1]) is not None
 
 
 @dataclasses.dataclass(frozen=True)
 class Sheet:
-    """Named columns; `lines(wanted)` are the numbers of the rows and the cells of some columns.
+    """Named columns; `lines(wanted)` returns row numbers and the cells of some columns.
 
-    `source` and `header_row` (None where there is no header) are the places for messages; `wanted`
-    are positions among `names`, of which some may be empty. `by_keyword` is true for columns given
-    by keyword, `notes` say how a file was read, and `repeats` are rows of headings within it.
+    `source` and `header_row` (None without a header) locate faults in messages. `wanted` are
+    positions among `names`, some of which may be empty. `by_keyword` is True for columns given by
+    keyword. `notes` say how a file was read, and `repeats` are rows of repeated headings.
     """
 
     source: str
@@ -178,7 +178,7 @@ class Sheet:
     repeats: tuple[int, ...] = ()
 
     def beside(self, name: str, value: Callable[[int, int], Any], note: str) -> Sheet:
-        """The columns with one more, of `value(k, number)` for the row k, from 0."""
+        """Return the sheet with one more column, `value(k, number)` for row k, from 0."""
         place = len(self.names)
 
         def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
@@ -196,23 +196,23 @@ class Sheet:
         )
 
     def rows(self, places: Mapping[str, int], headings: Mapping[str, Heading]) -> list[Row]:
-        """The rows, with the values of columns at some places under other names."""
+        """Return the rows, with the values of columns at some positions under other names."""
         return [
             Row(self.source, number, dict(zip(places, cells, strict=True)), headings)
             for number, cells in self.lines(list(places.values()))
         ]
 
     def fault(self, problem: str, column: str | None, row: int | None = None) -> RecordingError:
-        """The error for a fault in a row, in the header if none is given."""
+        """Return the error for a fault in a row, by default in the header."""
         return RecordingError(problem, self.source, row or self.header_row, column)
 
 
 def sheet_of(
     source: Any, columns: Mapping[str, Any], known: Known, decimal: str | None = None
 ) -> Sheet:
-    """The columns in `source`, or those given by keyword. See `read_recording`.
+    """Return the columns in `source`, or those given by keyword; see `read_recording`.
 
-    `known` tells whether a text may be a heading, and `decimal` names the decimal mark.
+    `known` tests whether a text may be a heading, and `decimal` is the decimal mark.
     """
     if columns:
         if source is not None:
@@ -231,7 +231,7 @@ def sheet_of(
     if isinstance(source, Mapping):
         return _from_columns("the dict", source)
     frame = hasattr(source, "columns") and hasattr(source, "__getitem__")
-    # The class of data frames has them, too.
+    # Classes of data frames have these attributes too.
     if frame and not isinstance(source, type):
         return _from_columns("the data frame", source)
     if callable(getattr(source, "read", None)) and not isinstance(source, type):
@@ -245,12 +245,12 @@ def sheet_of(
 
 
 def _from_columns(source: str, columns: Any, *, by_keyword: bool = False) -> Sheet:
-    """The columns of a mapping, or of a data frame."""
+    """Return the columns of a mapping, or of a data frame."""
     keys = list(getattr(columns, "columns", columns))
     names = [str(key) for key in keys]
 
     def lines(wanted: Sequence[int]) -> list[tuple[int, list[Any]]]:
-        # As objects, numbers keep all their bits and missing values stay what they are.
+        # As objects, numbers keep full precision and missing values stay unchanged.
         arrays = {names[k]: _values(columns[keys[k]], source, names[k]) for k in wanted}
         first = next(iter(arrays))
         for name, array in arrays.items():
@@ -268,14 +268,14 @@ def _from_columns(source: str, columns: Any, *, by_keyword: bool = False) -> She
 
 
 def _values(given: Any, source: str, name: str) -> np.ndarray:
-    """A column as objects. Raises RecordingError for what hides or changes its values."""
+    """Return a column as objects; raise RecordingError if conversion would change its values."""
     plain = as_array(given) if hasattr(given, "__array__") else None
     kind = "O" if plain is None else plain.dtype.kind
     array = as_array(None if isinstance(given, bytearray) else given, object)
     if array is None:
         problem = f"must be a column of numbers or texts, but is {rendered(given)}"
         raise RecordingError(problem, source, column=name)
-    # A mask would be dropped, and NumPy counts dates and durations in whole numbers.
+    # NumPy would drop a mask, and convert dates and durations to integers.
     if isinstance(given, np.ma.MaskedArray) or kind in "mM":
         what = "dates or durations" if kind in "mM" else "masked"
         problem = f"must hold numbers or texts and no mask, but is {what}: {rendered(given)}"
@@ -284,13 +284,13 @@ def _values(given: Any, source: str, name: str) -> np.ndarray:
 
 
 def _from_file(read: Callable[[], Any], source: str, known: Known, decimal: str | None) -> Sheet:
-    """The columns of the file that `read` returns, of whatever kind its first bytes say."""
+    """Return the columns of the file that `read` returns; its first bytes decide the kind."""
     try:
         content = read()
     except OSError as error:
         raise RecordingError(f"cannot be read ({error.strerror or error})", source) from error
     except UnicodeDecodeError as error:
-        # The bytes before the bad one are good, so its line can be counted.
+        # The bytes before the invalid one are valid, so its line can be counted.
         row = error.object[: error.start].count(b"\n") + 1
         problem = f"is not {error.encoding.upper()} text; give its path, or open it as bytes"
         raise RecordingError(problem, source, row) from error
@@ -326,7 +326,7 @@ def _of_grid(grid: Grid, source: str) -> Sheet:
                 guess = "; are its commas decimal? then separate by semicolons" * split
                 problem = f"has {full} fields where the header has {len(names)}{guess}"
                 raise RecordingError(problem, source, number, names[-1])
-        # Fields that a short line lacks are empty.
+        # Fields missing from a short line are empty.
         end, some = max(wanted, default=-1), len(wanted) > 1
         pick = operator.itemgetter(*wanted) if some else lambda cells: [cells[k] for k in wanted]
         return [

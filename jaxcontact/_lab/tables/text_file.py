@@ -1,7 +1,7 @@
-"""Tables in text files: their encoding, what separates their columns, comments and decimal commas.
+"""Tables in text files: encoding, column separator, comments and decimal commas.
 
-What decides is how many known headings and numbers a reading gives, not a guess from frequencies of
-characters: `csv.Sniffer` takes the decimal comma of "0,5;0,8" for a separator.
+The choice depends on the number of known headings and numbers that a reading gives, not on
+frequencies of characters: `csv.Sniffer` takes the decimal comma of "0,5;0,8" for a separator.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ _SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", " ":
 
 
 def decoded(data: bytes, source: str) -> tuple[str, str]:
-    """The text in bytes, and the name of its encoding, "" for UTF-8.
+    """Return the text in bytes, and the name of its encoding, "" for UTF-8.
 
-    UTF-16 is told by its mark or its zeros; what is not UTF-8 is read as Windows-1252, of which
-    Latin-1 is a part. Raises RecordingError for bytes that are no text.
+    UTF-16 is detected by its byte order mark or its zeros. Other bytes that are not UTF-8 are read
+    as Windows-1252, which includes Latin-1. Raises RecordingError for bytes that are not text.
     """
     for mark, encoding in _MARKS:
         if data.startswith(mark):
             return _decode(data, encoding, source), "" if "8" in encoding else "UTF-16"
     if b"\0" in data[:200]:
-        # Of most characters in UTF-16 one byte is zero: the second in little endian.
+        # One byte of most characters in UTF-16 is zero: the second in little endian.
         encoding = "utf-16-le" if data[1:200:2].count(0) > data[0:200:2].count(0) else "utf-16-be"
         return _decode(data, encoding, source), "UTF-16"
     try:
@@ -60,7 +60,7 @@ def _decode(data: bytes, encoding: str, source: str) -> str:
 
 
 class _Reading(NamedTuple):
-    """One way to read a text: its rows, how good it is, and the error that stopped it, if any."""
+    """One way to read a text: its rows, its score, and the error that stopped it, if any."""
 
     separator: str
     rows: list[Line]
@@ -69,11 +69,11 @@ class _Reading(NamedTuple):
 
 
 def text_grid(text: str, source: str, known: Known, decimal: str | None = None) -> Grid:
-    """The table in a text. Raises RecordingError where it cannot be read in one way."""
+    """Return the table in a text; raise RecordingError if it cannot be read unambiguously."""
     lines = text.removeprefix("\ufeff").splitlines(keepends=True)
     named = re.fullmatch(r"sep=(.)\s*", lines[0]) if lines else None
     if named:
-        lines[0] = "\n"  # how Excel writes down its separator
+        lines[0] = "\n"  # Excel writes its separator like this
     comments = [k for k, line in enumerate(lines) if _COMMENT.match(line)]
     aside = set(comments)
     data = ["\n" if k in aside else line for k, line in enumerate(lines)]
@@ -87,7 +87,7 @@ def text_grid(text: str, source: str, known: Known, decimal: str | None = None) 
         rows, error = _split(data, best.separator, source)
         best = best._replace(rows=rows, error=error)
     if best.score[1] == 0:
-        # One column, however it is read.
+        # There is one column with every separator.
         rows = [(k, [line.strip().strip('"')]) for k, line in enumerate(data, 1) if line.strip()]
         best = _Reading("", rows, (0, 0.0))
     elif best.error:
@@ -107,9 +107,10 @@ def text_grid(text: str, source: str, known: Known, decimal: str | None = None) 
 
 
 def _labels(rows: list[Line]) -> tuple[list[str], list[Line]] | None:
-    """The columns of labels: times in s, the ends of stretches, if any, and texts.
+    """Return the columns of audio labels: times in s, ends of ranges, if any, and texts.
 
-    Audacity writes "0.52, 0.52, bounce", with a line of frequencies behind a backslash for some.
+    Audacity writes "0.52, 0.52, bounce", for some labels with a line of frequencies after a
+    backslash.
     """
     rows = [row for row in rows if row[1][0] != "\\"]
     made: list[Line] = []
@@ -135,7 +136,7 @@ def _labels(rows: list[Line]) -> tuple[list[str], list[Line]] | None:
 def _commented_heading(
     above: list[tuple[int, str]], read: _Reading, source: str, known: Known
 ) -> list[Line]:
-    """The last comment above the numbers, where it is the heading: numpy.savetxt writes it so."""
+    """Return the last comment above the numbers if it is the heading (`numpy.savetxt`)."""
     if not above or any(known_cells(cells, known) for _, cells in read.rows):
         return []
     number, line = above[-1]
@@ -148,7 +149,7 @@ def _reading(data: list[str], separator: str, source: str, known: Known) -> _Rea
     rows, error = _split(data, separator, source)
     widths = Counter(len(cells) for _, cells in rows if any(map(is_number, cells)))
     heading = max((known_cells(cells, known) for _, cells in rows), default=0)
-    if not widths:  # words, which blanks separate in any text
+    if not widths:  # only words, which blanks separate in any text
         width = max((len(cells) for _, cells in rows), default=0)
         share = 0.5 * (width > 1) * (heading > 0) * (separator != " ")
         return _Reading(separator, rows, (0, share), error)
@@ -156,8 +157,8 @@ def _reading(data: list[str], separator: str, source: str, known: Known) -> _Rea
     if width < 2:
         return _Reading(separator, rows, (heading > 0, 0.0), error)
     headings = [len(cells) for _, cells in rows if known_cells(cells, known) == heading > 0]
-    # One heading above two numbers: what commas separate are the digits of one number. More words
-    # than numbers: what blanks separate are the words of one heading.
+    # With one heading above two numbers, commas are decimal. With more words than numbers, blanks
+    # separate the words of a heading.
     if headings and (headings[0] == 1 if separator == "," else headings[0] > width):
         return _Reading(separator, rows, (0, 0.0), error)
     good = [cells for _, cells in rows if len(cells) == width and any(map(is_number, cells))]
@@ -171,7 +172,7 @@ def _reading(data: list[str], separator: str, source: str, known: Known) -> _Rea
 def _split(
     data: list[str], separator: str, source: str
 ) -> tuple[list[Line], RecordingError | None]:
-    """The rows that are not blank, and the error that ended them, if any."""
+    """Return the rows that are not blank, and the error that ended them, if any."""
     if separator == " ":
         data = list(map(_blanks, data))
     stream = io.StringIO("".join(data), newline="")
@@ -188,7 +189,7 @@ def _split(
 
 
 def _blanks(line: str) -> str:
-    """A line whose columns blanks separate, with single ones, and units beside their words."""
+    """Return a blank-separated line with single blanks, and units joined to their words."""
     parts = line.split()
     if all(map(is_number, parts)):
         return " ".join(parts) + "\n"

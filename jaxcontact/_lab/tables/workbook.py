@@ -13,9 +13,9 @@ _HOW = "pip install 'jaxcontact[data]', or save as CSV"
 
 
 def workbook_grid(data: bytes, source: str, known: Known, decimal: str | None = None) -> Grid:
-    """The sheet of a workbook that has most known headings, or else the first that is not empty.
+    """Return the sheet with most known headings, or else the first that is not empty.
 
-    Rows are numbered as the spreadsheet does. Raises RecordingError for what cannot be read.
+    Rows are numbered as in the spreadsheet. Raises RecordingError for a file that cannot be read.
     """
     try:
         import python_calamine
@@ -47,14 +47,14 @@ def _lines(rows: list[list[Any]]) -> list[Line]:
 def _cell(value: Any) -> Any:
     if isinstance(value, str):
         return value.strip()
-    # A duration is a number of seconds; a date is no measurement, and its text says so.
+    # A duration is a number of seconds. A date is not a measurement; its text shows that.
     if isinstance(value, datetime.timedelta):
         return value.total_seconds()
     return value if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
 def parquet_columns(data: bytes, source: str) -> dict[str, Any]:
-    """The columns of a parquet file by name. Raises RecordingError for what cannot be read."""
+    """Return the columns of a parquet file by name; raise RecordingError if it cannot be read."""
     try:
         import pyarrow
         import pyarrow.parquet

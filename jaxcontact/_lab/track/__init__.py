@@ -1,7 +1,7 @@
-"""Tracks of a bouncing ball from video: finding its impacts, and their times between frames. It
-knows no measurements and no files.
+"""Tracks of a bouncing ball from video: finding impacts, and timing them between frames.
 
-`follow` stands in `_follow`, which brings SciPy's searches: what reads tables only does not wait.
+It is independent of measurements and files. `follow` is in `following`, which imports SciPy's
+searches: reading tables does not wait for them.
 """
 
 from .seen import Camera as Camera

@@ -1,4 +1,4 @@
-"""Where flights are in a track: parts between lowest places that bend alike."""
+"""Flights in a track: parts between lowest points with equal curvature."""
 
 from __future__ import annotations
 
@@ -14,26 +14,28 @@ from .search import MAD
 from .seen import Floats
 
 _STANDS_OUT = 8.0
-"""Standard deviations by which a ball has to rise between two impacts."""
+"""Standard deviations by which a ball must rise between two impacts."""
 
 _SMOOTH = 0.012
-"""In s: the median is taken over so long before impacts are looked for."""
+"""Length in s of the median filter before the search for impacts."""
 
 _SPIKE = 6.0
 _ALIKE = 0.12
-"""Flights bend alike to this share, and so many standard errors:"""
+"""Tolerance of the curvature of flights: this fraction plus `_ERRORS` standard errors."""
 
 _ERRORS = 5.0
 _NEAR = 0.93
-"""Of the height: above, a ball may be held."""
+"""Fraction of the height above which a ball may be held."""
 
 _HIGHER = 1.3
-"""A flight lasts at most so much longer than the one before."""
+"""Largest ratio of a flight time to the one before."""
 
 
 class _Part(NamedTuple):
-    """The frames from `low` to below `high` between two lowest places, the fall of their best
-    parabola, its standard error, and the noise and the share of the frames on it.
+    """The frames from `low` to below `high` between two lowest points, and their best parabola.
+
+    `fall` is its acceleration and `error` the standard error, `noise` the scatter, and `share` the
+    fraction of frames on it.
     """
 
     low: int
@@ -45,14 +47,14 @@ class _Part(NamedTuple):
 
 
 class Found(NamedTuple):
-    """The drops that are guessed, and the times of lowest places that belong to none."""
+    """Guesses of the drops, and the times of lowest points that belong to none of them."""
 
     guesses: list[Guess]
     others: list[float]
 
 
 def find(time: Floats, height: Floats) -> Found:
-    """The drops in a track whose heights (n,) count upwards."""
+    """Find the drops in a track whose heights (n,) increase upwards."""
     noise = noise_of(height)
     good = _without_spikes(time, height, noise)
     lows = _lowest(time, height, good, noise)
@@ -66,7 +68,7 @@ def find(time: Floats, height: Floats) -> Found:
             fall = _fall_of_one(time, height, good, lows, noise)
         if fall is None:
             return Found([], [float(time[k]) for k in lows])
-        # A place from which a ball goes on as it came is no impact.
+        # A point that a ball passes without turning is not an impact.
         bad = [k for k in lows if not _turns(time, height, good, lows, k, fall)]
         if not bad:
             break
@@ -85,13 +87,13 @@ def find(time: Floats, height: Floats) -> Found:
 
 
 def noise_of(height: Floats) -> float:
-    """Of one height, from third differences, which parabolas do not have."""
+    """Return the noise of one height, from third differences, which vanish for parabolas."""
     third = np.diff(height, 3)
     return MAD * float(np.median(np.abs(third))) / math.sqrt(20) if third.size else 0.0
 
 
 def _without_spikes(time: Floats, height: Floats, noise: float) -> np.ndarray:
-    """Which frames lie on the parabola through the three before or the three after."""
+    """Return which frames lie on the parabola through the three before or the three after."""
     n = time.size
     good = np.zeros(n, bool)
     for side in (-1, 1):
@@ -117,7 +119,7 @@ def _without_spikes(time: Floats, height: Floats, noise: float) -> np.ndarray:
 
 
 def _lowest(time: Floats, height: Floats, good: np.ndarray, noise: float) -> list[int]:
-    """The frames of the lowest places, between which the ball rises enough to be seen."""
+    """Return the frames of the lowest points, between which the ball rises detectably."""
     at = np.flatnonzero(good)
     if at.size < 2 * LEAST_FRAMES:
         return []
@@ -126,7 +128,7 @@ def _lowest(time: Floats, height: Floats, good: np.ndarray, noise: float) -> lis
     smooth = ndimage.median_filter(height[at], size, mode="nearest")
     rise = _STANDS_OUT * noise / math.sqrt(size)
     peaks, _ = signal.find_peaks(-smooth, prominence=max(rise, 1e-3 * float(np.ptp(smooth))))
-    # The lowest frame itself, near that of the average.
+    # Use the lowest frame itself, near that of the average.
     found = []
     for k in peaks:
         low, high = max(k - size // 2, 0), k + size // 2 + 1
@@ -135,7 +137,7 @@ def _lowest(time: Floats, height: Floats, good: np.ndarray, noise: float) -> lis
 
 
 def _part(time: Floats, height: Floats, first: int, last: int, good: np.ndarray) -> _Part:
-    """The best parabola between two lowest places, which are not in it."""
+    """Return the best parabola between two lowest points, which are excluded."""
     at = np.arange(first + 1, last)
     at = at[good[at]]
     if at.size < LEAST_FRAMES:
@@ -154,7 +156,7 @@ def _part(time: Floats, height: Floats, first: int, last: int, good: np.ndarray)
 
 
 def _common_fall(parts: list[_Part]) -> float | None:
-    """The fall that most frames between impacts have, None where there is none."""
+    """Return the acceleration that most frames between impacts have, or None."""
     some = [p for p in parts[1:-1] if p.fall > 0 and p.error < 0.5 * p.fall]
     if not some:
         return None
@@ -166,7 +168,7 @@ def _common_fall(parts: list[_Part]) -> float | None:
 
 
 def _fits(part: _Part, fall: float) -> bool:
-    """Whether a part bends as the flights do."""
+    """Return whether a part has the curvature of the flights."""
     if not part.high - part.low >= LEAST_FRAMES or not np.isfinite(part.fall):
         return False
     off = abs(part.fall - fall)
@@ -176,7 +178,7 @@ def _fits(part: _Part, fall: float) -> bool:
 def _fall_of_one(
     time: Floats, height: Floats, good: np.ndarray, lows: list[int], noise: float
 ) -> float | None:
-    """The fall where no flight is whole: from the ways down to an impact and up from it."""
+    """Return the acceleration if no flight is complete, from the ways to and from an impact."""
     falls = []
     for k in lows:
         for side in (-1, 1):
@@ -192,7 +194,7 @@ def _fall_of_one(
 
 
 def _way(height: Floats, good: np.ndarray, low: int, side: int) -> np.ndarray:
-    """The frames from the lowest place to near the highest on one side."""
+    """Return the frames from the lowest point to near the highest on one side."""
     at = np.arange(low - 1, -1, -1) if side < 0 else np.arange(low + 1, height.size)
     at = at[good[at]]
     if at.size < LEAST_FRAMES:
@@ -205,7 +207,7 @@ def _way(height: Floats, good: np.ndarray, low: int, side: int) -> np.ndarray:
 def _turns(
     time: Floats, height: Floats, good: np.ndarray, lows: list[int], low: int, fall: float
 ) -> bool:
-    """Whether a ball comes down to a lowest place, and goes up from it."""
+    """Return whether a ball moves down to a lowest point, and up from it."""
     k = lows.index(low)
     before = lows[k - 1] if k else 0
     after = lows[k + 1] if k + 1 < len(lows) else time.size - 1
@@ -215,7 +217,7 @@ def _turns(
 
 
 def _runs(time: Floats, lows: list[int], good: list[bool]) -> list[list[int]]:
-    """Lowest places with flights between, in runs; lone ones, too."""
+    """Return lowest points with flights between, in runs; single ones too."""
     runs = [[lows[0]]] if lows else []
     for k, fits in enumerate(good):
         before = time[lows[k]] - time[lows[k - 1]] if len(runs[-1]) > 1 else math.inf

@@ -1,8 +1,8 @@
-"""Times of impacts between frames: all parabolas of a drop fitted together.
+"""Times of impacts between frames: all parabolas of a drop are fitted together.
 
-Flights share the fall, the floor and the duration of contact, so that each is known from the frames
-of all. Frames in which the ball touches the floor, or may have during the exposure, are left out;
-so are misreadings, by a robust search first and by their distance then.
+Flights share the acceleration, the floor and the contact time, so that all frames contribute to
+each. Frames in which the ball touches the floor, or may have during the exposure, are left out. So
+are misreadings, first by a robust search and then by their distance.
 """
 
 from __future__ import annotations
@@ -19,23 +19,24 @@ from .search import CONTACT, POWER, nearer_errors, robustly, scatter, search, sl
 from .seen import Camera, Drop, Floats, Frames
 
 FAR = 5.0
-"""Standard deviations from which a frame is a misreading."""
+"""Standard deviations beyond which a frame is a misreading."""
 
 LEAST_FRAMES = 4
-"""Of a flight: a parabola whose fall is known has two numbers."""
+"""Least frames of a flight: a parabola of known acceleration has two parameters."""
 
 _LOST = 3
-"""So many frames in a row, off in their mean, end the first and the last flight."""
+"""Successive frames whose mean is off, which end the first and the last flight."""
 
 _SEEN = 8.0
-"""Standard deviations that a flight rises at least."""
+"""Least rise of a flight in standard deviations."""
 
 _ROUNDS = 6
 
 
 class Guess(NamedTuple):
-    """Where a search begins: the ends of the flights and the impacts between (m + 2,) in s, the
-    floor and the fall, the noise of one height, and the frames from `low` to below `high`.
+    """The start of a search: ends of the flights and impacts between them (m + 2,) in s.
+
+    Also floor and acceleration, the noise of one height, and the frames from `low` to below `high`.
     """
 
     times: Floats
@@ -47,9 +48,9 @@ class Guess(NamedTuple):
 
 
 def fit_drop(frames: Frames, guess: Guess) -> Drop | None:
-    """The drop whose parabolas fit best; None where too few frames are left or nothing fits.
+    """Return the best-fitting drop; None if too few frames are left or nothing fits.
 
-    A first or a last flight of too few frames is left out.
+    A first or last flight with too few frames is left out.
     """
     while guess.times.size > 2:
         found = _fit(frames, guess)
@@ -70,11 +71,11 @@ def fit_drop(frames: Frames, guess: Guess) -> Drop | None:
 
 
 def _fit(frames: Frames, guess: Guess) -> Drop | np.ndarray:
-    """The drop, or how many frames each flight has where it cannot be fitted."""
+    """Return the drop, or the frames of each flight if it cannot be fitted."""
     time, flights = frames.time, guess.times.size - 1
     low, high = guess.low, guess.high
     step = float(np.median(np.diff(time)))
-    seen = _seen(frames)
+    seen = _observations(frames)
     speeds = _speeds(np.diff(guess.times))
     model = Model(flights, frames.along is not None, time[low], time[high - 1], speeds)
     vector = _start(model, frames, guess)
@@ -117,7 +118,7 @@ def _fit(frames: Frames, guess: Guess) -> Drop | np.ndarray:
 
 
 def refit(drop: Drop, shape: Shape, beta: float) -> Drop:
-    """The same frames with flights of another shape: with the drag of the air, which gives β."""
+    """Refit the same frames with flights of another shape: with known air drag, which gives β."""
     frames = drop.frames
     model = Model(
         drop.start.size,
@@ -128,20 +129,20 @@ def refit(drop: Drop, shape: Shape, beta: float) -> Drop:
         shape,
         beta,
     )
-    seen, sigma = _seen(frames), np.array([s for s in drop.noise[::-1] if s is not None])
+    seen, sigma = _observations(frames), np.array([s for s in drop.noise[::-1] if s is not None])
     found = search(model, frames.time[drop.used], seen[drop.used], sigma, drop.vector)
     vector = drop.vector if found is None else found
     return _result(model, vector, frames, seen, sigma, drop.used, drop.off)
 
 
-def _seen(frames: Frames) -> np.ndarray:
-    """Heights, and places along (n, 1 or 2)."""
+def _observations(frames: Frames) -> np.ndarray:
+    """Return heights, and positions along the floor (n, 1 or 2)."""
     columns = [frames.height] if frames.along is None else [frames.height, frames.along]
     return np.stack(columns, axis=1)
 
 
 def _speeds(seconds: Floats) -> Floats:
-    """Speeds of impacts, as the flights before them last, over that of the first."""
+    """Return speeds of impacts relative to the first, from the flight times before them."""
     return np.clip(seconds[:-1] / seconds[0], 1e-3, 1e3)
 
 
@@ -161,7 +162,7 @@ def _start(model: Model, frames: Frames, guess: Guess) -> Floats:
 def _inside(
     model: Model, vector: Floats, time: Floats, low: int, high: int, step: float
 ) -> Bool[np.ndarray, " n"]:
-    """The frames within flights, far enough from contacts that no exposure has one."""
+    """Return the frames within flights, far enough from contacts that no exposure includes one."""
     inside = np.zeros(time.size, bool)
     inside[low:high] = True
     start, end = model.ends(vector)[0].T
@@ -173,7 +174,7 @@ def _inside(
 def _counts(
     model: Model, vector: Floats, time: Floats, use: np.ndarray, noise: float = 0.0
 ) -> np.ndarray:
-    """How many frames each flight has: none where it does not rise out of the noise."""
+    """Return the frames of each flight; 0 if it does not rise above the noise."""
     start, end = model.ends(vector)[0].T
     seen = vector[model.fall] * (end - start) ** 2 / 8 > _SEEN * noise
     return seen * np.bincount(model.flight_of(vector, time[use]), minlength=model.flights)
@@ -182,10 +183,10 @@ def _counts(
 def _reach(
     model: Model, vector: Floats, time: Floats, residual: Floats, noise: float, step: float
 ) -> tuple[int, int]:
-    """The frames from the first to below the last that are on the parabolas.
+    """Return the frames from the first to below the last that are on the parabolas.
 
-    A ball that is held where it is let go, or is caught, leaves its parabola slowly: for so long as
-    that hides in the noise frames are left out, too.
+    A ball that is held at release, or caught, leaves its parabola slowly. Frames are also left out
+    for as long as that is hidden in the noise.
     """
     start, end = model.ends(vector)[0].T
     fall, limit = vector[model.fall], FAR / math.sqrt(_LOST)
@@ -209,7 +210,7 @@ def _reach(
 
 
 def _until_lost(residual: Floats, limit: float) -> int:
-    """How many frames until some in a row are off in their mean, in standard deviations."""
+    """Return the frames until some in a row are off in their mean, in standard deviations."""
     if residual.size < _LOST:
         return residual.size
     mean = np.convolve(residual, np.ones(_LOST) / _LOST, "valid")
@@ -229,7 +230,7 @@ def _result(
     time, flights = frames.time, model.flights
     places, _ = model.places(vector, time)
     residual = (seen - places)[used]
-    # The size of both errors by what is left, beside the parameters.
+    # Scale both errors by the residuals, with the degrees of freedom.
     freedom = max(residual.size - model.size, 1) / residual.size
     sigma = np.sqrt(np.mean(residual**2, axis=0) / freedom)
     slope = slope_of(model, vector, time[used], sigma, nearer_errors(model, vector))

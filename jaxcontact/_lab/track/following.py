@@ -11,26 +11,28 @@ from .fitting import LEAST_FRAMES, fit_drop
 from .seen import Drop, Frames, Skipped, Track
 
 _HEAVY = 1 / 3
-"""Of the frames within flights: where more are off, what was found is no drop."""
+"""Fraction of frames within flights that are off; with more, the result is not a drop."""
 
 _MOST = 1.2
 """Largest ratio of successive flights."""
 
 _ROUGH, _BENT = 2.5, 0.02
-"""What lies off the parabolas by so many times what neighbours differ, and by such a share of the
-height, is no free flight: measured are up to 1.4 for balls, and from 2.8 and 5 % on for swings.
+"""Limits of the residual: times the difference of neighbours, and as a fraction of the height.
+
+Above both, the motion is not free flight. Measured values are up to 1.4 for balls, and from 2.8 and
+5 % for swings.
 """
 
 
 def follow(frames: Frames) -> Track:
     """Find the flights of a ball and fit them; a track without an impact has no drops.
 
-    Heights that count downwards are turned: flights bend towards the floor.
+    Heights that count downwards are inverted, so that flights curve towards the floor.
     """
     best: Track | None = None
     for sign in (1, -1):
         turned = dataclasses.replace(frames, height=sign * frames.height, sign=sign)
-        found = _followed(turned, find(turned.time, turned.height))
+        found = _fit_drops(turned, find(turned.time, turned.height))
         if best is None or _count(found) > _count(best):
             best = found
     assert best is not None  # for the type checker
@@ -41,7 +43,7 @@ def _count(track: Track) -> int:
     return sum(int(drop.used.sum()) for drop in track.drops)
 
 
-def _followed(frames: Frames, found: Found) -> Track:
+def _fit_drops(frames: Frames, found: Found) -> Track:
     drops: list[Drop] = []
     skipped = [Skipped(time, "no flights on both sides") for time in found.others]
     for guess in found.guesses:
@@ -57,7 +59,7 @@ def _followed(frames: Frames, found: Found) -> Track:
 
 
 def _doubt(drop: Drop) -> str:
-    """Why what was fitted is no drop; nothing where it may be one."""
+    """Return why a fit is not a drop, "" if it may be one."""
     if drop.off.sum() > _HEAVY * (drop.off.sum() + drop.used.sum()):
         return "too many frames off the parabolas"
     seconds, off = drop.seconds, drop.noise[1]
@@ -65,7 +67,7 @@ def _doubt(drop: Drop) -> str:
     if off > max(_ROUGH * noise_of(drop.frames.height[drop.used]), _BENT * highest):
         return "no parabolas"
     error = np.sqrt(np.diag(drop.covariance))
-    # A flight that is longer than the one before by more than its errors was thrown.
+    # A flight longer than the one before by more than its errors was thrown.
     ratio, spread = seconds[1:] / seconds[:-1], error[1:] / seconds[1:] + error[:-1] / seconds[:-1]
     if np.any(ratio > _MOST + 3 * spread):
         return "a flight longer than the one before"

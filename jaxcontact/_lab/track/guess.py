@@ -1,5 +1,6 @@
-"""Where the fit of a drop begins: lines through what is left of heights beside lowest places, when
-the known fall is taken away.
+"""The start of the fit of a drop.
+
+Lines are fitted to heights beside lowest points, after removal of the known acceleration.
 """
 
 from __future__ import annotations
@@ -14,14 +15,14 @@ from .search import MAD
 from .seen import Floats
 
 SHARE = 0.6
-"""Of the frames of a flight so many lie on its parabola."""
+"""Least fraction of the frames of a flight on its parabola."""
 
 _BEGIN = 0.03
-"""In s, beside an impact, where a ball flies free."""
+"""Time in s beside an impact during which a ball flies freely."""
 
 
 class _Side(NamedTuple):
-    """The parabola beside a lowest place: height and speed there, and its farthest frame."""
+    """The parabola beside a lowest point: height and speed there, and its farthest frame."""
 
     height: float
     speed: float
@@ -29,7 +30,7 @@ class _Side(NamedTuple):
 
 
 def trimmed(columns: np.ndarray, values: Floats) -> tuple[Floats, np.ndarray, float]:
-    """Least squares without what lies far off, found in turn, and the noise of the rest."""
+    """Fit least squares without outliers, found iteratively; return also the noise of the rest."""
     keep = np.ones(values.size, bool)
     for _ in range(8):
         found = np.linalg.lstsq(columns[keep], values[keep])[0]
@@ -46,9 +47,9 @@ def trimmed(columns: np.ndarray, values: Floats) -> tuple[Floats, np.ndarray, fl
 def line(
     time: Floats, height: Floats, good: np.ndarray, first: int, last: int, side: int, fall: float
 ) -> tuple[float, float] | None:
-    """Height and speed at an end of a part, whose fall is known: the last where `side` is -1.
+    """Return height and speed at one end of a part with known acceleration (`side` -1: the last).
 
-    Of a long part the half by that end counts, since a ball may be held at the other.
+    Only the half of a long part near that end counts, since a ball may be held at the other.
     """
     at = np.arange(first + 1, last)
     at = at[good[at]]
@@ -65,7 +66,7 @@ def line(
 def guess_of(
     time: Floats, height: Floats, good: np.ndarray, run: list[int], fall: float, noise: float
 ) -> Guess | None:
-    """The drop around a run of lowest places; None where no flight comes before or after."""
+    """Return the drop around a run of lowest points; None if there is no flight before or after."""
     step = float(np.median(np.diff(time)))
     edges = [_edge(time, height, good, run[0], -1, fall, noise)]
     edges.append(_edge(time, height, good, run[-1], 1, fall, noise))
@@ -82,7 +83,7 @@ def guess_of(
             else _Side(*_none_to_nan(line(time, height, good, low, run[k + 1], 1, fall)), low)
         )
         if left is not None and right is not None and right.speed > left.speed:
-            # Both have the same fall: they meet where two lines do.
+            # Both have the same acceleration: they meet where two lines do.
             since = (left.height - right.height) / (right.speed - left.speed)
             since = float(np.clip(since, -2 * step, 2 * step))
             floors.append(left.height + left.speed * since - fall * since**2 / 2)
@@ -116,9 +117,9 @@ def _edge(
     fall: float,
     noise: float,
 ) -> _Side | None:
-    """The flight before the first impact or after the last, as far as it is a parabola.
+    """Return the flight before the first impact or after the last, as far as it is a parabola.
 
-    Twice as many frames are tried as long as most lie on it.
+    The range grows by 40 % as long as most of its frames lie on the parabola.
     """
     step = float(np.median(np.diff(time)))
     at = np.arange(low - 1, -1, -1) if side < 0 else np.arange(low + 1, time.size)

@@ -1,16 +1,21 @@
-"""The parabolas of successive flights, in the lengths of a picture, with their derivatives.
+"""The parabolas of successive flights, in picture lengths, with their derivatives.
 
-Flight j lasts from s_j to e_j, and its height above the floor is a H(t - s_j, e_j - s_j), in vacuum
-with H(τ, T) = τ (T - τ)/2 and the fall a of the picture. Quadratic drag with the terminal speed v
-adds β h(τ, T), β = (g/v)², in its first order h = -T⁴ x (1 - |x|³)/192, x = 2τ/T - 1: the way down
-takes longer than the way up. A ball that comes nearer is seen larger, and its floor lower: the
-floor rises in the picture by σ in each second, as one does that is not level, too, and heights
-above it grow by the part γ. Impact j in its middle c_j parts flight j - 1, which ends at
-c_j - t_j/2, from flight j, which begins at c_j + t_j/2. Contacts at speeds v_j last
-t_j = t_c (v_j/v_1)^(-p), by Hertz with p = 1/5; shells are nearer to 0. Along the floor a ball
-drifts at a speed that changes in impacts; drag adds β T² (1 - |x|³)/48 to the part τ/T of the way.
-A camera that is rolled by the angle θ sees the height η and the drift ξ as η cos θ + ξ sin θ
-upwards, ξ cos θ - η sin θ along.
+Flight j lasts from s_j to e_j. Its height above the floor is a H(t - s_j, e_j - s_j), with H(τ, T)
+= τ (T - τ)/2 in vacuum and a the acceleration in the picture.
+
+Quadratic drag with terminal speed v adds β h(τ, T), β = (g/v)², to first order with h = -T⁴ x (1 -
+|x|³)/192, x = 2τ/T - 1: the way down takes longer than the way up.
+
+A ball that comes nearer looks larger, and its floor lower. The floor rises in the picture by σ in
+each second, as a floor that is not level does. Heights above it grow by the relative rate γ.
+
+Impact j with midpoint c_j separates flight j - 1, which ends at c_j - t_j/2, from flight j, which
+begins at c_j + t_j/2. Contacts at speeds v_j last t_j = t_c (v_j/v_1)^(-p), with p = 1/5 by Hertz
+and p nearer to 0 for shells.
+
+Along the floor a ball drifts at a speed that changes in impacts. Drag adds β T² (1 - |x|³)/48 to
+the fraction τ/T of the way. A camera rolled by the angle θ shows the height η and the drift ξ as η
+cos θ + ξ sin θ upwards and ξ cos θ - η sin θ along.
 """
 
 from __future__ import annotations
@@ -29,12 +34,12 @@ Shape = Callable[[Floats, Floats], tuple[Floats, Floats, Floats]]
 
 
 def parabola(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
-    """H in vacuum."""
+    """Return H in vacuum."""
     return since * (whole - since) / 2, whole / 2 - since, since / 2
 
 
 def slowed(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
-    """What drag adds to H in its first order, over β."""
+    """Return the first-order contribution of drag to H, over β."""
     x = 2 * since / whole - 1
     size = np.abs(x) ** 3
     by_x = -(whole**4) * (1 - 4 * size) / 192
@@ -43,7 +48,7 @@ def slowed(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def lagging(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
-    """What drag adds to the part of a way along the floor, over β."""
+    """Return the contribution of drag to the fraction of a way along the floor, over β."""
     x = 2 * since / whole - 1
     value = whole**2 * (1 - np.abs(x) ** 3) / 48
     by_x = -(whole**2) * x * np.abs(x) / 16
@@ -52,13 +57,13 @@ def lagging(since: Floats, whole: Floats) -> tuple[Floats, Floats, Floats]:
 
 @dataclasses.dataclass(frozen=True)
 class Model:
-    """Where the parameters of `flights` flights stand in a vector.
+    """Positions of the parameters of `flights` flights in a vector.
 
-    Those are the start of the first flight, the impacts, the end of the last; the duration t_c of
-    contact, and p; the floor and the fall halfway between `first` and `last`; β; σ and γ; with
-    `along` the tilt, and the places along at
-    `first`, at the impacts, and at `last`. `speeds` (flights - 1,) are v_j/v_1. A `shape` that is
-    known, with its `beta`, takes the place of H and of what β adds to it.
+    The order is: start of the first flight, impacts, end of the last; contact time t_c, and p;
+    floor and acceleration halfway between `first` and `last`; β; σ and γ. With `along` follow the
+    tilt and the positions along the floor at `first`, at the impacts, and at `last`. `speeds`
+    (flights - 1,) are v_j/v_1. A known `shape`, with its `beta`, replaces H and the contribution of
+    β.
     """
 
     flights: int
@@ -106,31 +111,31 @@ class Model:
         return self.tilt + self.along * (self.flights + 2)
 
     def beta_of(self, vector: Floats) -> float:
-        """β in 1/s²."""
+        """Return β in 1/s²."""
         return float(vector[self.air]) if self.shape is None else self.beta
 
     def ends(
         self, vector: Floats
     ) -> tuple[Float[np.ndarray, "flights two"], Float[np.ndarray, "flights two size"]]:
-        """Start and end of each flight, and their derivatives."""
+        """Return start and end of each flight, and their derivatives."""
         slope = np.zeros((self.flights, 2, self.size))
         j = np.arange(self.flights)
         slope[j, 0, j] = slope[j, 1, j + 1] = 1.0
         half = self.speeds ** -vector[self.power] / 2
         by_power = -vector[self.contact] * half * np.log(self.speeds)
         slope[1:, 0, self.contact], slope[:-1, 1, self.contact] = half, -half
-        value = slope @ vector  # linear but for the power, whose part is not there yet
+        value = slope @ vector  # linear except for the power, whose slope is added below
         slope[1:, 0, self.power], slope[:-1, 1, self.power] = by_power, -by_power
         return value, slope
 
     def flight_of(self, vector: Floats, time: Floats) -> np.ndarray:
-        """The number of the flight in which each time lies."""
+        """Return the number of the flight in which each time lies."""
         return np.searchsorted(vector[1 : self.flights], time)
 
     def places(
         self, vector: Floats, time: Floats
     ) -> tuple[Float[np.ndarray, "n axes"], Float[np.ndarray, "n axes size"]]:
-        """Heights, and with them places along (n, 1 or 2), and their derivatives."""
+        """Return heights and positions along the floor (n, 1 or 2), and their derivatives."""
         n, flight = time.size, self.flight_of(vector, time)
         ends, ends_slope = self.ends(vector)
         start, end = ends.T
@@ -196,7 +201,7 @@ class Model:
 
 
 class _Way(NamedTuple):
-    """How far along its flight a ball is, of 1 as a whole, and the derivatives."""
+    """The fraction of its flight that a ball has completed along the floor, and the derivatives."""
 
     value: Floats
     by_time: Floats

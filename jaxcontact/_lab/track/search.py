@@ -1,4 +1,4 @@
-"""The vector of a model with the least squares, robust at first, and the noise of what is left."""
+"""Least squares for the vector of a model, robust at first, and the residual noise."""
 
 from __future__ import annotations
 
@@ -11,38 +11,40 @@ from .model import Model
 from .seen import Floats
 
 CONTACT, CONTACT_ERROR = 2e-3, 4e-3
-"""In s: what contacts of balls last, and its standard deviation, before frames say more."""
+"""Prior mean and standard deviation in s of the contact time of balls."""
 
 POWER, POWER_ERROR = 0.1, 0.1
-"""Contacts last as v^(-POWER): 0 to 1/5."""
+"""Prior of the power: contacts last as v^(-POWER), 0 to 1/5."""
 
 AIR_ERROR = 2.0
-"""The standard deviation of β in 1/s² about 0: a table-tennis ball has 1.2."""
+"""Prior standard deviation of β in 1/s² about 0; a table-tennis ball has 1.2."""
 
 NEARER = 0.03
-"""The standard deviations of what heights grow in the picture while the ball bounces, and of what
-the floor rises, over the height of the highest flight: a camera is set up by eye."""
+"""Prior standard deviations of the growth of heights over a drop, and of the rise of the floor.
+
+The rise is relative to the highest flight. A camera is set up by eye.
+"""
 
 LEVEL = 1e-6
-"""The same where one impact cannot tell a floor that rises from another e."""
+"""The same for one impact, which cannot separate a rising floor from another e."""
 
 _FIRMLY = 100.0
-"""What misreadings would stand in for is held so much more firmly at first."""
+"""Factor by which parameters that could absorb misreadings are held more firmly at first."""
 
 _FIRM_TURNS, _TURNS, _FEW = 5, 3, 6
-"""How often weights are found anew, at first and then, and evaluations of the model each time."""
+"""Rounds of reweighting, at first and then, and evaluations of the model in each."""
 
 _LEAST = 1e-9
-"""Of the range of places: no noise is smaller."""
+"""Least noise as a fraction of the range of positions."""
 
 MAD = 1.4826
-"""The standard deviation of a normal law over its median absolute deviation."""
+"""Standard deviation of a normal distribution over its median absolute deviation."""
 
 
 def robustly(model: Model, time: Floats, seen: np.ndarray, vector: Floats) -> Floats | None:
-    """The vector by least squares with the weights 1/(1 + r²), found in turn.
+    """Return the vector by iterated least squares with the weights 1/(1 + r²).
 
-    Contacts and the air, for which misreadings would stand in, are held at first.
+    Contact and air parameters, which could absorb misreadings, are held at first.
     """
     found: Floats | None = vector
     for firmly in (*[_FIRMLY] * _FIRM_TURNS, *[1.0] * _TURNS):
@@ -65,7 +67,7 @@ def search(
     firmly: float = 1.0,
     most: int = 60,
 ) -> Floats | None:
-    """The vector with the least squares; None where the search fails.
+    """Return the least-squares vector; None if the search fails.
 
     `sigma` (axes,) or (n, axes).
     """
@@ -89,7 +91,7 @@ def search(
 
     if not np.isfinite(residuals(start)).all():
         return None
-    # MINPACK's: it takes no singular values of tall matrices, on which threads would wait.
+    # MINPACK takes no singular values of tall matrices, on which threads would wait.
     found = least_squares(
         residuals,
         start,
@@ -106,7 +108,7 @@ def search(
 
 
 def nearer_errors(model: Model, vector: Floats) -> tuple[float, float]:
-    """The standard deviations of σ and γ about 0 before frames say more."""
+    """Return the prior standard deviations of σ and γ about 0."""
     growth = (NEARER if model.flights > 2 else LEVEL) / (model.last - model.first)
     whole = float(np.max(np.diff(vector[: model.flights + 1])))
     return growth * abs(vector[model.fall]) * whole**2 / 8, growth
@@ -119,7 +121,7 @@ def slope_of(
     sigma: np.ndarray,
     nearer: tuple[float, float],
 ) -> np.ndarray:
-    """The derivative of the residuals, that of what is known before included."""
+    """Return the derivative of the residuals, including those of the prior."""
     _, slope = model.places(vector, time)
     slope = (-slope / sigma[..., None]).reshape(-1, model.size)
     known = np.zeros((5, model.size))
@@ -130,7 +132,7 @@ def slope_of(
 
 
 def scatter(model: Model, vector: Floats, time: Floats, seen: np.ndarray) -> Floats:
-    """The noise along and up (axes,), by what most frames leave beside the parameters."""
+    """Return the noise along and up (axes,), from the median residual."""
     sigma = MAD * np.median(np.abs(seen - model.places(vector, time)[0]), axis=0)
     sigma *= math.sqrt(seen.size / max(seen.size - model.size, 1))
     return np.maximum(sigma, _LEAST * max(float(np.ptp(seen)), 1e-300))

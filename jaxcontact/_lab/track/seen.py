@@ -1,4 +1,4 @@
-"""What is seen in a track, as plain data."""
+"""Results of a track as plain data."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ Floats = Float[np.ndarray, " n"]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Frames:
-    """The places of one ball, in order: `time` (n,) in s; `height` (n,) upwards and `along` (n,),
-    None where it was not tracked, in the lengths of the file, whose `unit` is "" where it is not
-    written. `row` (n,) are its rows; `sign` is -1 where the heights of the file count downwards.
+    """The positions of one ball in order, in lengths of the file.
+
+    `time` (n,) in s, `height` (n,) upwards, and `along` (n,), None if it was not tracked. `unit` is
+    "" if it is not written. `row` (n,) are the rows; `sign` is -1 if the heights of the file count
+    downwards.
     """
 
     time: Floats
@@ -27,9 +29,11 @@ class Frames:
 
 
 class Camera(NamedTuple):
-    """What a known gravity says of the camera: the `fall` in lengths of the file per s², and its
-    standard error; the angle `tilt` in radians from the vertical of the picture to that of gravity,
-    towards positive x where positive, with its error; None without x.
+    """Camera parameters that follow from known gravity.
+
+    `fall` is the acceleration in lengths of the file per s², with its standard error. `tilt` is the
+    angle in radians from the vertical of the picture to that of gravity, positive towards positive
+    x, with its error. It is None without x.
     """
 
     fall: float
@@ -42,16 +46,20 @@ class Camera(NamedTuple):
 class Drop:
     """The flights of one drop: m + 1 flights, and the m impacts between them.
 
-    `start` and `end` (m + 1,) in s of flights: of the first and of the last those of the whole
-    parabola, of which the track has a part. `covariance` (m + 1, m + 1) of their durations in s².
-    `impact` (m,) in s, in the middle of each contact, with its standard `error` (m,), and `floor`
-    (m,), its height. `camera`; `air` with β = (g/v)² in 1/s² for the terminal speed v and its
-    error, None where the drag was given; `rise`, what the floor rises in the picture in lengths of
-    the file per s, and `growth`, what heights above it grow, in 1/s, with their errors; the errors
-    of one place, `noise`, in lengths of the file along and up. `used` (n,) are the frames that were
-    fitted and `off` (n,) those within the flights that lie too far off. `fitted` (n,) and
-    `fitted_along` (n,) are the places that the parabolas have in each frame, NaN outside of the
-    flights. `vector` is where the search ended.
+    `start` and `end` (m + 1,) in s are those of the flights. For the first and the last they belong
+    to the whole parabola, of which the track has a part. `covariance` (m + 1, m + 1) is that of the
+    durations in s².
+
+    `impact` (m,) in s is the midpoint of each contact, with its standard `error` (m,), and `floor`
+    (m,) its height. `camera` holds the camera parameters. `air` is β = (g/v)² in 1/s² for the
+    terminal speed v, with its error; None if the drag was given. `rise` is the rate at which the
+    floor rises in the picture, in lengths of the file per s. `growth` is the relative rate at which
+    heights above it grow, in 1/s. Both have their errors. `noise` is the error of one position
+    along and up, in lengths of the file.
+
+    `used` (n,) are the fitted frames, and `off` (n,) those within the flights that lie too far off.
+    `fitted` (n,) and `fitted_along` (n,) are the positions on the parabolas in each frame, NaN
+    outside the flights. `vector` is the result of the search.
     """
 
     frames: Frames
@@ -87,7 +95,7 @@ class Skipped(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Track:
-    """The track of one ball: its `frames`, the `drops` that were found, `skipped` impacts."""
+    """The track of one ball: its `frames`, the detected `drops`, and `skipped` impacts."""
 
     frames: Frames
     drops: tuple[Drop, ...]
