@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
 if _TYPE_CHECKING:
-    # For readers and type checkers. A name is loaded when it is first used, with its room and what
-    # that needs: who follows one impact does not wait for scenes and fits.
+    # For readers and type checkers. Each name is loaded on first use together with its room, so a
+    # program that solves one impact does not import scenes and fits.
     from ._bounce import Bounce as Bounce
     from ._bounce import bounce as bounce
     from ._cache import cache as cache
