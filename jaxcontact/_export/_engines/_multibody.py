@@ -161,7 +161,7 @@ class GonthierCarvalhoMartins(AbstractHuntCrossley):
 
 
 def _of_both(alpha: float) -> float:
-    """Return the e whose α is that of Carvalho and Martins (above 1/3) or Gonthier et al. (below)."""
+    """Return the e whose α is that of Carvalho and Martins (above 1/3) or of Gonthier et al."""
     # Both are quadratic in e: 3(1-e)(11-e) = 2α(1+9e), and 1-e² = αe. Their α agree at e = 1/3.
     if alpha < 8 / 3:
         half = 6 + 3 * alpha
