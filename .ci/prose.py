@@ -25,7 +25,7 @@ RULES = {
     "opens with What ... is": re.compile(r"What\b.*\bis\b"),
     "opens with Whether": re.compile(r"Whether\b"),
     "opens with That of": re.compile(r"That of\b"),
-    "is none": re.compile(r".*\b(is none\b|are none of\b)"),
+    "is none": re.compile(r".*(?<!there )\b(is none\b|are none of\b)"),
     "is told": re.compile(r".*\bis told\b"),
     "knows": re.compile(r".*\bknows\b"),
 }

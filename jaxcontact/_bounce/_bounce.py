@@ -158,7 +158,7 @@ def _falls(speed: Array, left: Left, run: Run, listed: int) -> bool:
     """
     before, now = np.asarray(speed), np.asarray(left.speed)
     flying = np.asarray(left.status) == int(Status.SEPARATED)
-    # Under its weight, a ball rests at the latest at a tenth of this speed.
+    # Under its weight a ball comes to rest before its speed falls to a tenth of √(g δ_s).
     felt = np.nan_to_num(np.sqrt(np.asarray(run.gravity * run.static))) / 10
     target = np.maximum(felt, np.asarray(run.rest))
     with np.errstate(all="ignore"):

@@ -1,4 +1,4 @@
-"""Laws by name."""
+"""Registry of laws by name."""
 
 from __future__ import annotations
 

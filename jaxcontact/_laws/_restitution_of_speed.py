@@ -40,11 +40,11 @@ class AbstractRestitutionOfSpeed(AbstractHuntCrossley):
     valid="spheres, elastic below v_y and perfectly plastic beyond; then e ~ v0^(-1/4)",
 )
 class ThorntonPlastic(AbstractRestitutionOfSpeed):
-    """Elastic-plastic spheres of Thornton: e = 1 up to the yield speed v_y, and above it
+    """Elastic-plastic spheres of Thornton: e = 1 up to the yield speed v_y, decreasing above.
 
-    `e = √(6√3/5) √(1-r²/6) [r/(r + 2√(6/5-r²/5))]^(1/4)`, `r = v_y/v0`, which approaches Johnson's
-    1.185 (v_y/v0)^(1/4). `yield_speed` v_y > 0 in m/s. Spheres of effective radius R, modulus E and
-    mass m whose contact yields at the pressure p have `v_y = 3.194 √(p⁵ R³/(E⁴ m))`.
+    Above v_y `e = √(6√3/5) √(1-r²/6) [r/(r + 2√(6/5-r²/5))]^(1/4)` with `r = v_y/v0`. It approaches
+    Johnson's 1.185 (v_y/v0)^(1/4). `yield_speed` v_y > 0 in m/s. Spheres of effective radius R,
+    modulus E and mass m whose contact yields at the pressure p have `v_y = 3.194 √(p⁵ R³/(E⁴ m))`.
 
     Only e(v0) is Thornton's. The force is that member of the Hunt-Crossley family that delivers it,
     so durations and largest forces are those of a damped contact, not of a plastic one. Raises

@@ -266,7 +266,7 @@ def _content(cell: types.CellType) -> tuple[Any, ...]:
     try:
         return (cell.cell_contents,)
     except ValueError:
-        # Not filled yet.
+        # The cell is still empty.
         return ()
 
 
