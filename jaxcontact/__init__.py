@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING as _TYPE_CHECKING
 from typing import Any as _Any
 
 if _TYPE_CHECKING:
-    # For readers and type checkers. A name is loaded when it is first used, with its room and what
-    # that needs: who follows one impact does not wait for scenes and fits.
+    # For readers and type checkers. Each name is loaded on first use together with its room, so a
+    # program that solves one impact does not import scenes and fits.
     from ._bounce import Bounce as Bounce
     from ._bounce import bounce as bounce
     from ._cache import cache as cache
@@ -152,11 +152,11 @@ _ROOMS = {
     ),
     "_sweep": "Sweep sweep",
 }
-"""The rooms that the names above live in."""
+"""Public names by room."""
 _HOME = {name: room for room, names in _ROOMS.items() for name in names.split()}
 _MODULES = ("paper", "plot")
 
-# One list of the names is enough.
+# Derived, so that each name is listed once.
 __all__ = [*sorted(_HOME), *_MODULES]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
@@ -166,7 +166,7 @@ def __getattr__(name: str) -> _Any:
     if name not in _HOME:
         raise AttributeError(f"module 'jaxcontact' has no attribute {name!r}")
     found = getattr(_import_module(f".{_HOME[name]}", __name__), name)
-    # The next time it is there.
+    # Later accesses find the name in the module.
     globals()[name] = found
     return found
 

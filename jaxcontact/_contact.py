@@ -1,4 +1,4 @@
-"""What touches: materials, and the contact they make."""
+"""Materials, and the contact of two bodies made of them."""
 
 from __future__ import annotations
 
@@ -32,8 +32,7 @@ class Material(eqx.Module):
     """An isotropic elastic material.
 
     Arguments: `youngs_modulus` E > 0 in Pa; `poisson_ratio` ν in (-1, 0.5]; `density` ρ > 0 in
-    kg/m³, needed only where a mass follows from it. Raises ValueError for a Python scalar out of
-    range.
+    kg/m³, needed only to compute a mass. Raises ValueError for a Python scalar out of range.
     """
 
     youngs_modulus: Float[Array, "..."] = parameter("youngs_modulus", POSITIVE)
@@ -53,11 +52,11 @@ class Material(eqx.Module):
 
     @property
     def compliance(self) -> Float[Array, "..."]:
-        """h = (1-ν²)/E in 1/Pa, the material's share in the Hertz stiffness."""
+        """h = (1-ν²)/E in 1/Pa, the material's contribution to the Hertz stiffness."""
         return (1 - jnp.square(self.poisson_ratio)) / self.youngs_modulus
 
     def sphere_mass(self, radius: ArrayLike) -> Float[Array, "..."]:
-        """Mass (4/3)π R³ ρ in kg of a solid sphere; ValueError if the material has no density."""
+        """Return the mass (4/3)π R³ ρ in kg of a solid sphere; ValueError without a density."""
         if self.density is None:
             raise ValueError(
                 "Argument `density` of the material must be given for a mass, but is None; "
@@ -69,7 +68,7 @@ class Material(eqx.Module):
 
 
 def require_contact(value: object) -> Contact:
-    """A contact; ValueError for anything else."""
+    """Return `value` if it is a contact; raise ValueError otherwise."""
     return require_kind("contact", value, Contact, "a `Contact`")
 
 
@@ -85,24 +84,24 @@ def _hertz_stiffness(
 
 
 class Contact(eqx.Module):
-    """One contact: the effective mass and the elastic force K δⁿ that the laws build on.
+    """One contact: the effective mass and the elastic force K δⁿ.
 
     Arguments: `mass` m > 0 in kg, the effective mass m1 m2/(m1+m2); `stiffness` K > 0 in N/mⁿ;
     `exponent` n in [1, 3]. All broadcast. Mass and stiffness are leaves. A plain number for n is
-    static and specialises the compiled code (another number compiles anew); an array makes n a
-    leaf, which can be differentiated and batched at some cost in speed. Raises ValueError for a
-    Python scalar out of range. For Hertz contacts use `sphere_sphere`, `sphere_plane` and
+    static and specialises the compiled code, so another number triggers a new compilation. An array
+    makes n a leaf, which can be differentiated and batched at some cost in speed. Raises ValueError
+    for a Python scalar out of range. For Hertz contacts use `sphere_sphere`, `sphere_plane` and
     `sphere_socket`.
     """
 
     mass: Float[Array, "..."] = parameter("mass", POSITIVE)
     stiffness: Float[Array, "..."] = parameter("stiffness", POSITIVE)
-    # `__init__` always sets it: a default is asked for because the fields before have one.
+    # `__init__` always sets it. The default is required because the fields before have one.
     _exponent: Specialised = eqx.field(default=Specialised(1.5))
 
     @refuses_unknown
     def __init__(self, mass: ArrayLike, stiffness: ArrayLike, exponent: ArrayLike = 1.5):
-        # Their fields convert them.
+        # Both fields have converters.
         self.mass, self.stiffness = cast(Array, mass), cast(Array, stiffness)
         as_number(exponent, "exponent", EXPONENT)
         if is_plain(exponent):
@@ -131,16 +130,16 @@ class Contact(eqx.Module):
         *,
         mass: ArrayLike | None = None,
     ) -> Contact:
-        """Hertz contact of two solid spheres: K = 4/(3(h1+h2)) √(R1 R2/(R1+R2)), n = 3/2.
+        """Build the Hertz contact of two solid spheres: K = 4/(3(h1+h2)) √(R1 R2/(R1+R2)), n = 3/2.
 
-        Arguments: radii in m and materials; h = (1-ν²)/E. `mass` is the effective mass in kg; left
-        out, it follows from the densities. Raises ValueError for a Python scalar out of range or a
-        missing density or material. Source: Johnson (1985), Contact Mechanics, ch. 4,
-        doi 10.1017/CBO9781139171731.
+        Arguments: radii in m and materials; h = (1-ν²)/E. `mass` is the effective mass in kg; by
+        default it follows from the densities. Raises ValueError for a Python scalar out of range or
+        a missing density or material. Source: Johnson (1985), Contact Mechanics, ch. 4, doi
+        10.1017/CBO9781139171731.
         """
         first = as_parameter(radius, "radius", POSITIVE)
         second = as_parameter(other_radius, "other_radius", POSITIVE)
-        # For a plane or a socket None is a rigid body; of two spheres neither can be left out.
+        # None means a rigid plane or socket; neither of two spheres may be None.
         _require_material("sphere", sphere)
         _require_material("other", other)
         require_broadcast(radius=first, other_radius=second, sphere=sphere, other=other)
@@ -159,11 +158,12 @@ class Contact(eqx.Module):
         *,
         mass: ArrayLike | None = None,
     ) -> Contact:
-        """Hertz contact of a solid sphere with a fixed plane: K = 4/(3(h1+h2)) √R, n = 3/2.
+        """Build the Hertz contact of a solid sphere and a fixed plane: K = 4/(3(h1+h2)) √R, n =
+        3/2.
 
-        Arguments: radius in m; the sphere's material; the plane's, or None for a rigid one
-        (h2 = 0). `mass` in kg; left out, it is the sphere's. Raises ValueError for a Python scalar
-        out of range or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
+        Arguments: radius in m; the sphere's material; the plane's material, or None for a rigid
+        plane (h2 = 0). `mass` in kg is the sphere's mass by default. Raises ValueError for a Python
+        scalar out of range or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
         doi 10.1017/CBO9781139171731.
         """
         _require_material("sphere", sphere)
@@ -184,14 +184,14 @@ class Contact(eqx.Module):
         *,
         mass: ArrayLike | None = None,
     ) -> Contact:
-        """Hertz contact of a sphere in a fixed socket: K = 4/(3(h1+h2)) √(R1 R2/(R2-R1)), n = 3/2.
+        """Build the Hertz contact of a sphere in a fixed socket.
 
-        Arguments: `radius` R1 of the sphere and `socket_radius` R2 > R1 in m; the materials, None
-        for a rigid socket. `mass` in kg; left out, it is the sphere's. A socket that is not wider
-        than the sphere gives NaN in its lane. Hertz's theory is valid for an indentation much
-        smaller than the clearance R2 - R1. Raises ValueError for Python scalars out of range (R2 ≤
-        R1 among them) or a missing density. Source: Johnson (1985), Contact Mechanics, ch. 4,
-        doi 10.1017/CBO9781139171731.
+        K = 4/(3(h1+h2)) √(R1 R2/(R2-R1)), n = 3/2. Arguments: `radius` R1 of the sphere and
+        `socket_radius` R2 > R1 in m; the materials, None for a rigid socket. `mass` in kg is the
+        sphere's mass by default. A lane whose socket is not wider than the sphere is NaN. Hertz's
+        theory is valid for an indentation much smaller than the clearance R2 - R1. Raises
+        ValueError for Python scalars out of range (including R2 ≤ R1) or a missing density. Source:
+        Johnson (1985), Contact Mechanics, ch. 4, doi 10.1017/CBO9781139171731.
         """
         _require_material("sphere", sphere)
         if socket is not None:
@@ -199,7 +199,7 @@ class Contact(eqx.Module):
         inner = as_parameter(radius, "radius", POSITIVE)
         outer = as_parameter(socket_radius, "socket_radius", POSITIVE)
         require_broadcast(radius=inner, socket_radius=outer, sphere=sphere, socket=socket)
-        # The numbers themselves: under `jit` the arrays made of them may not be compared.
+        # Plain numbers are compared: under `jit` the arrays made from them cannot be.
         if is_plain(radius) and is_plain(socket_radius) and not socket_radius > radius:
             raise ValueError(
                 f"Argument `socket_radius` must be larger than `radius` = {rendered(radius)}, "

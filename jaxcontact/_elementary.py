@@ -1,8 +1,8 @@
-"""Elementary functions without cancellation, with the right derivatives at their removable points.
+"""Elementary functions without cancellation, with correct derivatives at removable singularities.
 
 A closed form that loses all digits where its argument vanishes is replaced by a power series there.
-Both branches get a safe argument: a NaN in the branch that is not chosen would spoil the derivative
-of the one that is.
+Both branches receive a safe argument, because a NaN in the unused branch would spoil the derivative
+of the other one.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ _ATANH_SERIES = tuple(1 / (2 * k + 3) for k in range(16))
 _ARC_SERIES = tuple(
     math.gamma(k + 1) * math.gamma(1.5) / math.gamma(k + 1.5) / 2**k for k in range(24)
 )
-# Of ln Γ(x+½)/Γ(x) - ½ ln w by powers of 1/w², w = x - ¼: -2 B_(k+1)(¾)/(k(k+1)), k = 2, 4, ... For
-# w > 8 the first omitted one changes the ratio by 5e-17.
+# Series of ln Γ(x+½)/Γ(x) - ½ ln w in powers of 1/w², w = x - ¼: -2 B_(k+1)(¾)/(k(k+1)), k = 2, 4,
+# ... For w > 8 the first omitted term changes the ratio by 5e-17.
 _GAMMA_SERIES = (
     *(1 / 64, -5 / 2048, 61 / 49152, -1385 / 1048576, 50521 / 20971520),
     *(-2702765 / 402653184, 199360981 / 7516192768, -19391512145 / 137438953472),
@@ -38,7 +38,7 @@ _SINC_SERIES = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(10))
 
 
 def horner(coefficients: Sequence[float], x: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The polynomial `sum_k coefficients[k] x^k`."""
+    """Return the polynomial `sum_k coefficients[k] x^k`."""
     result = jnp.full_like(x, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         result = result * x + coefficient
@@ -48,7 +48,7 @@ def horner(coefficients: Sequence[float], x: Float[Array, "..."]) -> Float[Array
 def chebyshev(
     coefficients: Sequence[Any] | Float[Array, " degree_plus_1"], x: Float[Array, "..."]
 ) -> Float[Array, "..."]:
-    """The series `sum_k coefficients[k] T_k(x)` for x in [-1, 1], by Clenshaw's recurrence.
+    """Return the series `sum_k coefficients[k] T_k(x)` for x in [-1, 1], by Clenshaw's recurrence.
 
     cos(k arccos x) would have no derivative at the ends of the interval.
     """
@@ -59,9 +59,9 @@ def chebyshev(
 
 
 def chebyshev_polynomials(count: int, x: Float[Array, "..."]) -> Float[Array, "... count"]:
-    """The first of T_0, T_1, ... at x in [-1, 1], for many series at one place.
+    """Return the first `count` of T_0, T_1, ... at x in [-1, 1], for many series at one place.
 
-    From a few of them twice as many follow by T_(n+j) = 2 T_n T_j - T_(n-j).
+    The number of known polynomials doubles by T_(n+j) = 2 T_n T_j - T_(n-j).
     """
     known = jnp.stack([jnp.ones_like(x), x], axis=-1)
     while (last := known.shape[-1] - 1) + 1 < count:
@@ -73,10 +73,10 @@ def chebyshev_polynomials(count: int, x: Float[Array, "..."]) -> Float[Array, ".
 def chebyshev_by_piece(
     ends: Sequence[float], rows: Sequence[Sequence[float]], x: Float[Array, "..."]
 ) -> Float[Array, "..."]:
-    """Chebyshev series on the intervals between `ends`, and the last one's tangent beyond it.
+    """Return Chebyshev series on the intervals between `ends`, extended by the last one's tangent.
 
-    A row holds the coefficient of one degree, on each interval. Which one holds is chosen by
-    comparisons, which vectors do; to fetch coefficients by an index takes several times longer.
+    A row holds the coefficients of one degree, one per interval. The interval is selected by
+    comparisons, which vectorise; fetching coefficients by index takes several times longer.
     """
     passed = [x >= end for end in ends[1:-1]]
 
@@ -96,32 +96,32 @@ def chebyshev_by_piece(
 
 
 def kappa_and_psi(z: Float[Array, "..."]) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """κ(z) = (e^z - 1)/z and ψ(z) = (e^z - 1 - z)/z², with κ(0) = 1 and ψ(0) = 1/2."""
+    """Return κ(z) = (e^z - 1)/z and ψ(z) = (e^z - 1 - z)/z², with κ(0) = 1 and ψ(0) = 1/2."""
     small = jnp.abs(z) < 1
     z_series = jnp.where(small, z, 0)
     z_closed = jnp.where(small, 1, z)
     series, closed = horner(_PSI_SERIES, z_series), jnp.expm1(z_closed) / z_closed
     kappa = jnp.where(small, 1 + z_series * series, closed)
-    # Divided twice: z² would overflow, and earlier in the derivative.
+    # Divide twice: z² would overflow, in the derivative even earlier.
     return kappa, jnp.where(small, series, (closed - 1) / z_closed)
 
 
 def psi(z: Float[Array, "..."]) -> Float[Array, "..."]:
-    """ψ(z) = (e^z - 1 - z)/z², with ψ(0) = 1/2."""
+    """Return ψ(z) = (e^z - 1 - z)/z², with ψ(0) = 1/2."""
     return kappa_and_psi(z)[1]
 
 
 def kappa(z: Float[Array, "..."]) -> Float[Array, "..."]:
-    """κ(z) = (e^z - 1)/z, with κ(0) = 1."""
+    """Return κ(z) = (e^z - 1)/z, with κ(0) = 1."""
     return kappa_and_psi(z)[0]
 
 
 @jax.custom_jvp
 def speed_of(y: Float[Array, "..."], alpha: Float[Array, "..."]) -> Float[Array, "..."]:
-    """(e^(αy) - 1)/α, the speed that belongs to y = ln(1 + αv)/α; y itself at α = 0.
+    """Return (e^(αy) - 1)/α, the speed of y = ln(1 + αv)/α; y itself at α = 0.
 
-    Every stage of every step asks for it: a choice between a series and the closed form would take
-    twice the time, as it keeps the compiler from vectors. So α = 0 is replaced by a number so small
+    Every stage of every step evaluates it. A choice between a series and the closed form would
+    prevent vectorisation and take twice the time. α = 0 is therefore replaced by a number so small
     that the quotient is y to the last digit.
     """
     least = jnp.maximum(alpha, math.sqrt(jnp.finfo(alpha.dtype).tiny))
@@ -144,13 +144,13 @@ def _speed_of_jvp(primals: tuple, tangents: tuple) -> tuple:
 
 
 def _kappa_slope(z: Float[Array, "..."]) -> Float[Array, "..."]:
-    """κ'(z) = κ(z) - ψ(z)."""
+    """Return κ'(z) = κ(z) - ψ(z)."""
     first, second = kappa_and_psi(z)
     return first - second
 
 
 def log1p_over(u: Float[Array, "..."]) -> Float[Array, "..."]:
-    """ln(1 + u)/u for u > -1, with the value 1 at u = 0."""
+    """Return ln(1 + u)/u for u > -1, with the value 1 at u = 0."""
     small = jnp.abs(u) < 0.5
     u_series = jnp.where(small, u, 0)
     u_closed = jnp.where(small, 1, u)
@@ -159,7 +159,7 @@ def log1p_over(u: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def log_remainder(u: Float[Array, "..."]) -> Float[Array, "..."]:
-    """L(u) = (u - ln(1 + u))/u² for u > -1, with L(0) = 1/2."""
+    """Return L(u) = (u - ln(1 + u))/u² for u > -1, with L(0) = 1/2."""
     small = jnp.abs(u) < 0.5
     u_series = jnp.where(small, u, 0)
     u_closed = jnp.where(small, 1, u)
@@ -171,13 +171,13 @@ def log_remainder(u: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def log_remainder_over(u: Float[Array, "..."]) -> Float[Array, "..."]:
-    """M(u) = (u²/2 - u + ln(1 + u))/u³ for |u| < 1/2, with M(0) = 1/3."""
+    """Return M(u) = (u²/2 - u + ln(1 + u))/u³ for |u| < 1/2, with M(0) = 1/3."""
     q = u / (2 + u)
     return (1 + jnp.square(1 - q) * horner(_ATANH_SERIES, jnp.square(q))) / (2 * (2 + u))
 
 
 def half_gamma_ratio(x: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Γ(x + 1/2)/Γ(x) for x > 0, without the difference of two large logarithms."""
+    """Return Γ(x + 1/2)/Γ(x) for x > 0, without the difference of two large logarithms."""
     steps = [(x + k) / (x + k + 0.5) for k in range(_GAMMA_SHIFT)]
     w = x + (_GAMMA_SHIFT - 0.25)
     inverse = jnp.square(1 / w)
@@ -186,7 +186,7 @@ def half_gamma_ratio(x: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def arc_over_sine(cosine: Float[Array, "..."]) -> Float[Array, "..."]:
-    """C(ζ) = arccos(ζ)/√(1-ζ²) for ζ > -1, continued to arcosh(ζ)/√(ζ²-1) beyond ζ = 1."""
+    """Return C(ζ) = arccos(ζ)/√(1-ζ²) for ζ > -1, continued to arcosh(ζ)/√(ζ²-1) for ζ > 1."""
     near = jnp.abs(cosine - 1) < 0.3
     below = cosine < 1
     c_near = jnp.where(near, cosine, 1)
@@ -201,7 +201,7 @@ def arc_over_sine(cosine: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def sinc_root(x: Float[Array, "..."]) -> Float[Array, "..."]:
-    """sin(√x)/√x for x > 0, continued to sinh(√-x)/√-x for x < 0, with the value 1 at x = 0."""
+    """Return sin(√x)/√x for x > 0, continued to sinh(√-x)/√-x for x < 0; 1 at x = 0."""
     near = jnp.abs(x) < 1
     root = jnp.sqrt(jnp.where(near, 1, jnp.abs(x)))
     far = jnp.where(x > 0, jnp.sin(root), jnp.sinh(jnp.where(x > 0, 0, root))) / root
@@ -209,24 +209,23 @@ def sinc_root(x: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def contraction(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Σ a b over the last axis of a and the first of b, with all digits of the precision.
+    """Return Σ a b over the last axis of a and the first of b, with the full precision.
 
-    Graphics processors would otherwise take ten bits of each float32 number.
+    GPUs would otherwise use only ten bits of each float32 number.
     """
     return jnp.tensordot(a, b, 1, precision=jax.lax.Precision.HIGHEST)
 
 
 _SMALL = 1024
-"""Multiplications up to which a product is faster without a call of a library."""
+"""Multiplications up to which a product is faster without a library call."""
 
 
 @jax.custom_jvp
 def small_product(a: Float[Array, "..."], b: Float[Array, "..."]) -> Float[Array, "..."]:
-    """`contraction(a, b)`, for loops over few numbers.
+    """Return `contraction(a, b)`, for loops over few numbers.
 
-    A library of matrix products takes a microsecond to call, and keeps the compiler from making one
-    piece of what comes before and after. In a batch, and for the tangents of a derivative, which
-    are many, it is called.
+    A matrix library takes a microsecond per call and keeps the compiler from fusing the code around
+    it. It is used for batches, and for the tangents of a derivative, which are many.
     """
     if a.size * (b.size // b.shape[0]) > _SMALL:
         return contraction(a, b)
@@ -257,12 +256,13 @@ def _small_product_jvp(primals: tuple, tangents: tuple) -> tuple:
 
 
 def power(x: ArrayLike, exponent: ArrayLike) -> Float[Array, "..."]:
-    """`x^exponent` for x ≥ 0 and zero for x < 0, with a finite derivative everywhere.
+    """Return `x^exponent` for x ≥ 0 and zero for x < 0, with a finite derivative everywhere.
 
-    The derivative at x = 0 is the one from the right where that is finite (0 for an exponent above
-    1, 1 for an exponent of 1) and 0, by definition, where it is not (an exponent between 0 and 1).
-    A Python or NumPy exponent that is a multiple of 1/4 is built from products and square roots,
-    which is several times faster than a general power. Raises ValueError for what is no number.
+    At x = 0 the derivative is the one from the right if that is finite: 0 for an exponent above 1,
+    and 1 for an exponent of 1. For an exponent between 0 and 1 it is infinite and is defined to be
+    0. A Python or NumPy exponent that is a multiple of 1/4 is computed from products and square
+    roots, several times faster than a general power. Raises ValueError for anything that is not a
+    number.
     """
     x, given = as_parameter(x, "x"), as_parameter(exponent, "exponent")
     if not is_plain(exponent):
@@ -275,8 +275,8 @@ def power(x: ArrayLike, exponent: ArrayLike) -> Float[Array, "..."]:
         if quarters == int(quarters) and 0 < quarters <= 64:
             return _quarter_power(x, int(quarters))
     positive = x > 0
-    # The inner `where` keeps log(0) out of the branch that is not taken, and so out of its tangent.
-    # As for a concrete exponent: x^0 is 1 and x^1 is x, with its slope, also at zero.
+    # The inner `where` keeps log(0) out of the unused branch and thus out of its tangent. As for a
+    # concrete exponent, x^0 is 1 and x^1 is x, including its slope at zero.
     edge = jnp.where(exponent == 1, x, jnp.where(exponent == 0, 1, 0))
     inside = jnp.power(jnp.where(positive, x, 1), exponent)
     return jnp.where(positive, inside, jnp.where(x == 0, edge, 0))

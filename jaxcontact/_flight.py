@@ -1,9 +1,9 @@
 """Motion between two contacts, under gravity g and quadratic drag: v' = -g (1 + b v |v|).
 
 b = 1/v_t², in s²/m², is proportional to the drag coefficient; v_t is the terminal speed. Every
-formula is that of vacuum times a factor, which is analytic in b and 1 at b = 0, so derivatives
-exist in vacuum, too. With None for b only the formula of vacuum is computed. Speeds are in m/s,
-times in s, heights in m, g in m/s², all of shapes that broadcast.
+formula is that of vacuum times a factor that is analytic in b and 1 at b = 0, so derivatives exist
+in vacuum too. With b = None only the vacuum formula is computed. Speeds are in m/s, times in s,
+heights in m and g in m/s²; all shapes broadcast.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _SHORTEST = 256
 """Arrays of up to this length share one compiled function."""
 
 _NEAR = 0.1
-# In powers of z = s², cut where the first omitted term is below half an ulp of float64 at `_NEAR`.
+# Powers of z = s²; the first omitted term is below half an ulp of float64 at `_NEAR`.
 _ATAN_SERIES = tuple((-1) ** k / (2 * k + 1) for k in range(16))
 _ASINH_SERIES = tuple((-1) ** k * math.comb(2 * k, k) / 4**k / (2 * k + 1) for k in range(16))
 
@@ -58,7 +58,7 @@ class Drag:
             object.__setattr__(self, name, require_number(name, value, POSITIVE))
 
     def terminal_speed(self, gravity: float) -> float:
-        """v_t = sqrt(2 m g/(ρ C_d π R²)) in m/s."""
+        """Return v_t = sqrt(2 m g/(ρ C_d π R²)) in m/s."""
         gravity = require_number("gravity", gravity, POSITIVE)
         area = math.pi * self.radius**2
         return math.sqrt(2 * self.mass * gravity / (self.air_density * self.coefficient * area))
@@ -66,7 +66,7 @@ class Drag:
 
 @dataclasses.dataclass(frozen=True)
 class Flight:
-    """Gravity in m/s² and the drag of flights over a level floor; None is vacuum.
+    """Flights over a level floor: gravity in m/s², and the drag (None for vacuum).
 
     Raises ValueError unless `gravity` is positive and finite, and `drag` a `Drag` or None.
     """
@@ -92,11 +92,12 @@ class Flight:
     def evaluate(
         self, formula: Callable[[Lane, Lane, Rate], Lane], values: Floats
     ) -> tuple[Floats, Floats]:
-        """y = `formula(values, gravity, b)` and d ln y/d ln x at values x (n,), as float64 (n,).
+        """Return y = `formula(values, gravity, b)` and d ln y/d ln x at values x (n,), float64
+        (n,).
 
-        The precision that JAX is set to plays no part.
+        The result does not depend on JAX's precision setting.
         """
-        # Padded to powers of two, recordings of all lengths share a few compiled functions.
+        # Padding to powers of two lets recordings of all lengths share a few compiled functions.
         x = np.ones(max(_SHORTEST, 1 << (len(values) - 1).bit_length()))
         x[: len(values)] = values
         with jax.enable_x64(True):
@@ -113,43 +114,47 @@ def _with_log_slope(
 
 
 def duration(launch: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Time from a launch at `launch` to the landing: (atan s + asinh s)/(g √b), s = √b u."""
+    """Return the time from a launch at `launch` to the landing: (atan s + asinh s)/(g √b), s = √b
+    u.
+    """
     vacuum = 2 * launch / gravity
     return vacuum if b is None else vacuum * _shortened(b * jnp.square(launch))
 
 
 def launch_speed(time: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Launch speed of a flight that lasts `time`: the inverse of `duration`."""
+    """Return the launch speed of a flight that lasts `time`: the inverse of `duration`."""
     vacuum = gravity * time / 2
     return vacuum if b is None else vacuum * _quickened(b * jnp.square(vacuum))
 
 
 def landing_speed(launch: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Speed at the landing of a flight launched at u = `launch`: u/√(1 + b u²), for any gravity."""
+    """Return the landing speed of a flight launched at u = `launch`: u/√(1 + b u²), for any
+    gravity.
+    """
     return launch if b is None else launch / jnp.sqrt(1 + b * jnp.square(launch))
 
 
 def speed_after_drop(height: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Speed at the landing of a fall from rest at h = `height`: w² = (1 - e^(-2 g h b))/b."""
+    """Return the landing speed of a fall from rest at h = `height`: w² = (1 - e^(-2 g h b))/b."""
     square = 2 * gravity * height
     return jnp.sqrt(square if b is None else square * kappa(-b * square))
 
 
 def speed_to_reach(height: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Launch speed of a flight that rises to h = `height`: u² = (e^(2 g h b) - 1)/b."""
+    """Return the launch speed of a flight that rises to h = `height`: u² = (e^(2 g h b) - 1)/b."""
     square = 2 * gravity * height
     return jnp.sqrt(square if b is None else square * kappa(b * square))
 
 
 def height_reached(launch: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Height to which a flight launched at u = `launch` rises: ln(1 + b u²)/(2 g b)."""
+    """Return the height of a flight launched at u = `launch`: ln(1 + b u²)/(2 g b)."""
     square = jnp.square(launch)
     vacuum = square / (2 * gravity)
     return vacuum if b is None else vacuum * log1p_over(b * square)
 
 
 def time_to_fall(height: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Time of a fall from rest at h = `height`: acosh(e^(g h b))/(g √b)."""
+    """Return the time of a fall from rest at h = `height`: acosh(e^(g h b))/(g √b)."""
     if b is None:
         return jnp.sqrt(2 * height / gravity)
     speed = speed_to_reach(height, gravity, b)
@@ -157,10 +162,11 @@ def time_to_fall(height: Lane, gravity: Lane, b: Rate) -> Lane:
 
 
 def height_after(time: Lane, launch: Lane, gravity: Lane, b: Rate) -> Lane:
-    """Height above the launch at `time` ≥ 0 after it; negative below the launch.
+    """Return the height above the launch at `time` ≥ 0 after it; negative below the launch.
 
-    Rising for t_up = atan(s)/(g √b), s = √b u: ln(cos θ + s sin θ)/(g b), θ = √b g t. Then falling
-    from the height reached, by ln cosh(√b g (t - t_up))/(g b). In vacuum t (u - g t/2).
+    The rise lasts t_up = atan(s)/(g √b), s = √b u, with ln(cos θ + s sin θ)/(g b), θ = √b g t. The
+    fall from the height reached is ln cosh(√b g (t - t_up))/(g b). In vacuum the height is t (u - g
+    t/2).
     """
     if b is None:
         return time * (launch - gravity * time / 2)
@@ -175,20 +181,20 @@ def height_after(time: Lane, launch: Lane, gravity: Lane, b: Rate) -> Lane:
 
 
 def _over_root(inverse: Callable[[Lane], Lane], series: Sequence[float], z: Lane) -> Lane:
-    """inverse(√z)/√z for atan or asinh, with the value 1 at z = 0."""
+    """Return inverse(√z)/√z for atan or asinh, with the value 1 at z = 0."""
     near = z < _NEAR
     s = jnp.sqrt(jnp.where(near, 1, z))
     return jnp.where(near, horner(series, jnp.where(near, z, 0)), inverse(s) / s)
 
 
 def _shortened(z: Lane) -> Lane:
-    """Duration of a flight over that in vacuum, at z = b u²: (atan √z + asinh √z)/(2√z)."""
+    """Return the flight duration over that in vacuum, at z = b u²: (atan √z + asinh √z)/(2√z)."""
     up = _over_root(jnp.arctan, _ATAN_SERIES, z)
     return (up + _over_root(jnp.arcsinh, _ASINH_SERIES, z)) / 2
 
 
 def _slowed_fall(z: Lane) -> Lane:
-    """Distance of a fall over that in vacuum, at z = b (g t)²: 2 ln(cosh √z)/z, 1 at z = 0."""
+    """Return the distance of a fall over that in vacuum, 2 ln(cosh √z)/z, at z = b (g t)²."""
     near = z < 1
     z_near = jnp.where(near, z, 0)
     # cosh² = 1 + sinh².
@@ -199,8 +205,8 @@ def _slowed_fall(z: Lane) -> Lane:
 
 
 def _quickened_guess(q: Lane) -> Lane:
-    # With √b u = sinh y the time is y + atan(sinh y), which rises with a slope between 1 and 2:
-    # Newton's steps from below never overshoot, however strong the drag is: three leave 2e-10.
+    # With √b u = sinh y the time is y + atan(sinh y), whose slope is between 1 and 2. Newton steps
+    # from below therefore never overshoot, for any drag; three steps leave an error of 2e-10.
     some = q > 0
     p = jnp.sqrt(jnp.where(some, q, 1))
     y = p

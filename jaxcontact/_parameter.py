@@ -25,7 +25,7 @@ Given = ParamSpec("Given")
 Returned = TypeVar("Returned")
 
 _LONG, _BEGINNING = 300, 100
-"""Characters: what is longer is shown by its beginning, its type and its shape."""
+"""Characters: longer values are shown by their beginning, type and shape."""
 
 _MOST_BITS = 63
 
@@ -37,12 +37,12 @@ _NOT_MODELLED = {
     r"adhes|cohes|surface_energy|sticki": "bodies do not stick together (yet)",
     r"^e$|restitution|damping": "it belongs to a law, such as `ExactRestitution(e=0.8)`",
 }
-"""Why an argument of such a name does not exist."""
+"""The reason why an argument of such a name does not exist."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Range:
-    """The interval a parameter must lie in; `inside` is some number in it."""
+    """The interval a parameter must lie in; `inside` is an arbitrary number in it."""
 
     low: float = -math.inf
     high: float = math.inf
@@ -56,7 +56,7 @@ class Range:
         return f"{low_bracket}{self.low:g}, {self.high:g}{high_bracket}"
 
     def holds(self, x: Any) -> Any:
-        """Whether x lies inside; NaN and the infinities never do. Works on floats and arrays."""
+        """Return whether x, a float or an array, lies inside; False for NaN and the infinities."""
         above = (x > self.low) if self.low_open else (x >= self.low)
         below = (x < self.high) if self.high_open else (x <= self.high)
         return above & below & (abs(x) < math.inf)
@@ -71,10 +71,10 @@ FRACTION = Range(low=0.0, high=1.0, low_open=True, high_open=True, inside=0.5)
 
 
 def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
-    """Turn a number or an array into a floating-point JAX array.
+    """Convert a number or an array to a floating-point JAX array.
 
     A Python or numpy scalar outside `allowed` raises ValueError, because no batch could hold a
-    flag. Arrays and traced values pass: their bad lanes are flagged by `impact`.
+    flag. Arrays and traced values pass; `impact` flags their bad lanes.
     """
     if type(value) is float and allowed.holds(value):
         return _weakly_typed(value)
@@ -84,13 +84,13 @@ def as_parameter(value: ArrayLike, name: str, allowed: Range = REAL) -> Array:
     return array if jnp.issubdtype(array.dtype, jnp.floating) else array.astype(float)
 
 
-# A Python number stays weakly typed: it follows the precision of the arrays it meets. Compiled, the
-# identity makes an array in a third of the time that `jnp.asarray` takes.
+# A Python number stays weakly typed and takes the precision of the arrays it is combined with. The
+# compiled identity creates an array in a third of the time of `jnp.asarray`.
 _weakly_typed = jax.jit(lambda number: number, inline=True)
 
 
 def as_number(value: ArrayLike, name: str, allowed: Range = REAL) -> float | Array:
-    """As `as_parameter`, but a Python number stays a float, for a compiled function to convert."""
+    """Convert as `as_parameter` does, but keep a Python float for compiled code to convert."""
     if type(value) is float and allowed.holds(value):
         return value
     return as_parameter(value, name, allowed)
@@ -103,19 +103,19 @@ def _from_python(value: Any, name: str, allowed: Range) -> Array:
         raise ValueError(f"Argument `{name}` must be in {allowed}, but is {rendered(value)}.")
     if isinstance(value, int | float):
         return _weakly_typed(float(value))
-    # Without double precision JAX would wrap large whole numbers around.
+    # Without double precision JAX would wrap large integers around.
     whole = jnp.issubdtype(plain.dtype, jnp.integer)
-    # Unlike `asarray` this compiles nothing, for no shape.
+    # Unlike `asarray` this compiles nothing, for any shape.
     return jax.device_put(plain.astype(float) if whole else plain)
 
 
 def as_numbers(value: Any, name: str) -> np.ndarray:
-    """Turn real numbers into a NumPy array of double precision; ValueError for anything else."""
+    """Convert real numbers to a NumPy array of double precision; ValueError for anything else."""
     return real_array(value, name).astype(float)
 
 
 def real_array(value: Any, name: str) -> np.ndarray:
-    """Turn real numbers into a NumPy array of their own type; ValueError for anything else."""
+    """Convert real numbers to a NumPy array of their own type; ValueError for anything else."""
     if isinstance(value, np.ma.MaskedArray):
         raise ValueError(
             f"Argument `{name}` must be an array without a mask (`filled(nan)` makes one, whose "
@@ -129,29 +129,29 @@ def real_array(value: Any, name: str) -> np.ndarray:
 
 
 def as_array(value: Any, dtype: Any = None) -> np.ndarray | None:
-    """What NumPy makes of a value; None for what it cannot convert."""
+    """Convert a value to a NumPy array; None if NumPy cannot convert it."""
     try:
         return np.asarray(value, dtype)
-    except Exception:  # a foreign object converts itself here, by code that may raise anything
+    except Exception:  # a foreign object runs its own conversion here, which may raise anything
         return None
 
 
 def flag_array(value: Any) -> np.ndarray | None:
-    """An array of flags, which are no numbers, as a NumPy array; None for anything else."""
+    """Convert an array of flags to NumPy; None for anything else."""
     plain = None if isinstance(value, np.ma.MaskedArray) else as_array(value)
     return plain if plain is not None and plain.dtype == bool and plain.ndim > 0 else None
 
 
 def as_weights(value: Any) -> Any:
-    """Flags, which keep a point or leave it out, as ones and zeros; other weights as they are."""
+    """Convert flags (True keeps a point) to ones and zeros; return other weights unchanged."""
     flags = flag_array(value)
     return value if flags is None else flags.astype(float)
 
 
 def _is_real(dtype: Any) -> bool:
-    """Whether numbers of this type are real, and JAX can hold all their digits."""
+    """Return whether numbers of this type are real and fit into JAX with all their digits."""
     real = jnp.issubdtype(dtype, jnp.floating) or jnp.issubdtype(dtype, jnp.integer)
-    # NumPy counts durations among the integers, and has long doubles of 16 bytes.
+    # NumPy counts durations as integers and has long doubles of 16 bytes.
     return real and dtype.kind != "m" and dtype.itemsize <= 8
 
 
@@ -163,12 +163,12 @@ def _not_a_number(value: Any, name: str) -> ValueError:
 
 
 def is_plain(value: Any) -> TypeGuard[int | float | np.integer | np.floating]:
-    """Whether a number is a Python or NumPy scalar, which specialises code where that pays."""
+    """Return whether a number is a Python or NumPy scalar, which may specialise compiled code."""
     return isinstance(value, int | float | np.integer | np.floating)
 
 
 def concrete(value: Any) -> int | float | None:
-    """A Python, NumPy or JAX scalar as a Python number; None for all else, traced values too."""
+    """Convert a Python, NumPy or JAX scalar to a Python number; None otherwise, also if traced."""
     if isinstance(value, np.ndarray | np.generic | jax.Array):
         foreign = isinstance(value, Tracer | np.ma.MaskedArray) or value.ndim > 0
         value = None if foreign or not _is_real(value.dtype) else value.item()
@@ -176,7 +176,7 @@ def concrete(value: Any) -> int | float | None:
 
 
 def require_number(name: str, value: Any, allowed: Range = REAL) -> float:
-    """The one number in `allowed` that a scalar is, as a float; ValueError for anything else."""
+    """Convert a scalar in `allowed` to a float; ValueError for anything else."""
     try:
         number = float(math.nan if (known := concrete(value)) is None else known)
     except OverflowError:
@@ -189,7 +189,7 @@ def require_number(name: str, value: Any, allowed: Range = REAL) -> float:
 
 
 def require_count(name: str, value: Any, least: int) -> int:
-    """The whole number of at least `least` that a scalar is; ValueError for anything else."""
+    """Convert a scalar to an integer of at least `least`; ValueError for anything else."""
     number = concrete(value)
     whole = isinstance(number, int) and number >= least
     if not isinstance(number, int) or not whole or number.bit_length() > _MOST_BITS:
@@ -202,7 +202,7 @@ def require_count(name: str, value: Any, least: int) -> int:
 
 
 def as_flag(value: Any) -> bool | None:
-    """A Python, NumPy or JAX flag as True or False; None for anything else."""
+    """Convert a Python, NumPy or JAX flag to True or False; None for anything else."""
     if isinstance(value, np.ndarray | np.generic | jax.Array):
         plain = not isinstance(value, Tracer | np.ma.MaskedArray) and value.ndim == 0
         value = value.item() if plain and value.dtype == bool else None
@@ -210,7 +210,7 @@ def as_flag(value: Any) -> bool | None:
 
 
 def require_flag(name: str, value: Any) -> bool:
-    """True or False; ValueError for anything else."""
+    """Convert a flag to True or False; ValueError for anything else."""
     flag = as_flag(value)
     if flag is None:
         raise ValueError(f"Argument `{name}` must be True or False, but is {rendered(value)}.")
@@ -218,7 +218,7 @@ def require_flag(name: str, value: Any) -> bool:
 
 
 def require_choice(name: str, value: Any, choices: Iterable[str]) -> str:
-    """One of a few names; ValueError, which lists them, for anything else."""
+    """Return `value` if it is one of a few names; otherwise ValueError lists them."""
     known = tuple(choices)
     if not isinstance(value, str) or value not in known:
         raise ValueError(
@@ -229,7 +229,7 @@ def require_choice(name: str, value: Any, choices: Iterable[str]) -> str:
 
 
 def nearest(given: Any, known: Iterable[str]) -> str | None:
-    """The one of the known names that is most like a misspelt one; None where none is."""
+    """Return the known name that is most similar to a misspelt one; None without a close match."""
     if not isinstance(given, str):
         return None
     folded = {name.casefold(): name for name in known}
@@ -238,21 +238,21 @@ def nearest(given: Any, known: Iterable[str]) -> str | None:
 
 
 def did_you_mean(given: Any, known: Iterable[str]) -> str:
-    """A sentence for the end of a message, with a blank before it; nothing where it would guess."""
+    """Return a suggestion for the end of a message, with a leading blank; "" without a match."""
     near = nearest(given, known)
     return f" Did you mean {near!r}?" if near else ""
 
 
 def not_modelled(name: str) -> str | None:
-    """Why nothing has an argument of this name, in words; None for a name that says nothing."""
+    """Return the reason why an argument of this name does not exist; None for other names."""
     found = (why for pattern, why in _NOT_MODELLED.items() if re.search(pattern, name.casefold()))
     return next(found, None)
 
 
 def refuses_unknown(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
-    """Let a function say why it has no argument of some name; its signature stays.
+    """Make a function explain in a TypeError why it lacks an argument; its signature stays.
 
-    The function then raises TypeError, as Python does.
+    Python raises TypeError for an unknown argument too.
     """
     known = [name for name in inspect.signature(function).parameters if name != "self"]
     owner = function.__qualname__.removesuffix(".__init__")
@@ -270,21 +270,21 @@ def refuses_unknown(function: Callable[Given, Returned]) -> Callable[Given, Retu
 
 
 def require_kind(name: str, value: Any, kind: type[Kind], allowed: str) -> Kind:
-    """An object of a class, `allowed` in words; ValueError for anything else."""
+    """Return `value` if it is an instance of `kind`; ValueError names `allowed` otherwise."""
     if not isinstance(value, kind):
         raise ValueError(f"Argument `{name}` must be {allowed}, but is {rendered(value)}.")
     return value
 
 
 def require_function(name: str, value: Any) -> Callable[..., Any]:
-    """Something that can be called; ValueError for anything else."""
+    """Return `value` if it is callable; ValueError for anything else."""
     if not callable(value):
         raise ValueError(f"Argument `{name}` must be a function, but is {rendered(value)}.")
     return value
 
 
 def require_path(name: str, value: Any) -> pathlib.Path:
-    """The path of a file; ValueError for what is no text and no `os.PathLike`."""
+    """Return the path of a file; ValueError for anything but text or an `os.PathLike`."""
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str) or not text or "\0" in text:
         raise ValueError(f"Argument `{name}` must be the path of a file, but is {rendered(value)}.")
@@ -292,7 +292,7 @@ def require_path(name: str, value: Any) -> pathlib.Path:
 
 
 def require_broadcast(**given: Any) -> tuple[int, ...]:
-    """The shape to which all numbers in some arguments broadcast; ValueError if there is none."""
+    """Return the shape to which all numbers in the arguments broadcast; ValueError without one."""
     if all(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(list(given.values()))):
         return ()
     shapes = {name: [np.shape(leaf) for leaf in jax.tree.leaves(v)] for name, v in given.items()}
@@ -308,11 +308,11 @@ def require_broadcast(**given: Any) -> tuple[int, ...]:
 
 
 def rendered(value: Any) -> str:
-    """A value as a message shows it, the beginning of what is long."""
+    """Return a value as a message shows it; long ones are cut after their beginning."""
     kind = type(value).__name__
     try:
         text = repr(value)
-    except Exception:  # a foreign repr may raise anything, that of 10**4300 does
+    except Exception:  # a foreign repr may raise anything, as that of 10**4300 does
         return f"an object of type `{kind}`"
     if len(text) <= _LONG:
         return text
@@ -322,14 +322,14 @@ def rendered(value: Any) -> str:
 
 
 class Specialised(eqx.Module):
-    """A number that is static and specialises the compiled code, or else a leaf."""
+    """A number that is either static, which specialises the compiled code, or a leaf."""
 
     static: float | None = eqx.field(static=True)
     traced: Array | None = None
 
     @property
     def value(self) -> float | Array:
-        """The number: a float where it is static, an array otherwise."""
+        """The number: a float if static, an array otherwise."""
         if self.static is not None:
             return self.static
         assert self.traced is not None
@@ -338,14 +338,14 @@ class Specialised(eqx.Module):
 
 @functools.lru_cache(maxsize=64)
 def specialised(number: float) -> Specialised:
-    """A static number; equal ones are one object, which takes less time than to build it anew."""
+    """Return a static number from a cache, which is faster than creating it again."""
     return Specialised(number)
 
 
 def parameter(name: str, allowed: Range = REAL, unit: str | None = None) -> Any:
-    """A field of an equinox module that holds a differentiable number with a known range.
+    """Declare a field of an equinox module for a differentiable number with a known range.
 
-    The unit is that of `_units` for this name if none is given.
+    Without a `unit` the name's unit in `_text.units` applies.
     """
     return eqx.field(
         converter=functools.partial(as_parameter, name=name, allowed=allowed),
@@ -354,7 +354,7 @@ def parameter(name: str, allowed: Range = REAL, unit: str | None = None) -> Any:
 
 
 def ranges(module: eqx.Module | type[eqx.Module]) -> dict[str, Range]:
-    """The range of every field of `module` that was declared with `parameter`."""
+    """Return the range of every field of `module` that was declared with `parameter`."""
     return {
         field.name: field.metadata["allowed"]
         for field in dataclasses.fields(module)
@@ -363,7 +363,7 @@ def ranges(module: eqx.Module | type[eqx.Module]) -> dict[str, Range]:
 
 
 def is_valid(module: eqx.Module) -> Bool[Array, "..."]:
-    """Whether all declared parameters of `module` lie in their ranges, lane by lane."""
+    """Return whether all declared parameters of `module` lie in their ranges, lane by lane."""
     valid = jnp.asarray(True)
     for value, allowed in _given(module).values():
         valid = valid & allowed.holds(value)
@@ -371,10 +371,10 @@ def is_valid(module: eqx.Module) -> Bool[Array, "..."]:
 
 
 def sanitised(module: Any) -> Any:
-    """`module` with every out-of-range number replaced by one in the range.
+    """Return `module` with every out-of-range number replaced by one in the range.
 
-    The bad lanes are flagged elsewhere; this keeps their infinities out of the arithmetic, so that
-    a derivative of the good lanes never contains 0 times inf.
+    The bad lanes are flagged elsewhere. The replacement keeps their infinities out of the
+    arithmetic, so a derivative of the good lanes never contains 0 times inf.
     """
     given = _given(module)
     if not given:
@@ -387,13 +387,13 @@ def sanitised(module: Any) -> Any:
 
 
 def _given(module: eqx.Module) -> dict[str, tuple[Array, Range]]:
-    """The declared parameters that are not None, with their ranges."""
+    """Return the declared parameters that are not None, with their ranges."""
     found = {name: (getattr(module, name), allowed) for name, allowed in ranges(module).items()}
     return {name: pair for name, pair in found.items() if pair[0] is not None}
 
 
 def shown(value: Any) -> str:
-    """A number as people write it; arrays in short, traced values by their type."""
+    """Return a number in readable form; arrays shortened, traced values by their type."""
     if not eqx.is_array(value) or isinstance(value, Tracer):
         return eqx.tree_pformat(value)
     if value.ndim == 0:

@@ -1,4 +1,4 @@
-"""What holds for every test: double precision, strict arrays, repeatable examples, no windows."""
+"""Settings of every test: double precision, strict arrays, repeatable examples, no windows."""
 
 import atexit
 import gc
@@ -8,11 +8,11 @@ import shutil
 import tempfile
 from importlib.metadata import version
 
-# Before matplotlib is imported by anything: no display is needed or touched.
+# Set before anything imports matplotlib, so that no display is needed.
 os.environ.setdefault("MPLBACKEND", "Agg")
-# One compilation cache for the run, shared by its workers and by the programs that tests start: the
-# variable tells them where. It is made fresh and removed, since one that outlives a run would hide
-# a change of XLA.
+# One compilation cache for the run, shared by its workers and by the programs that tests start
+# through this variable. It is created fresh and removed, since an older cache would hide a change
+# of XLA.
 if "JAXCONTACT_TEST_CACHE" not in os.environ:
     os.environ["JAXCONTACT_TEST_CACHE"] = tempfile.mkdtemp(prefix="jaxcontact-tests-")
     atexit.register(shutil.rmtree, os.environ["JAXCONTACT_TEST_CACHE"], ignore_errors=True)
@@ -20,17 +20,17 @@ os.environ["JAX_COMPILATION_CACHE_DIR"] = os.environ["JAXCONTACT_TEST_CACHE"]
 os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "true"
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ["JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES"] = "-1"
-# Where in Python an operation comes from is not asked for, and takes a twentieth of its time.
+# Source locations of operations are not needed, and take a twentieth of the run time.
 os.environ.setdefault("JAX_TRACEBACK_IN_LOCATIONS_LIMIT", "0")
-# Programs are compiled once here and run a few times: the compiler's optimisations cost more than
-# they save, and so does its newer way to emit loops, which takes half the time of a compilation.
-# With 0 in this variable the tests run what users run.
+# Programs are compiled once here and run a few times. The compiler's optimisations cost more time
+# than they save. Its newer way to emit loops takes half the time of a compilation. Set this
+# variable to 0 to run the tests with the compiler settings of users.
 os.environ.setdefault("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
-# XLA ends the process at a flag that it does not know: with other versions there are none.
+# XLA ends the process at an unknown flag, so other versions get no flags.
 os.environ.setdefault(
     "XLA_FLAGS",
     "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
-    # What they move out of loops and into them is not worth an eighth of each compilation.
+    # Code motion into and out of loops takes an eighth of each compilation and saves less.
     " --xla_disable_hlo_passes=while-loop-invariant-code-motion,while-loop-constant-sinking"
     if os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] == "1" and version("jaxlib").startswith("0.10.")
     else "",
@@ -40,26 +40,26 @@ import jax
 import pytest
 from hypothesis import HealthCheck, settings
 
-# The library sets none of these: they belong to whoever runs it.
+# The library sets none of these; they belong to the application.
 jax.config.update("jax_enable_x64", True)
-# An accidental float32 or a missing axis should fail here, not lose digits in silence.
+# An accidental float32 or a missing axis should fail here instead of losing digits silently.
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
-# Tracing makes millions of short-lived objects. As often as Python looks for circles among them, it
-# takes a tenth of the run and finds next to nothing; a fifth of that where it looks among 50,000.
+# Tracing makes millions of short-lived objects. At Python's default rate the search for cycles
+# takes a tenth of the run and finds almost nothing; at 50,000 objects it takes a fifth of that.
 gc.set_threshold(300_000, 50, 20)
 
 settings.register_profile(
     "jaxcontact",
     derandomize=True,
-    # The first example pays for compilation.
+    # The first example includes compilation.
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("jaxcontact")
 
-# The longest files run first, so that no worker is left alone with one at the end.
+# The longest files run first, so that no worker ends with a long one alone.
 _LONG = (
     "test_tasks test_records test_soft_gradients test_every_law test_calibrate test_front_door "
     "test_instantaneous test_cluster test_every_argument test_derivatives"
@@ -80,13 +80,13 @@ _MOST_LEFT_OUT = 0.05
 def pytest_collection_modifyitems(config, items):
     items.sort(key=lambda item: _PLACE.get(item.path.stem, len(_LONG)))
     left = [item for item in items if _is_left_out(item)]
-    # Not by `args_source`, which workers do not know.
+    # `args_source` is not available in workers.
     everything = [pathlib.Path(name).resolve() for name in config.args] == [_TESTS]
     if everything and len(left) > _MOST_LEFT_OUT * len(items):
         raise pytest.UsageError(
             f"{len(left)} of {len(items)} tests are slow: more than a twentieth"
         )
-    # Who names a test wants it, and who says `slow` says which.
+    # Tests named on the command line, or selected with -m slow, are never deselected.
     if "slow" in config.option.markexpr or any("::" in argument for argument in config.args):
         return
     if left:
@@ -108,8 +108,8 @@ def _is_left_out(item):
     return True
 
 
-# Linux lets a process map 65,530 regions of memory, and ends it at the next one. A compiled program
-# takes a few, an impact by an adaptive solve and all that goes with it 500.
+# Linux limits a process to 65,530 memory regions and ends it beyond. A compiled program takes a
+# few, an impact by an adaptive solve about 500.
 _MAPS, _MEMORY = pathlib.Path("/proc/self/maps"), pathlib.Path("/proc/self/statm")
 _MOST_MAPS = 25_000
 _MOST_BYTES = 3_000_000_000

@@ -1,18 +1,18 @@
-"""Plants faults in the package, one at a time, and records which of them make a test fail.
+"""Mutation testing: plant faults in the package, one at a time, and record the tests that fail.
 
-    python -m tests.mutate             runs what has no result yet: stop it and start it as you like
+    python -m tests.mutate             runs all faults without a result; can be interrupted
     python -m tests.mutate --table     writes tests/mutations.md from the results
 
 The faults are drawn once, by seed, over all rooms in proportion to their lines and evenly over five
-kinds. None is exchanged afterwards; one that changes no behaviour counts as a survivor and is
-explained in `REASONS`. Each is planted in a copy of the tree, where the tests of its room run first
-and those of the rooms that import it next, up to the first failure. The copies share a compilation
-cache, which lasts as long as the run. Results are kept in build/mutations; a survivor is run again
-after the tests have changed, everything after the package has changed.
+kinds. None is replaced afterwards. A fault that changes no behaviour counts as a survivor and is
+explained in `REASONS`. Each is planted in a copy of the tree. The tests of its room run first, then
+those of the rooms that import it, up to the first failure. The copies share a compilation cache for
+the duration of the run. Results are stored in build/mutations. A survivor is run again after the
+tests have changed, everything after the package has changed.
 
-The known tools do not fit: mutmut imports once and forks for every fault, which JAX's threads do
-not survive, and wraps each function in another, which changes what is traced; cosmic-ray has one
-test command for all faults and draws no sample over rooms.
+The usual tools do not fit. mutmut imports once and forks for every fault, which fails with JAX's
+threads, and it wraps each function in another, which changes the trace. cosmic-ray has one test
+command for all faults and cannot sample over rooms.
 """
 
 import argparse
@@ -44,7 +44,7 @@ PACKAGE = "jaxcontact"
 STATE = ROOT / "build" / "mutations"
 TABLE = ROOT / "tests" / "mutations.md"
 
-# Why a survivor is no gap in the tests, by its change as the table lists it.
+# Reasons why survivors are not gaps in the tests, by their change as listed in the table.
 REASONS: dict[str, str] = {
     "jaxcontact/_contact.py, Contact: 1.5 → 1.65": "nothing reads the field's default: `__init__` "
     "always sets it, and the type checker asks for one",
@@ -59,7 +59,7 @@ def importers(sources: dict[str, str]) -> dict[str, set[str]]:
     rooms = {room_of(path) for path in sources}
     direct: dict[str, set[str]] = {room: set() for room in rooms}
     for path, source in sources.items():
-        depth = len(Path(path).parts) - 1  # of packages around the file
+        depth = len(Path(path).parts) - 1  # packages around the file
         for node in ast.walk(ast.parse(source)):
             names: list[str] = []
             if isinstance(node, ast.ImportFrom) and node.level == depth:
@@ -152,7 +152,7 @@ class Pytest:
             "TMPDIR": str(temporary),
             "JAXCONTACT_TEST_CACHE": str(self.state / "cache"),
         }
-        # The trees are run many times.
+        # The trees are used for many runs.
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         command = [sys.executable, "-u", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=no"]
         with open(log, "wb") as out:
@@ -190,7 +190,7 @@ def trial(
 
     def write(text: str) -> None:
         path.write_text(text, encoding="utf-8")
-        # Python takes old byte code for fresh when the source has the same second and size.
+        # Python accepts old byte code if the source has the same second and size.
         Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
 
     write(plant(source, fault))
@@ -348,7 +348,7 @@ def main() -> None:
     parser.add_argument("--list", action="store_true", help="print the faults, run none")
     parser.add_argument("--table", action="store_true", help=f"write {TABLE.name}, run none")
     asked = parser.parse_args()
-    # The runs of pytest are stopped, too.
+    # Stop the running pytest processes as well.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("stopped"))
     begun = time.monotonic()
     sources = read(ROOT, PACKAGE)
@@ -373,7 +373,7 @@ def main() -> None:
         seconds: dict[str, float] = defaultdict(float)
         for name, its in each.items():
             seconds[name.split("::")[0]] += its
-        # A fault that makes one test this slow is a hang.
+        # A fault that makes one test this slow counts as a hang.
         pytest = Pytest(STATE, 300.0 + 2.0 * max(each.values(), default=0.0))
         direct = importers(sources)
         trees = [tree(STATE / f"tree{i}") for i in range(asked.jobs)]

@@ -1,4 +1,4 @@
-"""What can be planted: faults of five kinds in a source, found, planted and drawn by seed."""
+"""Faults of five kinds in a source: find them, plant them, and draw them by seed."""
 
 import ast
 import copy
@@ -28,7 +28,7 @@ _OPPOSITE: dict[type, type] = {
     ast.In: ast.NotIn,
     ast.NotIn: ast.In,
 }
-# Numbers that set how a figure looks or where a warning points: a test of them would repeat them.
+# Numbers that set the look of a figure or the line of a warning; a test would only repeat them.
 _LOOKS = set(
     "bbox_to_anchor dpi figsize fontsize linewidth lw markersize ncols stacklevel zorder".split()
 )

@@ -1,4 +1,4 @@
-"""What is no number, contact, material or name is refused by an error that names the argument."""
+"""Arguments that are not numbers, contacts, materials or names raise an error that names them."""
 
 import decimal
 import fractions

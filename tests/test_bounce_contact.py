@@ -1,4 +1,4 @@
-"""A ball that feels its weight in contact, down to rest, against Newton's equation by SciPy."""
+"""A ball with its weight acting in contact, down to rest, against Newton's equation by SciPy."""
 
 import functools
 
@@ -87,7 +87,7 @@ def assert_same(law, n, make, balls=BALLS, v0="peak"):
             theirs = np.array([getattr(row, name) for row in rows])
             assert np.all(np.abs(ours - theirs) <= SAME * scale), (name, lane, ours - theirs)
         assert abs(run.rest_time[lane] - rest) <= SAME * rest
-    # No longer than the last ball needs.
+    # No longer than the last ball requires.
     assert run.time.shape == (len(balls), longest)
 
 
@@ -154,7 +154,7 @@ CASES = list(every_law())
 )
 @pytest.mark.parametrize(("law", "n", "make"), CASES, ids=map(words, CASES))
 def test_every_law(law, n, make):
-    # Damping that falls with the speed lets a light ball bounce 319 times, and a heavy one creep.
+    # With damping that falls with the speed a light ball bounces 319 times, and a heavy one creeps.
     few = isinstance(law, jc.PowerDamping)
     assert_same(law, n, make, {"between": BALLS["between"]} if few else BALLS)
 

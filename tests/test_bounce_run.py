@@ -1,4 +1,4 @@
-"""A whole bouncing: the series of flights and contacts, gravity in contact, and rest."""
+"""A whole bounce: the series of flights and contacts, gravity in contact, and rest."""
 
 import equinox as eqx
 import jax
@@ -77,13 +77,13 @@ def test_derivatives_with_gravity_in_contact():
         return jnp.stack([out.time, out.height])
 
     point = tuple(POINT.values())
-    # The point itself and all shifted ones in one batch: ± one step and ± half a step in each.
+    # The point itself and all shifted ones in one batch: ± one step and ± half a step each.
     shifts = np.array([1e-2, -1e-2, 5e-3, -5e-3])
     lanes = [np.full((5, 5), x) for x in point]
     for i in range(5):
         lanes[i][i, :4] *= 1 + shifts
     found, pull = jax.vjp(both, *map(jnp.asarray, lanes))
-    # Each result of the point, whose last lane stands for it.
+    # Each result of the point, represented by its last lane.
     results = np.zeros((2, 3, *found.shape))
     for one, bounce in np.ndindex(2, 3):
         results[one, bounce, one, 0, 4, bounce] = 1
@@ -93,7 +93,7 @@ def test_derivatives_with_gravity_in_contact():
         whole = (values[:, i, 0] - values[:, i, 1]) / (2e-2 * point[i])
         half = (values[:, i, 2] - values[:, i, 3]) / (1e-2 * point[i])
         difference = (4 * half - whole) / 3
-        # The first touch does not know of e, K and m: its slope is zero.
+        # The first touch is independent of e, K and m: its slope is zero.
         size = np.abs(difference).max(axis=1, keepdims=True)
         assert np.all(np.abs(slopes[i] - difference) <= DIFFERENCE * size)
 
@@ -155,12 +155,12 @@ def test_rest_with_gravity_in_contact():
     assert out.rest_time[0] == out.time[0, count]
     assert np.all(out.time[0, count:] == out.time[0, count])
     assert out.impact_velocity[0, count] > 0 and np.all(out.impact_velocity[0, count + 1 :] == 0)
-    # The weight takes its share of every rebound, and more of the slower ones.
+    # The weight reduces every rebound, and slower ones more.
     e = np.asarray(out.restitution[0, :count])
     free = float(jc.restitution(jc.HuGuo(e=0.8)))
     assert e[0] < free and np.all(np.diff(e) < 0)
     np.testing.assert_allclose(out.rest_indentation[0], (9.8 / 1.4e8) ** (2 / 3), rtol=SERIES)
-    # An impact at the speed of the touch that settles, by `impact` itself.
+    # An impact at the speed of the settling touch, by `impact` itself.
     last = jc.impact(jc.HuGuo(e=0.8), contact, out.impact_velocity[0, count], external_force=9.8)
     assert last.status == jc.Status.SETTLED
 
@@ -189,7 +189,7 @@ def test_height_at_any_time():
     tops = np.asarray(height_at(jnp.asarray(rise)))
     np.testing.assert_allclose(tops[height > 0], height[height > 0], rtol=SERIES)
     late = np.asarray(height_at(jnp.array([100.0])))
-    assert late[0] == 0 and np.isnan(late[2])  # at rest, and beyond what was followed
+    assert late[0] == 0 and np.isnan(late[2])  # at rest, and after the last listed flight
     np.testing.assert_allclose(height_at(jnp.array([0.25])), 1.3 - 9.8 * 0.0625 / 2, rtol=1e-14)
 
 
@@ -242,7 +242,7 @@ def test_a_ball_that_is_not_at_rest_has_no_rest_time_and_no_derivative_of_it():
     (reverse,) = jax.vjp(rest_time, e)[1](jnp.ones(2))
     for slope in (forward, reverse):
         np.testing.assert_array_equal(np.isnan(slope), [False, True])
-    # What a neighbour shares with it stays.
+    # The gradient of a shared number stays finite beside a bad lane.
     height = jax.grad(lambda h: jc.bounce(jc.HuGuo(e=e), DROP, h, bounces=20).rest_time[0])(0.9)
     alone = jax.grad(lambda h: jc.bounce(jc.HuGuo(e=0.5), DROP, h, bounces=20).rest_time)(0.9)
     np.testing.assert_allclose(height, alone, rtol=SERIES)

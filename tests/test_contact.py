@@ -46,7 +46,7 @@ ALUMINA = Material(youngs_modulus=380e9, poisson_ratio=0.23, density=4000.0)
 def test_steel_spheres():
     contact = Contact.sphere_sphere(0.01, 0.01, STEEL, STEEL)
     assert agrees(contact.stiffness, "1.0723e10")
-    # One sphere weighs 33 g, and the effective mass of two is half of it.
+    # One sphere has 33 g, and the effective mass of two is half of it.
     assert agrees(STEEL.sphere_mass(0.01), "0.033")
     np.testing.assert_allclose(contact.mass, STEEL.sphere_mass(0.01) / 2, rtol=ROUNDING)
 
@@ -98,7 +98,7 @@ def test_hertz():
 def test_socket_becomes_a_plane():
     plane = Contact.sphere_plane(0.01, STEEL, GLASS)
     wide = Contact.sphere_socket(0.01, jnp.array([1e3, 1e8, 1e14]), STEEL, GLASS)
-    # K grows by R1/(2 R2).
+    # K grows by the fraction R1/(2 R2).
     np.testing.assert_allclose(
         wide.stiffness / plane.stiffness - 1, [5e-6, 0, 0], atol=SECOND_ORDER
     )

@@ -1,4 +1,4 @@
-"""The first page of the library, typed by hand: names, shapes and values that others rely on."""
+"""The first page of the library, typed by hand: names, shapes and values that users rely on."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -107,7 +107,7 @@ def test_bounce():
     contact = jc.Contact(mass=1.0, stiffness=1.4e8, exponent=1.5)
     run = jc.bounce(jc.HuGuo(e=0.7), contact, height=1.0, gravity=9.8)
     for name in ("time", "height", "impact_velocity", "restitution"):
-        assert getattr(run, name).shape == (18,)  # to rest, and where it rests
+        assert getattr(run, name).shape == (18,)  # until rest
     moving = np.asarray(run.status == jc.Status.SEPARATED)
     assert moving[:17].all() and not moving[17]  # the ball has come to rest
     assert np.all(np.diff(run.time[:17]) > 0) and np.all(np.diff(run.height[:17]) < 0)

@@ -27,8 +27,8 @@ from jaxcontact._elementary import (
 from jaxcontact._forms import rebound_exponent, restitution_of
 from jaxcontact._implicit import bracketed_root
 
-# Functions that cancel at their removable points, down to arguments of 1e-300, and differences of
-# them: 600 digits lost, 60 of the step twice, and many to spare.
+# Functions that cancel at their removable points, for arguments down to 1e-300, and differences of
+# them. 600 digits are lost, twice 60 by the step, and many remain.
 REFERENCE_DIGITS = 900
 STEP = "1e-60"
 

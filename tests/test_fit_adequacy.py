@@ -1,4 +1,4 @@
-"""The study of how often a model is called inadequate, in a form that takes seconds."""
+"""A short form of the study of how often a model is called inadequate."""
 
 import json
 from pathlib import Path

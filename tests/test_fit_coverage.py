@@ -1,4 +1,4 @@
-"""The studies of intervals and of plans, in a form that takes seconds."""
+"""Short forms of the studies of intervals and of plans."""
 
 import json
 from pathlib import Path

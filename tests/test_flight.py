@@ -1,4 +1,4 @@
-"""Motion under gravity and quadratic drag, held against integration of v' = -g (1 + b v |v|)."""
+"""Motion under gravity and quadratic drag, against integration of v' = -g (1 + b v |v|)."""
 
 import jax
 import jax.numpy as jnp
@@ -162,7 +162,7 @@ def test_the_first_order_in_the_drag():
         "speed_to_reach": w2**1.5 / 4,
         "speed_after_drop": -(w2**1.5) / 4,
         "time_to_fall": w2**1.5 / (12 * G),
-        # Rising all the time: -g ∫∫ (u - g t)².
+        # Rising throughout: -g ∫∫ (u - g t)².
         "height_after": -((u * t) ** 2) * G / 2 + u * G**2 * t**3 / 3 - G**3 * t**4 / 12,
     }
     for name, value in wanted.items():

@@ -1,4 +1,4 @@
-"""The script that plants faults: what it plants and draws, and that it goes on where it stopped."""
+"""The script that plants faults: its faults, its sample, and its resumption."""
 
 import ast
 import threading
@@ -30,8 +30,8 @@ def f(x: "1 - 1", y=3.0) -> "2 + 2":
 '''
 PATH = "jaxcontact/_room/_f.py"
 
-# Kind, expression and what it becomes: all that SOURCE allows, and nothing of its docstrings,
-# annotations, messages, looks, type checks and text.
+# Kind, expression and replacement: everything that SOURCE allows. Its docstrings, annotations,
+# messages, looks, type checks and text are excluded.
 EXPECTED = {
     ("constant", "3.0", "3.3"),
     ("condition", "not x > 0 or y == 1e-09", "not x > 0 and y == 1e-09"),
@@ -80,7 +80,7 @@ def test_a_fault_changes_one_node_and_moves_no_line(fault):
     assert planted.count("\n") == SOURCE.count("\n")
     assert planted.splitlines()[-1] == SOURCE.splitlines()[-1]
     places = differences(ast.parse(SOURCE), ast.parse(planted))
-    # Two arguments change places; everything else is one node.
+    # Two arguments are swapped; every other fault is one node.
     assert len(places) == (2 if fault.kind == "swapped argument" else 1), places
 
 
@@ -88,7 +88,7 @@ def test_the_draw_covers_all_rooms_and_kinds_and_is_repeatable():
     sources = mutate.read(mutate.ROOT, mutate.PACKAGE)
     drawn = mutate_faults.sample(sources, 64, 0)
     assert len(set(drawn)) == len(drawn) == 64
-    # No line of this room can be wrong.
+    # This room has no line that can be wrong.
     assert {x.room for x in drawn} == {mutate_faults.room_of(path) for path in sources} - {"data"}
     counts = Counter(x.kind for x in drawn)
     assert set(counts) == set(mutate_faults.KINDS) and min(counts.values()) >= 8
@@ -122,7 +122,7 @@ def test_the_tests_of_a_room_come_first_and_then_those_above():
     (fault,) = mutate_faults.faults("jaxcontact/_low.py", sources["jaxcontact/_low.py"])
     direct = mutate.importers(sources)
     own, others = mutate.stages(fault, sources, direct, tests, {"tests/test_low.py": 9.0})
-    # The one that names the function, then the quick one.
+    # The one that names the function first, then the quick one.
     assert own == ["tests/test_low.py", "tests/test_low_edges.py"]
     assert set(others) == {
         "tests/test_high/test_a.py",
@@ -167,7 +167,7 @@ def test_a_run_goes_on_where_it_stopped(tmp_path, monkeypatch):
     assert "10 killed, 3 survived; 2 minutes" in text
     assert "| sign | 0 | 3 |" in text and "| condition | 4 | 0 |" in text
     assert text.count("no test fails yet") == 3
-    # What has a reason need not be run again after the tests have changed.
+    # A fault with a reason need not be run again after the tests have changed.
     monkeypatch.setitem(mutate.REASONS, signs[0].change, "the reason")
     assert run("b", "c") == signs[1:]
 

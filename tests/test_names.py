@@ -1,4 +1,4 @@
-"""Public names are loaded when they are first used, and all of them are listed."""
+"""Public names are loaded on first use, and all of them are listed."""
 
 import ast
 import subprocess

@@ -1,8 +1,6 @@
-"""The oracle against itself: two ways to each number, and what has been published or follows by
-hand.
+"""The oracle against itself: each number by two methods, and published or analytic results.
 
-Everything else is held against `tests/oracle/reference.json`, so these tests ask whether that file
-can be trusted.
+All other tests rely on `tests/oracle/reference.json`. These tests verify that file.
 """
 
 import itertools
@@ -17,11 +15,11 @@ from scipy.integrate import solve_ivp
 from tests import oracle
 from tests.oracle.generate import jobs, row
 
-# Two derivations that share no step agree to the digits that two differentiations may cost.
+# Two independent derivations agree to the digits left by two differentiations.
 TWO_WAYS = mpf("1e-45")
-# A float64 Runge-Kutta method in the plain variables, whose order the power law spoils at touch.
+# A float64 Runge-Kutta method in the plain variables, whose order the power law reduces at touch.
 PLAIN_SOLVER = 2e-9
-# The stored digits, one unit of rounding in the last of thirty and more in differences.
+# The stored digits: one unit of rounding in the last of thirty, and more in differences.
 STORED_VALUE, STORED_SLOPE = mpf("1e-28"), mpf("1e-20")
 
 
@@ -120,7 +118,7 @@ def test_damping_on_approach_only_gives_back_what_the_spring_took():
         with mp.workdps(oracle.DIGITS + 10):
             taken = mp.power(impact.max_indentation, mpf("2.5")) / mpf("2.5")
             assert abs(impact.e**2 / 2 / taken - 1) < TWO_WAYS
-            # Elastic times go as e**(-1/5).
+            # Elastic times scale as e**(-1/5).
             rebound = impact.duration - impact.compression_time
             assert abs(rebound * mp.power(impact.e, mpf("0.2")) / elastic.duration - 0.5) < TWO_WAYS
 
@@ -214,7 +212,7 @@ PLAIN = {
         0.5,
         separation,
     ),
-    # A pull of 0.5 opens the clamp on the way out.
+    # A pull of 0.5 opens the clamp in restitution.
     "with_gravity pulled": (
         ("3", "1.5", "-0.5"),
         lambda x, v: x**1.5 * max(0.0, 1 + 3 * v),
@@ -330,8 +328,8 @@ def test_stored_answers_are_what_the_oracle_says_today(job):
 
 
 def test_stored_slopes_are_those_of_the_stored_values():
-    # Between neighbours of the grid the mean slope lies between the slopes at the two ends, e being
-    # convex in alpha.
+    # Between neighbours of the grid the mean slope lies between the slopes at both ends, because e
+    # is convex in alpha.
     rows = [c for c in oracle.cases("hunt_crossley") if c.args["n"] == 1.5]
     for left, right in itertools.pairwise(rows):
         mean = (right.value["e"] - left.value["e"]) / (right.args["alpha"] - left.args["alpha"])

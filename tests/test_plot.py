@@ -1,4 +1,4 @@
-"""Pictures: on the axes they are given, with units, and matplotlib only for those who plot."""
+"""Plots: on given axes, with units, and matplotlib imported only for plots."""
 
 import subprocess
 import sys
@@ -63,7 +63,7 @@ def hit():
 def test_one_impact(path, hit):
     axes = jc.plot.impact(path, hit, label="Hu-Guo")
     loop, force, speed = axes
-    # The area of the loop is the energy lost, to the trapezoids of 30 samples.
+    # The area of the loop is the energy lost, up to the trapezoids of 30 samples.
     x, y = loop.patches[0].get_xy().T
     assert np.trapezoid(y, x) == pytest.approx(float(hit.energy_loss), rel=0.01)
     assert "$e$ = 0.697, 4.53 J lost" in speed.get_title(loc="left")
@@ -84,12 +84,12 @@ def test_a_law_without_a_contact():
     axes = jc.plot.law(jc.HuntCrossley(e=0.5))
     loop, delivered, damping = axes
     assert loop.get_xlabel() == "indentation / largest"
-    # Hunt and Crossley's α = 3/2 (1 - e), asked for and drawn over e.
+    # Hunt and Crossley's α = 3/2 (1 - e), drawn over the requested e.
     line, dot = damping.lines
     np.testing.assert_allclose(line.get_ydata(), 1.5 * (1 - line.get_xdata()), rtol=1e-12)
     assert dot.get_ydata()[0] == pytest.approx(0.75)
     (e,) = delivered.lines[-1].get_ydata()
-    # α (1 + e) = ln((1 + α)/(1 - α e)) holds for what is delivered.
+    # α (1 + e) = ln((1 + α)/(1 - α e)) holds for the delivered e.
     assert 0.75 * (1 + e) == pytest.approx(np.log(1.75 / (1 - 0.75 * e)), rel=1e-9)
     jc.plot.law(jc.HuGuo(e=0.5), ax=axes, label="other")
     first, second = loop.lines
@@ -106,7 +106,7 @@ def test_a_law_of_the_speed():
     loop, delivered, damping = jc.plot.law(law, contact, 2.0)
     e = delivered.lines[-1].get_ydata()[0]
     x, y = loop.lines[0].get_xdata(), loop.lines[0].get_ydata()
-    # ½ m v² (1 - e²) is lost, which is the area of the loop.
+    # The loss ½ m v² (1 - e²) is the area of the loop.
     assert np.trapezoid(y, x) == pytest.approx(0.5 * 0.05 * 4 * (1 - e**2), rel=1e-4)
     speeds = damping.lines[0].get_xdata()
     np.testing.assert_allclose(damping.lines[0].get_ydata(), 0.2 * speeds, rtol=1e-12)

@@ -1,4 +1,4 @@
-"""The figure of a calibration: what is drawn, where, and into which axes."""
+"""The figure of a calibration: its contents, their places, and its axes."""
 
 import matplotlib.pyplot as plt
 import numpy as np

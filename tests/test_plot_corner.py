@@ -1,4 +1,4 @@
-"""The picture of pairs of parameters, of fits and of posteriors."""
+"""The corner plot of fits and of posteriors."""
 
 import dataclasses
 
@@ -71,14 +71,14 @@ def test_labels_have_units_and_ticks_do_not_collide(fitted):
     figure.canvas.draw()
     assert grid[2, 0].get_xlabel() == "K\n/ (10⁸ N/m^n)"
     assert grid[2, 0].get_ylabel() == "law.beta" and grid[2, 1].get_ylabel() == ""
-    # e is known to 1e-5: its ticks count from a number in the middle.
+    # e is known to 1e-5, so its ticks are counted from a number in the middle.
     assert grid[2, 1].get_xlabel() == "(e - 0.7)\n/ 10⁻⁵"
     assert grid[0, 0].get_window_extent().height > 100
     for axes in (grid[2, 0], grid[2, 1], grid[2, 2], grid[1, 0]):
         for axis in (axes.xaxis, axes.yaxis):
             labels = [label for label in axis.get_ticklabels() if label.get_text()]
             assert all(len(label.get_text()) <= 6 for label in labels)
-            # Turned by 45°, or one above the other: lines of text need √2 of their height.
+            # Rotated by 45°, or one above the other: lines of text need √2 of their height.
             place = axes.transData.transform([label.get_position() for label in labels])
             place = np.sort(place[:, 0 if axis is axes.xaxis else 1]) if labels else np.zeros(0)
             height = labels[0].get_fontsize() * figure.dpi / 72 if labels else 0

@@ -1,4 +1,4 @@
-"""Pictures of a fit: data, prediction and its bands; residuals; profiles."""
+"""Plots of a fit: data, prediction and its bands; residuals; profiles."""
 
 import importlib
 import inspect
@@ -41,7 +41,7 @@ def test_data_line_and_band(fitted):
     dots, drawn = ax.lines
     assert np.array_equal(dots.get_ydata(), Y) and drawn.get_color() == "k"
     assert np.allclose(drawn.get_ydata(), fitted.predict())
-    # The band of a straight line is a formula.
+    # The band of a straight line has a formula.
     noise = np.sqrt(np.sum(fitted.residuals**2) / 18)
     error = noise * np.sqrt(1 / 20 + (X - X.mean()) ** 2 / np.sum((X - X.mean()) ** 2))
     for band, half in zip(ax.collections, (error, np.hypot(error, noise)), strict=True):
@@ -60,7 +60,7 @@ def test_speeds_over_decades_are_logarithmic():
 
 
 def test_what_has_no_line():
-    # Points without weight, such as padding, have no place in the order.
+    # Points without weight, such as padding, are not counted in the order.
     padded = jc.fit(line, Y, [0.0, 1.0], x=X, weights=np.arange(20) % 3 > 0)
     in_order = jc.plot.residuals(padded)[1].lines[0].get_xydata()
     there = in_order[~np.isnan(in_order[:, 1]), 0]
@@ -86,7 +86,7 @@ def test_a_prediction_says_how_it_is_shown():
     ax = jc.plot.fit(found)
     dots, drawn = ax.lines
     assert np.allclose(dots.get_ydata(), heights[:-1])
-    # It ends where the data that it used do.
+    # It ends at the last data used.
     assert drawn.get_xdata()[-1] == X[-2]
     assert np.allclose(drawn.get_ydata(), np.exp(found.predict(drawn.get_xdata())))
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("closing speed / (m/s)", "rebound / m")
@@ -144,11 +144,11 @@ def test_residuals_over_x_in_order_and_against_normal_ones(fitted):
     over_x, in_order, quantiles = (one.lines[0] for one in axes)
     assert np.array_equal(over_x.get_xdata(), X) and np.allclose(over_x.get_ydata(), z)
     assert np.array_equal(in_order.get_xdata(), np.arange(20))
-    # As scipy draws them, which takes other quantiles at the ends.
+    # Like scipy, which uses other quantiles at the ends.
     theirs = stats.probplot(z, fit=False)
     assert np.array_equal(quantiles.get_ydata(), theirs[1])
     assert np.allclose(quantiles.get_xdata(), theirs[0], atol=0.15)
-    # Points without weight, such as padding, have no place in the order.
+    # Points without weight, such as padding, are not counted in the order.
     padded = jc.fit(line, Y, [0.0, 1.0], x=X, weights=np.arange(20) % 3 > 0)
     in_order = jc.plot.residuals(padded)[1].lines[0].get_xydata()
     there = in_order[~np.isnan(in_order[:, 1]), 0]

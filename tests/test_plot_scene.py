@@ -1,4 +1,4 @@
-"""Pictures of runs: world lines, paths, energy and animations show what the run says."""
+"""Plots of runs: world lines, paths, energy and animations match the run."""
 
 import io
 
@@ -117,7 +117,7 @@ def test_a_line_leaves_and_enters_the_cell_without_a_gap(ring):
     gaps = np.flatnonzero(np.isnan(line[:, 0]))
     assert len(gaps) == 4
     for k in gaps:
-        # The last point before it lies outside, and so does the first one after it.
+        # The last point before it lies outside, as does the first one after it.
         assert not 0 <= line[k - 1, 0] <= 2 and not 0 <= line[k + 1, 0] <= 2
     inside = ~np.isnan(line[:, 0]) & (line[:, 0] >= 0) & (line[:, 0] <= 2)
     np.testing.assert_array_equal(time[inside], path.time)
@@ -130,10 +130,10 @@ def test_space_needs_two_axes(space):
     ax = jc.plot.scene(space, axes=(0, 1))
     np.testing.assert_allclose(circles(ax)[1].center, space.position[1, 0, :2], atol=EXACT)
     np.testing.assert_allclose(dots(ax) @ np.array([0.6, 0.8]), 0, atol=EXACT)
-    # What is solid lies behind the plane.
+    # The solid lies behind the plane.
     (solid,) = (p for p in ax.patches if not isinstance(p, Circle))
     assert np.all(solid.get_xy() @ np.array([0.6, 0.8]) < EXACT)
-    # From above it is seen from its face, and left out.
+    # From above it is seen face-on and omitted.
     above = jc.plot.scene(space, axes=[2, 0])
     assert all(isinstance(patch, Circle) for patch in above.patches)
     assert above.get_xlabel() == "$z$ / m" and above.get_ylabel() == "$x$ / m"
@@ -168,7 +168,7 @@ def test_animation(box, tmp_path):
     animation.save(tmp_path / "run.gif", writer="pillow")
     with Image.open(tmp_path / "run.gif") as picture:
         assert picture.n_frames == 4 and picture.info["duration"] == 120
-    # The last frame stands.
+    # The last frame remains.
     np.testing.assert_allclose([c.center for c in circles(ax)], box.position[1], atol=EXACT)
     assert ax.get_title(loc="left") == "$t$ = 1.00 s"
 
@@ -217,13 +217,13 @@ def test_walls_that_move():
     level = max(ax.get_lines(), key=lambda line: len(line.get_xdata()))
     time, height = level.get_data()
     np.testing.assert_allclose(height, 0.02 * np.sin(2 * np.pi * 50 * time + 0.5), atol=EXACT)
-    # Every period is seen.
+    # Every period is resolved.
     assert len(time) >= 20 * 50 and np.ptp(height) > 0.0399
     animation = jc.plot.animate(run, seconds=0.8, fps=10)
     ax = animation.figure.axes[0]
     solid = next(patch for patch in ax.patches if not isinstance(patch, Circle))
     animation.to_jshtml()
-    # The last frame stands.
+    # The last frame remains.
     np.testing.assert_allclose(solid.get_xy()[:, 0].max(), height[-1], atol=EXACT)
 
 
@@ -233,9 +233,9 @@ def test_what_a_wall_swept_is_light():
     run = jc.simulate(jc.Scene([ball, box], LAW), 1.0, instantaneous=True)
     ax = jc.plot.scene(run)
     solids = [p for p in ax.patches if not isinstance(p, Circle) and p.get_xy()[:, 0].max() < 0.5]
-    # The left wall went from 0 to 0.3: both are solid up to there.
+    # The left wall moved from 0 to 0.3: both are solid up to there.
     assert [round(p.get_xy()[:, 0].max(), 9) for p in solids] == [0.3, 0.3]
-    # So did the other one, from 1 to 1.3.
+    # The other one likewise, from 1 to 1.3.
     assert ax.get_xlim()[0] < 0 and ax.get_xlim()[1] > 1.3
 
 
@@ -250,7 +250,7 @@ def test_shells():
     assert solid.get_path().contains_point([1.02, 1.5])
     assert not solid.get_path().contains_point([0.0, 0.5])
     jc.plot.animate(run, seconds=0.2, fps=10).to_jshtml()
-    # One that moves is seen where it ends, and a film goes there.
+    # A moving one is drawn at its end, and a film moves it there.
     moving = jc.Shell([0.0, 0.5], 1.0, motion=jc.Steady([0.3, 0.0]))
     run = jc.simulate(jc.Scene([moving, bodies[1]], law), 2.0, instantaneous=True)
     ax = jc.plot.scene(run)
@@ -260,7 +260,7 @@ def test_shells():
     (solid,) = (p for p in animation.figure.axes[0].patches if not isinstance(p, Circle))
     animation.to_jshtml()
     assert solid.get_path().contains_point([-0.42, 0.5])
-    # One that shakes is followed.
+    # A shaking one is followed.
     shakes = jc.Shell([0.0, 0.5], 1.0, motion=jc.Vibration([0.3, 0.0], 1.0))
     quarter = shakes.centre_at(np.array([0.0, 0.25]))
     np.testing.assert_allclose(quarter, [[0.0, 0.5], [0.3, 0.5]], atol=EXACT)

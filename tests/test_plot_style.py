@@ -1,4 +1,4 @@
-"""How pictures look: colours told apart with any vision and in grey, and files that repeat."""
+"""The style of plots: colours distinguishable with any vision and in grey, reproducible files."""
 
 import importlib.util
 import inspect
@@ -51,8 +51,8 @@ def close():
 
 
 def test_the_measure_of_colours_is_right():
-    # sRGB red has L*a*b* = 53.24, 80.09, 67.20 (Lindbloom); without green cones red and the green
-    # of the same luminance are alike, which with them they are not.
+    # sRGB red has L*a*b* = 53.24, 80.09, 67.20 (Lindbloom). Red and the green of the same luminance
+    # are alike without green cones, and different with them.
     assert lab("#FF0000") == pytest.approx([53.24, 80.09, 67.20], abs=0.05)
     red, green = "#A05000", "#627000"
     assert np.linalg.norm(lab(red) - lab(green)) > 40
@@ -148,5 +148,5 @@ def test_the_page_shows_every_plot(plots):
         assert f"jc.plot.{name}(" in page, name
     for section in plots.SECTIONS:
         assert 1000 < section.file.stat().st_size < 60_000, section.name
-        # With the data where a reader has none: a sound, a track, a record.
+        # With the data that a new user lacks: a sound, a track, a record.
         assert len(section.code.strip().splitlines()) <= 12

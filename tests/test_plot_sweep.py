@@ -1,4 +1,4 @@
-"""Pictures of sweeps: lines, maps and dots, with units, and scales that suit the axes."""
+"""Plots of sweeps: lines, maps and dots, with units, and scales that suit the axes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The bar of counted work: silent for a second, on stderr only, and the user's own function."""
+"""The progress bar: silent for a second, on stderr only, and the user's own function."""
 
 import contextlib
 import io
@@ -95,7 +95,7 @@ def test_notebooks(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "IPython", IPython)
     assert in_notebook()
-    # Without ipywidgets it is a line of text, and no warning, which would be an error here.
+    # Without ipywidgets it is a line of text, without a warning, which would be an error here.
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert "100%" in written(None, [(2, 2)])[-1]
 

@@ -1,4 +1,4 @@
-"""What was public at the last release still is, and takes the same arguments."""
+"""Names that were public at the last release still exist and take the same arguments."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""The README's code runs, and prints what the README says it prints."""
+"""The README's code runs, and prints the output shown."""
 
 import re
 
@@ -11,7 +11,7 @@ README = DOCS.parent / "README.md"
 
 
 def test_the_code_prints_what_the_readme_says():
-    # The promotion that readers have, not the strict one of the tests.
+    # The type promotion of readers, not the strict one of the tests.
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         ((block, printed),) = run(README)
     assert block.shown is not None

@@ -56,7 +56,7 @@ def test_impacts_are_found_where_they_are():
     time, force = plate()
     found = impacts_of(jc.read_recording(time=time, force=force))
     touches = [one.trace.time[0] + one.touch * one.trace.step for one in found]
-    # By half of the height: a tenth of a contact of 2.6 ms.
+    # At half height: a tenth of a contact of 2.6 ms.
     np.testing.assert_allclose(touches, STARTS, atol=3e-4)
     assert [one.number for one in found] == [1, 2, 3, 4]
     assert trace_of(jc.read_recording(time=time, force=force)).noise == pytest.approx(0.5, rel=0.05)
@@ -134,13 +134,13 @@ def test_doubtful_contacts_are_listed_and_left_out():
     assert why(time, with_one(0.4) + with_one(0.4019) - force) == ["a double contact"] * 2
     cut_off = with_one(time[-1] - 1.2e-3)
     assert why(time, cut_off) == ["cut off by the end of the record"]
-    # A plate that rings: a swing of 300 Hz that dies away.
+    # A ringing plate: a decaying oscillation of 300 Hz.
     since = time - 0.4
     ring = np.where(since > 0, 60 * np.sin(1885 * since) * np.exp(-since / 3e-3), 0)
     assert any("ringing" in one for one in why(time, force + ring))
     step = force + np.where(time > 0.4012, 30.0, 0.0)
     assert "the level after it differs from that before" in why(time, step + with_one(0.4) - force)
-    # A ball that comes to lie on the plate is no impact, and its weight no offset.
+    # A ball that comes to rest on the plate is not an impact, and its weight not an offset.
     lies = force + np.where(time > 0.45, MASS * 9.81, 0)
     assert why(time, lies) == [] and len(jc.read_recording(time=time, force=lies)) == 2
 
@@ -155,7 +155,7 @@ def test_hum_is_taken_out():
         start = max(one.start, other.start)
         stop = min(one.stop, other.stop)
         pair = [part.trace.value[start:stop] for part in (one, other)]
-        # A third of the noise of one reading is left of it, at most.
+        # At most a third of the noise of one reading remains.
         assert np.ptp(pair[0] - pair[1]) < 0.5
 
 
@@ -165,7 +165,7 @@ def test_noise_is_that_of_the_quiet_parts():
     assert noise_of(noise) == pytest.approx(1, rel=0.05)
     noise[5000:12_000] += 100 * np.sin(np.arange(7000) / 9)
     assert noise_of(noise) == pytest.approx(1, rel=0.1)
-    # In steps far larger than the noise most readings are equal.
+    # With steps far larger than the noise most readings are equal.
     steps = np.where(np.arange(5000) % 97 == 0, 1.0, 0.0)
     assert noise_of(steps) == pytest.approx(12**-0.5, rel=0.2)
 
@@ -232,7 +232,7 @@ def test_one_impact_gives_e_and_the_stiffness():
 
 @pytest.mark.slow(reason="a fit to a record of the indentation, 34 s of CPU")
 def test_an_indentation_tells_speed_and_stiffness():
-    # The indentation follows from the force that SciPy found, by two integrations.
+    # The indentation follows from SciPy's force by two integrations.
     t, f, after = pieces()[0]
     speed = SPEEDS[0] - np.concatenate([[0], np.cumsum((f[1:] + f[:-1]) / 2 * np.diff(t))]) / MASS
     depth = np.concatenate([[0], np.cumsum((speed[1:] + speed[:-1]) / 2 * np.diff(t))])
@@ -315,5 +315,5 @@ def test_intervals_of_the_study_hold_the_truth():
     rows = [one_of(np.random.default_rng([9, k])) for k in range(6)]
     seen = summary(rows)
     assert seen["impacts fitted"] >= 12
-    # These draws are fixed; of the whole study 95 % hold it.
+    # These draws are fixed; in the whole study 95 % contain it.
     assert seen["e of each"] >= 0.8 and seen["v of each"] >= 0.8

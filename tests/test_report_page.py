@@ -1,4 +1,4 @@
-"""A calibration as one page: what it holds, that nothing of the data is code, and other endings."""
+"""A calibration as one page: its contents, no code from the data, and other file types."""
 
 import html.parser
 import json
@@ -95,11 +95,11 @@ def test_the_verdict_comes_first_and_everything_is_said(page, calibrated):
         assert law.grounds[1:] in text  # it begins with a capital
         for estimate in law.estimates:
             assert str(estimate) in text
-    # How the file was read, and what was left out.
+    # The reading of the file, and the excluded rows.
     assert "ms" in summary.recording.notes[0] and summary.recording.notes[0] in text
     marked = [pair for pair in summary.pairs if pair.marked]
     assert marked and all(", ".join(map(str, pair.rows)) in text for pair in marked)
-    # Without mass and stiffness there is nothing to type into a simulator, and the page says why.
+    # Without mass and stiffness there are no settings for a simulator, and the page states why.
     assert "give --mass and --stiffness" in text
 
 

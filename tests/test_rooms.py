@@ -1,9 +1,9 @@
-"""Imports go one way: a room imports only lower rooms, no files import each other in a circle, and
-heavy libraries are imported only in the functions that use them.
+"""Imports go one way: a room imports only lower rooms, and files form no cycle.
 
-The source is parsed, not run, so that an import inside a function counts too. An import under
-``if TYPE_CHECKING`` is never run. It counts for a circle within one room; across rooms it is how a
-lower room annotates an object of a higher one (a law its contact), and does not count.
+Heavy libraries are imported only in the functions that use them. The source is parsed, not run, so
+an import inside a function counts too. An import under ``if TYPE_CHECKING`` never runs. It counts
+for a cycle within one room. Across rooms it lets a lower room annotate an object of a higher one (a
+law its contact), and does not count.
 """
 
 import ast
@@ -21,8 +21,7 @@ from jaxcontact import AbstractForm, AbstractLaw
 PACKAGE = "jaxcontact"
 ROOT = Path(__file__).parents[1] / PACKAGE
 
-# From the ground up. A room may import rooms on lower floors, and nothing of its own floor but
-# itself.
+# From the ground up. A room may import rooms on lower floors, and on its own floor only itself.
 FLOORS = [
     {"_parameter", "_varying"},
     {"_cache", "_elementary", "_implicit", "_program", "_text", "data"},
@@ -41,7 +40,7 @@ FLOORS = [
 ]
 FLOOR = {room: floor for floor, rooms in enumerate(FLOORS) for room in rooms}
 
-# Where a library may be imported at all, and where while a module is being loaded; None is
+# Where a library may be imported at all, and where during the loading of a module; None is
 # everywhere.
 ALLOWED: dict[str, tuple[set[str] | None, set[str] | None]] = {
     "diffrax": (set(FLOOR) - {"_forms", "_laws", "_contact", *FLOORS[0], *FLOORS[1]}, None),
@@ -100,8 +99,8 @@ def _imports(node: ast.AST, at_load: bool, package: list[str]) -> Iterator[Impor
     elif isinstance(node, ast.ImportFrom):
         base = package[: len(package) - node.level + 1] if node.level else []
         stem = [*base, *([node.module] if node.module else [])]
-        # `from . import _laws` names a room, `from ._laws import Hertz` does not: the longer name
-        # serves both.
+        # `from . import _laws` names a room, `from ._laws import Hertz` does not. The longer name
+        # covers both.
         for alias in node.names:
             yield Import(".".join([*stem, alias.name]), node.lineno, at_load)
 
@@ -135,7 +134,7 @@ def violations(root: Path) -> list[str]:
                 if room != "_cli" and name.startswith("jax.config."):
                     if at_load:
                         found.append(f"{where}:{node.lineno}: touches jax.config while loading")
-                    # `jc.cache()` is asked to.
+                    # Requested explicitly by `jc.cache()`.
                     elif name == "jax.config.update" and room != "_cache":
                         found.append(f"{where}:{node.lineno}: sets jax.config")
             for imported in _imports(node, at_load, package):
@@ -153,7 +152,7 @@ def _complaint(room: str, imported: Import) -> str | None:
         return "imports jax.config"
     if top == PACKAGE:
         target = rest.split(".")[0]
-        # Whatever is not a room is a name of the package itself.
+        # Everything that is not a room is a name of the package itself.
         target = target if target in FLOOR else "__init__"
         if target != room and FLOOR[target] >= FLOOR[room]:
             return f"{room} may not import {target}"
@@ -169,7 +168,7 @@ def _complaint(room: str, imported: Import) -> str | None:
 def _file_of(name: str, root: Path) -> str | None:
     """The file of the package that an imported name stands in, relative to `root`."""
     top, *parts = name.split(".")
-    # From the longest name: what is not a file is a name inside one.
+    # Longest name first: a name that is not a file is a name inside one.
     for end in range(len(parts), -1, -1) if top == PACKAGE else ():
         stem = "/".join(parts[:end])
         for file in (f"{stem}.py", f"{stem}/__init__.py".lstrip("/")):
@@ -378,6 +377,6 @@ def test_a_circle_is_seen(tmp_path, files):
 
 
 def test_a_tree_without_circles_passes(tmp_path):
-    # The contact is annotated in a law, which stands below it.
+    # A law, in a lower room, annotates the contact.
     above = {"_contact.py": "from ._laws._base import x", "_laws/_registry.py": "x = 1"}
     assert circles(build(tmp_path, GOOD | above)) == []

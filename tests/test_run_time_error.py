@@ -1,4 +1,4 @@
-"""The benchmark of run time against error in its small form: it runs, goes on, makes a page."""
+"""The short form of the benchmark of run time against error: it runs, resumes, writes a page."""
 
 import functools
 import json
@@ -16,14 +16,14 @@ from benchmarks.time_and_error.running import measure
 from benchmarks.time_and_error.store import Store
 from benchmarks.time_and_error.way import Way
 
-# What every way must reach by the finest setting of the small form.
+# Accuracy that every method must reach with the finest setting of the short form.
 REACHED = {
     "ours": 1e-12,
     "numba": 1e-4,
     "diffrax": 1e-3,
     "scipy": 1e-4,
     "stepping": 1e-1,
-    # Ten steps a contact, where an engine is installed.
+    # Ten steps per contact, for installed engines.
     "engines": 1e-1,
 }
 
@@ -50,7 +50,7 @@ def test_every_way_answers_or_says_why(tmp_path):
     best = {}
     for row in rows.values():
         if "reason" in row:
-            # Of the small form only what is not installed.
+            # The short form may lack only rows of libraries that are not installed.
             assert row["reason"].endswith("is not installed"), row
             continue
         assert row["seconds"] > 0 and row["compile_s"] >= 0 and row["calls"] > 0

@@ -53,7 +53,7 @@ def file_of(samples: np.ndarray, rate: int, width: int = 2, *, coding: int = 1) 
         rest = b"\x00\x00\x00\x00\x10\x00\x80\x00\x00\xaa\x00\x38\x9b\x71"
         head += struct.pack("<HHIH", 22, 8 * width, 0, 1) + rest
     body = b"WAVEfmt " + struct.pack("<I", len(head)) + head
-    # A chunk of text stands before the samples, as phones write it.
+    # A text chunk precedes the samples, as phones write it.
     body += b"LIST" + struct.pack("<I", 4) + b"INFO"
     body += b"data" + struct.pack("<I", len(data)) + data
     return io.BytesIO(b"RIFF" + struct.pack("<I", len(body)) + body)
@@ -74,7 +74,7 @@ def test_a_drop_is_found_and_its_e_lies_in_the_interval(tmp_path):
     low, high = next(iter(fit.interval().values()))
     assert low < truth().e < high
     assert high - low < 1e-3 * truth().e
-    # The study fits as `calibrate` does.
+    # The study fits like `calibrate`.
     mean, half, _ = constant_e(recording)
     np.testing.assert_allclose([low, high], np.exp([mean - half, mean + half]), rtol=1e-6)
     assert calibrated.choice.laws[0].errors_by == "readings"
@@ -127,7 +127,7 @@ def test_other_files_by_soundfile(kind, tmp_path):
     plain = times(jc.read_recording(io.BytesIO(as_wave(truth()))))
     other = times(jc.read_recording(path))
     assert len(other) >= 5
-    # Codings that lose something delay all by as much.
+    # Lossy codecs delay all samples equally.
     assert np.ptp(other[:5] - plain[:5]) < STEP
 
 
@@ -220,7 +220,7 @@ def test_small_study():
     assert found["none invented"] >= 0.93
     assert found["found"] >= 0.9
     assert found["fitted"] >= 35
-    # The chance of fewer than 85 % where 95 % hold is below 1 % for 40.
+    # The probability of fewer than 85 % at 95 % coverage is below 1 % for 40.
     assert found["in interval"] >= 0.85
 
 

@@ -1,4 +1,4 @@
-"""The stability map in a reduced form, and its oracles beside the one of forty digits."""
+"""The stability map in a reduced form, and its oracles compared with the one of forty digits."""
 
 import dataclasses
 import itertools
@@ -25,10 +25,10 @@ pytestmark = pytest.mark.skipif(
     reason="this processor's long double is no longer than double",
 )
 
-# The oracles of the map, measured beside forty digits stored as float64: 2e-16; of the largest
-# force, which is read off between nodes, 6.4e-12.
+# The oracles of the map against forty digits stored as float64: measured 2e-16; 6.4e-12 for the
+# largest force, which is interpolated between nodes.
 ORACLE, FORCE = 1e-15, 2e-11
-# Chebyshev's table: measured 2e-15, of the largest force 3e-14.
+# Chebyshev table: measured 2e-15, and 3e-14 for the largest force.
 TABLE, TABLE_FORCE = 1e-14, 1e-12
 
 
@@ -55,7 +55,7 @@ def test_the_oracle_by_motion(kind):
     assert ((truth.status == SETTLED) == settled).all()
     for q in QUANTITIES:
         want, got = np.array([c.value[q] for c in some]), getattr(truth, q).astype(float)
-        # Of what settles the other oracle has the time of the second turn, and no e.
+        # For settling contacts the other oracle gives the time of the second turn, and no e.
         kept = ~settled | (q not in ("e", "duration"))
         tolerance = FORCE if q == "max_force" else ORACLE
         np.testing.assert_allclose(got[kept], want[kept], rtol=tolerance, err_msg=q)
@@ -89,10 +89,10 @@ def test_the_table_of_free_impacts():
             np.testing.assert_allclose(found.value[q].astype(float), want, rtol=tolerance)
 
 
-# A push of 1e4 without damping leaves float32 no digit of the speed at the end: four corners, and
-# lanes like them.
+# A push of 1e4 without damping leaves float32 no digit of the final speed: four corners, and
+# similar lanes.
 UNRESOLVED = 12
-# Lanes, and how many of them may be flagged without need. None may be wrong.
+# Lanes, and how many of them may be flagged unnecessarily. None may be wrong.
 JOBS = [
     (Job("hunt_crossley", 1.5, False, "exact", "float64", 256), 0),
     (Job("oscillator_clamped", 1.5, False, "exact", "float64", 256), 0),
@@ -127,7 +127,8 @@ def test_lanes(job, flagged):
 
 def test_laws_by_their_own_classes():
     questions = law_jobs(32)
-    # The force of `step_damping` is no power of the indentation: its truths are those of its tests.
+    # The force of `step_damping` is not a power of the indentation: its truths are those of its
+    # tests.
     assert {question.title for question in questions} | {"step_damping"} == {
         name
         for name in jc.list_laws()
@@ -135,7 +136,7 @@ def test_laws_by_their_own_classes():
     }
     names = ("hu_guo, free", "energy_loss, free", "power_damping, free", "tsuji, free")
     for question in questions:
-        # To another process and back, as the benchmark sends it.
+        # To another process and back, as in the benchmark.
         question = pickle.loads(pickle.dumps(question))
         if question.name in names:
             counts = run_law(question)["counts"]

@@ -64,7 +64,7 @@ def test_impacts_scale_and_tilt_are_found_in_the_files_of_trackers(kind):
     drop, known = only_drop(kind), truth(kind)
     assert drop.impact.size == known.impact.size
     assert np.all(np.abs(drop.impact - known.impact) < FEW_ERRORS * drop.error)
-    # Between frames: far better than the time from one to the next.
+    # Between frames: far more accurate than the frame interval.
     assert np.max(drop.error) < 0.2 / RATE
     camera = drop.camera
     assert abs(camera.fall * known.scale - GRAVITY) < FEW_ERRORS * camera.fall_error * known.scale
@@ -217,7 +217,7 @@ def test_the_interval_of_a_calibration_holds_e(tmp_path):
     fit = found.choice.fits["constant e"]
     low, high = next(iter(fit.interval().values()))
     assert low < truth().e < high < 1.02 * low
-    # The study fits as `calibrate` does.
+    # The study fits like `calibrate`.
     mean, half, _ = constant_e(recording())
     np.testing.assert_allclose([low, high], np.exp([mean - half, mean + half]), rtol=1e-6)
     assert "known errors of the times" in found.report()
@@ -318,6 +318,6 @@ def test_small_study():
     assert found["clear impacts"] >= 25
     assert found["found"] >= 0.9
     assert found["none invented"] == 1
-    # The chance of fewer than 82 % where 95 % hold is below 1 % for 25.
+    # The probability of fewer than 82 % at 95 % coverage is below 1 % for 25.
     assert found["e of an impact in its interval"] >= 0.82
     assert np.all(clear(truth()))

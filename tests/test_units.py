@@ -1,4 +1,4 @@
-"""The words and units that labels show: all that a result holds, and the shapes of a label."""
+"""Words and units of labels: all quantities of a result, and the forms of a label."""
 
 import dataclasses
 
@@ -7,7 +7,7 @@ import pytest
 import jaxcontact as jc
 from jaxcontact._text.units import label, meaning, quantity
 
-# What says itself, and what is no quantity.
+# Self-explanatory names, and names that are not quantities.
 PLAIN = {"restitution", "status", "method"}
 
 

@@ -1,4 +1,4 @@
-"""The stored tables of weak pushes: `python -m tests.weak_push_tables` writes them anew."""
+"""The stored tables of weak pushes: `python -m tests.weak_push_tables` regenerates them."""
 
 from __future__ import annotations
 

@@ -42,14 +42,14 @@ from ._result import TOUCHES, Bounce
 from ._touches import Left, Run, Touches, alike, begin, one_by_one
 
 _REST = Range(low=VELOCITY_THRESHOLD, inside=1.0)
-# A law's own force under the weight may differ from the weight by its rounding.
+# Under the weight, the force of a law may differ from the weight by rounding.
 _STATIC = 1e-4
 
 ROOM = 20
-"""Touches that a traced run has room for, and that are solved between two looks of Python."""
+"""Touches in a traced run, and touches solved between two checks in Python."""
 
 _MOST = 10_000
-"""Touches that a run to rest takes at most."""
+"""Largest number of touches of a run to rest."""
 
 
 @refuses_unknown
@@ -67,31 +67,31 @@ def bounce(
 ) -> Bounce:
     """Drop a ball and follow its touches: v_1 = √(2gh), v_(k+1) = e(v_k) v_k, h_k = v_(k+1)²/(2g).
 
-    Arguments: the law and the contact of ball and ground (whose mass is then the ball's); the drop
-    `height` h in m of the ball's lowest point; `gravity` g in m/s²; how many `bounces` to follow.
-    They broadcast. Each impact has its own speed: a law whose restitution depends on speed changes
-    from bounce to bounce. Flights are in vacuum. `method` as in `impact`.
+    Arguments: the law; the contact of ball and ground (whose mass is the ball's); the drop `height`
+    h in m of the ball's lowest point; `gravity` g in m/s²; the number of `bounces` to follow. They
+    broadcast. Each impact uses its own speed, so a restitution that depends on speed changes from
+    bounce to bounce. Flights are in vacuum. `method` as in `impact`.
 
-    With `gravity_in_contact` the weight m g pushes during contact, too: the impacts are event
-    solves, their restitution falls as the ball slows down, and at last it does not leave the
-    ground: it has come to rest. Without, gravity acts in flight only, which is good while the
-    ball hits much faster than √(g δ_s), δ_s = (m g/K)^(1/n) its static indentation. The bounces
-    would then go on for ever, each contact longer than the one before (for n > 1): rest is a
-    threshold, `rest_velocity` in m/s, √(g δ_s) if not given (`VELOCITY_THRESHOLD` where gravity
-    acts in contact).
+    With `gravity_in_contact` the weight m g also acts during contact. The impacts are then event
+    solves, and restitution falls as the ball slows down until the ball no longer leaves the ground:
+    it has come to rest. Without it gravity acts in flight only. This is a good approximation while
+    the impact speed is much larger than √(g δ_s), with the static indentation δ_s = (m g/K)^(1/n).
+    The bounces would then never end, each contact longer than the one before (for n > 1). Rest is
+    therefore a threshold, `rest_velocity` in m/s. Its default is √(g δ_s), or `VELOCITY_THRESHOLD`
+    with `gravity_in_contact`.
 
     The damping of a law refers to the largest closing speed since touch (`v0="peak"`). In a free
     impact this is the speed at touch. A contact that is pressed together keeps a finite damping,
-    even if it begins at rest. With `v0="touch"` it refers to the speed at touch. The two differ
-    with `gravity_in_contact`, for laws of the Hunt-Crossley family whose force depends on v0. A law
-    of your own that is not of this family gets the speed at touch.
+    even if it begins at rest. With `v0="touch"` the damping refers to the speed at touch. The two
+    differ with `gravity_in_contact`, for laws of the Hunt-Crossley family whose force depends on
+    v0. Your own law outside this family receives the speed at touch.
 
     A force that only pushes vanishes while δ > 0. The ball then rises from that depth: under its
     weight with `gravity_in_contact`, at constant speed without. Restitution is the ratio of the
     speeds at δ = 0.
 
     By default each ball is followed to rest, through up to 10,000 touches. A ball that would need
-    more, such as an elastic one, is followed for 20. Under tracing there is room for 20. With
+    more, such as an elastic one, is followed for 20. Under tracing the run has 20 touches. With
     `bounces` the run has exactly that many. If a ball is not at rest by then, `at_rest` is False,
     and `rest_time` and its derivative are NaN.
 
@@ -120,7 +120,7 @@ def _traced(tree: Any) -> bool:
 
 
 def _to_rest(given: _Given, how: AbstractMethod) -> Bounce:
-    """Follow every ball to rest, as far as it comes to rest in `_MOST` touches.
+    """Follow every ball to rest if it comes to rest within `_MOST` touches.
 
     Traced numbers, and a caller that compiles, get `ROOM` touches.
     """
@@ -144,7 +144,7 @@ def _to_rest(given: _Given, how: AbstractMethod) -> Bounce:
 
 
 def _needed(e: np.ndarray, run: Run) -> int:
-    """How many touches the balls of a constant e need that come to rest in `_MOST`."""
+    """Return the number of touches of the balls with constant e that rest within `_MOST`."""
     with np.errstate(all="ignore"):
         touches = np.log(np.asarray(run.rest) / np.asarray(run.speed)) / np.log(e)
     least = np.max(touches, where=(touches < _MOST) & (e < 1), initial=0)
@@ -152,13 +152,13 @@ def _needed(e: np.ndarray, run: Run) -> int:
 
 
 def _falls(speed: Array, left: Left, run: Run, listed: int) -> bool:
-    """Whether a ball still bounces and may come to rest in `_MOST` touches.
+    """Return whether a ball still bounces and may come to rest within `_MOST` touches.
 
-    Its last `ROOM` touches tell how much slower it becomes.
+    The number of missing touches is extrapolated from the last `ROOM` ones.
     """
     before, now = np.asarray(speed), np.asarray(left.speed)
     flying = np.asarray(left.status) == int(Status.SEPARATED)
-    # Under its weight a ball rests when it is still a tenth as fast as this, or faster.
+    # Under its weight a ball comes to rest before its speed falls to a tenth of √(g δ_s).
     felt = np.nan_to_num(np.sqrt(np.asarray(run.gravity * run.static))) / 10
     target = np.maximum(felt, np.asarray(run.rest))
     with np.errstate(all="ignore"):
@@ -167,7 +167,7 @@ def _falls(speed: Array, left: Left, run: Run, listed: int) -> bool:
 
 
 def _trimmed(run: Bounce) -> Bounce:
-    """Without touches at which every ball rests already; `ROOM` of what never rests."""
+    """Return a run without touches at which all balls rest already, and `ROOM` for endless ones."""
     status = np.asarray(run.status)
     settled = np.any(status == int(Status.SETTLED), axis=-1)
     lasts = np.where(settled, np.argmax(status == int(Status.SETTLED), axis=-1) + 1, 1)
@@ -178,8 +178,10 @@ def _trimmed(run: Bounce) -> Bounce:
 
 
 class _Given(NamedTuple):
-    """A ball and its ground, as they were given; `felt`: whether gravity acts in contact; `peak`:
-    whether damping refers to the largest closing speed since touch.
+    """A ball and its ground, as given.
+
+    `felt` is True if gravity acts in contact, `peak` if damping refers to the largest closing speed
+    since touch.
     """
 
     law: AbstractLaw
@@ -192,7 +194,7 @@ class _Given(NamedTuple):
 
 
 def _start(given: _Given, method: AbstractMethod) -> tuple[Run, Landing | None]:
-    """What the touches share, and the first one where all follow from it."""
+    """Return the shared data of the touches, and the first touch if it determines all others."""
     run = _run(given)
     if given.felt or not restitution_is_constant(given.law, given.contact):
         return run, None
@@ -237,7 +239,7 @@ def _run(given: _Given) -> Run:
     valid = POSITIVE.holds(height) & POSITIVE.holds(gravity)
     height, gravity = jnp.where(valid, height, 1), jnp.where(valid, gravity, 1)
     speed = flight.speed_after_drop(height, gravity, None)
-    # The shape and the precision that `impact` will answer in.
+    # The shape and precision of the result of `impact`.
     problem = uniform(problem_of(law, contact, speed))
     shape, dtype = problem.shape, problem.velocity.dtype
     if rest is not None:
@@ -273,22 +275,22 @@ def _run(given: _Given) -> Run:
 
 @jax.custom_jvp
 def _known(value: Array, good: Array) -> Array:
-    """`value`, NaN where it is not good, and its derivative with it."""
+    """Return `value` and its derivative, with NaN in lanes that are not good."""
     return jnp.where(good, value, jnp.nan)
 
 
 @_known.defjvp
 def _known_jvp(values: tuple[Array, Array], tangents: tuple[Array, Any]) -> tuple[Array, Array]:
     (value, good), (change, _) = values, tangents
-    # inf - inf is NaN, but nothing stays nothing: a cotangent of zero must not spoil what a lane
-    # shares with its neighbours, as NaN times zero would.
+    # inf - inf is NaN, but zero stays zero. A zero cotangent must not turn into NaN, which would
+    # spoil the numbers that a lane shares with its neighbours.
     huge = jnp.where(good, 1, jnp.finfo(value.dtype).max)
     minus = jnp.where(good, 0, -huge)
     return _known(value, good), change * huge * huge + change * minus * huge
 
 
 def _margin(touches: Touches, run: Run, leaves: Array, settled: Array) -> Array:
-    """The least distance of a speed from that at which there is one touch more or fewer, in m/s."""
+    """Return the smallest change of a speed, in m/s, that adds or removes a touch."""
     rest = run.rest[..., None]
     rebound = jnp.abs(touches.restitution * touches.speed - rest)
     found = settled & (touches.lack > 0)
@@ -298,14 +300,14 @@ def _margin(touches: Touches, run: Run, leaves: Array, settled: Array) -> Array:
 
 @functools.partial(quick, most=FEW)
 def _assembled(touches: Touches, run: Run, constant_e: Array | None) -> Bounce:
-    """The record of a run; `constant_e` is the restitution where it is the same at all speeds."""
+    """Return the record of a run; `constant_e` is the restitution if it is independent of speed."""
     status = jnp.where(run.valid[..., None], touches.status, int(Status.INVALID_INPUT))
     leaves = status == int(Status.SEPARATED)
     settled = status == int(Status.SETTLED)
     gravity = run.gravity[..., None]
     rebound = touches.restitution * touches.speed
     away = touches.return_time + flight.duration(rebound, gravity, None)
-    # The first touch ends the fall; each other one ends a contact and a flight.
+    # The first touch ends the fall; each later one ends a contact and a flight.
     fall = flight.time_to_fall(run.height, run.gravity, None)[..., None]
     time = jnp.cumsum(jnp.concatenate([fall, away[..., :-1]], axis=-1), axis=-1)
     rests = jnp.any(settled, axis=-1)
@@ -319,7 +321,7 @@ def _assembled(touches: Touches, run: Run, constant_e: Array | None) -> Bounce:
         # The launch speeds e v, e² v, ... add up to e v/(1 - e).
         launches = constant_e * speed / lost
         remaining = jnp.where(ends, flight.duration(launches, run.gravity, None), jnp.inf)
-    # Where no touch is the last one, a later time than any depends on all of the run.
+    # Without a last touch, a time after all touches depends on the whole run.
     rest_time = jnp.take_along_axis(time, first_rest, axis=-1)[..., 0]
     rest_time = jnp.where(rests, rest_time, time[..., -1] + away[..., -1])
     good = leaves | settled

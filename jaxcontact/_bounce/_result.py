@@ -1,4 +1,4 @@
-"""What a bouncing ball leaves behind."""
+"""The result of a bouncing ball."""
 
 from __future__ import annotations
 
@@ -18,31 +18,33 @@ TOUCHES = (
     *("time", "duration", "return_time", "impact_velocity"),
     *("restitution", "height", "status"),
 )
-"""The fields of a `Bounce` with a number for every touch."""
+"""Fields of a `Bounce` with one number per touch."""
 
 
 class Bounce(eqx.Module):
     """The touches of a bouncing ball, in order: shape (..., touches).
 
-    `time` in s, when touch k begins, counted from the release; its `duration` in s, until the force
-    vanishes; `return_time` in s, from the touch until the ball is back at δ = 0, longer than the
-    duration if a force that only pushes vanishes before; `impact_velocity` v in m/s; `restitution`
-    e, the speed back at δ = 0 over that at the touch; `height` (e v)²/(2g) in m, to which the ball
-    rises after it; `status` as in `Impact`.
+    `time` in s is the start of touch k, counted from the release. `duration` in s lasts until the
+    force vanishes. `return_time` in s lasts until the ball is back at δ = 0; it is longer than the
+    duration if a force that only pushes vanishes before. `impact_velocity` v is in m/s.
+    `restitution` e is the speed back at δ = 0 over that at the touch. `height` (e v)²/(2g) in m is
+    reached after the touch. `status` as in `Impact`.
 
-    At its touch of status SETTLED the ball comes to rest: it never leaves, restitution and height
-    are 0 and both times are infinite. Later touches repeat it with no speed.
+    At its touch of status SETTLED the ball comes to rest: it does not leave, restitution and height
+    are 0, and both times are infinite. Later touches repeat it with zero speed.
 
-    Of the whole run, shape (...): `at_rest`, whether the ball came to rest in the touches listed;
-    `rest_time` in s, when its last touch begins, NaN (and so its derivative) if it is not at rest;
-    `margin` in m/s, the smallest change of a speed at a touch with which the ball would touch once
-    more or once less: `rest_time` jumps there, so its derivative holds within the margin only;
-    `rest_velocity` in m/s, below which a touch counts as rest;
-    `rest_indentation` δ = (m g/K)^(1/n) in m, how far the ball then sinks in, NaN for a law whose
-    force at rest is not K δⁿ; `remaining_flight` in s, the sum of the infinitely many flights
-    after the last touch listed (if no threshold ended them), 2 e v/(g (1-e)), without the contacts
-    between them, whose times grow; None where e depends on the speed. `drop_height` in m and
-    `gravity` in m/s² are those given.
+    The other fields have one number per run, shape (...). `at_rest` is True if the ball came to
+    rest within the listed touches. `rest_time` in s is the start of its last touch; it and its
+    derivative are NaN if the ball is not at rest. `margin` in m/s is the smallest change of an
+    impact speed that adds or removes a touch. `rest_time` jumps there, so its derivative is valid
+    within the margin only. `rest_velocity` in m/s is the speed below which a touch counts as rest.
+    `rest_indentation` δ = (m g/K)^(1/n) in m is the static indentation, NaN for a law whose force
+    at rest is not K δⁿ.
+
+    `remaining_flight` in s is 2 e v/(g (1-e)), the sum of the infinitely many flights after the
+    last listed touch if no threshold ended them. It excludes the contacts between them, whose times
+    grow, and is None if e depends on the speed. `drop_height` in m and `gravity` in m/s² are the
+    given ones.
     """
 
     time: Float[Array, "..."]
@@ -62,11 +64,11 @@ class Bounce(eqx.Module):
     margin: Float[Array, "..."]
 
     def height_at(self, time: ArrayLike) -> Float[Array, "..."]:
-        """The height of the ball's lowest point above the ground at any time, in m.
+        """Return the height of the ball's lowest point above the ground at any time, in m.
 
-        `time` in s, shape (samples,) or (..., samples). 0 until the ball is back at δ = 0
-        (indentations are not resolved) and at rest; NaN after the flight that follows the last
-        touch listed, and in bad lanes; the drop height before the release.
+        `time` in s, shape (samples,) or (..., samples). The height is 0 until the ball is back at δ
+        = 0 (indentations are not resolved), and at rest. It is NaN in bad lanes and after the
+        flight that follows the last listed touch. Before the release it is the drop height.
         """
         time = as_parameter(time, "time").astype(self.time.dtype)
         require_broadcast(time=time, bounces=self.rest_time[..., None])
@@ -95,7 +97,7 @@ class Bounce(eqx.Module):
         flown = jnp.maximum(time - leaves, 0)
         flying = height_after(flown, speed, gravity, None)
         unknown = (touched == self.time.shape[-1]) & (flown > duration(speed, gravity, None))
-        # Rounding may put the end of a flight below the ground, never the ball.
+        # Rounding may place the end of a flight below the ground.
         flying = jnp.where(unknown, jnp.nan, jnp.maximum(flying, 0))
         return jnp.where(touched == 0, falling, jnp.where(resting, 0, flying))
 
@@ -115,13 +117,13 @@ class Bounce(eqx.Module):
         return "Bounce\n" + "\n".join(f"  {name:<17}{text}" for name, text in numbers.items())
 
     def _status_words(self) -> str:
-        """How the balls ended, counted by ball."""
+        """Return how the balls ended, counted by ball."""
         status, at_rest = self.status, self.at_rest
         if any(isinstance(x, Tracer) or not eqx.is_array(x) for x in (status, at_rest)):
             return str(status)
         status, at_rest = np.asarray(status), np.asarray(at_rest)
         bounces = np.sum(status == int(Status.SEPARATED), axis=-1)
-        # What is wrong with a touch lasts to the end of its run.
+        # A bad status lasts to the end of its run.
         last = status[..., -1]
         flying, many = last == int(Status.SEPARATED), status.ndim > 1
         words = []

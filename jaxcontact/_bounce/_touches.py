@@ -17,10 +17,11 @@ _SEPARATED, _SETTLED = int(Status.SEPARATED), int(Status.SETTLED)
 
 
 class Run(eqx.Module):
-    """What the touches of a run share, in one shape and precision; invalid numbers replaced.
+    """Data shared by the touches of a run, in one shape and precision, with invalid numbers
+    replaced.
 
-    `speed` of the first touch; `rest`, the speed below which a touch is none; `static`, the
-    indentation at rest; `weight` in N where it acts in contact, else None.
+    `speed` belongs to the first touch. `rest` is the speed below which a touch counts as rest.
+    `static` is the indentation at rest. `weight` in N is None unless it acts in contact.
     """
 
     height: Array
@@ -36,9 +37,9 @@ class Run(eqx.Module):
 class Touches(NamedTuple):
     """The touches of a run, along the last axis.
 
-    Restitution is that of the speeds at δ = 0, where the ball is back after `return_time`. It and
-    the times are 0 where the ball does not leave; `status` says why. `lack`: by how much the speed
-    at δ = 0 is too small there, 0 where nothing tells.
+    Restitution is that of the speeds at δ = 0, which the ball reaches after `return_time`.
+    Restitution and the times are 0 if the ball does not leave; `status` gives the reason. `lack` is
+    the missing speed at δ = 0 of such a ball, or 0 if unknown.
     """
 
     speed: Array
@@ -50,21 +51,21 @@ class Touches(NamedTuple):
 
 
 class Left(NamedTuple):
-    """Where a run goes on: the speed of the next touch, and how the last one ended."""
+    """The state between two touches: the speed of the next touch, and the end of the last one."""
 
     speed: Array
     status: Array
 
 
 def begin(run: Run) -> Left:
-    """The first touch is still to come."""
+    """Return the state before the first touch."""
     return Left(run.speed, jnp.full(run.speed.shape, _SEPARATED, jnp.int32))
 
 
 def alike(first: Landing, run: Run, power: float | Array, count: int) -> Touches:
-    """All touches from the first one, for a law whose e does not depend on the speed.
+    """Compute all touches from the first one, for a law whose e does not depend on the speed.
 
-    In scaled units they are the same impact: v_k = e^k v_0, and times go with v^power.
+    In scaled units they are the same impact: v_k = e^k v_0, and times scale as v^power.
     """
     hit, rest = first.impact, run.rest[..., None]
     status = hit.status[..., None]
@@ -103,9 +104,9 @@ def one_by_one(
     peak: bool,
     count: int,
 ) -> tuple[Left, Touches]:
-    """`count` more touches, each solved with its own speed, and where they leave the run.
+    """Solve `count` more touches, each with its own speed; return the state after them as well.
 
-    `peak`: whether damping refers to the largest closing speed since touch.
+    If `peak`, damping refers to the largest closing speed since touch.
     """
 
     def one(left: Left, _: None) -> tuple[Left, Touches]:
@@ -115,12 +116,13 @@ def one_by_one(
         waits = jnp.where(begun, _SETTLED, state).astype(jnp.int32)
 
         def solved() -> tuple[Left, Touches]:
-            # A lane that has ended solves its first impact again, whose outcome is finite.
+            # A lane that has ended repeats its first impact, whose outcome is finite.
             speed_here = jnp.where(moving, speed, run.speed)
             touch = landing(problem_of(law, contact, speed_here, run.weight), method, peak)
             hit = touch.impact
             status = jnp.where(moving, hit.status, waits).astype(jnp.int32)
-            # Nothing infinite and no NaN goes on: 0 times them is no derivative of a good number.
+            # Infinities and NaN are removed here: 0 times them would spoil the derivative of good
+            # numbers.
             leaves = status == _SEPARATED
             rebound = jnp.where(leaves, hit.rebound_velocity, 0)
             duration = return_time = jnp.where(leaves, hit.duration, 0)
@@ -151,9 +153,9 @@ def one_by_one(
 
 
 def _risen(run: Run, speed: Array, depth: Array, leaves: Array) -> tuple[Array, Array, Array]:
-    """The speed at δ = 0 after a rise from a depth, the time of it, and whether δ = 0 is reached.
+    """Return the speed at δ = 0 after a rise from a depth, its time, and whether δ = 0 is reached.
 
-    Without weight in contact gravity acts above δ = 0 alone.
+    Without weight in contact, gravity acts above δ = 0 only.
     """
     square = jnp.square(speed)
     if run.weight is not None:

@@ -1,4 +1,4 @@
-"""The page put together: its text, its code, uPlot (MIT licence) and the grids, in one file."""
+"""Assembly of the page from its text, its code, uPlot (MIT licence) and the grids."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _PARTS = {
 
 
 def page() -> str:
-    """The page as HTML that needs no other file and no network."""
+    """Return the page as HTML that needs no other file and no network."""
     text = (HERE / "explore.html").read_text(encoding="utf-8")
     for mark, name in _PARTS.items():
-        # The grids stand in a script, too: no "</" in any of them ends it.
+        # The grids are part of a script too, so no part may contain "</", which would end it.
         part = (HERE / name).read_text(encoding="utf-8").replace("</", "<\\/")
         text = text.replace(f"/*{mark}*/", part, 1)
     return text

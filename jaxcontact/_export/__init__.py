@@ -1,4 +1,4 @@
-"""Parameters that make other simulators deliver the same restitution."""
+"""Parameters with which other simulators deliver the same restitution."""
 
 from . import _engines as _engines
 from ._engine import Engine as Engine

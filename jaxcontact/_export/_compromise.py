@@ -22,11 +22,11 @@ def compromise(
     speeds: Float[np.ndarray, " n"],
     targets: Float[np.ndarray, " n"],
 ) -> Draft:
-    """The draft whose largest error of e over the speeds is least.
+    """Return the draft with the smallest maximum error of e over the speeds.
 
-    An engine's parameters are one family, by the e that they deliver at `wanted.velocity`, and its
-    e rises with that at every speed. So the best is where the largest error above the targets is as
-    large as that below: max(e - e*) + min(e - e*) = 0, which has one root.
+    An engine's parameters form one family, indexed by the e delivered at `wanted.velocity`. e at
+    every other speed rises with it. At the optimum the largest errors above and below the targets
+    are equal: max(e - e*) + min(e - e*) = 0, which has one root.
     """
 
     def excess(e: float) -> float:
@@ -42,7 +42,7 @@ def compromise(
     for _ in range(_HALVINGS):
         if not excess(high) < 0:
             break
-        # A law that falls faster with speed than the targets is best elastic at the slow ones.
+        # If e falls faster with speed than the targets, the best law is elastic at low speeds.
         high = 1 - (1 - high) / 2
     best = low if low >= high else root_scalar(excess, bracket=(low, high), xtol=_XTOL).root
     return draft(dataclasses.replace(wanted, restitution=best))

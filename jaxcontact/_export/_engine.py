@@ -1,4 +1,4 @@
-"""What a simulator must provide to be exported to, and the register of them."""
+"""The interface of a simulator for exports, and the register of simulators."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ Kind = TypeVar("Kind", bound="Engine")
 class Engine(abc.ABC):
     """A simulator whose contact law can be inverted for a restitution.
 
-    `name` is what `export` takes. The options of the engine are the keyword-only arguments of
-    `draft`; one without a default must be given.
+    `name` is the argument of `export`. The keyword-only arguments of `draft` are the options of the
+    engine; one without a default is required.
     """
 
     name: ClassVar[str]
 
     @abc.abstractmethod
     def draft(self, wanted: Wanted, **options: Any) -> Draft:
-        """The engine's law with the parameters that deliver `wanted`.
+        """Return the engine's law with the parameters that deliver `wanted`.
 
         Called in double precision. Raises ValueError for a bad option, or a restitution that the
         law cannot deliver.
         """
 
     def checked(self, options: Mapping[str, Any]) -> dict[str, Any]:
-        """The options that are given, those of None left out.
+        """Return the given options without those that are None.
 
-        Raises ValueError for an option that this engine does not take or lacks.
+        Raises ValueError for an unknown option or a missing required one.
         """
         parameters = inspect.signature(self.draft).parameters.values()
         takes = {p.name: p.default for p in parameters if p.kind is p.KEYWORD_ONLY}
@@ -57,7 +57,7 @@ class Engine(abc.ABC):
 
 
 def register_engine(kind: type[Kind]) -> type[Kind]:
-    """Make an `Engine` known to `export` by its `name`; for use as a decorator of its class."""
+    """Register an `Engine` under its `name` for `export`; a decorator of its class."""
     _ENGINES[kind.name] = kind()
     return kind
 
@@ -72,11 +72,11 @@ _OTHERS = {
     "format: export to 'mujoco', whose solref there is 2/damping and dampratio; Genesis "
     "was not run",
 }
-"""What can be said of engines that have no export, by a pattern of their names."""
+"""Advice for engines without an export, by a pattern of their names."""
 
 
 def engine_of(name: str) -> Engine:
-    """The registered engine of this name. Raises ValueError if there is none."""
+    """Return the registered engine of this name. Raises ValueError if there is none."""
     for pattern, why in _OTHERS.items():
         if isinstance(name, str) and re.search(pattern, name.casefold()):
             raise ValueError(
@@ -87,5 +87,5 @@ def engine_of(name: str) -> Engine:
 
 
 def engines() -> list[str]:
-    """The names of all registered engines."""
+    """Return the names of all registered engines."""
     return sorted(_ENGINES)

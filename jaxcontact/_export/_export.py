@@ -1,4 +1,4 @@
-"""The front door: from a law to the parameters of an engine."""
+"""The public function `export`: from a law to the parameters of an engine."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from ._engine import engine_of
 from ._result import Export
 from ._wanted import Wanted, solved
 
-# The event solve is good to 1e-8 in e; the rest are closed forms.
+# The event solve is accurate to 1e-8 in e; the other solves are closed forms.
 _AGREEMENT = 1e-6
 
 
 class Calibrated(Protocol):
-    """A calibration: what a recording says about a law."""
+    """A calibration: a law identified from a recording."""
 
     def __export__(
         self, contact: Contact | None
     ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
-        """The law, the contact, and closing speeds in m/s over the measured range.
+        """Return the law, the contact, and closing speeds in m/s over the measured range.
 
-        Raises ValueError that names the numbers of the contact that are not known.
+        Raises ValueError that names the unknown numbers of the contact.
         """
         ...
 
@@ -43,33 +43,40 @@ def export(
     engine: str,
     **options: Any,
 ) -> Export:
-    """The parameters with which another simulator delivers the restitution of a law.
+    """Compute the parameters with which another simulator delivers the restitution of a law.
 
     The wanted e is that of `impact(law, contact, velocity)`. The engine's own contact law is
-    inverted for it, and then solved again with the parameters found; over several speeds the one
-    set of parameters is found whose largest error of e is least. Engines: "adams", "bullet",
-    "chrono", "drake", "exudyn", "lammps", "mercurydpm", "mujoco", "newton", "simbody", "yade". The
-    stiffness is the contact's where the engine has its exponent, and otherwise the one with which
-    its contact lasts as long as the law's, at the one speed or the geometric mean of the least and
-    the largest.
+    inverted for it and solved again with the parameters found. For several speeds, the export
+    minimises the largest error of e with one set of parameters. Engines: "adams", "bullet",
+    "chrono", "drake", "exudyn", "lammps", "mercurydpm", "mujoco", "newton", "simbody", "yade".
+
+    The stiffness is the contact's if the engine has the same exponent. Otherwise it is chosen to
+    match the duration of contact, at the one speed or at the geometric mean of the smallest and the
+    largest.
 
     Arguments: scalars `law` and `contact`, and the closing `velocity` in m/s, one or several (n,).
-    Instead of a law a calibration (`Calibration`, or what `load_calibration` returns): its contact
-    is taken if `contact` is None, which needs mass and stiffness, and its measured speeds if
-    `velocity` is None. Options of the engine: `radius` in m, needed for Chrono, LAMMPS, Simbody and
-    YADE, the effective one, R1 R2/(R1+R2), or that of a sphere on a plane; `poisson_ratio`, for
-    Chrono and YADE: 0.3 by default; `damping`, for LAMMPS: "coeff_restitution" (default), "tsuji",
-    "tsuji_sqrt2", "viscoelastic" or, with a hooke contact, "mass_velocity";
-    `discrete_contact_approximation`, for Drake: "lagged" (default), "similar" or "sap";
-    `impact_model`, for Exudyn: 2 (default) or 1; `d` in m, for Adams: the depth of the full
-    damping, by default that of a `StepDamping`, of other laws 1 % of the largest indentation
-    without damping; `length`, for Adams: "m" (default) or "mm".
+    The law may be a calibration (`Calibration`, or the result of `load_calibration`). Its contact,
+    which must include mass and stiffness, is used if `contact` is None, and its measured speeds if
+    `velocity` is None.
 
-    Returns an `Export`. Computes in double precision whatever JAX is set to, and is not for use
-    under `jit`. Raises ValueError for an unknown engine, an option that it does not take or lacks,
-    an impact that is not solved or has no rebound, a calibration that does not know mass or
-    stiffness, or a restitution that the engine's law cannot deliver. Source: `Export.source`, for
-    each engine.
+    Options of the engines:
+
+    - `radius` in m, required for Chrono, LAMMPS, Simbody and YADE: the effective radius R1
+      R2/(R1+R2), or that of a sphere on a plane.
+    - `poisson_ratio`, for Chrono and YADE: 0.3 by default.
+    - `damping`, for LAMMPS: "coeff_restitution" (default), "tsuji", "tsuji_sqrt2", "viscoelastic"
+      or, with a hooke contact, "mass_velocity".
+    - `discrete_contact_approximation`, for Drake: "lagged" (default), "similar" or "sap".
+    - `impact_model`, for Exudyn: 2 (default) or 1.
+    - `d` in m, for Adams: the depth of the full damping. The default is that of a `StepDamping`,
+      and for other laws 1 % of the largest indentation without damping.
+    - `length`, for Adams: "m" (default) or "mm".
+
+    Returns an `Export`. Computes in double precision for any setting of JAX; cannot be used under
+    `jit`. Raises ValueError for an unknown engine, an unknown or missing option, and an impact that
+    is not solved or has no rebound. It is also raised for a calibration without mass or stiffness,
+    and for a restitution that the engine's law cannot deliver. Source: `Export.source`, for each
+    engine.
     """
     simulator = engine_of(engine)
     given = simulator.checked(options)
@@ -116,7 +123,7 @@ def export(
 
 
 def _known(law: Any, contact: Any, velocity: Any) -> tuple[AbstractLaw, Contact, Any]:
-    """The law, the contact and the speeds, of a calibration where one is given."""
+    """Return the law, the contact and the speeds, from a calibration if one is given."""
     if hasattr(law, "__export__"):
         law, contact, measured = law.__export__(contact)
         velocity = measured if velocity is None else velocity
@@ -128,7 +135,7 @@ def _known(law: Any, contact: Any, velocity: Any) -> tuple[AbstractLaw, Contact,
 def _wanted_at(
     law: AbstractLaw, contact: Contact, velocity: ArrayLike, shape: tuple[int, ...]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Several speeds, and the law's e there. Raises ValueError for one without a rebound."""
+    """Return several speeds and the law's e there. Raises ValueError for one without a rebound."""
     if len(shape) != 1 or 0 in shape:
         raise ValueError(
             "Argument `velocity` must be one speed, or several of the shape (n,), but has the "

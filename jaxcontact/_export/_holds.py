@@ -1,4 +1,4 @@
-"""Over which speeds an export holds, and by how much it is off elsewhere."""
+"""The range of speeds in which an export holds, and its error elsewhere."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from .._parameter import POSITIVE, require_number
 from .._text.table import text_table
 
 _DECADES, _EACH = 2, 20
-"""The range looked at, to both sides of a speed, and the speeds in each decade."""
+"""Decades examined on both sides of a speed, and speeds per decade."""
 
 
 @dataclasses.dataclass(frozen=True)
 class SpeedRange:
-    """The speeds from `low` to `high` in m/s around those of an export at which it holds.
+    """The speeds from `low` to `high` in m/s, around those of an export, at which it holds.
 
-    There the engine's e lies within `within` of the law's. `low` is 0 and `high` infinite where
-    that is so down to a hundredth of the speed, or up to a hundred times of it. `velocity` (m,) in
-    m/s, `target` (m,) and `delivered` (m,) are the speeds that were looked at, the law's e and the
-    engine's; NaN where the law has no rebound.
+    In this range the engine's e lies within `within` of the law's. `low` is 0 if the export holds
+    down to a hundredth of the speed, `high` infinite if it holds up to a hundred times the speed.
+    `velocity` (m,) in m/s holds the examined speeds, `target` (m,) the law's e and `delivered` (m,)
+    the engine's; NaN where the law has no rebound.
     """
 
     low: float
@@ -38,7 +38,7 @@ class SpeedRange:
 
     @property
     def error(self) -> Float[np.ndarray, " m"]:
-        """The engine's e minus the law's (m,)."""
+        """Error of the engine's e relative to the law's, engine minus law (m,)."""
         return self.delivered - self.target
 
     def __repr__(self) -> str:
@@ -67,7 +67,7 @@ class SpeedRange:
 
 
 def signed(error: float) -> str:
-    """An error of e with its sign, which rounding leaves none of zero: +0.0000."""
+    """Return an error of e as text with its sign; zero is always +0.0000."""
     return f"{round(float(error), 4) + 0.0:+.4f}"
 
 
@@ -78,7 +78,7 @@ def speed_range(
     speeds: Float[np.ndarray, " n"],
     within: float,
 ) -> SpeedRange:
-    """Where the e of a law and that of the engine's law `made` agree, around some speeds in m/s."""
+    """Return the speeds in m/s at which the e of a law and of the engine's law `made` agree."""
     within = require_number("within", within, POSITIVE)
     middle = math.sqrt(float(speeds.min()) * float(speeds.max()))
     grid = middle * np.logspace(-_DECADES, _DECADES, 2 * _DECADES * _EACH + 1)
@@ -86,7 +86,7 @@ def speed_range(
         target, delivered = (
             np.asarray(impact(one, at, grid).restitution) for one, at in ((law, contact), made)
         )
-    # NaN is not within.
+    # NaN counts as outside.
     good = np.abs(delivered - target) <= within
     at = int(np.argmin(np.abs(np.log(grid / middle))))
     if not good[at]:
@@ -107,7 +107,7 @@ def speed_range(
 def _crossing(
     grid: Float[np.ndarray, " m"], difference: Float[np.ndarray, " m"], bad: int, good: int
 ) -> float:
-    """Where a difference is zero between two speeds, by a straight line over ln v."""
+    """Return the zero of a difference between two speeds, by linear interpolation in ln v."""
     if not np.isfinite(difference[bad]):
         return float(grid[good])
     share = difference[good] / (difference[good] - difference[bad])

@@ -1,4 +1,4 @@
-"""What an export returns."""
+"""The result of an export."""
 
 from __future__ import annotations
 
@@ -21,18 +21,21 @@ from ._wanted import Draft
 class Export(Draft):
     """The parameters with which an engine delivers a wanted restitution.
 
-    `engine` and `model` say where they belong; `parameters` holds the numbers and `units` their
-    units, by the same names; `snippet` is the text to paste. `velocity` is the closing speed in
-    m/s, or several (n,); `target` is the restitution that is wanted there and `delivered` that of
-    the engine's law with these parameters, both by `impact`: equal at one speed, and as near as one
-    set of parameters can be at several. `wanted_law` and `wanted_contact` are what was exported.
-    `law` and `contact` are the engine's law as it was solved: `impact(law, contact, velocity)`
-    gives the rest. `duration` in s is how long that contact lasts, and `time_step` in s the step at
-    which the engine itself was measured to be within `expected_error` (relative, of the
-    restitution, for e of 0.12 and more), `steps` of them in one contact; all None where the engine
-    was not run. `scheme` is how it steps, None where that is not known; `at_time_step` says what e
-    becomes at another step. `limit` says in words where the parameters do not hold, `source` where
-    the engine's formula is given.
+    `engine` and `model` name the place of the parameters. `parameters` holds the numbers and
+    `units` their units, by the same names; `snippet` is the text to paste. `velocity` is the
+    closing speed in m/s, or several (n,). `target` is the wanted restitution and `delivered` that
+    of the engine's law with these parameters, both by `impact`. They are equal at one speed, and as
+    close as one set of parameters allows at several.
+
+    `wanted_law` and `wanted_contact` are the exported ones. `law` and `contact` are the engine's
+    law as solved: `impact(law, contact, velocity)` gives all other results. `duration` in s is that
+    of this contact. `time_step` in s is a step at which the engine itself was measured, `steps` of
+    them per contact. Its error there was within `expected_error` (relative, of the restitution, for
+    e of 0.12 and more). These three are None if the engine was not run.
+
+    `scheme` is the engine's time stepping, or None if unknown; `at_time_step` returns e at another
+    step. `limit` states in words where the parameters do not hold, `source` the reference of the
+    engine's formula.
     """
 
     engine: str
@@ -45,26 +48,26 @@ class Export(Draft):
 
     @property
     def error(self) -> float | Float[np.ndarray, " n"]:
-        """The engine's e minus the wanted one, at every speed."""
+        """Error of the engine's e, engine minus wanted, at every speed."""
         return self.delivered - self.target
 
     def holds(self, within: float = 0.01) -> SpeedRange:
-        """Over which closing speeds the engine's e lies within `within` of the law's.
+        """Return the closing speeds at which the engine's e lies within `within` of the law's.
 
-        Returns a `SpeedRange`, which also says by how much it is off beyond. Raises ValueError for
-        a `within` that is not positive.
+        The `SpeedRange` also gives the error outside this range. Raises ValueError for a `within`
+        that is not positive.
         """
         made = self.law, self.contact
         speeds = np.atleast_1d(self.velocity)
         return speed_range(self.wanted_law, self.wanted_contact, made, speeds, within)
 
     def at_time_step(self, time_step: float, within: float = 0.01) -> Stepped:
-        """The engine's e at a time step in s that is not short beside the contact.
+        """Return the engine's e at a time step in s that is not short compared with the contact.
 
-        The engine's scheme is followed over all places within a step where the touch may fall.
-        Returns a `Stepped`: the least and the largest e, and how long a contact must last, softer
-        or at shorter steps, for e to stay `within` the target. Raises ValueError for several
-        speeds, numbers that are not positive, and an engine whose scheme is not known.
+        The engine's scheme is run for all positions of the touch within a step. Returns a `Stepped`
+        with the smallest and the largest e. It also gives the contact duration, reached with a
+        softer contact or shorter steps, at which e stays `within` the target. Raises ValueError for
+        several speeds, numbers that are not positive, and an engine with unknown scheme.
         """
         time_step = require_number("time_step", time_step, POSITIVE)
         within = require_number("within", within, POSITIVE)
@@ -91,7 +94,7 @@ class Export(Draft):
 
     @property
     def time_step(self) -> float | None:
-        """The step in s at which the engine was measured; None if it was not run."""
+        """Time step in s at which the engine was measured; None if it was not run."""
         return None if self.steps is None else self.duration / self.steps
 
     def __repr__(self) -> str:
@@ -115,7 +118,7 @@ class Export(Draft):
         )
 
     def by_speed(self) -> list[str]:
-        """The wanted e and the engine's at every speed, as lines; none for one speed."""
+        """Return the wanted e and the engine's at every speed, as lines; empty for one speed."""
         if np.ndim(self.velocity) == 0:
             return []
         columns = (np.atleast_1d(x) for x in (self.velocity, self.target, self.delivered))

@@ -1,4 +1,4 @@
-"""What becomes of e where an engine takes steps that are not short beside the contact."""
+"""The restitution of an engine whose steps are not short compared with the contact."""
 
 from __future__ import annotations
 
@@ -16,36 +16,37 @@ from .._contact import Contact
 from .._laws import AbstractLaw
 
 _PHASES = 256
-"""Places within a step at which a ball may touch, that are looked at."""
+"""Examined positions within a step at which a ball may touch."""
 
 _LONGEST = 64
-"""Durations of contact after which a ball that has not left counts as resting."""
+"""Contact durations after which a ball that has not left counts as resting."""
 
 _FEWEST, _MOST, _HALVINGS = 2.0, 2.0**14, 8
-"""Steps in one contact between which the number that keeps e is looked for, and how finely."""
+"""Range of steps per contact that is searched, and the number of halvings."""
 
 _NEWTON = 30
 """Halvings of the velocity after an implicit step: to 1e-9 of its change."""
 
 
 class Scheme(enum.Enum):
-    """How an engine steps a contact; forces act while the bodies overlap at the start of a step."""
+    """Time stepping of a contact; forces act if the bodies overlap at the start of a step."""
 
     SEMI_IMPLICIT = "v' = v - h F(δ, v)/m, δ' = δ + h v'"
-    """The force of the state before the step: semi-implicit Euler, or leapfrog with v half a step
-    behind."""
+    """Force of the state before the step: semi-implicit Euler, or leapfrog with v half a step
+    behind.
+    """
     IMPLICIT = "v' = v - h F(δ + h v', v')/m, δ' = δ + h v'"
-    """The force of the state after the step, of first order: implicit Euler."""
+    """Force of the state after the step, of first order: implicit Euler."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Stepped:
     """The restitution of an engine at a time step.
 
-    `time_step` in s; `low` and `high`, the least and the largest e over all places within a step
-    where the touch may fall, and `target`, the e that is wanted. `duration` in s of the contact.
-    From `needed` s on a contact that is softer keeps e `within` the target at this step; NaN where
-    none of up to 16384 steps does. Without gravity.
+    `time_step` in s; `low` and `high` are the smallest and the largest e over all positions of the
+    touch within a step; `target` is the wanted e; `duration` in s of the contact. A softer contact
+    of at least `needed` s keeps e `within` the target at this step. `needed` is NaN if none of up
+    to 16384 steps per contact suffices. Gravity is not included.
     """
 
     time_step: float
@@ -86,10 +87,10 @@ def stepped(
     time_step: float,
     within: float,
 ) -> Stepped:
-    """The e of a law in the steps of an engine, and how long a contact keeps it.
+    """Compute the e of a law in the steps of an engine, and the contact duration that preserves it.
 
-    A contact that is softer, with the same law in its own units, takes steps that are as much
-    shorter in these: e depends on the number of steps in a contact alone.
+    A softer contact with the same law, in its own units, has proportionally shorter steps. e
+    therefore depends on the number of steps per contact only.
     """
     with jax.enable_x64(True):
         phases = jnp.linspace(1 / _PHASES, 1.0, _PHASES)
@@ -131,7 +132,7 @@ def _rebounds(
     phases: Float[Array, " p"],
     scheme: Scheme,
 ) -> Float[Array, " p"]:
-    """e for each place within a step, at whose end the ball is found to overlap by v h phase."""
+    """Return e for each phase of the touch: at the end of that step the overlap is v h phase."""
     mass = contact.mass
     force = functools.partial(law.force, contact=contact, impact_velocity=velocity)
     step = jnp.asarray(step)
@@ -145,7 +146,7 @@ def _rebounds(
             low, high = ends
             middle = (low + high) / 2
             later = jnp.maximum(depth + step * middle, 0)
-            # The force rises with the velocity, so that this has one zero.
+            # The force rises with the velocity, so this function has one zero.
             above = middle - speed + step * force(later, middle) / mass > 0
             return jnp.where(above, low, middle), jnp.where(above, middle, high)
 

@@ -1,4 +1,4 @@
-"""What an engine must reproduce, and the parameters with which it does."""
+"""The impact that an engine must reproduce, and the parameters with which it does."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ._stepping import Scheme
 class Wanted:
     """One impact as plain numbers: its outcome, and the contact in which it takes place.
 
-    `law` is what is exported, for engines that have the same one.
+    `law` is the exported law, for engines that have the same one.
     """
 
     restitution: float
@@ -40,14 +40,14 @@ class Draft:
     limit: str
     source: str
     steps: int | None = None
-    """The time steps in one contact at which the engine was measured; None if it was not run."""
+    """Time steps per contact at which the engine was measured; None if it was not run."""
     expected_error: float | None = None
     scheme: Scheme | None = None
-    """How the engine steps a contact; None where that is chosen by its user, or not known."""
+    """Time stepping of the engine; None if its user chooses it, or if it is unknown."""
 
 
 def solved(hit: Impact) -> Impact:
-    """`hit` itself, if it is one impact that ended in separation; ValueError otherwise."""
+    """Return `hit` if it is one impact that ended in separation; ValueError otherwise."""
     status = Status(int(hit.status))
     if status is not Status.SEPARATED or not float(hit.restitution) > 0:
         raise ValueError(
@@ -58,11 +58,11 @@ def solved(hit: Impact) -> Impact:
 
 
 def matched_stiffness(wanted: Wanted, exponent: float, scaled_law: AbstractLaw) -> float:
-    """K in N/mⁿ of an engine with the exponent n: the contact's own, or the one of equal duration.
+    """Return K in N/mⁿ of an engine with exponent n: the contact's own, or that of equal duration.
 
     An impact lasts τ (m/K)^(1/(n+1)) v0^((1-n)/(n+1)), with τ that of `scaled_law`, the engine's
-    law in units where mass, stiffness and speed are 1. Where the exponents differ no K gives the
-    same force; the one that gives the same duration keeps the frequencies that a contact excites.
+    law in units where mass, stiffness and speed are 1. For different exponents no K gives the same
+    force. Equal duration preserves the frequencies that a contact excites.
     """
     if wanted.exponent == exponent:
         return wanted.stiffness

@@ -1,4 +1,4 @@
-"""Forms: a contact force in scaled units, and everything that follows from its shape alone."""
+"""Forms: contact forces in scaled units, and all results that depend on their shape alone."""
 
 from ._base import AbstractForm as AbstractForm
 from ._base import Exponent as Exponent

@@ -1,7 +1,7 @@
-"""What a form is: a contact law in scaled units, and what a solver may ask of it.
+"""The interface of a form: a contact law in scaled units, as the solvers use it.
 
-Powers of x have no second derivative at touch and separation, which costs every solver its order.
-Forms are therefore solved in w with `x = w^k`, `dt = w^(k-1) dτ`, so that `w' = v/k` and
+Powers of x have no second derivative at touch and separation, which reduces the order of every
+solver. Forms are therefore solved in w with `x = w^k`, `dt = w^(k-1) dτ`, so that `w' = v/k` and
 `v' = Γ w^(k-1) - pull(w, v)` with `pull = w^(k-1) f(w^k, v)`.
 """
 
@@ -26,17 +26,17 @@ Exponent = float | Float[Array, "..."]
 
 
 def signed_power(w: Lane, exponent: Exponent) -> Lane:
-    """w^exponent, continued smoothly to w < 0, where only the last trial step of a solve goes."""
+    """Return w^exponent, continued smoothly to w < 0, which only the last trial step reaches."""
     if isinstance(exponent, float) and exponent == int(exponent):
         return w ** int(exponent)
     return power(w, exponent)
 
 
 class Momentum(NamedTuple):
-    """A coordinate u(v) that replaces the velocity where it makes a free motion smoother.
+    """A coordinate u(v) that replaces the velocity if it makes a free motion smoother.
 
-    Its value `at_touch`, where v = 1; the `velocity` v(u); `pull`, -du/dτ as a function of w; and
-    `lost`, the energy that damping has taken when the momentum has become u.
+    `at_touch` is its value at v = 1; `velocity` is v(u); `pull` is -du/dτ as a function of w;
+    `lost` is the energy dissipated by damping until the momentum reaches u.
     """
 
     at_touch: Callable[[], Lane]
@@ -48,95 +48,99 @@ class Momentum(NamedTuple):
 class AbstractForm(eqx.Module):
     """A contact law in scaled units: the f of x'' = Γ - f(x, x'), x(0) = 0, x'(0) = 1.
 
-    The units are those of `Scale`: X = (m v0²/K)^(1/(n+1)) of length, v0 of speed, X/v0 of time,
-    m v0²/X of force; Γ is the external force, n the exponent of the contact. A law returns its form
-    from `law.form(contact, scale)`; the default there is a form of its SI force.
+    The units are those of `Scale`: X = (m v0²/K)^(1/(n+1)) of length, v0 of speed, X/v0 of time, m
+    v0²/X of force. Γ is the external force, n the exponent of the contact. A law returns its form
+    from `law.form(contact, scale)`, by default a form of its SI force.
 
     A subclass declares its numbers as fields (at least one array; all broadcast), a static field
-    `tension` (whether the contact may pull; without, it ends where the force vanishes) and `force`.
-    The other members have defaults that mean "not available", and a subclass replaces those it can
-    provide: `solve`; `weakly_pushed`; `restitution`; `never_pulls`; `damping`; `momentum`;
-    `phase_unit`; `static_indentation`; `sound`. Source of the scaling: the energy integral of Hunt
-    & Crossley (1975), doi 10.1115/1.3423596.
+    `tension` and the method `force`. `tension` states whether the contact may pull; without it the
+    contact ends where the force vanishes. The other members have defaults that mean "not
+    available", and a subclass overrides those it can provide: `solve`, `weakly_pushed`,
+    `restitution`, `never_pulls`, `damping`, `momentum`, `phase_unit`, `static_indentation`,
+    `sound`. Source of the scaling: the energy integral of Hunt & Crossley (1975), doi
+    10.1115/1.3423596.
     """
 
     tension: eqx.AbstractVar[bool]
 
     never_pulls: ClassVar[bool] = False
-    """Whether f stays positive in every free impact, up to x = 0."""
+    """True if f stays positive in every free impact, up to x = 0."""
 
     creeps_free: ClassVar[bool] = False
-    """Whether a free contact may creep back for so long that explicit steps do not follow it."""
+    """True if a free contact may creep back for longer than explicit steps can follow."""
 
     @abc.abstractmethod
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
-        """f(x, v), not clamped, right in value and derivative for x ≥ 0.
+        """Return f(x, v), not clamped, with correct value and derivative for x ≥ 0.
 
-        `compressing` says whether the motion has not yet reached its turn.
+        `compressing` is True until the turn of the motion.
         """
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent] | None:
-        """The c and p of f = x^(n-p) (x^p + c v), 0 ≤ p ≤ n, or None for forces of other shapes.
+        """Return the c and p of f = x^(n-p) (x^p + c v), 0 ≤ p ≤ n, or None for other forces.
 
-        Where they are known the motion is solved in a coordinate in which f is a polynomial.
+        If they are known, the motion is solved in a coordinate in which f is a polynomial.
         """
         return None
 
     def solve(self, n: Exponent) -> ScaledImpact | None:
-        """The free impact in closed form, in the broadcast shape of the form's numbers and n."""
+        """Return the free impact in closed form, in the broadcast shape of the form's numbers and
+        n.
+        """
         return None
 
     @property
     def closed_form(self) -> bool:
-        """Whether the class has a `solve` of its own, so that method "exact" applies."""
+        """True if the class has its own `solve`, so that method "exact" applies."""
         return type(self).solve is not AbstractForm.solve
 
     def weakly_pushed(
         self, n: Exponent, push: Lane, swirl: Lane, ratio: Lane, e: Lane
     ) -> tuple[Change, Change] | None:
-        """How the free impact changes under the force Γ - c/(1-κx)³, which is small, with bounds on
-        the errors; None where no formula is known.
+        """Return the change of the free impact under the small force Γ - c/(1-κx)³, and error
+        bounds.
 
-        `push` Γ presses the bodies together, `swirl` c is what their angular momentum adds, with
-        the `ratio` κ of the unit of length to their distance. `e` is the restitution of the free
-        impact. Where the formula is not to be trusted a bound is infinite. Only beside a `solve`.
+        `push` Γ presses the bodies together. `swirl` c is the contribution of their angular
+        momentum, with the `ratio` κ of the unit of length to their distance. `e` is the restitution
+        of the free impact. An infinite bound marks a result that must not be used. Returns None if
+        no formula is known. Called only for forms with a `solve`.
         """
         return None
 
     def restitution(self) -> Lane | None:
-        """The e of a free impact where it needs neither n nor the time; None where it does."""
+        """Return the e of a free impact if it depends on neither n nor the time; otherwise None."""
         return None
 
     def sound(self) -> tuple[AbstractForm, Flag]:
-        """The form with valid numbers throughout, and in which lanes they were valid before.
+        """Return the form with all numbers valid, and the lanes in which they were valid before.
 
         The other lanes are flagged as invalid input.
         """
         return self, jnp.asarray(True)
 
     def momentum(self, n: Exponent) -> Momentum | None:
-        """The coordinate that replaces v in a free impact; None for v itself."""
+        """Return the coordinate that replaces v in a free impact; None for v itself."""
         return None
 
     def phase_unit(self) -> Lane | float:
-        """The unit of w in the plane of the phase angle; any positive number is right."""
+        """Return the unit of w in the plane of the phase angle; any positive number is correct."""
         return 1.0
 
     def static_indentation(self, push: Lane, n: Exponent) -> Lane | None:
-        """The x at which f(x, 0) balances a push Γ > 0; None where it is not known."""
+        """Return the x at which f(x, 0) balances a push Γ > 0; None if unknown."""
         return None if self.damping(n, jnp.asarray(True)) is None else push ** (1 / n)
 
     @property
     def may_clamp(self) -> bool:
-        """Whether `force` may be clamped to zero, so that it has no slope where a contact ends."""
+        """True if `force` may be clamped to zero, which leaves no slope where a contact ends."""
         return False
 
     def continued(self, x: Lane, v: Lane) -> AbstractForm:
-        """The same, without a clamp beyond the state (x, v) of a contact."""
+        """Return the same form, without a clamp beyond the state (x, v) of a contact."""
         return self
 
     def end_indentation(self, n: Exponent, e: Lane) -> Lane | None:
-        """The x at which a contact that may not pull ends at the speed e, x^p = c e; None for 0."""
+        """Return the end x of a contact without tension at speed e, x^p = c e; None for 0."""
         damping = self.damping(n, jnp.asarray(False))
         if self.tension or self.never_pulls or damping is None:
             return None
@@ -144,7 +148,7 @@ class AbstractForm(eqx.Module):
         return power(c * e, 1 / p)
 
     def creeping_speed(self, n: Exponent) -> Lane | float:
-        """The speed that strong damping leaves at the turn, in units of that of the impact.
+        """Return the speed that strong damping leaves at the turn, in units of the impact speed.
 
         Damping alone would stop the bodies at c x^q/q = 1, q = n-p+1. From there they creep back
         with c v = -x^p.
@@ -158,39 +162,39 @@ class AbstractForm(eqx.Module):
         return power(q / strong, p / q) / strong
 
     def creeping_excess(self, n: Exponent) -> Lane | float:
-        """The force of a contact that creeps back beside its two parts, which cancel: 1/c²."""
+        """Return the net force 1/c² of a contact that creeps back; its two parts nearly cancel."""
         damping = self.damping(n, jnp.asarray(False))
         return 1.0 if damping is None else 1 / jnp.square(jnp.maximum(damping[0], 1))
 
     def creeps_back(self, n: Exponent) -> Flag:
-        """Whether damping lets a free contact that may pull creep back to x = 0 for ever.
+        """Return whether damping makes a free contact with tension creep back to x = 0 without end.
 
-        Of x'' = -x^(n-p) (x^p + c x') inertia wins near x = 0 where 2p < n + 1, and the contact
-        ends; damping wins where 2p > n + 1; where 2p = n + 1 the motion is that of an oscillator,
+        In x'' = -x^(n-p) (x^p + c x') inertia dominates near x = 0 if 2p < n + 1, and the contact
+        ends. Damping dominates if 2p > n + 1. For 2p = n + 1 the motion is that of an oscillator,
         which is overdamped from c = 2√p on.
         """
         damping = self.damping(n, jnp.asarray(False))
         if damping is None or not self.tension:
             return jnp.asarray(False)
         c, p = damping
-        # A flag has no derivative: none is taken of the root, which has no slope at p = 0.
+        # A flag has no derivative, and the root has infinite slope at p = 0.
         p = jax.lax.stop_gradient(jnp.asarray(p, c.dtype))
         excess = 2 * p - (n + 1)
         return (c > 0) & ((excess > 0) | ((excess == 0) & (c >= 2 * jnp.sqrt(p))))
 
     def may_pull(self, pushed: bool) -> bool:
-        """Whether f may become negative, in a free impact or in one with an external force."""
+        """Return whether f may become negative, in a free impact or under an external force."""
         return self.tension and (pushed or not self.never_pulls)
 
     @property
     def follows_phase_angle(self) -> bool:
-        """Whether a free contact lasts until x = 0, as the phase method needs."""
+        """True if a free contact lasts until x = 0, as the phase method requires."""
         return self.tension or self.never_pulls
 
     def order(self, n: Exponent) -> int:
-        """The k of x = w^k: the smallest that makes f a polynomial, 2 where none does.
+        """Return the k of x = w^k: the smallest that makes f a polynomial, or 2 if none does.
 
-        For other forces than those of `damping`, 2 makes square roots of x smooth.
+        For forces without `damping`, 2 makes square roots of x smooth.
         """
         damping = self.damping(n, jnp.asarray(True))
         if not isinstance(n, float):
@@ -203,14 +207,15 @@ class AbstractForm(eqx.Module):
     def pull(
         self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
     ) -> Lane:
-        """w^(k-1) f(w^k, v), not clamped; k is `order` (None for the form's own)."""
+        """Return w^(k-1) f(w^k, v), not clamped; k is `order` (None for the form's own)."""
         k, damping = order or self.order(n), self.damping(n, compressing)
         if damping is not None:
             outer = signed_power(w, k * (n - damping[1] + 1) - 1)
             return outer * self.pulling(w, v, n, compressing, k)
         if k == 1:
             return self.force(w, v, n, compressing)
-        # At w = 0 the derivative of f may be infinite, while that of w f is f: f is not evaluated.
+        # At w = 0 the derivative of f may be infinite, while that of w f is f. f is not evaluated
+        # there.
         touching = w == 0
         inside = jnp.where(touching, 1, w)
         return jnp.where(touching, 0, w * self.force(inside**2, v, n, compressing))
@@ -218,7 +223,7 @@ class AbstractForm(eqx.Module):
     def dissipation(
         self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
     ) -> Lane:
-        """w^(k-1) (f(x, v) - f(x, 0)) v, the rate at which damping takes energy."""
+        """Return w^(k-1) (f(x, v) - f(x, 0)) v, the rate of dissipation by damping."""
         damping = self.damping(n, compressing)
         if damping is not None:
             outer = signed_power(w, (order or self.order(n)) * (n - damping[1] + 1) - 1)
@@ -227,7 +232,7 @@ class AbstractForm(eqx.Module):
         return (self.pull(w, v, n, compressing) - still) * v
 
     def stored(self, w: Lane, n: Exponent, order: int | None = None) -> Lane:
-        """∫ f(x, 0) dx from 0 to w^k; where it is no polynomial, by a Gauss rule."""
+        """Return ∫ f(x, 0) dx from 0 to w^k; by a Gauss rule if it is not a polynomial."""
         if self.damping(n, jnp.asarray(True)) is not None:
             return signed_power(w, (order or self.order(n)) * (n + 1)) / (n + 1)
         nodes, weights = np.polynomial.legendre.leggauss(16)
@@ -239,7 +244,7 @@ class AbstractForm(eqx.Module):
     def pulling(
         self, w: Lane, v: Lane, n: Exponent, compressing: Flag, order: int | None = None
     ) -> Lane:
-        """A smooth function that is negative where the contact pulls."""
+        """Return a smooth function that is negative while the contact pulls."""
         k, damping = order or self.order(n), self.damping(n, compressing)
         if damping is None:
             return self.force(w**k, v, n, compressing)
@@ -248,6 +253,6 @@ class AbstractForm(eqx.Module):
 
 
 def sound_damping(number: Lane) -> tuple[Lane, Flag]:
-    """A damping number, 0 where it is negative or not finite, and where it was neither."""
+    """Return a damping number, replaced by 0 if negative or not finite, and where it was valid."""
     good = (number >= 0) & jnp.isfinite(number)
     return jnp.where(good, number, 0), good

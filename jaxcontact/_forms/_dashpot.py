@@ -1,4 +1,4 @@
-"""The form of a linear dashpot beside a power of the indentation."""
+"""The form of a linear dashpot in parallel with a power of the indentation."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class DashpotForm(AbstractForm):
     creeps_free: ClassVar[bool] = True
 
     def damping(self, n: Exponent, compressing: Flag) -> tuple[Lane, Exponent] | None:
-        # With tension and n > 1 a strongly damped contact creeps back for ever, a weakly damped one
-        # parts, and between them is no formula: it is followed as any other force.
+        # With tension and n > 1 a strongly damped contact creeps back without end, a weakly damped
+        # one separates. No formula gives the limit, so the contact is solved like a general force.
         return None if self.tension else (self.a, n)
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:

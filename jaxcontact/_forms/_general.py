@@ -16,17 +16,17 @@ from ._scale import ContactLike, Scale
 
 
 class HasForce(Protocol):
-    """What the form needs of a law."""
+    """The part of a law's interface that the form uses."""
 
     @property
     def tension(self) -> bool:
-        """Whether its force pulls where it is negative."""
+        """True if its force pulls where it is negative."""
         ...
 
     def force(
         self, indentation: Any, velocity: Any, contact: Any, impact_velocity: Any
     ) -> ArrayLike:
-        """The force in N at an indentation in m and velocities in m/s."""
+        """Return the force in N at an indentation in m and velocities in m/s."""
         ...
 
 
@@ -45,21 +45,21 @@ class GeneralForm(AbstractForm):
 
     @property
     def may_clamp(self) -> bool:
-        """Whether the law may clamp its own force to zero, which none of the package does here."""
+        """True if the law may clamp its own force to zero; the package's laws do not clamp here."""
         return not (self.tension or self.law.tension)
 
     def continued(self, x: Lane, v: Lane) -> ContinuedForm:
-        """The same, but continued where the law clamps its force, from a state with a force."""
+        """Return the same form, continued from the state (x, v) where the law clamps its force."""
         return ContinuedForm(
             law=self.law, contact=self.contact, scale=self.scale, tension=self.tension, x=x, v=v
         )
 
 
 class ContinuedForm(GeneralForm):
-    """The form whose force goes on along its tangent at (x, v) where the law clamps it to zero.
+    """A form whose force follows its tangent at (x, v) wherever the law clamps it to zero.
 
-    A force that is zero beyond the end of a contact has no slope there, and the stages of a step
-    that ends with the contact lie on both sides.
+    A force that is zero beyond the end of a contact has no slope there, but the stages of the last
+    step lie on both sides of the end.
     """
 
     x: Lane
@@ -67,7 +67,7 @@ class ContinuedForm(GeneralForm):
 
     @property
     def may_clamp(self) -> bool:
-        """No longer."""
+        """False: the clamp is replaced."""
         return False
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:

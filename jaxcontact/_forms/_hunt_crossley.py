@@ -1,14 +1,14 @@
-"""The Hunt-Crossley family in scaled units, x'' = -xⁿ (1 + α x'), x(0) = 0, x'(0) = 1, solved.
+"""The solved Hunt-Crossley family in scaled units, x'' = -xⁿ (1 + α x'), x(0) = 0, x'(0) = 1.
 
-The energy balance of a free impact reads `G(1) = G(-e)` with
-`G(v) = ∫ v dv/(1+αv) = v/α - ln(1+αv)/α²`, for every exponent n. With `z = ln(1-αe) < 0`,
-`ψ(z) = (e^z-1-z)/z²` and `L(α) = (α-ln(1+α))/α²` it becomes `(z/α)² ψ(z) = L(α)`, which is smooth
-through α = 0 and keeps all its digits up to the largest α.
+The energy balance of a free impact reads `G(1) = G(-e)` with `G(v) = ∫ v dv/(1+αv) = v/α -
+ln(1+αv)/α²`, for every exponent n. With `z = ln(1-αe) < 0`, `ψ(z) = (e^z-1-z)/z²` and `L(α) =
+(α-ln(1+α))/α²` it becomes `(z/α)² ψ(z) = L(α)`. This equation is smooth through α = 0 and keeps all
+digits up to the largest α.
 
-With `y = ln(1+αv)/α` the energy integral reads `x^(n+1)/(n+1) = H(y)` and the time is
-`t = ∫ ((n+1) H)^(-n/(n+1)) dy`. Measured from the outer end of a half (touch or separation),
-`H = D (|v| κ(aD) + D ψ(aD))`, where D is the distance in y, a = α on the way in and a = -α on the
-way out. Every term is positive, so nothing cancels, at any α.
+With `y = ln(1+αv)/α` the energy integral reads `x^(n+1)/(n+1) = H(y)` and the time is `t = ∫ ((n+1)
+H)^(-n/(n+1)) dy`. Each half is measured from its outer end (touch or separation): `H = D (|v| κ(aD)
++ D ψ(aD))`. D is the distance in y, with a = α in compression and a = -α in restitution. Every term
+is positive, so nothing cancels at any α.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class HuntCrossleyForm(AbstractForm):
         return self.alpha, 0.0
 
     def alpha_at(self, speed: Lane) -> Lane:
-        """The α of an impact at another speed, in units of v0: here the same at every speed."""
+        """Return the α of an impact at another speed, in units of v0; here a constant."""
         return self.alpha
 
     def force(self, x: Lane, v: Lane, n: Exponent, compressing: Flag) -> Lane:
@@ -64,7 +64,7 @@ class HuntCrossleyForm(AbstractForm):
         return restitution_of(self.alpha)
 
     def momentum(self, n: Exponent) -> Momentum:
-        """y = ln(1+αv)/α, with y' = -xⁿ: not stiff at any α."""
+        """Return y = ln(1+αv)/α, with y' = -xⁿ: not stiff at any α."""
         exponent = self.order(n) * (n + 1) - 1
         return Momentum(
             at_touch=lambda: log1p_over(self.alpha),
@@ -74,7 +74,7 @@ class HuntCrossleyForm(AbstractForm):
         )
 
     def _loss_at(self, y: Lane) -> Lane:
-        """∫ αs²/(1+αs) ds from 0 to v(y): what damping takes of ½v², as xⁿ dx = -v dv/(1+αv)."""
+        """Return ∫ αs²/(1+αs) ds from 0 to v(y): the part of ½v² lost, as xⁿ dx = -v dv/(1+αv)."""
         v = speed_of(y, self.alpha)
         u = self.alpha * v
         weak = jnp.abs(u) < 0.5
@@ -83,15 +83,15 @@ class HuntCrossleyForm(AbstractForm):
         return jnp.where(weak, series, closed)
 
     def phase_unit(self) -> Lane:
-        """(1+α)^0.15, which evens out how fast the solution changes with the angle.
+        """Return (1+α)^0.15, which evens out the rate of change of the solution with the angle.
 
-        With strong damping the way out takes most of the time. The exponent was chosen among a few
+        With strong damping, restitution takes most of the time. The exponent was chosen among a few
         by the error of the duration up to α = 20.
         """
         return (1 + self.alpha) ** 0.15
 
     def solve(self, n: Exponent) -> ScaledImpact:
-        """Restitution and extrema by formula, the two times by quadrature."""
+        """Return restitution and extrema by formula, the two times by quadrature."""
         alpha = self.alpha
         if not isinstance(n, float):
             alpha, n = jnp.broadcast_arrays(alpha, n)
@@ -108,14 +108,14 @@ class HuntCrossleyForm(AbstractForm):
     def weakly_pushed(
         self, n: Exponent, push: Lane, swirl: Lane, ratio: Lane, e: Lane
     ) -> tuple[Change, Change] | None:
-        """By the series of `_weak_push`, for exponents that are known and for α up to 5."""
+        """Return the series of `_weak_push`, for concrete exponents and α up to 5."""
         if not isinstance(n, float):
             return None
         found = weak_push(self.alpha, n, self.order(n), push, swirl, ratio)
         if found is None or self.tension:
             return found
-        # The series knows a force without a clamp. That is met where 1 + αv falls below zero, which
-        # a motion that is pulled apart does at its end, if at all.
+        # The series describes a force without a clamp. A motion that is pulled apart can reach the
+        # clamp, 1 + αv < 0, only at its end.
         change, doubt = found
         fastest = e + jnp.abs(change.restitution) + doubt.restitution
         met = self.alpha * fastest >= 1
@@ -123,15 +123,15 @@ class HuntCrossleyForm(AbstractForm):
 
 
 class HasDamping(Protocol):
-    """What a form whose α depends on the speed needs of a law."""
+    """The part of a law's interface that a form with a speed-dependent α uses."""
 
     def damping_factor(self, contact: Any = None, velocity: Any = None) -> Lane:
-        """The α of F = K δⁿ (1 + α δ'/v0)."""
+        """Return the α of F = K δⁿ (1 + α δ'/v0)."""
         ...
 
 
 class SpeedDependentForm(HuntCrossleyForm):
-    """The same with an α that the law knows at every speed; `alpha` is that at v0."""
+    """The Hunt-Crossley form with an α that depends on the speed; `alpha` is its value at v0."""
 
     law: HasDamping
     contact: ContactLike
@@ -142,8 +142,8 @@ class SpeedDependentForm(HuntCrossleyForm):
 
 
 def _rebound_expansion(rho: Lane, alpha: Lane, lost: Lane) -> tuple[Lane, Lane, Lane, Lane]:
-    # Of ρ² ψ(z) - L with z = -αρ. By ψ's definition the derivatives are ρ κ(z), e^z and -α e^z;
-    # to write κ by ψ, or e^z by κ, would lose all digits at strong damping.
+    # Expansion of ρ² ψ(z) - L with z = -αρ. By the definition of ψ the derivatives are ρ κ(z), e^z
+    # and -α e^z. Writing κ by ψ, or e^z by κ, would lose all digits at strong damping.
     z = -alpha * rho
     second = jnp.exp(z)
     kappa_z, psi_z = kappa_and_psi(z)
@@ -152,8 +152,8 @@ def _rebound_expansion(rho: Lane, alpha: Lane, lost: Lane) -> tuple[Lane, Lane, 
 
 
 def _rebound_guess(alpha: Lane, lost: Lane) -> Lane:
-    # With p²/2 = α - ln(1+α): z = -p - p²/6 - p³/36 + ... for weak damping, and
-    # z = -(1 + p²/2) up to e^z for strong damping. Either is within 3 % at the switch, p = 2.
+    # With p²/2 = α - ln(1+α): z = -p - p²/6 - p³/36 + ... for weak damping, and z = -(1 + p²/2) up
+    # to e^z for strong damping. Both are within 3 % at the switch, p = 2.
     p_over_alpha = jnp.sqrt(2 * lost)
     p = alpha * p_over_alpha
     strong = p > 2
@@ -163,17 +163,17 @@ def _rebound_guess(alpha: Lane, lost: Lane) -> Lane:
     return jnp.where(strong, strong_rho, weak_rho)
 
 
-# From a guess within 3 % one step leaves 1.2e-8, which the second takes to its fourth power.
+# From a guess within 3 % one step leaves 1.2e-8, and the second reduces it to its fourth power.
 _rebound_root = expanded_root(_rebound_expansion, _rebound_guess, iterations=2)
 
 
 def rebound_exponent(alpha: Lane) -> Lane:
-    """ρ(α) = -ln(1-αe)/α, the regularised rebound speed; ρ(0) = 1."""
+    """Return ρ(α) = -ln(1-αe)/α, the regularised rebound speed; ρ(0) = 1."""
     return _rebound_root(alpha, log_remainder(alpha))
 
 
 def restitution_of(alpha: Lane) -> Lane:
-    """The e that the damping factor α ≥ 0 delivers in a free impact, for every exponent n."""
+    """Return the e that the damping factor α ≥ 0 delivers in a free impact, for every n."""
     return _restitution_at(rebound_exponent(alpha), alpha)
 
 
@@ -182,7 +182,7 @@ def _restitution_at(rho: Lane, alpha: Lane) -> Lane:
 
 
 def _energy_lost(alpha: Lane, e: Lane) -> Lane:
-    """1 - e², without a difference where damping is weak.
+    """Return 1 - e², without cancellation at weak damping.
 
     With `v²/2 - G(v) = α v³ M(αv)` the balance G(1) = G(-e) reads `1 - e² = 2α (M(α) + e³ M(-αe))`.
     """
@@ -210,12 +210,12 @@ _damping_exponent = implicit_root(_damping_residual, _damping_guess, iterations=
 
 
 def exact_damping_factor(e: ArrayLike) -> Lane:
-    """The damping factor α that delivers the restitution e, for every exponent n.
+    """Return the damping factor α that delivers the restitution e, for every exponent n.
 
     Solves `α(1+e) = ln[(1+α)/(1-αe)]`; α → 3(1-e)/2 as e → 1 and α → 1/e as e → 0.
 
     Arguments: `e` in (0, 1], any shape, dimensionless. Returns α, dimensionless, of the same shape;
-    NaN in lanes out of range. Differentiable to any order, at e = 1 too. Raises ValueError for a
+    NaN in lanes out of range. Differentiable to any order, also at e = 1. Raises ValueError for a
     Python scalar out of range. Inverse of `restitution`; derived from the energy integral of the
     Hunt-Crossley force, doi 10.1115/1.3423596.
     """
@@ -227,19 +227,20 @@ def exact_damping_factor(e: ArrayLike) -> Lane:
 
 
 def _course(alpha: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane, Lane]:
-    """The times from touch to the turn, and from there to separation, and the restitution."""
+    """Return the times from touch to turn and from turn to separation, and the restitution."""
     rho = rebound_exponent(alpha)
-    # One half after the other, by one piece of code. Both at a time would take vectors from lanes.
+    # The same code runs for one half after the other. Both halves at once would shorten the vectors
+    # over lanes.
     halves = jnp.stack([alpha, -alpha]), jnp.stack([log1p_over(alpha), rho])
     way_in, way_out = jax.lax.map(lambda half: _half_time(half[0], half[1], n, unroll), halves)
     return way_in, way_out, _restitution_at(rho, alpha)
 
 
 def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
-    """Time between touch and turn (a = α) or turn and separation (a = -α)."""
+    """Return the time between touch and turn (a = α) or turn and separation (a = -α)."""
     p = n / (n + 1)
-    # Where strong damping makes the way out long, the integrand varies only within `layer` of the
-    # turn: farther out the bodies creep apart at the speed 1/α, up to a neglected e^-layer.
+    # With strong damping, restitution is long and the integrand varies only within `layer` of the
+    # turn. Farther out the bodies creep apart at the speed 1/α, up to a neglected e^-layer.
     layer = 36.0 if a.dtype == jnp.float64 else 17.0
     creeping = -a * length > layer
     rate = jnp.where(creeping, -a, 1)
@@ -254,7 +255,7 @@ def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
         speed = inner * kappa(a * inner)
         kappa_z, psi_z = kappa_and_psi(z)
         slowness = to_power(speed * kappa_z + distance * psi_z, -p) - creep
-        # The rule expects the singularity at the start of its span; here it may lie further out.
+        # The rule expects the singularity at the start of its span; here it may lie farther out.
         return slowness * to_power(span * node / distance, p)
 
     integral = integrate(integrand, p, a, unroll) * span ** (1 - p)
@@ -263,7 +264,7 @@ def _half_time(a: Lane, length: Lane, n: Exponent, unroll: int) -> Lane:
 
 
 def _peak_expansion(v: Lane, alpha: Lane, n: Lane) -> tuple[Lane, Lane, Lane, Lane]:
-    # Of (n+1) α H - n v, where dH/dv = -v/(1+αv).
+    # Expansion of (n+1) α H - n v, where dH/dv = -v/(1+αv).
     softness = 1 / (1 + alpha * v)
     value = (n + 1) * alpha * _stored(v, alpha) - n * v
     slope = -(n + 1) * alpha * v * softness - n
@@ -272,13 +273,13 @@ def _peak_expansion(v: Lane, alpha: Lane, n: Lane) -> tuple[Lane, Lane, Lane, La
 
 
 def _stored(v: Lane, alpha: Lane) -> Lane:
-    """H = G(1) - G(v), the elastic energy stored when the speed has fallen from 1 to v ≥ 0."""
+    """Return H = G(1) - G(v), the elastic energy stored when the speed has fallen to v ≥ 0."""
     delta = (1 - v) / (1 + alpha * v)
     return delta * (v + delta * log_remainder(alpha * delta))
 
 
 def _peak_guess(alpha: Lane, n: Lane) -> Lane:
-    # Right in both limits, weak damping and strong: one step leaves 1e-5, two leave rounding.
+    # Exact in the limits of weak and strong damping. One step leaves 1e-5, two leave rounding.
     return (n + 1) * alpha / (2 * n + (2 * n + 1) * alpha)
 
 
@@ -286,6 +287,6 @@ _peak_velocity = expanded_root(_peak_expansion, _peak_guess, iterations=2)
 
 
 def _max_force(alpha: Lane, n: Exponent) -> Lane:
-    """The largest force: where (n+1) α H = n v, on the way in for any α > 0."""
+    """Return the largest force, at (n+1) α H = n v, which lies in compression for any α > 0."""
     v = _peak_velocity(alpha, jnp.broadcast_to(jnp.asarray(n, alpha.dtype), alpha.shape))
     return (1 + alpha * v) * ((n + 1) * _stored(v, alpha)) ** (n / (n + 1))

@@ -1,9 +1,9 @@
-"""The oscillator laws solved: x'' = -(xⁿ + 2ζ √((n+1)/2) x^((n-1)/2) x'), x(0) = 0, x'(0) = 1.
+"""The solved oscillator laws: x'' = -(xⁿ + 2ζ √((n+1)/2) x^((n-1)/2) x'), x(0) = 0, x'(0) = 1.
 
-With `s²/2 = x^(n+1)/(n+1)` and `dτ = (xⁿ/s) dt` this is s'' + 2ζ s' + s = 0, whose solution is
-elementary: s = e^(-ζτ) sin(ωτ)/ω, ω² = 1-ζ². In terms of `C(ζ) = arccos(ζ)/ω`, which is analytic
-through critical damping, the turn is at τ = C. A contact without tension ends at τ = 2C, one with
-tension at τ = π/ω. Time follows from `dt = ((n+1)/2)^(-n/(n+1)) s^(-(n-1)/(n+1)) dτ`.
+With `s²/2 = x^(n+1)/(n+1)` and `dτ = (xⁿ/s) dt` this is s'' + 2ζ s' + s = 0. Its solution is
+elementary: s = e^(-ζτ) sin(ωτ)/ω, ω² = 1-ζ². The turn is at τ = C with `C(ζ) = arccos(ζ)/ω`, which
+is analytic through critical damping. A contact without tension ends at τ = 2C, one with tension at
+τ = π/ω. Time follows from `dt = ((n+1)/2)^(-n/(n+1)) s^(-(n-1)/(n+1)) dτ`.
 """
 
 from __future__ import annotations
@@ -30,8 +30,10 @@ class OscillatorForm(AbstractForm):
 
     @property
     def ending(self) -> str:
-        """How the contact ends: "tension" (at x = 0; ζ < 1), "clamped" (the force vanishes) or
-        "approach" (damped on approach only, elastic rebound).
+        """The end of the contact: "tension", "clamped" or "approach".
+
+        "tension": at x = 0, for ζ < 1. "clamped": where the force vanishes. "approach": elastic
+        rebound, with damping on approach only.
         """
         if self.approach_only:
             return "approach"
@@ -55,7 +57,9 @@ class OscillatorForm(AbstractForm):
         return jnp.exp(-_decay(self.zeta, self.ending))
 
     def solve(self, n: Exponent) -> ScaledImpact:
-        """Restitution and extrema by formula, the times by quadrature (by formula for n = 1)."""
+        """Return restitution and extrema by formula, the times by quadrature (by formula for n =
+        1).
+        """
         zeta = self.zeta + jnp.zeros_like(jnp.asarray(n, self.zeta.dtype))
         settled = (zeta >= 1) & (self.ending == "tension")
         s_max = jnp.exp(-zeta * arc_over_sine(zeta))
@@ -73,7 +77,7 @@ class OscillatorForm(AbstractForm):
         )
 
     def _min_force(self, zeta: Lane, settled: Flag, n: Exponent) -> Lane | None:
-        """The least force; unknown (NaN) where the bodies stay together."""
+        """Return the least force; NaN (unknown) if the bodies stay together."""
         if self.ending != "tension":
             return None
         least = _extreme_force(jnp.where(settled, 0, zeta), n, least=True)
@@ -81,11 +85,11 @@ class OscillatorForm(AbstractForm):
 
 
 def _times(ending: str, zeta: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lane]:
-    """From touch to the turn, and from touch to the end."""
+    """Return the times from touch to the turn, and from touch to the end."""
     turn = arc_over_sine(zeta)
     compression = _compression_time(zeta, turn, n, unroll)
     if ending == "tension":
-        # From critical damping on there is no end.
+        # From critical damping on the contact has no end.
         return compression, _half_period_time(jnp.where(zeta < 1, zeta, 0), n, unroll)
     if ending == "clamped":
         return compression, compression + _clamped_rebound_time(zeta, turn, n, unroll)
@@ -93,7 +97,7 @@ def _times(ending: str, zeta: Lane, n: Exponent, unroll: int) -> tuple[Lane, Lan
 
 
 def _decay(zeta: Lane, ending: str) -> Lane:
-    """-ln e of the damping ratio ζ: πζ/ω with tension, 2ζC clamped, ζC on approach."""
+    """Return -ln e for the damping ratio ζ: πζ/ω with tension, 2ζC clamped, ζC on approach."""
     if ending == "tension":
         bound = zeta >= 1
         return jnp.where(bound, jnp.inf, _decrement(jnp.where(bound, 0, zeta)))
@@ -106,7 +110,7 @@ def _decrement(zeta: Lane) -> Lane:
 
 
 def _weakness(n: Exponent) -> Exponent:
-    """q of dt ~ s^(-q) dτ: the strength of the singularity of time at touch and separation."""
+    """Return q of dt ~ s^(-q) dτ, the strength of the time singularity at touch and separation."""
     return (n - 1) / (n + 1)
 
 
@@ -128,7 +132,7 @@ def _compression_time(zeta: Lane, turn: Lane, n: Exponent, unroll: int) -> Lane:
 
 
 def _half_period_time(zeta: Lane, n: Exponent, unroll: int) -> Lane:
-    """From touch to x = 0 with tension: the whole half period, each half from its own end."""
+    """Return the time from touch to x = 0 with tension, each half integrated from its own end."""
     omega = jnp.sqrt((1 - zeta) * (1 + zeta))
     if n_is_one(n):
         return jnp.pi / omega
@@ -146,14 +150,17 @@ def _half_period_time(zeta: Lane, n: Exponent, unroll: int) -> Lane:
 
 
 def _clamped_rebound_time(zeta: Lane, turn: Lane, n: Exponent, unroll: int) -> Lane:
-    """From the turn to the vanishing of the force, which is as far in τ as from touch to turn."""
+    """Return the time from the turn until the force vanishes, in τ equal to that from touch to
+    turn.
+    """
     if n_is_one(n):
         return turn
-    # Weak damping: the force vanishes close to x = 0, where the integrand is singular. Take the
-    # whole way to x = 0 and subtract the last bit, both from the singular end.
+    # With weak damping the force vanishes close to x = 0, where the integrand is singular. The time
+    # to x = 0 minus the last part is used, both integrated from the singular end.
     weak = zeta < 0.2
     zeta_weak = jnp.where(weak, zeta, 0.1)
-    # The last bit grows as ζ^(2/(n+1)), with infinite slope at ζ = 0: its derivative is zero there.
+    # The last part grows as ζ^(2/(n+1)), with infinite slope at ζ = 0; the derivative is zero
+    # there.
     damped = zeta_weak > 0
     last = 2 * jnp.arcsin(jnp.where(damped, zeta_weak, 0.1))
     whole = _end_time(zeta_weak, jnp.pi - jnp.arccos(zeta_weak), n, unroll)
@@ -170,7 +177,7 @@ def _clamped_rebound_time(zeta: Lane, turn: Lane, n: Exponent, unroll: int) -> L
 
 
 def _end_time(zeta: Lane, angle: Lane, n: Exponent, unroll: int) -> Lane:
-    """Time spent in the last `angle` = ωτ before x = 0; ζ < 1."""
+    """Return the time spent in the last `angle` = ωτ before x = 0; ζ < 1."""
     omega = jnp.sqrt((1 - zeta) * (1 + zeta))
     q = _weakness(n)
 
@@ -184,7 +191,9 @@ def _end_time(zeta: Lane, angle: Lane, n: Exponent, unroll: int) -> Lane:
 
 
 def _elastic_rebound_time(s_max: Lane, n: Exponent) -> Lane:
-    """From rest at s_max back to x = 0 without damping: a quarter period, ∫ cos^(-q)."""
+    """Return the time from rest at s_max back to x = 0 without damping, a quarter period ∫
+    cos^(-q).
+    """
     q = jnp.asarray(_weakness(n), s_max.dtype)
     half = jnp.asarray(0.5, s_max.dtype)
     quarter = jnp.exp(betaln((1 - q) / 2, half)) / 2
@@ -192,35 +201,35 @@ def _elastic_rebound_time(s_max: Lane, n: Exponent) -> Lane:
 
 
 def _extreme_force(zeta: Lane, n: Exponent, *, least: bool = False) -> Lane:
-    """The largest or the least of ((n+1)/2)^(n/(n+1)) s^q (s + 2ζv), until s = 0.
+    """Return the largest or the least of ((n+1)/2)^(n/(n+1)) s^q (s + 2ζv), until s = 0.
 
-    Both are where 2ζq v² + (1+q-4ζ²) s v = 2ζ s², the least with v < 0; it takes ζ < 1.
+    Both occur where 2ζq v² + (1+q-4ζ²) s v = 2ζ s². The least has v < 0 and exists for ζ < 1.
     """
     q = _weakness(n)
     b = 1 + q - 4 * jnp.square(zeta)
-    # For n = 1 the root is |b|; the derivative of the square root is guarded where it vanishes.
+    # For n = 1 the root is |b|; the derivative of the square root is guarded at zero.
     square = jnp.square(b) + 16 * jnp.square(zeta) * q
     root = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
     early = b <= 0
     v = jnp.where(early, jnp.where(square > 0, root - b, 1), 4 * zeta)
     s = jnp.where(early, 4 * zeta * q, root + b)
     if least:
-        # The product of both v/s is -1/q.
+        # The product of the two values of v/s is -1/q.
         s, v = jnp.where(early, v, 4 * zeta * q), -jnp.where(early, 4 * zeta, s)
-    # Along the motion s² + v² + 2ζsv = e^(-2ζτ), which turns the direction into the moment.
+    # Along the motion s² + v² + 2ζsv = e^(-2ζτ), which converts the direction into the time.
     size = jnp.sqrt(jnp.square(s) + jnp.square(v) + 2 * zeta * s * v)
     s, v = s / size, v / size
     cosine = v + zeta * s
     if least:
-        # From the end of the half period, at which the other formula is 0 times infinity.
+        # Measured from the end of the half period, where the other formula is 0 times infinity.
         omega = jnp.sqrt((1 - zeta) * (1 + zeta))
         moment = jnp.pi / omega - s * arc_over_sine(-cosine)
     else:
         moment = s * arc_over_sine(cosine)
     amplitude = jnp.exp(-zeta * moment)
     s, v = s * amplitude, v * amplitude
-    # s vanishes (the force is largest at touch, or least at the end) for n = 1, where s^q is 1, and
-    # without damping, where the least force is zero.
+    # s vanishes in two cases. For n = 1 the force is extreme at touch or at the end, and s^q is 1.
+    # Without damping the least force is zero.
     positive = s > 0
     return (
         jnp.where(positive, jnp.where(positive, s, 1) ** q, 1) * (s + 2 * zeta * v) / _time_unit(n)

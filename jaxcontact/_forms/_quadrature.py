@@ -1,4 +1,4 @@
-"""Quadrature on [0, 1] for integrands that grow like a known power at the start."""
+"""Quadrature on [0, 1] for integrands with a known power singularity at the start."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from jaxtyping import Array, Float
 from ._base import Exponent
 
 UNROLL = 2
-"""Nodes between two passes through memory: measured among 1 to 10, for 256 to 400 000 lanes. What
-is differentiated again takes 1, which compiles four times faster."""
+"""Nodes unrolled between two passes through memory, measured among 1 to 10 for 256 to 400 000
+lanes. Functions that are differentiated again use 1, which compiles four times faster.
+"""
 
 
 def integrate(
@@ -24,15 +25,16 @@ def integrate(
     unroll: int,
     count: int | None = None,
 ) -> Float[Array, "..."]:
-    """`∫_0^1 u^(-strength) g(u) du` for a smooth g, lane by lane; `like` gives precision and shape.
+    """Return `∫_0^1 u^(-strength) g(u) du` for a smooth g, lane by lane.
 
-    `strength` < 1. A Python float gets the Gauss-Jacobi rule with `count` nodes, by default 20 for
-    double precision and 10 for single. An array gets a rule with four times as many, differentiable
-    in the strength: `u = r^(1/(1-s))` takes the singularity away, whatever its strength, and a
-    double-exponential rule in r copes with the fractional power that g then contains.
+    `like` sets precision and shape. `strength` < 1. A Python float uses the Gauss-Jacobi rule with
+    `count` nodes, by default 20 for double precision and 10 for single. An array uses a rule with
+    four times as many nodes, which is differentiable in the strength. There `u = r^(1/(1-s))`
+    removes the singularity for any strength, and a double-exponential rule in r handles the
+    remaining fractional power of g.
 
-    The nodes are a loop around the lanes. As an axis of the lanes they would be the fastest one,
-    and a sum over the fastest axis does not use the processor's vectors: three times slower.
+    The nodes form a loop around the lanes. As an axis of the lanes they would be the fastest axis.
+    Summing over the fastest axis does not use the processor's vectors and is three times slower.
     """
     count = count or (20 if like.dtype == jnp.float64 else 10)
     if isinstance(strength, float | int):
@@ -49,8 +51,8 @@ def integrate(
         node, weight = at
         if isinstance(strength, float | int):
             return total + weight * integrand(node), None
-        # In single precision the first nodes would be zero, where integrands divide by them, and
-        # their derivatives by the squares.
+        # In single precision the first nodes would be zero. Integrands divide by the nodes, their
+        # derivatives by the squares.
         at_node = jnp.maximum(jnp.exp(stretch * node), least)
         return total + stretch * weight * integrand(at_node), None
 
@@ -59,21 +61,21 @@ def integrate(
 
 
 def to_power(x: Float[Array, "..."], exponent: Exponent) -> Float[Array, "..."]:
-    """`x^exponent` for x > 0 near 1, as at the nodes: a third of the time of a general power."""
+    """Return `x^exponent` for x > 0 near 1, as at the nodes, in a third of the usual time."""
     return jnp.exp(exponent * jnp.log(x))
 
 
 @functools.lru_cache
 def _gauss_jacobi(strength: float, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights for the weight u^(-strength) on [0, 1].
+    """Return nodes and weights for the weight u^(-strength) on [0, 1].
 
-    By the three-term recurrence of the orthonormal polynomials: Golub & Welsch (1969), doi
+    Computed by the three-term recurrence of the orthonormal polynomials: Golub & Welsch (1969), doi
     10.1090/S0025-5718-69-99647-1. SciPy's weights lose three more digits, and its import takes half
     a second.
     """
     k, b = np.arange(1.0, count), -strength
     diagonal = np.append(b / (b + 2), b * b / ((2 * k + b) * (2 * k + b + 2)))
-    # The first one is 0/0 where the strength is 1, before a factor cancels.
+    # At strength 1 the first one is 0/0 until a factor cancels.
     first = k[1:]
     rest = (2 * first * (first + b) / (2 * first + b)) ** 2
     rest = rest / ((2 * first + b + 1) * (2 * first + b - 1))
@@ -90,7 +92,7 @@ def _gauss_jacobi(strength: float, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 @functools.lru_cache
 def _double_exponential(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The tanh-sinh rule on [0, 1], its nodes given without cancellation near 0."""
+    """Return the tanh-sinh rule on [0, 1], with nodes free of cancellation near 0."""
     # Beyond 3.15 the weights are below an ulp of float64.
     t = np.linspace(-3.15, 3.15, count)
     x = np.pi / 2 * np.sinh(t)
@@ -100,5 +102,5 @@ def _double_exponential(count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def n_is_one(n: Exponent) -> bool:
-    """Whether n is known to be 1, where the time integrals are formulas."""
+    """Return whether n is known to be 1, where the time integrals are formulas."""
     return isinstance(n, float) and n == 1.0

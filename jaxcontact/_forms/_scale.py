@@ -1,4 +1,4 @@
-"""The units in which mass, stiffness and speed drop out of an impact, and its outcome in them."""
+"""The units that remove mass, stiffness and speed from an impact, and its outcome in them."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from jaxtyping import Array, Bool, Float, Int
 
 
 class ContactLike(Protocol):
-    """What a form needs of a contact: `mass` in kg, `stiffness` in N/mⁿ and the `exponent` n."""
+    """The numbers of a contact that a form uses: mass in kg, stiffness in N/mⁿ, exponent n."""
 
     mass: Float[Array, "..."]
     stiffness: Float[Array, "..."]
 
     @property
     def exponent(self) -> Any:
-        """The exponent n, a float where it is concrete."""
+        """The exponent n, a float if it is concrete."""
 
 
 class Scale(eqx.Module):
     """The units X = (m v0²/K)^(1/(n+1)) of length, v0 of speed, X/v0 of time, m v0²/X of force.
 
-    The unit of `energy` is ½ m v0². Without a contact only the unit of speed is known, the others
+    The unit of `energy` is ½ m v0². Without a contact only the unit of speed is known; the others
     are None.
     """
 
@@ -35,11 +35,11 @@ class Scale(eqx.Module):
 
 
 def scale_of(contact: ContactLike | None, velocity: Float[Array, "..."]) -> Scale:
-    """The scale of an impact; finite in float32 for any SI values that float32 can hold."""
+    """Return the scale of an impact, finite in float32 for all SI values that float32 can hold."""
     if contact is None:
         unknown = cast(Array, None)
         return Scale(unknown, velocity, unknown, unknown, unknown)
-    # m v0²/K leaves float32 where its fractional power does not: add logarithms instead.
+    # m v0²/K may overflow float32 although its fractional power does not, hence logarithms.
     logarithm = jnp.log(contact.mass) + 2 * jnp.log(velocity) - jnp.log(contact.stiffness)
     length = jnp.exp(logarithm / (contact.exponent + 1))
     return Scale(
@@ -56,14 +56,17 @@ class ScaledImpact(eqx.Module):
 
     `restitution` e; `duration` until separation and `compression_time` until the turn, in units of
     X/v0; `max_indentation` in X and `max_force` in m v0²/X, with X = (m v0²/K)^(1/(n+1)).
-    `min_force`: the least force, of a contact that may pull; None for others and where unknown.
-    `converged`: whether the numbers can be trusted; `settled`: whether the bodies stay together.
-    `energy_loss`: the part of the initial energy that is lost, for solutions that know it without
-    forming 1 - e², which has few digits where e is near 1; None for 1 - e².
-    `error_estimate` (relative, of restitution and duration) and `steps` for methods that have them.
-    `end_indentation` in X, at which the contact ends, where it may end before x = 0; None for 0 or,
-    beside a form that knows its damping, for where that force vanishes. `spare_energy` in m v0²:
-    that with which bodies under a push come to x = 0 again, or what they lack to do so, negative.
+
+    `min_force` is the least force of a contact that may pull; None for others and if unknown.
+    `converged` is True if the numbers can be trusted, `settled` if the bodies stay together.
+    `energy_loss` is the lost fraction of the initial energy. Solutions provide it if they avoid
+    forming 1 - e², which has few digits for e near 1; None stands for 1 - e². `error_estimate`
+    (relative, of restitution and duration) and `steps` are set by methods that have them.
+
+    `end_indentation` in X is the indentation at the end of a contact that may end before x = 0.
+    None stands for 0 or, if the form provides its damping, for the zero of that force.
+    `spare_energy` in m v0² is the energy with which bodies under a push return to x = 0; negative
+    if it does not suffice.
     """
 
     restitution: Float[Array, "..."]
@@ -82,10 +85,9 @@ class ScaledImpact(eqx.Module):
 
 
 class Change(NamedTuple):
-    """What a weak push adds to a free impact, in the units of the scaled problem; or bounds on the
-    errors of that.
+    """The change of a free impact by a weak push in scaled units, or bounds on its errors.
 
-    `turning`: by how much the angle θ, ∫ dt/(1-κx)² until separation, exceeds the duration.
+    `turning` is the excess of the angle θ = ∫ dt/(1-κx)² until separation over the duration.
     """
 
     restitution: Float[Array, "..."]

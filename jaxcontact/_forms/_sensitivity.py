@@ -1,4 +1,4 @@
-"""Derivatives of quadratures by the few numbers they depend on."""
+"""Derivatives of quadratures with respect to the few numbers they depend on."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Out = TypeVar("Out")
 def slopes_along(
     function: Callable[..., Out], primals: tuple[jax.Array, ...], tangents: tuple
 ) -> tuple[Out, Out, list[jax.Array]]:
-    """The value of a function of few numbers, its slopes by those that vary, and their tangents.
+    """Return the value of a function of few numbers, its slopes by the varying ones, and tangents.
 
-    A rule for `custom_jvp` that is linear in the tangents, so that it transposes: the slopes are
-    computed forward, along the value, and multiply tangents going forward or cotangents going back.
-    Every primal is one number, or one in every lane.
+    This is a rule for `custom_jvp` that is linear in the tangents and therefore transposes. The
+    slopes are computed forward together with the value. They multiply tangents in forward mode and
+    cotangents in reverse mode. Every primal is one number, or one number per lane.
     """
     varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
     along = [tangents[i] for i in varying]
@@ -40,7 +40,8 @@ def slopes_along(
 
     basis = jnp.eye(len(varying), dtype=primals[0].dtype)
     if len(varying) == 1:
-        # A batch of one direction would be traced once more, and compiled with an axis of one.
+        # A batch of one direction would be traced once more and compiled with an axis of length
+        # one.
         outcome, slope = sensitivity(basis[0])
         return outcome, jax.tree.map(lambda s: s[None], slope), along
     outcome, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)
@@ -48,9 +49,10 @@ def slopes_along(
 
 
 def lanewise(solve: Callable[..., Out], number: Lane, n: Exponent) -> Out:
-    """`solve(number, n, UNROLL)`, lane by lane on arrays of one shape, differentiated forward.
+    """Return `solve(number, n, UNROLL)`, lane by lane on arrays of one shape, differentiated
+    forward.
 
-    Going backwards through a quadrature would keep every node of every lane; the derivative of a
+    Reverse mode through a quadrature would store every node of every lane. The derivative of a
     lane's integral by its one or two numbers is one more integral, with `unroll` = 1, which
     compiles faster. A float n is a constant.
     """

@@ -1,4 +1,4 @@
-"""Power series in a few small numbers, cut off above a total degree, as arrays of coefficients."""
+"""Power series in a few small numbers, truncated by total degree, as arrays of coefficients."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ Series = np.ndarray
 
 
 class Truncated:
-    """The arithmetic of series with the given monomials, each a tuple of powers.
+    """Arithmetic of series with the given monomials, each a tuple of powers.
 
-    What a product has beyond them is left out: they must hold the divisors of each of them that
-    occur. Constants are series; `constant` makes them.
+    Terms of a product beyond these monomials are dropped, so the set must contain every divisor
+    that occurs. Constants are series; `constant` creates them.
     """
 
     def __init__(self, monomials: Sequence[Powers]):
@@ -38,7 +38,7 @@ class Truncated:
         return series
 
     def variable(self, powers: Powers, like: Series) -> Series:
-        """The monomial with these powers."""
+        """Return the monomial with these powers."""
         series = np.zeros_like(like)
         series[self.place[powers]] = 1
         return series
@@ -55,7 +55,7 @@ class Truncated:
         return self.times(*[series] * exponent)
 
     def inverse(self, series: Series) -> Series:
-        """1/series by Newton's method: each step doubles the degree up to which it is right."""
+        """Return 1/series by Newton's method; each step doubles the number of correct degrees."""
         found, right = self.constant(1 / series[0]), 0
         while right < self.degree[-1]:
             left = -self.times(series, found)
@@ -64,7 +64,7 @@ class Truncated:
         return found
 
     def sine_and_cosine(self, angle: np.ndarray, more: Series) -> tuple[Series, Series]:
-        """Of an angle and a series without a constant term that is added to it."""
+        """Return sine and cosine of an angle plus a series without constant term."""
         term = self.constant(np.ones_like(angle))
         sine, cosine = np.sin(angle), np.cos(angle)
         sums = np.zeros_like(term), np.zeros_like(term)

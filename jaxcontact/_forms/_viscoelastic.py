@@ -31,13 +31,14 @@ class ViscoelasticForm(AbstractForm):
 
 
 class ViscoelasticSpheresForm(ViscoelasticForm):
-    """The same for n = 3/2, solved: its impacts depend on a alone, as series in ln(1+a).
+    """The solved viscoelastic form for n = 3/2: its impacts are series in ln(1+a).
 
-    They are certified to 1e-15, with their slopes, for every a ≥ 0. By factors that follow from the
-    limit of strong damping each holds a slowly growing function: the times of the turn and of the
-    end without tension by (1+a)^(2/3), that of the end with tension over 1+a, and for restitution
-    the q of e = (1 + a q)^-p, p = 5 with tension, 5/3 without. Without tension the contact ends at
-    the first of two roots of an analytic equation, which differ by half powers of a.
+    The series are certified to 1e-15, including their slopes, for every a ≥ 0. Factors from the
+    limit of strong damping reduce each quantity to a slowly growing function. The times of the
+    turn, and of the end without tension, are divided by (1+a)^(2/3); the end with tension is
+    multiplied by 1+a. For restitution the function is the q of e = (1 + a q)^-p, with p = 5 with
+    tension and 5/3 without. Without tension the contact ends at the first of two roots of an
+    analytic equation. These roots differ by half powers of a.
     """
 
     def sound(self) -> tuple[ViscoelasticSpheresForm, Flag]:
@@ -48,7 +49,7 @@ class ViscoelasticSpheresForm(ViscoelasticForm):
         return jnp.exp(-self._decay())
 
     def solve(self, n: Exponent) -> ScaledImpact:
-        """All of it by series."""
+        """Return the impact, entirely by series."""
         slowly = jnp.exp(jnp.log1p(self.a) * (2 / 3))
         if self.tension:
             duration = self._series("duration") * (1 + self.a)
@@ -71,7 +72,7 @@ class ViscoelasticSpheresForm(ViscoelasticForm):
         return -(self._series("min_force") + half) * jnp.exp(jnp.log1p(self.a) * (-8 / 3))
 
     def _decay(self) -> Lane:
-        """-ln e."""
+        """Return -ln e."""
         if self.tension:
             return 5 * jnp.log1p(self.a * self._series("decay"))
         half = self._series("clamped_decay_half") * self._weak(1.5)
@@ -82,7 +83,7 @@ class ViscoelasticSpheresForm(ViscoelasticForm):
         return chebyshev_by_piece(ends, rows, jnp.log1p(self.a))
 
     def _weak(self, exponent: float) -> Lane:
-        """The half power of a, on the first piece; on the others it has no part."""
+        """Return the half power of a on the first piece; it does not contribute on the others."""
         weakest = float(np.expm1(_stored()["ends"][1]))
         return power(jnp.minimum(self.a, weakest), exponent)
 
@@ -94,12 +95,12 @@ def _stored() -> dict[str, Any]:
 
 @functools.cache
 def _coefficients(name: str, dtype: Any) -> tuple[list[float], list[list[float]]]:
-    """The ends of the pieces, and the rows of coefficients that count in a precision."""
+    """Return the ends of the pieces, and the coefficient rows that matter in a precision."""
     columns = _stored()["series"][name]
     table = np.zeros((max(map(len, columns)), len(columns)))
     for k, column in enumerate(columns):
         table[: len(column), k] = column
-    # Slopes weigh a coefficient by the square of its degree.
+    # Slopes weight a coefficient by the square of its degree.
     least = np.abs(table).max() * float(jnp.finfo(dtype).eps) / 1000
     count = 1 + np.flatnonzero(np.abs(table).max(axis=1) > least)[-1]
     return _stored()["ends"], table[:count].tolist()

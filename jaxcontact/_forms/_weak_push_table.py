@@ -1,7 +1,7 @@
 """The coefficients of `_weak_push`, by exponent.
 
-In the plane of w, x = w^k, and v the angle runs from 0 to π whatever the push, so that the orders
-of its power series are integrated over it side by side, without an event, at Chebyshev nodes in
+In the plane of w (x = w^k) and v the angle runs from 0 to π for any push. The orders of the power
+series are therefore integrated over it side by side, without an event, at Chebyshev nodes in
 ln(1+α).
 """
 
@@ -19,20 +19,22 @@ from ._scale import Change
 from ._truncated import Powers, Series, Truncated
 
 ORDER = 3
-"""Up to which the series is summed; the table goes one further."""
+"""Highest order that is summed; the table contains one more."""
 
 MOST_DAMPING = 5.0
-"""The α up to which there is a table: e = 0.197. Beyond, the orders grow fast with α."""
+"""Largest α of the table (e = 0.197). Above it the orders grow fast with α."""
 
 _NODES = 24
 
 FILE = "weak_push_tables.json"
-"""Tables of the exponents that most contacts have; `python -m tests.weak_push_tables` writes it."""
+"""Tables of the most common exponents, written by `python -m tests.weak_push_tables`."""
 
 
 class Table(NamedTuple):
-    """Rows (R,) of Chebyshev coefficients in ln(1+α): of which `output`, the place in `Change`,
-    times which `powers` (R, 3) of γ, c and κ. What is added to e is divided by α/(1+α).
+    """Rows (R,) of Chebyshev coefficients in ln(1+α).
+
+    `output` is the place of each row in `Change`, `powers` (R, 3) its powers of γ, c and κ. The
+    change of e is divided by α/(1+α).
     """
 
     coefficients: np.ndarray
@@ -42,9 +44,9 @@ class Table(NamedTuple):
 
 @functools.lru_cache
 def table_of(n: float, order: int) -> Table:
-    """The coefficients for an exponent and the k of x = w^k.
+    """Return the coefficients for an exponent and the k of x = w^k.
 
-    Those of usual exponents are read, others take half a second, once.
+    Tables of usual exponents are read from a file; others are computed once in half a second.
     """
     stored = json.loads(files("jaxcontact._forms").joinpath(FILE).read_text()).get(
         name_of(n, order)
@@ -53,12 +55,12 @@ def table_of(n: float, order: int) -> Table:
 
 
 def name_of(n: float, order: int) -> str:
-    """The name of a table in `FILE`."""
+    """Return the name of a table in `FILE`."""
     return f"n={n:g} k={order}"
 
 
 def computed(n: float, order: int) -> Table:
-    """The table by integration."""
+    """Return the table by integration."""
     nodes = np.cos((np.arange(_NODES) + 0.5) * np.pi / _NODES)
     alpha = np.expm1(np.log1p(MOST_DAMPING) * (1 + nodes) / 2)
     fit = 2 / _NODES * np.cos(np.outer(np.arange(_NODES), np.arccos(nodes)))
@@ -89,7 +91,7 @@ class _Now(NamedTuple):
 
 
 class _Motion:
-    """Impacts of some α as power series in γ, c and κ.
+    """Impacts for several α as power series in γ, c and κ.
 
     A state is (r, t, ∫x dt, ∫x² dt, ...) at an angle φ: w = r sin φ, v = r cos φ.
     """
@@ -97,11 +99,11 @@ class _Motion:
     def __init__(self, alpha: np.ndarray, n: float, order: int):
         top = ORDER + 1
         everything = itertools.product(range(top + 1), repeat=3)
-        # c comes with κ, as what is left of it is in γ.
+        # c occurs only with κ, since its remaining part is in γ.
         known = [p for p in everything if sum(p) <= top and (p[2] >= p[1] > 0 or p[1:] == (0, 0))]
         self.series = series = Truncated(known)
         self.alpha, self.n, self.k, self.top = alpha, n, order, top
-        # The unit of w that makes the motion over the angle smoothest, among a few that were tried.
+        # The unit of w that makes the motion over the angle smoothest, among a few tried.
         self.unit = (1 + alpha) ** 0.6
         self.one = series.constant(np.ones_like(alpha))
         self.gamma = series.variable((1, 0, 0), self.one)
@@ -124,7 +126,7 @@ class _Motion:
         return _Now(w, v, x, inner, force, times(inner, pull))
 
     def rate(self, sine: Series, cosine: Series, state: Series) -> Series:
-        """The derivative of a state by φ, as tan φ = w/v."""
+        """Return the derivative of a state by φ, as tan φ = w/v."""
         series, times = self.series, self.series.times
         now, radius, width = self.at(sine, cosine, state[0]), state[0], self.k * self.unit
         turns = times(now.v, now.v) / width + times(now.w, now.pull)
@@ -137,8 +139,8 @@ class _Motion:
         return np.stack(slopes)
 
     def along(self, state: Series, start: np.ndarray, end: np.ndarray) -> Series:
-        """The state at the angle `end`."""
-        # Without loading it at import.
+        """Return the state at the angle `end`."""
+        # Imported here, so that importing the package does not load it.
         from scipy.integrate import solve_ivp
 
         def slope(part: float, numbers: np.ndarray) -> np.ndarray:
@@ -150,7 +152,7 @@ class _Motion:
         return solve_ivp(slope, (0.0, 1.0), state.ravel(), **how).y[:, -1].reshape(state.shape)
 
     def moved(self, state: Series, angle: np.ndarray, by: Series) -> _Now:
-        """By a step of order 4, which is exact up to the fourth power of `by`."""
+        """Return the state after a step of order 4, exact up to the fourth power of `by`."""
         shares = [self.series.sine_and_cosine(angle, share * by) for share in (0.0, 0.5, 1.0)]
 
         def further(share: float, slope: Series) -> Series:
@@ -164,10 +166,10 @@ class _Motion:
         return self.at(*shares[2], further(1.0, mean)[0])
 
     def strongest(self, state: Series, angle: np.ndarray) -> Series:
-        """The largest force, from the state where it is largest in a free impact."""
+        """Return the largest force, from the state where it is largest in a free impact."""
 
         def falls(by: Series) -> Series:
-            """What vanishes there: n x'(1+αx') + α x x''."""
+            """Return n x'(1+αx') + α x x'', which vanishes at the largest force."""
             now = self.moved(state, angle, by)
             factor = self.one + self.alpha * now.v
             power = self.alpha * self.unit * self.series.times(now.w, now.pull)
@@ -176,13 +178,13 @@ class _Motion:
         tiny = self.series.constant(np.full_like(angle, 1e-4))
         slope = (falls(tiny)[0] - falls(-tiny)[0]) / 2e-4
         later = np.zeros_like(self.one)
-        # Each of them makes one more order right; of the force, which is stationary, two.
+        # Each pass makes one more order correct; of the force, which is stationary, two.
         for _ in range(2):
             later[1:] -= (falls(later) / slope)[1:]
         return self.moved(state, angle, later).force
 
     def outcome(self) -> list[tuple[str, Powers, Series]]:
-        """Members of `Change`, powers of a factor, and the series that it multiplies."""
+        """Return members of `Change`, the powers of a factor, and the series it multiplies."""
         begin = np.stack([self.one, *[np.zeros_like(self.one)] * (self.top + 1)])
         peak, turn = self.angle_of_peak(), np.full_like(self.alpha, np.pi / 2)
         strongest = self.along(begin, np.zeros_like(turn), peak)
@@ -200,7 +202,9 @@ class _Motion:
         ]
 
     def angle_of_peak(self) -> np.ndarray:
-        """Where the force of a free impact is largest: (n+1) α H = n v, H the energy stored."""
+        """Return the angle of the largest force of a free impact: (n+1) α H = n v, H the stored
+        energy.
+        """
         alpha, n = self.alpha, self.n
 
         def stored(v: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a contact law is: a pure force function and its parameters."""
+"""The interface of a contact law: a pure force function and its parameters."""
 
 from __future__ import annotations
 
@@ -28,44 +28,44 @@ if TYPE_CHECKING:
 _Given = TypeVar("_Given")
 
 VELOCITY_THRESHOLD = 1e-9
-"""Closing speed in m/s below which `impact` and `bounce` know no impact.
+"""Closing speed in m/s below which `impact` and `bounce` report no impact.
 
-The hysteresis damping factor c = α K/v0 has no limit as v0 → 0. The force of a law and the
-impacts of a scene have no such threshold.
+The hysteresis damping factor c = α K/v0 has no limit as v0 → 0. The force of a law and the impacts
+of a scene have no such threshold.
 """
 
 
 as_tension = functools.partial(require_flag, "tension")
-"""The converter of a law's keyword `tension`."""
+"""Converter of a law's keyword `tension`."""
 
-# Type checkers know `eqx.field`, and would take the converter for the type of the field.
+# Type checkers recognise `eqx.field` and would take the converter's type for the type of the field.
 _TENSION: dict[str, Any] = {"static": True, "converter": as_tension}
 
 
 def _is_abstract(cls: type) -> bool:
-    """Whether a class has abstract methods; `inspect.isabstract` does not know it this early."""
+    """Return whether a class has abstract methods, even before its abstract flag is set."""
     return any(getattr(getattr(cls, n, None), "__isabstractmethod__", False) for n in dir(cls))
 
 
 class AbstractLaw(eqx.Module):
-    """A contact law: parameters as leaves, and the force they make.
+    """A contact law: parameters as leaves, and the force they define.
 
     A subclass with a `force` works in `impact`, `trajectory`, `restitution` and under every JAX
-    transformation. `force` gets SI quantities that broadcast, and should be zero for a negative
-    indentation. Every array held by a law broadcasts with the contact and the speed. A law with a
-    closed form or another shortcut returns it from `form`.
+    transformation. `force` receives SI quantities that broadcast, and should return zero for a
+    negative indentation. Every array held by a law broadcasts with the contact and the speed. A law
+    with a closed form or another shortcut returns it from `form`.
 
-    A subclass must say whether its contact may pull: it sets `tension = False` or `tension = True`,
-    or inherits it. With False a negative force counts as zero, and the contact ends where its force
-    vanishes; with True the force may pull, and the contact ends where δ is back at zero. Raises
-    TypeError where a class with a force says neither. The keyword `tension` (static) of an instance
-    replaces the choice of its class: `MyLaw(c=1e4, tension=True)`.
+    A subclass must state whether its contact may pull: it sets `tension = False` or `tension =
+    True`, or inherits it. With False a negative force counts as zero, and the contact ends where
+    the force vanishes. With True the force may pull, and the contact ends when δ returns to zero. A
+    class that defines `force` but not `tension` raises TypeError. The keyword `tension` (static) of
+    an instance overrides its class: `MyLaw(c=1e4, tension=True)`.
     """
 
     tension: bool = eqx.field(default=None, kw_only=True, **_TENSION)
 
     exponents: ClassVar[tuple[float, ...] | None] = None
-    """The contact exponents n the law is made for; None if any will do."""
+    """Contact exponents n the law is made for; None if every exponent is allowed."""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -86,15 +86,18 @@ class AbstractLaw(eqx.Module):
 
     @property
     def damped(self) -> bool:
-        """Whether the force depends on the velocity, for any parameters. Where a law says that it
-        does not, solves leave out what damping alone needs.
+        """True if the force depends on the velocity for some parameters.
+
+        If False, the solvers omit the work that only damping needs.
         """
         return True
 
     @property
     def refers_to_peak(self) -> bool:
-        """Whether the damping of a pushed impact refers to the largest closing speed since touch,
-        where that is asked for. It makes no difference to forces without v0.
+        """True if the damping of a pushed impact can refer to the largest closing speed since
+        touch.
+
+        It does so where the caller asks for it. Forces without v0 are not affected.
         """
         return False
 
@@ -106,7 +109,7 @@ class AbstractLaw(eqx.Module):
         contact: Contact,
         impact_velocity: ArrayLike,
     ) -> Float[Array, "..."]:
-        """Normal contact force in N, positive when it pushes the bodies apart.
+        """Return the normal contact force in N, positive when it pushes the bodies apart.
 
         Arguments: indentation δ in m; its rate δ' in m/s, positive while closing; the contact; the
         closing speed v0 in m/s at the moment of touch. All of them broadcast.
@@ -115,18 +118,18 @@ class AbstractLaw(eqx.Module):
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
-        """The dimensionless α of F = K δⁿ (1 + α δ'/v0); ValueError for laws of another form."""
+        """Return the dimensionless α of F = K δⁿ (1 + α δ'/v0); ValueError for other laws."""
         raise ValueError(
             f"`{type(self).__name__}` has no damping factor: its force is not of the form "
             "K δ^n (1 + α δ'/v0)."
         )
 
     def form(self, contact: Contact | None, scale: Scale | None) -> AbstractForm:
-        """The law in scaled units: a general form, replaced by laws with a special one.
+        """Return the law in scaled units: a `GeneralForm` unless a law overrides it.
 
-        Arguments: the contact and the units of the impact. Either may be None where only the
-        restitution is wanted; without a contact a scale has no unit but the speed. Raises
-        ValueError where the form depends on what is missing.
+        Arguments: the contact and the units of the impact. Either may be None if only the
+        restitution is wanted. Without a contact, a scale has no unit but the speed. Raises
+        ValueError if the form depends on a missing argument.
         """
         return GeneralForm(
             law=self,
@@ -151,44 +154,45 @@ def force_of(
     contact: Contact,
     impact_velocity: ArrayLike,
 ) -> Float[Array, "..."]:
-    """The force of a law in N, where a pull counts as none if the law has no tension.
+    """Return the force of a law in N, with a pull counted as zero if the law has no tension.
 
-    Laws of the package clamp their own force; one of a user's own need not.
+    The package's laws clamp their own force; a user's law need not.
     """
     force = law.force(indentation, velocity, contact, impact_velocity)
     return force if law.tension else jnp.where(force < 0, 0, force)
 
 
 def require_law(value: object) -> AbstractLaw:
-    """A law; ValueError for anything else."""
+    """Return `value` if it is a law; raise ValueError otherwise."""
     return require_kind("law", value, AbstractLaw, "a contact law (see `list_laws`)")
 
 
 def require_contact_like(value: Any) -> None:
-    """Raise ValueError for what has no mass, stiffness and exponent."""
-    # By what it holds: contacts are in a room above the laws.
+    """Raise ValueError unless `value` has a mass, a stiffness and an exponent."""
+    # Checked by attributes, because `Contact` belongs to a room above the laws.
     if not all(hasattr(value, name) for name in ("mass", "stiffness", "exponent")):
         raise ValueError(f"Argument `contact` must be a `Contact`, but is {rendered(value)}.")
 
 
 def contact_for(contact: Contact | None, law: AbstractLaw) -> Contact:
-    """The contact that a law depends on; ValueError if it is missing or none."""
+    """Return the contact that a law depends on; ValueError if it is missing or not a contact."""
     given = needed(contact, "contact", law)
     require_contact_like(given)
     return given
 
 
 def speed_for(velocity: ArrayLike | None, law: AbstractLaw) -> Float[Array, "..."]:
-    """The closing speed that a law depends on; ValueError if it is missing or no number."""
+    """Return the closing speed that a law depends on; ValueError if missing or not a number."""
     return as_parameter(needed(velocity, "velocity", law), "velocity")
 
 
 def force_arguments(
     indentation: ArrayLike, velocity: ArrayLike, contact: Contact, impact_velocity: ArrayLike
 ) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
-    """The three numbers of `AbstractLaw.force` as arrays.
+    """Return the three numbers of `AbstractLaw.force` as arrays.
 
-    Raises ValueError for what is no number or contact, and for shapes that do not broadcast.
+    Raises ValueError for anything that is not a number or a contact, and for shapes that do not
+    broadcast.
     """
     require_contact_like(contact)
     numbers = {
@@ -202,7 +206,7 @@ def force_arguments(
 
 
 def needed(argument: _Given | None, name: str, law: AbstractLaw) -> _Given:
-    """An argument that the law depends on; ValueError if it is None."""
+    """Return an argument that the law depends on; ValueError if it is None."""
     if argument is None:
         raise ValueError(
             f"Argument `{name}` is needed for `{type(law).__name__}`, which depends on it, "

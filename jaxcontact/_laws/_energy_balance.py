@@ -1,4 +1,4 @@
-"""Laws from the energy balance of an impact: for an assumed velocity profile, and exactly."""
+"""Laws from the energy balance of an impact: with an assumed velocity profile, and exact."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 class EnergyLoss(AbstractHuntCrossley):
     """The law that follows from the velocity profile δ' = v0 √(1 - (δ/δ_m)^β).
 
-    `α = (1-e)/e / ((n+1) I(β))`, `I(β) = ∫_0^1 uⁿ √(1-u^β) du = B((n+1)/β, 3/2)/β`. For n = 3/2,
-    β = 5/2 gives 3(1-e)/(2e), the law of Hu and Guo, and β = 2 the factor 1.602 that Flores et al.
-    print as 8/5. `e` in (0, 1], `beta` > 0, both dimensionless and differentiable; n is taken from
-    the contact, 3/2 without one. Raises ValueError for a Python scalar out of range.
+    `α = (1-e)/e / ((n+1) I(β))`, `I(β) = ∫_0^1 uⁿ √(1-u^β) du = B((n+1)/β, 3/2)/β`. For n = 3/2, β
+    = 5/2 gives 3(1-e)/(2e), the law of Hu and Guo. β = 2 gives the factor 1.602 that Flores et al.
+    print as 8/5. `e` in (0, 1] and `beta` > 0 are dimensionless and differentiable. n is taken from
+    the contact; without a contact it is 3/2. Raises ValueError for a Python scalar out of range.
     Source: Hu & Guo (2015), Eq. 22-37, doi 10.1007/s11044-015-9453-z.
     """
 
@@ -53,11 +53,11 @@ class EnergyLoss(AbstractHuntCrossley):
     valid="all e in (0, 1], exactly",
 )
 class ExactRestitution(AbstractHuntCrossley):
-    """The member of the Hunt-Crossley family that delivers exactly the e it is given.
+    """The member of the Hunt-Crossley family that delivers exactly its parameter e.
 
     α solves `α(1+e) = ln[(1+α)/(1-αe)]`. `e` in (0, 1]. Raises ValueError for a Python scalar out
-    of range. Derived from the energy integral of the force of Hunt & Crossley (1975),
-    doi 10.1115/1.3423596.
+    of range. Derived from the energy integral of the force of Hunt & Crossley (1975), doi
+    10.1115/1.3423596.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)

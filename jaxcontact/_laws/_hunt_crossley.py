@@ -1,4 +1,4 @@
-"""The Hunt-Crossley family F = K δⁿ (1 + α δ'/v0), and those members that are given α directly."""
+"""The Hunt-Crossley family F = K δⁿ (1 + α δ'/v0), and its members with α as a parameter."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 
 class AbstractHuntCrossley(AbstractLaw):
-    """A law F = K δⁿ (1 + α δ'/v0); a subclass gives α and is solved in closed form.
+    """A law F = K δⁿ (1 + α δ'/v0), solved in closed form; a subclass returns α.
 
-    In a free impact 1 + α δ'/v0 stays positive. An external pull can make it negative; the force is
+    In a free impact 1 + α δ'/v0 stays positive. An external pull can make it negative. The force is
     then clamped at zero, unless the law was made with `tension=True`.
     """
 
@@ -42,10 +42,10 @@ class AbstractHuntCrossley(AbstractLaw):
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
-        """The dimensionless α of F = K δⁿ (1 + α δ'/v0).
+        """Return the dimensionless α of F = K δⁿ (1 + α δ'/v0).
 
-        Arguments: the contact and the closing speed v0 in m/s, both optional where α depends on
-        neither. Raises ValueError where they are needed and missing.
+        Arguments: the contact and the closing speed v0 in m/s. Both are optional if α depends on
+        neither. Raises ValueError if one is needed and missing.
         """
 
     def force(
@@ -55,14 +55,15 @@ class AbstractHuntCrossley(AbstractLaw):
         contact: Contact,
         impact_velocity: ArrayLike,
     ) -> Float[Array, "..."]:
-        """F = K δⁿ max(0, 1 + α δ'/v0) in N, and zero for δ < 0.
+        """Return F = K δⁿ max(0, 1 + α δ'/v0) in N, and zero for δ < 0.
 
-        The square root of the smallest number replaces a v0 below it, so that α/v0 stays finite:
-        it depends on no units. With `tension=True` the force is not clamped.
+        v0 has a floor, the square root of the smallest normal number, which keeps α/v0 finite in
+        any system of units. With `tension=True` the force is not clamped.
         """
         depth, rate, speed = force_arguments(indentation, velocity, contact, impact_velocity)
         least = math.sqrt(jnp.finfo(speed.dtype).tiny)
-        # Chosen, not the larger one: derivatives by the floor overflow, and 0 times them is no 0.
+        # `where`, not `maximum`: the derivative by the floor overflows, and 0 times infinity is
+        # NaN.
         speed = jnp.where(speed < least, least, speed)
         elastic = contact.stiffness * power(depth, contact.exponent)
         damping = self.damping_factor(contact, speed) / speed
@@ -81,7 +82,7 @@ class AbstractHuntCrossley(AbstractLaw):
     valid="elastic contact",
 )
 class Hertz(AbstractHuntCrossley):
-    """The elastic contact, F = K δⁿ (n = 3/2 for Hertz's spheres); restitution 1.
+    """The elastic contact, F = K δⁿ (n = 3/2 for Hertzian spheres), with restitution 1.
 
     Source: Hertz (1882), J. reine angew. Math. 92:156, doi 10.1515/crll.1882.92.156.
     """
@@ -98,7 +99,7 @@ class Hertz(AbstractHuntCrossley):
 
 @register_law("damped", formula="α", source="the family's own parameter", valid="α ≥ 0")
 class Damped(AbstractHuntCrossley):
-    """The family with its one number given directly: F = K δⁿ (1 + α δ'/v0).
+    """The Hunt-Crossley family with α as its parameter: F = K δⁿ (1 + α δ'/v0).
 
     `alpha` ≥ 0, dimensionless. Raises ValueError for a Python scalar out of range.
     """
@@ -134,7 +135,7 @@ class ConstantDamping(AbstractHuntCrossley):
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
-        """α = c v0/K; ValueError if `contact` or `velocity` is missing."""
+        """Return α = c v0/K; ValueError if `contact` or `velocity` is missing."""
         stiffness = contact_for(contact, self).stiffness
         return self.c * speed_for(velocity, self) / stiffness
 
@@ -148,7 +149,7 @@ class ConstantDamping(AbstractHuntCrossley):
 class MarhefkaOrin(AbstractHuntCrossley):
     """A law without v0 in its force: F = K δⁿ (1 + (3/2) a δ'), intended to give e = 1 - a v0.
 
-    `a` ≥ 0 in s/m. Good for small a v0; α = (3/2) a v0. Raises ValueError for a Python scalar out
+    `a` ≥ 0 in s/m. Accurate for small a v0; α = (3/2) a v0. Raises ValueError for a Python scalar out
     of range. Source: Marhefka & Orin (1999), IEEE Trans. Syst. Man Cybern. A 29:566,
     doi 10.1109/3468.798060.
     """
@@ -162,5 +163,5 @@ class MarhefkaOrin(AbstractHuntCrossley):
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
-        """α = (3/2) a v0; ValueError if `velocity` is missing."""
+        """Return α = (3/2) a v0; ValueError if `velocity` is missing."""
         return 1.5 * self.a * speed_for(velocity, self)

@@ -1,4 +1,4 @@
-"""The Hunt-Crossley law whose damping factor c is a power of the closing speed."""
+"""The Hunt-Crossley law with a hysteresis damping factor c that is a power of the closing speed."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 class PowerDamping(AbstractHuntCrossley):
     """A damping factor that depends on the closing speed: F = K δⁿ + c (v0/v_r)^p δⁿ δ'.
 
-    α = c (v0/v_r)^p v0/K. `c` ≥ 0 in N s/m^(n+1) is the damping factor at the reference speed;
-    `power` p, dimensionless: 0 is a constant c, -1 a constant e; `reference` v_r > 0 in m/s. Raises
-    ValueError for a Python scalar out of range. Source: Hunt & Crossley (1975), J. Appl. Mech.
-    42:440, doi 10.1115/1.3423596, for the force; the power is empirical.
+    α = c (v0/v_r)^p v0/K. `c` ≥ 0 in N s/m^(n+1) is the damping factor at the reference speed.
+    `power` p is dimensionless; p = 0 gives a constant c, p = -1 a constant e. `reference` v_r > 0
+    in m/s. Raises ValueError for a Python scalar out of range. Source: Hunt & Crossley (1975), J.
+    Appl. Mech. 42:440, doi 10.1115/1.3423596, for the force; the power is empirical.
     """
 
     c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE, "N s/m^(n+1)")
@@ -38,7 +38,7 @@ class PowerDamping(AbstractHuntCrossley):
     def damping_factor(
         self, contact: Contact | None = None, velocity: ArrayLike | None = None
     ) -> Float[Array, "..."]:
-        """α = c (v0/v_r)^p v0/K; ValueError if `contact` or `velocity` is missing."""
+        """Return α = c (v0/v_r)^p v0/K; ValueError if `contact` or `velocity` is missing."""
         stiffness = contact_for(contact, self).stiffness
         speed = speed_for(velocity, self)
         return self.c * jnp.exp(self.power * jnp.log(speed / self.reference)) * speed / stiffness

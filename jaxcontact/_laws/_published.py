@@ -1,4 +1,4 @@
-"""Published formulas α(e) for the Hunt-Crossley family; few of them deliver the e given."""
+"""Published formulas α(e) for the Hunt-Crossley family; most deliver a different e."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 class HuntCrossley(AbstractHuntCrossley):
     """α = 3(1-e)/2, the small-loss damping of Hunt and Crossley.
 
-    `e` in [0, 1]; delivers the e it is given only near 1. Raises ValueError for a Python scalar out
-    of range. Source: Hunt & Crossley (1975), J. Appl. Mech. 42:440, doi 10.1115/1.3423596.
+    `e` in [0, 1]; the law delivers this e only near 1. Raises ValueError for a Python scalar out of
+    range. Source: Hunt & Crossley (1975), J. Appl. Mech. 42:440, doi 10.1115/1.3423596.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
@@ -45,8 +45,8 @@ class HuntCrossley(AbstractHuntCrossley):
 class LankaraniNikravesh(AbstractHuntCrossley):
     """α = 3(1-e²)/4, from the energy loss of an elastic indentation.
 
-    `e` in [0, 1]; good for e > 0.7. Raises ValueError for a Python scalar out of range.
-    Source: Lankarani & Nikravesh (1990), J. Mech. Des. 112:369, doi 10.1115/1.2912617.
+    `e` in [0, 1]; accurate for e > 0.7. Raises ValueError for a Python scalar out of range. Source:
+    Lankarani & Nikravesh (1990), J. Mech. Des. 112:369, doi 10.1115/1.2912617.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
@@ -64,12 +64,12 @@ class LankaraniNikravesh(AbstractHuntCrossley):
     valid="claimed for e > 0.1; -6 % at e = 0.5, -31 % at 0.1",
 )
 class Flores(AbstractHuntCrossley):
-    """α = 8(1-e)/(5e), with the loss of compression and restitution taken apart.
+    """α = 8(1-e)/(5e), with separate losses for compression and restitution.
 
-    `e` in (0, 1]; delivers less than e, by 6 % at 0.5. Raises ValueError for a Python scalar
-    out of range. Source: Flores et al. (2011), Multibody Syst. Dyn. 25:357,
-    doi 10.1007/s11044-010-9237-4; the same formula in Ye, Li & Zhu (2009), Earthquake Eng. Struct.
-    Dyn. 38:1135.
+    `e` in (0, 1]; the law delivers less than e, by 6 % at 0.5. Raises ValueError for a Python
+    scalar out of range. Source: Flores et al. (2011), Multibody Syst. Dyn. 25:357, doi
+    10.1007/s11044-010-9237-4; the same formula in Ye, Li & Zhu (2009), Earthquake Eng. Struct. Dyn.
+    38:1135.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
@@ -89,8 +89,8 @@ class Flores(AbstractHuntCrossley):
 class HuGuo(AbstractHuntCrossley):
     """α = 3(1-e)/(2e), from the velocity profile of an elastic indentation in both phases.
 
-    `e` in (0, 1]; delivers e within 3 % above 0.5. Raises ValueError for a Python scalar out of
-    range. Source: Hu & Guo (2015), Multibody Syst. Dyn., doi 10.1007/s11044-015-9453-z.
+    `e` in (0, 1]; the law delivers e within 3 % above 0.5. Raises ValueError for a Python scalar
+    out of range. Source: Hu & Guo (2015), Multibody Syst. Dyn., doi 10.1007/s11044-015-9453-z.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
@@ -110,9 +110,9 @@ class HuGuo(AbstractHuntCrossley):
 class Gonthier(AbstractHuntCrossley):
     """α = (1-e²)/e, a simple fit to the implicit relation between α and e.
 
-    `e` in (0, 1]; right as e → 0, a third too strong as e → 1. Raises ValueError for a Python
-    scalar out of range. Source: Gonthier et al. (2004), Multibody Syst. Dyn. 11:209,
-    doi 10.1023/B:MUBO.0000029392.21648.bc.
+    `e` in (0, 1]; exact as e → 0, a third too strong as e → 1. Raises ValueError for a Python
+    scalar out of range. Source: Gonthier et al. (2004), Multibody Syst. Dyn. 11:209, doi
+    10.1023/B:MUBO.0000029392.21648.bc.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
@@ -132,9 +132,9 @@ class Gonthier(AbstractHuntCrossley):
 class CarvalhoMartins(AbstractHuntCrossley):
     """α = 3(1-e)(11-e)/(2(1+9e)), a rational fit to the exact relation.
 
-    `e` in [0, 1]; within 0.05 % of the given e above 0.49. Raises ValueError for a Python scalar
-    out of range. Source: Carvalho & Martins (2019), Mech. Mach. Theory,
-    doi 10.1016/j.mechmachtheory.2019.04.018.
+    `e` in [0, 1]; the law delivers e within 0.05 % above 0.49. Raises ValueError for a Python
+    scalar out of range. Source: Carvalho & Martins (2019), Mech. Mach. Theory, doi
+    10.1016/j.mechmachtheory.2019.04.018.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
@@ -154,8 +154,8 @@ class CarvalhoMartins(AbstractHuntCrossley):
 class HerbertMcWhannell(AbstractHuntCrossley):
     """α = 6(1-e)/((2e-1)²+3).
 
-    `e` in [0, 1]; good for e > 0.8. Raises ValueError for a Python scalar out of range.
-    Source: Herbert & McWhannell (1977), J. Eng. Ind. 99:513, doi 10.1115/1.3439270.
+    `e` in [0, 1]; accurate for e > 0.8. Raises ValueError for a Python scalar out of range. Source:
+    Herbert & McWhannell (1977), J. Eng. Ind. 99:513, doi 10.1115/1.3439270.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
@@ -173,10 +173,10 @@ class HerbertMcWhannell(AbstractHuntCrossley):
     valid="e > 0.4",
 )
 class ZhiyingQishao(AbstractHuntCrossley):
-    """α = (3/4)(1-e²) exp(2(1-e)), Lankarani and Nikravesh with a correction for strong damping.
+    """α = (3/4)(1-e²) exp(2(1-e)), the law of Lankarani and Nikravesh corrected for strong damping.
 
-    `e` in [0, 1]; good for e > 0.4. Raises ValueError for a Python scalar out of range.
-    Source: Zhiying & Qishao (2006), J. Dyn. Control 4:294, as given by later reviews.
+    `e` in [0, 1]; accurate for e > 0.4. Raises ValueError for a Python scalar out of range. Source:
+    Zhiying & Qishao (2006), J. Dyn. Control 4:294, as quoted in later reviews.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)
@@ -194,10 +194,10 @@ class ZhiyingQishao(AbstractHuntCrossley):
     valid="half the small-loss damping: delivers (1+e)/2 near 1",
 )
 class LeeWang(AbstractHuntCrossley):
-    """α = 3(1-e)/4, half the damping that a small loss needs.
+    """α = 3(1-e)/4, half the damping that a small loss requires.
 
-    `e` in [0, 1]; near 1 it delivers (1+e)/2. Raises ValueError for a Python scalar out of range.
-    Source: Lee & Wang (1983), J. Mech. Trans. Autom. Des. 105:534.
+    `e` in [0, 1]; near 1 the law delivers (1+e)/2. Raises ValueError for a Python scalar out of
+    range. Source: Lee & Wang (1983), J. Mech. Trans. Autom. Des. 105:534.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION_FROM_ZERO)

@@ -1,4 +1,4 @@
-"""Laws by name."""
+"""Registry of laws by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _Law = TypeVar("_Law", bound=type[AbstractLaw])
 
 @dataclasses.dataclass(frozen=True)
 class Description:
-    """A registered law: its name and class, and in words its formula, source and range."""
+    """A registered law: its name and class, and its formula, source and range as text."""
 
     name: str
     cls: type[AbstractLaw]
@@ -29,12 +29,12 @@ _REGISTRY: dict[str, Description] = {}
 def register_law(
     name: str, *, formula: str = "", source: str = "", valid: str = ""
 ) -> Callable[[_Law], _Law]:
-    """Class decorator that registers a law under `name` for `get_law`, `list_laws` and commands.
+    """Return a class decorator that registers a law under `name` for `get_law` and the commands.
 
-    Arguments: `formula` (α(e) or the force), `source` (with doi) and `valid` (its range) are the
-    words shown in tables. Raises ValueError if another class holds the name already, for what is
-    no text and for a class that is no law; registering the same class again (a notebook cell run
-    twice) replaces it.
+    Arguments: `formula` (α(e) or the force), `source` (with doi) and `valid` (the range) are the
+    texts shown in tables. Registering the same class again, such as a notebook cell run twice,
+    replaces it. Raises ValueError if the name belongs to another class, for a text that is not a
+    string, and for a class that is not a law.
     """
     for word, text in {"formula": formula, "source": source, "valid": valid}.items():
         require_kind(word, text, str, "a text")
@@ -60,7 +60,7 @@ def register_law(
 
 
 def describe(name: str) -> Description:
-    """The description of a registered law; ValueError with the known names if there is none."""
+    """Return the description of a registered law; ValueError lists the known names."""
     if not isinstance(name, str) or name not in _REGISTRY:
         known = ", ".join(_REGISTRY)
         guess = did_you_mean(name, _REGISTRY)
@@ -69,7 +69,7 @@ def describe(name: str) -> Description:
 
 
 def get_law(name: str, **parameters: Any) -> AbstractLaw:
-    """The law called `name`, built from its parameters: `get_law("hu_guo", e=0.7)`.
+    """Build the law called `name` from its parameters: `get_law("hu_guo", e=0.7)`.
 
     Raises ValueError for an unknown name (the message lists the known ones) or a parameter out of
     its range, TypeError for a parameter the law does not have.
@@ -87,15 +87,15 @@ def get_law(name: str, **parameters: Any) -> AbstractLaw:
 
 
 def list_laws() -> list[str]:
-    """The names of all registered laws, yours included, in order of registration."""
+    """Return the names of all registered laws, including your own, in order of registration."""
     return list(_REGISTRY)
 
 
 def constant_laws() -> list[str]:
-    """The names of the laws that take one parameter, e."""
+    """Return the names of the laws with e as their only parameter."""
     return [name for name in list_laws() if list(parameters_of(name)) == ["e"]]
 
 
 def parameters_of(name: str) -> dict[str, Range]:
-    """The parameters of the law called `name` and the range of each."""
+    """Return the parameters of the law called `name` with the range of each."""
     return ranges(describe(name).cls)

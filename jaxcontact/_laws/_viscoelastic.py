@@ -1,4 +1,4 @@
-"""Viscoelastic spheres: damping in proportion to the rate of the elastic force."""
+"""Viscoelastic spheres: damping proportional to the rate of the elastic force."""
 
 from __future__ import annotations
 
@@ -27,16 +27,19 @@ if TYPE_CHECKING:
 class KuwabaraKono(AbstractLaw):
     """Viscoelastic spheres: F = K (δⁿ + n A δ^(n-1) δ'), K (δ^(3/2) + (3/2) A √δ δ') for Hertz.
 
-    `A` ≥ 0 is a material time in s. Restitution falls with speed: for a Hertz contact
-    1 - e ≈ 1.15344 (3/2) A (K/m)^(2/5) v0^(1/5) while that is small, so e(v) fixes A (K/m)^(2/5)
-    and nothing else. As published the contact may pull shortly before it ends at δ = 0; with
-    `tension=False` it ends where the force vanishes. For n = 1 it is the linear spring and dashpot
-    with ζ = A √(K/m)/2, which with tension and ζ ≥ 1 creeps back for ever: the impact is settled.
-    For n = 3/2 free impacts are series in ln(1 + A (K/m)^(2/5) v0^(1/5)), certified to 1e-12. For
-    these two method "exact" applies, for other exponents "event".
-    At δ = 0 the derivative in δ of √δ is infinite and is defined to be 0. Raises ValueError for a
-    Python scalar out of range. Source: Kuwabara & Kono (1987), Jpn. J. Appl. Phys. 26:1230,
-    doi 10.1143/JJAP.26.1230; Brilliantov et al. (1996), Phys. Rev. E 53:5382,
+    `A` ≥ 0 is a material time in s. Restitution falls with speed. For a Hertz contact 1 - e ≈
+    1.15344 (3/2) A (K/m)^(2/5) v0^(1/5) as long as that is small, so e(v) determines only A
+    (K/m)^(2/5). As published, the contact may pull shortly before it ends at δ = 0. With
+    `tension=False` it ends where the force vanishes.
+
+    For n = 1 the law is the linear spring and dashpot with ζ = A √(K/m)/2. With tension and ζ ≥ 1
+    this contact creeps back without end and the impact is settled. For n = 3/2 free impacts are
+    series in ln(1 + A (K/m)^(2/5) v0^(1/5)), certified to 1e-12. Method "exact" applies to these
+    two exponents, "event" to all others. At δ = 0 the derivative in δ of √δ is infinite and is
+    defined to be 0.
+
+    Raises ValueError for a Python scalar out of range. Source: Kuwabara & Kono (1987), Jpn. J.
+    Appl. Phys. 26:1230, doi 10.1143/JJAP.26.1230; Brilliantov et al. (1996), Phys. Rev. E 53:5382,
     doi 10.1103/PhysRevE.53.5382.
     """
 
@@ -59,7 +62,7 @@ class KuwabaraKono(AbstractLaw):
         exponent = needed(contact, "contact", self).exponent
         a = self.A / needed(scale, "velocity", self).time
         if isinstance(exponent, float) and exponent == 1:
-            # The linear spring and dashpot, which has a closed form.
+            # The linear spring and dashpot has a closed form.
             return OscillatorForm(zeta=a / 2, tension=self.tension, approach_only=False)
         if isinstance(exponent, float) and exponent == 1.5:
             return ViscoelasticSpheresForm(a=a, tension=self.tension)

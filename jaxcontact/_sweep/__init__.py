@@ -1,4 +1,4 @@
-"""Many lanes: a function over grids and samples, in blocks, with labelled results."""
+"""Sweeps: a function over grids and samples, computed in blocks, with labelled results."""
 
 from ._result import Sweep as Sweep
 from ._sweep import sweep as sweep

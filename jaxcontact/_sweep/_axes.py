@@ -1,4 +1,4 @@
-"""What a sweep runs over: axes that span a grid, aligned samples, and numbers held fixed."""
+"""The inputs of a sweep: axes that span a grid, aligned samples, and fixed numbers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import numpy as np
 from .._parameter import flag_array, real_array, rendered, require_function
 
 SAMPLE = "sample"
-"""The name of the dimension that aligned samples share."""
+"""Name of the dimension of aligned samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +25,7 @@ class Input:
 
     name: str
     values: np.ndarray
-    """One-dimensional; a single number where `dim` is None."""
+    """One-dimensional, or a single number if `dim` is None."""
     dim: int | None
 
 
@@ -37,7 +37,7 @@ class Grid:
     shape: tuple[int, ...]
     inputs: tuple[Input, ...]
     static: tuple[tuple[str, Any], ...]
-    """Arguments that are no arrays, passed on as they are: strings, whole numbers, objects."""
+    """Arguments passed on unchanged because they are not arrays: strings, integers, objects."""
 
     @property
     def size(self) -> int:
@@ -46,18 +46,18 @@ class Grid:
 
     @property
     def kinds(self) -> tuple[tuple[str, int | None, np.dtype], ...]:
-        """All that a compiled function needs to know of the inputs."""
+        """All properties of the inputs that a compiled function depends on."""
         return tuple((i.name, i.dim, i.values.dtype) for i in self.inputs)
 
     def part(self, place: Sequence[slice]) -> Grid:
-        """The same at some indices of each dimension."""
+        """Return the grid at some indices of each dimension."""
         inputs = tuple(
             i if i.dim is None else replace(i, values=i.values[place[i.dim]]) for i in self.inputs
         )
         return replace(self, shape=tuple(s.stop - s.start for s in place), inputs=inputs)
 
     def taken(self, dim: int, index: int) -> Grid:
-        """The same at one index of a dimension, without that dimension."""
+        """Return the grid at one index of a dimension, without that dimension."""
 
         def moved(given: Input) -> Input:
             if given.dim is None or given.dim < dim:
@@ -71,7 +71,7 @@ class Grid:
         return Grid(dims, shape, tuple(map(moved, self.inputs)), self.static)
 
     def taken_by(self, function: Callable[..., Any]) -> Grid:
-        """The same with those arguments that `function` takes."""
+        """Return the grid with those arguments that `function` takes."""
         takes = _takes(function)
         inputs = tuple(i for i in self.inputs if takes is None or i.name in takes)
         static = tuple(s for s in self.static if takes is None or s[0] in takes)
@@ -79,7 +79,7 @@ class Grid:
 
 
 def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
-    """The grid of `axes`, after the dimension of the `samples` if there are any."""
+    """Return the grid of `axes`, after the dimension of the `samples` if there are any."""
     lengths: dict[str, int] = {}
     inputs: list[Input] = []
     static: list[tuple[str, Any]] = []
@@ -110,7 +110,7 @@ def grid_of(samples: Mapping[str, Any] | None, axes: Mapping[str, Any]) -> Grid:
 
 
 def _is_object(given: Any) -> bool:
-    """Whether this is no number and no array: a function, a law, a method object, any hashable."""
+    """Return whether an argument is a function, a law or another object, not a number or array."""
     if isinstance(given, numbers.Number | Sequence) or hasattr(given, "__array__"):
         return False
     return callable(given) or dataclasses.is_dataclass(given) or isinstance(given, Hashable)
@@ -147,12 +147,12 @@ def _one_dimensional(values: np.ndarray, name: str) -> np.ndarray:
 
 def _numbers(given: Any, name: str) -> np.ndarray:
     plain = flags if (flags := flag_array(given)) is not None else real_array(given, name)
-    # In the precision JAX will use, so that the axes one reads are the ones that were swept.
+    # In JAX's precision, so that the reported axes are the swept ones.
     return plain.astype(jax.dtypes.canonicalize_dtype(plain.dtype))
 
 
 def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter]:
-    """The parameters of a function; those of one without a signature may be any."""
+    """Return the parameters of a function; without a signature any keyword is allowed."""
     try:
         return list(inspect.signature(function).parameters.values())
     except (TypeError, ValueError):
@@ -160,7 +160,7 @@ def _parameters(function: Callable[..., Any]) -> list[inspect.Parameter]:
 
 
 def _takes(function: Callable[..., Any]) -> list[str] | None:
-    """The keywords that a function takes, or None if that is any."""
+    """Return the keywords that a function takes, or None if it takes any."""
     parameters = _parameters(function)
     if any(p.kind == p.VAR_KEYWORD for p in parameters):
         return None
@@ -188,7 +188,7 @@ def check_call(function: Callable[..., Any], grid: Grid) -> None:
 
 
 def call(function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
-    """`function` of named arguments."""
+    """Call `function` with named arguments."""
     try:
         bound = inspect.signature(function).bind(**given)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""A grid cut into blocks of one shape, and what each computes."""
+"""Blocks of one shape that divide a grid, and their computation."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from ._skip import Array, Group
 
 Arrays = dict[str, np.ndarray]
 Order = Callable[[Group], np.ndarray]
-"""The lanes of a group, counted in C order, in the order in which to compute them."""
+"""Order of computation of the lanes of a group, counted in C order."""
 
 
 @dataclass(frozen=True)
 class Cut:
-    """A grid of lanes, cut into blocks that are compiled for one shape.
+    """A grid of lanes, divided into blocks that are compiled for one shape.
 
-    Leading dimensions are cut first: in C order a block is then one piece of the result, and what
-    depends on leading dimensions alone is computed for few of their values in each block.
+    Leading dimensions are divided first. In C order a block is then one contiguous piece of the
+    result. Quantities that depend on leading dimensions only are computed for few values per block.
     """
 
     shape: tuple[int, ...]
@@ -45,15 +45,16 @@ _FEW = 8
 
 
 def cut(shape: Sequence[int], most: int) -> Cut:
-    """Blocks of at most `most` lanes."""
+    """Divide a grid into blocks of at most `most` lanes."""
     block = []
     left = max(most, 1)
     for length in reversed(shape):
         step = min(left, length)
         pieces = math.ceil(length / step)
         if pieces < _FEW:
-            # Nearly equal pieces need little padding. Many pieces need little anyway: their length
-            # then does not depend on that of the dimension, nor does the compiled function.
+            # Nearly equal pieces need little padding. With many pieces padding is small anyway, and
+            # their length (and thus the compiled function) stays independent of the length of the
+            # dimension.
             step = math.ceil(length / pieces)
         block.append(step)
         left = left // step if pieces == 1 else 1
@@ -61,7 +62,7 @@ def cut(shape: Sequence[int], most: int) -> Cut:
 
 
 def padded(values: np.ndarray, piece: slice, length: int) -> np.ndarray:
-    """`values[piece]`, filled up to `length` with its last element."""
+    """Return `values[piece]`, padded to `length` with its last element."""
     part = values[piece]
     if len(part) == length:
         return part
@@ -76,9 +77,9 @@ class Part:
     """Its number among the results of the call."""
     array: Array
     lengths: tuple[int, ...]
-    """How many lanes it has along each dimension, without padding."""
+    """Number of its lanes along each dimension, without padding."""
     place: tuple[Any, ...]
-    """Where in the whole array it belongs: slices, or indices lane by lane."""
+    """Its place in the whole array: slices, or indices lane by lane."""
 
     @property
     def form(self) -> jax.ShapeDtypeStruct:
@@ -103,7 +104,7 @@ class Block:
         return max(math.prod(part.lengths) for part in self.parts)
 
     def results(self, outputs: Sequence[jax.Array]) -> Arrays:
-        """What the call returned, by key, without padding."""
+        """Return the results of the call by key, without padding."""
         return {
             part.array.key: np.asarray(outputs[part.number])[tuple(map(slice, part.lengths))]
             for part in self.parts
@@ -111,14 +112,14 @@ class Block:
 
 
 def shape_of(dims: Sequence[int], grid: Grid) -> tuple[int, ...]:
-    """The lengths of some dimensions."""
+    """Return the lengths of some dimensions."""
     return tuple(grid.shape[d] for d in dims)
 
 
 def blocks_of(
     groups: Sequence[Group], grid: Grid, most: int, order: Order | None = None
 ) -> Iterator[Block]:
-    """All blocks of all groups, each of at most `most` lanes."""
+    """Yield all blocks of all groups, each of at most `most` lanes."""
     numbers = itertools.count()
     for group in groups:
         many = math.prod(shape_of(group.dims, grid)) > most and not group.flags
@@ -130,7 +131,7 @@ def blocks_of(
 
 def _in_place(group: Group, grid: Grid, most: int, numbers: Iterator[int]) -> Iterator[Block]:
     shape = shape_of(group.dims, grid)
-    # Arrays that lie apart need no cut: none is as large as the product of the dimensions.
+    # Arrays along separate dimensions need no division: none has the size of the product.
     made = cut(shape, math.prod(shape) if group.apart else most)
     inputs = [grid.inputs[i] for i in group.inputs]
 
@@ -148,7 +149,7 @@ def _in_place(group: Group, grid: Grid, most: int, numbers: Iterator[int]) -> It
                 tuple(along[d] for d in array.dims),
             )
             for number, array in enumerate(group.arrays)
-            # The first block along a dimension computes what does not vary along it.
+            # Arrays that do not vary along a dimension are computed by its first block.
             if all(along[d].start == 0 for d in group.dims if d not in array.dims)
         ]
         yield Block(next(numbers), group.grid, functools.partial(arguments, place), parts, place)

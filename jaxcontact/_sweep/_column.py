@@ -12,10 +12,11 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """`values` where all masks hold, and `otherwise` elsewhere, over the dimensions of a sweep.
+    """An array over the dimensions of a sweep: `values` if all masks are true, else `otherwise`.
 
-    `stored` has one axis for each of `dims`, in ascending order, and then those of its own: an
-    array, or one on disk that is read on access. A mask is a column of flags that has no masks.
+    `stored` has one axis for each of `dims`, in ascending order, followed by the axes of one lane's
+    value. It is an array in memory, or one on disk that is read on access. A mask is a column of
+    flags without masks.
     """
 
     dims: tuple[int, ...]
@@ -25,7 +26,7 @@ class Column:
 
     @property
     def values(self) -> np.ndarray:
-        """What is stored, as an array."""
+        """The stored numbers as an array."""
         return np.asarray(self.stored[...])
 
     @property
@@ -34,11 +35,11 @@ class Column:
         return self.stored.shape[len(self.dims) :]
 
     def same(self, other: Column) -> bool:
-        """Whether another column stores the same numbers over the same dimensions."""
+        """Return whether another column stores the same numbers over the same dimensions."""
         return self.dims == other.dims and np.array_equal(self.values, other.values)
 
     def array(self, shape: Sequence[int]) -> np.ndarray:
-        """The whole array, over dimensions of the given lengths: a read-only view if possible."""
+        """Return the array over dimensions of given lengths, as a read-only view if possible."""
         dims = range(len(shape))
         whole = np.broadcast_to(within(self.values, self.dims, dims), (*shape, *self.own_shape))
         if self.masks:
@@ -49,7 +50,7 @@ class Column:
     def _masked(
         self, array: np.ndarray, dims: Sequence[int], masks: Sequence[Column]
     ) -> np.ndarray:
-        """A copy of `array`, which lies over `dims`, with `otherwise` where a mask is false."""
+        """Return a copy of `array` over `dims`, with `otherwise` where a mask is false."""
         result, good = array.copy(), np.ones(array.shape[: len(dims)], bool)
         for mask in masks:
             good &= within(mask.values, mask.dims, dims)
@@ -57,7 +58,7 @@ class Column:
         return result
 
     def settled(self) -> Column:
-        """The same, without masks that hold everywhere; those over its dimensions are applied."""
+        """Return the column without redundant masks, and with masks over its dimensions applied."""
         masks = [mask for mask in self.masks if not mask.values.all()]
         inside = [mask for mask in masks if set(mask.dims) <= set(self.dims)]
         if not inside:
@@ -66,7 +67,7 @@ class Column:
         return replace(self, stored=self._masked(self.values, self.dims, inside), masks=outside)
 
     def taken(self, dim: int, index: int) -> Column:
-        """The column at one index of a dimension, without that dimension."""
+        """Return the column at one index of a dimension, without that dimension."""
         masks = tuple(mask.taken(dim, index) for mask in self.masks)
         values = self.values
         if dim in self.dims:
@@ -75,7 +76,7 @@ class Column:
         return Column(dims, values, masks, self.otherwise).settled()
 
     def counts(self, shape: Sequence[int]) -> dict[Any, int]:
-        """How often each value occurs; the whole array is made only where dimensions are shared."""
+        """Count each value; the whole array is expanded only if parts share dimensions."""
         shape = tuple(shape)
         used = [d for part in (self, *self.masks) for d in part.dims]
         if len(used) > len(set(used)):
@@ -94,7 +95,7 @@ class Column:
 
 
 def within(array: np.ndarray, dims: Sequence[int], among: Sequence[int]) -> np.ndarray:
-    """`array`, which lies over `dims`, with axes of length one for the others `among` them."""
+    """Return `array` over `dims`, with axes of length one for the other dimensions `among`."""
     lengths = [1] * len(among)
     for place, d in enumerate(dims):
         lengths[among.index(d)] = array.shape[place]

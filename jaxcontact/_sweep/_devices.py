@@ -1,8 +1,8 @@
-"""Where blocks are computed: processes take them in turn, and so do the devices of a process.
+"""Distribution of blocks: processes take them in turn, as do the devices of a process.
 
-A block is computed whole on one device, by the program for one device. A program that XLA
-partitions over devices is another program, fused otherwise, and its last digits differ. The number
-of devices therefore changes no result, and no lane waits for a slower one on another device.
+A block is computed completely on one device, by the program for one device. A program that XLA
+partitions over devices is fused differently, and its last digits differ. Therefore the number of
+devices changes no result, and no lane waits for a slower one on another device.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ class Workers:
     """The devices of this process, and its place among the processes."""
 
     devices: tuple[Any, ...] = ()
-    """If there are none it is JAX's default device."""
+    """Empty for JAX's default device."""
     process: int = 0
     processes: int = 1
 
     @property
     def ahead(self) -> int:
-        """How many blocks to start before the first is read, so that every device has work."""
+        """Number of blocks to start before the first is read, so that every device has work."""
         return max(len(self.devices), 1)
 
     def placed(self, turn: int, arguments: Sequence[np.ndarray]) -> Sequence[Any]:
-        """The arguments of this process's block number `turn`, on the device whose turn it is."""
+        """Return the arguments of this process's block number `turn`, on the next device."""
         if not self.devices:
             return arguments
         return jax.device_put(arguments, self.devices[turn % len(self.devices)])
@@ -42,7 +42,7 @@ class Workers:
     def exchanged(
         self, mine: Sequence[np.ndarray], forms: Sequence[Sequence[jax.ShapeDtypeStruct]]
     ) -> list[list[np.ndarray]]:
-        """The arrays of every process, bit for bit; `forms`: what each sends."""
+        """Return the arrays of every process, bit for bit; `forms` describes each one's arrays."""
         if self.processes == 1:
             return [list(mine)]
         from jax.experimental import multihost_utils
@@ -64,7 +64,7 @@ class Workers:
 
 
 def workers_of(mesh: jax.sharding.Mesh | None) -> Workers:
-    """The devices of `mesh` that this process has, and all processes that JAX knows of."""
+    """Return the devices of `mesh` in this process, and the processes of JAX."""
     if not isinstance(mesh, jax.sharding.Mesh | None):
         raise ValueError(
             f"Argument `mesh` must be a `jax.sharding.Mesh` (see `jax.make_mesh`), but is "

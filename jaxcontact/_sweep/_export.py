@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def dataset(sweep: Table) -> xarray.Dataset:
-    """The sweep as an `xarray.Dataset`. Raises ImportError without xarray."""
+    """Return the sweep as an `xarray.Dataset`. Raises ImportError without xarray."""
     try:
         import xarray
     except ImportError as error:
@@ -54,7 +54,7 @@ def dataset(sweep: Table) -> xarray.Dataset:
 
 
 def version() -> str:
-    """The version of this library, as it is installed."""
+    """Return the installed version of this library."""
     try:
         return importlib.metadata.version("jaxcontact")
     except importlib.metadata.PackageNotFoundError:
@@ -62,7 +62,7 @@ def version() -> str:
 
 
 def attributes_of(name: str) -> dict[str, Any]:
-    """What the attributes of a dataset say of an axis or a field."""
+    """Return the dataset attributes of an axis or a field."""
     if name == "status":
         return {
             "long_name": "status",
@@ -74,7 +74,7 @@ def attributes_of(name: str) -> dict[str, Any]:
 
 
 def write_csv(sweep: Table, file: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
-    """Write a long table, one row for each lane; a file that is named appears whole or not."""
+    """Write a long table, one row per lane; a named file is written completely or not at all."""
     if isinstance(file, str | os.PathLike):
         write_all({Path(file): functools.partial(write_csv, sweep)})
         return

@@ -1,9 +1,9 @@
-"""What a function depends on beside its arguments, as a key: functions of equal keys are the same.
+"""Keys of functions: functions with equal keys compute the same.
 
-A function is known by what it does, not by its identity: by its code, its defaults, the cells of
-its closure, and the globals that its code names, through the functions, classes and modules that
-are the user's own. Numbers and arrays count by their bits. Installed libraries do not change while
-a program runs: what belongs to them counts by its identity.
+A function is identified by its behaviour, not by its identity: its code, its defaults, the cells of
+its closure, and the globals named in its code. These are followed through the functions, classes
+and modules of the user. Numbers and arrays count by their bits. Installed libraries do not change
+while a program runs, so their objects count by identity.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ import numpy as np
 from jax.core import Tracer
 
 _MOST = 10_000
-"""Objects that are looked at: beyond, tracing anew is no dearer than finding the key."""
+"""Objects examined; beyond this number, tracing again is no more expensive than the key."""
 
 _PLAIN = (type(None), bool, int, str, bytes, type(...), type(NotImplemented), range)
 _FROM_C = (types.BuiltinFunctionType, types.WrapperDescriptorType, types.MethodDescriptorType)
 _FIXED = (np.dtype, np.ufunc, types.GenericAlias, types.UnionType, jax.Device)
 _SLOTS = (types.MemberDescriptorType, types.GetSetDescriptorType)
 
-# Members of a class that say nothing about its programs, or repeat what other members say.
+# Class members that do not affect its programs, or repeat information of other members.
 _BESIDE = {
     *("__dict__", "__weakref__", "__doc__", "__module__", "__qualname__", "__annotations__"),
     *("__annotate__", "__annotate_func__", "__annotations_cache__", "__firstlineno__"),
@@ -44,12 +44,12 @@ _NO_NAMES: frozenset[str] = frozenset()
 
 
 class NoKey(Exception):
-    """Something holds a state that cannot be read."""
+    """An object has a state that cannot be read."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Same:
-    """Equal to another of the same object only, which it keeps alive."""
+    """Equality by identity of the object, which it keeps alive."""
 
     object: Any
 
@@ -61,7 +61,7 @@ class _Same:
 
 
 def key_of(*values: Any) -> Hashable:
-    """A key of values, functions among them. Raises NoKey for what holds a hidden state."""
+    """Return a key of values and functions. Raises NoKey for objects with a hidden state."""
     reader = _Reader()
     key = tuple(reader.key(value) for value in values)
     try:
@@ -72,15 +72,15 @@ def key_of(*values: Any) -> Hashable:
 
 
 class _Reader:
-    """One walk through all that a function reaches; what it meets again is named by a number."""
+    """One walk through everything a function reaches; repeated objects are named by a number."""
 
     def __init__(self) -> None:
         self._seen: dict[tuple[int, frozenset[str]], int] = {}
-        # An object made on the way could leave its address to another one.
+        # A temporary object could pass its address on to another one.
         self._alive: list[Any] = []
 
     def key(self, value: Any, names: frozenset[str] = _NO_NAMES) -> Hashable:
-        """The key of a value; `names` are the attributes that the code which reaches it reads."""
+        """Return the key of a value; `names` are the attributes that the code reads from it."""
         kind = type(value)
         if kind in _PLAIN:
             return kind, value
@@ -144,12 +144,12 @@ class _Reader:
 
     def _function(self, function: types.FunctionType) -> Iterator[Hashable]:
         code, places = function.__code__, function.__globals__
-        # Not `__module__`, which a decorator of a library copies from the function inside.
+        # Not `__module__`, which a library's decorator copies from the inner function.
         own = not _installed(places.get("__name__"))
         state = function.__defaults__, function.__kwdefaults__, function.__closure__, vars(function)
         if not own:
             yield _Same(code)
-            # A function of a library that was made for one of the user's holds it in its closure.
+            # A library function created for a user's function holds it in its closure.
             yield from self._all(state if "<locals>" in code.co_qualname else (), _NO_NAMES)
             return
         named = _named(code)
@@ -189,7 +189,7 @@ class _Reader:
                         yield self.key(member)
 
     def _instance(self, value: Any, names: frozenset[str]) -> Iterator[Hashable]:
-        """All that an object holds, if its class is written in Python."""
+        """Yield the contents of an object whose class is written in Python."""
         kind = type(value)
         slots = _slots(kind)
         if slots is None:
@@ -210,7 +210,7 @@ class _Reader:
 
 @dataclasses.dataclass(frozen=True)
 class _Named:
-    """What code names: variables that may be global, modules it imports, and attributes."""
+    """Names in code: variables that may be global, imported modules, and attributes."""
 
     variables: frozenset[str]
     imports: frozenset[str]
@@ -238,7 +238,7 @@ def _named(code: types.CodeType) -> _Named:
 
 @functools.lru_cache(4096)
 def _installed(module: Any) -> bool:
-    """Whether a module of this name is of Python, of this package or of an installed library."""
+    """Return whether a module belongs to Python, to this package or to an installed library."""
     root = str(module).partition(".")[0]
     if root == __name__.partition(".")[0] or root in sys.stdlib_module_names:
         return root != "__main__"
@@ -249,14 +249,14 @@ def _installed(module: Any) -> bool:
 
 @functools.lru_cache(1024)
 def _slots(kind: type) -> tuple[str, ...] | None:
-    """The names of the slots of a class written in Python; None for a class written in C."""
+    """Return the slot names of a class written in Python; None for a class written in C."""
     slots = [
         name
         for base in kind.__mro__
         for name, member in vars(base).items()
         if isinstance(member, types.MemberDescriptorType) and member.__objclass__ is base
     ]
-    # Room beyond its slots, its dict and its weak references holds a state of C's own.
+    # Additional size beyond slots, dict and weak references is a state held in C.
     pointers = len(slots) + (kind.__dictoffset__ > 0) + (kind.__weakrefoffset__ > 0)
     room = object.__basicsize__ + 8 * pointers
     return tuple(slots) if kind.__basicsize__ <= room and kind.__itemsize__ == 0 else None
@@ -266,7 +266,7 @@ def _content(cell: types.CellType) -> tuple[Any, ...]:
     try:
         return (cell.cell_contents,)
     except ValueError:
-        # Not filled yet.
+        # The cell is still empty.
         return ()
 
 

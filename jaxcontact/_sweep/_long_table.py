@@ -1,4 +1,4 @@
-"""A sweep as text, one row for each lane, a few thousand rows at a time."""
+"""A sweep as text, one row per lane, a few thousand rows at a time."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from ._column import Column, within
 from ._table import Table
 
 _ROWS = 1 << 14
-"""Rows that are turned into text at once."""
+"""Rows that are converted to text at once."""
 
 _REPEATED = 4
-"""Numbers that stand in so many rows, on average, are turned into text once."""
+"""Numbers that occur in this many rows, on average, are converted once."""
 
 Lanes = Sequence[np.ndarray]
 """The index of some lanes along each dimension."""
 
 
 def rows_of(table: Table) -> Iterator[str]:
-    """The head of the table, then its rows."""
+    """Yield the header of the table, then its rows."""
     along = table.dims_of_axes()
     columns = [
         (name, Column((table.dims.index(along[name]),), values))
@@ -57,7 +57,7 @@ class _Cells:
         self.ready = self._made(column.values) if repeated else None
 
     def texts(self, lanes: Lanes, count: int) -> Iterator[list[str]]:
-        """The texts in some lanes, a list for each of the column's numbers in a lane."""
+        """Return the texts in some lanes, one list for each of the column's numbers per lane."""
         if self.ready is not None:
             found = self.ready[_place(self.column, lanes)]
         else:
@@ -73,7 +73,7 @@ class _Cells:
         return (found[:, k].tolist() for k in range(found.shape[1]))
 
     def _made(self, values: np.ndarray) -> np.ndarray:
-        """Each number as the shortest text that reads back to it, in its own precision."""
+        """Convert each number to the shortest text that restores it in its own precision."""
         plain = values.reshape(-1)
         if self.status and set(np.unique(plain)) <= set(Status):
             texts = [Status(code).name for code in plain.tolist()]
@@ -89,7 +89,7 @@ def _place(column: Column, lanes: Lanes) -> tuple[np.ndarray, ...]:
 
 
 def _read(column: Column, lanes: Lanes) -> np.ndarray:
-    """The stored numbers in some lanes; of an array on disk, only the part that holds them."""
+    """Return the stored numbers in some lanes; from disk, read only the part that holds them."""
     if not column.dims:
         return column.values
     first, *others = _place(column, lanes)

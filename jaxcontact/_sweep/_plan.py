@@ -18,7 +18,7 @@ from ._skip import Analysis, analysis_of, program_of
 from ._table import Field
 
 VALUE = "value"
-"""The name of the only field of an output that has no names."""
+"""Name of the only field of an output without names."""
 
 _REMEMBERED = 32
 _NUMBER = jax.Array | np.ndarray | np.generic | float | int | bool
@@ -26,14 +26,14 @@ _NUMBER = jax.Array | np.ndarray | np.generic | float | int | bool
 
 @dataclass(frozen=True, eq=False)
 class Plan(Analysis):
-    """What a sweep computes, and the fields that it makes up."""
+    """The computation of a sweep, and the fields that result from it."""
 
     fields: tuple[Field, ...]
 
 
 @dataclass(frozen=True)
 class _Request:
-    """A function over axes of some kinds; two of equal keys have the same plan."""
+    """A function over axes of some kinds; requests with equal keys have the same plan."""
 
     key: Hashable
     kinds: tuple[tuple[str, int | None, np.dtype], ...]
@@ -43,9 +43,9 @@ class _Request:
 
 
 def plan_of(function: Callable[..., Any], grid: Grid) -> Plan:
-    """The plan of a function over a grid; remembered, with all that has been compiled for it."""
+    """Return the plan of a function over a grid, cached with all of its compiled functions."""
     try:
-        # JAX's own settings decide what is traced, too: the precision, the kind of random numbers.
+        # JAX's settings affect the trace too: precision, kind of random numbers.
         key = key_of(function, grid.static), *map(repr, jax.config.values.items())
     except NoKey:
         key = None
@@ -71,9 +71,9 @@ def _plan(request: _Request) -> Plan:
 
 
 def fields_of(output: Any) -> tuple[list[Field], dict[str, Any]]:
-    """The fields of one lane's output, and its arrays by name.
+    """Return the fields of one lane's output, and its arrays by name.
 
-    Fields without arrays (None, what is static) are kept as they are.
+    Fields without arrays (None, static values) are kept unchanged.
     """
     fields: list[Field] = []
     arrays: dict[str, Any] = {}

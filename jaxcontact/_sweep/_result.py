@@ -1,4 +1,4 @@
-"""What a sweep returns: its table, with selection, export and a summary."""
+"""The result of a sweep: its table, with selection, export and a summary."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ if TYPE_CHECKING:
 METHODS = ("nearest",)
 
 _ROUNDINGS = 4
-"""A number of an axis made by linspace differs from the same one typed by a rounding or two."""
+"""Rounding tolerance: a number from linspace may differ in the last bits from a typed one."""
 
 
 class Sweep(Table):
-    """What `sweep` returns: every field of the function's output over the grid of the axes.
+    """The result of `sweep`: every field of the function's output over the grid of the axes.
 
-    A field is read as an attribute, `table.restitution`, or as `table["restitution"]`; an output
-    without names is `table.value`. It is a numpy array of the shape `table.shape`, followed by the
-    shape the function gave it. What does not depend on an axis is stored once and repeated as a
-    read-only view.
+    A field is read as an attribute, `table.restitution`, or as `table["restitution"]`. An output
+    without names is `table.value`. A field is a numpy array of the shape `table.shape`, followed by
+    the shape of one lane's value. A field that does not depend on an axis is stored once and
+    repeated as a read-only view.
 
-    `axes` maps the names of the axes (or samples) to their numbers, in order; `fixed` what was held
-    fixed; `dims` and `shape` are the names and lengths of the dimensions; `status` is that of the
-    output, and if it has none: INVALID_INPUT where a parameter is out of its range, NOT_CONVERGED
-    where a number is NaN for valid parameters, SEPARATED elsewhere. `complete` is False after an
-    interrupt: lanes that were not computed are then NaN, and NOT_CONVERGED. `resumed` is the part
-    of the work that was in the store before.
+    `axes` maps the names of the axes (or samples) to their numbers, in order; `fixed` holds the
+    fixed arguments; `dims` and `shape` are the names and lengths of the dimensions. `status` is
+    that of the output. If the output has no status, it is INVALID_INPUT for a parameter out of its
+    range, NOT_CONVERGED for a NaN from valid parameters, and SEPARATED otherwise. `complete` is
+    False after an interrupt; lanes that were not computed are then NaN and NOT_CONVERGED. `resumed`
+    is the fraction of the work that was already in the store.
     """
 
     def __getattr__(self, name: str) -> Any:
@@ -51,11 +51,11 @@ class Sweep(Table):
         return [*super().__dir__(), *self._fields]
 
     def select(self, /, *, method: str | None = None, **where: float) -> Self:
-        """The sweep at one number of one or more axes, which are then no dimensions.
+        """Return the sweep at one number of one or more axes, without those dimensions.
 
-        A number must be one of the axis, to rounding; `method="nearest"` takes the nearest.
-        Samples are selected by their number: `sample=3`. Raises ValueError for a number that is
-        not on the axis or a name that is not a dimension.
+        A number must be one of the axis, to rounding; `method="nearest"` takes the nearest. Samples
+        are selected by their number: `sample=3`. Raises ValueError for a number that is not on the
+        axis or a name that is not a dimension.
         """
         if method is not None:
             require_choice("method", method, METHODS)
@@ -71,17 +71,17 @@ class Sweep(Table):
         return found
 
     def to_xarray(self) -> xarray.Dataset:
-        """The sweep as an `xarray.Dataset`, with units and where it comes from as attributes.
+        """Return the sweep as an `xarray.Dataset`, with units and its origin as attributes.
 
         Raises ImportError without xarray, which comes with `pip install 'jaxcontact[data]'`.
         """
         return dataset(self)
 
     def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
-        """Write a long table, one row for each lane: its axes, then its fields.
+        """Write a long table, one row per lane: its axes, then its fields.
 
-        `path` names a file, which then appears whole or not at all, or is an open one. The status
-        is written by name, and every number so that it reads back to the same one.
+        `path` names a file, which is written completely or not at all, or is an open file. The
+        status is written by name. Every number is written so that it reads back exactly.
         """
         write_csv(self, path if hasattr(path, "write") else require_path("path", path))
 
@@ -116,7 +116,7 @@ class Sweep(Table):
 
 def _place(values: np.ndarray, name: str, number: float, method: str | None) -> int:
     distance = np.abs(values - number)
-    # Of two zeros, the one of the same sign.
+    # Of two zeros, the one with the same sign.
     other = np.signbit(values) != np.signbit(number)
     place = int(np.lexsort((other, np.where(np.isnan(distance), np.inf, distance)))[0])
     digits = np.finfo(values.dtype).eps if values.dtype.kind == "f" else 0

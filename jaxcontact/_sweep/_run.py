@@ -1,4 +1,4 @@
-"""The loop of a sweep, in memory or into a store, where finished blocks are not computed again."""
+"""The loop of a sweep, in memory or into a store, which skips finished blocks."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ def compute(
 ) -> Iterator[tuple[Block, Arrays]]:
     """Compute blocks in order, and yield each with its results by key.
 
-    The next blocks are computed while one is read. Every process gets the results of every block;
-    without `exchange` only the one that has computed it does, and the others get none.
+    The next blocks are computed while one is read. Every process receives the results of every
+    block. Without `exchange` each process receives only its own results.
     """
     waiting: deque[tuple[list[Block], Sequence[jax.Array]]] = deque()
     blocks = iter(blocks)
@@ -72,12 +72,11 @@ def work_off(
     exchange: bool = True,
     note: str = "",
 ) -> tuple[list[Block], float]:
-    """Compute the `missing` blocks: those that are left, and the part of all lanes that is done.
+    """Compute the `missing` blocks; return those left, and the fraction of all lanes done.
 
-    `keep` is called with each block that has results in this process, and with these; `note` is
-    told beside what is done. An interrupt
-    from the keyboard ends it early. It is raised again if the rest has flags, without which no
-    result is useful, or if other processes wait for the rest.
+    `keep` is called with each block computed in this process and its results. `note` is reported
+    beside the progress. A keyboard interrupt ends the loop early. It is raised again if flags are
+    missing, without which no result is usable, or if other processes wait for the rest.
     """
     left = {block.number: block for block in missing}
     total = sum(block.lanes for block in blocks)
@@ -98,16 +97,16 @@ def work_off(
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What was computed."""
+    """The computed arrays."""
 
     arrays: Mapping[str, Any]
-    """By key; what an interrupt left out is NaN, zero, or NOT_CONVERGED."""
+    """By key; lanes omitted after an interrupt are NaN, zero, or NOT_CONVERGED."""
     computed: tuple[Column, ...]
-    """Flags that are false where an array was left out; none after a whole run."""
+    """Flags that are false where an array was omitted; empty after a complete run."""
     done: float
-    """The part of all lanes that was computed."""
+    """The fraction of all lanes that was computed."""
     resumed: float = 0.0
-    """The part of all lanes that was in the store before."""
+    """The fraction of all lanes that was in the store before."""
 
 
 def collect(blocks: Sequence[Block], grid: Grid, workers: Workers, tell: Tell) -> Results:
@@ -126,7 +125,7 @@ def collect(blocks: Sequence[Block], grid: Grid, workers: Workers, tell: Tell) -
 
 
 def _filled(arrays: Arrays, left: Iterable[Block], grid: Grid, done: float) -> Results:
-    """The results, with the places of the blocks that are `left` filled."""
+    """Return the results, with the places of the blocks that are `left` filled."""
     flags: dict[str, Column] = {}
     for part in (part for block in left for part in block.parts):
         dims, key = part.array.dims, part.array.key
@@ -147,10 +146,11 @@ def collect_stored(
     workers: Workers,
     tell: Tell,
 ) -> Results:
-    """Compute the blocks that the store at `path` lacks; the arrays are those of the store.
+    """Compute the blocks that the store at `path` lacks, and return the arrays of the store.
 
-    `leaves` says which flags must be true for an array to hold. Only flags are read at once: the
-    results may be larger than the memory. Raises ValueError for a store of another sweep.
+    `leaves` lists the flags that must be true for an array to be valid. Only flags are loaded at
+    once, since the results may be larger than the memory. Raises ValueError for a store of another
+    sweep.
     """
     # The first block of an array has the full length.
     first = {part.array.key: part for block in reversed(blocks) for part in block.parts}
@@ -166,7 +166,7 @@ def collect_stored(
         },
     )
     missing = [block for block in blocks if not store.finished(block.number)]
-    # All processes list what is missing before one of them writes.
+    # All processes list the missing blocks before one of them writes.
     workers.meet("store opened")
 
     def keep(block: Block, results: Arrays) -> None:
@@ -198,7 +198,7 @@ def _form(part: Part, grid: Grid, leaf: Dependence | None) -> Stored:
     return Stored(
         dims=tuple(grid.dims[d] for d in array.dims) + own,
         shape=shape_of(array.dims, grid) + array.kind.shape,
-        # A chunk has a length, also of an array without elements.
+        # A chunk has a length, even for an array without elements.
         chunk=tuple(max(length, 1) for length in part.form.shape),
         dtype=np.dtype(array.kind.dtype),
         attributes=attributes,

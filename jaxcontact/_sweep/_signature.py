@@ -1,4 +1,4 @@
-"""What the numbers of a sweep depend on, as JSON: a store with another signature is refused."""
+"""The signature of a sweep as JSON; a store with another signature is refused."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from ._export import version
 from ._plan import Plan
 from ._skip import Constant, Place, Program
 
-# Left out of every text: an object has another address in every process.
+# Removed from every text: addresses of objects differ between processes.
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+|0x[0-9a-f]{6,}")
 
 
 def signature_of(plan: Plan, function: str, grid: Grid, most: int) -> dict[str, Any]:
-    """The function as it was traced, with the numbers inside it, the axes, and the versions."""
+    """Return the traced function with its constants, the axes, and the versions."""
     return {
         "function": function,
         "program": _digest(_texts(plan.program)),
-        # Equal programs may name their outputs otherwise.
+        # Equal programs may have different names of outputs.
         "outputs": list(plan.leaves),
         "constants": {f.name: _text(f.constant) for f in plan.fields if not f.arrays},
         "axes": {
@@ -76,7 +76,7 @@ def _of_param(name: str, value: Any) -> Iterator[bytes]:
 
 
 def _constants(value: Any) -> Iterator[Any]:
-    """The numbers that programs inside a parameter hold, at any depth: their text has none."""
+    """Yield the constants of nested programs in a parameter; their text does not contain them."""
     for part in value if isinstance(value, tuple | list) else (value,):
         if isinstance(part, core.ClosedJaxpr):
             yield from part.consts
@@ -91,7 +91,7 @@ def _of_place(where: Place) -> bytes:
 
 def _bytes(value: Any) -> bytes:
     if not isinstance(jnp.result_type(value), np.dtype):
-        # A key of random numbers: what it is made of.
+        # A key of random numbers is represented by its data.
         value = jax.random.key_data(value)
     array = np.asarray(value)
     return f"{array.dtype}{array.shape}".encode() + array.tobytes()

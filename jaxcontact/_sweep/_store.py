@@ -25,13 +25,13 @@ Read = TypeVar("Read")
 
 _SIGNATURE = "jaxcontact_sweep"
 _CHECKSUMS = "blocks/checksum"
-# What was never written reads as NaN or -1 by its kind, or as 0 where every value may occur.
+# Unwritten values read as NaN or -1 by their kind, or as 0 if every value may occur.
 _UNWRITTEN = {"f": np.nan, "c": np.nan, "i": -1}
 
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """The form of one array of a store: named dimensions, and the chunk that a block fills."""
+    """The format of one array of a store: named dimensions, and the chunk that a block fills."""
 
     dims: tuple[str, ...]
     shape: tuple[int, ...]
@@ -50,13 +50,13 @@ class Coordinate:
 
 
 class BlockStore:
-    """Arrays on disk, of which each block fills whole chunks, and a checksum for every block.
+    """Arrays on disk, in which each block fills whole chunks, and a checksum for every block.
 
     `arrays` holds them by name; each is read on access.
 
-    A block is finished if what is read back has its checksum. A chunk that is missing, short,
-    altered or was never written therefore does not count, however the process ended. As no two
-    blocks share a file, processes may write different blocks at the same time.
+    A block is finished if the data read back match its checksum. A missing, truncated, altered or
+    unwritten chunk therefore does not count, for any end of the process. No two blocks share a
+    file, so processes may write different blocks at the same time.
     """
 
     def __init__(self, group: zarr.Group, blocks: Sequence[Mapping[str, Place]]):
@@ -66,7 +66,7 @@ class BlockStore:
         self._checksums: Any = group[_CHECKSUMS]
 
     def read(self, number: int) -> dict[str, np.ndarray] | None:
-        """The arrays of a block, or None if it is not finished."""
+        """Return the arrays of a block, or None if it is not finished."""
         checksum = _readable(lambda: int(self._checksums[number]))
         if not checksum:
             return None
@@ -79,15 +79,15 @@ class BlockStore:
         return found if found is not None and _checksum(found) == checksum else None
 
     def finished(self, number: int) -> bool:
-        """Whether a block is there and whole; this reads it."""
+        """Read a block and return whether it is complete."""
         return self.read(number) is not None
 
     def lacking(self) -> list[int]:
-        """The blocks that were never written; the others are not checked."""
+        """Return the blocks that were never written; the others are not checked."""
         return np.flatnonzero(np.asarray(self._checksums[...]) == 0).tolist()
 
     def write(self, number: int, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write a block; it counts once its checksum is written, which comes last."""
+        """Write a block, and last its checksum, which marks it as finished."""
         for name, place in self._blocks[number].items():
             self.arrays[name][place] = arrays[name]
         self._checksums[number] = np.uint64(_checksum(arrays))
@@ -100,14 +100,15 @@ def open_store(
     blocks: Sequence[Mapping[str, Place]],
     coordinates: Mapping[str, Coordinate],
 ) -> BlockStore:
-    """The store at `path`, made if there is none; `blocks` says which part each block fills.
+    """Open the store at `path`, created if missing; `blocks` lists the part filled by each block.
 
-    `signature`: all that the numbers depend on, as JSON. ValueError if the store there has another
-    one, or arrays or coordinates that were altered; the message says what differs.
+    `signature` contains everything the numbers depend on, as JSON. Raises ValueError if the
+    existing store has another signature, or altered arrays or coordinates; the message lists the
+    differences.
     """
     for part in blocks:
         assert all(_whole_chunks(arrays[name], place) for name, place in part.items())
-    # As JSON gives it back: tuples are lists there.
+    # Normalised by JSON, which turns tuples into lists.
     signature = json.loads(json.dumps(signature))
     if not path.exists() or (path.is_dir() and not any(path.iterdir())):
         _create(path, signature, arrays, len(blocks), coordinates)
@@ -135,7 +136,7 @@ def open_store(
 
 
 def local_folder(path: Any) -> Path:
-    """The path of a store; ValueError for what is no path, and for the address of a remote one."""
+    """Return the path of a store; ValueError for a remote address, and for anything but a path."""
     folder = require_path("store", path)
     if "://" in os.fspath(path):
         raise ValueError(
@@ -147,7 +148,7 @@ def local_folder(path: Any) -> Path:
 
 
 def _described(form: Stored) -> dict[str, Any]:
-    """What decides how the bytes of an array are read, and what they mean."""
+    """Return the properties that determine how the bytes of an array are read."""
     return {
         "dims": [dim or None for dim in form.dims],
         "shape": form.shape,
@@ -164,17 +165,17 @@ def _described_coordinate(given: Coordinate) -> dict[str, Any]:
 
 
 def _readable(read: Callable[[], Read]) -> Read | None:
-    """What `read` returns; None for a file that is not there, short or altered."""
+    """Return the result of `read`; None for a file that is missing, truncated or altered."""
     try:
         return read()
     except PermissionError:
         raise
-    except Exception:  # zarr, its codecs and JSON raise whatever they meet in such a file
+    except Exception:  # zarr, its codecs and JSON raise various errors for such a file
         return None
 
 
 def _found(group: zarr.Group, name: str, coordinate: bool) -> dict[str, Any]:
-    """The same of an array that is there."""
+    """Return the same properties of an existing array."""
     array: Any = group[name]
     names: Any = array.metadata.dimension_names or [None] * len(array.shape)
     form = Stored(names, array.shape, array.chunks, array.dtype, dict(array.attrs))
@@ -208,7 +209,7 @@ def _create(
     count: int,
     coordinates: Mapping[str, Coordinate],
 ) -> None:
-    """Make an empty store beside `path` and move it there whole.
+    """Create an empty store beside `path` and move it there as a whole.
 
     If several processes do so at the same time, the first store is used.
     """
@@ -217,7 +218,7 @@ def _create(
     path.parent.mkdir(parents=True, exist_ok=True)
     new = path.with_name(f".{path.name}.{uuid.uuid4().hex}")
     try:
-        # xarray takes the names of coordinates that are no dimensions from here.
+        # xarray reads the names of coordinates that are not dimensions from here.
         others = " ".join(name for name, c in coordinates.items() if name != c.dim)
         attributes = {_SIGNATURE: signature, **({"coordinates": others} if others else {})}
         group = zarr.create_group(new, zarr_format=3, attributes=attributes)
@@ -241,7 +242,7 @@ def _create(
                 attributes=dict(given.attributes),
             )
             array[:] = given.values
-        # In a group of its own, where it is not taken for a result.
+        # In its own group, so that it is not read as a result.
         group.create_array(_CHECKSUMS, shape=(count,), chunks=(1,), dtype="uint64", fill_value=0)
         os.rename(new, path)
     except OSError:
@@ -249,7 +250,7 @@ def _create(
             raise
     finally:
         shutil.rmtree(new, ignore_errors=True)
-        # Folders made for nothing are empty again.
+        # Folders created in vain are empty again.
         for folder in made:
             with contextlib.suppress(OSError):
                 folder.rmdir()
@@ -266,7 +267,7 @@ def _existing(path: Path) -> zarr.Group:
 
 
 def _differences(there: Any, here: Any, key: str = "") -> Iterator[str]:
-    """Where two JSON values differ: keys joined by dots, with both values."""
+    """Yield the differences of two JSON values: keys joined by dots, with both values."""
     if isinstance(there, dict) and isinstance(here, dict):
         for name in here | there:
             inner = f"{key}.{name}" if key else name
@@ -277,7 +278,7 @@ def _differences(there: Any, here: Any, key: str = "") -> Iterator[str]:
 
 
 def _checksum(arrays: Mapping[str, np.ndarray]) -> int:
-    """A number for the bytes of named arrays, never zero."""
+    """Return a checksum of the bytes of named arrays, never zero."""
     digest = hashlib.blake2b(digest_size=8)
     for name in sorted(arrays):
         digest.update(name.encode())

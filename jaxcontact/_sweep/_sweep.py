@@ -1,4 +1,4 @@
-"""The front door of sweeps."""
+"""The public function `sweep`."""
 
 from __future__ import annotations
 
@@ -27,19 +27,22 @@ from ._store import local_folder
 from ._table import Field
 
 _LANES = 1 << 14
-"""Lanes in one call on a CPU: their intermediate results fit its caches. Measured on two cores:
-summaries run at 1.1 million/s in blocks of 2^12 and 2^14, and 0.6 million/s in blocks of 2^16."""
+"""Lanes per call on a CPU, whose intermediate results fit its caches. Measured on two cores:
+summaries run at 1.1 million/s in blocks of 2^12 and 2^14, and 0.6 million/s in blocks of 2^16.
+"""
 
 _LANES_OPEN_ENDED = 1 << 9
-"""The same for loops of unknown length, in which a call lasts as long as its slowest lane: event
-solves run twice as fast as in blocks of 2^14."""
+"""Lanes per call for loops of unknown length, in which a call lasts as long as its slowest lane:
+event solves run twice as fast as in blocks of 2^14.
+"""
 
 _LANES_BRANCHING = 1 << 12
-"""The same for programs with branches, which keep more in memory: the phase method runs at 0.43
-million/s, and at 0.23 million/s in blocks of 2^14."""
+"""Lanes per call for programs with branches, which keep more in memory: the phase method runs at
+0.43 million/s, and at 0.23 million/s in blocks of 2^14.
+"""
 
 _LANES_ACCELERATED = 1 << 20
-"""Lanes in one call elsewhere: enough to keep a GPU busy."""
+"""Lanes per call on other devices, enough to use a GPU fully."""
 
 Fold = Callable[[Any, Sweep], Any]
 
@@ -58,48 +61,47 @@ def sweep(
 ) -> Sweep:
     """Evaluate a function of named numbers on the grid of its axes, or over aligned samples.
 
-    `fn` is called with one number for each name, and must be one that JAX can trace. It returns an
-    array, or fields: an `Impact`, any dataclass or equinox module, a named tuple, a dict. `axes`:
-    one-dimensional arrays, which span the grid in the order they are given; a float is held fixed;
-    whole numbers, strings, None and objects (a law, a method, a function) are passed on unchanged.
-    `samples`: arrays of one length by name, taken together lane by lane; axes then span a grid for
-    each sample.
+    `fn` is called with one number for each name, and must be traceable by JAX. It returns an array,
+    or fields: an `Impact`, any dataclass or equinox module, a named tuple, a dict. `axes` are
+    one-dimensional arrays, which span the grid in the given order. A float is a fixed number. Whole
+    numbers, strings, None and objects (a law, a method, a function) are passed on unchanged.
+    `samples` are arrays of one length by name, taken together lane by lane; axes then span a grid
+    for each sample.
 
-    An output is computed once along an axis that it does not depend on, or that decides only
-    whether it is NaN: over (e, K, m, v) the restitution of the Hunt-Crossley family takes one solve
-    for each e. This is found by analysing the traced
-    function; nothing needs to be declared. The result is that of the plain computation to rounding,
-    for an adaptive solve to its tolerance.
+    An output is computed once along an axis that it does not depend on, or that only decides
+    whether it is NaN. Over (e, K, m, v) the restitution of the Hunt-Crossley family takes one solve
+    for each e. The analysis of the traced function finds this; nothing needs to be declared. The
+    result is that of the plain computation to rounding, and for an adaptive solve to its tolerance.
 
-    `batch_size`: the most lanes computed at once (default 16384, 4096 for the phase method and
-    other programs with branches, 512 for event solves and other loops of unknown length, 1048576
-    on a GPU); it bounds the memory beside the result.
-    `reduce=(start, fold)` keeps no lanes at all: `fold(value, block)` is called for each block,
-    itself a `Sweep` of a part of the grid, and gives the next value; the last one is `table.value`.
-    `cost`, a function of some of the same names, predicts the work of a lane; lanes are then
-    computed in its order, so that lanes of similar cost share a block. The `steps` of a coarse
-    sweep show what the cost depends on.
+    `batch_size` is the largest number of lanes computed at once, which bounds the memory beside the
+    result. Defaults: 16384; 4096 for the phase method and other programs with branches; 512 for
+    event solves and other loops of unknown length; 1048576 on a GPU. `reduce=(start, fold)` stores
+    no lanes: `fold(value, block)` is called for each block, itself a `Sweep` of a part of the grid,
+    and returns the next value. The last one is `table.value`. `cost`, a function of some of the
+    same names, predicts the work of a lane. Lanes are then computed in its order, so that lanes of
+    similar cost share a block. The `steps` of a coarse sweep show on which arguments the cost
+    depends.
 
-    `store`: a path (with the extra `data`) to which blocks are written as they are finished. A
-    killed sweep continues from there, says so where it is printed (`table.resumed` is the part that
-    was there), and ends with the same bits; the store of another function, other axes or another
-    version is refused. Results may then be larger than the memory: a field is
-    read on access. `mesh`: a `jax.sharding.Mesh` whose devices take blocks in turn; under
-    `jax.distributed` processes do so too, without it. Neither changes the result.
+    `store` is a path (with the extra `data`) to which finished blocks are written. A killed sweep
+    continues from there and ends with the same bits; its summary states this (`table.resumed` is
+    the fraction found). The store of another function, other axes or another version is refused.
+    Results may then be larger than the memory: a field is read on access. `mesh` is a
+    `jax.sharding.Mesh` whose devices take blocks in turn. Under `jax.distributed` processes do so
+    too, without `mesh`. Neither changes the result.
 
     `progress`: None shows a bar on stderr after a second, if that is a terminal or a notebook; True
-    always does, False never; a function is called with the lanes done and all lanes. Ctrl-C ends a
+    always does, False never. A function is called with the lanes done and all lanes. Ctrl-C ends a
     sweep early with a warning: lanes that were not computed are NaN and NOT_CONVERGED, and
     `table.complete` is False.
 
-    The same `fn` swept again, over axes of other numbers, is not traced again. Functions are the
-    same if their code is, with all that it reads of the closure and the globals, also through other
-    functions, classes and modules of yours: a lambda typed again is the same, and one that reads a
-    number that has changed is not. What reads objects with a hidden state (a file, a lock) is
-    traced anew each time.
+    The same `fn` swept again over axes of other numbers is not traced again. Functions are the same
+    if their code is equal, including everything it reads from the closure and the globals. Your own
+    functions, classes and modules are followed. A lambda typed again is therefore the same, and one
+    that reads a changed number is not. A function that reads objects with a hidden state (a file, a
+    lock) is traced each time.
 
-    Returns a `Sweep`. Bad lanes are flagged in `.status`, their neighbours untouched. Raises
-    ValueError for an argument that `fn` does not take or lacks, and for axes that are no numbers.
+    Returns a `Sweep`. Bad lanes are flagged in `.status`; their neighbours are unaffected. Raises
+    ValueError for an argument that `fn` does not take or lacks, and for axes that are not numbers.
     """
     if batch_size is not None:
         batch_size = require_count("batch_size", batch_size, 1)
@@ -161,7 +163,7 @@ def _table(
     results: Results,
     function: str,
 ) -> Sweep:
-    """The table of what groups of a plan have computed."""
+    """Return the table of the results of some groups of a plan."""
     arrays = results.arrays
     dims = {array.key: array.dims for group in groups for array in group.arrays}
 
@@ -187,7 +189,7 @@ def _table(
 
 
 def _order_by(cost: Callable[..., Any], grid: Grid, most: int, workers: Workers) -> Order:
-    """The lanes of a group from the most to the least expensive, as `cost` predicts."""
+    """Return the lanes of a group from the most to the least expensive, as predicted by `cost`."""
     taken = grid.taken_by(cost)
     check_call(cost, taken)
     plan = plan_of(cost, taken)
@@ -198,7 +200,7 @@ def _order_by(cost: Callable[..., Any], grid: Grid, most: int, workers: Workers)
     (predicted,) = collect(blocks, taken, workers, lambda *_: None).arrays.values()
 
     def order(wanted: Group) -> np.ndarray:
-        # Any index serves along a dimension that the wanted arrays do not have.
+        # Any index works along a dimension that the wanted arrays do not have.
         here = predicted[tuple(slice(None) if d in wanted.dims else 0 for d in group.dims)]
         dims = [d for d in group.dims if d in wanted.dims]
         lanes = np.broadcast_to(within(here, dims, wanted.dims), shape_of(wanted.dims, grid))

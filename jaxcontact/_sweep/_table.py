@@ -1,4 +1,4 @@
-"""The arrays of a sweep with their names: plain data, and what follows from it."""
+"""The named arrays of a sweep: plain data, and quantities derived from it."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from ._column import Column, within
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """One field of an output: the names of its arrays, or a constant where it holds none."""
+    """One field of an output: the names of its arrays, or a constant without arrays."""
 
     name: str
     arrays: tuple[str, ...] = ()
-    """The name of the field itself where it is one array."""
+    """The name of the field itself if it is one array."""
     structure: Any = None
-    """How the arrays make up the field."""
+    """Structure of the field in terms of its arrays."""
     constant: Any = None
 
 
 class Table:
     """All fields over a grid, each array stored over the dimensions that it depends on.
 
-    The attributes are those of `Sweep`, and `function`, the name of what was swept, and `done`, the
-    part of the work that was done: 1, or less after an interrupt; `resumed` is the part of it that
-    was found in the store.
+    The attributes are those of `Sweep`, and `function`, the name of the swept function. `done` is
+    the fraction of the work that was done: 1, or less after an interrupt. `resumed` is the fraction
+    that was found in the store.
     """
 
     def __init__(
@@ -71,7 +71,7 @@ class Table:
 
     @property
     def status(self) -> np.ndarray:
-        """How every lane ended: the values of `Status`."""
+        """Outcome of every lane: the values of `Status`."""
         if "status" not in self._made:
             self._made["status"] = self.status_column.array(self.shape)
         return self._made["status"]
@@ -87,12 +87,12 @@ class Table:
         return self._made[name]
 
     def columns(self) -> dict[str, Column]:
-        """Every array by its name, as small as it is stored."""
+        """Return every array by its name, as compactly as it is stored."""
         return self._columns
 
     @functools.cached_property
     def status_column(self) -> Column:
-        """The status, as small as it is stored."""
+        """The status, as compactly as it is stored."""
         given = self._columns.get("status")
         if given is not None:
             return self._interrupted(given) if self._computed else given
@@ -112,7 +112,7 @@ class Table:
         return Column(dims, codes, checks, int(Status.INVALID_INPUT)).settled()
 
     def _interrupted(self, given: Column) -> Column:
-        """The status a function returned, with the lanes that lack any other of its results."""
+        """Return the status from the function, adjusted in lanes that lack any other result."""
         dims = tuple(range(len(self.shape)))
         status = np.array(given.array(self.shape))
         for flags in self._computed:
@@ -121,19 +121,19 @@ class Table:
         return Column(dims, status)
 
     def status_counts(self) -> dict[int, int]:
-        """How many lanes ended in which way, by the values of `Status`."""
+        """Count the lanes by outcome, the values of `Status`."""
         return dict(sorted(self.status_column.counts(self.shape).items()))
 
     def coordinates(self, dim: str) -> np.ndarray:
-        """The numbers along a dimension: its axis, or the count of the samples."""
+        """Return the numbers along a dimension: its axis, or the count of the samples."""
         return self.axes.get(dim, np.arange(self.shape[self.dims.index(dim)]))
 
     def dims_of_axes(self) -> dict[str, str]:
-        """The dimension along which every axis, or sample, varies."""
+        """Return the dimension along which every axis, or sample, varies."""
         return {i.name: self.dims[i.dim] for i in self._grid.inputs if i.dim is not None}
 
     def taken(self, name: str, place: int) -> Self:
-        """The same at one index of a dimension, without that dimension."""
+        """Return the table at one index of a dimension, without that dimension."""
         dim = self.dims.index(name)
         return type(self)(
             self._grid.taken(dim, place),

@@ -1,4 +1,4 @@
-"""Hu & Guo (2015) reproduced: figures, tables, and published numbers beside ours."""
+"""Reproduction of Hu & Guo (2015): figures, tables, and published numbers beside computed ones."""
 
 from ._ball import ball_table as ball_table
 from ._ball_figures import fig8 as fig8

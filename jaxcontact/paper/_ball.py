@@ -1,4 +1,4 @@
-"""The bouncing ball of Table 2 and its twenty impacts: four laws, five restitutions, one batch."""
+"""The ball of Table 2 and its twenty impacts: four laws, five restitutions, one batch."""
 
 from __future__ import annotations
 
@@ -15,28 +15,29 @@ MASS, RADIUS, HEIGHT, GRAVITY, STIFFNESS = 1.0, 0.1, 1.0, 9.8, 1.4e8
 """Table 2, in kg, m, m, m/s² and N/m^1.5."""
 
 DROP = HEIGHT - RADIUS
-"""How far the ball's lowest point falls, in m."""
+"""Fall height of the ball's lowest point, in m."""
 
 SPEED = float(np.sqrt(2 * GRAVITY * DROP))
-"""The speed at contact in m/s, Eq. 41 and 42."""
+"""Speed at contact in m/s, Eq. 41 and 42."""
 
 SAMPLES = 200
 
 
 @cached
 def impacts() -> Impacts:
-    """The twenty impacts, shape (4, 5) for laws and restitutions; as in the paper without gravity.
+    """Solve the twenty impacts, shape (4, 5) for laws and restitutions, without gravity as in the
+    paper.
 
-    Solved in the precision JAX is set to.
+    JAX's precision setting applies.
     """
     e = jnp.asarray(RESTITUTIONS)
     alpha = jnp.stack([get_law(law.key, e=e).damping_factor() for law in FOUR_LAWS])
-    # One law with one number stands for all four: one compiled solve serves them.
+    # One law with α as its parameter represents all four, so one compiled solve suffices.
     return solve(Damped(alpha=alpha), Contact(mass=MASS, stiffness=STIFFNESS), SPEED, SAMPLES)
 
 
 def ball_table() -> Table:
-    """The outcome of all twenty, law by law, each from e = 1.0 down to 0.2."""
+    """Return the outcome of all twenty impacts, law by law, each from e = 1.0 down to 0.2."""
     solved = impacts()
     columns = {
         "law": np.array([[law.key] for law in FOUR_LAWS]),

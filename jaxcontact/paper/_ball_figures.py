@@ -1,4 +1,4 @@
-"""Figs. 8, 9 and 10: the ball's impact under four laws, a panel for each."""
+"""Figs. 8, 9 and 10: the ball's impact under four laws, one panel each."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ _DEFORMATION = label("indentation", "deformation", prefix="m")
 
 
 def fig8() -> Reproduction:
-    """Deformation against time; tables "curves" and "ball", the outcome of all twenty."""
+    """Plot deformation against time; tables "curves" and "ball", the outcome of all impacts."""
     solved = impacts()
     x, y = _MILLI * solved.time, _MILLI * solved.indentation
     return _panels(solved, x, y, _TIME, _DEFORMATION)
 
 
 def fig9() -> Reproduction:
-    """Deformation velocity against time; tables as for `fig8`."""
+    """Plot deformation velocity against time; tables as for `fig8`."""
     solved = impacts()
     return _panels(solved, _MILLI * solved.time, solved.velocity, _TIME, VELOCITY)
 
 
 def fig10() -> Reproduction:
-    """Contact force against deformation, the hysteresis loops; tables as for `fig8`."""
+    """Plot contact force against deformation, the hysteresis loops; tables as for `fig8`."""
     solved = impacts()
     x, y = _MILLI * solved.indentation, _KILO * solved.force
     return _panels(solved, x, y, _DEFORMATION, label("force", prefix="k"))

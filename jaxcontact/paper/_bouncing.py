@@ -1,4 +1,4 @@
-"""Beyond the paper: its ball followed to rest, with gravity in contact and without."""
+"""Beyond the paper: its ball followed to rest, with and without gravity in contact."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from ._reproduction import Reproduction, long_table
 from ._style import RESTITUTIONS, SHADES, legend_above, sheet
 
 BOUNCES = 40
-"""Enough for the ball of e = 0.8 to come to rest; that of e = 1.0 never does."""
+"""Enough for the ball of e = 0.8 to come to rest; the ball of e = 1.0 bounces forever."""
 
 _SECONDS = np.linspace(0, 4.5, 1201)
 
 _FELT = (False, True)
-"""Whether gravity acts in contact: the two runs."""
+"""The two runs: gravity in flight only, and in contact as well."""
 
 
 def bouncing() -> Reproduction:
-    """Height against time under Hu-Guo's law, and below it what gravity in contact does to e.
+    """Plot height against time under the law of Hu and Guo, and e with gravity in contact.
 
-    Tables: "height"; "touches", of both runs of each e; "rest", when and after how many bounces
-    each run came to rest, and what its contacts and its unlisted flights add up to.
+    Tables: "height"; "touches", of both runs of each e; "rest", with the time of rest, the number
+    of bounces, and the total times of contacts and of unlisted flights.
     """
     law = HuGuo(e=jnp.asarray(RESTITUTIONS))
     contact = Contact(mass=_ball.MASS, stiffness=_ball.STIFFNESS)
@@ -39,7 +39,7 @@ def bouncing() -> Reproduction:
     ]
 
     def both(field: str) -> np.ndarray:
-        """A field of both runs; NaN where a run has none."""
+        """Return a field of both runs; NaN for a run without it."""
         values = [getattr(run, field) for run in runs]
         absent = np.full(len(RESTITUTIONS), np.nan)
         return np.stack([absent if x is None else np.asarray(x) for x in values])

@@ -1,4 +1,4 @@
-"""The two impacts of Eq. 15 that Figs. 3 and 4 are drawn for, solved once for both."""
+"""The two impacts of Eq. 15 in Figs. 3 and 4, solved once for both."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ CASES = (
 )
 
 MASS, STIFFNESS = 0.033, 1.07e10
-"""Of both cases, in kg and N/m^1.5: a steel sphere of radius 10 mm."""
+"""Mass and stiffness of both cases, in kg and N/m^1.5: a steel sphere of radius 10 mm."""
 
 RADIUS, YOUNGS_MODULUS, POISSON_RATIO = 0.01, 2.07e11, 0.3
-"""Of the steel sphere, in m, Pa and 1: what K is computed from."""
+"""Radius, modulus and Poisson's ratio of the steel sphere, in m, Pa and 1, which determine K."""
 
 SAMPLES = 801
-"""Moments of each impact: cubics through them give δ' to 7e-9 of v0, worst next to touch."""
+"""Samples of each impact: cubics through them give δ' to 7e-9 of v0, worst next to touch."""
 
 
 @cached
 def impacts() -> Impacts:
-    """The two cases, solved in the precision JAX is set to, with the outcome in closed form."""
+    """Solve the two cases in JAX's precision, with the outcome in closed form."""
     law = ConstantDamping(c=jnp.asarray([case.c for case in CASES]))
     speed = jnp.asarray([case.velocity for case in CASES])
     return solve(law, Contact(mass=MASS, stiffness=STIFFNESS), speed, SAMPLES)

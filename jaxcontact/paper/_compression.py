@@ -1,4 +1,4 @@
-"""The compression of a solved impact as a curve v(δ), and where on it a regression samples."""
+"""The compression of a solved impact as a curve v(δ), and the sample points of a regression."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SAMPLINGS: tuple[Sampling, ...] = ("indentation", "time", "velocity squared")
 
 
 class Compression(NamedTuple):
-    """Touch to turn: moments in s, δ in m and δ' in m/s at each; the square of δ' between them."""
+    """Compression from touch to turn: times in s, δ in m, δ' in m/s, and a spline of δ'²."""
 
     time: np.ndarray
     indentation: np.ndarray
@@ -29,14 +29,15 @@ class Compression(NamedTuple):
         return float(self.indentation[-1])
 
     def velocity_at(self, indentation: np.ndarray) -> np.ndarray:
-        """δ' in m/s; zero at the turn, where the root of a rounding error would remain."""
+        """Return δ' in m/s; exactly zero at the turn, where rounding errors would remain."""
         square = np.maximum(self.square(indentation), 0)
         return np.sqrt(np.where(indentation < self.max_indentation, square, 0))
 
     def positions(self, sampling: Sampling, intervals: int) -> np.ndarray:
-        """`intervals` + 1 values of δ in m from touch to turn, spaced equally in `sampling`.
+        """Return `intervals` + 1 values of δ in m from touch to turn, spaced equally in `sampling`.
 
-        They are placed by linear interpolation: that moves a sample along the curve, not off it.
+        Their positions come from linear interpolation, whose error moves a sample along the curve
+        only.
         """
         if sampling == "indentation":
             return np.linspace(0, self.max_indentation, intervals + 1)
@@ -46,10 +47,10 @@ class Compression(NamedTuple):
 
 
 def compression(impacts: Impacts, case: int) -> Compression:
-    """The compression of one case: the samples before the turn, and the turn."""
+    """Return the compression of one case: the samples before the turn, and the turn."""
     deepest = float(impacts.max_indentation[case])
     moment = float(impacts.compression_time[case])
-    # The turn is that of the closed form; the samples have it to the tolerance of their solve.
+    # The turn is that of the closed form; the samples match it to the tolerance of their solve.
     before = (impacts.time[case] < moment) & (impacts.indentation[case] < deepest)
 
     def with_turn(samples: np.ndarray, turn: float) -> np.ndarray:
@@ -59,6 +60,6 @@ def compression(impacts: Impacts, case: int) -> Compression:
     depth = with_turn(impacts.indentation, deepest)
     speed = with_turn(impacts.velocity, 0.0)
     force = with_turn(impacts.force, float(impacts.turning_force[case]))
-    # Against δ the square is smooth at the turn, where δ' itself is not, and its slope is known:
-    # d(δ'²)/dδ = 2 δ'' = -2 F/m.
+    # δ'² is smooth in δ at the turn, while δ' is not. Its slope is known: d(δ'²)/dδ = 2 δ'' = -2
+    # F/m.
     return Compression(time, depth, speed, CubicHermiteSpline(depth, speed**2, -2 * force / MASS))

@@ -11,10 +11,10 @@ from ._style import VELOCITY, sheet
 
 
 def fig3() -> Reproduction:
-    """The whole impact of both cases, the turn dotted, and in a table how each ends.
+    """Plot the whole impact of both cases, with the turn as a dotted line.
 
-    Tables: "motion" (case, time, deformation, velocity) and "impact" (per case α = c v0/K, the
-    restitution it delivers, duration, time and depth of the turn).
+    Tables: "motion" (case, time, deformation, velocity) and "impact". The latter lists for each
+    case α = c v0/K, the delivered restitution, the duration, and the time and depth of the turn.
     """
     solved = impacts()
     figure, axes = sheet(2, 2, height=3.0)

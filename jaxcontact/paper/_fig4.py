@@ -1,4 +1,4 @@
-"""Fig. 4: velocity against deformation in compression, beside the profiles that were assumed."""
+"""Fig. 4: velocity against deformation in compression, compared with the assumed profiles."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MARKERS = 40
 """Intervals between the circles of the numerical solution."""
 
 _CLOSE = 0.1
-"""Forms that stay nearer than this to the solution are drawn in the panel of differences."""
+"""Forms that stay closer than this to the solution appear in the panel of differences."""
 
 
 class Form(NamedTuple):
@@ -35,7 +35,7 @@ class Form(NamedTuple):
 
     @property
     def look(self) -> dict[str, Any]:
-        """How its lines are drawn."""
+        """Line style of the form."""
         return {"color": self.colour, "linestyle": self.style, "linewidth": 1.1}
 
 
@@ -43,7 +43,7 @@ def _power(beta: float | np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
     return lambda u: np.sqrt(1 - u**beta)
 
 
-# Okabe and Ito's colours again; forms are not laws and have styles of their own.
+# Colours of Okabe and Ito again; forms are not laws and have their own styles.
 FORMS = (
     Form("β = 5/2", _power(2.5), "#0072B2", "--"),
     Form("β = 2", _power(2.0), "#D55E00", "-."),
@@ -54,14 +54,13 @@ FORMS = (
 
 
 def fig4() -> Reproduction:
-    """The compression of both cases beside the assumed profiles, and β by regression.
+    """Plot the compression of both cases with the assumed profiles, and β by regression.
 
-    The lowest panel has what separates the close ones from the solution, as a share of v0.
-    The fitted β, unless a table says otherwise, is that of samples uniform in deformation and
-    residuals in δ'. Tables: "curves"; "regression", β for each spacing of the samples and each
-    residual; "band", the least and the largest of these, and whether the published value lies
-    between them; "samples", β with fewer samples; "profiles", how far each form is from the
-    solution, in units of v0.
+    The lowest panel shows the deviation of the close profiles from the solution, as a fraction of
+    v0. Unless a table states otherwise, the fitted β uses samples uniform in deformation and
+    residuals in δ'. Tables: "curves"; "regression", β for each sampling and each residual; "band",
+    their smallest and largest value, and whether it contains the published one; "samples", β with
+    fewer samples; "profiles", the deviation of each form from the solution in units of v0.
     """
     curves = [compression(impacts(), i) for i in range(len(CASES))]
     tables = regression_tables(curves)

@@ -1,4 +1,4 @@
-"""Fig. 5: the damping factor α against the restitution that is asked for."""
+"""Fig. 5: the damping factor α against the input restitution."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from ._reproduction import Reproduction, Table
 from ._style import FOUR_LAWS, REFERENCE, legend_above, sheet
 
 GRID = np.linspace(0.005, 1.0, 200)
-"""Values of e_in; α of two laws grows without bound below."""
+"""Values of e_in; α of two laws diverges below."""
 
 NEAR_ZERO = 1e-12
-"""The e_in that stands for e → 0; α is a power of e there to as many digits."""
+"""Stand-in for e → 0; α is a power of e there to as many digits."""
 
 _CEILING = 10.0
 
 
 def fig5() -> Reproduction:
-    """α(e_in) of the four laws, with that of the exact law for comparison.
+    """Plot α(e_in) of the four laws, with the exact law for comparison.
 
     Tables: "damping_factor", α on a grid; "limits", per law α and e α for e → 0, and α and its
     derivative at e = 1.

@@ -1,4 +1,4 @@
-"""Fig. 6: the restitution that comes out against the one that is asked for."""
+"""Fig. 6: the output restitution against the input restitution."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ GRID = np.arange(2, 201) / 200
 _TENTHS = np.isin(GRID, np.arange(1, 11) / 10)
 
 RANGES = (0.1, 0.01)
-"""Errors are taken from each of these to 1: those of the table, and those of the drawn curve."""
+"""Errors are evaluated from each of these to 1: for the table, and for the plotted curve."""
 
 _NAMES = (*(law.key for law in FOUR_LAWS), "exact")
 
 
 def fig6() -> Reproduction:
-    """e_out(e_in) of the four laws and of the exact law, and below it the error e_out - e_in.
+    """Plot e_out(e_in) of the four laws and of the exact law, and below it the error e_out - e_in.
 
     Tables: "curves"; "restitution", e_out at e_in = 0.1, 0.2 ... 1; "errors", the mean and the
     largest |e_out - e_in| of each law.
@@ -58,7 +58,7 @@ def _errors(curves: Table) -> Table:
     for start in RANGES:
         inside = start <= GRID
         e = GRID[inside]
-        # The mean over e_in, not over grid points: the ends weigh half.
+        # The mean over e_in, not over grid points: the ends have half weight.
         mean = np.trapezoid(off[:, inside], e, axis=1) / (e[-1] - e[0])
         errors[f"mean_error_from_{start:g}"] = mean
         errors[f"largest_error_from_{start:g}"] = off[:, inside].max(axis=1)

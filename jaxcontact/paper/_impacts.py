@@ -1,4 +1,4 @@
-"""Impacts solved for a figure: their paths, and how they end."""
+"""Impacts solved for a figure: their paths and outcomes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .._laws import AbstractHuntCrossley
 class Impacts(NamedTuple):
     """A batch of impacts in SI units, from touch to separation.
 
-    Paths (..., samples): `time`, `indentation`, `velocity` and `force`. The rest (...): α, the
-    outcome, and the force at the turn.
+    Paths (..., samples): `time`, `indentation`, `velocity` and `force`. The other fields (...) are
+    α, the outcome, and the force at the turn.
     """
 
     time: np.ndarray
@@ -38,7 +38,7 @@ class Impacts(NamedTuple):
 
 
 def cached(make: Callable[[], Impacts]) -> Callable[[], Impacts]:
-    """`make`, called once for each precision that JAX is set to."""
+    """Return `make` as a function that runs once for each precision of JAX."""
     once = functools.cache(lambda precision: make())
     return functools.wraps(make)(lambda: once(jnp.result_type(float)))
 
@@ -46,7 +46,7 @@ def cached(make: Callable[[], Impacts]) -> Callable[[], Impacts]:
 def solve(
     law: AbstractHuntCrossley, contact: Contact, velocity: ArrayLike, samples: int
 ) -> Impacts:
-    """The impacts of a batch of laws or speeds; `samples` moments of each."""
+    """Solve the impacts of a batch of laws or speeds, with `samples` points each."""
     path = trajectory(law, contact, velocity, samples=samples)
     hit = impact(law, contact, velocity)
     turn = law.force(hit.max_indentation, 0.0, contact, velocity)

@@ -1,4 +1,4 @@
-"""Ours beside the published numbers."""
+"""Computed numbers beside the published ones."""
 
 from __future__ import annotations
 
@@ -15,39 +15,39 @@ from ._fig4 import fig4
 from ._published import PUBLISHED, Published
 
 _DENSITY = 7850.0
-"""Of steel, in kg/m³; the paper gives none."""
+"""Density of steel in kg/m³; the paper does not state it."""
 
 _ROUNDING = 1e-13
-"""For numbers that are exact in the paper: relative, measured 4e-16."""
+"""Relative tolerance for numbers that are exact in the paper; measured 4e-16."""
 
 
 class Number(NamedTuple):
-    """A published number and ours."""
+    """A published number and the computed one."""
 
     published: Published
     ours: float
 
     @property
     def difference(self) -> float:
-        """Ours minus the published one."""
+        """Computed minus published."""
         return self.ours - self.published.value
 
     @property
     def agrees(self) -> bool:
-        """Whether ours is the published number to the digits printed."""
+        """True if the computed number equals the published one to the printed digits."""
         allowed = self.published.half or _ROUNDING * abs(self.published.value)
         # Half a unit itself rounds to the printed digits, and a float may lie just beyond it.
         return abs(self.difference) <= allowed * (1 + 1e-9)
 
 
 def numbers() -> tuple[Number, ...]:
-    """Every published number with the one the library gives, in the order of the paper."""
+    """Return every published number with the computed one, in the order of the paper."""
     ours = _ours()
     return tuple(Number(published, ours[published.name]) for published in PUBLISHED)
 
 
 def markdown(table: tuple[Number, ...]) -> str:
-    """Published numbers beside ours, as a table in Markdown; ValueError for anything else."""
+    """Return published and computed numbers as a Markdown table; ValueError for anything else."""
     rows = table if isinstance(table, list | tuple) else [None]
     if not all(isinstance(row, Number) for row in rows):
         raise ValueError(
@@ -72,7 +72,7 @@ def _ours() -> dict[str, float]:
     cases = _cases.impacts()
     beta = fig4().tables["band"]["beta"]
     e = 0.5
-    # α = (1-e)/e / (5/2 I): the integral by the family whose velocity profile Eq. 24 is.
+    # α = (1-e)/e / (5/2 I): the integral by the family with the velocity profile of Eq. 24.
     integral = (1 - e) / e / (2.5 * float(get_law("energy_loss", e=e, beta=2.5).damping_factor()))
     second = _cases.CASES[1]
     steel_case = Contact(mass=_cases.MASS, stiffness=_cases.STIFFNESS)

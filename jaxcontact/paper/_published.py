@@ -1,4 +1,4 @@
-"""The numbers that the paper prints, where, and to how many digits."""
+"""The numbers printed in the paper, with place and number of digits."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 class Published(NamedTuple):
     """One printed number; `half` is half a unit of its last digit (0: a formula's exact number).
 
-    `differs` says why ours is not within the digits, and is empty where it is.
+    `differs` is the reason why the computed number differs, or empty if it agrees.
     """
 
     name: str

@@ -12,13 +12,13 @@ from ._compression import SAMPLINGS, Compression, Sampling
 from ._reproduction import Table, long_table
 
 INTERVALS = 1000
-"""Between the samples of a regression."""
+"""Intervals between the samples of a regression."""
 
 FEWER = (20, 50, 200, 1000)
 """Numbers of intervals that divide `INTERVALS`."""
 
 DEFAULT: tuple[Sampling, bool] = ("indentation", False)
-"""Samples uniform in δ, the residual in δ': a fit of the curve as Fig. 4 draws it."""
+"""Samples uniform in δ, the residual in δ': a fit of the curve in Fig. 4."""
 
 _RESIDUALS = {False: "velocity", True: "velocity squared"}
 
@@ -29,7 +29,7 @@ def regress(
     squared: bool = DEFAULT[1],
     intervals: int = INTERVALS,
 ) -> VelocityProfile:
-    """The profile nearest to a compression; see `fit_velocity_profile`."""
+    """Return the profile closest to a compression; see `fit_velocity_profile`."""
     depth = curve.positions(sampling, INTERVALS)
     # Weights select fewer samples, so that only one length is compiled.
     chosen = np.arange(INTERVALS + 1) % (INTERVALS // intervals) == 0
@@ -37,7 +37,7 @@ def regress(
 
 
 def regression_tables(curves: list[Compression]) -> dict[str, Table]:
-    """The tables "regression", "band" and "samples" of Fig. 4, for the curves of both cases."""
+    """Return the tables "regression", "band" and "samples" of Fig. 4, for both cases."""
     number = np.arange(1, len(CASES) + 1)
     choices = list(itertools.product(SAMPLINGS, _RESIDUALS))
     fits = [[regress(curve, *choice) for choice in choices] for curve in curves]

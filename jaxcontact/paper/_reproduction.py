@@ -1,4 +1,4 @@
-"""What each figure function of this room returns."""
+"""The result of the figure functions of this room."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Table = dict[str, np.ndarray]
-"""Named columns of equal length; a name ends in its SI unit where there is one: `time_s`."""
+"""Named columns of equal length; names end in their SI unit if they have one: `time_s`."""
 
 
 def long_table(columns: Mapping[str, ArrayLike]) -> Table:
-    """A table of columns that broadcast: a row for each element, the last axis fastest."""
+    """Return a table of columns that broadcast: one row per element, the last axis fastest."""
     arrays = np.broadcast_arrays(*map(np.asarray, columns.values()))
     return dict(zip(columns, map(np.ravel, arrays), strict=True))
 
 
 class Reproduction(NamedTuple):
-    """A figure, and the numbers behind it: tables by name, which the command writes as CSV."""
+    """A figure, and its numbers as named tables, which the command writes as CSV."""
 
     figure: Figure
     tables: dict[str, Table]

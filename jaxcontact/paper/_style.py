@@ -1,4 +1,4 @@
-"""The style of all figures: column width, colours for any colour vision, one style for each law."""
+"""The style of all figures: column width, colours for any colour vision, one style per law."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMN = 3.4
-"""The width of a column in inches: all text is set for it."""
+"""Width of a column in inches, for which all text is sized."""
 
 _FONT = {"size": 8.0, "small": 7.0}
 
 
 class PaperLaw(NamedTuple):
-    """One of the four laws the paper compares; the panel letter is that of its Figs. 8 to 10."""
+    """One of the four laws compared in the paper; the panel letter is that of Figs. 8 to 10."""
 
     panel: str
     name: str
     key: str
-    """The registered name: that of the columns of tables."""
+    """The registered name, used for the columns of tables."""
     colour: str
     style: str
 
@@ -38,7 +38,7 @@ FOUR_LAWS = (
 RESTITUTIONS = (1.0, 0.8, 0.6, 0.4, 0.2)
 """The values of e in Figs. 8 to 10."""
 
-# Dark to light, as brightness alone orders them: samples of matplotlib's cividis.
+# Dark to light, ordered by brightness: samples of matplotlib's cividis.
 SHADES = dict(
     zip(RESTITUTIONS, ("#00224E", "#35456C", "#666970", "#948E77", "#C8B866"), strict=True)
 )
@@ -47,7 +47,7 @@ VELOCITY = label("velocity", "velocity")
 """The label of the velocity of deformation, which changes sign."""
 
 REFERENCE = {"color": "black", "linestyle": (0, (5, 2)), "linewidth": 0.8}
-"""For what a law should give: the exact diagonal."""
+"""Style of the ideal result: the exact diagonal."""
 
 
 def sheet(
@@ -58,7 +58,7 @@ def sheet(
     sharex: bool = False,
     sharey: bool = False,
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with its axes, row by row; its own canvas, so that no display is needed.
+    """Create a figure with its axes, row by row, on its own canvas without a display.
 
     `height` of the whole in inches; `sharex` and `sharey` as in matplotlib.
     """
@@ -84,7 +84,7 @@ def sheet(
 
 
 def legend_above(figure: Figure, axes: Axes, columns: int = 2) -> None:
-    """The legend of `axes` over the whole figure, where it covers no data."""
+    """Add the legend of `axes` above the whole figure."""
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
         handles,

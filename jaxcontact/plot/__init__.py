@@ -1,4 +1,4 @@
-"""Pictures: every function draws on the axes it is given, or on new ones, and returns them."""
+"""Plots: every function draws on the given axes, or on new ones, and returns them."""
 
 from importlib import import_module as _import_module
 from typing import TYPE_CHECKING as _TYPE_CHECKING
@@ -28,7 +28,7 @@ _OF_THE_LABORATORY = "calibration", "record", "sound", "track"
 
 
 def __getattr__(name: str) -> _Any:
-    # The laboratory stands above, and imports the parts that all pictures share from here.
+    # The laboratory stands above this room and imports the shared parts of all plots from it.
     if name not in _OF_THE_LABORATORY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(_import_module(f"jaxcontact._lab.plots.{name}"), name)

@@ -1,4 +1,4 @@
-"""The moving picture of a run."""
+"""The animation of a run."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
     from matplotlib.lines import Line2D
 
 _WIDTH, _LOW, _HIGH = 5.0, 1.4, 5.4
-"""Of a new figure in inches: its width, and its least and largest height."""
+"""Width of a new figure in inches, and its smallest and largest height."""
 
 _TAIL = 0.08
-"""Of the run: how long the path behind a sphere is shown."""
+"""Fraction of the run shown as the tail of a sphere."""
 
 
 class Animation(FuncAnimation):
@@ -39,7 +39,7 @@ class Animation(FuncAnimation):
         self.figure = figure
 
     def _repr_html_(self) -> str:
-        # A notebook would show the figure a second time, standing still.
+        # Without this the notebook would also show the figure as a still picture.
         pyplot.close(self.figure)
         return self.to_jshtml()
 
@@ -52,16 +52,16 @@ def animate(
     axes: Sequence[int] | None = None,
     ax: Axes | None = None,
 ) -> Animation:
-    """A moving picture of a run: circles with short tails, walls, and the time.
+    """Animate a run: circles with short tails, walls, and the time.
 
-    Arguments: a single run; how many `seconds` the picture lasts, and its frames a second; `axes`,
-    two axes of space to draw, such as (0, 2), which a run in three dimensions needs; the axes of
-    matplotlib to draw on, new ones if None. Spheres in one dimension roll along a line.
+    Arguments: a single run; the length of the film in `seconds`, and its frames per second; `axes`,
+    the two axes of space to draw, such as (0, 2), required in three dimensions; `ax`, the axes of
+    matplotlib to draw on, new ones if None. Spheres in one dimension move along a line.
 
-    Returns an animation of matplotlib, which a notebook shows as it is;
-    `animation.save("run.gif", writer="pillow")` writes a GIF. Keep a reference to it while it is
-    shown. Raises ValueError for numbers out of range, other axes, a batch of runs, a run without
-    values, and what is no run.
+    Returns a matplotlib animation, which a notebook displays. `animation.save("run.gif",
+    writer="pillow")` writes a GIF. Keep a reference to it while it is shown. Raises ValueError for
+    numbers out of range, other axes, a batch of runs, a run without values, and for anything but a
+    run.
     """
     require_one_run(run)
     count = round(require_number("seconds", seconds, POSITIVE) * require_count("fps", fps, 1))
@@ -99,12 +99,12 @@ def animate(
         return [*itertools.chain(*circles), *tails, *move_walls(k), title]
 
     figure = ax.get_figure(root=True)
-    assert figure is not None  # it was made with these axes, or by the user
+    assert figure is not None  # created with these axes, or by the user
     return Animation(figure, draw, frames=len(frames.time), interval=1000 / fps)
 
 
 def _drawn(ax: Axes, run: Run, images: int) -> tuple[list[list[Circle]], list[Line2D]]:
-    """The circles of each sphere, one for each of its images, and its tail."""
+    """Create the circles of each sphere, one per image, and its tail."""
     circles, tails = [], []
     for colour, radius in zip(colours(run), radii(run), strict=True):
         look = {"facecolor": colour, "edgecolor": colour, "alpha": 0.8, "zorder": 3}
@@ -115,7 +115,7 @@ def _drawn(ax: Axes, run: Run, images: int) -> tuple[list[list[Circle]], list[Li
 
 
 def _on_paper(position: np.ndarray, shown: tuple[int, ...]) -> np.ndarray:
-    """Positions (..., 2) along the axes shown; those in one dimension lie on a line."""
+    """Return positions (..., 2) along the axes shown; one dimension becomes a line."""
     if len(shown) == 1:
         return np.concatenate([position, np.zeros_like(position)], axis=-1)
     return position[..., list(shown)]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def axes_of(given: Axes | None, *, figsize: tuple[float, float] | None = None) -> Axes:
-    """The axes given, or new ones; ValueError for what is neither axes nor None."""
+    """Return the given axes, or new ones for None; ValueError for anything else."""
     if given is None:
         from matplotlib import pyplot
 
@@ -25,7 +25,7 @@ def axes_of(given: Axes | None, *, figsize: tuple[float, float] | None = None) -
 
 
 def axes_for(given: Any, count: int, each: str = "column of the data") -> list[Axes]:
-    """Axes for each of some columns or other things: those given, or new ones side by side."""
+    """Return axes for each of several columns or other items: given ones, or new ones in a row."""
     if count == 1:
         return [axes_of(given)]
     if given is None:

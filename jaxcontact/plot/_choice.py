@@ -1,4 +1,4 @@
-"""The picture of a choice of law: measured restitutions and the curve of each kind."""
+"""The plot of a choice of law: measured restitutions and the curve of each kind."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 _FINE = 200
 _MANY = 60
-"""Points, beyond which they are smaller."""
+"""Number of points above which they are drawn smaller."""
 
 
 def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
-    """Draw e over the closing speed (m/s): the data, and each kind of law, the one of lowest AICc
-    thickest; in grey, a free smooth curve, which is no law.
+    """Draw e over the closing speed (m/s): the data, and the curve of each kind of law.
 
-    Arguments: what `choose_law` returned; the axes to draw on, new ones if None. Returns the axes.
-    Raises ValueError for what is no `LawChoice` and no axes.
+    The law of lowest AICc has the thickest line. The grey line is a free smooth curve, not a law.
+    Arguments: the result of `choose_law`; the axes to draw on, new ones if None. Returns the axes.
+    Raises ValueError for anything but a `LawChoice` and axes.
     """
     require_kind("result", result, LawChoice, "a `LawChoice` (see `choose_law`)")
     ax = axes_of(ax, figsize=(7.0, 4.6))
@@ -58,14 +58,14 @@ def choice(result: LawChoice, *, ax: Axes | None = None) -> Axes:
 
 
 def draw_points(ax: Axes, v: np.ndarray, e: np.ndarray, label: str) -> None:
-    """Measured e over speed, in front of curves and bands; a light edge parts them from both."""
+    """Draw measured e over speed, in front of curves and bands, with a light edge."""
     size = 3.8 if len(v) > _MANY else 6.0
     look = {"color": DATA, "mec": "white", "mew": 0.4, "ms": size, "zorder": 4}
     ax.plot(v, e, "o", label=label, **look)
 
 
 def curves_of(choice: ChoiceData) -> dict[str, dict[str, Any]]:
-    """The look of the curve of each kind of law: the same in every picture of a choice."""
+    """Return the style of the curve of each kind of law, the same in every plot of a choice."""
     kinds = [law.kind for law in choice.laws]
     return {
         kind: {"color": colour, "ls": line}

@@ -1,4 +1,4 @@
-"""The picture of several parameters: each alone, and each pair."""
+"""The corner plot of several parameters: each alone, and each pair."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from ._labels import put_few_ticks
 from ._style import BLUE, ORANGE
 
 _PANEL = 1.9
-"""The side of a panel in inches."""
+"""Side of a panel in inches."""
 
 _BINS = 40
 _SMOOTH = 1.2
-"""Bins of a pair, and the width in bins by which counts are smoothed for a contour."""
+"""Bins of a pair, and the width in bins of the smoothing before a contour."""
 
 _SPAN = 3.5
-"""Standard errors to each side of a normal density."""
+"""Half-width of a normal density in standard errors."""
 
 _FINE = 200
 _MOST_POINTS = 2000
@@ -89,15 +89,15 @@ def corner(
 ) -> np.ndarray:
     """Draw each parameter alone on the diagonal, and each pair below it.
 
-    Of a `Fit` the normal approximation: densities, and the ellipses that hold the probability
-    `level`. Of a `Posterior` histograms, draws, and the contours of the most probable region that
-    holds `level` of them, smoothed. Dotted lines on the diagonal end the interval of `level`.
+    A `Fit` is drawn by its normal approximation: densities, and ellipses with the probability
+    `level`. A `Posterior` is drawn by histograms, draws, and smoothed contours of the most probable
+    region with the probability `level`. Dotted lines on the diagonal mark the interval of `level`.
 
-    Arguments: the fit or posterior; the `names` of the parameters to draw, by default all that were
-    sampled, of a fit all with a standard error; the `level`, in (0, 1); the axes (k, k), new ones
-    if None: those of one picture given to another put both in one. Returns the axes; those above
-    the diagonal are not shown. Raises ValueError for a fit that did not converge, an unknown name,
-    one without a standard error, and axes of another number.
+    Arguments: the fit or posterior; the `names` of the parameters to draw, by default all sampled
+    ones, or all with a standard error; the `level`, in (0, 1); the axes (k, k), new ones if None.
+    Pass the axes of one plot to another to draw both. Returns the axes; those above the diagonal
+    are hidden. Raises ValueError for a fit that did not converge, an unknown name, a name without a
+    standard error, and a wrong number of axes.
     """
     level = require_number("level", level, FRACTION)
     shown = _shown(result, names)
@@ -123,7 +123,7 @@ def corner(
 
 
 def _shown(result: Any, names: Any) -> _Normal | _Drawn:
-    """What is drawn of the result; ValueError for what has nothing to draw."""
+    """Return the drawable form of a result; ValueError if nothing can be drawn."""
     if isinstance(result, Posterior):
         chosen = _names(names, result.names, result.names)
         return _Drawn(chosen, np.stack([result.samples[name].ravel() for name in chosen]))
@@ -163,7 +163,7 @@ def _names(given: Any, known: tuple[str, ...], usual: tuple[str, ...]) -> tuple[
 
 
 def _grid(given: Any, k: int) -> np.ndarray:
-    """The axes (k, k) given, or new ones."""
+    """Return the given axes (k, k), or new ones."""
     if given is None:
         from matplotlib import pyplot
 
@@ -179,9 +179,11 @@ def _grid(given: Any, k: int) -> np.ndarray:
 
 
 def _region(draws: Float[np.ndarray, "2 n"], level: float) -> tuple[Any, Any, Any, float]:
-    """x, y and the smoothed counts of draws on a grid, and the count that `level` of them exceed.
+    """Return x, y and smoothed counts of draws on a grid, and the count exceeded by `level` of
+    them.
 
-    Along the axes of their scatter, where smoothing does not widen a narrow ellipse.
+    The grid follows the principal axes of the draws, so that smoothing does not widen a narrow
+    ellipse.
     """
     from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -189,7 +191,7 @@ def _region(draws: Float[np.ndarray, "2 n"], level: float) -> tuple[Any, Any, An
     scaled = (draws - centre[:, None]) / size[:, None]
     _, turn = np.linalg.eigh(scaled @ scaled.T)
     along = turn.T @ scaled
-    # Room around the draws, so that the contour closes.
+    # Margin around the draws, so that the contour closes.
     box = [(v.min() - 0.1 * np.ptp(v), v.max() + 0.1 * np.ptp(v)) for v in along]
     count, *ends = np.histogram2d(along[0], along[1], _BINS, box)
     count = gaussian_filter(count, _SMOOTH)
@@ -212,7 +214,7 @@ def _ends(ax: Any, low: float, high: float, color: str) -> None:
 
 
 def _align(grid: np.ndarray) -> None:
-    """A parameter has the same ends wherever it stands, those of its diagonal and of its pairs."""
+    """Give each parameter the same limits in all its panels."""
     k = len(grid)
     for i in range(k):
         ends = [grid[row, i].get_xlim() for row in range(i, k)]
@@ -225,7 +227,7 @@ def _align(grid: np.ndarray) -> None:
 
 
 def _label(ax: Any, names: Sequence[str], row: int, column: int) -> None:
-    """Few ticks, in a unit in which they are short; words where the grid ends."""
+    """Set few ticks, in a unit in which they are short, and names at the outer panels."""
     last = row == len(names) - 1
     sides = [(ax.xaxis, names[column], last)]
     if row != column:

@@ -1,4 +1,4 @@
-"""The picture of where the energy of a run goes."""
+"""The plot of the energy of a run."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ if TYPE_CHECKING:
 
 
 def energy(run: Run, *, ax: Axes | None = None) -> Axes:
-    """Draw the energy of a run over time (J, s), and what the losses of its impacts leave of it.
+    """Draw the energy of a run over time (J, s), and the energy left by the losses of its impacts.
 
-    The line is that of `Run.at`: kinetic energy, weight, and what is stored in contacts. The dashed
-    one starts with it and falls at the end of every impact by its loss (a series of bounces and a
-    contact that comes to rest: at its touch). Where both agree, the energy is accounted for; with
-    walls that move, the line is above by what these gave.
+    The solid line is the energy from `Run.at`: kinetic, gravitational, and stored in contacts. The
+    dashed line starts at the same value and falls at the end of every impact by its loss. For a
+    series of bounces and for a contact that comes to rest it falls at the touch. If both lines
+    agree, the energy is accounted for. With moving walls the solid line includes the energy
+    supplied by them.
 
     Arguments: a single run; the axes to draw on, new ones if None. Returns the axes. Raises
-    ValueError for a batch of runs, a run without values, and what is no run.
+    ValueError for a batch of runs, a run without values, and for anything but a run.
     """
     require_one_run(run)
     path = path_of(run)
     ax = axes_of(ax)
-    # Between impacts the energy is constant; at one out of time the value is that after it.
+    # Between impacts the energy is constant; at an instantaneous one the value is that after it.
     ax.plot(path.time, path.energy, drawstyle="steps-post", lw=2.2, color=SKY, label="energy")
     impacts = run.impacts.to_dict()
     ends = impacts["time"] + np.where(np.isfinite(impacts["duration"]), impacts["duration"], 0.0)

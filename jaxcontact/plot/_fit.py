@@ -1,4 +1,4 @@
-"""Pictures of a fit: data, prediction and its uncertainty."""
+"""Plots of a fit: data, prediction and its uncertainty."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ def fit(
 ) -> Any:
     """Draw the data of a fit, its prediction, and two bands around it.
 
-    The inner one holds the true curve, the outer one a new reading like those of the data, each
-    with the probability `level`: `confidence_band` and `prediction_band`. They are left out where
-    there are no standard errors. Data that the fit did not use are not drawn. What a ready-made fit
-    compares as logarithms is drawn as itself, on a logarithmic axis where it spans a decade.
+    The inner band contains the true curve with the probability `level` (`confidence_band`). The
+    outer one contains a new reading like those of the data (`prediction_band`). Both are omitted
+    without standard errors. Data that the fit did not use are not drawn. Quantities that a
+    predefined fit compares as logarithms are drawn on their own scale, with a logarithmic axis if
+    they span a decade.
 
-    Arguments: what `fit` or any `fit_*` returned, for numbers over a one-dimensional `x`, one
-    column or several ("force" and "indentation", say), each of which has axes of its own; the `x`
-    (m,) where the prediction is drawn, by default 200 between the ends of the data's, evenly
-    spaced, or by a factor where the data's span decades; the axes to draw on, as many as there are
-    columns, new ones if None; `line`, for the line of the prediction. Returns the axes, an array of
-    them for several columns. Raises ValueError for a fit without such an `x`, and for what is no
-    fit, no such numbers and no axes.
+    Arguments: the result of `fit` or any `fit_*`, for numbers over a one-dimensional `x`. Each
+    column ("force" and "indentation", say) has its own axes. `x` (m,) holds the points of the
+    prediction, by default 200 between the ends of the data, spaced by a factor if the data span
+    decades. `ax` are the axes to draw on, one per column, new ones if None. `line` are options for
+    the line of the prediction. Returns the axes, as an array for several columns. Raises ValueError
+    for a fit without such an `x`, and for anything but a fit, such numbers and axes.
     """
     result = fit_of(result)
     level = require_number("level", level, FRACTION)
@@ -92,7 +92,7 @@ def fit(
 
 
 def _scales(axes: Axes, wide: bool, positive: np.ndarray | None) -> None:
-    """Logarithmic axes where the numbers span decades."""
+    """Set logarithmic axes if the numbers span decades."""
     if wide:
         axes.set_xscale("log")
     if positive is not None and positive.max() > 10 * positive.min():
@@ -100,7 +100,7 @@ def _scales(axes: Axes, wide: bool, positive: np.ndarray | None) -> None:
 
 
 def fit_of(result: object) -> Fit:
-    """A fit, or the one that a result was made from; ValueError for anything else."""
+    """Return a fit, or the fit inside another result; ValueError for anything else."""
     inner = getattr(result, "fit", None)
     return require_kind(
         "result", inner if isinstance(inner, FitData) else result, FitData, "a `Fit`"
@@ -108,7 +108,7 @@ def fit_of(result: object) -> Fit:
 
 
 def shown_of(result: Fit) -> list[tuple[Shown, Shown]]:
-    """For each column of the data how its x and how itself is shown."""
+    """Return how each column of the data and its x are labelled."""
     known = getattr(result.problem.predict, "shown", {})
     with jax.enable_x64(True):
         shape = jax.eval_shape(lambda: result.predict())

@@ -1,4 +1,4 @@
-"""The picture of one impact: its loop, and its course in time."""
+"""The plot of one impact: its hysteresis loop, and its course in time."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def impact(
 ) -> np.ndarray:
     """Draw one impact: its force over the indentation and over time, and its speed over time.
 
-    The area of the loop is the energy lost. With `hit`, dotted lines are the numbers of the
-    `Impact`: the largest force and indentation, the end of the compression and of the contact, and
-    the rebound; e and the energy lost stand above.
+    The area of the loop is the energy lost. With `hit`, dotted lines mark the results of the
+    `Impact`: the largest force and indentation, the ends of compression and contact, and the
+    rebound speed. The title states e and the energy lost.
 
     Arguments: a single `path`, from `trajectory`; the `hit` of the same impact, from `impact`;
-    three axes to draw on, new ones if None: those of another impact show both; a `label` for the
-    legend. Returns the three axes, (3,). Raises ValueError for a batch, a path without values, and
-    what is no trajectory, impact, text or axes.
+    three axes to draw on, new ones if None; a `label` for the legend. Pass the axes of another
+    impact to draw both. Returns the three axes, (3,). Raises ValueError for a batch, a path without
+    values, and for anything but a trajectory, impact, text and axes.
     """
     require_one_path(path)
     if label is not None:
@@ -52,7 +52,7 @@ def impact(
         up += [(one, at) for one in (force, speed) for at in (hit.compression_time, hit.duration)]
         for line, where in (("axhline", across), ("axvline", up)):
             for one, at in where:
-                # A contact that settles lasts for ever.
+                # A contact that settles has an infinite duration.
                 if np.isfinite(at):
                     getattr(one, line)(float(at), color=colour, ls=":", lw=0.9, zorder=1)
         lost = quantity("energy_loss", f"{float(hit.energy_loss):.3g}")

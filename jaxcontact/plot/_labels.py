@@ -1,4 +1,4 @@
-"""What stands beside an axis: words and a unit in which its numbers are short."""
+"""Axis labels: words, and a unit in which the numbers are short."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ _PREFIXES = {-9: "n", -6: "µ", -3: "m", 3: "k", 6: "M", 9: "G"}
 _MOST_PLACES = 6
 
 _CLOSE = 1e-3
-"""Ticks that span less than this part of their numbers count from the middle one."""
+"""Ticks that span less than this fraction of their numbers are counted from the middle one."""
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 _BOTH = "N", "J", "Pa"
 _DOWNWARDS = "s", "m", "m/s"
-"""Units that take any prefix, and those that people use with small ones alone."""
+"""Units that take any prefix, and those that take small prefixes only."""
 
 
 def put_label(axis: Axis, name: str, words: str | None = None) -> None:
-    """Label an axis by the name of its quantity; on a linear one with the prefix that its largest
-    number asks for: "time / ms".
+    """Label an axis by the name of its quantity, as in "time / ms".
 
-    The data stay in SI units, and so do the limits: the numbers at the ticks alone are divided.
+    A linear axis gets the prefix that suits its largest number. The data and the limits stay in SI
+    units; only the tick labels are divided.
     """
     power = _power(axis, units.meaning(name)[1])
     if power:
@@ -40,7 +40,7 @@ def put_label(axis: Axis, name: str, words: str | None = None) -> None:
 
 
 def _divided(power: int) -> Formatter:
-    """A formatter of numbers divided by 10^power, all with as many places as one of them needs."""
+    """Return a formatter of numbers divided by 10^power, all with the same decimal places."""
     from matplotlib.ticker import Formatter
 
     class Divided(Formatter):
@@ -61,12 +61,12 @@ def _divided(power: int) -> Formatter:
 def _power(axis: Axis, unit: str) -> int:
     if unit not in (*_BOTH, *_DOWNWARDS) or axis.get_scale() != "linear":
         return 0
-    # All that the axes hold, what was drawn before too.
+    # The limits of the axes include everything drawn before.
     ends = np.abs(axis.get_view_interval())
     largest = float(ends.max()) if np.isfinite(ends).all() else 0.0
     if not largest > 0:
         return 0
-    # From 0.1 on a number is short without a prefix.
+    # Numbers of 0.1 and more are short without a prefix.
     power = 3 * math.floor(math.log10(largest * 10) / 3) if largest < 0.1 else 0
     if unit in _BOTH and largest >= 1e4:
         power = 3 * math.floor(math.log10(largest) / 3)
@@ -74,8 +74,9 @@ def _power(axis: Axis, unit: str) -> int:
 
 
 def put_few_ticks(axis: Axis, name: str, *, words: bool = True) -> None:
-    """At most four ticks in a unit, and from an origin, in which they are short, and the `words` of
-    both: "contact.stiffness / (10⁸ N/m^n)".
+    """Set at most four ticks, in a unit and from an origin that make them short.
+
+    With `words` the label states both: "contact.stiffness / (10⁸ N/m^n)".
     """
     from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
@@ -96,7 +97,7 @@ def put_few_ticks(axis: Axis, name: str, *, words: bool = True) -> None:
 
 
 def _words(name: str, origin: float, power: int) -> str:
-    """The name of a parameter and the unit of its ticks."""
+    """Return the name of a parameter and the unit of its ticks."""
     last = name.split(".")[-1]
     unit = units.meaning(last)[1]
     ten = f"10{str(power).translate(_SUPERSCRIPTS)}" if power else ""
@@ -106,5 +107,5 @@ def _words(name: str, origin: float, power: int) -> str:
         text = f"({text})"
     if not whole:
         return text
-    # A long name and its unit do not stand beside a panel.
+    # A long name and its unit do not fit beside a panel.
     return f"{text}\n/ ({whole})" if " " in whole or "/" in whole else f"{text}\n/ {whole}"

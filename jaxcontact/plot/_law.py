@@ -1,4 +1,4 @@
-"""The picture of a law: its loop, the restitution it delivers, its damping factor."""
+"""The plot of a law: its loop, the restitution it delivers, its damping factor."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 _SAMPLES = 400
 _FINE = 97
 _LEAST_E = 0.05
-"""Below, damping factors of most laws grow without a limit."""
+"""Below it the damping factors of most laws diverge."""
 
 _AROUND = 30.0
-"""Speeds from this part of the given one to as many times of it."""
+"""The plotted speeds range from the given speed over this factor to the speed times it."""
 
 _USUAL_EXPONENT = 1.5
 
@@ -41,18 +41,18 @@ def law(
 ) -> np.ndarray:
     """Draw a law: its force over the indentation, the e it delivers, and its damping factor.
 
-    The first picture is the loop of a free impact, m δ'' = -F(δ, δ'), whose area is the energy
-    lost. The second is e over the parameter e that the law was asked for, the third the α of
-    F = K δⁿ (1 + α δ'/v0) over the same; a dot is the law itself, and a thin line what was asked
-    for. Of a law without such a parameter, or whose e changes with speed, they are over the closing
-    speed, from a thirtieth to thirty times the given one.
+    The first plot is the loop of a free impact, m δ'' = -F(δ, δ'), whose area is the energy lost.
+    The second is the delivered e over the law's parameter e, the third the α of F = K δⁿ (1 + α
+    δ'/v0). A dot marks the law itself, and a thin line the e asked for. For a law without such a
+    parameter, or with a speed-dependent e, the abscissa is the closing speed. It ranges from a
+    thirtieth to thirty times the given one.
 
-    Arguments: a `law` of scalars; its `contact` and a closing `velocity` in m/s, which a law needs
-    whose e depends on them; without them the loop is drawn relative to its largest force and
-    indentation; three axes to draw on, new ones if None: those of another law show both; a `label`
-    for the legend, the law itself by default. Returns the three axes, (3,). Raises ValueError for a
-    law that needs a contact, an array of laws, an impact without an end, and what is no law,
-    contact, number or axes.
+    Arguments: a `law` of scalars; its `contact` and a closing `velocity` in m/s, required if e
+    depends on them; `ax`, three axes to draw on, new ones if None; a `label` for the legend, the
+    law itself by default. Without a contact the loop is drawn relative to its largest force and
+    indentation. Pass the axes of another law to draw both. Returns the three axes, (3,). Raises
+    ValueError for a law that needs a contact, an array of laws, an impact without an end, and for
+    anything but a law, contact, number and axes.
     """
     require_law(law)
     if label is not None:
@@ -96,7 +96,7 @@ def law(
 def _range(
     law: AbstractLaw, asked: bool, velocity: float | None
 ) -> tuple[np.ndarray, AbstractLaw, Any]:
-    """What the second and third picture are drawn over, with the laws and the speeds there."""
+    """Return the abscissa of the second and third plot, with the laws and the speeds there."""
     if asked:
         e = np.linspace(_LEAST_E, 1.0, _FINE)
         return e, dataclasses.replace(law, e=e), velocity
@@ -106,7 +106,7 @@ def _range(
 
 
 def _damping(law: AbstractLaw, contact: Contact | None, velocity: Any) -> Any:
-    """The damping factor; None for a law of another form."""
+    """Return the damping factor; None for a law of another form."""
     try:
         found = np.asarray(law.damping_factor(contact, velocity))
     except ValueError:

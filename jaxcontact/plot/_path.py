@@ -1,4 +1,4 @@
-"""What a run looks like: where its spheres are at enough times, and where they touched."""
+"""The data of a plot of a run: positions of the spheres at enough times, and touches."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .._scene._overlap import minimum_image
 from .._scene._result import ending_words
 
 _LEAST = 512
-"""Times at which a run is looked up for a picture, with those of its impacts."""
+"""Smallest number of times at which a run is evaluated for a plot, including its impacts."""
 
 
 class Path(NamedTuple):
@@ -26,7 +26,7 @@ class Path(NamedTuple):
 
 
 def require_one_run(run: Any) -> Run:
-    """A single run that has values to draw; ValueError for anything else."""
+    """Return a single run that has values to draw; ValueError for anything else."""
     require_kind("run", run, Run, "a `Run` (see `simulate`)")
     if np.ndim(run.reached) > 0:
         raise ValueError(
@@ -42,35 +42,35 @@ def require_one_run(run: Any) -> Run:
 
 
 def path_of(run: Run) -> Path:
-    """A run at even times, at its impacts, and where these end."""
+    """Return a run at evenly spaced times, at its impacts, and at their ends."""
     impacts, reached = run.impacts.to_dict(), float(run.reached)
     ends = impacts["time"] + impacts["duration"]
     kinks = np.unique([*impacts["time"], *ends[np.isfinite(ends)]])
     kinks = kinks[(kinks > 0) & (kinks < reached)]
-    # Counts that are powers of two share the program that looks the states up.
+    # Counts that are powers of two share the compiled program that evaluates the states.
     count = max(_LEAST, 1 << int(np.ceil(np.log2(1.5 * (len(kinks) + 1)))))
     even = np.linspace(0, reached, count - len(kinks))
     return states(run, np.sort(np.concatenate([even, kinks])))
 
 
 def states(run: Run, times: np.ndarray) -> Path:
-    """A run at some times; in periodic space each sphere by its image in the first cell."""
+    """Return a run at some times; in periodic space each sphere by its image in the first cell."""
     now = run.at(times)
     return Path(times, in_cell(run, np.asarray(now.position)), np.asarray(now.energy))
 
 
 def in_cell(run: Run, position: np.ndarray) -> np.ndarray:
-    """Positions (..., D) moved by whole periods, so that they are between zero and the period."""
+    """Return positions (..., D) shifted by whole periods into the first cell."""
     lengths = [np.inf if length is None else float(length) for length in run.scene.periodic]
     finite = np.where(np.isfinite(lengths), lengths, 1.0)
     return np.where(np.isfinite(lengths), position % finite, position)
 
 
 def line_of(run: Run, path: Path, row: int) -> tuple[np.ndarray, np.ndarray]:
-    """The line of a sphere, (S,) in s and (S, D) in m.
+    """Return the path of a sphere, (S,) in s and (S, D) in m.
 
-    Where it leaves the cell of periodic space it goes on outside, then NaN, and enters from outside
-    on the other side: what is drawn is cut off by the frame, without a gap.
+    At the border of the periodic cell the path continues outside, is interrupted by NaN, and enters
+    from outside on the other side. The frame then cuts it off without a gap.
     """
     time, line = path.time, path.position[:, row]
     lengths = [np.inf if length is None else float(length) for length in run.scene.periodic]
@@ -86,9 +86,10 @@ def line_of(run: Run, path: Path, row: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def images(run: Run, shown: tuple[int, ...]) -> np.ndarray:
-    """Where images are drawn, (M, d): nowhere else, or a period away on both sides, too.
+    """Return the offsets of the images that are drawn, (M, d).
 
-    A sphere that is cut off at one end of periodic space is seen at the other.
+    They are zero and, in periodic directions, one period to both sides. A sphere that is cut off at
+    one end of periodic space appears at the other.
     """
     lengths = [run.scene.periodic[axis] for axis in shown]
     steps = [[0.0] if a is None else [0.0, -float(a), float(a)] for a in lengths]
@@ -96,25 +97,25 @@ def images(run: Run, shown: tuple[int, ...]) -> np.ndarray:
 
 
 def radii(run: Run) -> np.ndarray:
-    """The radii (N,) of the spheres in m."""
+    """Return the radii (N,) of the spheres in m."""
     return np.array([float(sphere.radius) for sphere in run.scene.spheres])
 
 
 def rows_of_spheres(run: Run) -> dict[int, int]:
-    """The row of each sphere by its number among the bodies."""
+    """Return the row of each sphere by its number among the bodies."""
     bodies = enumerate(run.scene.bodies)
     return {k: row for row, k in enumerate(k for k, body in bodies if isinstance(body, Sphere))}
 
 
 def touches(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """When and where surfaces met at the impacts that were reached, (K,) in s and (K, D) in m."""
+    """Return when and where surfaces met at the impacts so far, (K,) in s and (K, D) in m."""
     impacts, bodies, rows = run.impacts.to_dict(), run.scene.bodies, rows_of_spheres(run)
     times = impacts["time"]
     times = times[times <= float(run.reached)]
     if not len(times):
         return times, np.zeros((0, run.scene.dimensions))
     different, which = np.unique(times, return_inverse=True)
-    # Here, too, counts that are powers of two share a program.
+    # Counts that are powers of two share a compiled program here as well.
     padded = np.zeros(1 << int(np.ceil(np.log2(len(different)))))
     padded[: len(different)] = different
     position = np.asarray(run.at(padded).position)[which]
@@ -133,7 +134,7 @@ def touches(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _normal(body: AbstractBody, face: int, place: np.ndarray, time: float) -> np.ndarray:
-    """The unit normal (D,) of a wall or a shell at a place and time, to the free side."""
+    """Return the unit normal (D,) of a wall or a shell at a place and time, to the free side."""
     if isinstance(body, Shell):
         inwards = body.centre_at(np.array([time]))[0] - place
         return inwards / np.linalg.norm(inwards)
@@ -142,7 +143,7 @@ def _normal(body: AbstractBody, face: int, place: np.ndarray, time: float) -> np
 
 
 def axes_shown(given: Any, dimensions: int) -> tuple[int, ...]:
-    """The axes of a picture: all of them, or two that are named; ValueError for anything else."""
+    """Return the axes of a plot: all, or two that are named; ValueError for anything else."""
     if given is None and dimensions < 3:
         return tuple(range(dimensions))
     named = given if isinstance(given, list | tuple) else ()

@@ -1,4 +1,4 @@
-"""Pictures of the likelihood of each parameter."""
+"""Plots of the profile likelihood of each parameter."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ _POINTS = 25
 def profile(
     result: Fit, names: Sequence[str] | None = None, *, level: float = 0.95, ax: Any = None
 ) -> Any:
-    """Draw how the loss rises when a parameter is held elsewhere and the others are fitted anew.
+    """Draw the rise of the loss if a parameter is fixed elsewhere and the others are refitted.
 
-    Drawn is 2 (loss - best)/s², by which intervals are found: that of `interval(level)` lies where
-    the curve is below the horizontal line, and is shaded. The dashed parabola is the normal
-    approximation of the standard error: where the two differ, trust the curve.
+    The curve is 2 (loss - best)/s², which also defines the intervals: `interval(level)` is the
+    shaded range in which it lies below the horizontal line. The dashed parabola is the normal
+    approximation from the standard error. If the two differ, trust the curve.
 
     Arguments: the fit; the `names` of parameters, by default all that have a standard error; axes,
-    one for each of them, new ones if None. Returns an array of axes, or the axes of a lone one.
-    Raises ValueError for a fit that did not converge, names without a standard error, and what is
-    no fit and no such axes.
+    one per parameter, new ones if None. Returns an array of axes, or the axes of a single
+    parameter. Raises ValueError for a fit that did not converge, names without a standard error,
+    and for anything but a fit and such axes.
     """
     require_kind("result", result, FitData, "a `Fit`")
     level = require_number("level", level, FRACTION)

@@ -1,4 +1,4 @@
-"""Pictures of what a fit leaves of its data."""
+"""Plots of the residuals of a fit."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from ._style import CURVES, GUIDE, MARKERS, legend_above
 
 
 def residuals(result: Fit | VelocityProfile, *, ax: Any = None) -> Any:
-    """Draw the residuals of a fit over x, in their order, and against those of normal noise.
+    """Draw the residuals of a fit over x, in their order, and against normal quantiles.
 
-    Each is (prediction - data)/σ, with the σ that was given or that all residuals show: 95 % of
-    noise lie between the dashed lines, and normal noise follows the line of the last picture. What
-    rises and falls over x, or lies in rows, is not noise.
+    Each residual is (prediction - data)/σ, with the given σ or the one estimated from all
+    residuals. 95 % of noise lies between the dashed lines, and normal noise follows the line of the
+    last plot. Residuals that rise and fall over x, or lie in rows, are not noise.
 
-    Arguments: the fit; three axes to draw on, two for a fit without a one-dimensional `x`, new ones
-    if None. Several columns have colours and marks of their own. Returns the array of axes. Raises
-    ValueError for what is no fit and no such axes.
+    Arguments: the fit; three axes to draw on (two for a fit without a one-dimensional `x`), new
+    ones if None. Each column has its own colour and marker. Returns the array of axes. Raises
+    ValueError for anything but a fit and such axes.
     """
     result = fit_of(result)
     problem = result.problem
@@ -39,7 +39,7 @@ def residuals(result: Fit | VelocityProfile, *, ax: Any = None) -> Any:
     noise = result.noise if np.isfinite(result.noise) and result.noise > 0 else 1.0
     z = np.where(used, result.residuals * factor, np.nan) / np.sqrt(noise)
     ends = np.cumsum([0, *sizes])
-    # Points without weight, such as padding, have no place in the order.
+    # Points without weight, such as padding, are not counted in the order.
     order = np.cumsum(used) - 1
     looks = zip(CURVES, MARKERS, strict=True)
     for (_, own), begin, end, (curve, mark) in zip(shown, ends, ends[1:], looks, strict=False):

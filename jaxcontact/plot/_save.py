@@ -1,4 +1,4 @@
-"""Pictures as files that are the same each time."""
+"""Reproducible image files."""
 
 from __future__ import annotations
 
@@ -17,32 +17,33 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DPI = Range(low=10.0, high=10_000.0, inside=200.0)
-"""Fonts have no size below."""
+"""Fonts have no size below the lower limit."""
 
 _METADATA: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "pdf": {"CreationDate": None, "ModDate": None, "Producer": None, "Creator": None},
     "svg": {"Date": None, "Creator": None},
 }
-"""What tells the hour or the release, left out."""
+"""Metadata that depend on the time or the release are omitted."""
 
 _FILES: dict[Any, Any] = {
-    # Ids from the content, not from chance.
+    # Ids from the content instead of random ones.
     "svg.hashsalt": "jaxcontact",
-    # Letters as outlines: they look the same where the font is missing.
+    # Letters as outlines look the same where the font is missing.
     "svg.fonttype": "path",
-    # TrueType: journals refuse the other type, Type 3.
+    # TrueType: journals refuse Type 3 fonts.
     "pdf.fonttype": 42,
 }
 
 
 def save(ax: Any, file: str | os.PathLike[str], *, dpi: float = 200.0) -> None:
-    """Write the picture that some axes stand in; the same axes always give the same bytes.
+    """Write the figure of the given axes; the same axes always give the same bytes.
 
-    SVG and PDF hold letters as outlines or TrueType, and no date. Arguments: axes, or an array of
-    them; the name of the `file`, which ends in .png, .pdf or .svg, and appears whole or not at all;
-    dots per inch of what is not lines, from 10 to 10,000. Raises ValueError for what is no axes,
-    another ending and arguments out of range, OSError where writing fails.
+    SVG and PDF contain letters as outlines or TrueType, and no date. Arguments: axes, or an array
+    of them; the name of the `file`, which ends in .png, .pdf or .svg and is written completely or
+    not at all; the resolution of raster parts in dots per inch, from 10 to 10,000. Raises
+    ValueError for anything but axes, another ending and arguments out of range, OSError if writing
+    fails.
     """
     path = require_path("file", file)
     dpi = require_number("dpi", dpi, _DPI)
@@ -67,11 +68,11 @@ def _figure_of(given: Any) -> Figure:
 
 
 def drawn(draw: Callable[[Figure], object], size: tuple[float, float], file: pathlib.Path) -> bytes:
-    """A figure of the `size` in inches, filled by `draw`, in the form that the file's name says."""
+    """Return a figure of the `size` in inches, filled by `draw`, in the format of the file name."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    # Its own canvas needs no display and leaves the user's choice of backend alone.
+    # Its own canvas needs no display and does not change the user's backend.
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     draw(figure)
@@ -79,7 +80,7 @@ def drawn(draw: Callable[[Figure], object], size: tuple[float, float], file: pat
 
 
 def image_of(figure: Figure, form: str, *, dpi: float = 200.0) -> bytes:
-    """A figure as a file of the form "png", "pdf" or "svg"."""
+    """Return a figure as a file of the format "png", "pdf" or "svg"."""
     import matplotlib as mpl
 
     stream = io.BytesIO()

@@ -1,4 +1,4 @@
-"""The picture of a run: world lines in one dimension, paths in two."""
+"""The plot of a run: world lines in one dimension, paths in two."""
 
 from __future__ import annotations
 
@@ -29,24 +29,25 @@ if TYPE_CHECKING:
 
 NAMES = "xyz"
 _WIDTH, _LOW, _HIGH = 6.4, 2.6, 7.2
-"""Of a new figure in inches: its width, and its least and largest height."""
+"""Width of a new figure in inches, and its smallest and largest height."""
 
 _FEW = 40
-"""Impacts that are marked in full size."""
+"""Number of impacts up to which marks have full size."""
 
 
 def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None) -> Axes:
     """Draw a run: positions over time in one dimension, the paths in two.
 
-    In one dimension every sphere is a band as wide as it is, over time in s; in two it is a circle,
-    faint at the start and full at the end, with the path of its centre. Dots are where surfaces
-    met. Walls are grey on their solid side, and lightly so where they were for a while; in periodic
-    space images are drawn in the first cell.
+    In one dimension every sphere is a band of its diameter over time in s. In two dimensions it is
+    a circle, faint at the start and full at the end, with the path of its centre. Dots mark where
+    surfaces met. Walls are grey on their solid side, and light grey where a moving wall has been.
+    In periodic space images are drawn in the first cell.
 
-    Arguments: a single run; `axes`, two axes of space to draw, such as (0, 2), which a run in three
-    dimensions needs (spheres may then hide each other, and walls are drawn if they are seen from
-    their edge); the axes of matplotlib to draw on, new ones if None. Returns the axes. Raises
-    ValueError for other axes, a batch of runs, a run without values, and what is no run.
+    Arguments: a single run; `axes`, the two axes of space to draw, such as (0, 2), required in
+    three dimensions; `ax`, the axes of matplotlib to draw on, new ones if None. In a projection
+    spheres may hide each other, and a wall is drawn only if it is seen edge-on. Returns the axes.
+    Raises ValueError for other axes, a batch of runs, a run without values, and for anything but a
+    run.
     """
     require_one_run(run)
     shown = axes_shown(axes, run.scene.dimensions)
@@ -75,7 +76,7 @@ def scene(run: Run, *, axes: Sequence[int] | None = None, ax: Axes | None = None
 
 
 def frame_axes(ax: Axes, shown: tuple[int, ...], low: np.ndarray, high: np.ndarray) -> None:
-    """Set up axes of space of equal scale; one dimension lies across."""
+    """Set up axes of space with equal scales; one dimension is horizontal."""
     ax.set_xlim(low[0], high[0])
     ax.set_ylim(low[1], high[1])
     ax.set_aspect("equal")
@@ -105,7 +106,7 @@ def _draw_paths(ax: Axes, run: Run, path: Path, shown: tuple[int, ...]) -> None:
 
     names = labels(run)
     many = len(run.scene.spheres) > len(set(colours(run)))
-    # Among many paths the dashes of one would be lost.
+    # Dashes of one path would be lost among many paths.
     dashes = ["-"] * len(radii(run)) if many else lines(run)
     looks = zip(colours(run), dashes, radii(run), strict=True)
     for k, (colour, dash, radius) in enumerate(looks):

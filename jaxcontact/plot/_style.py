@@ -1,4 +1,4 @@
-"""Colours and lines that are told apart with any colour vision, and in grey."""
+"""Colours and lines that are distinguishable with any colour vision, and in grey."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# Okabe & Ito (2008), https://jfly.uni-koeln.de/color/: told apart with any colour vision.
+# Okabe & Ito (2008), https://jfly.uni-koeln.de/color/: distinguishable with any colour vision.
 BLUE, ORANGE, GREEN = "#0072B2", "#E69F00", "#009E73"
 VERMILLION, SKY, PURPLE, BLACK = "#D55E00", "#56B4E9", "#CC79A7", "#000000"
 
@@ -16,26 +16,26 @@ CURVES = (
     *((BLUE, "-"), (ORANGE, "--"), (BLACK, "-."), (GREEN, ":")),
     *((VERMILLION, (0, (5, 1, 1, 1, 1, 1))), (SKY, (0, (8, 3)))),
 )
-"""Curves in order: the first four are also told apart by their grey, all by their lines."""
+"""Curves in order: the first four also differ in grey, all of them in their lines."""
 
 MARKERS = "o", "s", "^", "D", "v", "P"
-"""Of several sets of points, in order, in the colours of `CURVES`."""
+"""Markers of several sets of points, in order, in the colours of `CURVES`."""
 
 BODIES = BLUE, ORANGE, GREEN, VERMILLION, SKY, PURPLE
-"""Of spheres, in order; what is black is a mark."""
+"""Colours of spheres, in order; black is reserved for marks."""
 
 DATA, LEFT_OUT, GUIDE = "#555555", PURPLE, "#999999"
-"""Of points that a fit used, of those it did not, and of lines to read a picture by."""
+"""Colours of used points, of unused points, and of guide lines."""
 
 _LETTER, _HANDLE = 0.06, 0.5
-"""The width of a letter and of the piece of line before it in a legend, in inches."""
+"""Width of a letter and of the line sample in a legend, in inches."""
 
 _LAST = 0.85
-"""Axes that end right of this part of a figure have none beside them."""
+"""Axes that end to the right of this fraction of a figure have no neighbour there."""
 
 
 def use_curves(ax: Axes) -> Axes:
-    """Let the lines of empty axes follow `CURVES`, unless the user has chosen others."""
+    """Make the lines of empty axes follow `CURVES`, unless the user has chosen other styles."""
     import matplotlib as mpl
     from cycler import cycler
 
@@ -47,16 +47,14 @@ def use_curves(ax: Axes) -> Axes:
 
 
 def legend_above(ax: Axes, title: str | None = None) -> None:
-    """A legend above the frame, where it covers no data, in as many columns as there is room for;
-    none without labels.
-    """
+    """Add a legend above the frame, in as many columns as fit; nothing without labels."""
     labels = ax.get_legend_handles_labels()[1]
     if not labels:
         return
     figure = ax.get_figure(root=True)
     assert figure is not None
     place = ax.get_position(original=True)
-    # The last axes of a row have the margin, too.
+    # The last axes of a row can also use the margin.
     room = ((1 if place.x1 > _LAST else place.x1) - place.x0) * figure.get_figwidth()
     columns = max(int(room / (_HANDLE + _LETTER * max(map(len, labels)))), 1)
     rows = math.ceil(len(labels) / columns)

@@ -1,4 +1,4 @@
-"""What spheres move in: the frame of a picture, the walls in it, and colours."""
+"""The surroundings of spheres: the frame of a plot, its walls, and colours."""
 
 from __future__ import annotations
 
@@ -20,41 +20,41 @@ if TYPE_CHECKING:
 _FIXED = "#777777"
 _SOLID, _SWEPT, _EDGE = "#E0E0E0", "#F1F1F1", "#555555"
 NAMED = 8
-"""More spheres than this have no names in a legend."""
+"""Number of spheres above which a legend has no names."""
 
 _MARGIN = 0.06
-"""Of the size of what is drawn."""
+"""Margin as a fraction of the size of the content."""
 
 _REACH = 4
-"""Of the size of what the spheres pass through: walls that are farther away are not shown."""
+"""Walls farther away than this multiple of the range of the spheres are not shown."""
 
 _FINE, _MOST = 48, 100_000
-"""Times in a period of a wall, and in all."""
+"""Times per period of a wall, and their largest total number."""
 
 
 def colours(run: Run) -> list[str]:
-    """The colour of each sphere; fixed ones are grey."""
+    """Return the colour of each sphere; fixed ones are grey."""
     spheres = run.scene.spheres
     return [_FIXED if s.fixed else BODIES[k % len(BODIES)] for k, s in enumerate(spheres)]
 
 
 def lines(run: Run) -> list[Any]:
-    """The line of the path of each sphere: in grey it tells as many apart as there are names."""
+    """Return the line style of each sphere's path; in grey it separates all named spheres."""
     return [CURVES[k % len(CURVES)][1] for k in range(len(run.scene.spheres))]
 
 
 def labels(run: Run) -> list[str]:
-    """The name of each sphere for a legend, none where there are many or where none has a name."""
+    """Return the names of the spheres for a legend; empty for many spheres or without names."""
     names = [run.impacts.names[k] for k in rows_of_spheres(run)]
     shown = len(names) <= NAMED and any(sphere.name for sphere in run.scene.spheres)
     return names if shown else []
 
 
 def frame(run: Run, position: np.ndarray, shown: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """The lower and upper ends of a picture along the axes that are `shown`.
+    """Return the lower and upper ends of a plot along the axes that are `shown`.
 
-    It holds all spheres at all times, the cell of periodic space, and the walls that face along an
-    axis, if they are no farther away than a few times the size of the rest.
+    The frame contains all spheres at all times and the cell of periodic space. Walls normal to an
+    axis are included unless they are farther away than a few times the size of the rest.
     """
     size = radii(run)[:, None]
     low = np.min(np.nanmin(position, axis=0) - size, axis=0)
@@ -76,7 +76,7 @@ def frame(run: Run, position: np.ndarray, shown: tuple[int, ...]) -> tuple[np.nd
             high = np.maximum(high, np.max(centre, axis=0) + radius)
     low, high = low[list(shown)], high[list(shown)]
     margin = _MARGIN * np.max(high - low)
-    # A periodic cell ends where it ends.
+    # A periodic cell has no margin.
     open_end = np.array([run.scene.periodic[axis] is None for axis in shown])
     return low - margin * open_end, high + margin * open_end
 
@@ -89,7 +89,7 @@ class Edge(NamedTuple):
 
 
 def edges(run: Run, time: np.ndarray) -> list[Edge]:
-    """All walls that are flat in a picture at some times (T,)."""
+    """Return all walls that are flat in a plot, at some times (T,)."""
     found = []
     for body in run.scene.bodies:
         if isinstance(body, Shell) and run.scene.dimensions == 1:
@@ -103,7 +103,7 @@ def edges(run: Run, time: np.ndarray) -> list[Edge]:
 
 
 def fine_times(run: Run) -> np.ndarray:
-    """Times at which every vibration of a body is seen, if it has not too many periods."""
+    """Return times that resolve every vibration of a body, up to a largest number."""
     bodies = run.scene.bodies
     motions = [wall.motion for body in bodies for wall in body.walls()]
     curved = [body.motion for body in bodies if isinstance(body, Sphere | Shell)]
@@ -117,10 +117,10 @@ def fine_times(run: Run) -> np.ndarray:
 def shape_of(
     ax: Axes, normal: np.ndarray, offset: float, shown: tuple[int, ...]
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """The ends (2, 2) of the edge of a wall, and the corners (K, 2) of what is solid behind it.
+    """Return the ends (2, 2) of a wall's edge, and the corners (K, 2) of the solid behind it.
 
-    Inside of the limits of the axes; one dimension lies across. None for a wall that is not seen
-    from its edge.
+    Both are within the limits of the axes; one dimension is horizontal. Returns None for a wall
+    that is not seen edge-on.
     """
     seen = np.append(normal, 0.0) if len(shown) == 1 else normal[list(shown)]
     if not np.isclose(np.hypot(*seen), 1.0):
@@ -134,7 +134,7 @@ def shape_of(
 
 
 def draw_walls(ax: Axes, run: Run, shown: tuple[int, ...]) -> None:
-    """Draw walls and what is solid behind them at the end, and lightly what they swept."""
+    """Draw walls and the solid behind them at the end, and lightly the region they swept."""
     time = fine_times(run)
     for normal, offset in edges(run, time):
         shape = shape_of(ax, normal, offset[-1], shown)
@@ -156,15 +156,16 @@ def _solid(corners: np.ndarray, colour: str, zorder: float) -> Polygon:
 def draw_shells(
     ax: Axes, run: Run, shown: tuple[int, ...], time: np.ndarray | None = None
 ) -> Callable[[int], list[Artist]]:
-    """Draw what is solid around shells, and return what moves them to where they are at the k-th
-    time; without times they are where they begin, and those that move also in outline where they
-    end. In one dimension they are walls.
+    """Draw the solid around shells, and return a function that moves them to the k-th time.
+
+    Without times, shells are drawn at their start; moving ones also in outline at their end. In one
+    dimension shells are drawn as walls.
     """
     in_film = time is not None
     time = np.array([0.0, float(run.reached)]) if time is None else time
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     corners = [(left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)]
-    # Against the direction of the corners, it makes a hole.
+    # The opposite orientation of the corners makes a hole.
     angle = np.linspace(0, -2 * np.pi, 361)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     moving: list[tuple[np.ndarray, Polygon, Line2D]] = []
@@ -196,7 +197,7 @@ def draw_shells(
 def moving_walls(
     ax: Axes, run: Run, shown: tuple[int, ...], time: np.ndarray
 ) -> Callable[[int], list[Artist]]:
-    """Draw walls, and return what moves them to where they are at the k-th time."""
+    """Draw walls, and return a function that moves them to the k-th time."""
     drawn: list[tuple[Edge, Line2D, Polygon]] = []
     for edge in edges(run, time):
         shape = shape_of(ax, edge.normal, edge.offset[0], shown)
@@ -212,7 +213,7 @@ def moving_walls(
     def move(k: int) -> list[Artist]:
         for edge, line, solid in drawn:
             shape = shape_of(ax, edge.normal, edge.offset[k], shown)
-            assert shape is not None  # it was seen at the start
+            assert shape is not None  # visible at the start
             line.set_data(*shape[0].T)
             solid.set_xy(_closed(shape[1]))
         return [artist for _, *pair in drawn for artist in pair] + move_shells(k)
@@ -221,12 +222,12 @@ def moving_walls(
 
 
 def _closed(corners: np.ndarray) -> np.ndarray:
-    """Corners for a polygon, which needs some even if nothing of it is seen."""
+    """Return corners for a polygon, which requires at least one even if none is visible."""
     return corners if len(corners) else np.full((1, 2), np.nan)
 
 
 def _clipped(polygon: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarray:
-    """The part (K, 2) of a convex polygon that lies behind a wall."""
+    """Return the part (K, 2) of a convex polygon that lies behind a wall."""
     kept = []
     for here, after in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
         gap, next_gap = normal @ here - offset, normal @ after - offset
@@ -238,7 +239,7 @@ def _clipped(polygon: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarr
 
 
 def draw_levels(ax: Axes, run: Run) -> None:
-    """Draw the walls of a line over time: what is solid above or below."""
+    """Draw the walls of a line over time, with the solid above or below."""
     time = fine_times(run)
     for normal, offset in edges(run, time):
         level = offset * normal[0]

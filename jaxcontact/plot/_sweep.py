@@ -1,4 +1,4 @@
-"""Pictures of a sweep: lines over one axis, a map over two, dots over samples."""
+"""Plots of a sweep: lines over one axis, a map over two, dots over samples."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from matplotlib.colors import Normalize
 
 _LINES = 6
-"""More lines than this are hard to tell apart."""
+"""Number of lines that can still be distinguished."""
 
 _DECADES = 100.0
 """Numbers of one sign that span more than this factor get logarithmic colours."""
 
 _EVEN = 1e-6
-"""How evenly spaced the numbers of an axis must be, relative to a step, to count as even."""
+"""Largest relative deviation of a step at which an axis counts as evenly spaced."""
 
 
 def sweep(
@@ -33,12 +33,12 @@ def sweep(
 ) -> Axes:
     """Draw a field of a sweep: a line over one axis, a map over two, dots over samples.
 
-    Arguments: the sweep, with one or two axes or with samples alone (`select` the others); the
-    `field`, by default the restitution, or the first there is; `x`, the horizontal axis: of two
-    axes the other one then makes a handful of lines instead of a map; the axes to draw on, new ones
-    if None. An axis spaced by a factor is logarithmic, and so are colours that span decades.
+    Arguments: the sweep, with one or two axes or with samples only (`select` the others); the
+    `field`, by default the restitution, or else the first field; `x`, the horizontal axis; `ax`,
+    the axes to draw on, new ones if None. With `x` the other of two axes becomes a handful of lines
+    instead of a map. An axis spaced by a factor is logarithmic, as are colours that span decades.
     Lanes without a number stay white. Returns the axes. Raises ValueError for an unknown field or
-    axis, a field that is not one number for each lane, and more axes than two.
+    axis, a field without one number per lane, and more than two axes.
     """
     require_kind("table", table, Sweep, "a `Sweep`")
     name, values = _field(table, field)
@@ -63,7 +63,7 @@ def sweep(
     else:
         _lines(ax, table, across, np.moveaxis(values, table.dims.index(across), 0))
     if not sampled and _geometric(numbers):
-        # The margins of an axis up to 1e308 lie beyond what a double holds.
+        # The margins of an axis up to 1e308 overflow a double.
         with np.errstate(over="ignore"):
             ax.set_xscale("log")
     put_label(ax.xaxis, across)
@@ -109,7 +109,7 @@ def _map(ax: Axes, table: Sweep, name: str, values: np.ndarray) -> None:
 
 
 def _norm(values: np.ma.MaskedArray) -> Normalize | None:
-    """Logarithmic colours where the numbers span decades; linear ones would hide most of them."""
+    """Return logarithmic colours if the numbers span decades, which linear ones would hide."""
     from matplotlib.colors import LogNorm
 
     if values.count() == 0 or not values.min() > 0 or values.max() < _DECADES * values.min():
@@ -118,7 +118,7 @@ def _norm(values: np.ma.MaskedArray) -> Normalize | None:
 
 
 def _geometric(numbers: np.ndarray) -> bool:
-    """Whether the numbers follow each other by a factor."""
+    """Return whether the numbers are spaced by a factor."""
     if len(numbers) < 3 or not np.all(numbers > 0) or not np.all(np.isfinite(numbers)):
         return False
     return _even(np.log(numbers)) and not _even(numbers)
@@ -130,7 +130,7 @@ def _even(numbers: np.ndarray) -> bool:
 
 
 def _edges(numbers: np.ndarray) -> np.ndarray:
-    """The borders between the cells of a map, half-way on the scale that is drawn."""
+    """Return the borders between the cells of a map, half-way on the scale that is drawn."""
     if len(numbers) == 1:
         return np.array([numbers[0] - 0.5, numbers[0] + 0.5])
     if _geometric(numbers):

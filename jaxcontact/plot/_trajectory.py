@@ -1,4 +1,4 @@
-"""One quantity of an impact over another."""
+"""The plot of one quantity of an impact over another."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ def trajectory(
     ax: Axes | None = None,
     label: str | None = None,
 ) -> Axes:
-    """Draw one quantity of an impact against another: force against indentation is its hysteresis.
+    """Draw one quantity of an impact over another; force over indentation is the hysteresis loop.
 
     Arguments: one trajectory (no batch); `x` and `y`, each "time", "indentation", "velocity" or
-    "force"; the axes to draw on, new ones if None; a label for the legend. Returns the
-    axes. Raises ValueError for an unknown quantity, a batch, and what is no trajectory or axes.
+    "force"; the axes to draw on, new ones if None; a label for the legend. Returns the axes. Raises
+    ValueError for an unknown quantity, a batch, and for anything but a trajectory and axes.
     """
     require_choice("x", x, _QUANTITIES)
     require_choice("y", y, _QUANTITIES)
@@ -45,7 +45,7 @@ def trajectory(
 
 
 def require_one_path(path: object) -> Trajectory:
-    """A single trajectory with values to draw; ValueError for anything else."""
+    """Return a single trajectory with values to draw; ValueError for anything else."""
     if isinstance(path, Impact):
         raise ValueError(
             "Argument `path` must be a `Trajectory`, but is an `Impact`, which has no course: give "

@@ -1,8 +1,7 @@
-"""A second opinion on one impact, to forty digits, that shares no formula and no code with the
-library.
+"""Independent 40-digit results for one impact, which share no formula and no code with the library.
 
-``cases("hunt_crossley")`` reads the stored answers; the functions compute new ones. Make the file
-again with ``python -m tests.oracle.generate``.
+``cases("hunt_crossley")`` reads the stored answers; the functions compute new ones. ``python -m
+tests.oracle.generate`` regenerates the file.
 """
 
 from tests.oracle._impacts import (

@@ -1,11 +1,9 @@
-"""Forty-digit impacts of the scaled problem ``x'' = -f(x, x')``, ``x(0) = 0``, ``x'(0) = 1``, until
-separation.
+"""Forty-digit impacts of the scaled problem ``x'' = -f(x, x')``, ``x(0) = 0``, ``x'(0) = 1``.
 
-Derived here from the energy integral or the equation of motion alone; nothing of ``jaxcontact`` is
-imported, and where the library needs a rearrangement against cancellation the oracle simply carries
-more digits.
+They are derived from the energy integral or the equation of motion alone. Nothing of ``jaxcontact``
+is imported. Instead of rearrangements against cancellation the oracle carries more digits.
 
-A ``str`` argument is the decimal it spells, a ``float`` the exact binary number it holds.
+A ``str`` argument is the decimal number it spells, a ``float`` the exact binary number.
 """
 
 import itertools
@@ -20,8 +18,8 @@ from tests.oracle._taylor import BITS, ORDER, Phase, Trace, shoot
 
 Number = str | int | float | mpf
 
-# Digits that results carry, and digits that arguments keep on their way into the cache. The results
-# must bear two divisions by the 1e-9 of `derivative` and still be good to 25 digits.
+# Digits of results, and digits of arguments in the cache. The results must remain accurate to 25
+# digits after two divisions by the 1e-9 of `derivative`.
 DIGITS = 50
 ARGUMENT_DIGITS = 80
 
@@ -68,7 +66,7 @@ def hunt_crossley(alpha: Number, n: Number) -> Impact:
 
 @cache
 def _hunt_crossley(alpha_key: str, n_key: str) -> Impact:
-    # Two powers of alpha cancel in the energy integral; for large alpha one does, in 1 + alpha -
+    # Two powers of alpha cancel in the energy integral; for large alpha one cancels in 1 + alpha -
     # ln(1 + alpha).
     alpha = number(alpha_key)
     guard = 0 if alpha == 0 else int(3 * abs(mp.log10(abs(alpha)))) + 10
@@ -122,7 +120,7 @@ def _log_at_separation(alpha: mpf) -> mpf:
     def balance(u: mpf) -> mpf:
         return alpha - mp.expm1(u) - start + u
 
-    # exp(u) - u has the same value at both ends of the motion and is steeper on the right of its
+    # exp(u) - u has the same value at both ends of the motion and is steeper to the right of its
     # minimum at u = 0.
     if alpha > 0:
         return _root(balance, -(1 + alpha), -start / 2)
@@ -307,8 +305,7 @@ def _with_gravity(alpha_key: str, n_key: str, gamma_key: str, order: int, bits: 
         q, n = _exponents(mpf(n_key), lambda n: n)
         power = int(n * q)
         force = [(mpf(1), power, 0), (alpha, power, 1)]
-        # The clamp, 1 + alpha v = 0, is only ever crossed outwards, and then for good: past it v' =
-        # gamma < 0.
+        # The clamp, 1 + alpha v = 0, is only crossed outwards, and once: beyond it v' = gamma < 0.
         rebound = _SEPARATION | {
             "settled": [(mpf(-1), 0, 1)],
             "next": [(mpf(1), 0, 0), (alpha, 0, 1)],
@@ -336,12 +333,12 @@ def hunt_crossley_by_motion(
 
 # --- Derivatives ----------------------------------------------------------------------------------
 
-# Step of the differences, as a share of max(1, |argument|): Richardson's extrapolation leaves an
-# error of its fourth power, and `DIGITS` bear two divisions by it. Twenty digits and more remain;
-# fifteen where the derivative is one-sided and the expansion goes on in half powers (Kuwabara-Kono
-# without tension at a = 0).
+# Step of the differences, as a fraction of max(1, |argument|). Richardson's extrapolation leaves an
+# error of its fourth power, and `DIGITS` allows two divisions by it. At least twenty digits remain.
+# Fifteen remain if the derivative is one-sided and the expansion continues in half powers
+# (Kuwabara-Kono without tension at a = 0).
 DIFFERENCE_STEP = "1e-9"
-# Two steps that disagree by more than this say that the derivative does not exist (a kink).
+# If two steps disagree by more than this, the derivative does not exist (a kink).
 KINK = 1e-13
 
 

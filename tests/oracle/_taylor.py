@@ -1,10 +1,10 @@
 """Taylor-series integration of one scaled impact in fixed-point integers.
 
-``x'' = push - f(x, x')`` has fractional powers of ``x`` and so no Taylor series at touch. With ``x
-= w**q`` and ``dt = w**(q-1) ds`` it becomes ``w' = v/q``, ``v' = w**(q-1) (push - f)``, ``t' =
-w**(q-1)``: a polynomial for every rational exponent, whose series follows from convolutions alone.
-Python's integers carry the digits (a number is an integer times ``2**-bits``), which is thirty
-times faster than arbitrary-precision floats and cannot overflow.
+``x'' = push - f(x, x')`` has fractional powers of ``x`` and therefore no Taylor series at touch.
+With ``x = w**q`` and ``dt = w**(q-1) ds`` it becomes ``w' = v/q``, ``v' = w**(q-1) (push - f)``,
+``t' = w**(q-1)``. This is a polynomial for every rational exponent, whose series follows from
+convolutions alone. A number is a Python integer times ``2**-bits``. Integers are thirty times
+faster than arbitrary-precision floats and cannot overflow.
 """
 
 import itertools
@@ -17,8 +17,8 @@ from mpmath import mp, mpf
 # A term (c, i, j) stands for c * w**i * v**j, with j in {0, 1}.
 Term = tuple[mpf, int, int]
 
-# Order and precision: with 60 terms a step may span 12 % of the radius of convergence; 340 bits
-# leave some fifty digits of slack for rebounds as slow as 1e-12 of the approach and for second
+# Order and precision. With 60 terms a step may span 12 % of the radius of convergence. 340 bits
+# leave some fifty digits in reserve for rebounds as slow as 1e-12 of the approach, and for second
 # differences.
 ORDER = 60
 BITS = 340
@@ -104,8 +104,8 @@ def _derivative(c: list[int]) -> list[int]:
 
 def _descent(c: list[int], end: int, bits: int) -> int | None:
     """The first place in (0, end] where a series falls from positive to zero or below."""
-    # A step spans an eighth of the radius of convergence, and a look at the end itself sees a force
-    # that vanishes just before the indentation does: four looks miss no pair of roots.
+    # A step spans an eighth of the radius of convergence. A check at the end itself detects a force
+    # that vanishes just before the indentation. Four checks find every pair of roots.
     places = [end * i // 4 for i in range(5)]
     for left, right in itertools.pairwise(places):
         if _horner(c, left, bits) > 0 >= _horner(c, right, bits):
@@ -157,9 +157,8 @@ def shoot(q: int, phases: Sequence[Phase], *, order: int = ORDER, bits: int = BI
                         series.w.append((step * series.v[k] >> bits) // (q * (k + 1)))
                         series.v.append((step * acceleration >> bits) // (k + 1))
                         series.t.append((step * pace >> bits) // (k + 1))
-                    # Both components measured against the larger of themselves and what they change
-                    # by in the step, so that neither vanishes from the measure where it crosses
-                    # zero.
+                    # Each component is measured relative to the larger of itself and its change in
+                    # the step, so that neither drops out where it crosses zero.
                     ratio = mpf(0)
                     for c in (series.w, series.v):
                         size = max(map(abs, c[:3])) or 1

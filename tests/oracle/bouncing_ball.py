@@ -1,8 +1,8 @@
 """A ball that falls on a contact under its weight: Newton's equation, piece by piece, by SciPy.
 
-m δ'' = m g - F, F = max(0, F(δ, δ', v0)) where the contact may not pull. A piece ends where the
-force vanishes or returns, where the ball is back at δ = 0, where its closing speed is largest, and
-where it turns inwards again: then its energy no longer suffices, and it rests.
+m δ'' = m g - F, with F = max(0, F(δ, δ', v0)) for a contact without tension. A piece ends at four
+events: the force vanishes or returns, the ball is back at δ = 0, its closing speed is largest, or
+it turns inwards again. At the last event its energy no longer suffices to leave, and it rests.
 """
 
 from typing import NamedTuple
@@ -72,7 +72,7 @@ def contact(force, mass, gravity, speed, unit, tension=False, peak=False, finest
         functions = []
         for name in names:
             gap, direction, _ = events[name]
-            # A piece begins on an event of the last one.
+            # A piece starts at an event of the previous one.
             gap = _later(gap, t, 1e-9 * unit, -direction)
             gap.terminal, gap.direction = True, direction
             functions.append(gap)

@@ -1,4 +1,4 @@
-"""Writes ``reference.json``: ``python -m tests.oracle.generate`` (two minutes on two cores)."""
+"""Generate ``reference.json``: ``python -m tests.oracle.generate`` (two minutes on two cores)."""
 
 import json
 import time
@@ -12,10 +12,9 @@ from mpmath import mp, mpf
 from tests.oracle import _impacts as oracle
 from tests.oracle._reference import REFERENCE_FILE
 
-# Digits written. Differences cost some of those computed, second differences more.
+# Digits written. Differences lose some of the computed digits, second differences more.
 VALUE_DIGITS, SLOPE_DIGITS, CURVATURE_DIGITS = 30, 25, 20
-# Below this a number is the rounding of an exact zero (the loss of an elastic impact, and its
-# like).
+# Smaller numbers are the rounding of an exact zero, such as the loss of an elastic impact.
 ZERO = mpf("1e-32")
 
 ALPHAS = "0 1e-8 1e-4 0.01 0.3 0.5 1 2 5 14.4 20 100 1e3 1e4 1e6 1.6e6".split()
@@ -39,13 +38,13 @@ def jobs() -> Iterator[Job]:
     """The whole grid."""
     for n in EXPONENTS:
         for alpha in ALPHAS:
-            # The family is analytic through alpha = 0, so that two-sided differences hold there.
+            # The family is analytic through alpha = 0, so two-sided differences are valid there.
             yield Job("hunt_crossley", {"alpha": alpha, "n": n}, ("alpha", "n"), ("alpha",))
 
     def oscillator(ending: str, exponents: str, zetas: str) -> Iterator[Job]:
         for n in exponents.split():
             for zeta in zetas.split():
-                # Damping on approach only: the peak of the force sits on the turn for zeta <= 0,
+                # With damping on approach only, the peak of the force is at the turn for zeta <= 0,
                 # before it for > 0.
                 one_sided = frozenset({"zeta"} if ending == "approach" and zeta == "0" else ())
                 yield Job(
@@ -60,8 +59,8 @@ def jobs() -> Iterator[Job]:
     yield from oscillator("approach", "1.5", "0 .05 .2 .5 .9 1 1.5 5 50 1000")
     for tension in (True, False):
         for a in "0 .01 .1 .3 .6 1 1.5 3 5".split():
-            # Without tension and damping the force ends where the indentation does; with negative a
-            # it would not.
+            # Without tension and damping the force ends with the indentation; with negative a it
+            # would not.
             one_sided = frozenset({"a"} if a == "0" and not tension else ())
             yield Job(
                 "kuwabara_kono", {"a": a, "n": "1.5", "tension": tension}, ("a",), forward=one_sided
@@ -83,7 +82,7 @@ def _text(x: mpf | None, digits: int) -> str | None:
 def row(job: Job) -> dict:
     """One case as it is stored."""
     function = getattr(oracle, job.function)
-    # The double nearest to each printed decimal: what the library is given, digit for digit.
+    # The double nearest to each printed decimal, which the library receives digit for digit.
     args = tuple(
         x if isinstance(x, bool) or k == "ending" else float(x) for k, x in job.args.items()
     )

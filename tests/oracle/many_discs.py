@@ -1,7 +1,7 @@
 """Many scenes of discs in boxes at once: Newton's equations by DOP853 in NumPy, with restarts.
 
-Each lane has steps of its own. A step that passes an event is tried again, up to the event, by a
-secant. Nothing of ``jaxcontact`` is imported, nor of ``scene_oracle``.
+Each lane has its own steps. A step beyond an event is repeated, up to the event, by a secant.
+Nothing of ``jaxcontact`` is imported, nor of ``scene_oracle``.
 """
 
 from dataclasses import dataclass
@@ -83,7 +83,7 @@ class _Equations:
         away = np.sum(normal * relative, axis=-1)
         across = np.sum(relative * relative, axis=-1) - away * away
         r = d.radius[..., None]
-        # Of every disc: low and high along both axes.
+        # Lower and upper limits of every disc along both axes.
         walls = np.stack([r - x, x - 1 + r], axis=-1).reshape(len(y), -1)
         onto = np.stack([-v, v], axis=-1).reshape(len(y), -1)
         depth = np.concatenate([self.distance - length, walls], axis=1)
@@ -135,7 +135,7 @@ def followed(discs: Discs, duration: float, rtol: np.ndarray) -> tuple[np.ndarra
     s = _State(np.zeros(lanes), everything, none > 0, none > 0, none)
     speed, length = equations.units(s.y)
     h = 1e-3 * length / speed
-    # The bracket of an event: steps that do not pass it and that do, with the least gaps there.
+    # The bracket of an event: steps before and beyond it, with the smallest gaps there.
     low, high = np.zeros(lanes), np.full(lanes, np.nan)
     gap_low, gap_high = np.zeros(lanes), np.zeros(lanes)
     sought = np.zeros((lanes, 4 * none.shape[1]), bool)
@@ -148,13 +148,14 @@ def followed(discs: Discs, duration: float, rtol: np.ndarray) -> tuple[np.ndarra
         _, depth, rate, second = equations.motion(y, s.closed, s.rising, s.latched)
         gaps, passed = _events(equations, s, depth, rate, second, speed, length)
         seeks = ~np.isnan(high)
-        # Where a closing speed exceeds its peak within a step, by the cubic through its ends.
+        # Time at which a closing speed exceeds its peak within a step, by the cubic through its
+        # ends.
         over = s.closed & ~s.rising & (equations.discs.alpha > 0)[:, None] & (second < 0)
         over = over & (_highest(h, fast, faster, rate, second) > s.latched + 1e-13 * speed[:, None])
         hidden = over.any(axis=1) & (h > 1e-5 * tick)
         fine = ((error <= 1) & ~hidden) | seeks
         begins = fine & ~seeks & passed.any(axis=1)
-        # Where a step begins to seek its gaps at the start are needed.
+        # The search of a step requires its gaps at the start.
         if begins.any():
             _, *at = equations.motion(s.y, s.closed, s.rising, s.latched)
             start = _events(equations, s, *at, speed, length)[0]
@@ -162,7 +163,7 @@ def followed(discs: Discs, duration: float, rtol: np.ndarray) -> tuple[np.ndarra
             gap_low = np.where(begins, np.min(np.where(sought, start, np.inf), axis=1), gap_low)
         least = np.min(np.where(sought, gaps, np.inf), axis=1)
         low = np.where(begins, 0, low)
-        # Illinois: the bound that stays has its gap halved.
+        # Illinois: halve the gap of the bound that stays.
         below = least < 0
         up = begins | (seeks & below)
         gap_low = np.where(seeks & below & (side == 1), gap_low / 2, gap_low)
@@ -197,7 +198,7 @@ def followed(discs: Discs, duration: float, rtol: np.ndarray) -> tuple[np.ndarra
             h = np.where(found, np.where(hits > 0, 1e-5, 1e-3) * length / speed, h)
             high = np.where(found, np.nan, high)
             sought = sought & ~found[:, None]
-        # A step that no contact fits into.
+        # A step too short for any contact.
         free = ~s.closed.any(axis=1)
         nearest = np.min(np.where(equations.used, np.abs(depth), np.inf), axis=1)
         most = np.where(free, np.maximum(0.1 * length / speed, 0.25 * nearest / speed), 0.1 * tick)

@@ -1,4 +1,4 @@
-"""A ball on a table that moves as functions say: by sampling, and by Newton's equation."""
+"""A ball on a table with a prescribed motion: by sampling, and by Newton's equation."""
 
 import math
 

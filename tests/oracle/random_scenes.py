@@ -1,8 +1,7 @@
-"""Random discs in a box under gravity, and where Newton's equations take them.
+"""Random discs in a box under gravity, and their final state by Newton's equations.
 
-The answers of a thousand scenes, as far as they were made, are stored; ``python -m
-tests.oracle.random_scenes`` makes those that are missing (by ``many_discs``, without
-``jaxcontact``; half an hour on one free core).
+The answers of up to a thousand scenes are stored. ``python -m tests.oracle.random_scenes`` computes
+the missing ones (by ``many_discs``, without ``jaxcontact``; half an hour on one free core).
 """
 
 import json
@@ -88,7 +87,7 @@ def drawn(number: int) -> RandomScene:
     e, low = random.uniform(0.3, 0.95), 4.0 if law == "kelvin_voigt" else 5.0
     stiffness = 10 ** random.uniform(low, low + 2)
     if law == "kuwabara_kono":
-        # Such that an impact of 1 kg at 2 m/s has about such an e.
+        # Chosen so that an impact of 1 kg at 2 m/s has about this e.
         e = (1 - e) / 2 * (1 / stiffness) ** 0.4 * 2**-0.2
     balls: list[Ball] = []
     while len(balls) < count:
@@ -107,7 +106,7 @@ def _discs(scenes: list[RandomScene], seed: int | None) -> Discs:
     lanes = len(scenes)
     place, speed = np.zeros((2, lanes, MOST, 2))
     radius, mass = np.zeros((lanes, MOST)), np.ones((lanes, MOST))
-    # What a scene does not have falls without touching anything.
+    # Unused bodies fall without touching anything.
     place[:] = 0.5 + 2 * np.arange(MOST)[:, None]
     for k, scene in enumerate(scenes):
         for i, ball in enumerate(scene.balls):
@@ -170,7 +169,7 @@ def answers() -> dict[str, dict]:
 
 def main() -> None:
     found = answers()
-    # What tests ask for comes first.
+    # Scenes used by tests come first.
     order = [*ALIKE, *(k for k in range(COUNT) if k not in ALIKE)]
     while missing := [k for k in order if str(k) not in found][:PIECE]:
         found |= solved(missing)

@@ -1,8 +1,8 @@
-"""Scenes by brute force: Newton's equations of every body, by SciPy's DOP853, restarted at events.
+"""Scenes by brute force: Newton's equations of all bodies by SciPy's DOP853, restarted at events.
 
-Nothing of ``jaxcontact`` is imported. Indentations are carried as changes since the last restart:
-as differences of positions they would have few digits where they are small. A restart is placed by
-bisection on fresh integrations, not on the interpolant.
+Nothing of ``jaxcontact`` is imported. Indentations are integrated as changes since the last
+restart, because differences of positions would have few digits. Restarts are located by bisection
+on fresh integrations, not on the interpolant.
 """
 
 import math
@@ -150,7 +150,7 @@ class _Scene:
         if np.isfinite(self.period):
             for k, pair in enumerate(self.pairs):
                 if not self.closed[k] and abs(self._gap(pair) - self.depth[k]) > 1e-6:
-                    # Another image is the nearest now.
+                    # Another image is now the nearest.
                     self.depth[k] = float(self._gap(pair))
 
     def _state(self):

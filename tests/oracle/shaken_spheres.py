@@ -1,5 +1,6 @@
-"""A ball among fixed spheres and in shells that move as functions say: by sampling, and by Newton's
-equation.
+"""A ball among fixed spheres and in shells with a prescribed motion.
+
+Solved by sampling, and by Newton's equation.
 """
 
 from collections.abc import Callable

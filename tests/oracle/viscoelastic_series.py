@@ -1,22 +1,23 @@
-"""Writes the Chebyshev series of viscoelastic spheres.
+"""Generate the Chebyshev series of viscoelastic spheres.
 
 ``python -m tests.oracle.viscoelastic_series`` takes fifteen minutes on one core.
 
-``x'' = -(x**1.5 + 1.5 a x**0.5 x')`` depends on one number, ``a``. Every outcome becomes a bounded
-or slowly growing function of ``s = ln(1 + a)``, by factors that follow from its limits:
+``x'' = -(x**1.5 + 1.5 a x**0.5 x')`` depends on one number, ``a``. Factors from its limits turn
+every outcome into a bounded or slowly growing function of ``s = ln(1 + a)``:
 
-- with tension ``e = C a**-5`` up to ``exp(-1.6 a**(5/3))``, as the creep back forgets the impact;
-- the turn lies at ``x = a**(-2/3)`` for strong damping, and its moment and that of the end without
-  tension are ``a**(-2/3)`` times a linear function of ``ln a``, up to ``a**(-5/3) ln a``;
-- with tension the end comes at ``a`` times such a function, and the least force, that of bodies
-  that have just begun to creep, is ``-a**(-8/3)`` times a bounded one.
+- with tension ``e = C a**-5`` up to ``exp(-1.6 a**(5/3))``, since the creep back is independent of
+  the impact;
+- for strong damping the turn is at ``x = a**(-2/3)``; its time and the end without tension are
+  ``a**(-2/3)`` times a linear function of ``ln a``, up to ``a**(-5/3) ln a``;
+- with tension the end is at ``a`` times such a function; the least force, at the start of the
+  creep, is ``-a**(-8/3)`` times a bounded one.
 
 The series end at a = 1e14, where these limits hold to the last digit of double precision.
 
 Without tension the contact ends where ``w**2 = -1.5 a v`` (``x = w**2``), at the first of two roots
-``w = +-sqrt(-1.5 a v)`` of the same analytic motion. What both have in common is analytic in a, and
-half their difference is ``a**(5/2)`` times an analytic function: two series. So has the force two
-extrema of equal size and opposite sign near ``w = +-sqrt(a e/2)``, whose half difference is
+``w = +-sqrt(-1.5 a v)`` of the same analytic motion. The mean of both roots is analytic in a, and
+half their difference is ``a**(5/2)`` times an analytic function: two series. Likewise the force has
+two extrema of equal size and opposite sign near ``w = +-sqrt(a e/2)``. Half their difference is
 ``a**(3/2)`` times an analytic function.
 """
 
@@ -36,14 +37,14 @@ from tests.oracle._taylor import Phase, Trace, shoot
 FILE = Path(__file__).parents[2] / "jaxcontact" / "_forms" / "viscoelastic_series.json"
 DIGITS = 40
 
-# Ends of the pieces in s = ln(1 + a). Half powers of a are split off in the first.
+# Ends of the pieces in s = ln(1 + a). Half powers of a are separated in the first.
 BREAKS = ("0", "0.75", "1.3", "2", "4", "9", "32.25")
 NODES = 38
-# Coefficients below this part of the largest change no digit of double precision.
+# Coefficients below this fraction of the largest one change no digit of double precision.
 CUT = mpf("1e-18")
-# From here on the creep back is the universal one to thirty digits and more.
+# From here on the creep back is universal to more than thirty digits.
 STRONG = mpf(8)
-# Where the series are compared with the impact: none of these is a node.
+# Points at which the series are compared with the impact; none is a node.
 CHECKED = "-0.99 -0.6 -0.2 0.3 0.7 0.98".split()
 
 
@@ -87,7 +88,7 @@ def least(a: mpf) -> mpf:
     """The least force until x = 0 with tension."""
     if a < STRONG:
         return _shoot(a, {"end": _is_out()}).min_force
-    # The bodies have forgotten how they turned after a tenth of the way to this place.
+    # The creep is independent of the turn after a tenth of the way to this place.
     return _shoot(a, {"next": _TURNS}, {"end": _is_out(_forgets(a))}).min_force
 
 
@@ -126,7 +127,7 @@ def _creep() -> list[mpf]:
 
 def _shortest(terms: list[mpf]) -> mpf:
     """The sum of an asymptotic series up to its smallest term."""
-    # By three neighbours: where signs change one term may be small by chance.
+    # By three neighbours, because one term may be small by chance at a change of sign.
     least = min(range(1, len(terms) - 1), key=lambda k: max(map(abs, terms[k - 1 : k + 2])))
     return mp.fsum(terms[: least + 1])
 
@@ -287,7 +288,7 @@ def errors(of: Callable[[mpf], mpf], series: list[float], piece: Piece) -> tuple
         worst = max(worst, abs(sum_at(x) / value - 1))
         want = (of(piece.place(x + h)) - of(piece.place(x - h))) / (2 * h)
         got = (sum_at(x + h) - sum_at(x - h)) / (2 * h)
-        # Where a function hardly varies its slope counts by the function.
+        # If a function is almost constant, its slope is measured relative to the function.
         worst_slope = max(worst_slope, abs(got - want) / max(abs(want), abs(value)))
     return worst, worst_slope
 

@@ -1,4 +1,4 @@
-"""e(v) of the speed-dependent laws, and flights, by other means than the library's."""
+"""e(v) of the speed-dependent laws, and flights, by methods independent of the library."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Laws and drag from flights: held against integrated motion, known truths and `calibrate`."""
+"""Laws and drag from flights, against integrated motion, known truths and `calibrate`."""
 
 import functools
 import itertools
@@ -91,7 +91,7 @@ def test_the_slope_by_the_drag(kind):
 
     for coefficient in (1e-3, 0.05, 0.5, 5.0):
         x, h = jnp.log(coefficient), 1e-4
-        # Four points: what is cut off is of order h⁴.
+        # Four points: the truncation error is of order h⁴.
         near, far = (of(x + h) - of(x - h)), (of(x + 2 * h) - of(x - 2 * h))
         slope = (8 * near - far) / (12 * h)
         np.testing.assert_allclose(jax.jacfwd(of)(x), slope, rtol=0, atol=DIFFERENCES)
@@ -112,7 +112,7 @@ def test_the_method_of_the_impacts_does_not_matter():
 
 
 VISCOUS = 1.1e-5
-# The oscillator law of constant e compiles in half the time of the exact Hunt-Crossley one.
+# The oscillator law of constant e compiles in half the time of the exact Hunt-Crossley law.
 LAWS = {
     "exact": (jc.ExactRestitution(e=0.8), 0.9, lambda v: 0.9),
     "constant e": (jc.AntypovElliott(e=0.8), 0.9, lambda v: 0.9),
@@ -206,9 +206,9 @@ def test_intervals_hold_the_truth(name, both):
     pull = (values - [LAWS[name][1], 0.5]) / errors
     # Of 60 draws 57 are expected; fewer than 52 have a probability of 0.3 %.
     assert (np.sum(np.abs(pull) < 1.96, axis=0) >= 52).all()
-    # The mean of 60 pulls is 0 ± 0.13: no bias, with errors of the first reading neither.
+    # The mean of 60 pulls is 0 ± 0.13: no bias, also with errors of the first reading.
     assert (np.abs(pull.mean(axis=0)) < 0.45).all()
-    # C_d is told to 5 per cent, or all this would pass with useless errors.
+    # C_d is known to 5 per cent; otherwise this test would pass with useless errors.
     assert (errors[:, 1] < 0.05).all()
 
 
@@ -235,7 +235,7 @@ def test_shared_triggers_are_counted_once():
         assert found.converged, found.reason
         pulls.append((found.values - [0.9, 0.5]) / np.sqrt(np.diag(found.covariance)))
     spread = np.std(pulls, axis=0)
-    # 1 ± 0.1 for each; pairs that count as independent give 0.2 to 0.4.
+    # 1 ± 0.1 for each; treating pairs as independent gives 0.2 to 0.4.
     assert (spread < 1.3).all() and (spread > 0.7).all(), spread
     assert (np.abs(np.mean(pulls, axis=0)) < 0.3).all()
     told = float(found.notes[0].split("triggers ")[1].split(" ms")[0])
@@ -253,7 +253,7 @@ def test_a_late_trigger_gets_no_other_weight():
         expected[list(wrong)] = np.nan
         return by_triggers(first, second, expected).shape
 
-    # By hand: an error of 1 s of each trigger, of which two neighbours share two.
+    # By hand: an error of 1 s per trigger, two of which two neighbours share.
     slopes = np.zeros((8, 10))
     for i, (one, next_one) in enumerate(itertools.pairwise(flights)):
         slopes[i, i : i + 3] = 1 / one, -1 / one - 1 / next_one, 1 / next_one
@@ -262,7 +262,7 @@ def test_a_late_trigger_gets_no_other_weight():
     late = np.array(times)
     late[7] += 0.03
     np.testing.assert_allclose(covariance(np.diff(late)), right, rtol=1e-12)
-    # A pair that does not count ends a run: what follows it begins anew.
+    # An excluded pair ends a run, and the next pair starts a new one.
     after = covariance(np.diff(late), wrong=(5, 6, 7))
     np.testing.assert_allclose(after[:5, :5], right[:5, :5], rtol=1e-12)
 
@@ -314,7 +314,7 @@ def measured(table_tennis):
 def test_the_drag_of_a_table_tennis_ball(measured):
     assert measured.converged, measured.reason
     # A smooth sphere has 0.4 to 0.5 at these speeds; 0.545 ± 0.013 was found. An e that falls with
-    # speed, buoyancy and errors that a trial shares are in this number, not in its error.
+    # speed, buoyancy and errors shared by a trial bias this number and are not in its error.
     assert 0.4 < float(measured.params.drag_coefficient) < 0.65
     assert measured.standard_errors["drag_coefficient"] < 0.03
     assert 0.94 < float(measured.params.law.e) < 0.97
@@ -329,7 +329,7 @@ def test_drops_from_one_height_share_its_error():
     how = {"kind": "heights", "drag": BALL, "fixed": BOTH}
     found = jc.fit_bounces(jc.ExactRestitution(e=0.9), CONTACT, *heights, **how)
     assert found.converged and found.adequate, found
-    # Counted as independent: 0.70 ± 0.06, and the model describes nothing.
+    # With independent errors: 0.70 ± 0.06, and the model is inadequate.
     assert found.values == pytest.approx([0.968, 0.73], abs=0.02)
     assert found.errors == pytest.approx([0.009, 0.16], rel=0.15)
     assert found.notes == ("errors of drop heights 1.6 mm, scatter of ln h 1.6 %",)
@@ -345,7 +345,7 @@ CALIBRATED = 5e-4
 
 def test_it_agrees_with_the_calibration(measured):
     ball = jc.Drag(BALL.mass, BALL.radius, float(measured.params.drag_coefficient))
-    # Only one law to compare with: all of them take most of the time to compile.
+    # Only one law for comparison, because compiling all of them takes most of the time.
     result = jc.calibrate(read_recording(ball="pingpong"), law="constant_damping", drag=ball)
     estimate = result.choice.law_fit("constant e").estimates[0]
     assert estimate.name == "e"

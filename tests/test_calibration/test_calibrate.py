@@ -1,4 +1,4 @@
-"""Calibration: known truths come back within their standard errors, and other fitters agree."""
+"""Calibration: known truths within their standard errors, and agreement with other fitters."""
 
 import io
 
@@ -68,13 +68,14 @@ def test_the_truth_is_found_and_preferred(kind, seed):
     assert not result.outliers.flagged.any()
     estimate = result.choice.law_fit(kind).estimates[0]
     assert abs(estimate.value - value) < PULL * estimate.standard_error
-    # Good to half a per cent, or the test above would pass with a useless standard error.
+    # Accurate to half a per cent; otherwise the test above would pass with a useless standard
+    # error.
     assert estimate.standard_error < 0.01 * value
     assert result.choice.best == kind
     others = [name for name in ("constant e", *LAWS) if name != kind]
     aicc = aicc_of(result.choice)
     assert all(aicc[other] > aicc[kind] + 10 for other in others)
-    # One right law in twenty is called inadequate: here that of seed 2.
+    # One right law in twenty is called inadequate; here the one of seed 2.
     alarm = result.choice.law_fit(kind).adequate is False
     assert alarm == ((kind, seed) == ("constant c", 2))
     said = f"The best is {kind}" if alarm else f"Use {kind}, which describes the data"
@@ -93,12 +94,12 @@ def test_standard_errors_are_the_spread_of_estimates():
         alarms += law.adequate is False
     assert SPREAD[0] < np.std(pulls) < SPREAD[1]
     assert abs(np.mean(pulls)) < 0.6
-    # Of a right law, which ought to be two in 40.
+    # For a right law, expected two in 40.
     assert alarms <= MOST_ALARMS
 
 
 def test_weak_dependence_is_not_decided():
-    # Few pairs in a narrow range of speed: both laws describe them as well.
+    # Few pairs in a narrow range of speed, which both laws describe equally well.
     text = recording(lambda v: 0.88, 4, trials=3, bounces=4, scatter=0.02)
     choice = calibrated(text, law="kuwabara_kono").choice
     assert choice.best == "constant e"
@@ -126,7 +127,7 @@ def test_scipy_finds_the_same_fit(kind):
     found = fit.estimates[0]
     np.testing.assert_allclose(found.value, np.exp(other.x[0]), rtol=ORACLE_FIT)
     np.testing.assert_allclose(fit.reduced_chi2, 2 * other.cost / 13, rtol=ORACLE_FIT)
-    # Every row of a table is a trial of its own: the sandwich, with scipy's Jacobian.
+    # Every row of a table is its own trial: the sandwich, with scipy's Jacobian.
     j, z = other.jac[:, 0], other.fun
     variance = np.sum((j * z) ** 2) / np.sum(j**2) ** 2 * 14 / 13
     np.testing.assert_allclose(found.standard_error, found.value * variance**0.5, rtol=ORACLE_ERROR)
@@ -178,7 +179,7 @@ def test_the_constant_fit_of_the_shipped_ball_is_the_weighted_mean():
     mean = np.exp(np.average(np.log(kept.restitution), weights=sigma**-2))
     estimate = result.choice.laws[0].estimates[0]
     assert abs(estimate.value - mean) < AGREEMENT * estimate.standard_error
-    # The measurement: medians .892 at 0.9 m/s to .877 at 2.65, which a constant .88 describes.
+    # The measurement: medians .892 at 0.9 m/s to .877 at 2.65, consistent with a constant .88.
     assert 0.875 < estimate.value < 0.89
     assert abs(float(np.median(kept.restitution)) - 0.883) < 0.003
     assert gap(result.choice, "constant c") > 100
@@ -191,7 +192,7 @@ def test_table_tennis_is_constant_once_the_drag_is_out():
     clear = jc.calibrate(ball, law="kuwabara_kono", drag=drag).choice
     assert abs(clear.laws[0].estimates[0].value - 0.955) < 0.002
     assert gap(clear, "Kuwabara-Kono") > 50
-    # With the drag left in, the speed-dependent law wins: for the wrong reason.
+    # Without correction for drag the speed-dependent law wins, for the wrong reason.
     assert gap(raw, "Kuwabara-Kono") < -50
     assert abs(clear.line.slope) < 2 * clear.line.slope_error
     assert raw.line.slope < -10 * raw.line.slope_error
@@ -254,7 +255,7 @@ def test_numbers_that_follow_from_mass_and_stiffness():
     )
     b, _, c = full.choice.law_fit("constant c").estimates
     np.testing.assert_allclose(c.value, 1e8 * b.value, rtol=1e-12)
-    # What e(v) determines does not depend on the contact.
+    # The quantities determined by e(v) do not depend on the contact.
     np.testing.assert_allclose(
         kappa.value, plain.choice.law_fit("Kuwabara-Kono").estimates[0].value, rtol=SAME
     )
@@ -370,7 +371,7 @@ def test_standard_deviations_of_a_file_are_taken_as_they_are():
     np.testing.assert_allclose(told.fits["constant e"].params["e"], fit.params["e"], rtol=SAME)
     np.testing.assert_allclose(told.candidates[0].aicc, found.choice.candidates[0].aicc, rtol=1e-6)
     assert "the standard deviations in the file" in found.report()
-    # Ten times as small they are too small: no law describes the rows, by χ² alone.
+    # With a tenth of the noise the errors are too small: no law describes the rows, by χ² alone.
     rows = "".join(f"{a},{b},{c / 10}\n" for a, b, c in zip(v, e, sigma, strict=True))
     small = calibrated("v,e,std\n" + rows, law="constant_damping").choice.fits["constant e"]
     assert small.adequacy.chi2_p < 1e-6 and not small.adequate
@@ -383,7 +384,7 @@ def test_standard_deviations_of_intervals_are_shared_by_pairs():
     sigma = 1e-3 * (1 + np.arange(7) % 3)
     recording = jc.read_recording(interval_s=seconds, sigma=sigma)
     pairs = make_pairs(recording, Flight())
-    # ln e = ln T₂ - ln T₁; the noise is that of the interval that is expected.
+    # ln e = ln T₂ - ln T₁; the noise is that of the expected interval.
     expected = seconds[:-1] * np.median(seconds[1:] / seconds[:-1])
     slope = np.zeros((6, 7))
     slope[np.arange(6), np.arange(6)] = -1 / seconds[:-1]

@@ -46,7 +46,7 @@ def test_the_law_that_made_the_data_is_used(choices, kind, name, value):
     assert found.best == kind and f"Use {kind}," in found.verdict
     fit = found.fits[kind]
     assert abs(fit.params[name] - value) < 4 * fit.standard_errors[name]
-    # The other laws of one number are far off.
+    # The other one-parameter laws are far off.
     order = [c.name for c in found.candidates if c.k == 1]
     assert order[0] == kind
     aicc = {c.name: c.aicc for c in found.candidates}
@@ -62,7 +62,7 @@ def test_the_numbers_of_a_constant_e_by_hand(choices):
     square = np.sum((y - y.mean()) ** 2)
     fit = found.fits["constant e"]
     assert fit.params["e"] == pytest.approx(np.exp(y.mean()), rel=1e-10)
-    # The weights carry the scatter about the trend, which cancels from AICc.
+    # The weights contain the scatter about the trend, which cancels in AICc.
     scale = float(fit.problem.factor[0])
     assert candidate.loss == pytest.approx(square / 2 * scale**2, rel=1e-12)
     # Each point is a group of its own: the sandwich of a mean.
@@ -93,7 +93,8 @@ def test_known_noise_and_weights():
     kinds = {"law": "constant_damping"}
     known = jc.choose_law(SPEED, e, CONTACT, sigma=sigma, **kinds)
     relative = jc.choose_law(SPEED, e, CONTACT, weights=sigma**-2, **kinds)
-    # σ of ln e is σ/e; a known σ stays that of e, whose trend is 0.88 to a few parts in a thousand.
+    # σ of ln e is σ/e; a known σ remains that of e, whose trend is 0.88 to a few parts in a
+    # thousand.
     by_reading = np.exp(np.average(np.log(e), weights=(e / sigma) ** 2))
     assert relative.fits["constant e"].params["e"] == pytest.approx(by_reading, rel=1e-10)
     weights = 0.88 * e / sigma**2
@@ -125,7 +126,7 @@ def test_trials_enter_errors_and_verdict():
     single = jc.choose_law(SPEED, e, CONTACT, **kinds).fits["constant e"].standard_errors["e"]
     found = jc.choose_law(SPEED, e, CONTACT, groups=trials, **kinds)
     error = found.fits["constant e"].standard_errors["e"]
-    # Ten points of a trial share their error: they are as good as one.
+    # Ten points of a trial share their error and count as one.
     assert error == pytest.approx(single * np.sqrt(10), rel=0.15)
     assert "by trial" in found.verdict
 
@@ -188,7 +189,7 @@ def test_a_law_that_cannot_deliver_says_what_it_can():
     hardest = found["lankarani_nikravesh"]
     assert hardest.e is None and hardest.standard_error is None
 
-    # Asked for nothing, its α is 3/4: ½ of the energy that is left, by the energy integral.
+    # At e = 0 its α is 3/4, and ½ of the energy remains, by the energy integral.
     def balance(e):
         return 0.75 * (1 + e) - np.log1p(0.75) + np.log1p(-0.75 * e)
 
@@ -233,7 +234,7 @@ def test_what_would_settle_it_is_said_where_the_choice_is_open(choices):
     about = f"{float(f'{count:.2g}'):g}"
     assert f"at {SPEED.min():.3g} and {SPEED.max():.3g} m/s, equally often: about {about} " in said
     assert repr(found).endswith(f"{said[1:]}.")
-    # A power that was found to be next to none would take more readings than anyone makes.
+    # A power close to zero would require an impractical number of readings.
     assert "which the scatter of single readings hides" in choices["constant c"].next_measurement
 
 

@@ -1,4 +1,4 @@
-"""Plans of measurements against enumeration, simulation and the theorem of equivalence."""
+"""Plans of measurements against enumeration, simulation and the equivalence theorem."""
 
 import itertools
 
@@ -97,13 +97,13 @@ def test_two_laws_are_told_apart_where_they_differ_most():
     found = planned(goal=jc.ExactRestitution(e=0.8), noise={"e": 0.01}, candidates=speeds, n=10)
     with jax.enable_x64(True):
         e = np.asarray(jc.restitution(LAW, CONTACT, speeds))
-    # A constant lies halfway between the ends, and both are read alike.
+    # A constant lies halfway between the ends, and both are measured equally often.
     assert sorted(set(found.velocity)) == pytest.approx([0.05, 5.0])
     assert np.sum(found.velocity == 5) == 5
     half = (e.max() - e.min()) / 2 / 0.01
     assert found.noncentrality == pytest.approx(10 * half**2, rel=1e-6)
     assert found.readings_for(39.9 * half**2) == 40 and "tell them apart" in repr(found)
-    assert found.readings_for(1e-6) == 2  # each place of the plan is needed
+    assert found.readings_for(1e-6) == 2  # every point of the plan is needed
 
 
 def test_a_law_that_contains_the_other_is_not_told_apart():

@@ -1,4 +1,4 @@
-"""Saved calibrations come back to the last bit, and whatever is wrong with a file is named."""
+"""Saved calibrations are restored to the last bit, and every fault of a file is named."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""Records of one impact, simulated with another solver: K, the law and the touch come back."""
+"""Records of one impact from another solver: K, the law and the touch are recovered."""
 
 import numpy as np
 import pytest
@@ -105,7 +105,7 @@ def test_a_stiffness_far_off_is_no_start(clean, far):
     columns = {"force": clean[0], "indentation": clean[1]}
     near = jc.fit_record(TIME, *start(), **columns)
     law, contact, speed = start()
-    # The damping as it would be beside such a stiffness, and as it was.
+    # The damping that would correspond to this stiffness, and the actual one.
     for c in (3e6, 3e6 * far):
         contact = jc.Contact(mass=MASS, stiffness=4e7 * far)
         found = jc.fit_record(TIME, jc.ConstantDamping(c=c), contact, speed, **columns)
@@ -113,7 +113,7 @@ def test_a_stiffness_far_off_is_no_start(clean, far):
         np.testing.assert_allclose(found.values, near.values, rtol=CLEAN, atol=1e-9)
     law = jc.HuGuo(e=0.5)
     found = jc.fit_record(TIME, law, contact, SPEED, fixed=("mass", "velocity"), **columns)
-    # Another law, whose damping is nearly the same.
+    # Another law with almost the same damping.
     assert found.converged and found.params.contact.stiffness == pytest.approx(STIFFNESS, rel=0.05)
 
 
@@ -139,7 +139,7 @@ def test_a_force_that_is_cut_counts_as_at_least_that(clean):
     off = (found.values - [TRUE[name] for name in found.names]) / found.errors
     assert np.abs(off).max() < 3.5
     assert float(found.predict()["force"].max()) == pytest.approx(limit)
-    # The noise is that of the readings which are not cut: 5 N, known to 7 per cent.
+    # The noise is that of the readings that are not clipped: 5 N, known to 7 per cent.
     noise = np.sqrt(found.noise) / np.max(found.problem.factor)
     assert noise == pytest.approx(NOISE_FORCE, rel=0.25)
 

@@ -1,4 +1,4 @@
-"""The curves e(v) of the kinds: against other means, and what they depend on."""
+"""The curves e(v) of the kinds, by independent methods, and the quantities they depend on."""
 
 import jax
 import jax.numpy as jnp
@@ -61,7 +61,7 @@ def test_slope_and_start(kind):
         curve(kind, **{k: v * np.exp(sign * 1e-5) for k, v in start.items()}) for sign in (1, -1)
     )
     np.testing.assert_allclose(slope, (high - low) / 2e-5, rtol=SLOPE, atol=1e-9)
-    # The start is made from approximations; it only has to be near.
+    # The start uses approximations and only has to be near.
     assert abs(float(np.interp(1.5, SPEEDS, e)) - 0.88) < 0.02
 
 
@@ -108,7 +108,7 @@ def test_a_stiffness_moves_the_law_and_leaves_its_curve():
     for kind in KINDS.values():
         start = kind.start(0.7, UNIT, 1.5)
         law = kind.law_of(kind.moved(start, UNIT, hard), hard, 1.5)
-        if kind.law != "kuwabara_kono":  # whose own combination is tested below
+        if kind.law != "kuwabara_kono":  # its own combination is tested below
             np.testing.assert_allclose(
                 jc.restitution(law, hard, speeds),
                 kind.restitution(start, UNIT, 1.5, speeds),
@@ -123,7 +123,7 @@ def of_any_contact(seed, number):
     rng = np.random.default_rng(seed)
     names = {"law": (0, 0), "K": (4, 10), "m": (-4, 1), "v": (-2, 1)}
     p = {name: 10 ** rng.uniform(*powers, 60) for name, powers in names.items()}
-    # The law's own parameter makes up for the others.
+    # The law's own parameter compensates for the others.
     p["law"] *= rng.uniform(0.005, 1.9, 60) / number(p)
     return {name: jnp.asarray(value) for name, value in p.items()}
 
@@ -137,7 +137,7 @@ def test_kuwabara_kono_depends_on_one_combination():
     np.testing.assert_allclose(curved, solved, rtol=1e-12)
 
 
-# The kinks of a clamped force beside the steps: measured 7e-6.
+# The kinks of a clamped force between steps: measured 7e-6.
 STEPPED = 2e-5
 DASHPOTS = {"linear_dashpot": {"c": 0.06}, "step_damping": {"c_max": 0.06, "d": 3.0}}
 

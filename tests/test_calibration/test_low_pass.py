@@ -1,4 +1,4 @@
-"""A sensor behind a low-pass filter, against SciPy's; its noise, and that of readings in steps."""
+"""A sensor behind a low-pass filter, against SciPy's; its noise, and that of quantised readings."""
 
 import jax
 import jax.numpy as jnp
@@ -53,7 +53,7 @@ def test_it_filters_as_scipy_does(course, order):
     for times in (1, 3, 30):
         cutoff, course_ = times / END, course()
         signal_ = np.asarray(course_.read(jnp.asarray(DENSE)))
-        # A ramp from long ago is delayed, and nothing else.
+        # A ramp that began long ago is only delayed.
         ramp = float(course_.before) * DENSE
         sections = signal.butter(order, cutoff, fs=1 / (DENSE[1] - DENSE[0]), output="sos")
         poles = signal.butter(order, 2 * np.pi * cutoff, analog=True, output="zpk")[1]
@@ -118,7 +118,7 @@ def test_the_noise_of_steps():
     zero = random.uniform(0, step, size=(draws, 1))
     off = step * np.round((values - zero) / step) + zero - expected
     found = noise + rounding(noise, expected, step)
-    # Four standard deviations of a covariance of so many draws.
+    # Four standard deviations of a covariance from so many draws.
     blur = 4 * np.diag(found).max() / np.sqrt(draws)
     np.testing.assert_allclose(off.T @ off / draws, found, rtol=0, atol=blur)
     assert found[0, 1] > 0.04 > abs(found[0, 3]) + 0.01
@@ -141,7 +141,7 @@ def test_steps_are_found():
     assert step_of(0.02 * np.round(smooth / 0.02) + 0.7) == pytest.approx(0.02, rel=1e-6)
     single = (np.round(smooth / 0.02) * np.float32(0.02)).astype(np.float32)
     assert step_of(single.astype(float)) == pytest.approx(0.02, rel=1e-4)
-    # Two instruments in one column share no step.
+    # Two instruments in one column have no common resolution.
     assert step_of(np.concatenate([np.round(smooth, 1), np.round(smooth, 1) + 0.0137])) == 0
 
 
@@ -158,7 +158,7 @@ def test_a_record_behind_a_filter(monkeypatch):
     for read in (original, original, in_steps):
         monkeypatch.setattr(jc, "fit_record", read)
         found = truths.filtered_fit(random, fitted=True)
-        # One in twenty is called inadequate, one in a thousand so clearly.
+        # One in twenty is called inadequate, one in a thousand this clearly.
         assert found.converged and found.adequacy.p > 1e-3, found
         at = [found.names.index(name) for name in own]
         pulls.append((found.values[at] - [*own.values()]) / found.errors[at])

@@ -1,4 +1,4 @@
-"""Ready-made fits: known truths come back, whatever method solves the impacts."""
+"""Predefined fits recover known truths with every method of solving the impacts."""
 
 import re
 
@@ -45,7 +45,7 @@ def test_a_constant_c_comes_back(falling, method):
     found = jc.fit_damping(SPEED, falling, CONTACT, method=method)
     assert found.converged, found.reason
     assert found.params["c"] == pytest.approx(2e7, rel=SAME[method])
-    # The start comes from the data, and is near: one step leaves 3e-7.
+    # The start comes from the data and is near: one step leaves 3e-7.
     assert found.history[0] < 1e-5
     assert np.allclose(found.predict(SPEED[:3]), falling[:3], rtol=1e-8)
 
@@ -83,7 +83,7 @@ def test_beta_is_the_same_by_another_method():
     found = jc.fit_energy_loss(ASKED[::9], method="event")
     exact = jc.fit_energy_loss(ASKED[::9])
     assert found.converged and exact.converged
-    # A fit that does not meet its points ends within its `rtol`: measured 2e-9.
+    # A fit that misses its points ends within its `rtol`: measured 2e-9.
     assert float(found.params["beta"]) == pytest.approx(float(exact.params["beta"]), rel=1e-8)
 
 
@@ -107,7 +107,7 @@ def test_beta_of_e_delivers_what_is_asked_for():
     found = jc.fit_energy_loss(ASKED, degree=16)
     assert found.converged and np.abs(found.residuals).max() < 1e-6
     beta = found.problem.predict.beta(found.params, ASKED[:-1])
-    # At each e it must be the β whose α is the exact one.
+    # At each e it must be the β for which α is the exact one.
     ratio = 2.5 / np.asarray(beta)
     alpha = (1 - ASKED[:-1]) / ASKED[:-1] / (ratio * special.beta(ratio, 1.5))
     assert np.allclose(alpha, jc.exact_damping_factor(ASKED[:-1]), rtol=1e-4)
@@ -117,8 +117,8 @@ FINE = np.linspace(0.05, 1, 1777)
 LEARNED = {"rational": 1e-8, "spline": 1e-8}
 
 
-# Where a pole and a zero cancel, degree 6 has a stationary point with the loss of degree 5.
-# Rounding, which differs between machines, decides whether the search ends there.
+# If a pole and a zero cancel, degree 6 has a stationary point with the loss of degree 5. Rounding,
+# which differs between machines, decides whether the search ends there.
 TWO_MINIMA = pytest.mark.xfail(strict=False, reason="a pole and a zero may cancel: 4e-7 is left")
 
 
@@ -133,7 +133,7 @@ def test_a_law_is_learned(form):
 
 
 def test_a_network_learns_it_roughly():
-    # Its numbers are too many for one minimum; what counts is what it delivers.
+    # It has too many parameters for one minimum; only the delivered curve counts.
     points = np.linspace(0.05, 1, 150)
     found = jc.learn_law(points, form=jc.Network(width=5), max_steps=60)
     assert np.abs(jc.restitution(found.params.law(FINE)) - FINE).max() < 1e-4
@@ -158,7 +158,7 @@ def test_the_exponent_of_a_croquet_ball():
     found = jc.fit_impacts(law, start, GUGAN, duration=duration, fixed=("mass", "e"))
     assert found.converged and found.names == ("contact.stiffness", "contact.exponent")
     n = float(found.params.contact.exponent)
-    # Without damping t_c ~ v^((1-n)/(1+n)); the e that falls with speed takes a little of it.
+    # Without damping t_c ~ v^((1-n)/(1+n)); the e that falls with speed changes this slightly.
     assert (1 - n) / (1 + n) == pytest.approx(-0.23, abs=0.01)
     times = np.log(np.asarray(jc.impact(law, found.params.contact, GUGAN).duration))
     slope = stats.linregress(np.log(GUGAN), times).slope
@@ -216,7 +216,7 @@ def test_numbers_are_held_by_the_names_that_are_printed():
     model = ImpactModel(_Stepped(c=1e7), CONTACT)
     known = transforms_of(model, ("mass", "c"))
     assert known == transforms_of(model, ("contact.mass", "law.c")) and len(known) == 2
-    # What is static stays anyway.
+    # Static values remain in either case.
     assert transforms_of(model, ("mass", "law.d", "d", "exponent")).keys() == {"contact.mass"}
     message = (
         "`fixed` must name numbers of the law or the contact (law.c, contact.mass, "

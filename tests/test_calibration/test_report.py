@@ -1,4 +1,4 @@
-"""The report says what it must."""
+"""The contents of the report."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""What a learned damping factor is made of, against scipy's B-splines."""
+"""The shapes of a learned damping factor, against scipy's B-splines."""
 
 import equinox as eqx
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""The verdict of a calibration in words, for data of which a careless sentence would be false."""
+"""The verdict of a calibration in words, for data that would make a careless sentence false."""
 
 import dataclasses
 
@@ -95,7 +95,7 @@ def test_e_is_said_first_with_its_interval():
     assert first == "e = 0.8353 at 0.9 m/s to 0.775 at 3.4 m/s (95 %: ± 0.0040, ± 0.040)"
     assert "is that of the mean e at a speed, if the law is right." in meaning
     assert "A single reading of e scatters by 1 %." in meaning
-    # 0.83 and 0.84 lie farther off than the interval.
+    # 0.83 and 0.84 lie outside the interval.
     assert "Laws that are not ruled out differ by up to 0.005" in meaning
     one = dataclasses.replace(falls[0], velocity=3.4), falls[1]
     assert headlines(summary(at=one))[0].startswith("e = 0.8353 at 3.4 m/s (95 %: ± 0.0040)")
@@ -185,7 +185,7 @@ def test_a_worst_case_stays_short():
         notes=tuple(f'column{k} = "some heading {k} [mm/s]" / 1000' for k in range(30)),
     )
     lines = repr(summary(laws, rivals=names[:3], recording=recording, free=-9.0)).splitlines()
-    assert len(lines) <= 23 and max(map(len, lines)) <= 108  # names of files are not broken
+    assert len(lines) <= 23 and max(map(len, lines)) <= 108  # names of files are not wrapped
     assert any(line.endswith(" ... (--details)") for line in lines)
 
 
@@ -228,9 +228,9 @@ def test_of_equally_simple_laws_the_lowest_aicc_is_best():
     a, b = candidate("a", aicc=1.0), candidate("b", aicc=0.0)
     order = ["first given", "a", "b"]
     assert said([a, b], order=order)[0] == "b"
-    # The first is the law to beat: a constant e.
+    # The first is the reference: a constant e.
     assert said([a, b], order=["a", "b"])[0] == "a"
-    # The same curve but for rounding: the one given first.
+    # The same curve except for rounding: the one given first.
     same = candidate("a", aicc=1e-4)
     assert said([same, b], order=order)[0] == "a"
     simple = candidate("c", 0, aicc=1.5)
@@ -245,7 +245,7 @@ def test_bic_has_a_larger_penalty_only_where_numbers_differ():
     same = candidate("one", 2, aicc=9.0, bic=0.0)
     text = said([same, two])[1]
     assert "BIC prefers one by 1.0." in text and "penalty" not in text
-    # With few points AICc has the larger penalty, and BIC the more parameters.
+    # With few points AICc has the larger penalty, and BIC favours more parameters.
     few, more = candidate("few", 1, aicc=0.0, bic=1.0), candidate("more", 2, aicc=9.0, bic=0.0)
     assert "penalty" not in said([few, more])[1] and "BIC prefers more" in said([few, more])[1]
     tie = candidate("other", 1, aicc=1.0, bic=1.0 - 1e-9)
@@ -333,7 +333,7 @@ def test_one_pair_has_no_error_and_equal_ones_none_that_they_tell():
         ([0.8], 0.02),
         # They share a reading, as successive intervals do: var = (4e-4 - 1e-4)/2.
         ([0.8, 0.81], np.sqrt(1.5e-4)),
-        # They differ by more than their errors: their own scatter counts.
+        # They differ by more than their errors, so their own scatter counts.
         ([0.8, 0.9], np.log(0.9 / 0.8) / 2),
     ],
 )

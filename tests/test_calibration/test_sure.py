@@ -1,4 +1,4 @@
-"""When a choice is sure of a law, by hand and by the study in a form that takes seconds."""
+"""Sureness of a choice of law, by hand and by a short form of the study."""
 
 import json
 from collections import Counter
@@ -145,12 +145,12 @@ def test_the_study_in_seconds(tmp_path):
     # Two standard deviations beyond 2 % and 80 %.
     assert sums["wrong"] <= 1
     assert sums["clear and right"] >= 0.5 * sums["clear"]
-    # What is done is not done again.
+    # Finished cells are not computed again.
     choice_confusion.main(
         ["--tables", "2", "--only", "wet, 25 points, noise prop", "--into", str(tmp_path)]
     )
     assert json.loads((tmp_path / "choice_confusion.json").read_text()) == result
-    # How the right law fares is counted in the tables in which the choice is sure of it.
+    # The fate of the right law is counted in the tables in which the choice is sure of it.
     only = ["--only", "elastic-plastic", "--into", str(tmp_path)]
     choice_confusion.main(["--right", *only])
     result = json.loads((tmp_path / "choice_confusion.json").read_text())

@@ -1,4 +1,4 @@
-"""Data that are not what they seem are refused with a guess, and never converted in silence."""
+"""Suspicious data are refused with a guess, and never converted silently."""
 
 import numpy as np
 import pytest

@@ -98,7 +98,7 @@ def test_the_ends_do_not_depend_on_the_power(curve):
 @pytest.mark.parametrize("curve", [_profile, _square])
 @pytest.mark.parametrize("log_beta", [-800.0, 700.0])
 def test_a_wild_step_gives_a_number(curve, log_beta):
-    # β so small that it vanishes, and so large that no u^β is left: no slope, but no NaN.
+    # β so small that it vanishes, and so large that no u^β remains: no slope, but no NaN.
     value, slope = curve_and_slope(curve, log_beta, jnp.asarray(U))
     assert jnp.all(jnp.isfinite(value)) and jnp.all(slope == 0)
 

@@ -1,4 +1,4 @@
-"""Errors of triggers: told from the scatter of the bounces, and left out where they are wrong."""
+"""Trigger errors: separated from the scatter of the bounces, and excluded if they are wrong."""
 
 import numpy as np
 import pytest
@@ -33,7 +33,7 @@ def test_one_trial_says_what_it_cannot_tell():
     low, high = found.interval()["law.e"]
     assert found.converged and low < 0.9 < high
     assert "one trial does not tell how much trials differ" in str(found)
-    # A user who says what errors are like is believed.
+    # A user's statement about the errors is used.
     known = jc.fit_bounces(
         jc.ExactRestitution(e=0.5), CONTACT, times[:-1], times[1:], sigma=np.full(12, 0.01)
     )
@@ -65,7 +65,7 @@ def test_wrong_triggers_are_left_out():
     assert np.isnan(found.residuals[spoilt]).all() and found.residuals.size == spoilt.size
     low, high = found.interval()["law.e"]
     assert low < 0.85 < high and high - low < 2e-3
-    # Others' weights count beside the marks.
+    # User weights count in addition to the marks.
     given = jc.fit_bounces(law, CONTACT, **data, loss=jc.Huber(), weights=np.full(spoilt.size, 3.0))
     assert float(given.params.law.e) == pytest.approx(float(found.params.law.e), abs=1e-6)
     known = jc.fit_bounces(law, CONTACT, **data, loss=jc.Huber(), sigma=1e-3)

@@ -1,4 +1,4 @@
-"""Compiled programs are kept between commands, and nothing is lost where they cannot be."""
+"""Compiled programs are kept between commands; commands also work without a cache."""
 
 import os
 import subprocess
@@ -122,7 +122,7 @@ def test_a_second_process_compiles_none_of_the_large_programs(tmp_path):
     assert first > 0
     assert kept.startswith(str(tmp_path))
     made = programs(tmp_path)
-    # What takes less than a fiftieth of a second is not kept.
+    # Programs that compile in less than a fiftieth of a second are not kept.
     assert library(tmp_path)[0] < first
     assert programs(tmp_path).keys() >= made.keys()
 

@@ -1,4 +1,4 @@
-"""`jaxcontact calibrate`: what it prints and writes, and what it refuses."""
+"""`jaxcontact calibrate`: its output, its files, and the input it refuses."""
 
 import functools
 import json
@@ -35,7 +35,7 @@ def test_the_shipped_ball(tmp_path, capsys):
     assert lines[4].startswith("e = 0.8799 at 6 m/s") and "no pair is that fast" in lines[4]
     assert "294 pairs" in printed.out and "23" in printed.out
     assert str(out / NUMBERS) in printed.out
-    # The first line of progress comes before anything is compiled.
+    # The first line of progress comes before any compilation.
     assert printed.err.startswith("[  0.0 s] reading the recording")
     assert "fitting Kuwabara-Kono" in printed.err
     assert sorted(p.name for p in out.iterdir()) == [NUMBERS, FIGURE]
@@ -53,7 +53,7 @@ def test_a_file_of_one_s_own(good, tmp_path, capsys):
     assert printed.err == ""
     page = (tmp_path / "o" / REPORT).read_text()
     assert f"({FIGURE})" in page
-    # What was printed, but for the line that names the files.
+    # The printed text, except for the line that names the files.
     title, _, rest = printed.out.rpartition("Written")[0].strip().partition("\n\n")
     assert page.startswith(f"# {' '.join(title.split())}\n") and rest in page
     assert "none of 220 pairs" in printed.out
@@ -243,7 +243,7 @@ def judged(folder, capsys, text):
     marked = [row for pair in told.summary.pairs if pair.marked for row in pair.rows]
     assert ", ".join(map(str, marked)) in "; ".join(fitted["read_as"])
     constant = told.choice.laws[0]
-    # Of a law that is wrong, errors of e and of ln e weigh rows differently.
+    # For a wrong law, errors of e and of ln e weight rows differently.
     np.testing.assert_allclose(
         fitted["parameters"]["law.e"],
         told.choice.fits["constant e"].params["e"],

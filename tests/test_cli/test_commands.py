@@ -57,7 +57,7 @@ def test_every_command_has_the_same_options_and_says_its_exit_codes(name, capsys
     told = capsys.readouterr().out
     assert "of every command" in told and "exit codes: 0 done" in told
     assert all(option in told for option in ("--json", "--quiet", "--no-cache"))
-    # One name for one thing.
+    # One name per concept.
     kinds = {"--law": "NAME", "--mass": "KG", "--stiffness": "K", "--e": "E", "--ball": "NAME"}
     for action in parsers()[name]._actions:
         for option in set(action.option_strings) & set(kinds):
@@ -149,7 +149,7 @@ def test_fit_of_a_file_as_it_was_saved(tmp_path, capsys):
     bounces.write_text("height_mm\n800\n610\n470\n355\n272\n")
     told = asked(capsys, "fit", "bounces", str(bounces), "--law", "exact", "--robust")
     assert told["parameters"]["law.e"] == pytest.approx(0.873, abs=0.002)
-    # In air, which slows the ball, less is lost in the impacts.
+    # In air, which slows the ball, impacts lose less.
     ball = (
         "--mass",
         "0.0027",
@@ -182,7 +182,7 @@ def test_fit_of_a_track_by_its_frames(tmp_path, capsys):
     assert main([*arguments, "--quiet"]) == 2
     assert "give the frames per second as --rate" in capsys.readouterr().err
     told = asked(capsys, *arguments, "--rate", str(truth.rate))
-    # Errors of times alone: measured 1.2e-4 of e.
+    # Errors of the times only: measured 1.2e-4 of e.
     assert told["parameters"]["law.e"] == pytest.approx(truth.e, rel=5e-4)
 
 
@@ -213,7 +213,7 @@ def test_export_of_a_law_and_of_a_calibration(tmp_path, capsys):
     )
     more = ("--mass", "2", "--stiffness", "3e6")
     told = asked(capsys, "export", "--from", file, *more, "--engine", "drake")
-    # c/K is what was determined, and Drake's e is that of α = d v.
+    # c/K was determined, and Drake's e is that of α = d v.
     assert told["parameters"]["hunt_crossley_dissipation"] == pytest.approx(float(cal.law.c), 1e-6)
     assert [told["velocity"][0], told["velocity"][-1]] == pytest.approx([0.5, 3.0])
     with pytest.raises(ValueError, match="does not know `mass` and `stiffness`"):
@@ -262,7 +262,7 @@ def test_the_page_names_all_commands_and_problems():
     assert re.findall(r"^\| `jaxcontact (\w+)", text, re.MULTILINE) == list(_COMMANDS)
     (problems,) = re.findall(r"parameters from columns: ([^|]*) \|", text)
     assert problems.split(", ") == list(_PROBLEMS)
-    # The lines that are shown are understood.
+    # The printed lines are valid.
     for line in re.findall(r"^jaxcontact ((?!--).*)", text, re.MULTILINE):
         _parser().parse_args(line.split())
 

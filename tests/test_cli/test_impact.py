@@ -1,4 +1,4 @@
-"""`jaxcontact impact`, the door itself, and the installed command."""
+"""`jaxcontact impact`, the entry point itself, and the installed command."""
 
 import json
 import subprocess
@@ -160,6 +160,6 @@ def test_the_module_is_the_command():
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""
     found = json.loads(run.stdout)
-    # Double precision, as the command sets it: float32 would end in other digits.
+    # The command uses double precision; float32 would have other last digits.
     e = found["restitution"]
     np.testing.assert_allclose(found["energy_loss"], 0.5 * 4.2**2 * (1 - e**2), rtol=LOSS)

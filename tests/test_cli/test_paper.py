@@ -12,7 +12,7 @@ from jaxcontact._cli import main
 
 def test_one_figure(tmp_path, capsys):
     folder = tmp_path / "new" / "folder"
-    # What is printed without --json is numbers.md.
+    # Without --json the output is numbers.md.
     assert main(["paper", "--quiet", "--json", "--out", str(folder), "fig6"]) == 0
     table = paper.markdown(paper.numbers())
     told = json.loads(capsys.readouterr().out)

@@ -1,4 +1,4 @@
-"""`jaxcontact scene`: files, examples, tables and pictures, and what is refused."""
+"""`jaxcontact scene`: files, examples, tables and pictures, and refused input."""
 
 import csv
 import json
@@ -35,7 +35,7 @@ def elsewhere(tmp_path, monkeypatch):
 
 
 def test_tables_and_pictures(tmp_path, capsys, monkeypatch):
-    # A shorter film than that of users.
+    # A shorter film than the default.
     from jaxcontact import plot
 
     whole = plot.animate

@@ -1,4 +1,4 @@
-"""`jaxcontact sweep`: ranges, tables, maps, and what is refused."""
+"""`jaxcontact sweep`: ranges, tables, maps, and refused input."""
 
 import argparse
 import csv
@@ -77,7 +77,7 @@ def test_netcdf_and_map(tmp_path, capsys):
         assert data.duration.attrs["units"] == "s"
         assert data.attrs["function"] == "hu_guo"
         assert float(data.mass) == 1.0
-    # As the help says: 6.4 in by 4.4 in, at 200 pixels an inch.
+    # As stated in the help: 6.4 in by 4.4 in, at 200 pixels an inch.
     assert plot.read_bytes()[:24] == b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + struct.pack(
         ">2I", 1280, 880
     )

@@ -1,4 +1,4 @@
-"""The code of the pages runs, and prints what they show; their commands are understood."""
+"""The code of the pages runs and prints the output shown; their commands are valid."""
 
 import re
 import shlex
@@ -10,7 +10,7 @@ from docs.run_code import DOCS, digits, pages, run
 from jaxcontact._cli import parser as _parser
 from jaxcontact._laws import _registry
 
-# With claims of its own about what the code does; the other by the code that draws its pictures.
+# Pages whose code is run elsewhere: one has its own test, one is run by the script of its plots.
 ELSEWHERE = {"sweeps.md": "tests/test_sweep/test_page.py", "plots.md": "docs/plots.py"}
 PAGES = [page for page in pages() if page.name not in ELSEWHERE]
 
@@ -19,7 +19,7 @@ PAGES = [page for page in pages() if page.name not in ELSEWHERE]
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
 def test_the_code_prints_what_the_page_shows(page, monkeypatch):
     monkeypatch.setattr(_registry, "_REGISTRY", dict(_registry._REGISTRY))
-    # The promotion that readers have, not the strict one of the tests.
+    # The type promotion of readers, not the strict one of the tests.
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"):
         for block, printed in run(page):
             if block.shown is not None:

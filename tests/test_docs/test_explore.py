@@ -1,4 +1,4 @@
-"""The page on which one drags e: it moves, and shows what the library says, in a real browser."""
+"""The interactive page, in a real browser: it reacts, and shows the library's results."""
 
 import json
 import shutil
@@ -16,7 +16,7 @@ from jaxcontact._explore import GRIDS, page
 
 E, N, ALPHA = 0.37, 1.85, 2.35
 MASS, STIFFNESS, SPEED = 0.03, 2.5e7, 1.7
-# Half a unit of the last digit shown, and what interpolation may turn over.
+# Half a unit of the last digit shown, and the possible effect of interpolation.
 SHOWN = 0.51
 
 
@@ -83,7 +83,7 @@ def library():
     }
     made = {name: jc.get_law(name, e=E) for name in laws}
     family = [name for name, law in made.items() if isinstance(law, jc.AbstractHuntCrossley)]
-    # In one program: laws of the family differ by α alone.
+    # In one program: laws of the family differ by α only.
     alphas = jnp.stack([*(made[name].damping_factor() for name in family), jnp.asarray(ALPHA)])
     hits = jc.impact(jc.Damped(alpha=alphas), jc.Contact(MASS, STIFFNESS, N), SPEED)
     columns = (hits.restitution, hits.max_force, hits.duration, hits.max_indentation)

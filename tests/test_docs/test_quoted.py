@@ -1,4 +1,4 @@
-"""Numbers that pages quote are those of the results that they come from."""
+"""Numbers quoted in pages equal those of the results they come from."""
 
 import json
 import re
@@ -27,7 +27,7 @@ def test_every_page_says_what_the_result_says(known):
         assert written(text, known) == text, f"{page.name}: run python docs/quoted.py"
     counts = Counter(name for name, *_ in quoted())
     assert set(counts) == set(known)
-    # Those for which the rule was made.
+    # The pages for which the rule was introduced.
     assert all(counts[name] >= 2 for name in ("laws", "numba_times_alone", "event_times_diffrax"))
 
 

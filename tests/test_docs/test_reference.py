@@ -51,7 +51,7 @@ def test_every_public_name_has_an_example():
     assert lacking == []
 
 
-# Their example stands above, in full: a class of one's own.
+# Their example is above, in full: a user's own class.
 IN_FULL = {"AbstractLaw", "AbstractHuntCrossley", "AbstractForm", "ScaledImpact"} | {
     "AbstractMethod",
     "register_law",

@@ -1,7 +1,7 @@
-"""A public callable with good arguments, and the groups of values that are legal for them.
+"""A public callable with valid arguments, and the groups of legal values for each of them.
 
-A call that gets as far as the physics raises `Reached` there instead of compiling it, which shows
-that its arguments were accepted.
+A call that reaches the physics raises `Reached` there instead of compiling it. This shows that its
+arguments were accepted.
 """
 
 import dataclasses

@@ -39,7 +39,7 @@ def _proportional(params, x):
     return params["a"] * x
 
 
-# With one number to fit, which a single point determines.
+# With one parameter, which a single point determines.
 FIT = {"data": V, "start": {"a": 1.0}, "x": V, "predict": _proportional}
 
 
@@ -55,11 +55,11 @@ def cases() -> dict[str, Case]:
                 # Any tree of numbers, which the prediction must match.
                 "data": REALS - {"empty list", "shape (0,)", "with nan"}
                 | {"dict of numbers", "ragged", "law", "contact", "material"},
-                # Whole arrays of JAX stay as they are, and there is nothing to fit.
+                # JAX integer arrays stay unchanged, and nothing remains to be fitted.
                 "start": REAL - {"jax whole"}
                 | ARRAYS - {"empty list", "range", "shape (0,)", "with nan"}
                 | {"dict of numbers", "ragged", "law", "contact", "material"},
-                # Any tree of arrays, which the prediction must know what to do with.
+                # Any tree of arrays that the prediction accepts.
                 "x": REALS
                 | NONE
                 | FLAG

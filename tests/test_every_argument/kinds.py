@@ -1,4 +1,4 @@
-"""Sixty kinds of values that people pass by mistake, or rightly elsewhere."""
+"""Sixty kinds of values that people pass by mistake, or correctly elsewhere."""
 
 import datetime
 import decimal
@@ -120,7 +120,7 @@ else:
         "Timestamp": pandas.Timestamp("2026-01-02"),
     }
 
-# What may be legal, in groups.
+# Values that may be legal, in groups.
 WHOLE = frozenset({"whole", "numpy whole", "jax whole"})
 """A whole number above 2."""
 INSIDE = frozenset({"half", "numpy half", "jax half", "numpy 0-d", "float16", "bfloat16"})

@@ -242,7 +242,7 @@ def cases() -> dict[str, Case]:
                 "at": NUMBERS_3 - {"range"} | POSITIVE | AT,
                 "progress": FLAG | {"function"},
             },
-            # Classes are functions, which are called with a text here.
+            # Classes are functions, which are called with a string here.
             untested=frozenset({"class", "law class"}),
         ),
         "Calibration.save": Case(
@@ -297,7 +297,7 @@ def cases() -> dict[str, Case]:
         "read_recording, column of intervals": Case(
             jc.read_recording,
             {"interval_s": V[::-1]},
-            # Intervals that grow are those of no ball.
+            # No ball has growing intervals.
             {"interval_s": LIST_OF_NUMBERS - {"tuple", "Series"}, "ball": NONE | {"empty text"}},
         ),
     }

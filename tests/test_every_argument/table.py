@@ -1,4 +1,4 @@
-"""Every public callable with its cases, and what is exempt."""
+"""Every public callable with its cases, and the exempt ones."""
 
 from tests.test_every_argument import fits, measured, physics, results, scenes
 from tests.test_every_argument.case import Case

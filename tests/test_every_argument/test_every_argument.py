@@ -1,8 +1,8 @@
-"""Every public argument refuses what is no good value for it, by an error that says so.
+"""Every public argument refuses bad values with an error that names it.
 
-Sixty kinds of values for each argument: a legal one must be accepted, any other must raise an error
-that names the argument, what is allowed and what was given. No error of JAX, NumPy or another
-library may come through.
+Sixty kinds of values are passed for each argument. A legal one must be accepted. Any other must
+raise an error that names the argument, the allowed values and the given value. No error of JAX,
+NumPy or another library may come through.
 """
 
 import importlib
@@ -78,7 +78,7 @@ def fault_of(label, name, kind):
     except Reached:
         message = None
     except OSError:
-        # A path that is one, of a file that is not there: documented.
+        # A valid path of a missing file: documented.
         message = None
     except (ValueError, TypeError) as error:
         message = one_line(str(error))
@@ -87,7 +87,7 @@ def fault_of(label, name, kind):
             return f"{type(error).__name__} that does not name it: {message[:200]}"
         if not shows(message, value) and not isinstance(error, jc.RecordingError):
             return f"the message does not show the value: {message[:200]}"
-    except Exception as error:  # an error of any other type is the fault that is looked for
+    except Exception as error:  # an error of any other type is the fault this test detects
         return f"raw {type(error).__name__}: {one_line(str(error))[:200]}"
     else:
         message = None
@@ -114,14 +114,14 @@ def public():
     for where in (jc, jc.plot, jc.paper):
         prefix = "" if where is jc else where.__name__.removeprefix("jaxcontact.") + "."
         for name in dir(where):
-            # Names of the package are loaded when they are used.
+            # Names of the package are loaded on first use.
             value = getattr(where, name)
             if name.startswith("_") or not (inspect.isclass(value) or inspect.isfunction(value)):
                 continue
             yield prefix + name, value
             if inspect.isclass(value):
                 for method, function in inspect.getmembers(value, callable):
-                    # What object, tuple and Exception have is not ours.
+                    # Members of object, tuple and Exception are not ours.
                     ours = getattr(function, "__module__", None) or ""
                     if not method.startswith("_") and ours.startswith("jaxcontact"):
                         yield f"{prefix}{name}.{method}", function
@@ -249,5 +249,5 @@ def test_heights_of_one_run_at_many_times():
     heights = height_at(times)
     assert heights.shape == (2, 3)
     np.testing.assert_array_equal(heights[1], height_at(times[1]))
-    # It falls all the time.
+    # The ball is in free fall throughout.
     assert np.all(np.diff(heights.ravel()) < 0)

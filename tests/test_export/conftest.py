@@ -1,4 +1,4 @@
-"""The simulators of the extra [engines] run where they are asked for: `pytest -m engines`."""
+"""The simulators of the extra [engines] run only on request: `pytest -m engines`."""
 
 
 def pytest_collection_modifyitems(config, items):

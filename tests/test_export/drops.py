@@ -1,9 +1,9 @@
 """One ball thrown at a plane in the real engine: `python drops.py ENGINE` with cases on stdin.
 
-A program of its own, so that an engine's warnings, threads and crashes stay out of the tests. A
-case says what to paste (`snippet`), how heavy, large and fast the ball is, how long the contact
-lasts, how many steps that takes, and by which part of a step the ball starts above the plane. The
-answer is the list of rebound speeds over closing speeds. There is no gravity.
+It is a separate program, so that an engine's warnings, threads and crashes stay out of the tests. A
+case contains the text to paste (`snippet`), the mass, radius and speed of the ball, the duration of
+the contact and its number of steps. It also contains the start above the plane as a fraction of a
+step. The answer is the list of rebound speeds over closing speeds. There is no gravity.
 """
 
 import json
@@ -135,7 +135,7 @@ def exudyn(case):
         ObjectContactSphereSphere,
     )
 
-    # A second sphere, held still, stands for the plane: the connector knows no radius in its force.
+    # A second, fixed sphere represents the plane: the force of the connector has no radius.
     radius = case["radius"]
     step = case["duration"] / case["steps"]
     gap = case["phase"] * case["velocity"] * step
@@ -165,7 +165,7 @@ def exudyn(case):
     settings = engine.SimulationSettings()
     settings.timeIntegration.endTime = 2 * case["duration"]
     settings.timeIntegration.numberOfSteps = 2 * case["steps"]
-    # It shortens a step to end at touch; the shortest it takes by itself is 1e-8 s.
+    # It shortens a step to end at touch; its own shortest step is 1e-8 s.
     settings.timeIntegration.minimumStepSize = 1e-9 * step
     settings.timeIntegration.verboseMode = 0
     settings.solution.file.write = False
@@ -208,5 +208,5 @@ if __name__ == "__main__":
     drop = {one.__name__: one for one in drops}[sys.argv[1]]
     cases = json.load(sys.stdin)
     delivered = [float(drop(case)) / case["velocity"] for case in cases]
-    # On a line of its own, after whatever the engine had to say.
+    # On a separate line, after any output of the engine.
     print("\n" + json.dumps(delivered))

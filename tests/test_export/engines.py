@@ -1,7 +1,7 @@
-"""The engines' contact forces, written from their documentation: nothing of the library is used.
+"""The engines' contact forces, written from their documentation, independent of the library.
 
-Each takes the parameters of an export and gives the acceleration of the ball: δ'' as a function of
-δ, δ' and the closing speed.
+Each takes the parameters of an export and returns the acceleration of the ball: δ'' as a function
+of δ, δ' and the closing speed.
 """
 
 import math
@@ -57,7 +57,7 @@ def exudyn(p, mass, radius, model=2):
 
 
 def drake_sap(p, mass, radius):
-    # Springs in series, relaxation times that add.
+    # Springs in series, whose relaxation times add.
     k, tau = p["point_contact_stiffness"] / 2, 2 * p["relaxation_time"]
     return lambda x, v, v0: -k * (x + tau * v) / mass
 
@@ -86,7 +86,7 @@ def lammps(p, mass, radius, damping="coeff_restitution"):
 
 
 def mujoco(p, mass, radius):
-    # a + d (b v + k r) = (1 - d) a0 with a0 = 0 and r = -x, as long as that pushes.
+    # a + d (b v + k r) = (1 - d) a0 with a0 = 0 and r = -x, while positive.
     impedance = p["impedance"]
     b = p["damping"] / impedance
     k = p["stiffness"] * impedance / impedance**2
@@ -94,13 +94,13 @@ def mujoco(p, mass, radius):
 
 
 def bullet(p, mass, radius):
-    # Two equal bodies: springs in series, dampings that add.
+    # Two equal bodies: springs in series, added dampings.
     k, c = p["contactStiffness"] / 2, 2 * p["contactDamping"]
     return lambda x, v, v0: -(k * x + c * v) / mass
 
 
 def newton(p, mass, radius):
-    # Two equal shapes: their means. The dashpot acts while they approach.
+    # Two equal shapes: their means. The dashpot acts on approach.
     return lambda x, v, v0: -(p["ke"] * x + p["kd"] * max(v, 0)) / mass
 
 
@@ -151,7 +151,7 @@ def bounce(acceleration, velocity, duration, *, pulls):
     end = apart if pulls else released
     end.terminal = True
     end.direction = -1 if pulls else 1
-    # Both events are zero at touch, or may be: they are looked for a little later.
+    # Both events are or may be zero at touch, so the search starts a little later.
     tight = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13}
     first = solve_ivp(rate, (0, 0.05), [0, 1], **tight)
     rest = solve_ivp(rate, (0.05, 3), first.y[:, -1], events=end, **tight)

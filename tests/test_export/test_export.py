@@ -25,7 +25,7 @@ EVENT = 1e-8
 CLOSED = 1e-11
 # Numbers printed with five digits, and the slope of a parameter in e: measured 1e-5.
 FIVE_DIGITS = 3e-5
-# Parameters found in single precision's neighbourhood: e = 0.6 itself is off by 4e-8.
+# Parameters close to those of single precision: e = 0.6 itself is off by 4e-8.
 SINGLE = 1e-6
 
 MASS, SPEED, RADIUS = 0.7, 2.5, 0.05
@@ -64,7 +64,7 @@ def test_the_engines_formula_delivers_the_target(engine, options, words):
         assert (found.target, found.delivered) == pytest.approx((e, e), rel=SCIPY)
 
 
-# The force of IMPACT that comes back after it vanished, at d = 1 % of the depth: measured 6e-6.
+# The force of IMPACT returns after it vanished, at d = 1 % of the depth: measured 6e-6.
 COMES_BACK = 3e-5
 
 
@@ -105,7 +105,7 @@ def test_adams_law_is_exported_as_it_is():
     found = export(law, CONTACT, SPEED, engine="adams")
     assert found.parameters["damping"] == pytest.approx(700, rel=SINGLE)
     assert found.parameters["penetration_depth"] == 2e-4
-    # Over several speeds, too, where the one set of parameters is its own.
+    # Also over several speeds, where one set of parameters is exact.
     found = export(law, CONTACT, [1.0, 2.5, 4.0], engine="adams")
     assert found.parameters["damping"] == pytest.approx(700, rel=SINGLE)
     assert np.max(np.abs(found.error)) < SINGLE
@@ -175,14 +175,14 @@ def test_closed_forms(e, velocity, mass, stiffness):
         return export(law, contact, velocity, engine=engine, **options).parameters
 
     alpha = velocity * parameters("drake")["hunt_crossley_dissipation"]
-    # The energy integral, whose left side is of the order (1-e)² where e is near 1.
+    # The energy integral, whose left side is of order (1-e)² for e near 1.
     balance = alpha * (1 + e) - math.log((1 + alpha) / (1 - alpha * e))
     assert abs(balance) < CLOSED * alpha
     c = parameters("simbody", radius=RADIUS)["dissipation"]
     assert 1.5 * c * velocity == pytest.approx(alpha, rel=CLOSED)
     asked = parameters("exudyn")["restitutionCoefficient"]
     low, high = (1 - asked**2) / asked, 1.5 * (1 - asked) * (11 - asked) / (1 + 9 * asked)
-    # 1-e of the asked e has lost digits where it is small.
+    # 1-e of the requested e has lost digits if it is small.
     assert (high if asked > 1 / 3 else low) == pytest.approx(alpha, rel=CLOSED, abs=CLOSED)
     p = parameters("mujoco")
     zeta = p["damping"] / 2 / math.sqrt(p["stiffness"])
@@ -236,7 +236,7 @@ def test_the_snippet_holds_the_parameters(engine, options, words):
     assert set(found.units) == set(found.parameters)
     printed = [float(x) for x in re.findall(r"-?\d[\d.]*(?:e[+-]?\d+)?", found.snippet)]
     for name, value in found.parameters.items():
-        # The damping ratio says the same as the damping.
+        # The damping ratio agrees with the damping.
         if name != "dampratio":
             assert any(abs(x) == pytest.approx(value, rel=1e-11) for x in printed), name
 
@@ -266,7 +266,7 @@ def test_an_elastic_contact():
 
 @pytest.mark.parametrize("loss", [1e-4, 0.5])
 def test_the_search_for_a_relaxation_keeps_the_loss(loss, monkeypatch):
-    # A stand-in for the solver, which has no error of its own here: e = 1/(1 + A)².
+    # A stand-in for the solver, without an error of its own: e = 1/(1 + A)².
     monkeypatch.setattr(_lammps, "restitution", lambda law, *_: (1 + float(law.A)) ** -2)
     found = _lammps._scaled_relaxation(1 - loss)
     # The root of a nearly elastic contact is as small as its loss: measured 9e-13 of it.
@@ -279,7 +279,7 @@ def test_a_speed_dependent_law_is_exported_at_its_speed():
         export(law, CONTACT, v, engine="lammps", damping="viscoelastic", **R) for v in (0.5, 4.0)
     )
     assert slow.target > fast.target + 0.01
-    # The engine's law is the same law, so that its number is the same at all speeds.
+    # The engine's law is the same law, so its parameter is the same at all speeds.
     eta = 1.5 * 3e8 * 2e-5 / (MASS * math.sqrt(RADIUS))
     assert slow.parameters["eta_n0"] == pytest.approx(eta, rel=1e-6)
     assert fast.parameters["eta_n0"] == pytest.approx(eta, rel=1e-6)

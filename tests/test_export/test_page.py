@@ -1,4 +1,4 @@
-"""docs/export.md: its numbers are those of the exports; tests/test_docs runs its code."""
+"""The numbers of docs/export.md equal those of the exports; tests/test_docs runs its code."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Exports for several speeds: one set of parameters, and the speeds over which one holds."""
+"""Exports for several speeds: one set of parameters, and the range of speeds in which it holds."""
 
 import math
 import re
@@ -26,7 +26,7 @@ def test_several_speeds_have_the_least_largest_error():
     found = export(law, CONTACT, speeds, engine="drake")
     np.testing.assert_allclose(found.target, jc.impact(law, CONTACT, speeds).restitution)
     d = found.parameters["hunt_crossley_dissipation"]
-    # Drake's e falls with speed as that of this law does: α = c v/K = d v.
+    # Drake's e falls with speed as for this law: α = c v/K = d v.
     assert d == pytest.approx(0.1, rel=1e-6) and np.abs(found.error).max() < EQUAL
     wanted = jc.ExactRestitution(e=0.7)
     found = export(wanted, CONTACT, speeds, engine="drake")
@@ -50,7 +50,7 @@ def test_several_speeds_have_the_least_largest_error():
 def test_over_which_speeds_an_export_holds():
     found = export(jc.ExactRestitution(e=0.7), CONTACT, 2.0, engine="drake")
     holds = found.holds(0.01)
-    # Where the engine's α is that of 0.71 and of 0.69, in proportion to the speed.
+    # Speeds at which the engine's α is that of 0.71 and of 0.69, proportional to the speed.
     alpha = [float(jc.exact_damping_factor(e)) for e in (0.71, 0.70, 0.69)]
     assert holds.low == pytest.approx(2 * alpha[0] / alpha[1], rel=BETWEEN)
     assert holds.high == pytest.approx(2 * alpha[2] / alpha[1], rel=BETWEEN)

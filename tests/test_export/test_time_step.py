@@ -1,4 +1,4 @@
-"""What e becomes at a time step, against the engines' schemes written out in NumPy."""
+"""e at a time step, against the engines' schemes written in NumPy."""
 
 import numpy as np
 import pytest
@@ -41,12 +41,12 @@ def test_mujoco_at_a_robots_step():
     found = jc.export(LAW, CONTACT, 1.0, engine="mujoco")
     assert found.duration == pytest.approx(9.65e-3, rel=1e-6)
     acceleration = engines.mujoco(found.parameters, 1.0, 0.1)
-    # What MuJoCo 4.0.0 itself gives, by the snippet of the export.
+    # The result of MuJoCo 4.0.0 itself, by the snippet of the export.
     for step, itself in ((1e-3, (0.56676, 0.63294)), (2e-3, (0.54821, 0.69333))):
         at = found.at_time_step(step, within=0.02)
         assert (at.low, at.high) == pytest.approx(ends(acceleration, step, False), abs=SCHEME)
         assert (at.low, at.high) == pytest.approx(itself, abs=NEAR)
-    # At steps that are as much shorter, e is kept.
+    # With proportionally shorter steps e is preserved.
     again = found.at_time_step(2e-3 * at.duration / at.needed, within=0.02)
     assert max(0.6 - again.low, again.high - 0.6) <= 0.02 and again.needed <= at.duration * 1.01
     assert "within 0.02 of the target 0.6 from a contact of " in str(at)

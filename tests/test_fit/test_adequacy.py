@@ -1,4 +1,4 @@
-"""Whether a model describes its data: levels, power, and the probabilities that can be known."""
+"""Adequacy of a model: levels, power, and probabilities known in closed form."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -68,11 +68,11 @@ def test_what_shifts_a_trial_is_no_misfit():
     x = np.linspace(-1, 1, 24)
     random, alarms, blind, seen = np.random.default_rng(2), 0, 0, 0
     for noise in drawn(24, 8):
-        # The trials follow each other: a shift of each looks like a step of the curve.
+        # Consecutive trials: a shift of each one looks like a step of the curve.
         y = x + noise + 3 * SIGMA * random.normal(size=3)[np.sort(trial)]
         alarms += jc.fit(line, y, START, x=x, groups=np.sort(trial)).adequate is False
         blind += jc.fit(line, y, START, x=x).adequate is False
-        # Each trial goes through all x: a misfit is seen within it.
+        # Each trial covers all x, so a misfit appears within it.
         y = x + misfit(x, 60) + noise + 3 * SIGMA * random.normal(size=3)[trial]
         seen += jc.fit(line, y, START, x=x, groups=trial).adequate is False
     assert ALARMS[0] <= alarms <= ALARMS[1] < blind
@@ -116,7 +116,7 @@ def misfit(x, size):
 def test_a_wrong_model_is_seen(n, size, how):
     x = np.linspace(-1, 1, n)
     y = 1 + 2 * x + misfit(x, size)
-    # The order of the points is that of x, not the one in which they were given.
+    # The order of the points is that of x, not of the input.
     order = np.random.default_rng(1).permutation(n)
     fits = (jc.fit(line, (y + z)[order], START, x=x[order], **how) for z in drawn(n, n))
     assert np.mean([fit.adequate is False for fit in fits]) > SEEN
@@ -145,7 +145,7 @@ def test_repeated_points_tell_the_noise():
     ratio = (np.sum((level - best) ** 2) / 4) / (np.sum((y - level) ** 2) / 18)
     assert told.chi2_per_dof == pytest.approx(ratio, rel=1e-8)
     assert told.chi2_p == pytest.approx(stats.f.sf(ratio, 4, 18), rel=1e-8)
-    # The same to the last bit tells nothing.
+    # Identical residuals carry no information.
     same = jc.fit(line, np.repeat(np.linspace(-1, 1, 6) ** 2, 4), START, x=x).adequacy
     assert same.chi2_per_dof is None and same.adequate is False
 
@@ -173,7 +173,7 @@ def test_points_without_weight_do_not_count():
 def test_each_column_has_an_order_and_a_noise_of_its_own():
     alarms, seen = 0, 0
     for first, second in zip(drawn(25, 11), drawn(25, 12), strict=True):
-        # The noise of the second moves the fit, which the first column shows.
+        # The noise of the second column moves the fit, which affects the first.
         y = {"first": 1 + 2 * X + first, "second": 1 - 2 * X + 50 * second}
         alarms += jc.fit(both, y, START, x=X).adequate is False
         y = {"first": 1 + 2 * X + first + misfit(X, 60), "second": 1 - 2 * X + second}
@@ -201,7 +201,7 @@ def test_what_cannot_be_told_is_said():
 def test_data_without_noise_are_met():
     exact = jc.fit(decay, 3 * np.exp(-X), {"a": 1.0, "b": 0.5}, x=X)
     assert exact.adequate and "meets them" in str(exact.adequacy)
-    # The scatter of these is rounding, and so is what is left of them.
+    # The scatter of these is rounding, as are their residuals.
     same = jc.fit(decay, np.full(25, 0.8), {"a": 1.0, "b": 0.5}, x=X)
     assert same.loss < 1e-25 and same.adequate and "meets them" in str(same.adequacy)
 

@@ -1,4 +1,4 @@
-"""A fit does not change under units: of parameters, of data, of x; nor with a start far away."""
+"""A fit is invariant under units of parameters, data and x, and under a distant start."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -76,7 +76,7 @@ def assert_same(got, best, error):
 @settings(max_examples=30)
 @given(units, units, units)
 def test_a_line_in_any_units(unit, out, across):
-    # From zero, whose scale only the data know.
+    # From zero, with a scale that only the data determine.
     assert_same(fitted(straight, Y, (0.0, 0.0), unit, out, across), BEST, ERROR)
 
 

@@ -60,7 +60,7 @@ def test_the_optimisers_of_optax_end_there_too(optimizer, free):
     found = jc.fit(decay, DECAY, START, x=X, optimizer=optimizer)
     assert found.converged, found.reason
     gap = np.abs(found.values - free.values) / np.sqrt(np.diag(free.covariance))
-    assert gap.max() < 2e-3  # what counts as none is a thousandth of a standard error
+    assert gap.max() < 2e-3  # a thousandth of a standard error counts as zero
 
 
 def test_a_line_is_the_closed_form():
@@ -140,7 +140,7 @@ def test_fewer_points_than_numbers_of_an_array(y):
     found = jc.fit(line_of, [y], np.array([1.0, 0.0]), x=np.array([3.0]), sigma=0.1)
     (direction,) = found.unidentified
     assert found.converged and found.loss < 1e-20 * max(1, y**2)
-    # A line may turn about its one point: the offset changes by -3 where the slope does by 1.
+    # A line may rotate about its one point: the offset changes by -3 if the slope changes by 1.
     slope, offset = (direction.components[name] for name in found.names)
     assert slope / offset == pytest.approx(-1 / 3)
 
@@ -219,7 +219,8 @@ def test_a_refit_of_simulated_data_scatters_as_laplace_says(free):
     again = free.bootstrap(400, seed=1)
     assert again.converged.all()
     for name, error in free.standard_errors.items():
-        # 400 draws know a standard deviation to 3.5 %; the decay is nearly linear in its numbers.
+        # 400 draws determine a standard deviation to 3.5 %; the decay is almost linear in its
+        # parameters.
         assert again.standard_errors[name] == pytest.approx(error, rel=0.15)
         low, high = again.interval()[name]
         assert low < free.params[name] < high
@@ -342,7 +343,7 @@ def test_the_sandwich_over_groups_is_that_of_the_definition(free):
     )
     expected = bread @ scores.T @ scores @ bread * 10 / 9
     assert np.allclose(found.covariance, expected, rtol=1e-5)
-    # Too few groups say nothing of the correlation in them.
+    # Too few groups do not determine the correlation in them.
     few = jc.fit(decay, DECAY, START, x=X, groups=np.repeat(np.arange(5), 10))
     assert not few.by_group and np.allclose(few.covariance, free.covariance)
     with pytest.raises(ValueError, match="`groups` must have one name for each of the 50 points"):
@@ -361,5 +362,5 @@ def test_errors_that_groups_share_are_seen():
             found = jc.fit(line, y, truth, x=x, groups=groups if by_group else None)
             error = found.standard_errors["offset"]
             pulls[by_group].append((found.params["offset"] - 1) / error)
-    # Points of a group share an error: errors that take them as independent are too small, by 1.56.
+    # Points of a group share an error: errors that ignore this are too small, by 1.56.
     assert 0.8 < np.std(pulls[True]) < 1.35 < 1.45 < np.std(pulls[False])

@@ -1,4 +1,4 @@
-"""Where a fit could say too much: saddles, ends of wide intervals, weights of zero, small units."""
+"""Fits that could claim too much: saddles, ends of wide intervals, zero weights, small units."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -94,7 +94,7 @@ def test_more_named_numbers_than_points_are_refused():
     x, start = X[:3], {"scale": 1.0, "a": 1.0, "b": 1.0, "c": 0.0}
     with pytest.raises(ValueError, match=r"has numbers to fit \(4: a, b, c, scale\), but holds 3"):
         jc.fit(decay, 2 * x, start, x=x)
-    # A point without weight does not count, and a number that is kept is none to fit.
+    # A point without weight does not count, and a fixed parameter is not fitted.
     kept = {"scale": jc.Fixed(), "b": jc.Fixed()}
     with pytest.raises(ValueError, match=r"\(2: a, c\), but holds 1"):
         jc.fit(decay, 2 * x, start, x=x, weights=[1.0, 0.0, 0.0], transforms=kept)

@@ -80,7 +80,7 @@ def test_a_curve_has_the_profile_of_scipy(curved, name):
     ours = curved.interval()[name]
     theirs = ends_by_scipy(name, 9, stats.t.ppf(0.975, 9))
     assert ours == pytest.approx(theirs, abs=MET * curved.standard_errors[name])
-    # Not the same as the standard error says: the likelihood is no parabola.
+    # Different from the standard error: the likelihood is not a parabola.
     away = np.abs(np.array(ours) - float(curved.params[name])) / curved.standard_errors[name]
     assert name == "a" or abs(away[0] - away[1]) > 0.05
 
@@ -92,7 +92,7 @@ def test_no_end_lies_beyond_a_bound(curved):
     ends, error = found.interval(), found.standard_errors
     assert ends["b"][1] == top
     assert ends["b"][0] == pytest.approx(curved.interval()["b"][0], abs=MET * error["b"])
-    # Where c is held at its end, b has run to its own bound.
+    # With c at its end, b has reached its own bound.
     low, high = ends_by_scipy("c", 9, stats.t.ppf(0.975, 9), high=top)
     assert ends["c"] == pytest.approx((low, high), abs=MET * error["c"])
 

@@ -11,7 +11,7 @@ from jaxcontact._fit.search.trust_region import _damping
 
 PROBLEMS = problems()
 
-# Curved valleys, parameters of any size, columns that vanish, a loss that hides the last digits.
+# Curved valleys, parameters of any size, vanishing columns, a loss that hides the last digits.
 HARD = ["BoxBOD", "MGH09", "MGH10", "MGH17", "Bennett5", "Lanczos1", "Nelson", "ENSO"]
 
 FOUND = 9.0
@@ -62,7 +62,7 @@ def test_a_linear_model_takes_few_steps():
     found = jc.fit(lambda p, x: p[0] + p[1] * x, y, np.array([1e-3, 1e3]), x=x)
     assert found.converged
     np.testing.assert_allclose(found.values[::-1], np.polyfit(x, y, 1), rtol=1e-12)
-    # The start is a billionth of the end: the radius grows tenfold with each step.
+    # The start is a billionth of the end: the radius grows tenfold per step.
     assert found.steps <= 8
 
 

@@ -75,7 +75,7 @@ def test_a_line_with_known_noise_has_a_normal_posterior(known, normal):
         assert within(normal, one, off[one], 0)
         for j, other in enumerate(known.names):
             assert within(normal, one, off[one] * off[other], known.covariance[i, j])
-        # All of the distribution, by draws far enough apart to be independent.
+        # The whole distribution, by draws far enough apart to be independent.
         thinned = (off[one] / known.errors[i])[:, ::10].ravel()
         assert stats.kstest(thinned, "norm").pvalue > 1e-3
         low, high = normal.interval(one)
@@ -91,7 +91,7 @@ def test_unknown_noise_gives_students_t(unknown):
         assert stats.kstest(t[:, ::20].ravel(), stats.t(5).cdf).pvalue > 1e-3
         inside = np.abs(t) < stats.t(5).ppf(0.975)
         assert within(result, name, inside, 0.95)
-        # What a normal distribution would say is told apart from it.
+        # The test distinguishes it from a normal distribution.
         assert not within(result, name, np.abs(t) < stats.norm.ppf(0.975), 0.95)
     # Σz²/σ² is χ² with as many degrees of freedom.
     chi2 = np.sum(unknown.residuals**2) / result.samples["noise"] ** 2
@@ -154,7 +154,7 @@ def test_the_search_for_the_mode_ends_where_scipys_does():
         prior = prior_of({"e": (0.9, 0.01), "c": (0.0, 0.01)}, found.problem.space)
         mode = find_mode(Density(found.problem, prior, False), found.theta)
     wanted = optimize.minimize(fall, found.theta, tol=1e-10)
-    # A step that gains less than 1e-6 counts as none: √2e-6 of a width.
+    # A step that gains less than 1e-6 counts as zero: √2e-6 of a width.
     assert np.abs(np.linalg.solve(mode.root, mode.centre - wanted.x)).max() < 2e-3
     assert np.abs(found.theta[0] - wanted.x[0]) > 2
 
@@ -172,7 +172,7 @@ def test_a_prior_pins_what_the_data_leave_open():
     assert result.converged, result.reason
     m, both = result.samples["m"], result.samples["m"] * result.samples["K"]
     error = 0.01 / np.linalg.norm(X[1:])
-    # The prior of ln K is flat: p(m, Km) is the product of both, but for 1e-3 of a width.
+    # The prior of ln K is flat: p(m, Km) is the product of both, except for 1e-3 of a width.
     for value, mean, width in ((m, 20.0, 0.5), (both, 6.0, error)):
         assert within(result, "m", value, mean)
         assert within(result, "m", (value - mean) ** 2, width**2)
@@ -212,7 +212,7 @@ def test_what_has_no_posterior_is_refused(known, unknown):
     for match, (fit, change) in refused.items():
         with pytest.raises(ValueError, match=match):
             jc.posterior(dataclasses.replace(fit, **change))
-    # A prior decides one of two.
+    # A prior determines one of two parameters.
     both = dataclasses.replace(known, at_bound=("offset", "slope"))
     with pytest.raises(ValueError, match="must decide offset, which is at its bound"):
         jc.posterior(both, prior={"slope": (1e8, 1e7)})
@@ -240,7 +240,7 @@ def test_a_posterior_that_is_none_is_told():
     told = "the data do not exclude the bound of ln c: give a `prior`"
     assert not result.converged and result.reason.startswith(told)
     assert repr(result).startswith(f"Posterior: NOT CONVERGED, {told}")
-    # Chains seldom find a bound that is e^6 below the mode: it is told all the same.
+    # Chains seldom reach a bound that is e^6 below the mode, but it is reported.
     seldom = jc.posterior(decay_fit(sigma=0.06), prior={"e": (0.9, 0.1)})
     assert seldom.reason == told
 

@@ -1,4 +1,4 @@
-"""Errors that readings share and a fit does not weigh by: against draws of a line read in steps."""
+"""Errors shared by readings and excluded from the weights, against draws of a quantised line."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_standard_errors_are_the_scatter():
         found = fitted(read(random))
         values.append(found.values)
         alarms += found.adequate is False
-    # A standard deviation of 400 draws is known to 3.5 %.
+    # A standard deviation of 400 draws is accurate to 3.5 %.
     np.testing.assert_allclose(np.std(values, axis=0) / found.errors, 1, atol=0.12)
     assert (found.wider > 1.5).any()
     assert alarms < ALARMS

@@ -1,4 +1,4 @@
-"""What these tests share: the oracle's grid as arrays, its names for an outcome, and units."""
+"""Shared by these tests: the oracle's grid as arrays, its names for an outcome, and units."""
 
 import equinox as eqx
 import jax

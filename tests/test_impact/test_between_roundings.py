@@ -1,4 +1,4 @@
-"""Where an event, a turn or a largest force lies closer to its neighbours than a float can tell.
+"""Events, turns and largest forces that are closer together than floats can resolve.
 
 Truths are those of the stability map's oracle, in 80 bits.
 """
@@ -13,7 +13,7 @@ import pytest
 import jaxcontact as jc
 from tests.test_impact.support import given_ratio
 
-# README's, for float32; measured 1e-6 and 3e-5 here.
+# Bounds of README for float32; measured 1e-6 and 3e-5 here.
 RESTITUTION, DURATION = 1e-5, 1e-4
 
 
@@ -52,8 +52,8 @@ def test_a_push_does_no_work_on_what_rounding_leaves_of_x():
     """At the end x is 0, not 1e-7 of the largest x, times a push that is 1e2 times the energy."""
     alpha, push = single(1.20127e-9, 1e-6), single(69.15487, 69.15487)
     hit = pushed(jc.Damped(alpha=alpha, tension=True), 2.0, push)
-    # The last step jumps over the parting and the turn that would follow, back to x > 0. What weak
-    # damping takes is proportional to it.
+    # The last step jumps over the separation and the following turn, back to x > 0. The loss by
+    # weak damping is proportional to it.
     lost = (1 - 0.9563783**2) * 1.20127e-9 / 1e-6
     expected = [math.sqrt(1 - lost), 0.9563783]
     assert hit.restitution == pytest.approx(expected, abs=RESTITUTION)
@@ -64,7 +64,7 @@ def test_a_pull_holds_nothing():
     hit = pushed(jc.KuwabaraKono(A=single(200166.0)), 1.0, single(-3.50256e-05))
     assert hit.status.tolist() == [jc.Status.SEPARATED]
     assert hit.restitution == pytest.approx([1.749828e-10], rel=1e-3)
-    # Explicit steps got nowhere on its way out, where one of length 1 stood for them.
+    # Explicit steps made no progress in restitution; a single one of length 1 replaced them.
     hit = pushed(jc.KuwabaraKono(A=single(32176.0067)), 1.0, single(-230.98334))
     assert hit.max_force == pytest.approx([32176.0067], rel=DURATION)
 
@@ -88,8 +88,8 @@ def test_a_force_that_vanishes_and_comes_back_within_a_step():
     law = jc.KuwabaraKono(A=jnp.full(64, np.float32(2.5741088)), tension=False)
     # A force that returns before x = 0 belongs to the same contact, which here settles.
     assert (pushed(law, 2.0, push).status == jc.Status.SETTLED).all()
-    # A sampled motion does not follow the return, and so tells whether the end of the force, for
-    # pushes below 0.01464, was found.
+    # A sampled motion does not follow the return. For pushes below 0.01464 it therefore shows
+    # whether the end of the force was found.
     one = jnp.ones_like(push)
     contact = jc.Contact(one, one, 2.0)
     status = jc.trajectory(law, contact, one, samples=2, external_force=push).status
@@ -102,7 +102,7 @@ def test_a_turn_that_nothing_tells_from_rest_is_flagged():
     hit = pushed(given_ratio(single(0.9751, 0.9751), "tension"), 1.0, single(1e4, 0.5))
     assert hit.status.tolist() == [jc.Status.NOT_CONVERGED, jc.Status.SETTLED]
     assert hit.compression_time[1] == pytest.approx(1.96927515, rel=DURATION)
-    # 7e-9 of the way beyond, and the time of the turn off by 9e-7.
+    # 7e-9 beyond the end, and the time of the turn off by 9e-7.
     law = jc.KuwabaraKono(A=jnp.array([1.9724609008794347]), tension=False)
     hit = pushed(law, 1.0, jnp.array([9083.721070343718]))
     assert hit.status.tolist() == [jc.Status.NOT_CONVERGED]

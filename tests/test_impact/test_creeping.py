@@ -1,4 +1,4 @@
-"""Contacts that creep back: those that end, those that never do, and what cannot be told apart."""
+"""Contacts that creep back: with an end, without an end, and undecidable ones."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +11,7 @@ ENDING = np.array([1e-9, 0.1, 1.0, 1.9, 1.99])
 FOREVER = np.array([2.0, 2.05, 10.0, 1e4])
 OMEGA = np.sqrt((1 - ENDING / 2) * (1 + ENDING / 2))
 
-# Measured 3e-16 by formula, 1.3e-9 by event, for a traced exponent; of e, beside 1.
+# Measured 3e-16 by formula, 1.3e-9 by event, for a traced exponent; e relative to 1.
 EXACT, EVENT = 1e-14, 1e-8
 
 

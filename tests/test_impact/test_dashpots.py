@@ -1,4 +1,4 @@
-"""Dashpots by their coefficient, against Newton's equations solved by SciPy."""
+"""Dashpots given by their coefficient, against Newton's equations solved by SciPy."""
 
 import functools
 
@@ -66,7 +66,8 @@ def truth(damping, n=1.5, speed=SPEED, pulls=False):
     return -found.y[1, -1] / speed, forces.min(), forces.max()
 
 
-# Coefficients beside m v0/X, and d beside X; e from 0.93 to 0.3. No force that comes back.
+# Coefficients relative to m v0/X, and d relative to X; e from 0.93 to 0.3. The force does not
+# return.
 COEFFICIENTS = np.array([0.05, 0.3, 0.9, 0.3, 0.9]) * MASS * SPEED / LENGTH
 DEPTHS = np.array([1e-3, 1e-3, 1.0, 2.0, 4.0]) * LENGTH
 
@@ -138,7 +139,7 @@ def test_where_the_step_begins_and_ends():
     np.testing.assert_allclose(slopes[0], expected, rtol=1e-14)
     np.testing.assert_allclose(slopes[1], [0, 3e-18 * v, v, v, v], rtol=1e-8)
     np.testing.assert_allclose(slopes[2], 0, atol=1e-2)
-    # Beyond d nothing is left of the cubic, which would overflow in single precision.
+    # Beyond d the cubic is not evaluated; it would overflow in single precision.
     tiny = jax.grad(force, (0, 1, 2))(jnp.float32(1.0), jnp.float32(5.0), jnp.float32(1e-30))
     assert all(np.isfinite(s) for s in tiny) and tiny[1] == jnp.float32(v)
 
@@ -260,7 +261,7 @@ def clamped_lanes(n, kind=float):
 
     c = jnp.asarray(c_max, kind)
     found, slopes, status = jax.jvp(outcome, (c,), (c,), has_aux=True)
-    # A force that jumps to zero has no tangent there, which the derivative of the end would need.
+    # A force that jumps to zero has no tangent there, which the derivative of the end requires.
     assert status.tolist() == [jc.Status.SEPARATED] * 5 + [jc.Status.NOT_CONVERGED]
     assert np.isnan(found[:, 5]).all()
     return c_max[:5], d[:5], np.asarray(found)[:, :5], np.asarray(slopes)[:, :5]
@@ -287,7 +288,7 @@ def test_a_clamp_elsewhere(n, kind, tolerance):
         np.testing.assert_allclose(found[:, k], followed(c[k], d[k], n), rtol=tolerance)
         ends = [followed(c[k] * s, d[k], n) for s in (1 + h, 1 - h)]
         rtol = max(DIFFERENCE, 100 * tolerance)
-        # Where c hardly matters, what is left is the rounding of the outcome: measured half of it.
+        # If c hardly matters, the rounding of the outcome remains: measured half of it.
         rounding = 20 * tolerance * np.abs(found[:, k]) if kind == "float32" else np.zeros(2)
         off = np.abs(slopes[:, k] - (ends[0] - ends[1]) / (2 * h))
         assert np.all(off <= rtol * np.abs(slopes[:, k]) + rounding)

@@ -22,7 +22,7 @@ the duration at n = 3, whose curvature vanishes with α)."""
 
 METHODS = {"exact": jc.Exact(), "event": jc.Event(rtol=1e-11), "phase": jc.Phase()}
 
-# The phase method says where it stops being right.
+# The phase method reports the limit of its validity.
 RANGE = {"exact": np.inf, "event": np.inf, "phase": 14.4}
 
 
@@ -65,7 +65,7 @@ def problem(largest: float):
     g, g_beta, g_n = np.array(
         [energy_loss_numbers(n, b) for n, b in zip(p["n"], p["beta"], strict=True)]
     ).T
-    # Shares of α that leave no derivative a difference of large numbers.
+    # Fractions of α for which no derivative is a difference of large numbers.
     by_e, by_c = 0.2 * alpha, 0.5 * alpha
     e = g / (g + by_e)
     p |= {"alpha": 0.3 * alpha, "e": e, "c": by_c * p["K"] / p["v"]}

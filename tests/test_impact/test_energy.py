@@ -1,4 +1,4 @@
-"""Energy: never gained, lost to many digits, and what a solve that missed something shows."""
+"""Energy: never gained, loss accurate to many digits, and the signature of a missed event."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -108,7 +108,7 @@ def test_energies_that_do_not_add_up_are_seen():
     motion = lanes.motion()
     zero = jnp.zeros(())
     touch = motion.start()
-    # Damping is said to have taken a fifth of the energy, which leaves another speed than this.
+    # The stated loss by damping is a fifth of the energy, which contradicts this rebound speed.
     end = State(zero, -touch.u, zero, zero + 0.1)
     speed = float(-motion.velocity(end))
     assert float(balance_of(motion, end, zero).error) == pytest.approx(abs(0.8 - speed**2))
@@ -119,7 +119,7 @@ def test_a_solve_that_missed_something_is_flagged(monkeypatch):
     from jaxcontact._impact import _event_solve
 
     monkeypatch.setattr(_event_solve, "_IMBALANCE", 1e-9)
-    # No other test has this tolerance, so that programs with the two limits cannot be confused.
+    # No other test uses this tolerance, so the programs with the two limits stay distinct.
     law, how = jc.Damped(alpha=0.5), jc.Event(rtol=3e-9)
     hit = jc.impact(law, UNIT[1.5], 1.0, method=how)
     path = jc.trajectory(law, UNIT[1.5], 1.0, samples=3, method=how)

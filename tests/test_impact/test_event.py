@@ -1,4 +1,4 @@
-"""The event-terminated solve, for every shape of force, against forty digits."""
+"""The event-terminated solve, for every form of force, against forty digits."""
 
 import diffrax
 import jax.numpy as jnp
@@ -40,7 +40,7 @@ def hunt_crossley(**options):
 def test_hunt_crossley_at_any_damping():
     hit, some = hunt_crossley()
     assert_solved(hit, some, ALL, "alpha")
-    # The coordinates take the stiffness away: the steps hardly depend on α.
+    # The coordinates remove the stiffness: the steps hardly depend on α.
     assert hit.steps.max() <= MOST_STEPS
     assert 10 * hit.steps.max() <= 17 * hit.steps.min()
 
@@ -51,14 +51,14 @@ def test_another_solver():
     assert_solved(hit, some, ALL, "alpha")
 
 
-# Another safety factor would be needed for its order of 5 in the interpolant: measured 1.1e-8.
+# Its interpolant of order 5 would require another safety factor: measured 1.1e-8.
 STIFF = 3e-8
 
 
 @pytest.mark.slow(reason="a solver with implicit steps")
 def test_a_stiff_solver():
-    # The momentum of strong damping is solved to its own size, which costs an implicit solver steps
-    # that it has to try again: 1024 are too few from α = 100 on, measured 1536 enough.
+    # The momentum of strong damping is solved relative to its own size, at the cost of rejected
+    # implicit steps. 1024 steps are too few from α = 100 on; 1536 measured sufficient.
     hit, some = hunt_crossley(solver=diffrax.Kvaerno5(), max_steps=2048)
     assert_solved(hit, some, dict.fromkeys(ALL, STIFF), "alpha")
 
@@ -72,7 +72,7 @@ def test_kuwabara_kono(tension):
     assert hit.steps.max() <= MOST_STEPS
 
 
-# Where the force pulls back what it pushed, A = 5, e is 0.02: measured 1.4e-8 of that.
+# For A = 5, where the force pulls back, e is 0.02: measured 1.4e-8 of that.
 UNKNOWN_FORCE = 3e-8
 
 
@@ -99,7 +99,7 @@ def test_oscillators(ending):
     law = given_ratio(column(some, "zeta"), ending)
     hit = jc.impact(law, UNIT[1.5], 1.0, method="event")
     assert_solved(hit, some, ALL, "zeta")
-    # Overdamped contacts without tension end where forces cancel on all of their way.
+    # Overdamped contacts without tension end where forces cancel throughout restitution.
     moderate = np.asarray(column(some, "zeta")) <= 1
     assert hit.steps[moderate].max() <= MOST_STEPS and hit.steps.max() <= CREEPING_STEPS
 

@@ -12,7 +12,7 @@ from tests.test_impact.support import finite
 
 OTHER = {"c": 3e6, "a": 0.05, "A": 2e-6, "alpha": 0.4, "beta": 2.2, "power": -0.4, "reference": 0.8}
 OTHER |= {"yield_speed": 0.3, "loss": 0.2}
-# A law without damping: where e = 1 is asked, or its own number is 0.
+# An undamped law: with e = 1, or with its own parameter 0.
 ELASTIC = OTHER | {"e": 1.0, "c": 0.0, "a": 0.0, "A": 0.0, "alpha": 0.0, "loss": 0.0}
 ELASTIC |= {"yield_speed": 9.0}
 # Central differences of an outcome near 1: measured 1e-10, and 8e-15 between the modes.
@@ -66,7 +66,7 @@ def place(law):
 def test_all_transformations(name):
     solve = solver(name)
 
-    # Not under `jit`, where every law would be a program of its own: laws of a form share solves.
+    # Not under `jit`, where every law would be its own program: laws of one form share solves.
     @jax.vmap
     def everything(p):
         """Outcome, gradient, and derivative along the parameters, of lanes, by one solve."""
@@ -81,7 +81,7 @@ def test_all_transformations(name):
     total, status, gradient, along = everything(lanes)
     assert (status == jc.Status.SEPARATED).all()
     assert finite((total, gradient, along))
-    # Along the parameters themselves: forward mode, reverse mode and differences agree.
+    # Along the parameters: forward mode, reverse mode and differences agree.
     reverse = sum(
         np.asarray(g) * np.asarray(x)
         for g, x in zip(jax.tree.leaves(gradient), jax.tree.leaves(lanes), strict=True)

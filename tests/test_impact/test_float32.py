@@ -1,4 +1,4 @@
-"""Single precision over the whole range of what it can hold."""
+"""Single precision over its whole range."""
 
 import jax
 import jax.numpy as jnp
@@ -8,12 +8,12 @@ import pytest
 import jaxcontact as jc
 from tests.test_impact.support import column, finite, grid
 
-# The logarithm of m v²/K loses a factor of its size, up to 90, to rounding: measured 7e-6 for the
+# The logarithm of m v²/K loses a factor of its size, up to 90, to rounding. Measured: 7e-6 for the
 # times; 6e-8 for e by the closed forms, 2.7e-6 by the event solve.
 RESTITUTION, DURATION = 1e-5, 1e-4
 # Measured 9e-7.
 SLOPE = 1e-5
-# Of times by event: measured 1.7e-6, and 8e-5 with a tolerance far above the momentum.
+# Times by event: measured 1.7e-6, and 8e-5 with a tolerance far above the momentum.
 STRONG = 1e-5
 
 
@@ -21,7 +21,7 @@ def single(*numbers):
     return jnp.asarray(np.array(numbers, np.float32))
 
 
-# Every corner of the SI world and the middle, 7 x 7 x 5 x 4 impacts in one call.
+# Every corner of the SI range and the middle, 7 x 7 x 5 x 4 impacts in one call.
 STIFFNESS = single(1e-3, 1.0, 1e3, 1e6, 1e9, 1e12, 1e15)
 MASS = single(1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6)[:, None]
 VELOCITY = single(1e-6, 1e-3, 1e-1, 1e1, 1e3)[:, None, None]
@@ -70,8 +70,8 @@ def test_derivatives_at_all_corners_are_finite():
 
 
 def test_a_traced_exponent_in_closed_form():
-    # The quadrature's first nodes are below the smallest number of single precision: all lanes but
-    # those with n near 1 were flagged, and derivatives were not numbers.
+    # The first nodes of the quadrature are below the smallest single-precision number. Without a
+    # guard all lanes except those with n near 1 were flagged, and derivatives were NaN.
     alpha = single(0.0, 1e-6, 0.3, 14.4, 1e6)
     n = single(1.0, 1.5, 2.2, 3.0)[:, None]
 

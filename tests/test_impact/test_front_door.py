@@ -1,4 +1,4 @@
-"""What the front door lets in, flags, and turns away."""
+"""The entry point `impact`: accepted, flagged and refused input."""
 
 import diffrax
 import equinox as eqx
@@ -109,7 +109,7 @@ def test_bad_exponents_and_forces_are_flagged():
     forces = jnp.array([9.8, np.nan, np.inf, 0.0])
     pushed = jc.impact(LAW, CONTACT, 1.3, external_force=forces)
     assert (pushed.status == jnp.array([0, 3, 3, 0])).all()
-    # A force that is an array is a force, whatever its value.
+    # A force that is an array is accepted with any value.
     free = jc.impact(LAW, CONTACT, 1.3)
     assert free.method == "exact" and pushed.method == "event"
     assert np.isclose(pushed.duration[3], free.duration, rtol=1e-8, atol=0)
@@ -193,7 +193,7 @@ def test_no_default_is_checked_away_by_tracing():
 
 # --- Options --------------------------------------------------------------------------------------
 
-# Two ways through the same steps; measured 4e-15 and 6e-14.
+# Two orders of the same steps; measured 4e-15 and 6e-14.
 SAME_STEPS = 1e-12
 # A derivative through the steps, at rtol 1e-11; measured 3e-10.
 ADJOINT = 1e-7
@@ -231,7 +231,7 @@ def test_no_external_force_is_the_free_path():
 
 
 def test_auto_is_the_cheapest_right_method():
-    # Known while tracing: nothing needs to be compiled.
+    # Known while tracing, so nothing is compiled.
     def traced(law, contact=CONTACT):
         return jax.eval_shape(lambda: jc.impact(law, contact, 1.3))
 
@@ -252,7 +252,7 @@ def test_shapes_broadcast(method):
     one = jc.impact(jc.HuGuo(e=0.7), CONTACT, 3.0, method=method)
     for f in NUMBERS:
         assert getattr(one, f).shape == ()
-        # Vector code rounds otherwise (measured 4e-16), and an adaptive solve then steps otherwise.
+        # Vector code rounds differently (measured 4e-16), which changes adaptive steps.
         rtol = 1e-8 if method == "event" else 1e-12
         assert np.isclose(getattr(hit, f)[1, 2], getattr(one, f), rtol=rtol, atol=0), f
     assert np.ptp(hit.restitution, axis=1).max() == 0

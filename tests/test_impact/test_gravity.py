@@ -1,4 +1,4 @@
-"""A push or a pull while in contact: separation later or earlier, or never."""
+"""A push or a pull during contact: separation later, earlier, or never."""
 
 import diffrax
 import jax
@@ -65,7 +65,7 @@ def test_against_the_oracle(n):
     assert (hit.status == jnp.where(settled, jc.Status.SETTLED, jc.Status.SEPARATED)).all()
     assert hit.method == "event"
     error = errors(outcome(hit), values(some))
-    # The oracle's duration of a contact that settles is the time of its second turn.
+    # For a contact that settles the oracle's duration is the time of its second turn.
     assert np.isinf(hit.duration[settled]).all()
     error["duration"] = np.where(settled, 0, error["duration"])
     tolerances = dict.fromkeys(error, PROMISE) | {"energy_loss": LOSS}
@@ -86,7 +86,7 @@ def test_a_slow_bounce_settles():
     energy = 0.5 * 0.02 * np.asarray(velocity) ** 2
     assert np.allclose(hit.energy_loss[settled], energy[settled], rtol=1e-14)
     assert np.isfinite(hit.max_indentation).all() and (hit.max_force > WEIGHT).all()
-    # What is fast hardly feels its weight.
+    # Fast impacts are hardly affected by the weight.
     free = jc.impact(jc.HuGuo(e=0.6), BALL, 1.0)
     assert 0.97 * free.restitution < hit.restitution[-1] < free.restitution
 
@@ -114,14 +114,14 @@ def test_a_push_delays_and_a_pull_hastens():
     hit = pushed(hu_guo, 0.6, jc.Contact(0.7, 3e5), 0.3, forces)
     assert (hit.status == jc.Status.SEPARATED).all()
     assert (jnp.diff(hit.duration) > 0).all() and (jnp.diff(hit.max_indentation) > 0).all()
-    # At x = 0 the constant force has done no work: without damping e is 1.
+    # At x = 0 the constant force has done no work, so e is 1 without damping.
     elastic = pushed(damped, 0.0, jc.Contact(0.7, 3e5), 0.3, forces)
     assert np.allclose(elastic.restitution, 1, rtol=PROMISE)
     assert np.abs(elastic.energy_loss).max() <= LOSS * 0.5 * 0.7 * 0.3**2
 
 
 def test_a_pull_that_the_contact_may_not_follow():
-    # With 1 + α v/v0 < 0 the force is zero, unless the law may pull: then the contact lasts longer.
+    # For 1 + α v/v0 < 0 the force is zero, unless the law may pull; then the contact lasts longer.
     pulled = {
         tension: jc.impact(
             jc.Damped(alpha=2.0, tension=tension), UNIT[1.5], 1.0, external_force=-0.5
@@ -194,7 +194,7 @@ def test_another_solver_settles_too():
         jc.HuGuo(e=0.6),
         BALL,
         jnp.array([1e-5, 1.0]),
-        # Of order five, it takes many steps.
+        # A method of order five takes many steps.
         method=jc.Event(solver=diffrax.Tsit5(), max_steps=2048),
         external_force=WEIGHT,
     )

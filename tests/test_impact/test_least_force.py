@@ -1,4 +1,4 @@
-"""The least force of a contact that may pull: by formula, by series, along event solves."""
+"""The least force of a contact that may pull: by formula, by series, and along event solves."""
 
 import jax
 import jax.numpy as jnp
@@ -48,7 +48,7 @@ def sampled(name, p):
         atol=1e-14,
         dense_output=True,
     )
-    # Close together near the end, where a weakly damped contact pulls.
+    # Samples close together near the end, where a weakly damped contact pulls.
     times = duration * (1 - np.linspace(1, 0, 20001) ** 3)
     return force(times, found.sol(times)).min()
 
@@ -87,7 +87,7 @@ def test_it_is_printed_where_a_contact_may_pull():
     for law in (jc.KelvinVoigt(e=0.5, tension=False), jc.LinearDashpot(c=0.3)):
         hit = jc.impact(law, UNIT[1.0], 1.0)
         assert hit.min_force is None and "min_force" not in repr(hit)
-    # Neither do these pull, whatever they may.
+    # These never pull, with either value of `tension`.
     for law in (jc.Jankowski(e=0.5), jc.HuGuo(e=0.5, tension=True)):
         assert jc.impact(law, UNIT[1.5], 1.0).min_force is None
 

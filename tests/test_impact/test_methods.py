@@ -1,4 +1,4 @@
-"""Method objects: options, names, and a method that the package does not know."""
+"""Method objects: options, names, and a method defined outside the package."""
 
 from typing import ClassVar
 
@@ -101,7 +101,7 @@ def test_methods_are_static_fields_and_parts_of_trees():
     exact = jc.impact(jc.HuGuo(e=0.5), CONTACT, 1.3).duration
     np.testing.assert_allclose([by_phase, by_formula], exact, rtol=1e-6)
     plain = jax.jit(lambda how: jc.impact(LAW, CONTACT, 1.3, method=how).restitution)(jc.Exact())
-    # Two programs, which may round one operation apart.
+    # Two programs, which may differ by one rounding.
     np.testing.assert_allclose(plain, jc.restitution(LAW), rtol=3e-16)
 
 
@@ -146,7 +146,7 @@ class Classical(jc.AbstractMethod):
         )
 
 
-# Two steps of h: what its crude ends leave.
+# Two steps of h, the error of its crude ends.
 CRUDE = 3e-3
 
 

@@ -1,4 +1,4 @@
-"""A form that the package does not know works everywhere: the linear dashpot, written by a user."""
+"""A user-defined form works everywhere: the linear dashpot."""
 
 import functools
 
@@ -13,13 +13,13 @@ from jaxcontact._impact import landing, method_of, problem_of
 from tests.oracle import bouncing_ball
 from tests.test_impact.support import both_jacobians
 
-# Closed forms round; event solves at rtol 1e-9, measured 3.3e-9; what the phase method promises.
+# Closed forms: rounding. Event solves at rtol 1e-9: measured 3.3e-9. Phase method: its promise.
 FORMULA, EVENT, PHASE = 1e-13, 1e-8, 1e-6
-# Derivatives of event solves at rtol 1e-11; measured 3e-11, or 1.6e-8 where the compiler does not
-# optimise and the steps round otherwise.
+# Derivatives of event solves at rtol 1e-11: measured 3e-11. Without compiler optimisation the steps
+# round differently: 1.6e-8.
 SLOPE = 1e-7
-# Of a contact whose force returns: differences of step 1e-3. Measured 4.3e-7. With a step of 1e-5
-# the error of the solves makes it 3.5e-5; with solves at rtol 1e-12 it is 4e-8.
+# A contact whose force returns, by differences of step 1e-3: measured 4.3e-7. With a step of 1e-5
+# the error of the solves gives 3.5e-5, and 4e-8 with solves at rtol 1e-12.
 RETURNED = 3e-6
 
 
@@ -187,14 +187,14 @@ def test_a_law_that_gives_energy_is_flagged():
         hit = jc.impact(law, CONTACT, SPEED)
         assert hit.status.tolist() == [jc.Status.GAINED, *[jc.Status.SEPARATED] * 2]
         assert hit.restitution[0] > 1.2
-    # Without damping a force that only pushes vanishes with the indentation: two guards close.
+    # Without damping a force without tension vanishes with the indentation: two guards apply.
     pushes = jc.impact(Pushing(c=c), CONTACT, SPEED, method="event")
     assert pushes.status.tolist() == [jc.Status.GAINED, *[jc.Status.SEPARATED] * 2]
     half = np.pi * np.sqrt(CONTACT.mass / CONTACT.stiffness)
     np.testing.assert_allclose(pushes.duration[1], half, rtol=SOLVED)
     path = jc.trajectory(Plain(c=c), CONTACT, SPEED, samples=5)
     assert path.status.tolist() == [jc.Status.GAINED, *[jc.Status.SEPARATED] * 2]
-    # A push gives energy, too.
+    # A push also supplies energy.
     pushed = jc.impact(Plain(c=c), CONTACT, SPEED, external_force=1.0)
     assert (pushed.status == jc.Status.SEPARATED).all()
     # But not to a ball that is back at δ = 0.
@@ -218,7 +218,7 @@ def test_what_rests_on_it():
     expected = by_hand(40.0)
     np.testing.assert_allclose(path.time[-1], expected["duration"], rtol=EVENT)
     np.testing.assert_allclose(-path.velocity[-1] / SPEED, expected["restitution"], rtol=EVENT)
-    # e is the same at every speed, which the run of a ball takes from the form.
+    # e is the same at every speed, which `bounce` uses.
     run = jc.bounce(Dashpot(c=40.0), CONTACT, 0.5, bounces=3, rest_velocity=1e-3)
     assert run.remaining_flight is not None
     np.testing.assert_allclose(run.restitution, expected["restitution"], rtol=FORMULA)

@@ -1,4 +1,4 @@
-"""No program calls back to the host, which would keep it out of every compilation cache."""
+"""No program calls back to the host, which would exclude it from every compilation cache."""
 
 import jax
 import jax.numpy as jnp
@@ -98,7 +98,7 @@ def test_a_callback_is_found():
 
     @square.defjvp
     def derivative(primals, tangents):
-        # Deep inside, and in the derivative alone, as a linear solve that checks for errors has it.
+        # Deep inside, and in the derivative only, like the error check of a linear solve.
         def slope(x):
             return jax.pure_callback(lambda x: 2 * x, x, x, vmap_method="sequential")
 

@@ -1,4 +1,4 @@
-"""The phase-angle method: right where it says so, and flagged where it is not."""
+"""The phase-angle method: correct where it is not flagged."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,14 +16,14 @@ from tests.test_impact.support import (
     values,
 )
 
-# Where every published law of the family has e ≥ 0.1, and n = 3/2; measured 4.6e-10.
+# Range in which every published law of the family has e ≥ 0.1, with n = 3/2; measured 4.6e-10.
 PROMISE = 1e-9
 LARGEST_ALPHA = 14.4
-# The force and the turn are found by the same steps; measured 3.1e-10.
+# The force and the turn come from the same steps; measured 3.1e-10.
 TOLERANCES = dict.fromkeys(
     ("e", "duration", "compression_time", "max_indentation", "max_force"), PROMISE
 )
-# Both the error and its estimate are rounding below this.
+# Below this the error and its estimate are rounding.
 ROUNDING = 1e-14
 # Measured 190 to 14000 where the error is above 1e-11.
 MOST_CAUTIOUS = 1e5
@@ -96,7 +96,7 @@ def test_oscillators_are_honest(n):
     assert (hit.status[column(some, "zeta") <= 0.1] == jc.Status.SEPARATED).all()
 
 
-# Against their closed forms: measured 1.1e-8, for Jankowski's e 3.3e-8. Below e = 0.72 (his: 0.33)
+# Against closed forms: measured 1.1e-8, for Jankowski's e 3.3e-8. Below e = 0.72 (Jankowski: 0.33)
 # they are flagged.
 OSCILLATORS = 5e-8
 

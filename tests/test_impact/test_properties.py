@@ -1,4 +1,4 @@
-"""What holds for every law, however strong its damping and whatever pushes: energy, order, units.
+"""Properties of every law for any damping and push: energy, order, units.
 
 Each family of forces is one compiled function of a fixed number of lanes, which hypothesis fills.
 """
@@ -71,7 +71,7 @@ def test_more_damping_never_gives_more_rebound(family, method, numbers):
     e, lost = np.asarray(hit.restitution)[good], np.asarray(hit.energy_loss)[good]
     assert np.all((e >= 0) & (e <= 1)) and np.all((lost >= 0) & (lost <= 0.5))
     assert np.all(np.diff(e) <= ORDER * e[1:])
-    # Nothing weak is flagged.
+    # Weakly damped lanes are never flagged.
     assert np.all(good[numbers < 0.1])
 
 
@@ -84,7 +84,8 @@ def test_a_push_gives_no_energy_to_a_contact_that_ends_where_it_began(numbers, p
     good = parted(hit)
     e, lost = np.asarray(hit.restitution)[good], np.asarray(hit.energy_loss)[good]
     assert np.all((e >= 0) & (lost >= 0))
-    # A pulled contact parts where its force vanishes, at δ > 0: the pull has done work less there.
+    # A pulled contact separates where its force vanishes, at δ > 0, before the pull has done its
+    # work.
     assert np.all(e[push[good] > 0] <= 1)
 
 

@@ -1,4 +1,4 @@
-"""Restitution alone: without a contact where the law allows it, and without a time integral."""
+"""Restitution alone: without a contact if the law allows it, and without a time integral."""
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,7 @@ from tests.test_impact.support import UNIT, column, grid, values
 FORMULA = 1e-14
 ROUNDING = 4 * np.finfo(float).eps
 CONTACT = jc.Contact(0.7, 3e8)
-# Published: what the laws deliver for e = .9 .7 .5 .3 .1, four digits.
+# Published restitutions of the laws for e = .9 .7 .5 .3 .1, four digits.
 PUBLISHED = {
     "hunt_crossley": [0.9090, 0.7680, 0.6630, 0.5813, 0.5158],
     "lankarani_nikravesh": [0.9132, 0.7960, 0.7252, 0.6842, 0.6653],
@@ -28,9 +28,9 @@ ASKED = jnp.array([0.9, 0.7, 0.5, 0.3, 0.1])
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_laws_deliver_what_is_known_of_them(name):
     got = jc.restitution(jc.get_law(name, e=ASKED))
-    # The hundredth of a unit beyond the rounding is for 5s in the next digit.
+    # The additional hundredth of a unit covers a 5 in the next digit.
     assert np.abs(got - np.array(PUBLISHED[name])).max() < 0.51e-4
-    # Another program, which may round otherwise: measured 1.1e-16.
+    # Another program may round differently: measured 1.1e-16.
     placed = jc.restitution(jc.get_law(name, e=ASKED), CONTACT, 1.0)
     assert np.allclose(got, placed, rtol=ROUNDING, atol=0)
 
@@ -97,8 +97,8 @@ def test_no_time_is_computed(law):
 
     alone = program(lambda e: jc.restitution(law(e=e)))
     whole = program(lambda e: jc.impact(law(e=e), CONTACT, 1.0).duration)
-    # The scale and the checks of a contact cost a little. One node of the integral costs more, and
-    # it is a loop, which is counted once.
+    # The scale and the checks of a contact cost a little. One node of the integral costs more, but
+    # is in a loop, which is counted once.
     assert program(here) <= alone + 50 < whole
 
 

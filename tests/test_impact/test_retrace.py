@@ -1,4 +1,4 @@
-"""New numbers never compile anew; new choices do."""
+"""New numbers never trigger a compilation; new options do."""
 
 import contextlib
 
@@ -22,7 +22,7 @@ jax.monitoring.register_event_duration_secs_listener(_listen)
 
 @contextlib.contextmanager
 def compilations(expected):
-    # Making an array of a number is a program of JAX itself.
+    # JAX creates an array from a number by a program of its own.
     jnp.asarray(1.0)
     before = len(_compiled)
     yield

@@ -1,4 +1,4 @@
-"""The event-terminated solve by itself: fields with closed forms, and its two forms of a step."""
+"""The event-terminated solve itself: fields with closed forms, and its two forms of a step."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from jaxcontact._solver import Packed, Tolerance, land, march
 from jaxcontact._solver.by_diffrax import march_by_diffrax
 from jaxcontact._solver.lanes import ByLanes
 
-# A step of order 8 under an rtol of 1e-12, over the way to an end: measured 3e-12.
+# A step of order 8 at an rtol of 1e-12, up to the end: measured 3e-12.
 CLOSE = 1e-11
 
 
@@ -77,7 +77,7 @@ def test_the_end_and_its_derivatives(one_way, marching):
 
 
 def test_what_opens_again_within_a_step_has_ended_it():
-    # The step that passes x = 0 goes on beyond the turn, and back above x = 0.
+    # The step beyond x = 0 continues past the turn, and back above x = 0.
     @jax.jit
     @jax.vmap
     def end(depth):

@@ -1,4 +1,4 @@
-"""The path of an impact: against its own summary, its law, scipy, and the balance of energy."""
+"""The path of an impact, against its summary, its law, scipy, and the energy balance."""
 
 import jax
 import jax.numpy as jnp
@@ -42,7 +42,7 @@ def test_it_agrees_with_the_summary(paths):
     assert hit.method == "exact"
     assert np.isclose(path.time[-1], hit.duration, rtol=SUMMARY, atol=0)
     assert np.isclose(-path.velocity[-1] / SPEED, hit.restitution, rtol=SUMMARY, atol=0)
-    # Samples miss the extrema by the square of their distance.
+    # Samples miss the extrema by the square of their spacing.
     assert (
         0.9995 * hit.max_indentation < path.indentation.max() <= (1 + SUMMARY) * hit.max_indentation
     )
@@ -71,7 +71,7 @@ def test_the_force_is_the_law_s(paths, name):
 def test_the_velocity_is_the_rate_of_the_indentation(paths, name):
     path = paths[name]
     t, x = np.asarray(path.time), np.asarray(path.indentation)
-    # Of fourth order; δ^(3/2) spoils it next to touch and separation. Measured 1e-7.
+    # Fourth order, reduced by δ^(3/2) next to touch and separation. Measured 1e-7.
     step = t[1] - t[0]
     rate = (x[:-4] - 8 * x[1:-3] + 8 * x[3:-1] - x[4:]) / (12 * step)
     error = np.abs(rate - path.velocity[2:-2])[5:-5] / SPEED
@@ -129,7 +129,8 @@ def test_derivatives_of_samples(name):
     assert finite((values, forward, reverse))
     assert np.allclose(forward[0], reverse[0], rtol=1e-10, atol=1e-10)
     difference = np.moveaxis(np.asarray(values[1:3] - values[3:5]) / (2 * STEP), 0, -1)
-    # As √δ at separation: the quotient of Kuwabara and Kono's last force is that of roundings.
+    # Like √δ at separation: the quotient of Kuwabara and Kono's last force consists of rounding
+    # errors.
     difference[3, -1], forward = 0, forward.at[:, 3, -1].set(0)
     error = np.abs(forward[0] - difference).max()
     assert error <= DIFFERENCE * np.abs(difference).max()
@@ -144,7 +145,7 @@ def test_batches_and_bad_lanes(paths):
     assert (path.status == want).all()
     assert np.isnan(path.time[want > 0]).all() and np.isfinite(path.time[want == 0]).all()
     alone = paths["hu_guo"]
-    # The adaptive solve rounds, and so steps, otherwise in a batch.
+    # In a batch the adaptive solve rounds, and therefore steps, differently.
     scale = float(alone.indentation.max())
     assert np.abs(path.indentation[0, 1] - alone.indentation).max() <= SAMPLE * scale
 
@@ -165,7 +166,7 @@ def test_gravity_and_settling():
     assert (path.status == jnp.array([jc.Status.SEPARATED, jc.Status.SETTLED])).all()
     assert np.abs(path.energy.total - 0.5).max() <= BALANCE
     assert np.allclose(path.energy.external, force[:, None] * path.indentation, rtol=1e-14)
-    # The one that settles is followed to its second turn, still in contact.
+    # The settling one is followed to its second turn, still in contact.
     assert path.indentation[1, -1] > 0.1
     assert abs(path.velocity[1, -1]) <= SAMPLE
     assert finite((path.time, path.force))

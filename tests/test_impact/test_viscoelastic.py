@@ -1,4 +1,4 @@
-"""Viscoelastic spheres by their series: against Taylor series, event solves and known limits."""
+"""Viscoelastic spheres by their series, against Taylor series, event solves and known limits."""
 
 import functools
 import json
@@ -86,7 +86,7 @@ def test_the_stored_cases(tension):
         error = np.abs(np.asarray(slope[f]) - want[f])
         relative = np.abs(want[f]) if f != "energy_loss" else 1
         assert np.max(error / relative) < SLOPES, f
-    # At a = 0, too, where without tension the outcome goes on in half powers from a^(5/2) on.
+    # Also at a = 0, where without tension the outcome continues in half powers from a^(5/2) on.
     assert all(np.isfinite(second[f]).all() for f in FIELDS)
 
 
@@ -131,7 +131,7 @@ def test_an_event_solve_knows_nothing_of_the_series(tension):
 def test_the_limits_of_strong_damping():
     a = jnp.array([10.0, 1e3, 1e6, 1e12, 1e20])
     pulling, clamped = program(True)(a)[0], program(False)(a)[0]
-    # The creep back forgets the impact: e a^5 and (duration/a - 5 ln a) become constants.
+    # The creep back is independent of the impact: e a^5 and (duration/a - 5 ln a) become constants.
     np.testing.assert_allclose(pulling["e"] * a**5, 0.67929306393648530, rtol=1e-12)
     rest = np.asarray(pulling["duration"] / a - 5 * jnp.log(a))
     assert np.ptp(rest[2:]) < 1e-7 and rest[4] == pytest.approx(-0.35936705665442545, abs=1e-10)
@@ -169,7 +169,7 @@ def test_nothing_is_solved_where_the_series_serve():
         return hit.duration, jc.restitution(law(a, True), jc.Contact(1.0, 1.0, exponent), 1.0)
 
     assert "while" not in str(jax.make_jaxpr(lambda a: impact(a, 1.5))(0.3))
-    # Another exponent, or one that is not known while tracing, is solved.
+    # Another exponent, or a traced one, is solved.
     assert (
         jax.eval_shape(
             lambda n: jc.impact(law(0.3, True), jc.Contact(1.0, 1.0, n), 1.0), jnp.array(1.5)

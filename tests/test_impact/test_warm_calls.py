@@ -1,4 +1,4 @@
-"""A call whose programs are compiled does nothing but run them."""
+"""A call with compiled programs only runs them."""
 
 import sys
 
@@ -17,7 +17,7 @@ CALLS = {
     "restitution of a speed": lambda speed: jc.restitution(LAW, CONTACT, speed),
 }
 
-# What JAX calls for a primitive out of a program, and for a program that is traced.
+# JAX calls this for a primitive outside a program, and for a traced program.
 WORK = {"apply_primitive", "trace_to_jaxpr"}
 
 

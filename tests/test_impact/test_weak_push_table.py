@@ -1,4 +1,4 @@
-"""The stored tables of weak pushes are those that are computed."""
+"""The stored tables of weak pushes equal the computed ones."""
 
 import numpy as np
 import pytest

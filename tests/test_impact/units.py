@@ -1,4 +1,4 @@
-"""The units of an impact and their derivatives, by hand: nothing here calls the library.
+"""The units of an impact and their derivatives, by hand, independent of the library.
 
 `X = (m v²/K)^(1/(n+1))`, and an outcome Q(K, m, v, n; α) is `U q(α, n)` with U a product of powers
 of K, m and v. So `dQ/dθ = U (q d ln U/dθ + dq/dα dα/dθ + dq/dn dn/dθ)`.

@@ -1,4 +1,4 @@
-"""Every registered law a second time: its force written down again in mpmath, and its numbers.
+"""Every registered law a second time: its force in mpmath, and its parameters.
 
 A damping factor (family F = K d^n (1 + alpha v/v0)) or a damping term (all other laws) is a
 function of mpmath numbers, transcribed from the publications and not from the library.
@@ -45,7 +45,7 @@ def exact_alpha(e):
         def surplus(a):
             return a * (1 + e) - mp.log1p(a) + mp.log1p(-a * e)
 
-        # Positive below the root, minus infinity at 1/e. Close to it work with the logarithm.
+        # Positive below the root, minus infinity at 1/e. Close to 1/e the logarithm is used.
         if e < mp.mpf("0.05"):
             alpha = high
             for _ in range(60):

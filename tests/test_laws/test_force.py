@@ -126,7 +126,7 @@ def slope(law, row, argument):
         # e = 1 is the end of the range, and of some formulas.
         if argument == 5 and row[5] == 1:
             return float((3 * at(0) - 4 * at(-h) + at(-2 * h)) / (2 * h))
-        # So is a loss of 0.
+        # Likewise a loss of 0.
         if argument == 5 and row[5] == 0 and law.names[0] == "loss":
             return float((-3 * at(0) + 4 * at(h) - at(2 * h)) / (2 * h))
         return float((at(h) - at(-h)) / (2 * h))

@@ -1,4 +1,4 @@
-"""What the laws are by formula, and the restitution they deliver."""
+"""The formulas of the laws, and the restitution they deliver."""
 
 import inspect
 
@@ -41,7 +41,7 @@ def test_damping_factor(name):
     e = np.array([0.05, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1 - 1e-6, 1.0] + [0.0] * law.from_zero)
     with mp.workdps(40):
         expected = [float(law.alpha(mp.mpf(x), None, None)) for x in e]
-    # Near e = 1 the exact law is right to rounding of 1, not of 1 - e.
+    # Near e = 1 the exact law is accurate to rounding of 1, not of 1 - e.
     atol = 3e-16 if name == "exact" else 0
     found = jax.jit(lambda e: law.make(e).damping_factor())(jnp.asarray(e))
     np.testing.assert_allclose(found, expected, rtol=FORMULA, atol=atol)
@@ -104,7 +104,7 @@ EXACT = 1e-13
     ids=["antypov_elliott", "kelvin_voigt", "kelvin_voigt clamped"],
 )
 def test_oscillators_that_are_exact(law):
-    # exp(-2) is critical damping for the clamped one.
+    # exp(-2) corresponds to critical damping of the clamped contact.
     e = jnp.concatenate([jnp.geomspace(1e-6, 1.0, 25), jnp.exp(jnp.array([-2.0, -2.01, -1.99]))])
     np.testing.assert_allclose(jc.restitution(law(e)), e, rtol=EXACT)
 
@@ -242,5 +242,5 @@ def test_every_law_says_where_it_comes_from():
     for name, law in LAWS.items():
         text = inspect.getdoc(law.cls)
         assert text
-        if name not in ("damped", "step_damping"):  # the latter's is a manual
+        if name not in ("damped", "step_damping"):  # the latter's source is a manual
             assert "doi" in text or "Dyn" in text or "J. Mech" in text, name

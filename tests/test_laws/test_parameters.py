@@ -1,4 +1,4 @@
-"""Numbers at the door of every law: ranges, messages, precision, shapes; and what is printed."""
+"""Parameters of every law: ranges, messages, precision, shapes; and printing."""
 
 import jax
 import jax.numpy as jnp
@@ -55,7 +55,7 @@ def test_arrays_out_of_range_pass(name, argument):
     mixed = jnp.array([*numbers, NAN, good[argument]])
     made = law.cls(**(good | {argument: mixed}))
     np.testing.assert_array_equal(getattr(made, argument), mixed)
-    # They have no formula without contact and speed; their lanes are those of `impact`.
+    # They have no formula without contact and speed; `impact` flags their lanes.
     if name in ("kuwabara_kono", "linear_dashpot", "step_damping"):
         return
     needs = name in ("constant_damping", "power_damping", "marhefka_orin", "energy_loss")
@@ -101,7 +101,7 @@ def test_single_precision_stays(name):
     numbers = [jnp.asarray(x, jnp.float32) for x in law.parameters[1]]
     of_arrays = law.make(*numbers).force(*single, contact, v0)
     assert of_arrays.dtype == jnp.float32
-    # Python numbers follow the arrays, in the law, the contact and the speed.
+    # Python numbers take the precision of the arrays, in the law, the contact and the speed.
     of_numbers = law.make(*law.parameters[1]).force(
         *single, jc.Contact(mass=0.5, stiffness=1e8, exponent=law.exponent), 1.0
     )

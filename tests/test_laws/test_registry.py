@@ -1,4 +1,4 @@
-"""Laws by name, and a law of one's own."""
+"""Laws by name, and user-defined laws."""
 
 import jax
 import jax.numpy as jnp
@@ -130,7 +130,7 @@ def test_a_law_says_whether_it_pulls():
     made = [kind(2.0) for kind in (Pushes, Pulls, Inherits)]
     assert [law.tension for law in made] == [False, True, True]
     assert Pulls(2.0, tension=False).tension is False
-    assert jax.tree.leaves(made[0]) == [2.0]  # static, and no argument by position
+    assert jax.tree.leaves(made[0]) == [2.0]  # static, keyword only
     assert "tension" not in repr(Pushes(2.0))
     assert repr(Pulls(2.0, tension=False)).endswith(", tension=False)")
 
@@ -168,7 +168,7 @@ def test_own_law_in_general_form():
     assert hit.method == "event" and hit.status == jc.Status.SEPARATED
     assert 0.3 < hit.restitution < 0.95
     np.testing.assert_allclose(hit.restitution, jc.restitution(law, CONTACT, 1.5), rtol=SAME)
-    # Integrated along, and weighed against the velocity in e.
+    # Integrated along the motion, and weighted by the velocity in e.
     lost = 0.1 * 1.5**2 * (1 - hit.restitution**2)
     np.testing.assert_allclose(hit.energy_loss, lost, rtol=EVENT)
     path = jc.trajectory(law, CONTACT, 1.5, samples=20)

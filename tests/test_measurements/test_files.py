@@ -1,4 +1,4 @@
-"""Files as people save them: each is read as what it means, or refused with what to do."""
+"""Files as people save them: each is read correctly, or refused with advice."""
 
 import io
 import re
@@ -80,7 +80,7 @@ KMH = [(3.6 * v, 100 * e) for v, e in ROWS]
 MM_S = [(1000 * v, e) for v, e in ROWS]
 NOTE = '"Messung Höhe 3"'
 
-# name, content, what the notes say
+# name, content, expected notes
 TABLES = {
     "plain.csv": (lines("velocity,restitution", ROWS), ""),
     "excel_german.csv": (
@@ -152,7 +152,7 @@ def test_a_table_is_read_as_what_it_means(name, tmp_path):
     recording = jc.read_recording(written(tmp_path, name, content))
     assert recording.layout.name == "table"
     got = [(record.velocity, record.restitution) for record in recording.records]
-    # Converted numbers are rounded once more than those written here.
+    # Converted numbers have one more rounding than those written here.
     np.testing.assert_allclose(got, ROWS, rtol=1e-15)
     assert "; ".join(recording.notes) == notes
 
@@ -245,7 +245,7 @@ def test_what_is_refused_says_why_and_what_to_do(content, tmp_path):
 def test_what_is_written_is_believed(tmp_path):
     fast = written(tmp_path, "f.csv", "v [m/s],e\n1500,0.9\n2000,0.8\n")
     assert jc.read_recording(fast).records[0].velocity == 1500
-    # By keyword the unit is that of the documentation.
+    # By keyword the documented unit applies.
     assert len(jc.read_recording(velocity=[1500.0, 2000.0], restitution=[0.9, 0.8])) == 2
 
 
@@ -358,7 +358,7 @@ def test_a_pause_parts_drops_and_a_gap_makes_no_interval():
 )
 def test_times_by_the_clock(text, wanted, tmp_path):
     path = written(tmp_path, "f.csv", text)
-    if wanted is None:  # read, as 60.52 s, in which a ball rises 3 km
+    if wanted is None:  # read as 60.52 s, a flight of 3 km height
         with pytest.raises(jc.RecordingError, match=r"longer than 53.01 s"):
             jc.read_recording(path)
         return
@@ -409,7 +409,7 @@ def test_intervals_of_balls_shrink_with_scatter():
         steps = 0.5 * e ** np.arange(10) * np.exp(scatter * random.normal(size=(1000, 10)))
         steps[:, 6] *= 1 + (e < 0.99)
         assert not any(not_shrinking([one]) for one in steps)
-    # Of steps of a clock with jitter, by chance some shrink: those of Kendall's count.
+    # With jitter some clock steps shrink by chance: those of Kendall's count.
     jitter = 1 + 0.02 * random.normal(size=(1000, 10))
     seen = np.mean([not_shrinking([one]) is not None for one in jitter])
     assert seen > 0.9
@@ -421,7 +421,7 @@ def test_steps_of_a_clock_beside_its_times_are_no_intervals():
         jc.read_recording(io.StringIO(text))
     told = jc.read_recording(io.StringIO("t,y,dt\n0,1,.5\n.5,2,.4\n.9,3,.3\n"), columns="dt=3")
     assert told.layout.name == "intervals"
-    # A word that means flights stays what it is.
+    # A word that means flights keeps its meaning.
     laps = jc.read_recording(io.StringIO("time,flight time\n.5,.5\n.9,.4\n"))
     assert laps.layout.name == "intervals"
 
@@ -439,7 +439,7 @@ def test_the_time_to_rest_contains_the_fall(e):
         recording = jc.read_recording(drop_height_m=height, rest_time_s=total)
         pairs = make_pairs(recording, Flight(drag=drag))
         np.testing.assert_allclose(pairs.restitution, e, rtol=1e-6)
-    # Where e falls with the speed, it is that at v₀ e^(e/(1-e)), to first order in the power.
+    # If e falls with the speed, it is that at v₀ e^(e/(1-e)), to first order in the power.
     power = 1e-4
     total = [time_to_rest(h, lambda v: e * v**-power, None) for h in height]
     pairs = make_pairs(jc.read_recording(drop_height_m=height, rest_time_s=total), Flight())

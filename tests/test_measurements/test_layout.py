@@ -1,4 +1,4 @@
-"""A layout that the package does not know needs nothing but itself."""
+"""A layout defined outside the package works without further changes."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""The robust rule: planted faults are found in their rows, honest scatter stays."""
+"""The robust rule: planted faults are found in their rows, honest scatter is kept."""
 
 import numpy as np
 import pytest
@@ -76,7 +76,7 @@ def test_clean_recordings_lose_nothing(seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_noise_above_one_is_data(seed):
-    # e = 0.97 with 3 % scatter: a sixth of the ratios lie above 1.
+    # e = 0.97 with 3 % scatter: a sixth of the ratios are above 1.
     text = recording(lambda v: 0.97, seed, jitter=0.0, scatter=0.03)
     pairs, found = outliers_of(text)
     assert (pairs.restitution > 1).sum() > 20
@@ -106,7 +106,7 @@ def test_the_shipped_recordings_part_where_they_should():
         pairs = make_pairs(read_recording(ball=ball), flight)
         found = find_outliers(pairs)
         assert found.flagged.sum() == count
-        # Every ratio that a missed trigger makes is out, and no deviation is near the threshold.
+        # Every ratio from a missed trigger is excluded, and no deviation is near the threshold.
         gross = np.abs(np.log(pairs.restitution / np.median(pairs.restitution))) > 0.3
         assert found.flagged[gross].all()
         assert np.all(np.abs(np.abs(found.deviation) - THRESHOLD) > 0.1)

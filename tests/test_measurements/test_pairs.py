@@ -1,4 +1,4 @@
-"""Pairs (approach speed, e) from intervals and heights, and how reading errors enter them."""
+"""Pairs (approach speed, e) from intervals and heights, with the effect of reading errors."""
 
 import importlib.resources
 

@@ -56,7 +56,7 @@ def test_order_of_columns_blanks_and_other_columns_do_not_matter(layout):
     lines = [line.split(",") for line in TEXTS[layout].split()]
     changed = "\n\n".join(", ".join([*reversed(line), "x"]) for line in lines)
     again = read(changed)
-    # Rows are lines of the file: the blank lines count.
+    # Rows are lines of the file, including blank lines.
     assert [record.row for record in again.records] == [3, 5]
     for a, b in zip(read(TEXTS[layout]).records, again.records, strict=True):
         assert dataclasses.replace(a, row=0) == dataclasses.replace(b, row=0)
@@ -121,7 +121,7 @@ def test_the_layout_may_be_named():
 CASES = [
     (name, column)
     for name, layout in LAYOUTS.items()
-    # What tests/test_records.py, tests/test_tracks.py, tests/test_sound.py and test_files.py test.
+    # Covered by tests/test_records.py, tests/test_tracks.py, tests/test_sound.py and test_files.py.
     if not layout.fitted and name not in ("track", "sound", "instants")
     for column in layout.columns
 ]
@@ -138,9 +138,9 @@ def test_a_missing_column_is_named_if_it_is_needed(layout, column):
         assert len(read(text)) == 2
         return
     if column != "drop_height_m" and len(LAYOUTS[layout].measured) == 1:
-        return  # of the labels alone nothing tells what was measured
+        return  # the labels alone do not determine the measured quantity
     error = fault(jc.read_recording, columns)
-    # No layout is named: nobody asked for one.
+    # The message names no layout, because none was requested.
     assert "layout" not in error.problem and column in error.problem
     assert all(name in error.problem for name in LAYOUTS[layout].lacking(columns))
     assert str(error) == str(fault(read, text)).replace("f.csv, row 1", "the dict")

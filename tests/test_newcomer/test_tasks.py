@@ -1,7 +1,7 @@
-"""Fourteen tasks as someone meets them who has a ball and a simulator, by what README and docs say.
+"""Fourteen tasks of a new user with a ball and a simulator, from README and docs alone.
 
-Each is one command, or at most ten lines of Python. The recordings are made here from a ball whose
-restitution is known.
+Each is one command, or at most ten lines of Python. The recordings are simulated from a ball of
+known restitution.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Whether a drawn figure can be read: nothing cut off, no text upon text."""
+"""Legibility of a figure: nothing cut off, no overlapping text."""
 
 import itertools
 

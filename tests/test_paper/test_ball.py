@@ -1,4 +1,4 @@
-"""The twenty impacts of the bouncing ball against forty digits, and what the text says of them."""
+"""The twenty impacts of the bouncing ball against forty digits, and the claims of the text."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The ball followed to rest, and what gravity in contact changes."""
+"""The ball followed to rest, and the effect of gravity in contact."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def test_rest(result):
     rest = result.tables["rest"]
     felt, elastic = rest["gravity_in_contact"], rest["e_in"] == 1
     assert np.all(np.isnan(rest["rest_time_s"]) == elastic)
-    # Felt in contact, gravity takes energy from late bounces: fewer, and sooner at rest.
+    # Gravity in contact takes energy from late bounces: fewer, and sooner at rest.
     assert np.all(rest["bounces"][felt & ~elastic] < rest["bounces"][~felt & ~elastic])
     assert np.all(rest["rest_time_s"][felt & ~elastic] < rest["rest_time_s"][~felt & ~elastic])
     np.testing.assert_allclose(rest["rest_indentation_m"], (9.8 / 1.4e8) ** (2 / 3), rtol=STATIC)

@@ -1,7 +1,7 @@
-"""Fig. 4 against the compression curve in closed form, and a regression of infinitely many samples.
+"""Fig. 4 against the compression curve in closed form, and the limit of infinitely many samples.
 
 Independent of the library: the energy integral gives δ as a function of δ', and Gauss's rule the
-sums of squares in the limit.
+limits of the sums of squares.
 """
 
 import numpy as np
@@ -47,7 +47,7 @@ def limit(alpha, uniform_in, squared):
     """The β of infinitely many samples: the root of the derivative of an integral of squares."""
     nodes, weights = np.polynomial.legendre.leggauss(400)
     s = (nodes + 1) / 2
-    # Near touch 1 - v goes like u^2.5: in s nothing is singular there.
+    # Near touch 1 - v scales as u^2.5; in s nothing is singular there.
     v, dv = 1 - s**2.5, 2.5 * s**1.5
     u = taken(v, alpha) ** 0.4
     du = v / (1 + alpha * v) / (1 / alpha - np.log1p(alpha) / alpha**2) / (2.5 * u**1.5)

@@ -1,4 +1,4 @@
-"""Fig. 5 against the formulas of the paper's Table 1, written out again, and their limits."""
+"""Fig. 5 against the formulas of the paper's Table 1, written independently, and their limits."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def test_the_exact_law_keeps_its_relation(result):
     table = result.tables["damping_factor"]
     damped = table["e_in"] < 0.9
     e, alpha = table["e_in"][damped], table["exact"][damped]
-    # α e is below 1 by less than its rounding for small e; there the relation is read backwards.
+    # For small e, α e is below 1 by less than its rounding; there the relation is inverted.
     below_one = (1 + alpha) * np.exp(-alpha * (1 + e))
     np.testing.assert_allclose(1 - below_one, alpha * e, rtol=RELATION)
     assert table["e_in"][-1] == 1 and table["exact"][-1] == 0

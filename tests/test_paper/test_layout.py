@@ -1,4 +1,4 @@
-"""The judge of layouts sees what it is asked to see."""
+"""The check of layouts detects planted faults."""
 
 import pytest
 

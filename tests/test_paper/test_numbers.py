@@ -1,4 +1,4 @@
-"""The published numbers: ours agree to the digits printed, or the table says why they do not."""
+"""The published numbers: computed ones agree to the printed digits, or the table states why not."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Batches of soft runs: a lane that needs no solve causes no step of one; single precision."""
+"""Batches of soft runs: a lane without a solve causes no steps of one; single precision."""
 
 import jax
 import jax.numpy as jnp
@@ -9,8 +9,8 @@ import jaxcontact as jc
 from jaxcontact._scene import _cluster_step, _radial
 from tests.oracle.scene_oracle import Ball, Spring, run
 
-# Of the second ball, of the gap to the third, and the mass of the first: all impacts apart and
-# head-on, oblique, together; none; and what is no scene.
+# Parameters: the offset of the second ball, the gap to the third, the mass of the first. Cases: all
+# impacts separate and head-on, oblique, simultaneous; none; and an invalid scene.
 HEAD_ON, OBLIQUE, TOGETHER = (0.0, 5.0, 1.0), (0.05, 5.0, 1.0), (0.0, 0.0, 1.0)
 PAST, WRONG = (0.3, 5.0, 1.0), (0.0, 5.0, -1.0)
 
@@ -44,7 +44,7 @@ def steps(monkeypatch):
 
         monkeypatch.setattr(module, "step_and_slope", counted)
     yield made
-    # What was traced counts for ever.
+    # Traced functions are cached forever.
     jax.clear_caches()
 
 
@@ -77,7 +77,7 @@ def test_only_lanes_that_need_a_solve_cause_steps(steps):
     coupled, u, ways = count(TOGETHER, TOGETHER, TOGETHER)
     assert ways == [jc.Way.COUPLED] * 3
     assert 20 < coupled["coupled"] < 1000 and coupled["radial"] == 0
-    # All of them in one batch: each solve takes as many steps as where all lanes need it.
+    # All of them in one batch: each solve takes as many steps as if all lanes needed it.
     mixed, x, ways = count(HEAD_ON, OBLIQUE, TOGETHER)
     assert ways == [jc.Way.CLOSED_FORM, jc.Way.RADIAL, jc.Way.COUPLED]
     assert mixed == {"radial": radial["radial"], "coupled": coupled["coupled"]}
@@ -89,7 +89,7 @@ def test_single_precision():
     lanes = np.array([HEAD_ON, OBLIQUE, TOGETHER])
     found, ways, status = jax.jit(jax.vmap(collision))(*lanes.astype(np.float32).T)
     assert found.dtype == jnp.float32 and np.all(status == jc.Ending.COMPLETED)
-    # A formula serves where its error is below rounding.
+    # A formula is used if its error is below rounding.
     assert ways[:, 0].tolist() == [jc.Way.CLOSED_FORM, jc.Way.CORRECTED, jc.Way.COUPLED]
     for velocity, (offset, gap, _) in zip(found, lanes, strict=True):
         places = [[0.0, 0.5], [0.5, 0.5 + offset], [0.7001 + gap, 0.5 + offset]]

@@ -1,4 +1,4 @@
-"""Clusters of touching bodies: against Newton's equations, their invariants and derivatives."""
+"""Clusters of touching bodies, against Newton's equations, with invariants and derivatives."""
 
 import functools
 
@@ -167,7 +167,7 @@ def test_clusters_end_where_newtons_equations_do(rtol):
                 assert abs(state.since[k] - touch.begin) <= 10 * rtol * exact.time
                 if alpha:
                     assert abs(state.latched[k] - touch.latched) <= 10 * rtol
-                # The reference looks at its forces five times a step.
+                # The reference evaluates its forces five times per step.
                 assert abs(state.max_force[k] - touch.max_force) <= 2e-3 * touch.max_force
         assert end.error_estimate[lane] <= rtol
 
@@ -197,7 +197,7 @@ def test_momentum_and_energy_are_kept():
         after = end.state.velocity[lane, : len(balls)]
         np.testing.assert_allclose(mass @ after, mass @ before, atol=1e-14)
         lost = mass @ np.sum(before**2 - after**2, axis=1) / 2
-        # A pair that touched twice has only kept what its last contact lost.
+        # A pair that touched twice keeps only the loss of its last contact.
         touches = [touch.pair for touch in reference(name, alpha).touches]
         if len(set(touches)) == len(touches):
             np.testing.assert_allclose(end.state.lost[lane].sum(), lost, atol=1e-10)
@@ -240,7 +240,7 @@ def clamped_three(start):
 
 def test_a_solve_goes_on_from_where_it_stopped():
     pairs, *_, position, velocity, closed, _ = numbers(LINE, [], None, 3, 3, 1)
-    # The last pair is not closed to begin with.
+    # The last pair is initially open.
     start = touched(pairs, position.at[2].add(1e-3), velocity, closed.at[2].set(False))
     states, statuses = [start], []
     while not statuses or statuses[-1] == CHANGED:
@@ -280,7 +280,7 @@ def test_a_damped_ball_comes_to_rest_on_a_floor():
     np.testing.assert_array_equal(end.status, AT_REST)
     static = (9.81 / K) ** (2 / 3)
     np.testing.assert_allclose(end.state.indentation[:, 0], static, rtol=1e-5)
-    # Without friction it slides on.
+    # Without friction it continues to slide.
     np.testing.assert_allclose(end.state.velocity[:, 0, 0], 0.2, rtol=1e-12)
     np.testing.assert_allclose(end.state.velocity[:, 0, 2], 0, atol=1e-6)
     assert np.all(end.state.closed[:, 0]) and np.all(end.state.time < 5)

@@ -1,4 +1,4 @@
-"""Coupled solves of some of ten discs, from Python: against Newton's equations of those that touch.
+"""Coupled solves of some of ten discs, from Python, against Newton's equations of those in touch.
 
 Runs of the oracle share their programs: ten discs, two walls, places for five.
 """
@@ -46,7 +46,7 @@ def agrees(balls, near, stiffness, times, speed):
     hits = found.impacts.to_dict()
     touched = [touch.begin for touch in exact.touches]
     np.testing.assert_allclose(np.sort(hits["time"]), np.sort(touched), atol=10 * RTOL * times[-1])
-    # What is estimated is neither missing nor far off.
+    # The estimate exists and is close.
     coupled = hits["error_estimate"][hits["way"] == jc.Way.COUPLED]
     assert len(coupled) and np.all((coupled > 0) & (coupled < 10 * RTOL))
     return found
@@ -60,7 +60,7 @@ def test_a_wave_through_a_row():
     balls = [Ball([x, 1.0], [float(k == 0), 0.0], 0.1, mass[k]) for k, x in enumerate(place)]
     balls += [Ball([0.5 + 0.4 * k, 2.0], [0.1 * k, 0.0], 0.1, 1.0) for k in range(4)]
     found = agrees(balls, 6, 1e9, [0.0012, 0.003], 1.0)
-    # The first time is inside of several contacts.
+    # The first time is inside several contacts.
     moving = np.array([ball.mass for ball in balls]) @ np.sum(found.velocity[0] ** 2, axis=1) / 2
     assert found.energy[0] > moving + 1e-3
 

@@ -1,5 +1,7 @@
-"""A coupled solve of some of nine balls in a ring, across its face: against Newton's equations,
-their differences, and forward against reverse. One program for all that is asked.
+"""Derivatives of a coupled solve of some of nine balls in a periodic ring, across its border.
+
+Compared with Newton's equations and their differences, and forward with reverse mode, in one
+program.
 """
 
 import functools
@@ -16,8 +18,8 @@ RING = 6.0
 ALPHA, STIFFNESS, DURATION = 0.5, 1e5, 0.3
 MASS = np.array([1.0, 2.0, 0.5, 1.5, 1.0, 1.0, 1.0, 1.0, 1.0])
 
-# The first one hits the second one, which touches the third one across the face. Two others meet
-# alone, before that is over.
+# The first hits the second, which touches the third across the border. Two others meet separately
+# before this has ended.
 PLACES = np.array([5.749, 5.95, 6.1501, 1.0, 1.21, 2.0, 3.0, 4.0, 5.0])
 SPEEDS = np.array([1.0, 0.0, 0.0, 0.6, 0.1, 0.0, 0.0, 0.0, 0.0])
 RADII = np.full(9, 0.1)
@@ -62,7 +64,7 @@ def agrees(given, groups, ways, order=2.0):
     weight, along = rng.normal(size=18), tuple(rng.normal(size=9) for _ in given)
     end, (status, impacts), forward, reverse = program()(given, along, weight)
     assert status == jc.Ending.COMPLETED
-    # What a change of all numbers does to one of them, by both modes.
+    # The effect of a change of all numbers on one of them, by both modes.
     one, other = weight @ forward, sum(a @ b for a, b in zip(along, reverse, strict=True))
     assert abs(one - other) <= 1e-9 * np.abs(forward).max() * np.abs(weight).sum()
     hits = impacts.to_dict()
@@ -99,7 +101,7 @@ def test_a_tie():
     places, speeds = PLACES.copy(), 0 * SPEEDS
     places[[3, 4, 5]] = [1.0, 1.25, 1.5]
     speeds[[3, 5]] = [1.0, -1.0]
-    # Where one begins a time h before the other, the force δ^1.5 adds h^2.5 to where they end.
+    # If one starts a time h before the other, the force δ^1.5 adds h^2.5 to the end states.
     agrees((places, speeds, RADII), ([3, 4, 5],), [jc.Way.COUPLED] * 2, order=1.5)
 
 

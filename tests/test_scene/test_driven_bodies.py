@@ -1,4 +1,4 @@
-"""Fixed spheres and shells that go on at a velocity, whoever they hit."""
+"""Fixed spheres and shells that move at a constant velocity, unaffected by impacts."""
 
 import numpy as np
 import pytest
@@ -69,7 +69,7 @@ def test_nothing_sleeps_where_something_comes():
     run = jc.simulate(scene, 1.4, times=[1.2, 1.4])
     assert run.status == jc.Ending.COMPLETED
     touch = [k for k in range(len(run.impacts)) if run.impacts.second[k] == 2]
-    # By statics the upper ball stands at 0.3 m less what both contacts give way.
+    # By statics the upper ball is at 0.3 m minus the indentations of both contacts.
     high = 0.3 - (3 * 9.81 / 1e6) ** (2 / 3) - (9.81 / 1e6) ** (2 / 3)
     np.testing.assert_allclose(
         run.impacts.time[touch[0]], (start - 0.2 - high) / speed, atol=STRIKE / speed
@@ -81,7 +81,7 @@ def test_nothing_sleeps_where_something_comes():
 def test_a_racket():
     """A ball at rest leaves at (1 + e) times the speed of what hits it."""
     racket = jc.Sphere(0.2, None, [-1.0, 0.0], fixed=True, motion=jc.Steady([2.0, 0.0]))
-    # Nobody reaches the shell: it lets the scene share the programs of the one above.
+    # The shell is out of reach; it lets the scene share the programs of the one above.
     around = jc.Shell([0.0, 0.0], 50.0, motion=jc.Steady([0.0, 0.0]))
     law = jc.HuGuo(e=0.7)
     scene = jc.Scene([jc.Sphere(0.1, 0.5, [0.0, 0.0]), racket, around], law, stiffness=1e7)

@@ -1,4 +1,4 @@
-"""Runs and impacts for other tools: xarray, pandas and CSV hold what happened and nothing else."""
+"""Runs and impacts for other tools: xarray, pandas and CSV contain exactly what happened."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""Scenes in files: what they hold is what Python makes, and bad ones are told where and why."""
+"""Scenes in files: equal to scenes built in Python; errors state place and reason."""
 
 import re
 

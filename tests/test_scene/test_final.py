@@ -1,4 +1,4 @@
-"""Runs that begin inside of contacts: they go on as one run would, and so does their derivative."""
+"""Runs that begin inside contacts: they continue like one run, as do their derivatives."""
 
 import equinox as eqx
 import jax
@@ -70,7 +70,7 @@ def test_a_run_goes_on_from_contacts_with_their_derivatives():
     value, found = both(parts[2][0], moves, 0.03)
     expected, first = _whole(0.03)
     np.testing.assert_allclose(value, expected, rtol=GOES_ON)
-    # Both contacts are in both parts, each with what it lost there.
+    # Both contacts are in both parts, each with its loss there.
     assert np.all(expected[-2:] < 0)
     lost = np.sum(first.impacts.energy_loss)
     missing = first.energy[0] + first.wall_work - lost - first.energy[-1]
@@ -79,7 +79,7 @@ def test_a_run_goes_on_from_contacts_with_their_derivatives():
     assert float(value[1]) > SPEED + 0.05
     after = [both(numbers, moves, 0.03)[0] for numbers, _ in parts[:2]]
     np.testing.assert_allclose(found, (after[0] - after[1]) / (2 * STEP), rtol=DIFFERENCES)
-    # It is carried: all that varies then is how high it is lifted, and how deep it sinks in.
+    # It is carried: only its lift and its indentation vary then.
     duration = 1.5
     value, found = both(parts[2][0], moves, duration)
     np.testing.assert_allclose(value[1], SPEED, atol=AT_REST)
@@ -88,7 +88,7 @@ def test_a_run_goes_on_from_contacts_with_their_derivatives():
     np.testing.assert_allclose(found[1], SPEED, rtol=AT_REST)
     start = [_end_of_first(1 + sign * STEP) for sign in (1, -1, 0)]
     slope = (start[0] - start[1]) / (2 * STEP)
-    # Speed times the momentum that it gave and the weight, and what both vary by.
+    # Speed times the transferred momentum and the weight, and their variations.
     gives = SPEED * (SPEED - start[2] + 9.81 * duration)
     np.testing.assert_allclose(value[2], gives, rtol=AT_REST)
     np.testing.assert_allclose(found[2], gives + SPEED * (SPEED - slope), rtol=1e-7)

@@ -150,7 +150,7 @@ def test_thirty_impacts_in_a_line():
     assert np.max(np.abs(forward - reverse)) < MODES * scale
     columns = differences(lambda x: fast(x)[0], LINE, 1e-6)
     assert np.max(np.abs(forward - columns)) < DIFFERENCES * scale
-    # From Python, without room to reserve, the same values.
+    # From Python, without a reserved size, the same values.
     np.testing.assert_allclose(fast(LINE)[0], line(np.asarray(LINE))[0], rtol=1e-10)
 
 
@@ -181,7 +181,7 @@ def test_a_batch_with_bad_lanes():
     assert count.tolist() == [2, 0, 0, 0, 2]
     assert np.isfinite(place).all(axis=(1, 2)).tolist() == [True, False, False, False, False]
     np.testing.assert_allclose(velocity[0, :, 0], [0.0, 0.0, 1.0], atol=1e-15)
-    # The first ball stops where it meets the second.
+    # The first ball stops at the contact with the second.
     np.testing.assert_allclose(slope, [-1.0, 0.0, 0.0, 0.0, 0.0], atol=1e-14)
 
 

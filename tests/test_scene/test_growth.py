@@ -1,4 +1,4 @@
-"""How much a run magnifies a change of its start: `Run.margin.growth`."""
+"""Growth of a change of the start in a run: `Run.margin.growth`."""
 
 import functools
 
@@ -58,9 +58,9 @@ def test_a_billiard():
     assert exact[0] == pytest.approx(GOLDEN)
     ratio = FLIGHT / RADII
     each = 1 + ratio + np.sqrt(ratio * (ratio + 2))
-    # The duration itself is the unit of what velocities do.
+    # The duration itself is the unit of the effect of velocities.
     np.testing.assert_allclose(growth[5] / growth[4] * 4 / 5, each, rtol=0.03)
-    # One run from Python is no different; one without values has none here.
+    # A single run from Python gives the same; one without values has no growth here.
     one = between_pins(0.0, float(durations[3]))
     np.testing.assert_allclose(one.margin.growth, exact[3], rtol=EXACT)
     short = between_pins(0.0, float(durations[3]), room=1)

@@ -1,4 +1,4 @@
-"""Impacts out of time: known answers, ties, rest, and energy over many impacts."""
+"""Instantaneous impacts: known answers, ties, rest, and energy over many impacts."""
 
 import jax
 import jax.numpy as jnp
@@ -62,7 +62,7 @@ def test_a_resting_ball_slides_and_can_be_hit():
     time = np.sqrt(2 * (1.9 - np.sqrt(0.04 - 0.0025)) / 10)
     np.testing.assert_allclose(hits["time"][1], time, rtol=1e-13)
     assert {hits["first"][1], hits["second"][1]} == {0, 1}
-    # The one below is pushed into the floor, which gives the push back at once.
+    # The lower one is pushed into the floor, which returns the push immediately.
     assert (hits["first"][2], hits["second"][2]) == (0, 2) and hits["tied"][2]
     before = run.at(time / 2)
     np.testing.assert_allclose(before.position[0, 0], [0.15 * time, 0.1], rtol=1e-13)
@@ -108,7 +108,7 @@ def test_an_output_at_the_moment_of_an_impact():
     balls = [jc.Sphere(0.1, 1.0, [0.0], [1.0]), jc.Sphere(0.1, 1.0, [1.2])]
     scene = jc.Scene(balls, jc.Hertz())
     run = go(scene, 2.0, times=[0.5, 1.0, 1.5])
-    # The impact is at 1, give or take a rounding.
+    # The impact is at 1, up to rounding.
     np.testing.assert_allclose(run.impacts.time, [1.0], rtol=1e-15)
     at = run.at(run.impacts.time)
     np.testing.assert_array_equal(at.velocity[0, :, 0], [0.0, 1.0])
@@ -170,7 +170,7 @@ def test_a_gas_of_hard_spheres_has_its_mean_free_time():
     run = go(scene, 65.0)
     counted = int(np.sum(np.asarray(run.impacts.time) > 5.0))
     assert counted > 10_000
-    # No momentum as a whole: the temperature of 3 (N-1) degrees of freedom.
+    # Without total momentum: the temperature of 3 (N-1) degrees of freedom.
     free = 60.0 / (2 * counted / count) * np.sqrt(count / (count - 1))
     np.testing.assert_allclose(free, 0.13031, rtol=COUNTED)
 
@@ -196,7 +196,7 @@ def test_laws_by_pair_in_either_order(unit):
         jc.Sphere(0.1, 1.0, [1.0], name="b"),
         jc.Sphere(0.1, 1.0, [2.0], name="c"),
     ]
-    # Of e(v) in other units the length over time is divided out.
+    # The units of e(v) cancel in the ratio of length and time.
     laws = {("b", "a"): jc.ExactRestitution(e=0.5), "default": jc.MarhefkaOrin(a=0.2 / unit)}
     run = go(jc.Scene(balls, laws, stiffness=1e6), 4.0 / unit)
     e = run.impacts.restitution

@@ -1,4 +1,4 @@
-"""Bad input: every message names the argument, what is allowed, and what was given."""
+"""Bad input: every message names the argument, the allowed values, and the given value."""
 
 import re
 

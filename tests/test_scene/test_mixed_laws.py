@@ -1,4 +1,4 @@
-"""Scenes whose pairs have laws of different kinds: against Newton's equations."""
+"""Scenes whose pairs have laws of different kinds, against Newton's equations."""
 
 from dataclasses import dataclass
 
@@ -38,7 +38,7 @@ SPRINGS = {
     ("a", "b"): (jc.Hertz(), Spring(K)),
     ("b", "c"): (jc.KuwabaraKono(A=A), Viscoelastic(K, A=A)),
     ("a", "floor"): (jc.ConstantDamping(c=C), Hysteresis(K, C=C)),
-    # Of one kind, with other numbers.
+    # The same kind with other numbers.
     ("b", "floor"): (jc.ConstantDamping(c=C / 2), Hysteresis(K, C=C / 2)),
     "default": (jc.Damped(alpha=ALPHA), Spring(K, alpha=ALPHA)),
 }
@@ -46,7 +46,7 @@ SPRINGS = {
 NAMES = "a", "b", "c", "floor"
 
 STARTS = {
-    # All impacts are those of two bodies alone; that of a and b is oblique.
+    # All impacts are isolated; that of a and b is oblique.
     "apart": (
         [[0.0, 0.6], [0.5, 0.62], [1.3, 0.6]],
         [[1.0, -0.2], [0.0, -0.3], [-0.8, -0.1]],

@@ -1,4 +1,4 @@
-"""Walls with a prescribed motion: a table that shakes, a wall that goes on, a box that is moved."""
+"""Walls with a prescribed motion: a shaking table, a wall at constant velocity, a moved box."""
 
 import functools
 import math
@@ -181,13 +181,13 @@ def test_a_lift_carries_what_rests_on_it(instantaneous):
         run.position[-1, 0], still.position[-1, 0] + up * duration, atol=REST, rtol=0
     )
     np.testing.assert_allclose(run.velocity[-1, 0], still.velocity[-1, 0] + up, atol=REST, rtol=0)
-    # The lift moves by its speed times the time, against the momentum it gave and the weight.
+    # The lift moves by its speed times the time, against the transferred momentum and the weight.
     gained = MASS * (run.velocity[-1, 0, 1] - (fall + speed) + GRAVITY * duration)
     np.testing.assert_allclose(run.wall_work, speed * gained, rtol=REST)
     lost = jnp.sum(run.impacts.energy_loss)
     missing = run.energy[0] + run.wall_work - lost - run.energy[-1]
     assert abs(missing) < 100 * 1e-9 * run.energy[0]
-    # It goes on from rest, and is lifted by the same work a second.
+    # It continues from rest, and the lift does the same work per second.
     more = jc.simulate(run.final, 0.5, instantaneous=instantaneous)
     assert len(more.impacts) == 0
     moved = np.array([0.0, speed]) * 0.5

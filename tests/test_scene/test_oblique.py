@@ -1,4 +1,4 @@
-"""One isolated soft impact: against Newton's equations, its limits, and its derivatives."""
+"""One isolated soft impact, against Newton's equations, its limits, and its derivatives."""
 
 import functools
 
@@ -98,9 +98,9 @@ def test_velocities_duration_and_loss_are_those_of_newtons_equations(rtol):
         assert abs(hit.elapsed[k] / exact.time - 1) <= 10 * rtol
         lost = exact.touches[0].lost
         assert abs(hit.energy_loss[k] - lost) <= rtol
-        # The reference looks at its forces five times a step.
+        # The reference evaluates its forces five times per step.
         assert 0 <= hit.max_force[k] / exact.touches[0].max_force - 1 + rtol < 1e-3
-        # The estimate is about the velocities, in units of the normal speed.
+        # The estimate refers to the velocities, in units of the normal speed.
         assert error <= 3 * float(hit.error_estimate[k]) + 1e-12 < rtol
 
 
@@ -180,7 +180,8 @@ def test_head_on_and_slightly_oblique_impacts_are_the_closed_form():
     for name in ("restitution", "duration", "max_force", "max_indentation", "energy_loss"):
         np.testing.assert_allclose(getattr(hit, name)[0], getattr(free, name), rtol=1e-14)
     assert hit.turn[0] == 0 and np.all(hit.elapsed[:2] == hit.duration[:2])
-    # The turn is what is left of the first order: tangential speed times duration over distance.
+    # The rotation is the remaining first-order effect: tangential speed times duration over
+    # distance.
     np.testing.assert_allclose(hit.turn[1], 1e-5 * hit.duration[1], rtol=1e-2)
 
 
@@ -258,10 +259,10 @@ def both_jacobians():
 
 def exact_outcome(numbers):
     alpha, k, mass, normal, across, distance, _ = numbers
-    # Two equal balls; the second one flies at the resting first.
+    # Two equal balls; the second one flies at the first, which is at rest.
     exact = by_force(alpha, k, normal, across, distance, 2 * mass * np.ones(2))
     relative = exact.velocity[1] - exact.velocity[0]
-    # The velocity v' = R(ψ) (e' v_n, v_t) gives both: its length is exact, its direction, too.
+    # The velocity v' = R(ψ) (e' v_n, v_t) contains both; its length and its direction are exact.
     line = exact.position[1] - exact.position[0]
     turn = np.arctan2(line[1], line[0])
     outwards = relative @ line / np.linalg.norm(line)
@@ -289,7 +290,7 @@ def test_derivatives_of_the_formula_are_those_of_the_radial_equation():
     points, forward, _ = both_jacobians()
     ways = [solved(jnp.asarray(points[3:7]), rtol).way for rtol in (1e-11, 1e-6)]
     np.testing.assert_array_equal(ways, [[RADIAL] * 4, [CORRECTED] * 4])
-    # By numbers relative to their own size, and by pushes of a hundredth of the contact's force.
+    # Changes relative to each number's own size, and pushes of a hundredth of the contact force.
     size = np.abs(points[3:7])
     size[:, 4], size[:, 6] = np.maximum(size[:, 4], 1), 0.01 * points[3:7, 1] ** 0.4
     exact, near = forward[3:7] * size[:, None], forward[7:] * size[:, None]

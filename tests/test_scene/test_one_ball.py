@@ -1,4 +1,4 @@
-"""A scene of one ball on a floor is a bouncing ball: two programs that share only the laws."""
+"""A scene of one ball on a floor against `bounce`: two programs that share only the laws."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ SAME = 1e-8
 """Ten times `rtol`: measured 3e-10."""
 
 BALLS = {
-    # Soft enough that the weight is felt in every contact, down to the one that never ends.
+    # Soft enough that the weight matters in every contact, down to the one that never ends.
     "soft": (jc.HuGuo(e=0.6), 0.03, 1e5, 1.5, 0.02),
     # Its force vanishes at a depth, from which the ball rises under its weight.
     "only pushes": (jc.KelvinVoigt(e=0.5, tension=False), 1.0, 1e3, 1.0, 0.1),
@@ -48,7 +48,7 @@ def test_a_scene_of_one_ball_bounces_as_bounce_does(law, mass, stiffness, n, hei
     ):
         np.testing.assert_allclose(ours[:rests], theirs[:rests], rtol=SAME, err_msg=what)
     np.testing.assert_allclose(hits["time"][rests], known.rest_time, rtol=SAME)
-    # It goes on, and swings about the static indentation.
+    # It continues, and oscillates about the static indentation.
     assert np.isnan(hits["restitution"][rests])
     sunk = 0.01 - run.position[-1, 0, 0]
     assert abs(sunk - known.rest_indentation) < 0.5 * known.rest_indentation

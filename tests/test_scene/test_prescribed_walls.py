@@ -1,4 +1,4 @@
-"""Walls that move as a function of the user's says."""
+"""Walls that move as a user's function prescribes."""
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +40,7 @@ def test_a_table_that_moves_as_a_function_says():
     np.testing.assert_allclose(run.impacts.closing_speed, touches[:, 1], rtol=EXACT)
     assert abs(run.position[-1, 0, 0] - RADIUS - height) < EXACT
     assert abs(run.velocity[-1, 0, 0] - velocity) < EXACT
-    # From halfway the function goes on at the time it had.
+    # From halfway on the function continues at its own time.
     half = jc.simulate(over(motion, 0.02, law), 0.2, instantaneous=True)
     rest = jc.simulate(half.final, 0.2, instantaneous=True)
     np.testing.assert_allclose(rest.velocity[-1], run.velocity[-1], atol=EXACT)
@@ -117,7 +117,7 @@ def test_a_wall_that_exceeds_its_acceleration_is_flagged():
     def kick(t, width):
         return -1e-3 * jax.nn.sigmoid((t - 0.1234567) / width)
 
-    # The times that are looked at are 1e-4 s apart.
+    # The sampled times are 1e-4 s apart.
     run = jc.simulate(over(jc.Prescribed(kick, 1e3, 1e-7), 0.5, law), 0.4, instantaneous=True)
     assert run.status == jc.Ending.WALL_TOO_ABRUPT
     assert abs(run.reached - 0.1234567) < 0.4 / 4096

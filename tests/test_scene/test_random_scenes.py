@@ -1,7 +1,7 @@
-"""Random discs in a box under gravity: where Newton's equations take them.
+"""Random discs in a box under gravity, against Newton's equations.
 
-The answers are stored (``tests/oracle/random_scenes.py``); ``benchmarks/random_scenes.py``
-compares all of them.
+The answers are stored (``tests/oracle/random_scenes.py``); ``benchmarks/random_scenes.py`` compares
+all of them.
 """
 
 import numpy as np
@@ -54,7 +54,7 @@ def agrees(number, rtol):
     known, (run, position, velocity) = answers()[str(number)], simulated(drawn(number), rtol)
     error = np.abs(np.subtract([position, velocity], [known["position"], known["velocity"]])).max()
     impacts = run.impacts.to_dict()
-    # One that comes to rest opens and closes once more, or not, by rounding.
+    # A disc that comes to rest may open and close once more by rounding.
     assert len(impacts["time"]) >= known["touches"]
     assert error <= WITHIN * rtol * known["growth"], number
     estimate = np.sum(impacts["error_estimate"] * impacts["closing_speed"])

@@ -1,4 +1,4 @@
-"""Random starts: no overlaps, repeatable, as full as promised, and in thermal equilibrium."""
+"""Random starts: no overlaps, repeatable, of the promised density, and in thermal equilibrium."""
 
 import itertools
 import re
@@ -64,7 +64,7 @@ def test_places_are_spread_evenly():
     # Four standard errors.
     np.testing.assert_allclose(place.mean(axis=0), 0.5, atol=4 / np.sqrt(12 * 400))
     np.testing.assert_allclose(place.var(axis=0), 1 / 12, atol=4 / np.sqrt(180 * 400))
-    # Rows leave no order of the spheres behind.
+    # Rows leave no order in the numbering of the spheres.
     rows = jc.random_spheres(225, low=[0.0, 0.0], high=[1.0, 1.0], radius=0.032, mass=1.0)
     along = np.corrcoef(np.arange(225), arrays(rows)[0][:, 0])[0, 1]
     assert abs(along) < 4 / np.sqrt(225)
@@ -80,7 +80,7 @@ def test_a_wide_box_is_filled_as_promised():
     balls = jc.random_spheres(int(np.ceil(0.3 / volume)), **given, mass=1.0)
     for spheres, cells in ((area, 31), (balls, 8)):
         place, radius = arrays(spheres)
-        # In rows, every sphere would be inside of a cell.
+        # In rows, every sphere would be inside a cell.
         inside = np.mod(place * cells, 1)
         margin = radius[:, None] * cells
         assert np.any(inside < margin)
@@ -96,7 +96,7 @@ def test_thermal_velocities():
     np.testing.assert_allclose(mass @ velocity, 0, atol=ROUNDING * scale)
     energy = mass * np.sum(velocity**2, axis=1) / 2
     np.testing.assert_allclose(np.sum(energy), np.sum(mass) * 9 / 2, rtol=ROUNDING)
-    # Light and heavy ones share the energy: four standard errors of 500 exponential numbers.
+    # Light and heavy spheres share the energy: four standard errors of 500 exponential numbers.
     light, heavy = np.mean(energy[:500]), np.mean(energy[500:])
     assert abs(light / heavy - 1) < 4 * np.sqrt(2 / 500)
     assert {sphere.name for sphere in spheres} == {"gas"}

@@ -1,4 +1,4 @@
-"""Fixed spheres and shells that are accelerated, and impacts out of time on them."""
+"""Accelerated fixed spheres and shells, with instantaneous impacts on them."""
 
 import jax
 import jax.numpy as jnp
@@ -96,7 +96,7 @@ def test_a_ball_between_a_shell_that_shakes_and_a_disc_in_a_circle():
         assert balance(run) < BALANCE * run.energy[0]
         np.testing.assert_allclose(run.position[-1, 1], disc.place(DURATION), atol=1e-15)
         np.testing.assert_allclose(run.velocity[-1, 1], disc.velocity(DURATION), atol=1e-14)
-        # From halfway all of them go on as they would have.
+        # From halfway on all of them continue as before.
         half = jc.simulate(run.scene, DURATION / 2, instantaneous=True)
         rest = jc.simulate(half.final, DURATION / 2, instantaneous=True)
         np.testing.assert_allclose(rest.position[-1], run.position[-1], atol=EXACT)

@@ -1,4 +1,4 @@
-"""Soft impacts on fixed spheres and shells that are accelerated."""
+"""Soft impacts on accelerated fixed spheres and shells."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -33,7 +33,7 @@ def test_a_soft_ball_between_a_shell_that_shakes_and_a_disc_in_a_circle():
         stiffness=STIFFNESS,
         gravity=PULL,
     )
-    # The second one is inside of the first contact, which takes 0.012 s from 0.2222 s on.
+    # The second one falls into the first contact, which takes 0.012 s from 0.2222 s on.
     times = np.array([0.1, 0.2275, 0.5, DURATION])
     run = jc.simulate(scene, DURATION, times=times, v0="touch")
     assert run.status == jc.Ending.COMPLETED

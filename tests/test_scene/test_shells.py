@@ -27,7 +27,7 @@ STEEL = jc.Material(2.1e11, 0.3, 7800.0)
 def test_a_billiard_in_a_circle():
     """All chords are alike: the place of the touch turns by the same angle every time."""
     speed, angle, reach = 2.0, 0.4, 0.9
-    # The first touch at angle 0, having left from the foot of the first chord.
+    # The first touch at angle 0, after leaving the foot of the first chord.
     chord = 2 * reach * math.cos(angle)
     start = np.array([reach, 0.0]) - np.array([math.cos(angle), math.sin(angle)]) * chord / 2
     ball = jc.Sphere(0.1, 1.0, start, [speed * math.cos(angle), speed * math.sin(angle)])
@@ -154,7 +154,7 @@ def test_soft_impacts_in_a_shell(gravity, way):
     inside = run.at(run.impacts.time[0] + run.impacts.duration[0] / 2)
     assert np.linalg.norm(inside.position[0, 0]) > LARGE - SMALL
     if way == jc.Way.RADIAL:
-        # Pressed to the shell the line of centres turns backwards, seen from the ball.
+        # Pressed to the shell, the line of centres rotates backwards as seen from the ball.
         assert run.impacts.turn[0] < 0
 
 
@@ -192,7 +192,7 @@ def test_a_ball_that_slides_in_a_shell_for_longer_than_one_solve():
     alpha = 1.5 * (1 - e) / e
 
     def equations(t, y):
-        # The largest closing speed so far is y[4]: it rises with δ' while that is the largest.
+        # The largest closing speed so far is y[4]; it rises with δ' while that is the largest.
         away, moves = y[:2], y[2:4]
         distance = np.hypot(*away)
         out = away / distance

@@ -1,4 +1,4 @@
-"""What a scene does not need is skipped, and the result is the same."""
+"""Unneeded parts of a scene are skipped with the same result."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""Impacts that take time: energy over many of them, rest and waking, a batch."""
+"""Impacts of finite duration: energy over many of them, rest and waking, a batch."""
 
 import equinox as eqx
 import numpy as np
@@ -47,7 +47,7 @@ def test_a_ball_rests_slides_and_wakes(whole):
     sunk = (9.81 / 1e6) ** (2 / 3)
     np.testing.assert_allclose(run.position[1:7, 0, 1], 0.1 - sunk, atol=1e-6 * sunk)
     np.testing.assert_allclose(run.position[1:7, 0, 0], 0.01 * np.arange(1, 7), rtol=1e-12)
-    # The output at 0.7 is inside of the contacts of three bodies.
+    # The output at 0.7 is inside the contacts of three bodies.
     assert hits["time"][1] < 0.7 < hits["time"][3] + hits["duration"][3]
     assert np.all(np.diff(run.energy) < 1e-8)
     lost = np.sum(hits["energy_loss"])
@@ -57,7 +57,7 @@ def test_a_ball_rests_slides_and_wakes(whole):
 @pytest.mark.parametrize(("until", "first"), [(0.6, "rest"), (0.7, "contact")])
 def test_a_run_goes_on_from_rest_and_from_contact(until, first, whole):
     times = np.linspace(0, 1.5, 16)
-    # As many as there are in both cases, which share their programs so.
+    # The same number in both cases, so that they share their programs.
     later = times[-9:]
     ends = jc.simulate(_hit_at_rest(), until).final
     run = jc.simulate(ends, 1.5 - until, times=np.maximum(later - until, 0))
@@ -66,7 +66,7 @@ def test_a_run_goes_on_from_rest_and_from_contact(until, first, whole):
         expected = getattr(whole, name)[-len(later) :]
         np.testing.assert_allclose(getattr(run, name), expected, rtol=0, atol=GOES_ON)
     hits, all_of_them = run.impacts.to_dict(), whole.impacts.to_dict()
-    # What is in contact at the start touched before it; what rests there is no impact.
+    # Contacts at the start touched before it; bodies that rest there have no impact.
     assert (hits["time"][0] < 0) == (first == "contact")
     over = all_of_them["time"] + all_of_them["duration"] <= until
     over[0] = True
@@ -94,7 +94,7 @@ def test_a_ball_comes_to_rest_on_another():
     scene = jc.Scene([*balls, floor], law, stiffness=1e6, gravity=[0.0, -9.81])
     run = jc.simulate(scene, 1.5, times=np.linspace(0, 1.5, 16))
     assert run.status == jc.Ending.COMPLETED
-    # Halfway, beside Newton's equations.
+    # Halfway, against Newton's equations.
     spring = scene_oracle.Spring(1e6, alpha=float(law.damping_factor()))
     exact = scene_oracle.run(
         [scene_oracle.Ball([0.1001], [0.0], 0.1, 2.0), scene_oracle.Ball([0.3101], [0.0], 0.1)],
@@ -118,7 +118,7 @@ def test_what_rests_while_another_bounces_is_listed_once():
     pressed, bounces = hits["first"] == 0, hits["first"] == 1
     assert np.sum(pressed) == 1 and np.sum(bounces) == 3
     assert hits["restitution"][0] == 0 and hits["duration"][0] == np.inf
-    # It lay still meanwhile, and the table holds all that was lost.
+    # It was at rest in between, and the table lists all of the loss.
     np.testing.assert_allclose(run.velocity[2:, 0], [[0.1, 0.0]] * 14, atol=STILL)
     lost = np.sum(hits["energy_loss"])
     assert abs(run.energy[0] - run.energy[-1] - lost) < BALANCE * run.energy[0]
@@ -169,7 +169,7 @@ def test_crowds_are_refused_or_given_room(monkeypatch):
     run = jc.simulate(scene, 1.0, times=[0.1, 1.0], max_cluster=2)
     assert run.status == jc.Ending.CROWDED
     assert np.all(np.isfinite(run.position[0])) and np.all(np.isnan(run.position[1]))
-    # From Python room is made, unless so much was asked for.
+    # From Python the size grows, unless an explicit one was given.
     monkeypatch.setattr("jaxcontact._scene._simulate.MOST", 2)
     run = jc.simulate(scene, 1.0, times=[0.1, 1.0])
     assert run.status == jc.Ending.COMPLETED

@@ -1,4 +1,4 @@
-"""Derivatives of runs with soft impacts: against differences of Newton's equations, both modes."""
+"""Derivatives of runs with soft impacts, against differences of Newton's equations, both modes."""
 
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Published numbers through whole runs with impacts that take time."""
+"""Published numbers by whole runs with impacts of finite duration."""
 
 import numpy as np
 

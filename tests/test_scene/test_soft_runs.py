@@ -1,4 +1,4 @@
-"""Whole runs with impacts that take time: against Newton's equations, restarted at events."""
+"""Whole runs with impacts of finite duration, against Newton's equations with restarts."""
 
 import functools
 
@@ -15,9 +15,9 @@ BELOW = Wall([0.0, -0.5], [0.0, 1.0])
 FAR = Wall([-9.0, 0.0], [1.0, 0.0])
 CORNER = [Wall([0.0, 0.0], [1.0, 0.0]), Wall([0.0, 0.0], [0.0, 1.0])]
 
-# What is far away meets nobody: it lets two scenes share their programs.
+# To share a compiled program, two scenes are padded to the same shape with a distant body.
 RUNS = {
-    # Unequal, some so near that their impacts overlap.
+    # Unequal balls, some so close that their impacts overlap.
     "line": (
         [
             Ball([0.0], [1.0], 0.1, 1.0),
@@ -46,7 +46,7 @@ RUNS = {
         0.5,
         0.8,
     ),
-    # Under its weight; the third contact lasts.
+    # Under its weight; the third contact is permanent.
     "floor": (
         [Ball([0.15], [0.0], 0.1, 1.0)],
         [Wall([0.0], [1.0])],
@@ -54,7 +54,7 @@ RUNS = {
         1.5,
         0.3,
     ),
-    # The weight counts from the touch on: v0 is a little more than the speed at touch.
+    # The weight acts from the touch on, so v0 is slightly larger than the speed at touch.
     "bounces": (
         [Ball([0.6], [0.0], 0.1, 1.0)],
         [Wall([0.0], [1.0])],
@@ -104,7 +104,7 @@ def test_runs_end_where_newtons_equations_do(name, rtol):
 
 @pytest.mark.parametrize("name", ["line", "oblique", "corner"])
 def test_what_is_lost_is_what_is_missing(name):
-    # A little later no contact goes on.
+    # A little later no contact continues.
     found = jc.simulate(scene_of(name), RUNS[name][-1] + 0.05)
     missing = found.energy[0] - found.energy[-1]
     lost = found.impacts.to_dict()["energy_loss"].sum()

@@ -1,4 +1,4 @@
-"""Times of impact: the right root, its digits, and what touches already."""
+"""Times of impact: the right root, its digits, and existing touches."""
 
 import jax.numpy as jnp
 import numpy as np

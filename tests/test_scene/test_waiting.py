@@ -1,4 +1,4 @@
-"""A body that touches another at rest, which begins to move later."""
+"""A body in touch with another at rest, which begins to move later."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -53,7 +53,7 @@ def test_what_leaves_and_comes_back_is_met():
     np.testing.assert_allclose(run.impacts.closing_speed, closing, rtol=EXACT)
     gained = 2 * closing * np.array([[0.0, 1.0], [0.0, 1.0], [-1.0, 0.0]])
     np.testing.assert_allclose(run.velocity[-1, :3], gained, atol=EXACT)
-    # What it pushes at once would be an impact after the other: that is told.
+    # An immediate push would be an impact after the other one, which is reported.
     pushed = jc.simulate(scene(3, STRENGTH), 0.54, instantaneous=True)
     assert pushed.status == jc.Ending.ACCUMULATED
     assert abs(pushed.reached - BEGINS) < 1e-4

@@ -1,4 +1,4 @@
-"""A sweep of every method and a gradient, for tests in which other processes compute it too."""
+"""A sweep with every method and a gradient, for tests that also compute it in other processes."""
 
 import sys
 from pathlib import Path
@@ -11,7 +11,7 @@ import jaxcontact as jc
 
 
 def contact():
-    # Made when it is asked for: arrays end the time in which JAX can be made distributed.
+    # Created on demand, because JAX cannot become distributed after creating an array.
     return jc.Contact(mass=0.1, stiffness=1e7, exponent=1.5)
 
 

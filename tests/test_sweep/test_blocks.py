@@ -1,4 +1,4 @@
-"""Blocks: all lanes once, whatever their size, order and padding."""
+"""Blocks: every lane once, for any size, order and padding."""
 
 import math
 
@@ -48,7 +48,7 @@ def test_every_lane_is_in_one_block(shape, most):
 
 def test_long_axes_have_blocks_of_one_shape():
     assert cut((10**7,), 65536).block == cut((10**7 + 1,), 65536).block == (65536,)
-    # Few blocks are made nearly equal: little padding.
+    # A small number of blocks is made nearly equal, with little padding.
     assert cut((101,), 100).block == (51,)
     assert cut((41, 1000), 40_000).block == (21, 1000)
 
@@ -95,7 +95,7 @@ def test_dear_lanes_come_first_and_together():
     seen = []
 
     def work(n):
-        # The loop of a block runs until its slowest lane is done.
+        # The loop of a block runs until its slowest lane has ended.
         return {"n": n, "steps": n}
 
     def fold(_, block):
@@ -128,7 +128,7 @@ def test_ordered_blocks_hold_neighbours_in_cost():
         np.sort(block.arguments()[0])
         for block in blocks_of(plan.groups, grid, 16, lambda group: np.argsort(-n))
     ]
-    # The last block is filled up with its last lane.
+    # The last block is padded with its last lane.
     np.testing.assert_array_equal(found[0], np.arange(26, 40))
     np.testing.assert_array_equal(found[1], np.arange(12, 26))
     np.testing.assert_array_equal(found[2], [0, 0, *range(12)])

@@ -1,4 +1,4 @@
-"""Devices of a mesh: those of any kind will do, and what is no mesh of this process is refused."""
+"""Devices of a mesh: all kinds are accepted; anything but a mesh of this process is refused."""
 
 import jax
 import numpy as np

@@ -1,4 +1,4 @@
-"""Which functions are the same: those that do the same, wherever and whenever they were written."""
+"""Equality of functions: by what they compute, wherever and whenever they were written."""
 
 import dataclasses
 import functools
@@ -152,7 +152,7 @@ def test_what_a_closure_holds_counts_by_its_content():
     keys = [key_of(keeps(value)) for value in DIFFERENT]
     assert len(set(keys)) == len(keys)
     assert keys == [key_of(keeps(value)) for value in DIFFERENT]
-    # Equal, though other objects.
+    # Equal, though different objects.
     assert key_of(keeps(np.arange(3))) == key_of(keeps(np.arange(3)))
     assert key_of(keeps(jc.HuGuo(e=0.5))) == key_of(keeps(jc.HuGuo(e=0.5)))
     assert key_of(keeps(Counter([1, 2.0]))) == key_of(keeps(Counter([1, 2.0])))

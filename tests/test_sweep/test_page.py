@@ -1,4 +1,4 @@
-"""The code of docs/sweeps.md runs, as far as it needs no cluster."""
+"""The code of docs/sweeps.md runs, except for the parts that need a cluster."""
 
 import re
 

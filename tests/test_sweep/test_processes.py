@@ -1,6 +1,6 @@
-"""Blocks over several devices and processes: no bit depends on how many there are.
+"""Blocks over several devices and processes: no bit depends on their number.
 
-In one file, hence in one worker, which computes only once what all are compared with.
+In one file, and hence in one worker, which computes the common reference only once.
 """
 
 import os

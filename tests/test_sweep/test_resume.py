@@ -1,4 +1,4 @@
-"""A sweep into a store that is killed, damaged, or another one."""
+"""A sweep into a store that was killed, damaged, or belongs to another sweep."""
 
 import dataclasses
 import os
@@ -61,7 +61,7 @@ def checksums(path):
     return [p for p in path.glob("blocks/checksum/c/*") if p.name.isdigit()]
 
 
-# Slow enough to be seen in the middle.
+# Slow enough to be interrupted in the middle.
 SLOW = """
 import time
 many(store=sys.argv[1], progress=lambda done, total: time.sleep(0.3))
@@ -91,7 +91,7 @@ def test_a_killed_sweep_goes_on_where_it_was(tmp_path, written, whole):
     unstored = many()
     assert unstored.resumed == 0 and "resumed" not in repr(unstored)
 
-    # The files, too, are those of a sweep that was not killed.
+    # The files also equal those of an uninterrupted sweep.
     many(store=tmp_path / "other.zarr")
     assert files(path) == files(tmp_path / "other.zarr")
 

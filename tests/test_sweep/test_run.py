@@ -1,4 +1,4 @@
-"""A sweep while it runs: what it says, how it is stopped, and what is compiled."""
+"""A running sweep: its reports, its interruption, and its compilations."""
 
 import jax
 import jax.numpy as jnp
@@ -54,7 +54,7 @@ def test_an_interrupt_in_the_middle_of_ordered_lanes():
     samples = {"e": np.linspace(0.1, 1, 50), "v": np.linspace(1, 5, 50)}
     with pytest.warns(UserWarning, match="interrupted"):
         table = interrupted(70, samples=samples, cost=lambda v: v)
-    # The checks are done for all, the dearest two of five blocks as well.
+    # The checks are done for all lanes, and two of five blocks with the most expensive lanes.
     np.testing.assert_array_equal(np.isnan(table.duration), np.arange(50) < 30)
 
 
@@ -111,7 +111,7 @@ def test_the_same_function_is_traced_once(monkeypatch):
     traced = []
     trace = _plan.program_of
     monkeypatch.setattr(_plan, "program_of", lambda *given: traced.append(1) or trace(*given))
-    # Not one of another test.
+    # A unique value, not shared with another test.
     factor = 17.0
 
     def again():
@@ -120,7 +120,7 @@ def test_the_same_function_is_traced_once(monkeypatch):
     for size in (3, 3, 4):
         jc.sweep(again(), e=np.linspace(0.1, 1, size), v=[1.0, 2.0])
     assert len(traced) == 1
-    # Other numbers held fixed are numbers, too.
+    # Other fixed numbers do not change the program.
     for v in (1.0, 2.0, 3.0):
         jc.sweep(again(), e=[0.5], v=v)
     assert len(traced) == 2
@@ -146,7 +146,7 @@ def test_another_sweep_of_a_function_compiles_nothing():
         first = len(compiled)
         assert first > 0
         jc.sweep(function, samples={k: x[::-1] for k, x in samples.items()}, batch_size=10)
-        # Blocks of one shape: of another number of lanes, too.
+        # Blocks of one shape, also for another number of lanes.
         jc.sweep(function, samples={k: x[:95] for k, x in samples.items()}, batch_size=10)
         assert len(compiled) == first
         jc.sweep(lambda e, v: function(v, e), samples=samples, batch_size=10)

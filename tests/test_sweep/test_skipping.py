@@ -1,4 +1,4 @@
-"""What does not matter is not computed, and nobody can tell from the numbers."""
+"""Independent arrays are not computed again, and the numbers do not change."""
 
 import functools
 import itertools
@@ -121,7 +121,7 @@ def test_as_the_full_computation(function):
         table = swept(function, bad)
         for name, expected in fields(plainly(function, axes)).items():
             tolerance = EVENT if function is stepped else SAME
-            # 1 - e² has no digits left where e is nearly 1; and one step more or less is no error.
+            # 1 - e² has no digits left for e near 1, and one step more or less is not an error.
             atol = {"energy_loss": tolerance * np.nanmax(expected), "steps": 1}.get(name, 0)
             np.testing.assert_allclose(
                 table[name], expected, rtol=tolerance, atol=atol, err_msg=name
@@ -160,7 +160,7 @@ def test_64_to_the_fourth_takes_64_solves():
     }
     work = []
     table = jc.sweep(alone, progress=lambda done, total: work.append((done, total)), **axes)
-    # 64 solves; and the checks, 64 of each axis beside each other.
+    # 64 solves; and the checks, 64 of each axis side by side.
     assert work == [(64, 128), (128, 128)]
     assert table.value.shape == (64,) * 4
     assert table.value.strides[1:] == (0, 0, 0)
@@ -252,7 +252,7 @@ def mixed(a, b, c):
 
 
 @settings(max_examples=60)
-# Each size of blocks is compiled: one lane, a part of the last axis, several, all.
+# Each block size is compiled: one lane, a part of the last axis, several, all.
 @given(a=axis, b=axis, c=axis, most=st.sampled_from([1, 3, 7, 40]))
 def test_against_a_loop_in_python(a, b, c, most):
     table = jc.sweep(mixed, a=a, b=b, c=c, batch_size=most)

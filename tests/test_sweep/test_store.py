@@ -1,4 +1,4 @@
-"""Blocks on disk: what counts as finished, what is refused, and what others can read."""
+"""Blocks on disk: finished blocks, refused stores, and readability by other tools."""
 
 import json
 import os
@@ -29,7 +29,7 @@ COORDINATES = {
 }
 
 RNG = np.random.default_rng(0)
-# Zeros are zarr's empty chunks in many settings; NaN and -0.0 compare badly but must come back.
+# Zeros are zarr's empty chunks in many settings; NaN and -0.0 compare badly but must be restored.
 WHOLE = {
     "duration": np.where(RNG.random((10, 7)) < 0.2, np.nan, RNG.normal(size=(10, 7))),
     "status": np.zeros((10, 7), np.int32),
@@ -245,7 +245,7 @@ def test_a_new_store_may_be_deep_or_an_empty_folder(tmp_path):
     opened(tmp_path / "runs" / "today" / "a.zarr")
     (tmp_path / "empty").mkdir()
     opened(tmp_path / "empty")
-    # What was made beside it on the way is gone.
+    # Temporary files beside it are removed.
     assert sorted(p.name for p in tmp_path.iterdir()) == ["empty", "runs"]
 
 

@@ -1,4 +1,4 @@
-"""The labelled result: selecting, printing, and files for other tools."""
+"""The labelled result: selection, printing, and files for other tools."""
 
 import csv
 import dataclasses
@@ -107,7 +107,7 @@ class Stretched(eqx.Module):
             Scaled(3.0, squared=True),
             lambda e, how: how.factor * e ** (1 + how.squared),
         ),
-        # Without a hash: an object that holds an array.
+        # Not hashable: an object that contains an array.
         (Stretched(np.asarray(2.0)), Stretched(np.asarray(5.0)), lambda e, how: how.by * e),
     ],
 )
@@ -138,7 +138,7 @@ def test_select(table):
     assert one.shape == (3,) and one.dims == ("v",) and one.fixed["e"] == E[4]
     np.testing.assert_array_equal(one.duration, table.duration[4])
     np.testing.assert_array_equal(one.status, table.status[4])
-    # What linspace makes of 0.3 is not 0.3.
+    # The 0.3 of linspace differs from 0.3.
     assert E[2] != 0.3
     np.testing.assert_array_equal(table.select(e=0.3).duration, table.duration[2])
     lane = table.select(v=3, e=1)
@@ -184,7 +184,7 @@ def test_status_of_an_output_without_one():
 
     table = jc.sweep(partly, e=[0.2, 0.5], v=[1.0, -1.0])
     np.testing.assert_array_equal(table.status, [[0, 3], [2, 3]])
-    # Without a check in the function there is only NaN to go by; infinity may be right.
+    # Without a check in the function only NaN is a sign of failure; infinity may be correct.
     table = jc.sweep(lambda e: jnp.log(e), e=[1.0, -1.0, 0.0])
     np.testing.assert_array_equal(table.status, [0, 2, 0])
 

@@ -1,4 +1,4 @@
-"""The simulators, one family a file: every file here is loaded, and registers its engines."""
+"""The simulators, one family per file. Every file here is loaded and registers its engines."""
 
 import importlib as _importlib
 import pkgutil as _pkgutil

@@ -15,7 +15,7 @@ from .._engine import Engine, register_engine
 from .._wanted import Draft, Wanted
 
 SHARE = 0.01
-"""The default d, as a share of the largest indentation of the contact without damping."""
+"""The default d, as a fraction of the largest indentation of the contact without damping."""
 
 _TRIES = 30
 _UNITS = {"m": 1.0, "mm": 1000.0}
@@ -23,11 +23,11 @@ _UNITS = {"m": 1.0, "mm": 1000.0}
 
 @register_engine
 class Adams(Engine):
-    """Adams' IMPACT, max(0, K δⁿ + STEP(δ, 0, 0, d, c_max) δ'): the c_max that delivers e.
+    """IMPACT of Adams, max(0, K δⁿ + STEP(δ, 0, 0, d, c_max) δ'), with the c_max that delivers e.
 
-    `d` in m is the depth of the full damping: by default that of a `StepDamping` which is exported,
-    and for other laws 1 % of the largest indentation without damping. `length` is the model's unit,
-    "m" or "mm".
+    `d` in m is the depth of the full damping. The default is that of an exported `StepDamping`, and
+    for other laws 1 % of the largest indentation without damping. `length` is the model's unit, "m"
+    or "mm".
     """
 
     name = "adams"
@@ -44,7 +44,7 @@ class Adams(Engine):
         else:
             depth = SHARE * deepest
         contact = Contact(wanted.mass, wanted.stiffness, n)
-        # A dashpot with e near 1/2, were the full damping there from touch to the end.
+        # The dashpot with e near 1/2 if the full damping acted from touch to the end.
         usual = wanted.mass * wanted.velocity / deepest
         c_max = _delivering(wanted, contact, depth, usual * max(1.0, depth / deepest) ** 2)
         parameters = {
@@ -77,7 +77,7 @@ class Adams(Engine):
 
 
 def _delivering(wanted: Wanted, contact: Contact, depth: float, usual: float) -> float:
-    """The c_max in N s/m with which the contact delivers the wanted e; ValueError for none."""
+    """Return the c_max in N s/m with which the contact delivers the wanted e, or ValueError."""
 
     def logarithm(c_max: float) -> float:
         hit = impact(StepDamping(c_max=jnp.asarray(c_max), d=jnp.asarray(depth)), contact, speed)

@@ -1,4 +1,4 @@
-"""Bullet: contacts with stiffness and damping. Its restitution of rigid bodies is not met."""
+"""Bullet: contacts with stiffness and damping. Its rigid-body restitution is not exported."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from ._spring import SpringAndDashpot
 
 @register_engine
 class Bullet(Engine):
-    """contactStiffness and contactDamping: F = K δ + C δ' while that pushes.
+    """contactStiffness and contactDamping: F = K δ + C δ' while positive.
 
-    Of two bodies with k and c each, K = k/2 (springs in series) and C = 2 c (dampings add).
+    Two bodies with k and c each have K = k/2 (springs in series) and C = 2 c (dampings add).
     """
 
     name = "bullet"

@@ -1,4 +1,4 @@
-"""Codes of granular matter that are not run here: YADE, Chrono and MercuryDPM."""
+"""Granular codes that are not run here: YADE, Chrono and MercuryDPM."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from .._wanted import Draft, Wanted, matched_stiffness
 from ._spring import SpringAndDashpot
 
 _LEAST = math.exp(-2)
-"""What a damped Hertz contact without tension delivers at critical damping: e is asked for by
-ζ = -ln e/√(π² + ln² e) < 1, so that less cannot be asked for."""
+"""Restitution of a damped Hertz contact without tension at critical damping. These codes set ζ =
+-ln e/√(π² + ln² e) < 1, so they cannot deliver less.
+"""
 
 _POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.3)
 _ANTYPOV = "Antypov & Elliott 2011, doi 10.1209/0295-5075/94/50004"
 
 
 def _without_tension(wanted: Wanted, engine: str) -> tuple[AntypovElliott, float]:
-    """The law of Antypov and Elliott that only pushes and delivers e, and the e to ask it for."""
+    """Return the law of Antypov and Elliott without tension that delivers e, and its own e."""
     clamped = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
     zeta = float(clamped.damping_ratio())
     if not zeta < 1:
@@ -36,16 +37,16 @@ def _without_tension(wanted: Wanted, engine: str) -> tuple[AntypovElliott, float
 
 
 def _young(stiffness: float, radius: float, poisson: float) -> float:
-    """Young's modulus of two equal bodies for K = (4/3) √R E*, E* = E/(2(1-ν²))."""
+    """Return Young's modulus of two equal bodies for K = (4/3) √R E*, E* = E/(2(1-ν²))."""
     return 2 * (1 - poisson**2) * 0.75 * stiffness / math.sqrt(radius)
 
 
 @register_engine
 class Yade(Engine):
-    """YADE's Hertz contact: K = (4/3) √R E*, and damping by `en`, cut off where it would pull.
+    """YADE's Hertz contact: K = (4/3) √R E*, and damping by `en`, clamped instead of pulling.
 
-    F = K δ^(3/2) + √5 ζ √(Km) δ^(1/4) δ' with ζ = -ln en/√(π² + ln² en), the law of Antypov and
-    Elliott without tension, which delivers more than `en`.
+    F = K δ^(3/2) + √5 ζ √(Km) δ^(1/4) δ' with ζ = -ln en/√(π² + ln² en). This is the law of Antypov
+    and Elliott without tension, which delivers more than `en`.
     """
 
     name = "yade"
@@ -78,7 +79,7 @@ class Yade(Engine):
 
 @register_engine
 class Chrono(Engine):
-    """Chrono's smooth contact (SMC) of Hertz: as YADE's, by the restitution of the material."""
+    """Chrono's smooth contact (SMC) of Hertz: as in YADE, with the restitution of the material."""
 
     name = "chrono"
 
@@ -120,7 +121,7 @@ class MercuryDPM(Engine):
     name = "mercurydpm"
 
     def draft(self, wanted: Wanted) -> Draft:
-        # An elastic contact is asked for by γ = 0, not by e = 1.
+        # An elastic contact is requested by γ = 0, not by e = 1.
         law = KelvinVoigt(e=jnp.asarray(wanted.restitution))
         zeta = float(law.damping_ratio())
         stiffness = matched_stiffness(wanted, 1.0, law)

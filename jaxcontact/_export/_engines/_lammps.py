@@ -1,4 +1,4 @@
-"""LAMMPS: pair_style granular, four kinds of damping of a hertz contact and one of hooke's."""
+"""LAMMPS: pair_style granular, with four dampings of a hertz contact and one of a hooke contact."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class TsujiWithoutRoot(AbstractOscillator):
     exponents: ClassVar[tuple[float, ...] | None] = (1.5,)
 
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
-        """ζ = p(e)/√5."""
+        """Return ζ = p(e)/√5."""
         return Tsuji(e=self.e).damping_ratio() / math.sqrt(2)
 
 
@@ -55,7 +55,7 @@ Solved = tuple[AbstractLaw, float, float]
 
 
 class Damping(NamedTuple):
-    """A kind of damping: how it is solved, and what the export says of it."""
+    """A kind of damping: its solver, and its texts in the export."""
 
     solve: Callable[[Wanted, float], Solved]
     keyword: str
@@ -64,9 +64,9 @@ class Damping(NamedTuple):
     limit: str
     source: str
     run: bool = True
-    """Whether LAMMPS itself was run with it."""
+    """True if LAMMPS itself was run with it."""
     normal: str = "hertz"
-    """The elastic force that it belongs to here: "hertz", or "hooke" with n = 1."""
+    """Its elastic force here: "hertz", or "hooke" with n = 1."""
 
 
 def _coeff_restitution(wanted: Wanted, radius: float) -> Solved:
@@ -75,7 +75,7 @@ def _coeff_restitution(wanted: Wanted, radius: float) -> Solved:
 
 
 def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], Solved]:
-    """Solves a law whose parameter e is not the restitution that it delivers."""
+    """Return a solver for a law whose parameter e is not the restitution that it delivers."""
 
     def solve(wanted: Wanted, radius: float) -> Solved:
         def excess(e: float) -> float:
@@ -96,7 +96,7 @@ def _polynomial(kind: Callable[..., AbstractLaw]) -> Callable[[Wanted, float], S
 
 
 def _mass_velocity(wanted: Wanted, radius: float) -> Solved:
-    # LAMMPS has F = k δ + η m δ', which may pull.
+    # The force in LAMMPS is F = k δ + η m δ', which may pull.
     scaled = KelvinVoigt(e=jnp.asarray(wanted.restitution))
     stiffness = matched_stiffness(wanted, 1.0, scaled)
     eta = max(0.0, 2 * float(scaled.damping_ratio()) * math.sqrt(stiffness / wanted.mass))
@@ -104,8 +104,8 @@ def _mass_velocity(wanted: Wanted, radius: float) -> Solved:
 
 
 def _viscoelastic(wanted: Wanted, radius: float) -> Solved:
-    # LAMMPS has F = K δ^(3/2) + η m √(R δ) δ': the law of Kuwabara and Kono with
-    # A = 2 η m √R/(3K). In units where mass, stiffness and speed are 1, A is its only number.
+    # The force in LAMMPS is F = K δ^(3/2) + η m √(R δ) δ': the law of Kuwabara and Kono with A = 2
+    # η m √R/(3K). In units where mass, stiffness and speed are 1, A is its only number.
     scaled = KuwabaraKono(A=jnp.asarray(_scaled_relaxation(wanted.restitution)))
     stiffness = matched_stiffness(wanted, 1.5, scaled)
     time = (wanted.mass / stiffness) ** 0.4 * wanted.velocity**-0.2
@@ -115,7 +115,9 @@ def _viscoelastic(wanted: Wanted, radius: float) -> Solved:
 
 
 def _scaled_relaxation(wanted: float) -> float:
-    """The A of Kuwabara and Kono that delivers e in a contact of mass, stiffness and speed 1."""
+    """Return the A of Kuwabara and Kono that delivers e in a contact of mass, stiffness and speed
+    1.
+    """
     unit = Contact(1.0, 1.0, 1.5)
 
     def excess(relaxation: float) -> float:
@@ -173,9 +175,7 @@ DAMPINGS = {
 
 @register_engine
 class Lammps(Engine):
-    """The pair_coeff line of granular: k_n = K/√R of hertz and K of hooke, and a coefficient for
-    the damping.
-    """
+    """The pair_coeff line of granular: k_n = K/√R (hertz) or K (hooke), and the damping."""
 
     name = "lammps"
 

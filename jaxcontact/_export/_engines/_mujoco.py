@@ -1,4 +1,4 @@
-"""MuJoCo: a soft constraint, which is a spring and a dashpot where its impedance is constant."""
+"""MuJoCo: a soft constraint, which is a spring and a dashpot if its impedance is constant."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from .._stepping import Scheme
 from .._wanted import Draft, Wanted, matched_stiffness
 from ._spring import SpringAndDashpot
 
-# MuJoCo's own default for a contact that is just touched.
+# MuJoCo's own default at the start of a contact.
 IMPEDANCE = 0.9
 
 STEPS = 400
-"""In one contact, at which it was measured."""
+"""Steps per contact at which it was measured."""
 
 
 @register_engine
 class MuJoCo(Engine):
-    """solref and solimp: with constant impedance a contact obeys δ'' = -k δ - b δ', pushing only.
+    """solref and solimp: with constant impedance a contact obeys δ'' = -k δ - b δ', without
+    tension.
 
-    That is Kelvin-Voigt without tension per unit of mass: ζ = b/(2√k) from e in closed form, and k
-    from the duration.
+    This is Kelvin-Voigt without tension per unit of mass. ζ = b/(2√k) follows from e in closed
+    form, and k from the duration.
     """
 
     name = "mujoco"

@@ -40,8 +40,8 @@ _APPROXIMATIONS = "lagged", "similar", "sap"
 class Drake(Engine):
     """Drake's point contact F = k δ (1 + d δ'): α = d v0, so d = α(e)/v0, exactly.
 
-    That is the law of Marhefka and Orin with a = (2/3) d. Its approximation "sap" has the law
-    F = k (δ + τ δ') while that pushes, which is Kelvin-Voigt's without tension.
+    This is the law of Marhefka and Orin with a = (2/3) d. The approximation "sap" has the law F = k
+    (δ + τ δ') while positive, which is Kelvin-Voigt without tension.
     """
 
     name = "drake"
@@ -53,7 +53,7 @@ class Drake(Engine):
         alpha = exact_damping_factor(wanted.restitution)
         dissipation = float(alpha) / wanted.velocity
         stiffness = matched_stiffness(wanted, 1.0, Damped(alpha=alpha))
-        # Two geometries in series: each is given twice the stiffness and the same dissipation.
+        # Two geometries in series: each has twice the stiffness and the same dissipation.
         of_each = 2 * stiffness
         return Draft(
             model="point contact",
@@ -91,7 +91,7 @@ def _sap(wanted: Wanted) -> Draft:
     # δ'' = -ω² (δ + τ δ'), and 2 ζ ω = ω² τ.
     rate = math.sqrt(stiffness / wanted.mass)
     relaxation = max(0.0, 2 * zeta / rate)
-    # Two geometries in series, whose relaxation times add.
+    # Two geometries in series: their relaxation times add.
     parameters = {"relaxation_time": relaxation / 2, "point_contact_stiffness": 2 * stiffness}
     lines = [f"  <drake:{name}>{x:.12g}</drake:{name}>\n" for name, x in parameters.items()]
     return Draft(
@@ -126,7 +126,7 @@ class Simbody(Engine):
         alpha = exact_damping_factor(wanted.restitution)
         dissipation = float(alpha) / (1.5 * wanted.velocity)
         stiffness = matched_stiffness(wanted, 1.5, Damped(alpha=alpha))
-        # Two equal surfaces: Simbody halves E^(2/3), and raises it to 3/2 again.
+        # For two equal surfaces Simbody halves E^(2/3) and then raises it to the power 3/2.
         of_each = 1.5 * math.sqrt(2 / radius) * stiffness
         return Draft(
             model="HuntCrossleyForce",
@@ -149,8 +149,8 @@ class Simbody(Engine):
 class GonthierCarvalhoMartins(AbstractHuntCrossley):
     """Exudyn's impactModel 2: α of Carvalho and Martins for e > 1/3, of Gonthier et al. below.
 
-    `e` in (0, 1] is the restitutionCoefficient of the connector. The two meet at e = 1/3. Source:
-    ObjectContactSphereSphere in Exudyn's documentation, exudyn.readthedocs.io.
+    `e` in (0, 1] is the restitutionCoefficient of the connector. The two formulas agree at e = 1/3.
+    Source: ObjectContactSphereSphere in Exudyn's documentation, exudyn.readthedocs.io.
     """
 
     e: Float[Array, "..."] = parameter("e", RESTITUTION)
@@ -161,7 +161,7 @@ class GonthierCarvalhoMartins(AbstractHuntCrossley):
 
 
 def _of_both(alpha: float) -> float:
-    """The e whose α is that of Carvalho and Martins above 1/3 and of Gonthier et al. below."""
+    """Return the e whose α is that of Carvalho and Martins (above 1/3) or of Gonthier et al."""
     # Both are quadratic in e: 3(1-e)(11-e) = 2α(1+9e), and 1-e² = αe. Their α agree at e = 1/3.
     if alpha < 8 / 3:
         half = 6 + 3 * alpha
@@ -170,7 +170,7 @@ def _of_both(alpha: float) -> float:
     return 2 / (alpha + math.sqrt(alpha**2 + 4))
 
 
-# An impactModel: its law, the e for which its α is a given one, and its source.
+# For each impactModel: its law, the e for a given α, and its source.
 _MODELS = {
     1: (HuntCrossley, lambda alpha: 1 - alpha / 1.5, "Hunt & Crossley 1975, doi 10.1115/1.3423596"),
     2: (
@@ -184,7 +184,7 @@ _MODELS = {
 
 @register_engine
 class Exudyn(Engine):
-    """Exudyn's ObjectContactSphereSphere: the coefficient for which its α is α(e)."""
+    """Exudyn's ObjectContactSphereSphere, with the coefficient for which its α is α(e)."""
 
     name = "exudyn"
 

@@ -1,4 +1,4 @@
-"""Newton: springs whose dashpots act on approach only, in its semi-implicit solver."""
+"""Newton: springs with dashpots on approach only, in its semi-implicit solver."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ._spring import SpringAndDashpot
 
 
 class ApproachDashpot(SpringAndDashpot):
-    """δ'' = -(K/m) δ - b δ' for δ' > 0, δ'' = -(K/m) δ after; needs n = 1."""
+    """δ'' = -(K/m) δ - b δ' for δ' > 0, δ'' = -(K/m) δ after; requires n = 1."""
 
     approach_only: ClassVar[bool] = True
 
@@ -25,8 +25,8 @@ class ApproachDashpot(SpringAndDashpot):
 class Newton(Engine):
     """ke and kd of SolverSemiImplicit: F = ke δ + kd δ' on approach, F = ke δ after.
 
-    A dashpot that acts on approach only delivers the root of what one would deliver that acts until
-    the force vanishes, so that ζ = kd/(2√(ke m)) is that of Kelvin-Voigt without tension for e².
+    A dashpot on approach only delivers the square root of the e of one that acts until the force
+    vanishes. ζ = kd/(2√(ke m)) is therefore that of Kelvin-Voigt without tension for e².
     """
 
     name = "newton"

@@ -1,4 +1,4 @@
-"""A spring and a dashpot by their numbers, the contact of several simulators."""
+"""A spring and a dashpot given by their numbers, the contact of several simulators."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from ..._parameter import NOT_NEGATIVE, parameter
 
 
 class SpringAndDashpot(AbstractOscillator):
-    """δ'' = -(K/m) δ - b δ', pushing only unless `tension`; needs n = 1.
+    """δ'' = -(K/m) δ - b δ', without tension unless `tension`; requires n = 1.
 
-    `rate` b ≥ 0 in 1/s. Source: Schwager & Pöschel (2007), Granular Matter 9:465,
-    doi 10.1007/s10035-007-0065-z.
+    `rate` b ≥ 0 in 1/s. Source: Schwager & Pöschel (2007), Granular Matter 9:465, doi
+    10.1007/s10035-007-0065-z.
     """
 
     rate: Float[Array, "..."] = parameter("rate", NOT_NEGATIVE)
@@ -24,7 +24,7 @@ class SpringAndDashpot(AbstractOscillator):
     exponents: ClassVar[tuple[float, ...] | None] = (1.0,)
 
     def damping_ratio(self, contact: Contact | None = None) -> Float[Array, "..."]:
-        """ζ = b/(2√(K/m)); ValueError if `contact` is missing."""
+        """Return ζ = b/(2√(K/m)); ValueError if `contact` is missing."""
         if contact is None:
             raise ValueError("Argument `contact` is needed for `SpringAndDashpot`, but is None.")
         return self.rate / 2 * jnp.sqrt(contact.mass) / jnp.sqrt(contact.stiffness)

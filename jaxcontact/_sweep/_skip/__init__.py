@@ -1,4 +1,4 @@
-"""What a traced function depends on: which of its arrays to compute over which dimensions."""
+"""Dependences of a traced function: the arrays to compute over each set of dimensions."""
 
 from ._dependence import Dependence as Dependence
 from ._program import Constant as Constant

@@ -1,10 +1,10 @@
-"""Which outputs of a program depend on which dimensions of a sweep, and on what condition.
+"""Dependence of the outputs of a program on the dimensions of a sweep, with conditions.
 
 Every output of an impact depends on the mass, if only because a negative mass makes it NaN. A finer
-statement is wanted: "the restitution is NaN where the mass is invalid, and does not depend on it
-elsewhere". Reading the program proves it. Assume that a flag of the program is false: if an output
-is then the same known number for all inputs, the output is computed as if the flag were true, and
-that number is filled in afterwards where it is false.
+statement is needed: "the restitution is NaN where the mass is invalid, and does not depend on it
+elsewhere". The program itself proves it. Assume that a flag of the program is false. If an output
+is then the same known number for all inputs, it is computed as if the flag were true. Afterwards
+that number is filled in where the flag is false.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Dependence:
 
 
 class Reading:
-    """The facts of a program; an assumption is followed through the steps that it changes."""
+    """The facts of a program; an assumption is propagated through the steps that it changes."""
 
     def __init__(self, program: Program, inputs: Sequence[Dims]):
         self.program = program
@@ -52,14 +52,16 @@ class Reading:
             self.facts.update(self._after(step, {}))
 
     def dims(self, slot: int) -> Dims:
-        """The dimensions that a slot may depend on."""
+        """Return the dimensions that a slot may depend on."""
         return dims_of(self.facts[slot])
 
     def _reads(self, step: Step, changed: Mapping[int, Fact]) -> list[Fact]:
         return [self._fact(where, changed) for where in step.reads]
 
     def _after(self, step: Step, changed: Mapping[int, Fact]) -> dict[int, Fact]:
-        """What is known of what a step writes; an array without elements has no value."""
+        """Return the facts about the values written by a step; an array without elements has no
+        value.
+        """
         reads = self._reads(step, changed)
         return {
             slot: dims_of(*reads) if 0 in self.program.shapes[slot].shape else fact
@@ -74,7 +76,7 @@ class Reading:
         return changed[where] if where in changed else self.facts[where]
 
     def given(self, slots: Iterable[int], value: bool = True) -> dict[int, Fact]:
-        """The facts that change if the flags `slots` have the given value."""
+        """Return the facts that change if the flags `slots` have the given value."""
         changed: dict[int, Fact] = dict.fromkeys(slots, Known(np.bool_(value)))
         assumed = set(changed)
         waiting = [number for slot in assumed for number in self._users.get(slot, ())]
@@ -93,7 +95,7 @@ class Reading:
         return changed
 
     def outputs(self, slots: Iterable[int] = (), value: bool = True) -> list[Fact]:
-        """What is known of the outputs if the flags `slots` have the given value."""
+        """Return the facts about the outputs if the flags `slots` have the given value."""
         changed = self.given(slots, value)
         return [self._fact(where, changed) for where in self.program.outputs]
 
@@ -104,10 +106,10 @@ class Reading:
         return self._made.setdefault((kind.shape, kind.dtype, value.tobytes()), Constant(value))
 
     def specialised(self, conditions: Iterable[int], output: Place) -> tuple[list[Step], Place]:
-        """The steps and the `output` of the program with all `conditions` true.
+        """Return the steps and the `output` of the program with all `conditions` true.
 
-        A choice that the conditions decide is replaced by the chosen case, so that the other case
-        is not computed.
+        A selection that the conditions decide is replaced by the chosen case, so that the other
+        case is not computed.
         """
         changed = self.given(conditions)
         instead: dict[int, Place] = {}
@@ -140,7 +142,7 @@ class Reading:
 
 
 def dependences(reading: Reading) -> list[Dependence]:
-    """For every output the fewest proven dimensions, and their conditions."""
+    """Return the fewest proven dimensions of every output, and their conditions."""
 
     @functools.cache
     def left(conditions: frozenset[int]) -> list[Dims]:
@@ -157,7 +159,7 @@ def dependences(reading: Reading) -> list[Dependence]:
     for i in better:
         conditions, otherwise = _common({slot: ends[i] for slot, ends in refuted.items()})
         dims = left(frozenset(conditions))[i]
-        # Few and cheap conditions: those that change nothing are removed, the widest first.
+        # Prefer few and cheap conditions: remove those without effect, the widest first.
         for slot in sorted(conditions, key=lambda slot: -len(flags[slot])):
             fewer = [other for other in conditions if other != slot]
             if left(frozenset(fewer))[i] == dims:
@@ -168,7 +170,7 @@ def dependences(reading: Reading) -> list[Dependence]:
 
 
 def range_checks(reading: Reading) -> list[int]:
-    """Flags that compare an input with a number, and without which every output is NaN."""
+    """Return flags that compare an input with a number, and without which every output is NaN."""
     program = reading.program
     bare = set(range(program.inputs))
     checks = []
@@ -195,7 +197,7 @@ def range_checks(reading: Reading) -> list[int]:
 
 
 def _flags(program: Program) -> list[int]:
-    # Not conjunctions: their parts serve as well, and each has fewer dimensions.
+    # Conjunctions are excluded: their parts serve as well, and each has fewer dimensions.
     return [
         slot
         for step in program.steps
@@ -206,7 +208,7 @@ def _flags(program: Program) -> list[int]:
 
 
 def _common(ends: Mapping[int, Fact]) -> tuple[list[int], Any]:
-    """The flags that lead to the commonest known number, and that number."""
+    """Return the flags that lead to the most common known number, and that number."""
     known = {slot: fact for slot, fact in ends.items() if isinstance(fact, Known)}
     if not known:
         return [], None

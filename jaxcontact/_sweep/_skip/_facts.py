@@ -1,4 +1,4 @@
-"""What is known of each number of a program: its value, or the dimensions it may depend on."""
+"""Facts about each number of a program: its value, or the dimensions it may depend on."""
 
 from __future__ import annotations
 
@@ -16,23 +16,25 @@ Dims = frozenset[int]
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """A number, or an array of nothing but this number, with at least one element."""
+    """A number, or a non-empty array of copies of this number."""
 
     value: Any
 
     def __eq__(self, other: object) -> bool:
-        """Whether `other` is the same number: NaN is, a zero of the other sign is not."""
+        """Return whether `other` is the same number: NaN equals NaN, zeros of different sign
+        differ.
+        """
         return isinstance(other, Known) and bool(_same(self.value, other.value))
 
     __hash__ = None  # pyright: ignore[reportAssignmentType]
 
 
 Fact = Known | Dims
-"""What is known of a slot: its value, or else the dimensions it may depend on."""
+"""Fact about a slot: its value, or else the dimensions it may depend on."""
 
 
 def dims_of(*facts: Fact) -> Dims:
-    """The dimensions something may depend on, or several things together."""
+    """Return the dimensions that one or several facts together may depend on."""
     return frozenset(d for fact in facts if not isinstance(fact, Known) for d in fact)
 
 
@@ -50,7 +52,7 @@ _FOLDED: dict[str, Callable[..., Any]] = {
     **{"add": np.add, "sub": np.subtract, "mul": np.multiply, "neg": np.negative},
     **{"abs": np.abs, "max": np.maximum, "min": np.minimum},
 }
-# Where one NaN among the operands makes the outcome NaN. Not pow: 1 to any power is 1.
+# Primitives whose result is NaN if one operand is NaN. pow is excluded: 1 to any power is 1.
 _PASS_NAN = {
     *("add", "sub", "mul", "div", "rem", "neg", "abs", "max", "min", "add_any", "square", "sign"),
     *("exp", "exp2", "expm1", "log", "log1p", "sqrt", "rsqrt", "cbrt", "logistic", "atan2"),
@@ -60,7 +62,7 @@ _PASS_NAN = {
 
 
 def of_constant(value: Any) -> Fact:
-    # A key of random numbers, for example, is not a number: nothing is known of it.
+    # A key of random numbers, for example, is not a number, so it has no known value.
     if not isinstance(jnp.result_type(value), np.dtype):
         return frozenset()
     plain = np.asarray(value)
@@ -101,18 +103,18 @@ def after(step: Step, reads: list[Fact]) -> list[Fact]:
 
 
 def _machines_agree(name: str, numbers: list[Any]) -> bool:
-    """Whether every machine computes this: some flush numbers below the normal ones to zero."""
+    """Return whether all machines agree; some flush subnormal numbers to zero."""
     floats = [x for x in numbers if x.dtype.kind == "f"]
     if any(x != 0 and abs(x) < np.finfo(x.dtype).tiny for x in floats):
         return False
     if any(x == 0 for x in floats[-1:]) and name in ("mul", "max", "min"):
-        # A product may have been too small; which of two zeros is larger is open.
+        # A product may have underflowed; which of two zeros is larger is undefined.
         return all(x == floats[0] == 0 and np.signbit(x) == np.signbit(floats[0]) for x in floats)
     return True
 
 
 def _chosen(which: Fact, *cases: Fact) -> Fact | None:
-    """The case that is chosen, if that is known or makes no difference."""
+    """Return the selected case, if it is known or makes no difference."""
     if isinstance(which, Known):
         return cases[int(which.value)]
     alike = isinstance(cases[0], Known) and all(cases[0] == case for case in cases)

@@ -1,4 +1,4 @@
-"""A traced function as a flat list of steps that can be read, cut down and run again."""
+"""A traced function as a flat list of steps that can be analysed, reduced and run again."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import jax
 import jax.extend.core as core
 import jax.numpy as jnp
 
-# Calls that are replaced by their body: only values are wanted, no further derivative.
+# Calls that are replaced by their body: only values are needed, no further derivative.
 _CALLS = {
     *("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call"),
     *("remat2", "checkpoint"),
@@ -27,12 +27,12 @@ class Constant:
 
 
 Place = int | Constant
-"""Where a number is found: a slot, or a constant."""
+"""Location of a number: a slot, or a constant."""
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One primitive: what it reads, and the slots it writes."""
+    """One primitive: the places it reads, and the slots it writes."""
 
     primitive: core.Primitive
     params: dict[str, Any]
@@ -50,10 +50,10 @@ class Program:
     inputs: int
     outputs: tuple[Place, ...]
     pure: bool
-    """Whether it has no side effects."""
+    """True if it has no side effects."""
 
     def holds(self, primitive: str) -> bool:
-        """Whether it has a primitive of this name, in a loop or a branch too."""
+        """Return whether the program contains this primitive, also in a loop or a branch."""
         return primitive in _primitives(self.steps)
 
 
@@ -69,7 +69,7 @@ def program_of(function: Callable[..., Any], inputs: Sequence[jax.ShapeDtypeStru
         return tuple(range(first, len(shapes)))
 
     def add(jaxpr: core.Jaxpr, consts: Sequence[Any], inputs: Sequence[Place]) -> tuple[Place, ...]:
-        # Two calls of one body share its variables: each call gets slots of its own.
+        # Two calls of one body share its variables, so each call gets its own slots.
         where: dict[core.Var, Place] = dict(zip(jaxpr.invars, inputs, strict=True))
         where.update(zip(jaxpr.constvars, map(Constant, consts), strict=True))
 
@@ -102,7 +102,7 @@ def _body(eqn: core.JaxprEqn) -> tuple[core.Jaxpr, Sequence[Any]] | None:
 
 
 def _primitives(steps: Iterable[Step | core.JaxprEqn]) -> Iterator[str]:
-    """The names of all primitives, also of those inside others: bodies of loops, branches."""
+    """Yield the names of all primitives, including those in bodies of loops and branches."""
     for step in steps:
         yield step.primitive.name
         for part in jax.tree.leaves(step.params, is_leaf=lambda x: isinstance(x, _PROGRAMS)):
@@ -111,7 +111,7 @@ def _primitives(steps: Iterable[Step | core.JaxprEqn]) -> Iterator[str]:
 
 
 def needed(steps: Sequence[Step], outputs: Iterable[Place]) -> tuple[set[int], set[int]]:
-    """The numbers of the steps that `outputs` need, and the slots of the inputs that they need."""
+    """Return the numbers of the steps that `outputs` need, and the input slots that they need."""
     wanted = {out for out in outputs if isinstance(out, int)}
     numbers = set()
     for number, step in reversed(list(enumerate(steps))):
@@ -123,7 +123,7 @@ def needed(steps: Sequence[Step], outputs: Iterable[Place]) -> tuple[set[int], s
 
 
 class Shared:
-    """Steps of several versions of a program, in which equal steps of two versions are one."""
+    """Steps of several versions of a program, in which equal steps of two versions are shared."""
 
     def __init__(self, inputs: int):
         self.steps: list[Step] = []
@@ -131,7 +131,7 @@ class Shared:
         self._seen: dict[Any, tuple[int, ...]] = {}
 
     def add(self, steps: Sequence[Step], output: Place) -> Place:
-        """Add one version; its output, as a slot of the shared steps."""
+        """Add one version; return its output as a slot of the shared steps."""
         where: dict[int, int] = {}
 
         def shared(place: Place) -> Place:
@@ -149,7 +149,7 @@ class Shared:
 
 
 def run(steps: Sequence[Step], outputs: Sequence[Place], inputs: dict[int, jax.Array]) -> list[Any]:
-    """What `steps` make of `inputs`; to be traced by jit and vmap like any function."""
+    """Run `steps` on `inputs`; can be traced by jit and vmap like any function."""
     values: dict[int, Any] = dict(inputs)
 
     def read(where: Place) -> Any:

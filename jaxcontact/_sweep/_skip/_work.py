@@ -1,4 +1,4 @@
-"""Which arrays of a program to compute over which dimensions, and which of them together."""
+"""The arrays of a program to compute over each set of dimensions, and their groups."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ class Group:
 
     @property
     def flags(self) -> bool:
-        """Whether these are flags, to be computed before anything else."""
+        """True if these are flags, which are computed first."""
         return is_flag(self.arrays[0].key)
 
     @property
     def apart(self) -> bool:
-        """Whether no array varies along all dimensions: then there is no product to cut."""
+        """True if no array varies along all dimensions, so that there is no product to divide."""
         return all(array.dims != self.dims for array in self.arrays)
 
     @functools.cached_property
     def grid(self) -> Compiled:
-        """Compiled, over the outer product of one-dimensional inputs; each array over its dims."""
+        """Compiled over the outer product of one-dimensional inputs; each array over its dims."""
         grid = self._lane
         for d in reversed(self.dims):
             grid = jax.vmap(
@@ -77,36 +77,36 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """What a sweep computes of a program."""
+    """The computation of a sweep, derived from a program."""
 
     program: Program
     leaves: Mapping[str, Dependence]
-    """How every array of the output follows from what is computed, by its name."""
+    """Relation of every array of the output to the computed ones, by its name."""
     checks: tuple[int, ...]
-    """The flags that say whether the input of a lane is valid."""
+    """The flags that are true for a lane with valid input."""
     groups: tuple[Group, ...]
     """Flags first, then arrays of few dimensions first."""
     whole: Group
-    """All leaves and checks over all dimensions, with nothing skipped."""
+    """All leaves and checks over all dimensions, without skipping."""
 
 
 _FLAGS = "flags/"
 
 
 def flag_key(slot: int) -> str:
-    """The key of a flag; that of a leaf is its name."""
+    """Return the key of a flag; the key of a leaf is its name."""
     return f"{_FLAGS}{slot}"
 
 
 def is_flag(key: str) -> bool:
-    """Whether a key is that of a flag."""
+    """Return whether a key is that of a flag."""
     return key.startswith(_FLAGS)
 
 
 def analysis_of(
     program: Program, names: Sequence[str], along: Sequence[int | None], rank: int
 ) -> Analysis:
-    """What to compute of `program` over `rank` dimensions.
+    """Decide which arrays of `program` to compute over `rank` dimensions.
 
     `names` are those of its outputs; `along` holds, for each input, the dimension that it varies
     along, or None.
@@ -136,7 +136,7 @@ class _Analyst:
             tuple(places.values()),
         )
         if not program.pure:
-            # A side effect must happen for every lane: nothing is skipped.
+            # A side effect must happen for every lane, so nothing is skipped.
             leaves = dict.fromkeys(names, Dependence(self.all))
             return Analysis(program, leaves, checks, (whole,), whole)
         found = dependences(self.reading)
@@ -147,7 +147,7 @@ class _Analyst:
         return Analysis(program, leaves, checks, groups, whole)
 
     def _flags(self, flags: Sequence[int]) -> Iterator[Group]:
-        """Flags of one dimension together, others with those of the same dimensions."""
+        """Group flags of one dimension together, others with those of the same dimensions."""
         together: dict[Dims, _Parts] = {}
         for slot in flags:
             dims = self.reading.dims(slot)
@@ -156,10 +156,10 @@ class _Analyst:
         return map(self._group, together.values())
 
     def _leaves(self, leaves: Mapping[str, Dependence]) -> Iterator[Group]:
-        """Arrays of the same dimensions together; an array of fewer joins one that shares its work.
+        """Group arrays of the same dimensions; merge a smaller group into one that shares its work.
 
         The scaled solve that gives the duration for each pair of numbers also gives the
-        restitution: together they are compiled once and solved once.
+        restitution. Together they are compiled once and solved once.
         """
         together: dict[Dims, _Parts] = {}
         for (name, leaf), where in zip(leaves.items(), self.program.outputs, strict=True):
@@ -186,7 +186,7 @@ class _Analyst:
         return needed(self.shared.steps, [where for _, where in parts])
 
     def _alike(self, some: _Parts, others: _Parts) -> bool:
-        """Whether `others` need at least half of the work of `some` anyway."""
+        """Return whether `others` need at least half of the work of `some` anyway."""
         mine, theirs = self._needed(some)[0], self._needed(others)[0]
         return 2 * len(mine & theirs) >= len(mine)
 
