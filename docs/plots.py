@@ -46,8 +46,8 @@ SECTIONS = (
     Section(
         "law",
         "A law",
-        "The force-indentation loop (its area is the energy lost), the delivered over the requested "
-        "e, and the damping factor. A dot marks the law itself.",
+        "The force-indentation loop (its area is the energy lost), delivered over requested e, and "
+        "the damping factor. A dot marks the law itself.",
         """\
         ax = jc.plot.law(jc.HuGuo(e=0.5))
         jc.plot.law(jc.HuntCrossley(e=0.5), ax=ax)
@@ -220,7 +220,7 @@ SECTIONS = (
     Section(
         "scene",
         "A scene in two dimensions",
-        "Paths of the spheres. Faint circles are the start, full ones the end, and dots impacts. In "
+        "Paths of the spheres. Faint circles are the start, full ones the end, dots impacts. In "
         "three dimensions select two axes, such as `axes=(0, 2)`.",
         """\
         box = {"low": [0.0, 0.0], "high": [1.0, 0.6]}
@@ -250,7 +250,7 @@ SECTIONS = (
     Section(
         "animate",
         "A moving picture",
-        'Notebooks show it with playback buttons. `film.save("run.gif", writer="pillow")` writes it.',
+        'Notebooks show it with buttons; `film.save("run.gif", writer="pillow")` writes it.',
         """\
         film = jc.plot.animate(run, seconds=1.2, fps=10)
         """,
