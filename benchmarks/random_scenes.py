@@ -8,7 +8,7 @@ and beside what the impacts estimate times that growth.
 
 The result is written after every scene to benchmarks/random_scenes.json, and a run that was stopped
 goes on; `--fresh` starts over, `--only` runs so many scenes and writes nothing, `--page` writes the
-table of docs/scenes.md.
+table of docs/scenes_how.md.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import jaxcontact as jc
 from tests.oracle.random_scenes import DURATION, GRAVITY, LAWS, RandomScene, answers, drawn
 
 HERE = Path(__file__).parent
-RESULT, PAGE = HERE / "random_scenes.json", HERE.parent / "docs" / "scenes.md"
+RESULT, PAGE = HERE / "random_scenes.json", HERE.parent / "docs" / "scenes_how.md"
 TOLERANCES = 1e-6, 1e-9
 MOST = 10
 """Of the error beside what was estimated: beyond, the estimate is wrong."""

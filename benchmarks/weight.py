@@ -53,7 +53,7 @@ three = [[-.6, .3], [.1, .2], [.62, .1]]
 """
 )
 
-# x = w², dt = w dτ of docs/theory.md, as one who knows it writes it with diffrax.
+# x = w², dt = w dτ of docs/theory_methods.md, as an expert writes it with diffrax.
 DIFFRAX = (
     START
     + """

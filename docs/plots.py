@@ -1,6 +1,6 @@
-"""Makes the page of all plots and its pictures: `python docs/plots.py`, with names for some only.
+"""The page of all plots and its pictures: `python docs/plots.py`, with names for some only.
 
-Every picture is made by the lines that the page shows.
+Each picture is made by the code that the page shows.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _DPI = 75
 
 
 class Section(NamedTuple):
-    """A picture: its file, what it shows, and the lines that make it, the last of which `ax`."""
+    """A picture: its file, title and words, and the code that makes it, which ends with `ax`."""
 
     name: str
     title: str
@@ -26,7 +26,7 @@ class Section(NamedTuple):
 
     @property
     def file(self) -> Path:
-        """Where the picture is."""
+        """Return the path of the picture."""
         return FOLDER / f"{self.name}{self.ending}"
 
 
@@ -46,8 +46,8 @@ SECTIONS = (
     Section(
         "law",
         "A law",
-        "The loop whose area is the energy lost, the e that is delivered over the one that was "
-        "asked for, and the damping factor. A dot is the law itself.",
+        "The force-indentation loop (its area is the energy lost), delivered over requested e, and "
+        "the damping factor. A dot marks the law itself.",
         """\
         ax = jc.plot.law(jc.HuGuo(e=0.5))
         jc.plot.law(jc.HuntCrossley(e=0.5), ax=ax)
@@ -56,7 +56,7 @@ SECTIONS = (
     Section(
         "law_of_speed",
         "A law whose e depends on the speed",
-        "With a contact and a speed, in SI units.",
+        "Such a law needs a contact and a speed, in SI units.",
         """\
         contact = jc.Contact(mass=0.05, stiffness=1e6)
         ax = jc.plot.law(jc.ConstantDamping(c=2e5), contact, 2.0)
@@ -66,7 +66,7 @@ SECTIONS = (
     Section(
         "impact",
         "One impact",
-        "Its loop, force and speed over time; dotted lines are the numbers of the `Impact`.",
+        "The loop, and force and speed over time. Dotted lines are the numbers of the `Impact`.",
         """\
         ball = jc.HuGuo(e=0.7), jc.Contact(mass=1.0, stiffness=1.4e8)
         path, hit = jc.trajectory(*ball, 4.2), jc.impact(*ball, 4.2)
@@ -76,7 +76,7 @@ SECTIONS = (
     Section(
         "trajectory",
         "One quantity over another",
-        "Time, indentation, velocity or force.",
+        "Each axis is time, indentation, velocity or force.",
         """\
         ax = jc.plot.trajectory(path, x="indentation", y="velocity")
         """,
@@ -84,7 +84,7 @@ SECTIONS = (
     Section(
         "sweep",
         "A sweep over two axes",
-        "A map; white where there is no number.",
+        "A map; values that are not finite are white.",
         """\
         ranges = {"e": np.linspace(0.1, 1, 40), "v": np.geomspace(0.01, 10, 50)}
         table = jc.sweep(lambda e, v: jc.impact(jc.HuGuo(e=e), contact, v), **ranges)
@@ -94,7 +94,7 @@ SECTIONS = (
     Section(
         "sweep_lines",
         "The same as lines",
-        "A handful of them, over the axis that is named.",
+        "A few lines over the named axis.",
         """\
         ax = jc.plot.sweep(table, field="duration", x="e")
         """,
@@ -102,7 +102,7 @@ SECTIONS = (
     Section(
         "sound",
         "A recording of sound",
-        "Which sounds were taken for bounces; here in a simulated recording.",
+        "The sounds that were identified as bounces, in a simulated recording.",
         """\
         rate, rng = 44100, np.random.default_rng(0)
         touches = 0.4 + np.cumsum(0.55 * 0.8 ** np.arange(9))  # or your own file
@@ -121,7 +121,7 @@ SECTIONS = (
     Section(
         "track",
         "A track from video",
-        "The parabolas that were fitted and the impacts between them; here of a simulated track.",
+        "The fitted parabolas and the impacts between them, for a simulated track.",
         """\
         e, touch, speed = 0.75, 0.25, 2.5  # m/s, or your own file
         time, y = np.arange(0, 2, 1 / 120), 0.0
@@ -137,7 +137,7 @@ SECTIONS = (
     Section(
         "record",
         "A record of a force plate",
-        "The impacts that were cut out of it, and their fits; here of a simulated record.",
+        "The impacts found in a simulated record, and their fits.",
         """\
         time = np.arange(0, 0.5, 2e-5)
         force = 0.3 * rng.normal(size=time.size)  # or your own file
@@ -151,7 +151,7 @@ SECTIONS = (
     Section(
         "calibration",
         "A calibration",
-        "The recording that ships with the package: kept and marked pairs, and every law ± 2 "
+        "Kept and marked pairs of the recording that ships with the package, and each law ± 2 "
         "standard errors.",
         """\
         cal = jc.calibrate(jc.read_recording())
@@ -161,8 +161,8 @@ SECTIONS = (
     Section(
         "choice",
         "The choice among laws",
-        "The law of lowest AICc is the thickest line; the broad grey one is a free smooth curve, "
-        "which is no law.",
+        "The law of lowest AICc is the thickest line. The broad grey line is a free smooth curve "
+        "for comparison.",
         """\
         ax = jc.plot.choice(cal.choice)
         """,
@@ -170,8 +170,8 @@ SECTIONS = (
     Section(
         "fit",
         "A fit",
-        "Whatever `fit` or a `fit_*` returned: data, prediction, the band of the true curve and "
-        "that of new readings.",
+        "The result of `fit` or any `fit_*`: data, prediction, the band of the true curve and that "
+        "of new readings.",
         """\
         pairs = cal.pairs.where(~cal.outliers.flagged)
         data = {"velocity": pairs.velocity, "e": pairs.restitution}
@@ -182,7 +182,7 @@ SECTIONS = (
     Section(
         "fit_columns",
         "A fit of several columns",
-        "A record of one impact, here simulated, with the noise of both sensors.",
+        "A simulated record of one impact, with noise on both sensors.",
         """\
         rng, time = np.random.default_rng(0), np.asarray(path.time)
         force = path.force + rng.normal(0, 300, time.size)
@@ -194,7 +194,7 @@ SECTIONS = (
     Section(
         "residuals",
         "Residuals",
-        "Over x, in order, and against normal noise.",
+        "Residuals over x, in order of measurement, and against normal quantiles.",
         """\
         ax = jc.plot.residuals(found)
         """,
@@ -202,7 +202,7 @@ SECTIONS = (
     Section(
         "profile",
         "Profiles of the likelihood",
-        "Where the curve leaves the dashed parabola, the standard error misleads.",
+        "The standard error is unreliable if the curve leaves the dashed parabola.",
         """\
         ax = jc.plot.profile(found)
         """,
@@ -210,7 +210,7 @@ SECTIONS = (
     Section(
         "corner",
         "Parameters in pairs",
-        "The normal approximation of a fit, dashed, over the draws of its posterior.",
+        "The normal approximation of a fit (dashed) over the draws of its posterior.",
         """\
         posterior = jc.posterior(found, samples=1000)
         ax = jc.plot.corner(posterior, names=found.names)
@@ -220,8 +220,8 @@ SECTIONS = (
     Section(
         "scene",
         "A scene in two dimensions",
-        "Paths; faint circles are the start, full ones the end, dots are impacts. Three dimensions "
-        "need `axes=(0, 2)`, say.",
+        "Paths of the spheres. Faint circles are the start, full ones the end, dots impacts. In "
+        "three dimensions select two axes, such as `axes=(0, 2)`.",
         """\
         box = {"low": [0.0, 0.0], "high": [1.0, 0.6]}
         balls = jc.random_spheres(5, **box, radius=0.06, mass=0.1, speed=1.0, seed=2)
@@ -233,7 +233,7 @@ SECTIONS = (
     Section(
         "scene_line",
         "A scene in one dimension",
-        "World lines, as broad as the spheres.",
+        "World lines, as wide as the spheres.",
         """\
         line, how = jc.read_scene(example="line")
         ax = jc.plot.scene(jc.simulate(line, **how))
@@ -242,7 +242,7 @@ SECTIONS = (
     Section(
         "energy",
         "Where the energy goes",
-        "The energy, and what the losses of the impacts leave of it.",
+        "The energy, and the initial energy less the losses of the impacts.",
         """\
         ax = jc.plot.energy(run)
         """,
@@ -263,25 +263,38 @@ _HEAD = """\
 
 <!-- made by `python docs/plots.py` -->
 
-Every function draws on the axes that it is given as `ax`, or on new ones, and returns them: an
-array where there are several. Data stay in SI units; the numbers at the ticks have a prefix where
-they would be long ("time / µs"). Colours are those of Okabe & Ito, told apart with any colour
-vision, and curves also differ by their lines, so that they are told apart in grey. Who sets
-`axes.prop_cycle` in matplotlib gets those instead.
+{gallery}
 
-`jc.plot.save(ax, "picture.pdf")` writes PDF, SVG or PNG, the same bytes each time: letters are
-TrueType or outlines, and there is no date in it.
+Every function draws on the axes passed as `ax`, or on new ones, and returns them. Functions with
+several panels return an array of axes. Data stay in SI units; tick labels have a prefix where
+numbers would be long ("time / µs"). The colours are those of Okabe & Ito, which are safe for colour
+blindness. Curves also differ by line style, so they stay distinct in grey. If you set matplotlib's
+`axes.prop_cycle`, your colours are used.
 
-Each section uses what the ones above have made; all begin with
+`jc.plot.save(ax, "picture.pdf")` writes PDF, SVG or PNG. The bytes are reproducible: the file has
+no date, and letters are TrueType or outlines.
+
+Each section uses variables of the sections above. All begin with
 
 ```python
 {before}```
 """
 
 
+def _gallery() -> str:
+    """Return all pictures as a grid of links to their sections."""
+    pictures = []
+    for section in SECTIONS:
+        anchor = section.title.lower().replace(" ", "-")
+        link = section.file.relative_to(HERE).as_posix()
+        image = f'<img src="{link}" width="180" alt="{section.title}">'
+        pictures.append(f'<a href="#{anchor}">{image}</a>')
+    return "\n".join(pictures) + "\n"
+
+
 def page() -> str:
-    """The page, in Markdown."""
-    parts = [_HEAD.format(before=BEFORE)]
+    """Return the page in Markdown."""
+    parts = [_HEAD.format(before=BEFORE, gallery=_gallery())]
     for section in SECTIONS:
         code = textwrap.dedent(section.code)
         link = section.file.relative_to(HERE).as_posix()
@@ -293,7 +306,7 @@ def page() -> str:
 
 
 def draw(only: list[str]) -> None:
-    """Make the pictures, or those named; the lines of all are run, since later ones use them."""
+    """Draw all pictures, or those named in `only`; all code runs, since later sections use it."""
     from matplotlib import pyplot
 
     import jaxcontact as jc

@@ -1,4 +1,4 @@
-"""docs/stability.md and its pictures, from the results."""
+"""docs/stability_tables.md and the pictures of the stability map, from the results."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ DOCS = Path(__file__).parents[2] / "docs"
 _MARK = "<!-- results: made by benchmarks/stability.py --page -->"
 DEFECTS = (CLASSES[WRONG], CLASSES[FLAGGED_WITHOUT_NEED])
 _ENGINES = """\
-Exudyn's sphere contact is that of Hunt and Crossley with tension, by 50 steps in a contact and its
-other settings as they are, and by 5,000. MuJoCo's soft contact is the linear law without tension,
-by its default of ten steps in a time constant and by a thousand. It keeps the impedance's share of
-an external force from the contact, nine tenths by default; `finest` has the smallest impedance,
-10⁻⁴, the integrator RK4 and no tolerance in its solver. Contacts of more than 100,000 steps count
-as failed.
+Exudyn's sphere contact is Hunt and Crossley's law with tension. It runs with 50 steps in a contact
+and default settings, and with 5,000 steps. MuJoCo's soft contact is the linear law without tension.
+It runs with its default of ten steps in a time constant, and with a thousand. MuJoCo keeps the
+impedance's share of an external force from the contact, nine tenths by default. `finest` has the
+smallest impedance, 10⁻⁴, the integrator RK4 and no solver tolerance. Contacts of more than 100,000
+steps count as failed.
 """
 
 
@@ -33,9 +33,9 @@ def write(
     balance: dict[str, Any],
     laws: dict[str, Any],
 ) -> None:
-    """The pictures, and the part of the page below the mark; the words above it are kept.
+    """Write the pictures, and the tables below the mark; the words above it are kept.
 
-    What is empty has no section.
+    An empty result has no section.
     """
     if known:
         for precision in ("float64", "float32"):
@@ -43,8 +43,9 @@ def write(
             draw_free(known, DOCS / f"stability_free_{precision}.png", precision)
     if peers:
         draw_peers(peers, DOCS / "stability_peers.png")
-    page = DOCS / "stability.md"
-    above = page.read_text().split(_MARK)[0] if page.exists() else "# The stability map\n\n"
+    page = DOCS / "stability_tables.md"
+    title = "# Tables of the stability map\n\n"
+    above = page.read_text().split(_MARK)[0] if page.exists() else title
     sections = (
         (count_table, known),
         (worst_table, known),
@@ -68,7 +69,7 @@ def _answered_by(known: dict[str, Any]) -> list[str]:
     """Which code has answered how many jobs."""
     codes = Counter(job.get("code", "older code") for job in known.values())
     words = ", ".join(f"{count} by {code}" for code, count in codes.most_common())
-    return [f"Jobs by the code that answered them: {words}. Today's is {fingerprint()}.", ""]
+    return [f"Jobs by version of the code: {words}. The current version is {fingerprint()}.", ""]
 
 
 def seeded_table(seeded: dict[str, Any]) -> str:
@@ -78,9 +79,9 @@ def seeded_table(seeded: dict[str, Any]) -> str:
     lines = [
         "## On a second seed",
         "",
-        f"{len(seeded):,} jobs with other random lanes{named}; what has no row of its own has "
-        "nothing wrong and",
-        "nothing flagged without need.",
+        f"{len(seeded):,} jobs with other random lanes{named}. Groups without a row have no wrong "
+        "lane and no",
+        "lane flagged without need.",
         "",
         *_answered_by(seeded),
         *_counts(seeded, all_groups=False),
@@ -93,9 +94,9 @@ def law_table(laws: dict[str, Any]) -> str:
     lines = [
         "## Every law by its own class",
         "",
-        "Laws with their own parameters, in SI units; what these mean is written down once more "
-        "from the",
-        "publications, and not taken from the package.",
+        "Laws with their own parameters, in SI units. The formulas were written again from the "
+        "publications,",
+        "without the package.",
         "",
         *_answered_by(laws),
         *_head("law", "motion", "lanes", *CLASSES),
@@ -139,7 +140,7 @@ def worst_table(known: dict[str, Any]) -> str:
     lines = [
         "## Worst lanes",
         "",
-        "The largest miss of every row of the counts, in units of what is allowed.",
+        "The largest error of every row of the counts, in units of the allowed error.",
         "",
         *_head("job", "class", "damping", "n", "push", "true e", "quantity", "times allowed"),
         *rows,
@@ -153,9 +154,9 @@ def balance_table(balance: dict[str, Any]) -> str:
     lines = [
         "## Without an oracle",
         "",
-        "Energies that must add up, and two methods that must agree to the documented accuracy, or "
-        "as far",
-        "as a relative change of 10⁻⁸ of damping or push moves the outcome. Flagged: by either.",
+        "Energies must add up, and two methods must agree. They must agree to the documented "
+        "accuracy, or to",
+        "the effect of a relative change of 10⁻⁸ of damping or push. Flagged: by either method.",
         "",
         *_head("kind", "motion", *names),
     ]
@@ -167,7 +168,7 @@ def balance_table(balance: dict[str, Any]) -> str:
     lines.append(_row("all", "", *sums.values()))
     worst = [(name, lane) for name, job in balance.items() for lane in job["worst"][:1]]
     if worst:
-        lines += ["", "The worst miss of every job that has one:", ""]
+        lines += ["", "The largest error of every job that has one:", ""]
         lines += _head("job", "damping", "n", "push", "e", "and", "miss", "times allowed")
         for name, lane in worst:
             both = [_short(e) for e in lane["e"]]
@@ -223,11 +224,11 @@ def slope_table(slopes: dict[str, Any]) -> str:
 def peer_table(peers: dict[str, Any]) -> str:
     """What users would write instead."""
     names = list(next(iter(peers.values()))["counts"])
-    lines = ["## What users would write instead", ""]
+    lines = ["## General solvers and engines", ""]
     if any(name in WAYS for name in peers):
         lines.append(_ENGINES)
     lines += _head("force and way", *names)
     for name, way in peers.items():
         lines.append(_row(name, *(way["counts"][n] for n in names)))
-    lines += ["", "![Errors of what users would write instead](stability_peers.png)"]
+    lines += ["", "![Errors of general solvers and engines](stability_peers.png)"]
     return "\n".join(lines) + "\n"

@@ -1,4 +1,4 @@
-"""docs/run_time_error.md and its figures, from the rows; no number in it is typed by hand."""
+"""docs/run_time_error.md and its figures, from the rows; all numbers are generated."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from .verdict import when_to_use_what
 _HEAD = """\
 # Run time against error
 
-Made by `python benchmarks/run_time_error.py`, numbers and words, from
-[run_time_error.json](../benchmarks/run_time_error.json); a setting a row. {machine}
+Page made by `python benchmarks/run_time_error.py` from
+[run_time_error.json](../benchmarks/run_time_error.json). {machine}
 
-**Times** are the best of several calls, in float64, on all cores that a way can use; compile time
-has a column of its own (the first call less the best, the largest of a group). **Errors** are the
-worst over the lanes whose truth is known to 40 digits (`tests/oracle`), relative, of whatever is
-asked. **Memory** is what a call adds to the memory of the process at its peak, by Linux's count,
-for as many lanes as were measured (the last column), in the largest of a ladder. A cell has a time
-for every error asked for; brackets hold the least error of a way that does not reach the last ones,
-and its time. What cannot be had is a dash, and its reason stands below.
+Compare ratios; the times are those of this machine.
 
-What counts are ratios: the times belong to this machine.
+- **Times** are the best of several calls, in float64, on all cores that a method can use. Compile
+  time has its own column: the first call less the best, the largest of a group.
+- **Errors** are relative, and the worst over the lanes whose truth is known to 40 digits
+  (`tests/oracle`).
+- **Memory** is the peak that a call adds to the process, by Linux's count. It is measured for the
+  number of lanes in the last column, the largest of a ladder.
+- **Cells** have a time for every error asked for. Brackets hold the smallest error of a method that
+  does not reach the last ones, and its time. A dash means not available; the reason stands below.
 """
 
 
@@ -36,7 +37,8 @@ FIRST = ("hunt_crossley", "own")
 
 def write(store: Store, docs: Path, name: str) -> None:
     """The page, and a figure for every group that has rows."""
-    parts = [_HEAD.format(machine=_machine(store.machine))]
+    measured = {s.group: list(store.group(s.group).values()) for s in SECTIONS}
+    parts = [_HEAD.format(machine=_machine(store.machine)), when_to_use_what(measured)]
     titles: dict[str, str] = {}
     for section in SECTIONS:
         rows = list(store.group(section.group).values())
@@ -47,10 +49,8 @@ def write(store: Store, docs: Path, name: str) -> None:
             swept = list(store.group(section.options).values())
             parts.append(_section(section, rows, swept, picture))
         else:
-            parts.append(f"## {section.title}\n\nNot yet.\n")
+            parts.append(f"## {section.title}\n\nNot measured yet.\n")
     _shown_first(store, docs / f"{name}.png", titles)
-    measured = {s.group: list(store.group(s.group).values()) for s in SECTIONS}
-    parts.append(when_to_use_what(measured))
     (docs / f"{name}.md").write_text("\n".join(parts))
 
 
@@ -79,27 +79,33 @@ def _machine(known: dict[str, Any]) -> str:
 def _section(section: Section, rows: list[Row], options: list[Row], picture: str) -> str:
     lines = [f"## {section.title}", "", section.words, "", f"![{section.title}]({picture})", ""]
     caption = _caption(section, rows, options)
-    lines += [caption, ""] if caption else []
     lines += [_busy(rows), ""]
+    lines += _folded("Options of each method", [caption]) if caption else []
     asked = " / ".join(f"{error:g}" for error in section.errors)
     for batch in batches_of(rows):
         here = some(rows, batch=batch)
         what = f"{section.unit}, within an error of {asked}"
         several = f"{section.batch} {batch:,}: " if len(batches_of(rows)) > 1 else ""
         table = _table(section, here, [*rows, *options])
-        lines += [f"**{_capital(several + what)}**", "", *table, ""]
+        lines += _folded(_capital(several + what), table)
     lines += section.more(rows)
     reasons = _reasons(section, rows)
     if reasons:
-        lines += ["What could not be had:", "", *reasons, ""]
+        lines += ["Not available:", "", *reasons, ""]
     missing = _missing(section, rows)
     if missing:
         lines += [f"Not measured yet: {'; '.join(missing)}.", ""]
     return "\n".join(lines)
 
 
+def _folded(title: str, lines: list[str]) -> list[str]:
+    """Return lines that the page shows on a click."""
+    head = f'<details markdown="1"><summary>{title}</summary>'
+    return [head, "", *lines, "", "</details>", ""]
+
+
 def _busy(rows: list[Row]) -> str:
-    """How much else the machine did while a group was measured, and what that means."""
+    """Return the load of the machine while a group was measured, and its effect."""
     times = [row for row in rows if "cost" in row]
     loads = sorted(row["load"] for row in times if row.get("load") is not None)
     older = len(times) - len(loads)
@@ -113,20 +119,20 @@ def _busy(rows: list[Row]) -> str:
         if middle > QUIET:
             told.append(
                 "**The machine was busy with other work**: the best of several calls that take "
-                "less than some milliseconds is still right, longer ones were interrupted and may "
-                "be several times too long. Errors are not touched by that. "
+                "less than some milliseconds is still right. Longer calls were interrupted and may "
+                "be several times too long. Errors are not affected. "
                 f"`--busiest {QUIET:g}` measures such rows again."
             )
     if older and loads:
         told.append(
-            f"{older} rows are of an earlier run, on a quiet machine, that kept no such number; "
-            "those of the package by its code of then."
+            f"{older} rows are of an earlier run, on a quiet machine, that recorded no load; "
+            "those of the package are of its code at that time."
         )
     return " ".join(told)
 
 
 def _missing(section: Section, rows: list[Row]) -> list[str]:
-    """Which ways are in no row of which problems."""
+    """Return the methods that lack a row for some problem."""
     found = []
     for way in section.ways:
         there = problems_of(some(rows, way=way))
@@ -141,7 +147,7 @@ def _capital(words: str) -> str:
 
 
 def _caption(section: Section, rows: list[Row], options: list[Row]) -> str:
-    """By which options every peer was run, and what the others cost."""
+    """Return the options of each peer, and what the other options cost."""
     told = []
     for way in ways_of(rows):
         used = {row["options"] for row in some(rows, way=way)} - {""}
@@ -156,11 +162,12 @@ def _caption(section: Section, rows: list[Row], options: list[Row]) -> str:
         told.append(f"{way}: {', '.join(sorted(used))}{among}")
     if not told:
         return ""
-    return f"Options, chosen by a sweep over them ({section.swept}): " + ". ".join(told) + "."
+    chosen = "\n".join(f"- {words}" for words in told)
+    return f"Options were chosen by a sweep ({section.swept}).\n\n{chosen}"
 
 
 def _reached(rows: list[Row]) -> str:
-    """The time to a good error; where none is that good, the least error and its time."""
+    """Return the time to a good error; if none is that good, the least error and its time."""
     good, best = cheapest(rows, GOOD), closest(rows)
     if good:
         return number(good["cost"])
@@ -168,7 +175,7 @@ def _reached(rows: list[Row]) -> str:
 
 
 def _table(section: Section, rows: list[Row], everywhere: list[Row]) -> list[str]:
-    """A line a way; a cell has the time for every error asked for."""
+    """Return a line per method; a cell has the time for every error asked for."""
     problems = problems_of(rows)
     names = [section.titles[p] for p in problems]
     lines = _head("way", *names, "compile/s", "peak/MiB", "measured")
@@ -180,7 +187,7 @@ def _table(section: Section, rows: list[Row], everywhere: list[Row]) -> list[str
 
 
 def _cell(rows: list[Row], errors: tuple[float, ...]) -> str:
-    """Times; in brackets, once, the least error where it is larger than what is asked for."""
+    """Return times; in brackets, once, the least error if it exceeds what is asked for."""
     best = closest(rows)
     if best is None:
         return "–"

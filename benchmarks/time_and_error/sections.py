@@ -1,4 +1,4 @@
-"""What the page says of each group, and which errors its tables ask for."""
+"""The words of each group of the page, and the errors that its tables ask for."""
 
 from __future__ import annotations
 
@@ -43,61 +43,75 @@ class Section(NamedTuple):
 
 
 _IMPACTS = f"""\
-Restitution and duration of one impact, solved in batches of 1, 100 and 100,000: the laws of
-Hunt-Crossley, of a linear spring and dashpot, of Kuwabara and Kono, one of a user's own
-(δ^1.5 + δ^2.5 + c δ δ', written as `force` and nothing else), and Hertz's with a constant push.
-Damping or push differ from lane to lane; {CHECKED} lanes spread over the whole range have a known
-truth. Where fewer lanes were measured than are in the batch, time is in proportion. The peers solve
-the scaled problem, so that units are no trouble to them. *exact*, *phase* and *event* are
-`jc.impact` in a `jax.jit`; its other results are not asked for. diffrax ends by an event on its
-interpolant, SciPy likewise. numba repeats the last step until it ends at zero; *regularised* is
-what an expert would write, in w = √δ and dτ = dt/w. Verlet and Euler make steps of one length."""
+Restitution and duration of one impact, in batches of 1, 100 and 100,000. The laws are those of
+Hunt-Crossley, of a linear spring and dashpot, of Kuwabara and Kono, and a user's own
+(δ^1.5 + δ^2.5 + c δ δ', written as `force` and nothing else). The fifth case is Hertz's law with a
+constant push.
+
+- Damping or push differ from lane to lane. {CHECKED} lanes spread over the whole range have a known
+  truth. If fewer lanes were measured than are in the batch, the time is scaled in proportion.
+- *exact*, *phase* and *event* are `jc.impact` in a `jax.jit`; its other results are not used.
+- The peers solve the scaled problem, so units do not affect them. diffrax and SciPy locate the end
+  by an event on their interpolant. numba repeats the last step until it ends at zero.
+- *regularised* is what an expert would write, in w = √δ and dτ = dt/w. Verlet and Euler use equal
+  steps."""
 
 _DERIVATIVES = f"""\
-All six derivatives of restitution and duration by e, K and n, a law of Hunt and Crossley with
-Hu and Guo's relation between e and damping, e from 0.1 to 0.95. Truth: differences of the
-oracle of 40 digits, which keep 20 of them, on {CHECKED_SLOPES} lanes; errors relative to the
-largest derivative of that result. Forward: `jax.jacfwd`, reverse: `jax.jacrev`. Differences are
-central, six solves."""
+All six derivatives of restitution and duration by e, K and n. The law is Hunt and Crossley's with
+Hu and Guo's relation between e and damping, for e from 0.1 to 0.95. The truth is differences of the
+40-digit oracle, which keep 20 digits, on {CHECKED_SLOPES} lanes. Errors are relative to the largest
+derivative of the result. Forward is `jax.jacfwd`, reverse `jax.jacrev`. Differences are central and
+take six solves."""
 
 _ENGINES = f"""\
-A ball of 1 kg strikes a plane at 4.2 m/s, without gravity, and must rebound at the e that was
-asked: {", ".join(f"{e:g}" for e in ASKED)}. Every engine with its own contact, in two ways. *As its
-documents say*: Exudyn (impact model 2) and LAMMPS (`coeff_restitution`) take e; MuJoCo and MJX take
-a damping ratio, here that of an oscillator with this e; Drake and JaxSim (exponents of Hunt and
-Crossley's force) take a damping, here (3/2)(1 - e)/v, from the paper that they name. *Numbers by
-jaxcontact*: those of `jc.export`, and JaxSim's from the same closed relation. The error of the law
-is what is left of the engine's documented formula, solved by SciPy, without steps; that of the step
-is between the engine and its formula; the tables count the larger one. The ball touches at another
-part of a step for each e. Times are of the steps alone, a model is made before; they are for the
-contact and a third more. Exudyn, MuJoCo and Drake throw one ball after another, LAMMPS a hundred
-in a box for each e, MJX and JaxSim all at once. JaxSim has contacts of points only: a box on four
-corners. *ExactRestitution* is `jc.impact` in a `jax.jit`."""
+A ball of 1 kg strikes a plane at 4.2 m/s, without gravity. It must rebound at the requested e:
+{", ".join(f"{e:g}" for e in ASKED)}. Every engine uses its own contact, in two ways:
+
+- *As its documents say.* Exudyn (impact model 2) and LAMMPS (`coeff_restitution`) take e. MuJoCo
+  and MJX take a damping ratio, here that of an oscillator with this e. Drake and JaxSim (exponents
+  of Hunt and Crossley's force) take a damping, here (3/2)(1 - e)/v, from the paper that they name.
+- *Numbers by jaxcontact.* Parameters from `jc.export`, for JaxSim from the same closed relation.
+
+The error of the law is that of the engine's documented formula, solved by SciPy, without steps. The
+error of the step is between the engine and its formula. The tables count the larger one. The ball
+touches at a different part of a step for each e.
+
+Times cover the steps alone, for the contact and a third more; the model is built before. Exudyn,
+MuJoCo and Drake simulate one ball after another, LAMMPS a hundred in a box for each e, MJX and
+JaxSim all at once. JaxSim has point contacts only: a box on four corners. *ExactRestitution* is
+`jc.impact` in a `jax.jit`."""
 
 _FITS = """\
-Numbers from data without noise, so that what is missing to the truth is the way's: c of the law
-of Hunt and Crossley from 20 and 1000 restitutions (of 40 digits) over speed; c, K, the moment of
-touch and the zero error from a force of 2000 samples (by SciPy from sample to sample at its least
-tolerance). Errors are relative, of the worst number. All start at seven tenths of the truth, but
-`jc.fit_damping`, which finds its own start, and the touch, which all find alike. Peers: SciPy's
-`least_squares` and lmfit, by differences with steps that the tolerance allows, over `solve_ivp`
-(DOP853; of the table point after point, on as many points as the column says, in proportion)
-and over numba (8(5,3); of the table regularised)."""
+Parameters from data without noise, so that the error is that of the method. One fit is c of Hunt
+and Crossley's law from 20 and 1000 restitutions (of 40 digits) over speed. The other is c, K, the
+moment of touch and the zero error from a force of 2000 samples (by SciPy from sample to sample at
+its smallest tolerance). Errors are relative, of the worst parameter.
+
+All start at 0.7 of the truth, except `jc.fit_damping`, which finds its own start, and the touch,
+which all find in the same way. Peers are SciPy's `least_squares` and lmfit, by differences with
+steps that the tolerance allows. They run over `solve_ivp` (DOP853) and over numba (8(5,3)). For the
+table `solve_ivp` solves point after point, on as many points as the column says, in proportion, and
+numba is regularised."""
 
 _SCENES = """\
-Whole runs from start to end. Soft balls, whose impacts take time and overlap: five unequal ones in
-a line, ten equal ones that touch (Hertz, a blow at the end), and a pair that passes (ε: how far it
-slides in an impact, of its diameter); final velocities, beside SciPy at its least tolerance. A ball
-that bounces to rest, with its weight in the contact: the time of rest, beside 40 digits. Out of
-time: a ball on a shaking table, beside sampling and Brent's method, and gases of 32 discs, in a
-periodic cell and between four walls, beside a search in extended precision; final velocities. SciPy
-and diffrax restart at touches and openings. Through flights diffrax has a longest step, found by
-trial, without which it misses contacts (of the shortest ones, at ε = 0.001, with it, too), and both
-have one in the gases and over the table. By hand means numba code for this scene and no other.
-Exudyn (RK44, impact model 1, whose law this is) and MuJoCo make steps of one length; their times
-have the building of the model in them. MuJoCo goes through the line with contacts of 5 ms.
-*billiards* is the one simulator of hard discs from event to event that PyPI has; it knows no
-periodic cell, hence the box."""
+Whole runs from start to end. **Soft balls**, whose impacts take time and overlap: five unequal ones
+in a line, ten equal ones that touch (Hertz, struck at the end), and a pair that passes. ε is the
+distance that the pair slides in an impact, in units of its diameter. The error is that of final
+velocities, against SciPy at its smallest tolerance. A ball bounces to rest with its weight in the
+contact; the error is that of the time of rest, against 40 digits.
+
+**Instantaneous impacts**: a ball on a shaking table, against sampling and Brent's method, and gases
+of 32 discs, in a periodic cell and between four walls. The gases are compared with a search in
+extended precision. The error is that of final velocities.
+
+- SciPy and diffrax restart at touches and openings. In flights diffrax has a longest step, found by
+  trial, without which it misses contacts (the shortest ones, at ε = 0.001, also with it). Both have
+  a longest step in the gases and over the table.
+- *By hand* means numba code for this scene only.
+- Exudyn (RK44, impact model 1, whose law this is) and MuJoCo use equal steps; their times include
+  building the model. MuJoCo runs the line with contacts of 5 ms.
+- *billiards* is the one event-driven simulator of hard discs on PyPI. It has no periodic cell, so
+  it runs in the box."""
 
 SECTIONS = (
     Section(

@@ -1,4 +1,4 @@
-"""When to use what: who is fastest where, counted from the rows."""
+"""When to use what: the fastest method for each task, counted from the rows."""
 
 from __future__ import annotations
 
@@ -9,24 +9,23 @@ from .sections import SECTIONS, Section
 
 ERRORS = (1e-3, 1e-6, 1e-9, 1e-12)
 _ALWAYS = """\
-What no time shows:
+**Other criteria**
 
-- Only the package flags a lane that is not right, and gives derivatives without a line of the
-  user's. SciPy compiles nothing: with a handful of impacts, once, it is done before JAX has
-  compiled.
-- A kernel in numba has to be written, with its step control, its end and its derivatives, for every
-  kind of motion. Where one motion is solved again and again, one at a time, it is worth that.
-- Machines, joints, robots, heaps with friction: an engine is the tool, Exudyn where a contact must
-  be right (its law is one of this package's, and its explicit steps are the cheapest here), Drake's
-  continuous integrators where the error must be controlled. Thousands of grains: LAMMPS. Thousands
-  of robots on an accelerator: MJX. What the package has for their users are the numbers by which
-  their contacts rebound as they should (`jc.export`).
-- Hard discs in a plane, to look at: billiards.
+- Only **jaxcontact** flags wrong lanes and gives derivatives without user code.
+- **SciPy** does not compile. For a few impacts, once, it finishes before JAX has compiled.
+- **numba** needs a kernel with step control, end and derivatives for every kind of motion. It is
+  worth that if one motion is solved again and again, one at a time.
+- **Engines** are for machines, joints, robots, and heaps with friction. Use Exudyn if a contact
+  must be right: its law is one of this package's, and its explicit steps are the cheapest here. Use
+  Drake's continuous integrators if the error must be controlled, LAMMPS for thousands of grains,
+  and MJX for thousands of robots on an accelerator. `jc.export` gives the parameters with which
+  their contacts rebound at the right e.
+- **billiards** is for watching hard discs in a plane.
 """
 
 
 def when_to_use_what(measured: dict[str, list[Row]]) -> str:
-    """A table and sentences for every group that has rows."""
+    """Return a table and sentences for every group that has rows."""
     parts = [_verdict(section, measured[section.group]) for section in SECTIONS]
     return "\n".join(["## When to use what\n", *filter(None, parts), _ALWAYS])
 
@@ -37,8 +36,8 @@ def _verdict(section: Section, rows: list[Row]) -> str:
     problems = problems_of(rows)
     head = [section.batch.rstrip(":"), "error", *(section.titles[p] for p in problems)]
     lines = [
-        f"**{section.title}**: the fastest within an error, and how many times as long the package "
-        "takes, or, where it is the fastest, the next one.",
+        '<details markdown="1"><summary>The fastest method within an error, and how many times as '
+        "long jaxcontact takes (if jaxcontact is the fastest: the next one)</summary>",
         "",
         "| " + " | ".join(head) + " |",
         "|" + "---|" * len(head),
@@ -59,17 +58,18 @@ def _verdict(section: Section, rows: list[Row]) -> str:
                 ratios.setdefault(first, {}).setdefault(where, []).append(times)
         lines.append("| " + " | ".join([f"{batch:,}", f"{error:g}", *cells]) + " |")
     if sum(map(busy, rows)) > len(rows) / 2:
-        lines += ["", "Measured in turn on a busy machine: ratios are good to a factor of some."]
+        lines += ["", "Measured on a busy machine: ratios are uncertain by a factor of several."]
     if any("†" in line for line in lines):
         lines += [
             "",
-            "† One of the two was measured on a busy machine: it is faster than it seems.",
+            "† One of the two was measured on a busy machine and is faster than shown.",
         ]
-    return "\n".join([*lines, "", *_sentences(ratios), ""])
+    lines += ["", "</details>", ""]
+    return "\n".join([f"**{section.title}**", "", *_sentences(ratios), "", *lines])
 
 
 def fastest(rows: list[Row], error: float) -> dict[str, Row]:
-    """The cheapest row of every family within an error, fastest first."""
+    """Return the cheapest row of every family within an error, fastest first."""
     families = {
         family: row
         for family in FAMILIES
@@ -79,13 +79,13 @@ def fastest(rows: list[Row], error: float) -> dict[str, Row]:
 
 
 def _against(found: dict[str, Row]) -> tuple[str, str]:
-    """The fastest family, and whom it is told beside: the package, or the next one."""
+    """Return the fastest family and the one it is compared with: the package, or the next one."""
     first, second = list(found)[:2]
     return first, second if first == "ours" else "ours"
 
 
 def _unequal(found: dict[str, Row]) -> bool:
-    """Whether of the two that are compared one alone was measured on a busy machine."""
+    """Return whether only one of the two compared was measured on a busy machine."""
     first, other = _against(found)
     return busy(found[first]) != busy(found[other])
 
@@ -105,7 +105,7 @@ def _cell(found: dict[str, Row]) -> str:
 
 
 def _sentences(ratios: dict[str, dict[str, list[float]]]) -> list[str]:
-    """For every family where it is the fastest of those that reach the error, and by how much."""
+    """Return for every family where it is the fastest that reaches the error, and by how much."""
     lines = []
     for family in (family for family in FAMILIES if family in ratios):
         than = "the next one" if family == "ours" else FAMILIES["ours"]
