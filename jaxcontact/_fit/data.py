@@ -109,10 +109,9 @@ class FitData:
             return evaluated(self.problem.predict, self.params, self._place(x))
 
     def predict_with_error(self, x: Any = None) -> tuple[np.ndarray, np.ndarray]:
-        """Return the flattened prediction (n,) and its standard error √(g Cov gᵀ), g = d
-        prediction/dp.
+        """Return the flattened prediction (n,) and its standard error √(g Cov gᵀ).
 
-        Parameters without a standard error count as known.
+        g is d prediction/dp. Parameters without a standard error count as known.
         """
         curve, slope = self.linearised(x)
         known = np.isfinite(np.diag(self.covariance))

@@ -185,7 +185,7 @@ def _check(loss: Any, optimizer: Any) -> None:
 
 
 def _refuse_too_many(space: Space, target: Target) -> None:
-    """Raise ValueError if more named numbers are fitted than points count.
+    """Raise ValueError if there are more named numbers to fit than points with weight.
 
     This is not a mistake for the weights in an array, as in a network.
     """

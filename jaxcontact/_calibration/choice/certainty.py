@@ -20,7 +20,7 @@ BETTER = 0.05
 
 @dataclasses.dataclass(frozen=True)
 class Standing:
-    """Certainty of the choice of `kind`: it is `sure`; the laws `containing` it.
+    """The certainty of choosing `kind`: whether it is `sure`, and the laws `containing` it.
 
     The choice of X is sure if every law that does not contain X is excluded, no law that contains X
     is clearly better, and X describes the data.

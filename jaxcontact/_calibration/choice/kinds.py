@@ -113,8 +113,7 @@ class AbstractKind(abc.ABC):
     def estimates(
         self, fit: FitData, contact: Contact, known: frozenset[str], speed: float
     ) -> tuple[Estimate, ...]:
-        """Return what e(v) determines, e at a typical speed, and parameters that follow from
-        `known`.
+        """Return what e(v) determines, e at a typical speed, and what `known` adds.
 
         `known` names the contact numbers that were given, "mass" and "stiffness".
         """

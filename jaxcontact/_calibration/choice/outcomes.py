@@ -23,7 +23,7 @@ _TREND = 2
 class Columns(NamedTuple):
     """Logarithms of what was measured beside e, by name, and their standard deviations.
 
-    A standard deviation is infinite where nothing was measured.
+    A missing reading has an infinite standard deviation.
     """
 
     values: dict[str, Column]

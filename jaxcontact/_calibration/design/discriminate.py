@@ -83,7 +83,7 @@ def _differences(
     readings: np.ndarray,
     size: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return differences of a law from readings, in units of noise, after their derivatives."""
+    """Return the derivatives of a law's readings, and its differences, in units of noise."""
     slopes, own = readings_of(model, space, theta, speeds)
     return slopes / size[:, None], (own - readings) / size
 

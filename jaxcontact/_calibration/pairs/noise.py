@@ -87,9 +87,9 @@ def scatter_beside(
 ) -> float:
     """Return s₀ of values (n,) about a trend, the span of `columns` (n, k), beside known errors.
 
-    The variance is V = s₀² I + `covariance` (n, n). s₀ maximises the restricted likelihood -2 ln L
-    = ln|V| + ln|XᵀV⁻¹X| + rᵀV⁻¹r (Patterson & Thompson 1971, doi 10.1093/biomet/58.3.545) over a
-    grid with 0 and values from `least` on.
+    The variance is V = s₀² I + `covariance` (n, n). s₀ maximises the restricted likelihood L with
+    -2 ln L = ln|V| + ln|XᵀV⁻¹X| + rᵀV⁻¹r (Patterson & Thompson 1971, doi 10.1093/biomet/58.3.545).
+    It is found on a grid of 0 and values from `least` on.
     """
     size, vectors = np.linalg.eigh(covariance)
     values, columns = vectors.T @ values, vectors.T @ columns

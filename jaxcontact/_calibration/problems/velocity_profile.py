@@ -110,7 +110,7 @@ class Profile(eqx.Module):
 def _square(params: Params, u: Float[Array, " n"]) -> Float[Array, " n"]:
     """Return (δ'/v0)² = 1 - u^β with its derivative in β, which is 0 at both ends.
 
-    There ln 0 or 0/0 would occur.
+    The guards avoid ln 0 and 0/0 there.
     """
     inside = (u > 0) & (u < 1)
     log_u = jnp.log(jnp.where(inside, u, 0.5))

@@ -42,7 +42,7 @@ def without_wrong_pairs(fitted: Callable[..., Fit], how: dict[str, Any], reading
     leave out what lies off the previous fit, until the pairs stay the same.
     """
     first, second, velocity, e = readings
-    # Use the expected reading: a reading that is too short would excuse itself.
+    # Use the expected reading: a short reading would widen its own tolerance.
     usual = first * np.median(second / first)
     factor = first**-2.0 + usual**-2.0
     keep = ~mark(velocity, e, factor).flagged

@@ -180,7 +180,7 @@ def calibrate(
             tell(f"looking for spurious and missed triggers in {len(pairs)} pairs")
             outliers = find_outliers(pairs)
         keep = ~outliers.flagged
-        good = pairs.where(keep)
+        kept_pairs = pairs.where(keep)
         if impacts is None:
             noise, weights, correlation = weights_of(pairs, outliers, keep)
             others, more = NONE, {"sigma": weights**-0.5} if pairs.absolute else {}
@@ -189,7 +189,7 @@ def calibrate(
             # Impacts of one record are independent: their errors are those of their readings.
             more = {"groups": None}
 
-        def chosen(use: np.ndarray) -> LawChoice:
+        def choose_from(use: np.ndarray) -> LawChoice:
             few = use.sum() < LEAST_PAIRS
             known = few and impacts is not None
             if few and (impacts is None or use.sum() == 1):
@@ -212,24 +212,24 @@ def calibrate(
                 **({"sigma": weights**-0.5} | more if known else more),
             )
 
-        choice = chosen(keep)
-        with_marked = choice if keep.all() else chosen(np.ones_like(keep))
+        choice = choose_from(keep)
+        with_marked = choice if keep.all() else choose_from(np.ones_like(keep))
     asked = {kind.law: kind.name for kind in kinds}
     kind = choice.best if law == "all" else asked[law]
     if kind not in choice.fits:
         kind = choice.best
-    found = _law_of(choice, kind)
-    if impacts is not None and found is not None:
+    fitted_law = _law_of(choice, kind)
+    if impacts is not None and fitted_law is not None:
         contact = choice.contact_of(kind)
     at_ends = ()
-    if found is not None and kind is not None:
+    if fitted_law is not None and kind is not None:
         others_open = [choice.fits[name] for name in choice.rivals]
-        at_ends = at_speeds(choice.fits[kind], others_open, good.velocity, asked_at)
+        at_ends = at_speeds(choice.fits[kind], others_open, kept_pairs.velocity, asked_at)
     summary = CalibrationSummary(
-        law=found,
+        law=fitted_law,
         contact=contact,
         given=given,
-        standard_errors=_errors(choice, kind, found),
+        standard_errors=_errors(choice, kind, fitted_law),
         requested=law,
         recording=_recording(recording, pairs, () if impacts is None else impacts.notes),
         gravity=flight.gravity,
@@ -240,7 +240,7 @@ def calibrate(
         pairs=_pairs(pairs, outliers),
         choice=choice.data,
         with_marked=with_marked.data,
-        by_speed=_by_speed(good, choice),
+        by_speed=_by_speed(kept_pairs, choice),
         impacts=() if impacts is None else summaries(impacts),
         at=at_ends,
         scatter=float(np.median(weights[keep] ** -0.5)) if keep.sum() >= LEAST_PAIRS else None,
@@ -297,8 +297,8 @@ def _pairs(pairs: RecordedPairs, outliers: Outliers) -> tuple[PairSummary, ...]:
     )
 
 
-def _by_speed(good: RecordedPairs, choice: LawChoice) -> tuple[SpeedBand, ...]:
-    v, e = good.velocity, good.restitution
+def _by_speed(pairs: RecordedPairs, choice: LawChoice) -> tuple[SpeedBand, ...]:
+    v, e = pairs.velocity, pairs.restitution
     if len(v) < 2 * _SPEED_BANDS or v.max() == v.min():
         return ()
     chunks = np.array_split(np.argsort(v, kind="stable"), _SPEED_BANDS)

@@ -95,16 +95,16 @@ def headlines(s: SummaryData) -> list[str]:
         said += _bracket(_interval(slow))
     elif intervals := [_interval(slow), _interval(fast)]:
         said += _bracket(", ".join(intervals) if all(intervals) else "")
-    found = [said]
-    for one in asked:
-        about = [] if wrong or not _interval(one) else [f"95 %: {_interval(one)}"]
-        if not one.measured:
-            about.append("extrapolated: no pair is that " + _beyond(one, slow))
-        if _spread(one) > 0:
-            about.append(f"laws that are not ruled out: {_range(one.least, one.most)}")
+    lines = [said]
+    for point in asked:
+        about = [] if wrong or not _interval(point) else [f"95 %: {_interval(point)}"]
+        if not point.measured:
+            about.append("extrapolated: no pair is that " + _beyond(point, slow))
+        if _spread(point) > 0:
+            about.append(f"laws that are not ruled out: {_range(point.least, point.most)}")
         end = f" ({'; '.join(about)})" if about else ""
-        found.append(f"e = {_number(one)} at {one.velocity:.4g} m/s{end}")
-    return [*found, *meaning(s)]
+        lines.append(f"e = {_number(point)} at {point.velocity:.4g} m/s{end}")
+    return [*lines, *meaning(s)]
 
 
 def _mean(s: SummaryData, law: AtSpeed) -> str:
@@ -137,33 +137,35 @@ def _level(slow: AtSpeed, fast: AtSpeed) -> bool:
     return math.isclose(slow.restitution, fast.restitution, rel_tol=1e-12)
 
 
-def _beyond(one: AtSpeed, slow: AtSpeed) -> str:
-    return "slow" if one.velocity < slow.velocity else "fast"
+def _beyond(point: AtSpeed, slow: AtSpeed) -> str:
+    return "slow" if point.velocity < slow.velocity else "fast"
 
 
 def _bracket(interval: str) -> str:
     return f" (95 %: {interval})" if interval else ""
 
 
-def _half(one: AtSpeed) -> float | None:
-    return None if one.low is None or one.high is None else (one.high - one.low) / 2
+def _half(point: AtSpeed) -> float | None:
+    return None if point.low is None or point.high is None else (point.high - point.low) / 2
 
 
-def _number(one: AtSpeed) -> str:
+def _number(point: AtSpeed) -> str:
     """Return e with as many digits as its interval warrants."""
-    half = _half(one)
-    return f"{one.restitution:.3g}" if not half else with_error(one.restitution, half).split()[0]
+    half = _half(point)
+    return (
+        f"{point.restitution:.3g}" if not half else with_error(point.restitution, half).split()[0]
+    )
 
 
-def _interval(one: AtSpeed) -> str:
+def _interval(point: AtSpeed) -> str:
     """Return `± 0.0017`, or `0.70 to 0.93` if asymmetric; "" if the interval is unknown."""
-    half = _half(one)
-    if half is None or one.low is None or one.high is None:
+    half = _half(point)
+    if half is None or point.low is None or point.high is None:
         return ""
-    up, down = one.high - one.restitution, one.restitution - one.low
+    up, down = point.high - point.restitution, point.restitution - point.low
     if abs(up - down) > _EVEN * half:
-        return _range(one.low, one.high)
-    return f"± {with_error(one.restitution, half).split()[-1]}"
+        return _range(point.low, point.high)
+    return f"± {with_error(point.restitution, half).split()[-1]}"
 
 
 def _range(low: float, high: float) -> str:
@@ -172,10 +174,10 @@ def _range(low: float, high: float) -> str:
     return f"{low:.{places}f} to {high:.{places}f}"
 
 
-def _spread(one: AtSpeed) -> float:
+def _spread(point: AtSpeed) -> float:
     """Return the spread of e over laws not ruled out, or 0 if within the half interval."""
-    off = max(one.restitution - one.least, one.most - one.restitution)
-    return off if off > (_half(one) or 0.0) else 0.0
+    off = max(point.restitution - point.least, point.most - point.restitution)
+    return off if off > (_half(point) or 0.0) else 0.0
 
 
 def meaning(s: SummaryData) -> list[str]:
@@ -291,17 +293,19 @@ def data_sentence(s: SummaryData) -> str:
 
 def cautions(s: SummaryData) -> list[str]:
     """Return short warnings on what may be wrong."""
-    found = []
-    bad = [one.kind for one in (*s.choice.laws, *s.with_marked.laws) if not one.converged]
-    if bad:
-        found.append(f"NOT converged, and not to be believed: {', '.join(dict.fromkeys(bad))}")
+    warnings = []
+    failed = [one.kind for one in (*s.choice.laws, *s.with_marked.laws) if not one.converged]
+    if failed:
+        warnings.append(
+            f"NOT converged, and not to be believed: {', '.join(dict.fromkeys(failed))}"
+        )
     above = sum(pair.restitution > 1 and not pair.marked for pair in s.pairs)
     if above and s.few:
-        found.append("an e above 1 is more than the ball had: a trigger may be missed")
+        warnings.append("an e above 1 is more than the ball had: a trigger may be missed")
     if s.choice.better_possible:
-        found.append("a free smooth curve fits better than every law: a better law is possible")
+        warnings.append("a free smooth curve fits better than every law: a better law is possible")
     caution = drag_caution(s)
-    return [*found, caution] if caution else found
+    return [*warnings, caution] if caution else warnings
 
 
 def drag_caution(s: SummaryData) -> str | None:

@@ -50,8 +50,7 @@ class PairSummary:
 
 @dataclasses.dataclass(frozen=True)
 class ImpactSummary:
-    """One impact in an instrument record: `number`, `time` of touch in s, and the fitted
-    quantities.
+    """One impact in an instrument record: `number`, `time` of touch in s, fitted quantities.
 
     Each has its standard error: closing speed in m/s, e, contact time in s, largest force in N,
     stiffness in N/m^n. `adequate`: whether the fit describes the readings; None if undecided.

@@ -288,8 +288,7 @@ def ratios_of(t1: Floats, t2: Floats, flight: Flight) -> Ratios:
 
 
 def _known(couples: Sequence[tuple[Interval, Interval]], p: Floats, q: Floats) -> Floats | None:
-    """Return the covariance (n, n) of ln e from the known errors of times; None if some are
-    unknown.
+    """Return the covariance (n, n) of ln e from known errors of times, or None.
 
     ln e = p T₂ - q T₁ to first order, with p and q of shape (n,). Successive intervals share a
     time. Each interval includes a contact besides the flight. Its duration is unknown but scales as

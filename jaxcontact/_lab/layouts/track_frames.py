@@ -22,9 +22,10 @@ class Clock(NamedTuple):
 
 
 def clock_of(rows: Sequence[Row], rate: float | None) -> Clock:
-    """Return frame numbers if there is a `rate`, otherwise times; raise RecordingError for neither.
+    """Return the clock of a track: frame numbers with a `rate`, otherwise times.
 
-    A column of times that counts 0, 1, 2, ... numbers frames.
+    A column of times that counts 0, 1, 2, ... numbers frames. Raises RecordingError for frame
+    numbers without a rate, and for times with one.
     """
     there = rows[0].values
     if rate is None:

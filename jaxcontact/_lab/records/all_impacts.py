@@ -86,8 +86,7 @@ class WeighedImpacts(NamedTuple):
 
 
 def weighed(found: Fitted, keep: np.ndarray) -> WeighedImpacts:
-    """Return the noise of ln e and of the logarithm of the force about trends of the impacts
-    `keep`.
+    """Return the noise of ln e and of ln(force) about trends of the impacts `keep`.
 
     Each may scatter from impact to impact about a power of the speed, in addition to the reading
     errors.

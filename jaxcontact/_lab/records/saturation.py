@@ -25,8 +25,7 @@ cuts all other runs as well.
 
 
 class Limits(NamedTuple):
-    """The smallest and largest reading of an instrument, and which readings (n,) are at one of
-    them.
+    """The limits of an instrument, and which readings (n,) are at one of them.
 
     A limit that does not occur is infinite.
     """
