@@ -97,8 +97,12 @@ def test_a_prediction_says_how_it_is_shown():
 
 
 def test_every_ready_made_prediction_says_how_it_is_shown():
-    rooms = pkgutil.iter_modules(jc._calibration.__path__)
-    modules = [importlib.import_module(f"jaxcontact._calibration.{one.name}") for one in rooms]
+    rooms = jc._calibration, importlib.import_module("jaxcontact._lab.records")
+    modules = [
+        importlib.import_module(one.name)
+        for room in rooms
+        for one in pkgutil.walk_packages(room.__path__, f"{room.__name__}.")
+    ]
     predictions = {
         value
         for module in modules

@@ -28,13 +28,13 @@ def nothing_is_compiled(monkeypatch, tmp_path):
     """Searches, bootstraps and profiles count as reached; files go to an empty folder."""
     monkeypatch.chdir(tmp_path)
     for module, name in [
-        ("_fit._fit", "find"),
-        ("_fit._fit", "find_all"),
-        ("_fit._compare", "find"),
-        ("_fit._bootstrap", "_refits"),
-        ("_fit._profile", "_held"),
-        ("_fit._posterior", "find_mode"),
-        ("_fit._posterior", "draw"),
+        ("_fit.fit", "find"),
+        ("_fit.fit", "find_all"),
+        ("_fit.compare", "find"),
+        ("_fit.uncertainty.bootstrap", "_refits"),
+        ("_fit.uncertainty.profile", "_held"),
+        ("_fit.posterior.posterior", "find_mode"),
+        ("_fit.posterior.posterior", "draw"),
     ]:
         monkeypatch.setattr(importlib.import_module(f"jaxcontact.{module}"), name, reached)
     with (
