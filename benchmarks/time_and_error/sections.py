@@ -1,4 +1,4 @@
-"""What the page says of each group, and which errors its tables ask for."""
+"""The text of the page for each group, and the errors of its tables."""
 
 from __future__ import annotations
 

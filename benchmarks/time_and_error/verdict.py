@@ -1,4 +1,4 @@
-"""When to use what: who is fastest where, counted from the rows."""
+"""When to use which method: the fastest in each case, counted from the rows."""
 
 from __future__ import annotations
 
