@@ -1,23 +1,23 @@
-"""How often `choose_law` is sure of a wrong law: `python benchmarks/choice_confusion.py`.
+"""Rate at which `choose_law` is sure of a wrong law: `python benchmarks/choice_confusion.py`.
 
-Tables of e over the closing speed are simulated from ten true laws, of which three are none that
-the choice knows, at 6 to 200 points, with noise of constant size, in proportion to e, and shared by
-the points of a trial, where e is near 1 and near 0. Each is a call of `jc.choose_law`, as a user
-makes it. Counted is what it is sure of:
+Tables of e over the closing speed are simulated from ten true laws, three of which the choice does
+not contain. They have 6 to 200 points, with e near 1 and near 0. The noise has constant size, is
+proportional to e, or is shared by the points of a trial. Each table is a call of `jc.choose_law`,
+as a user makes it. A sure choice is counted as
 
 - right, if that law is the truth or contains it;
-- wrong, if not; for a truth that no law contains, if the curve of the law leaves it somewhere
-  between the slowest and the fastest speed by more than 2 of its standard errors.
+- wrong otherwise. For a truth outside all laws it is wrong if the curve of the law deviates from it
+  by more than 2 of its standard errors between the lowest and the highest speed.
 
-A table is clear where the best law that does not contain the truth misses it by
+A table is clear if the best law that does not contain the truth misses it by
 
     λ = Σ (misfit left after the best fit / σ)² ≥ 40.
 
-Every table is counted in benchmarks/choice_confusion.json when it is done, and a run goes on where
-the last one was stopped; `--fresh` starts over. `--tables` sets the number of tables in a cell,
-`--only` runs the cells whose name contains a text, `--into` another folder. `--right` counts, in
-the same tables, how often the curve of the right law leaves the truth by that measure of 2 standard
-errors. `python benchmarks/fit_adequacy.py --page` writes docs/trust.md from the result.
+Each finished table is counted in benchmarks/choice_confusion.json, and an interrupted run continues
+from there; `--fresh` starts over. `--tables` sets the number of tables in a cell, `--only` runs the
+cells whose name contains a text, `--into` selects another folder. `--right` counts, in the same
+tables, how often the curve of the right law deviates from the truth by more than 2 standard errors.
+`python benchmarks/fit_adequacy.py --page` writes docs/trust.md from the result.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-# From another folder, too.
+# Works from another folder too.
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
@@ -173,7 +173,7 @@ def simulated(random: np.random.Generator, truth: Truth, n: int, noise: str, lev
             continue
         trials, size = None, random.normal(size=n)
         if noise == "by trial":
-            # Each trial goes through all speeds.
+            # Each trial covers all speeds.
             trials = np.arange(n) % trials_of(n)
             shared = random.normal(size=n)[trials]
             size = np.sqrt(SHARED) * shared + np.sqrt(1 - SHARED) * size
@@ -215,7 +215,7 @@ def judged(table: Table, truth: Truth) -> dict[str, Any]:
         choice = jc.choose_law(table.velocity, table.e, CONTACT, groups=table.trials)
         kind = choice.best if choice.sure else None
     except jc.RecordingError:
-        # A steep curve through few points: the rule for outliers left fewer than four.
+        # A steep curve through few points: the outlier rule left fewer than four.
         choice = None
     if truth.kind is not None:
         clear = distance(table, truth) >= CLEAR
@@ -240,7 +240,7 @@ def drawn(name: str, what: tuple[str, int, str, str], i: int) -> Table:
 def more(cell: dict[str, Any], name: str, what: tuple[str, int, str, str], tables: int) -> None:
     """Bring the counts of a cell to so many tables."""
     if cell["tables"] < tables:
-        # Counted of fewer tables.
+        # Counted from fewer tables.
         cell.pop("right", None), cell.pop("left", None)
     for i in range(cell["tables"], tables):
         one = judged(drawn(name, what, i), TRUTHS[what[0]])
@@ -299,7 +299,7 @@ def main(given: list[str] | None = None) -> None:
         sums = shares(result)["all"]
         print(f"sure of the right law: {sums['right']}, its curve leaves the truth: {sums['left']}")
         return
-    # A table of every cell, then another: a run that is stopped has touched them all.
+    # One table of every cell, then the next: an interrupted run has covered all cells.
     for tables in range(1, arguments.tables + 1):
         for name, what in chosen:
             cell = result["cells"].setdefault(name, NOTHING | {"sure": {}})

@@ -1,9 +1,9 @@
-"""How long a user waits for what takes no time itself: `python benchmarks/door.py`.
+"""Waiting times of users without any computation: `python benchmarks/door.py`.
 
-Imports, warm calls, first calls and commands, each in a process of its own, without a store of
-compiled programs; a command a second time with one. Calls are compared with a trivial compiled
-function of three numbers; seconds belong to the machine that is printed with them. `--out` writes
-JSON as well, `--only` takes the rows whose name contains a text.
+Imports, warm calls, first calls and commands run each in their own process, without a store of
+compiled programs; commands run a second time with one. Calls are compared with a trivial compiled
+function of three numbers. Seconds belong to the machine that is printed with them. `--out` also
+writes JSON, `--only` selects the rows whose name contains a text.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ print({again})
 """
 )
 
-# The row, what it should be at most, its unit, and the program that prints it.
+# The row, its limit, its unit, and the program that prints it.
 CALLS = {
     "jc.restitution(law), warm": (5, "x", "best(lambda: jc.restitution(law))"),
     "jc.impact(law, contact, v), warm": (

@@ -1,7 +1,7 @@
-"""Time to read tables of 100,000 rows, beside that of a reader that knows their form.
+"""Time to read tables of 100,000 rows, compared with a reader written for their format.
 
-Run `python -m benchmarks.files`. By hand means `str.split` and `float` for each line, with what the
-form needs, a comma replaced or a time taken apart, and no check.
+Run `python -m benchmarks.files`. The reference uses `str.split` and `float` for each line, handles
+a decimal comma or a time if the format has one, and checks nothing.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def measured(text: str, line: Callable[[str], list[float]]) -> tuple[float, floa
 
 
 def main() -> None:
-    jc.read_recording(io.StringIO(forms(6000)["commas"][0]))  # SciPy comes in
+    jc.read_recording(io.StringIO(forms(6000)["commas"][0]))  # imports SciPy
     print(f"{ROWS} rows; s of CPU     by hand  text to columns  recording")
     for name, (text, line) in forms().items():
         hand, sheet, whole = measured(text, line)

@@ -1,14 +1,14 @@
-"""How often a right and a wrong model is called inadequate: `python benchmarks/fit_adequacy.py`.
+"""Rate at which right and wrong models are called inadequate: `python benchmarks/fit_adequacy.py`.
 
-Levels: models that are right, false alarms at 5 %. Power: a smooth misfit of known size is added to
-a line or a parabola,
+Levels: right models, with false alarms at 5 %. Power: a smooth misfit of known size is added to a
+line or a parabola,
 
     λ = Σ (misfit left after the best fit / σ)²,
 
-and the share of fits that are called inadequate is counted. Every draw is a call of `jc.fit`, as a
-user makes it. Writes benchmarks/fit_adequacy.json; `--page` writes docs/trust.md from it
-and from the results of fit_coverage.py, fit_design.py and choice_confusion.py.
-`--draws` sets the number of draws, `--into` another folder.
+and the fraction of fits that are called inadequate is counted. Every draw is a call of `jc.fit`, as
+a user makes it. The results are written to benchmarks/fit_adequacy.json. `--page` writes
+docs/trust.md from it and from the results of fit_coverage.py, fit_design.py and
+choice_confusion.py. `--draws` sets the number of draws, `--into` selects another folder.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-# From another folder, too.
+# Works from another folder too.
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc

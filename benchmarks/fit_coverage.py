@@ -1,10 +1,10 @@
-"""How often intervals hold the truth: `python benchmarks/fit_coverage.py`.
+"""Coverage of intervals: `python benchmarks/fit_coverage.py`.
 
-Data are simulated from a known truth and fitted as a user would; counted is how often the 95 %
-interval of each parameter, and the bands of the prediction, hold what is true. Every cell is
-written to benchmarks/fit_coverage.json when it is done, and a run goes on where the last one was
-stopped; `--fresh` starts over. `--draws` sets the number of draws, `--only` runs the cells whose
-name contains a text, `--into` another folder. `python benchmarks/fit_adequacy.py --page` writes
+Data are simulated from a known truth and fitted as a user would. The study counts how often the 95
+% interval of each parameter, and the bands of the prediction, contain the truth. Every finished
+cell is written to benchmarks/fit_coverage.json, and an interrupted run continues from there;
+`--fresh` starts over. `--draws` sets the number of draws, `--only` runs the cells whose name
+contains a text, `--into` selects another folder. `python benchmarks/fit_adequacy.py --page` writes
 docs/trust.md from the result.
 """
 
@@ -22,7 +22,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 
-# From another folder, too.
+# Works from another folder too.
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
@@ -82,7 +82,7 @@ def curve_of(model, truth, ends, sigma, transforms, n, known) -> Draw:
             ("new reading", found.prediction_band, new),
         ):
             low, high = band(places)
-            # One place a draw, so that the draws are independent.
+            # One place per draw, so that the draws are independent.
             i = int(random.integers(places.size))
             held[name] = bool(low[i] <= value[i] <= high[i])
         return held
@@ -139,7 +139,7 @@ def run(name: str, draw: Draw, draws: int, seed: int) -> dict:
 
 
 def shown(cell: dict) -> str:
-    # Two standard deviations of a share of the draws.
+    # Two standard deviations of a fraction of the draws.
     blur = 2 * math.sqrt(0.95 * 0.05 / cell["draws"])
     parts = []
     for name, share in cell["shares"].items():

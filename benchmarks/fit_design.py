@@ -1,8 +1,9 @@
-"""Whether plans of measurements keep their promise: `python benchmarks/fit_design.py`.
+"""Accuracy of plans of measurements: `python benchmarks/fit_design.py`.
 
-For each plan 500 measurements are simulated and fitted as a user would; the standard deviation of
-each parameter over the fits is compared with the standard error that the plan expects. Writes
-benchmarks/fit_design.json. `--draws` sets the number of fits, `--into` another folder.
+For each plan 500 measurements are simulated and fitted as a user would. The standard deviation of
+each parameter over the fits is compared with the standard error expected by the plan. The results
+are written to benchmarks/fit_design.json. `--draws` sets the number of fits, `--into` selects
+another folder.
 """
 
 from __future__ import annotations

@@ -101,11 +101,11 @@ def record_fit(
     clean = clean_record()
     size = {c: NOISE[c] * np.ptp(clean[c][(TIME > TOUCH)]) for c in columns}
     if steps is not None:
-        # The steps stay the same, with a zero that is as probable anywhere.
+        # The steps stay the same; the zero is uniformly distributed.
         step = size["force"]
         size["force"] /= steps
     if "indentation" in columns:
-        # The flight before and after is part of the column, not of its largest indentation.
+        # The flights before and after belong to the column, but not to its largest indentation.
         size["indentation"] = NOISE["indentation"] * clean["indentation"].max()
     table = {c: clean[c] + size[c] * random.normal(size=TIME.size) for c in columns}
     if cut is not None:
@@ -141,7 +141,7 @@ def filtered_fit(random: np.random.Generator, fitted: bool) -> jc.Fit:
     """Force and its noise pass a low-pass filter, the indentation does not."""
     white = random.normal(size=DENSE * (TIME.size + BEFORE))
     noise = signal.sosfilt(filter_of(DENSE), white)[DENSE * BEFORE :: DENSE]
-    # A filter passes π/(2 √2) of its cut-off of the power, at this order.
+    # At this order a filter passes π/(2 √2) of its cut-off of the power.
     passed = np.pi / np.sqrt(8) * CUTOFF * 2 * (TIME[1] - TIME[0]) / DENSE
     clean = clean_record()
     size = NOISE["force"] * clean["force"].max() / np.sqrt(passed)
@@ -225,7 +225,7 @@ def bounces_fit(random: np.random.Generator, ball: str, wrong: float) -> dict[st
         return float(np.sum(np.where(abs(z) < k, z**2 / 2, k * abs(z) - k**2 / 2)))
 
     best = loss(float(found.values[0]))
-    # Interpolated restitutions blur a loss by less.
+    # Interpolation blurs a loss by less than this.
     better = min(map(loss, grid)) < best * (1 - 1e-6)
     return {name: bool(low <= truth <= high), "no better grid point": not better}
 

@@ -1,9 +1,9 @@
-"""Time of fits beside scipy, and whether their intervals hold: `python benchmarks/fits.py`.
+"""Time of fits compared with scipy, and coverage of their intervals: `python benchmarks/fits.py`.
 
-The fits that the library makes by closed form and exact derivatives are made again by what most
-people write: `scipy.optimize.least_squares` over `solve_ivp`, with finite differences. Compile time
-is kept apart. The coverage study fits 500 simulated tables and counts how often the 95 % intervals
-hold the truth.
+Fits by closed form and exact derivatives are repeated with the usual alternative:
+`scipy.optimize.least_squares` over `solve_ivp`, with finite differences. Compile time is measured
+separately. The coverage study fits 500 simulated tables and counts how often the 95 % intervals
+contain the truth.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Gases of hard spheres against published values: `python benchmarks/gas.py [--out FILE]`.
 
-In a periodic cell, impacts out of time, several seeds: the mean free time and the pressure of an
-elastic gas and how well it keeps its energy, then how two gases cool that lose a little in every
-impact, while they are homogeneous. Errors are those of the mean over the seeds.
+In a periodic cell with instantaneous impacts and several seeds, the study measures an elastic gas:
+its mean free time, its pressure and its energy conservation. It then measures how two slightly
+dissipative gases cool while they are homogeneous. Errors are those of the mean over the seeds.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def settled(count: int, density: float, seed: int) -> list[jc.Sphere]:
         jc.ExactRestitution(e=1.0),
         periodic=size,
     )  # fmt: skip
-    # Some fifteen impacts of every sphere.
+    # About fifteen impacts of every sphere.
     return list(jc.simulate(scene, 1.0 / density, instantaneous=True).final.spheres)
 
 
@@ -75,7 +75,7 @@ def equilibrium(count: int, impacts: int, seed: int) -> dict:
     )
     found, energy = run.impacts.to_dict(), np.asarray(run.energy)
     number, hot = len(found["time"]), temperature(energy[0], count)
-    # Equal masses of one: the momentum that an elastic impact passes on is its closing speed.
+    # Equal masses of one: the momentum transferred by an elastic impact is its closing speed.
     virial = DIAMETER * np.sum(found["closing_speed"]) / (2 * energy[0] * duration)
     return {
         "seed": seed,
@@ -110,8 +110,8 @@ def cooling(
     found = run.impacts.to_dict()
     most = len(found["time"])
     left = float(run.energy[0]) - np.cumsum(found["energy_loss"])
-    # After five impacts of each the velocities have forgotten the elastic gas; then at temperatures
-    # that fall by the same factor.
+    # After five impacts of each sphere the velocities are independent of the elastic gas. Later
+    # samples are at temperatures that fall by the same factor.
     early = 5 * count // 2
     late = np.searchsorted(-left[early:], -np.geomspace(left[early], left[-1], 400)) + early
     since = found["time"][late] - found["time"][early]

@@ -1,7 +1,8 @@
-"""Run time of one impact against its error, all ways side by side: `python benchmarks/methods.py`.
+"""Run time of one impact against its error, for all methods: `python benchmarks/methods.py`.
 
-What counts are the ratios; the times belong to the machine that is printed with them. Compile time
-is kept apart. Errors are against the closed form, which the tests hold to 40-digit arithmetic.
+Only the ratios are meaningful; the times belong to the machine that is printed with them. Compile
+time is measured separately. Errors are relative to the closed form, which the tests compare with
+40-digit arithmetic.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-# The problems have their truth from the oracle, which lives beside the tests.
+# The truth of the problems comes from the oracle in the tests folder.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import jax

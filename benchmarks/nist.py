@@ -1,7 +1,7 @@
 """NIST's nonlinear regression problems by `jc.fit` and SciPy: `python benchmarks/nist.py`.
 
-27 problems, two starts each, with parameters that NIST certifies to 11 digits: `nist_data.json`,
-from the Statistical Reference Datasets of the National Institute of Standards and Technology
+`nist_data.json` contains 27 problems with two starts each, and parameters certified to 11 digits.
+Source: the Statistical Reference Datasets of the National Institute of Standards and Technology
 (public domain), https://www.itl.nist.gov/div898/strd/nls/nls_main.shtml.
 """
 

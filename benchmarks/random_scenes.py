@@ -1,14 +1,14 @@
-"""Random scenes beside Newton's equations: `python benchmarks/random_scenes.py`.
+"""Random scenes compared with Newton's equations: `python benchmarks/random_scenes.py`.
 
-Three and four discs in a box under gravity, five laws, at `rtol` 1e-6 and 1e-9. Where they end is
-known from tests/oracle/random_scenes.py, which uses nothing of the library and makes up to a
-thousand. A run magnifies what is
-wrong at each impact, so that an error is judged beside `rtol` times the growth of a perturbation,
-and beside what the impacts estimate times that growth.
+Three and four discs in a box under gravity, five laws, at `rtol` 1e-6 and 1e-9. Their final states
+come from tests/oracle/random_scenes.py, which is independent of the library and has up to a
+thousand scenes. A run magnifies the error of each impact. An error is therefore compared with
+`rtol` times the growth of a perturbation, and with the error estimate of the impacts times that
+growth.
 
-The result is written after every scene to benchmarks/random_scenes.json, and a run that was stopped
-goes on; `--fresh` starts over, `--only` runs so many scenes and writes nothing, `--page` writes the
-table of docs/scenes_how.md.
+The result is written after every scene to benchmarks/random_scenes.json, and an interrupted run
+continues; `--fresh` starts over. `--only` runs the given number of scenes and writes nothing,
+`--page` writes the table of docs/scenes_how.md.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ jax.config.update("jax_enable_x64", True)
 
 import numpy as np
 
-# From another folder, too.
+# Works from another folder too.
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
@@ -107,7 +107,7 @@ def main() -> None:
         PAGE.write_text(f"{before}{begin}\n{page(rows)}\n{end}{rest.partition(end)[2]}")
         return
     known = answers()
-    # Scenes that share a program follow each other.
+    # Scenes that share a program run one after another.
     order = sorted(known, key=lambda k: (int(k) % (2 * len(LAWS)), int(k)))
     for number in order[: arguments.only]:
         for rtol in TOLERANCES:

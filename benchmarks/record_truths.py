@@ -1,7 +1,8 @@
-"""Records of instruments with impacts in them, simulated: the truths of benchmarks/records.py.
+"""Simulated instrument records with impacts: the truths of benchmarks/records.py.
 
-It uses nothing of the library: SciPy integrates each impact, m δ'' = -K δ^(3/2) (1 + a δ'), with
-a constant a (a constant damping) or a = α/v₀ (a constant e), and readings are added by hand.
+The simulation is independent of the library. SciPy integrates each impact, m δ'' = -K δ^(3/2) (1 +
+a δ'), with a constant a (constant damping) or a = α/v₀ (constant e), and readings are added by
+hand.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ def impact(mass: float, stiffness: float, a: float, speed: float) -> tuple[np.nd
     unit = scale / speed
 
     def rate(_: float, state: np.ndarray) -> list[float]:
-        # In units of the speed, and of the indentation of a collision without loss.
+        # In units of the speed, and of the indentation of an elastic collision.
         return [state[1], -(max(state[0], 0.0) ** 1.5) * (1 + a * speed * state[1])]
 
     def apart(_: float, state: np.ndarray) -> float:
@@ -85,7 +86,8 @@ def draw(random: np.random.Generator, *, impacts: bool = True) -> Truth:
         times.append(at)
         speeds.append(speed)
         ratios.append(after / speed)
-        # Long flights are cut short: nothing is in them, and the record would be of millions.
+        # Long flights are shortened: they are empty, and the record would have millions of
+        # readings.
         flight = 2 * after / GRAVITY if bounces else np.inf
         at += time[-1] + min(flight, random.uniform(10, 60) * duration)
         speed = after if bounces else speed * random.uniform(0.6, 1.1)
@@ -102,7 +104,7 @@ def draw(random: np.random.Generator, *, impacts: bool = True) -> Truth:
     sigma = noise * top
     reading = contact + hum * top * np.sin(2 * np.pi * 50 * clock + random.uniform(0, 6))
     reading += random.uniform(-1, 1) * top + sigma * random.normal(size=clock.size)
-    # The largest impact is cut off at 70 to 95 % of its height.
+    # The largest impact is clipped at 70 to 95 % of its height.
     clipped = bool(random.random() < 0.15)
     if clipped:
         limit = float(np.median(reading)) + random.uniform(0.7, 0.95) * top

@@ -1,11 +1,11 @@
-"""Do intervals hold e and K of impacts in long records? `python benchmarks/records.py`.
+"""Coverage of intervals of e and K for impacts in long records: `python benchmarks/records.py`.
 
-Records of force plates and accelerometers are simulated with known impacts (see record_truths.py),
-read as a user would, and fitted as `calibrate` does, with the kind of law that is true. Counted are
-the impacts that are found, records in which one is invented, and how often 95 % intervals hold the
-e and the v of each impact, and the e and the K of all. Records without impacts follow. Written to
-benchmarks/records.json; `--only N` draws fewer and writes nothing, `--page` writes the table of
-docs/records.md from the result.
+Records of force plates and accelerometers are simulated with known impacts (see record_truths.py).
+They are read as a user would, and fitted like `calibrate` with the true kind of law. The study
+counts the impacts found, records with an invented impact, and the coverage of 95 % intervals. These
+cover the e and the v of each impact, and the e and the K of all. Records without impacts follow.
+The results are written to benchmarks/records.json. `--only N` draws fewer and writes nothing,
+`--page` writes the table of docs/records.md from the result.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import stdtrit
 
-# From another folder, too.
+# Works from another folder too.
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc
@@ -127,7 +127,7 @@ def one_law(truth: Truth, found: Fitted) -> dict:
     name = kind.identified(found.contact)[0][0]
     value, error = (float(one[name]) for one in (fit.params, fit.standard_errors))
     k, error_k = (float(one["stiffness"]) for one in (fit.params, fit.standard_errors))
-    # Of c the contact in whose units it is has been given.
+    # For c the contact that defines its units is given.
     scale = 1 / float(found.contact.stiffness) if name == "c" else 1.0
     expected = float(truth.e[0]) if name == "e" else slope_of(truth)
     return {

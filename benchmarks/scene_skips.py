@@ -1,7 +1,6 @@
-"""Scenes twice: as they are, and with something null added, so that nothing can be skipped.
+"""Scenes twice: unchanged, and with a null addition that prevents skipping.
 
-`python benchmarks/scenes.py --only skips` times them side by side; tests see that both give the
-same.
+`python benchmarks/scenes.py --only skips` measures both; tests check that the results agree.
 """
 
 from __future__ import annotations

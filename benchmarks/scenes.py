@@ -2,10 +2,10 @@
 
 `python benchmarks/scenes.py [--out FILE] [--only GROUP]`
 
-Ours beside SciPy and plain diffrax, both restarted at events, each at the loosest tolerance that
-reaches the error. Then what an instantaneous impact and a gradient cost, in steps and in values,
-and what it is worth to skip what a scene does not need (`--only skips`). What counts are the
-ratios; compile time is kept apart.
+The package is compared with SciPy and plain diffrax, both restarted at events. Each uses the
+loosest tolerance that reaches the error. The study then measures the cost of an instantaneous
+impact and of a gradient, in steps and in values, and the gain by skipping unneeded parts (`--only
+skips`). Only the ratios are meaningful; compile time is measured separately.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ def compared(name: str, line: Line) -> list[dict]:
         finer = (tried(factor * row["rtol"]) for factor in between)
         row |= next((found for found in finer if found["reached"]), {})
         rows.append(row)
-    # In turn, each for a tenth of a second at least, so that what else the machine does meets all
-    # of them alike.
+    # In turn, each for at least a tenth of a second, so that other load affects all of them
+    # equally.
     for _ in range(8):
         for row in rows:
             often = max(3, int(0.1 / row["seconds"]))

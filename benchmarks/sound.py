@@ -1,10 +1,10 @@
-"""Do intervals hold the e of a recording of sound? `python benchmarks/sound.py`.
+"""Coverage of intervals of e for recordings of sound: `python benchmarks/sound.py`.
 
-2000 recordings are simulated with known impacts (see sound_truths.py), read as a user would, and
-the constant e is fitted as `calibrate` does. Counted are the bounces that are found, recordings in
-which one is invented, and how often the 95 % interval holds the e that was simulated. Recordings
-with speech, and without any bounce, follow. Written to benchmarks/sound.json; `--only N` draws
-fewer and writes nothing, `--page` writes the table of docs/sound.md from the result.
+2000 recordings are simulated with known impacts (see sound_truths.py) and read as a user would; the
+constant e is fitted like `calibrate`. The study counts the bounces found, recordings with an
+invented bounce, and the coverage of the 95 % interval of e. Recordings with speech, and without any
+bounce, follow. The results are written to benchmarks/sound.json. `--only N` draws fewer and writes
+nothing, `--page` writes the table of docs/sound.md from the result.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 from scipy.special import stdtrit
 
-# From another folder, too.
+# Works from another folder too.
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc

@@ -1,7 +1,7 @@
-"""Recordings of a bouncing ball, simulated with known impacts: the truths of benchmarks/sound.py.
+"""Simulated recordings of a bouncing ball with known impacts: the truths of benchmarks/sound.py.
 
-It uses nothing of the library. A ball that rings in a few modes is struck by half sines of force,
-whose duration grows as v^(-1/5), in a room with hum, noise and reverberation.
+The simulation is independent of the library. A ball that rings in a few modes is struck by half
+sines of force, whose duration grows as v^(-1/5), in a room with hum, noise and reverberation.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ def draw(random: np.random.Generator, *, speech: bool = False, bounces: bool = T
     flights = [first]
     while flights[-1] > LAST_FLIGHT and sum(flights) < 6:
         flights.append(flights[-1] * e * np.exp(scatter * random.normal()))
-    speed = GRAVITY * np.array(flights) / 2 / e  # of approach, but for the scatter
+    speed = GRAVITY * np.array(flights) / 2 / e  # approach speed, without the scatter
     ball = _ball(random, rate)
-    # From touch to touch the ball is in contact, too.
+    # The interval between touches includes the contact.
     whole = np.array(flights) + ball.contact * (speed / speed[0]) ** -0.2
     time = start + np.concatenate([[0], np.cumsum(whole[:-1])])
     seconds = time[-1] + random.uniform(0.3, 0.8)

@@ -1,18 +1,17 @@
-"""Where the package is right, flagged or wrong: `python benchmarks/stability.py`.
+"""Map of right, flagged and wrong results of the package: `python benchmarks/stability.py`.
 
-Every kind of law by every method, over damping, exponents, pushes, units and both precisions,
-beside oracles in extended precision that share no code with the package. Two seeds are drawn, which
-share compiled programs and tables: the results are written after every group of jobs that share
-them, to benchmarks/stability.json and benchmarks/stability_seed.json. A run that was stopped goes
-on where it was; a job that other code or other lanes have answered is run again. `--fresh` starts
-over, `--lanes` scales the number of lanes, `--only` runs the jobs whose name contains a text,
-`--one-seed` draws the first only, `--workers` is the number of processes, `--into` another folder
-for the results.
+It covers every kind of law by every method, over damping, exponents, pushes, units and both
+precisions. The oracles use extended precision and share no code with the package. Two seeds are
+drawn, which share compiled programs and tables. Results are written after every group of jobs that
+share them, to benchmarks/stability.json and benchmarks/stability_seed.json. An interrupted run
+continues; a job answered by other code or with other lanes is run again. `--fresh` starts over,
+`--lanes` scales the number of lanes, `--only` runs the jobs whose name contains a text.
+`--one-seed` draws the first only, `--workers` is the number of processes, `--into` selects another
+folder for the results.
 
 Other parts: `--slopes`, first derivatives; `--balance`, a million lanes without an oracle;
-`--laws`, every law of the registry by its own class; `--peers`, what users would write instead,
-with Exudyn and MuJoCo where they are installed. `--page` makes the page and the pictures from the
-files.
+`--laws`, every law of the registry by its own class; `--peers`, the alternatives of users, with
+Exudyn and MuJoCo if installed. `--page` writes the page and the pictures from the files.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ LAWS = HERE / "stability_laws.json"
 def run_group(run_one: Callable[[Job], dict[str, Any]], jobs: list[Job]) -> list[dict[str, Any]]:
     """Jobs one after another in one process, whose tables and programs they share."""
     found = [run_one(job) for job in jobs]
-    # A process has room for a few hundred programs.
+    # A process can hold a few hundred programs.
     jax.clear_caches()
     return found
 
@@ -152,14 +151,14 @@ def _run_all(
     code = fingerprint()
 
     def missing(job: Job) -> bool:
-        # What other code or other lanes have answered is run again.
+        # Jobs answered by other code or with other lanes are run again.
         found = known[job.seed].get(job.name, {})
         same = found.get("asked") == [job.lanes, job.seed] and found.get("code") == code
         return arguments.only in job.name and not same
 
     asked = [found for group in groups if (found := [job for job in group if missing(job)])]
     count, left = 0, sum(map(len, asked))
-    # In the order of the jobs, whoever was ready first.
+    # In the order of the jobs, independent of their completion.
     order = list(dict.fromkeys(job.name for group in groups for job in group))
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(arguments.workers, mp_context=context) as pool:

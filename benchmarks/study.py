@@ -1,7 +1,7 @@
-"""The command of a study of simulated recordings: its options, its result, and the table of a page.
+"""The command of a study of simulated recordings: its options, its result, and its table.
 
-A study stands in benchmarks/NAME.py, its result in benchmarks/NAME.json, and its table in
-docs/NAME.md between two comments.
+A study is in benchmarks/NAME.py, its result in benchmarks/NAME.json, and its table in docs/NAME.md
+between two comments.
 """
 
 from __future__ import annotations

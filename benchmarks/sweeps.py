@@ -1,9 +1,9 @@
-"""Lanes per second of sweeps, beside scipy and plain diffrax: `python benchmarks/sweeps.py`.
+"""Lanes per second of sweeps, compared with scipy and diffrax: `python benchmarks/sweeps.py`.
 
-Each way runs in processes of its own, on one core and on all, over ever more lanes, so that the
-largest memory seen so far belongs to the count at hand. What counts are the ratios; the times
-belong to the machine that is printed with them. Compile time is kept apart. Errors are against the
-forty digits of the tests' oracle, which shares no formula with the library.
+Each method runs in its own processes, on one core and on all. The number of lanes increases, so
+that the largest memory so far belongs to the current number. Only the ratios are meaningful; the
+times belong to the machine that is printed with them. Compile time is measured separately. Errors
+are relative to the forty digits of the tests' oracle, which shares no formula with the library.
 """
 
 from __future__ import annotations
@@ -315,7 +315,7 @@ def main() -> None:
     for way in arguments.ways:
         most = arguments.most
         if way in PEERS:
-            # A plain vmap holds all lanes at once.
+            # A plain vmap keeps all lanes at once.
             most = min(most, 100 if way.startswith("scipy") else 10**5)
         kinds = ("one core", "all cores", "devices") if way in OURS else ("one core", "all cores")
         for kind in kinds:

@@ -1,8 +1,8 @@
-"""Tracks of a bouncing ball, simulated with known impacts: the truths of benchmarks/tracks.py.
+"""Simulated tracks of a bouncing ball with known impacts: the truths of benchmarks/tracks.py.
 
-It uses nothing of the library. A ball falls, bounces and drifts, in a vacuum unless `air` is asked
-for; a camera that is rolled takes it with an exposure that blurs, and a tracker reads its centre
-with noise and mistakes.
+The simulation is independent of the library. A ball falls, bounces and drifts, in vacuum unless
+`air` is given. A rolled camera records it with an exposure that blurs, and a tracker reads its
+centre with noise and mistakes.
 """
 
 from __future__ import annotations
@@ -147,14 +147,14 @@ def draw(
     start[0] = release - rising
     for k in range(count):
         start[k + 1] = start[k] + flight[k] + contact[k]
-    # Where it is caught in the last flight, and held for a while; or the camera stops before.
+    # It is caught in the last flight and held for a while, or the camera stops before.
     caught = start[-1] + flight[-1] * random.uniform(0.35 if count else 0.6, 0.9)
     if swings:
         caught += random.uniform(1, 3)
     end = caught + (random.uniform(0.1, 0.4) if random.random() < 0.5 else 0.0)
     begin = 0.0 if held or random.random() < 0.5 else release + 0.25 * random.random() * flight[0]
     drift = random.uniform(-0.4, 0.4) * np.cumprod(np.r_[1, random.uniform(0.6, 1.05, count)])
-    # Friction is taken to act in the middle of a contact.
+    # Friction acts in the middle of a contact.
     edge = np.r_[release, start[1:] - contact / 2, caught]
     drifted = air_of.drifted(edge, start, speed, drift)
 

@@ -1,11 +1,11 @@
-"""Do intervals hold e, scale and tilt of tracks from video? `python benchmarks/tracks.py`.
+"""Coverage of intervals of e, scale and tilt for video tracks: `python benchmarks/tracks.py`.
 
-Tracks are simulated with known impacts (see track_truths.py), read as a user would, and the
-constant e is fitted as `calibrate` does. Counted are the impacts that are found, tracks in which
-one is invented, and how often 95 % intervals hold the e of each impact and of all, the scale and
-the tilt. Tracks without an impact, in air and of a rolled camera without x follow. Written to
-benchmarks/tracks.json; `--only N` draws fewer and writes nothing, `--page` writes the table of
-docs/tracks.md from the result.
+Tracks are simulated with known impacts (see track_truths.py) and read as a user would; the constant
+e is fitted like `calibrate`. The study counts the impacts found, tracks with an invented impact,
+and the coverage of 95 % intervals. These cover the e of each impact and of all, the scale and the
+tilt. Tracks without an impact, in air, and of a rolled camera without x follow. The results are
+written to benchmarks/tracks.json. `--only N` draws fewer and writes nothing, `--page` writes the
+table of docs/tracks.md from the result.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-# From another folder, too.
+# Works from another folder too.
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import jaxcontact as jc

@@ -1,10 +1,10 @@
-"""How much a first call has the compiler do: `python benchmarks/weight.py`.
+"""Work of the compiler in a first call: `python benchmarks/weight.py`.
 
 The weight of a call is the number of HLO instructions of all its programs before optimisation, and
 the number of programs. For one set of versions it is the same on every machine. Each row is a fresh
-process that optimises nothing and stores no program; `--seconds` runs it once more as a user does,
-for its CPU time. Solves of one impact by plain diffrax stand beside. `--only` takes the rows whose
-name contains a text, `--out` writes JSON as well.
+process that optimises nothing and stores no program. `--seconds` runs it again with a user's
+settings, for its CPU time. Solves of one impact by plain diffrax serve as comparison. `--only`
+selects the rows whose name contains a text, `--out` also writes JSON.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ class Budget(NamedTuple):
     goal: tuple[int, int | None] | None = None
 
 
-# Where there is a goal it is not met: the budget is what was reached, so that it is held.
+# Goals are not met yet: the budget is the reached value, which is preserved.
 BUDGETS = {
     "impact, exact": Budget(1_300, 3),
     "impact, exact: gradient": Budget(2_600, 6),

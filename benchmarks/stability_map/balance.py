@@ -1,9 +1,9 @@
-"""A million lanes without an oracle: energies that must add up, and method against method.
+"""A million lanes without an oracle: energy balances, and one method against another.
 
-Of every lane that is not flagged: no energy comes from nowhere, and where a contact ends at zero
-indentation, what the bodies keep and what they lost are what they had. Free impacts with a closed
-form are solved by event and by it; all others by event at two tolerances. The second answer need
-not be right: what is counted as a miss may be either's.
+In every lane that is not flagged no energy is gained. If a contact ends at zero indentation, the
+remaining and the lost energy add up to the initial one. Free impacts with a closed form are solved
+by event and by that form; all others by event at two tolerances. The second answer may be wrong as
+well, so a miss can belong to either.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def _energy_excess(job: Job, hit: dict[str, Array]) -> dict[str, Array]:
     at_zero = kind.tension or (kind.family == "hunt_crossley" and not job.pushed)
     at_zero = at_zero & (hit["status"] == SEPARATED)
     return {
-        # Rounding aside, a loss is a sum of what cannot be negative.
+        # Except for rounding, a loss is a sum of terms that cannot be negative.
         ENERGY[0]: np.where(lost < 0, np.inf, 0),
         ENERGY[1]: np.where(at_zero, (e - 1) / BOUND, 0),
         ENERGY[2]: np.where(at_zero, np.abs(e * e + lost - 1) / (2 * BOUND), 0),
@@ -154,7 +154,7 @@ def _moves(centre: dict[str, Array], there: dict[str, Array]) -> dict[str, Array
 
 def _nearby(job: Job, lanes: Lanes) -> Iterator[Lanes]:
     for by in (1 + MOVED, 1 - MOVED):
-        # The strongest damping of a law with a range is its end.
+        # The strongest damping of a law with a range is the end of the range.
         highest = KINDS[job.kind].strongest if KINDS[job.kind].family == "oscillator" else np.inf
         yield replace(lanes, damping=np.minimum(lanes.damping * by, highest))
         if job.pushed:

@@ -1,4 +1,4 @@
-"""By which code a job was answered."""
+"""Fingerprint of the code that answered a job."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import hashlib
 from pathlib import Path
 
 PACKAGE = Path(__file__).resolve().parents[2] / "jaxcontact"
-# All that an impact stands on; what stands on impacts changes none of the map.
+# Everything that an impact depends on; rooms above impacts do not affect the map.
 ROOMS = (
     *("_parameter.py", "_varying.py", "_elementary.py", "_implicit.py", "_contact.py"),
     *("_program.py", "_forms", "_laws", "_impact"),

@@ -53,7 +53,8 @@ def radau() -> Rule:
         def polynomial(x: mpf) -> mpf:
             return mp.legendre(s, 2 * x - 1) - mp.legendre(s - 1, 2 * x - 1)
 
-        # The nodes but the last are those of Jacobi's polynomials: good starts from double.
+        # All nodes except the last are those of Jacobi's polynomials: good starts in double
+        # precision.
         from scipy.special import roots_jacobi
 
         starts = (1 + roots_jacobi(s - 1, 1.0, 0.0)[0]) / 2

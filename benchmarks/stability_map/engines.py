@@ -1,10 +1,10 @@
-"""Exudyn's and MuJoCo's time stepping over the grid of `peers`, with m = K = v0 = 1.
+"""Time stepping of Exudyn and MuJoCo over the grid of `peers`, with m = K = v0 = 1.
 
 The sphere is thrown at the ground at exactly the speed 1 of the scaled problem, and the push is its
-weight. The step is a part of the shortest of three durations: that of this contact, without its
-push, and without damping as well. What an engine makes of its own steps is read kindly: the end of
-a contact is interpolated in its last step. A run that would take more than `MOST_STEPS` counts as
-failed. Exudyn's connector pulls where its damping asks for it: its truth is the law with tension.
+weight. The step is a fraction of the shortest of three durations: of this contact, of it without
+its push, and of it without damping as well. The reading favours the engines: the end of a contact
+is interpolated in its last step. A run of more than `MOST_STEPS` counts as failed. Exudyn's
+connector pulls if its damping requires it, so its truth is the law with tension.
 """
 
 from __future__ import annotations
@@ -40,11 +40,12 @@ class Way:
     settings: tuple[object, ...]
 
 
-# Exudyn: 50 steps, with which the export's drops are within .2 %, and its default settings.
-# MuJoCo: a tenth of a time constant a step, as in its defaults (.002 s and .02 s), with the
-# impedance .9 that it gives to a touch. In a contact it lets 1 - impedance of the push through, so
-# its best way has the smallest impedance that it takes, its integrator of fourth order, and no
-# tolerance, for its solver ends early where forces are small: ten iterations do for one contact.
+# Exudyn: 50 steps, with which the export's drops are within .2 %, and its default settings. MuJoCo:
+# a tenth of a time constant per step, as in its defaults (.002 s and .02 s), with its default
+# impedance of .9 at touch. In a contact it lets 1 - impedance of the push through. Its best setting
+# therefore has the smallest impedance that it accepts, its integrator of fourth order, and no
+# tolerance. The tolerance would end its solver early where forces are small; ten iterations suffice
+# for one contact.
 WAYS = {
     "hunt_crossley_tension/Exudyn implicit": Way(
         "exudyn", "hunt_crossley_tension", 1.5, 50, ("GeneralizedAlpha",)
@@ -91,7 +92,7 @@ def by_engine(way: Way, damping: Array, push: Array, truth: Truth) -> tuple[Arra
     ):
         step = float(min(end, alone, undamped)) / way.steps
         ends = status == SEPARATED
-        # Half as long again: a contact that has not ended by then is wrong, however it goes on.
+        # Half as long again: a contact that has not ended by then is wrong in any case.
         count = math.ceil(1.5 * float(end) / step) + 2 if ends else WATCHED * way.steps
         if count > MOST_STEPS:
             found.append(MISSED)
@@ -112,8 +113,8 @@ def _exudyn(
         SensorBody,
     )
 
-    # It must start apart, for it stores the speed at touch: so near that the push adds nothing.
-    # Its radius is that of the ground, and their centres must not meet.
+    # It must start apart, because it stores the speed at touch, and so near that the push adds
+    # nothing. Its radius is that of the ground, and their centres must not meet.
     radius = 1 + depth
     gap = 1e-6 * step / (1 + abs(push) * step)
     system = engine.SystemContainer().AddSystem()
@@ -151,7 +152,7 @@ def _exudyn(
     settings = engine.SimulationSettings()
     settings.timeIntegration.endTime = count * step
     settings.timeIntegration.numberOfSteps = count
-    # It shortens a step to end at touch; the shortest it takes by itself is 1e-8 s.
+    # It shortens a step to end at touch; its own shortest step is 1e-8 s.
     settings.timeIntegration.minimumStepSize = 1e-9 * step
     settings.timeIntegration.verboseMode = 0
     settings.solution.file.write = False
@@ -159,7 +160,7 @@ def _exudyn(
     try:
         system.SolveDynamic(settings, solverType=getattr(engine.DynamicSolverType, way.settings[0]))
     except (engine.SolverError, engine.ExudynArithmeticError):
-        # It gives up. What is raised for a fault of this set-up is no outcome of its own.
+        # It gives up. An error of this set-up is not an outcome of the engine.
         return MISSED
     (time, _, _, height), (_, _, _, velocity) = (system.GetSensorStoredData(s).T for s in sensors)
     if not (np.isfinite(height).all() and np.isfinite(velocity).all()):
@@ -198,7 +199,7 @@ def _mujoco(
         f'solref="-1 {-2 * zeta if zeta else -1e-300}" '
         f'solimp="{impedance} {impedance} 0.001 0.5 2" condim="1"'
     )
-    # In touch from the start, or it would be up to a step late.
+    # In touch from the start; otherwise it would be up to a step late.
     model = engine.MjModel.from_xml_string(f"""<mujoco>
       <option timestep="{step}" gravity="0 0 {-push}" integrator="{integrator}"
         tolerance="{tolerance}" iterations="{iterations}"/>
@@ -215,8 +216,8 @@ def _mujoco(
     velocity, force = states[0, :, 2], force[0, :, 0]
     if not np.isfinite(velocity).all() or data.warning.number.any():
         return MISSED
-    # A step reports the force at its beginning. The contact ends in the last step with any, where
-    # the line through its last two forces reaches zero.
+    # A step reports the force at its beginning. The contact ends in the last step with a force,
+    # where the line through its last two forces reaches zero.
     over = np.flatnonzero(force[1:] <= 0)
     if over.size == 0:
         return SETTLED_HERE

@@ -1,8 +1,8 @@
-"""Free impacts in extended precision: what depends on the damping and n alone, from a table.
+"""Free impacts in extended precision, which depend on the damping and n only, from a table.
 
-Chebyshev polynomials over the damping where it is weak, over parts of its decades where it is not
-(and over n where it is traced), through values of the collocation oracle. They give the
-derivatives, too: over the decades of weak damping these would be the rounding of the values.
+Chebyshev polynomials interpolate values of the collocation oracle. They run over the damping where
+it is weak, over parts of its decades elsewhere, and over n if it is traced. They also give the
+derivatives; over the decades of weak damping these would be rounding of the values.
 """
 
 from __future__ import annotations

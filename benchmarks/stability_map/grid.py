@@ -1,4 +1,4 @@
-"""Which impacts are asked: all corners, and random lanes with a fixed seed for every job."""
+"""The impacts of the map: all corners, and random lanes with a fixed seed for every job."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .kinds import KINDS
 
 CONCRETE = (1.0, 1.5, 2.0, 3.0)
 STRONGEST_PUSH = 1e4
-# README's ranges: kg, N/m^n and m/s.
+# Ranges of README: kg, N/m^n and m/s.
 MASS, STIFFNESS, SPEED = (1e-12, 1e6), (1e-3, 1e15), (1e-6, 1e3)
 WEAKEST = 1e-9
 """The damping and push below which random lanes do not go; 0 and 1e-12 are corners."""
@@ -69,13 +69,13 @@ def lanes_of(job: Job) -> Lanes:
     units = list(itertools.product(MASS, STIFFNESS, SPEED))
     corners = []
     for k, (damping, push, n) in enumerate(itertools.product(dampings, pushes, ns)):
-        # Units scale out: every corner meets two of the eight, and all eight meet all numbers.
+        # Units scale out: every corner has two of the eight, and all eight occur with all numbers.
         corners += [(damping, n, push, *units[k % 8]), (damping, n, push, *units[(3 * k + 5) % 8])]
     corners = np.array(corners)[: job.lanes]
     count = job.lanes - len(corners)
     low = min(WEAKEST, top)
     damping = logarithmic(low, top, count)
-    # Half of them where most of the physics is.
+    # Half of them in the range of most applications.
     usual = random.random(count) < 0.4
     damping = np.where(usual, random.uniform(0, min(top, 10), count), damping)
     n = random.uniform(1, 3, count) if job.exponent is None else np.full(count, job.exponent)
@@ -89,7 +89,7 @@ def lanes_of(job: Job) -> Lanes:
     lanes = Lanes(damping, n, push, *(x.astype(dtype) for x in (mass, stiffness, speed)))
     lanes.n = lanes.n.astype(dtype)
     scale = units_of(lanes)
-    # What the package is given: a material time for Kuwabara and Kono, a force in N.
+    # The inputs of the package: a material time for Kuwabara and Kono, a force in N.
     if kind.family == "kuwabara_kono":
         lanes.damping = (lanes.damping * scale.time).astype(dtype)
     else:

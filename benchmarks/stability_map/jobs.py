@@ -1,4 +1,4 @@
-"""All jobs of the map, and how many lanes each gets."""
+"""All jobs of the map, with their numbers of lanes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from .kinds import KINDS
 
 PRECISIONS = ("float64", "float32")
 EXPONENTS = (*CONCRETE, None)
-# Lanes of a job: a million where the truth comes from a table, 2e4 a law where it is integrated.
+# Lanes of a job: a million if the truth comes from a table, 2e4 per law if it is integrated.
 BY_TABLE = {"exact": 40_000, "phase": 20_000, "event": 20_000}
 BY_MOTION = {"hunt_crossley": 2000, "kuwabara_kono": 500, "oscillator": 1000}
 
@@ -36,14 +36,14 @@ def all_jobs() -> list[Job]:
                 ]
                 lanes = BY_MOTION[described.family] * (2 if described.approach else 1)
                 jobs.append(Job(kind, n, True, "event", precision, lanes))
-    # What most people use first: a run that is stopped has told the most.
+    # The most common cases first, so that an interrupted run has covered them.
     first = {1.5: 0, None: 1, 1.0: 2, 3.0: 3, 2.0: 4}
     return sorted(jobs, key=lambda job: (job.precision != "float64", first[job.exponent]))
 
 
 def _free_methods(kind: str) -> tuple[str, ...]:
     described = KINDS[kind]
-    if kind == "hunt_crossley_tension":  # never pulls in a free impact: the same as without
+    if kind == "hunt_crossley_tension":  # never pulls in a free impact
         return ()
     phase = ("phase",) if described.tension or described.family == "hunt_crossley" else ()
     exact = () if described.family == "kuwabara_kono" else ("exact",)

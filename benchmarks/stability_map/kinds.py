@@ -1,4 +1,4 @@
-"""The kinds of contact force: what the oracles need to know of each, and how to build its law."""
+"""The kinds of contact force: their data for the oracles, and the construction of their laws."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scaled impact as the oracle is asked for it, and the outcome it answers with."""
+"""A scaled impact as input of the oracle, and its outcome."""
 
 from __future__ import annotations
 

@@ -1,12 +1,12 @@
-"""One impact by collocation in extended precision: the oracle where there is no formula.
+"""One impact by collocation in extended precision: the oracle for impacts without a formula.
 
 `x'' = Γ - x^(n-p) (x^p + c x')`, `x(0) = 0`, `x'(0) = 1`. Every law of the registry has this shape:
 p = 0 is the Hunt-Crossley family, p = 1 Kuwabara-Kono, p = (n+1)/2 the linear oscillators.
 
 It is solved for w = x^(1/k) and u = v + b x^p over τ with dt = w^(k-1) dτ, where k makes powers
-whole. With strong damping b = 1/c: then u is the force itself, which a creeping contact would
-otherwise lose in the difference of its two parts. Radau's method does not mind that creeping is
-stiff; steps are as short as the Legendre coefficients ask, and Newton's method puts their ends on
+integer. With strong damping b = 1/c. Then u is the force itself, which a creeping contact would
+otherwise lose in the difference of its two parts. Radau's method handles the stiffness of the
+creep. The Legendre coefficients set the length of steps, and Newton's method places their ends on
 the events.
 """
 
@@ -32,7 +32,7 @@ _LANDINGS = 60
 def solve(problem: Problem, tolerance: float = TOLERANCE) -> Truth:
     """The truth of every lane."""
     found = Truth.empty(len(problem))
-    # Lanes of like damping take like numbers of steps.
+    # Lanes of similar damping take similar numbers of steps.
     order = np.argsort(problem.c, kind="stable")
     for start in range(0, len(problem), LANES_AT_ONCE):
         index = order[start : start + LANES_AT_ONCE]
@@ -80,11 +80,11 @@ class _Lanes:
         strong = self.c > STRONG
         self.b = np.where(strong, 1 / np.where(strong, self.c, 1), 0)
         self.w = np.zeros(count, EXTENDED)
-        # At touch x^p is 0, but 1 where p is.
+        # At touch x^p is 0, but 1 for p = 0.
         self.u = 1 + self.b * (problem.p == 0)
         self.t, self.loss, self.xm, self.tc, self.fm = (np.zeros(count, EXTENDED) for _ in range(5))
         self.k = _orders(problem)
-        # The order of the largest force: no step has to follow less.
+        # Order of the largest force: no step has to follow less.
         q = problem.n - problem.p + 1
         deep = np.minimum(1, (q / np.maximum(self.c, q)) ** (1 / q))
         deep = np.minimum(deep, 1 / np.maximum(1, -2 * problem.push))
@@ -132,7 +132,7 @@ class _Lanes:
             return v, force, outer, inner, slope, wp, clock
 
         v0, *_, wp0, _ = parts(w0, u0)
-        # What does not end where the force vanishes asks for v, not for the force.
+        # A contact that does not end where the force vanishes needs v, not the force.
         floor = np.where(q.tension[i] | (p == 0) & (push >= 0), b * wp0, 0)
         floor = np.maximum(floor, np.abs(u0))
         z = rule.nodes[:, None] * (h * v0 / k)
@@ -172,7 +172,8 @@ class _Lanes:
         error_w = np.abs(np.einsum("j,jl->l", rule.spectrum, z)) / scale_w
         error_u = np.abs(np.einsum("j,jl->l", rule.spectrum, d)) / scale_u
         error = np.maximum(error_w, error_u)
-        # Of a hundred times less weight is the force, whose maximum is read off between the nodes.
+        # The force has a hundredth of the weight, since its maximum is interpolated between the
+        # nodes.
         jolt = outer / np.where(clock != 0, np.abs(clock), 1) * force - self._force_at(i)
         biggest = np.maximum(np.maximum(self.fm[i], np.max(np.abs(jolt), 0)), self.expected[i])
         error_f = np.abs(np.einsum("j,jl->l", rule.spectrum, jolt)) / biggest / 100
@@ -182,7 +183,7 @@ class _Lanes:
         landing = self.landing[i] > 0
         ratio = np.where(good, (self.tolerance / np.maximum(error, EXTENDED("1e-30"))), 0)
         grow = np.clip(0.9 * ratio ** (EXTENDED(1) / STAGES), 0.2, 4)
-        # A trial that is not accurate is repeated, and its landing forgotten.
+        # An inaccurate trial is repeated, and its landing discarded.
         bad = ~fine
         self.h[i] = np.where(bad, h * np.where(good, np.minimum(grow, 0.9), 0.25), h)
         self.landing[i] = np.where(bad, 0, self.landing[i])
@@ -191,9 +192,9 @@ class _Lanes:
         # --- events
         out = self.out[i]
         clamped = ~q.tension[i]
-        # Where the two parts of a force cancel they do so before x = 0.
+        # If the two parts of a force cancel, they do so before x = 0.
         gap_part = np.where(out & ~(clamped & (p > 0) & (c > 0)), w, 1)
-        # A free contact of the family never pulls: its force may fall below every number.
+        # A free contact of the family never pulls, although its force may underflow.
         pulls = clamped & ~((p == 0) & (push >= 0))
         beyond = np.where((w < 0) & (p > 0), c * v, force)
         gap_clamp = np.where(out & pulls, beyond, 1)
@@ -241,9 +242,9 @@ class _Lanes:
             close = np.abs(change) <= EXTENDED("4e-19") * h[at]
             count = self.landing[i[at]]
             arrived[at] = close | (count >= _LANDINGS) | (high - low <= EXTENDED("2e-19") * high)
-            # Newton mostly; every fourth time the middle, which corners need.
+            # Mostly Newton; every fourth step is a bisection, which corners require.
             target = np.where(outside | (count % 8 == 7), (low + high) / 2, target)
-            # Another event may have come first: then it is the one to land on.
+            # If another event came first, land on that one.
             sooner = arrived[at] & (pulls[at] & (p[at] == 0))
             other = np.where(which == 1, fe, we)
             sooner &= (which > 0) & (other < -EXTENDED("1e-17"))
@@ -288,7 +289,7 @@ class _Lanes:
         event = np.where(arrived, self.event[i], -1)
         turned, parted = event == 0, event >= 1
         self.h[i] = np.where(arrived, h, h * grow)
-        # At the turn: v = 0, and what is damped on approach only is damped no more.
+        # At the turn: v = 0, and damping on approach only is switched off.
         self.tc[i] = np.where(turned, self.t[i], self.tc[i])
         x = absolute_power(we, k)
         self.xm[i] = np.where(turned, x, np.maximum(self.xm[i], x))
@@ -305,10 +306,11 @@ class _Lanes:
         back = was_out & (ve > 0) & ~parted
         held = (push > 0) & (energy < 0)
         creeps = ~was_out & ~turned & held & _creeps_in(push, c, p, n, x, ve)
-        # A damped oscillator that may pull has no end from critical damping on.
+        # From critical damping on, a damped oscillator that may pull has no end.
         forever = turned & (push == 0) & q.tension[i] & (2 * p == n + 1) & ~q.approach[i]
         forever &= c >= 2 * np.sqrt(p)
-        # Where the force vanishes at x > 0 with too little energy to get to x = 0, the push holds.
+        # If the force vanishes at x > 0 with too little energy to reach x = 0, the push holds the
+        # bodies.
         parted &= ~(held & (event == 2))
         settled = (was_out & ~parted & (held | back)) | creeps | forever
         done = parted | settled
@@ -360,8 +362,8 @@ class _Lanes:
         gained = 2 * push * np.where(clamped, x, 0)
         square = 1 - lost + gained
         largest = 1 + np.abs(2 * push * self.xm[i])
-        # e from the speed has the rounding of the largest speed, from the energies that of what
-        # changed: the better one counts.
+        # e from the speed has the rounding of the largest speed, e from the energies that of the
+        # change. The more accurate one counts.
         by_energy = (square > 0) & ((lost + np.abs(gained)) < 2 * np.abs(v) * np.sqrt(largest))
         e = np.where(by_energy, np.sqrt(np.where(square > 0, square, 0)), -v)
         found.status[i] = np.where(parted, SEPARATED, SETTLED)

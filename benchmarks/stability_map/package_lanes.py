@@ -1,4 +1,4 @@
-"""The package's answers to a job, by its public door."""
+"""The package's answers to a job, through its public functions."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def law_of(kind_name: str, damping: Any) -> jc.AbstractLaw:
         return jc.Damped(alpha=damping, tension=kind.tension)
     if kind.family == "kuwabara_kono":
         return jc.KuwabaraKono(A=damping, tension=kind.tension)
-    # Those of the tests, as the benchmark of sweeps takes their oracle.
+    # Those of the tests, like the oracle in the benchmark of sweeps.
     sys.path.insert(0, str(ROOT))
     from tests.test_impact.support import given_ratio
 

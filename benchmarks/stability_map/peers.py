@@ -1,7 +1,7 @@
-"""What users would otherwise write, on a coarse grid: solve_ivp with an event, and plain diffrax.
+"""The alternatives of users on a coarse grid: solve_ivp with an event, and plain diffrax.
 
-And, where they are installed, the engines of `engines`. All of them solve the scaled problem, which
-is kind to them: units are no trouble there.
+If installed, the engines of `engines` are included. All of them solve the scaled problem, which
+favours them, because units cause no difficulty there.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ LONGEST = 1e9
 """Scaled time after which a contact that has not ended counts as one that stays."""
 MOST_CALLS = 8_000
 """Evaluations of the force after which a solve counts as failed: a hundred times the usual."""
-# Its default tolerances, and the finest that it bears.
+# Its default tolerances, and the finest that it accepts.
 SCIPY = {
     "scipy LSODA, default": ("LSODA", 1e-3, 1e-6),
     "scipy LSODA, finest": ("LSODA", 1e-12, 1e-14),
@@ -107,7 +107,7 @@ def by_diffrax(kind: str, way: str) -> tuple[Array, Array]:
 
     def one(damping, push):
         def rate(t, y, args):
-            # A power has no slope at 0: the usual guard.
+            # A power has no slope at 0, hence the usual guard.
             x = jnp.where(y[0] > 0, y[0], 1.0)
             pull = jnp.where(y[0] > 0, force(x, y[1], damping, jnp), 0.0)
             return jnp.stack([y[1], push - pull])
@@ -171,7 +171,7 @@ def run_all(known: dict[str, Any], only: str = "") -> dict[str, Any]:
         if way.engine not in lacking:
             truth = truth_of(way.kind, way.exponent)
             add(name, truth, functools.partial(by_engine, way, damping, push, truth))
-    # In the order of the ways, whichever were run first.
+    # In the order of the methods, independent of their run.
     order = [f"{kind}/{way}" for kind in KINDS_ASKED for way in ways] + list(WAYS)
     return {name: found[name] for name in order if name in found}
 

@@ -140,7 +140,7 @@ def draw_peers(known: dict[str, Any], path: Path) -> None:
             image = panel(ax, decade, flags, total, title, _push_words(decade.shape[1]))
             levels = range(0, decade.shape[0], 3)
             ax.set_yticks(levels, ["0" if r == 0 else f"$10^{{{r - 5}}}$" for r in levels])
-            # The ticks of the other pictures reach further.
+            # The ticks of the other pictures reach farther.
             ax.set_ylim(-0.5, decade.shape[0] - 0.5)
             ax.tick_params(labelsize=7)
         line[0].set_ylabel("damping", fontsize=8)

@@ -1,7 +1,7 @@
-"""Every law of the registry by its own class, beside the oracles of the map.
+"""Every law of the registry by its own class, compared with the oracles of the map.
 
-What a law's parameters mean is written down here once more, from its publication: a damping number
-of one of the map's kinds. The oracles take that number, the package the law.
+The parameters of each law are converted here again, from its publication, to a damping number of
+one of the map's kinds. The oracles use that number, the package the law.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ def _clamped_ratio(e: Array) -> Array:
     low, high = np.zeros_like(e), np.full_like(e, 100)
     for _ in range(75):
         z = (low + high) / 2
-        # Each formula gets numbers of its own side.
+        # Each formula receives numbers of its own range.
         below, above = np.where(z < 1, z, 0), np.where(z > 1, z, 2)
         under = np.arccos(below) / np.sqrt((1 - below) * (1 + below))
         root = np.sqrt((above - 1) * (above + 1))
@@ -305,13 +305,13 @@ def run_law(question: Question) -> dict[str, Any]:
         q: np.asarray(values).astype(EXTENDED) / of
         for q, (values, of) in zip(QUANTITIES, found, strict=True)
     }
-    # All forms but that of Kuwabara and Kono have closed forms for free impacts.
+    # All forms except that of Kuwabara and Kono have closed forms for free impacts.
     closed = not question.pushed and law.family != "kuwabara_kono"
     kind = _kind(question)
     job = Job(kind, law.n, question.pushed, "exact" if closed else "event", "float64", count)
     numbers = (damping, lanes.n.astype(EXTENDED), force.astype(EXTENDED) / unit.force)
     found = record(job, numbers, judge(job, numbers, np.asarray(hit.status), got))
-    # So few lanes make no picture.
+    # This number of lanes is too small for a picture.
     return {name: found[name] for name in ("lanes", "counts", "worst", _LARGEST)}
 
 

@@ -1,4 +1,4 @@
-"""What is kept of a job: counts, the worst lanes, and errors over damping and push."""
+"""The stored results of a job: counts, the worst lanes, and errors over damping and push."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""First derivatives of restitution and duration, beside those of the oracles.
+"""First derivatives of restitution and duration, compared with those of the oracles.
 
-By the logarithms of damping and push, and by n where it is traced. An error is relative to the
-derivative, or to 1e-6 of the quantity where the derivative is smaller than that. Allowed is
+They are taken by the logarithms of damping and push, and by n if it is traced. An error is relative
+to the derivative, or to 1e-6 of the quantity if the derivative is smaller than that. The limit is
 README's bound, or ten tolerances of the method of the quantity or of its second derivative.
 """
 
@@ -74,15 +74,15 @@ def run_slopes(job: Job) -> dict[str, Any]:
     for name in _names(job):
         for q in ASKED:
             scale = np.maximum(np.abs(want[name][q]), SMALLEST * np.abs(value[q]))
-            # Beside a threshold differences may be infinite: such lanes are not compared.
+            # Near a threshold differences may be infinite; such lanes are not compared.
             with np.errstate(invalid="ignore"):
                 off = np.abs(got[name][q] - want[name][q]) / scale
                 bend = np.nan_to_num(10 * rtol * second[name][q] / scale, nan=0, posinf=np.inf)
-                # Where a derivative next to vanishes, neither do the oracles know more of it nor a
-                # solve to this tolerance.
+                # Near a vanishing derivative neither the oracles nor a solve to this tolerance
+                # resolve it.
                 unknown = (blur[name] + 10 * rtol) * np.abs(value[q]) / scale
             allowed = np.maximum(BOUNDS[job.method, job.precision], np.maximum(bend, unknown))
-            # Where the damping or the push is zero its logarithm has no derivative.
+            # At zero damping or push the logarithm has no derivative.
             moving = numbers[("damping", "n", "push").index(name)] != 0
             known = np.isfinite(want[name][q]) & moving
             off = np.where(known, np.where(np.isfinite(off), off, np.inf), 0)
@@ -139,7 +139,7 @@ def _package(job: Job, lanes: Lanes) -> tuple[dict[str, dict[str, Array]], Array
         (_, duration), (de, dt), status = jax.jvp(solve_, (start,), (along,), has_aux=True)
         dt = np.asarray(dt).astype(EXTENDED) / scale.time
         if name == "n":
-            # The unit of time changes with n, too: d ln X/dn = -ln X/(n+1).
+            # The unit of time also changes with n: d ln X/dn = -ln X/(n+1).
             drift = -np.log(scale.length) / (lanes.n.astype(EXTENDED) + 1)
             dt = dt - np.asarray(duration).astype(EXTENDED) / scale.time * drift
         found[name] = {"e": np.asarray(de).astype(EXTENDED), "duration": dt}
@@ -177,7 +177,7 @@ def _truth(
         table = free(job.kind, damping, exponent)
         moved = free(job.kind, damping * (1 + EXTENDED("1e-5")), exponent)
         want = {"damping": table.by_damping, "n": table.by_n}
-        # The e of these forces is the same for every n: what the table has is rounding.
+        # The e of these forces is independent of n, so the table contains rounding.
         want["n"]["e"] = np.zeros(damping.size, EXTENDED)
         moved.by_n["e"] = want["n"]["e"]
         second = {
@@ -229,6 +229,6 @@ def _differences(
         with np.errstate(invalid="ignore"):
             scale = np.maximum(np.abs(six[q]), SMALLEST * np.abs(value[q]))
             ratio = np.abs(six[q] - four[q]) / np.where(scale > 0, scale, 1)
-        # Where a neighbour settles there is no difference yet; a shorter step may have one.
+        # If a neighbour settles no difference exists yet; a shorter step may have one.
         gap[q] = np.where(np.isfinite(ratio), ratio, np.where(np.isfinite(value[q]), np.inf, 0))
     return six, bend, gap

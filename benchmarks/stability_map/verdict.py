@@ -1,4 +1,4 @@
-"""Into which of four classes a lane falls."""
+"""Classification of a lane into four classes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ WEAK = 1e-7
 TABLED = 1000
 """Fewer lanes are solved each by itself: a table takes 18 solves for every panel they meet."""
 
-# README's accuracy, by method: restitution, and everything else.
+# Accuracy stated in README, by method: restitution, and all other results.
 _BOUNDS = {
     ("exact", "float64"): (1e-13, 1e-12),
     ("event", "float64"): (1e-8, 1e-8),
@@ -36,7 +36,7 @@ _BOUNDS = {
     ("event", "float32"): (1e-5, 1e-4),
     ("phase", "float32"): (1e-5, 1e-4),
 }
-# The phase method for oscillator laws, and what its tolerance promises where README says nothing.
+# The phase method for oscillator laws, with its tolerance where README states nothing.
 _PHASE_OSCILLATOR, _PHASE_TOLERANCE = 5e-8, 1e-6
 _RTOL = {
     ("exact", "float64"): 2.3e-16,
@@ -117,11 +117,11 @@ def judge(
         for q in QUANTITIES:
             condition[q][k] = found[q]
         near[k] = close
-        # Beside a creep to rest, which has none, the time of a turn is anything.
+        # Near a creep to rest, which has no turn, the time of a turn is arbitrary.
         errors["compression_time"][k] = np.where(turns, 0, errors["compression_time"][k])
     allowed = {q: np.maximum(bounds[q], 10 * rtol * condition[q]) for q in QUANTITIES}
     excess = np.stack([errors[q] / allowed[q] for q in QUANTITIES])
-    # On the other side of a threshold that is that near, the numbers are those of the other side.
+    # On the other side of such a close threshold, the results of that side apply.
     excess = np.where(mismatch & near, 0, np.where(mismatch, np.inf, excess))
     excess = np.where(np.isnan(excess), np.inf, excess)
     hardest = np.max(np.stack([condition[q] for q in ("e", "duration")]), 0)
@@ -181,7 +181,7 @@ def _condition(job: Job, damping, n, push, truth: Truth, k: Array, rtol: float):
                 change = np.abs(_error(q, getattr(there, q), truth, k))
                 nearby[q] = np.maximum(nearby[q], np.where(np.isfinite(change), change, 0))
             creeps |= np.isinf(there.compression_time) != np.isinf(truth.compression_time[k])
-    # Near a corner slopes say too little: what ten tolerances do counts as well.
+    # Near a corner slopes underestimate; the effect of ten tolerances counts as well.
     for q in QUANTITIES:
         total[q] = np.maximum(total[q], nearby[q] / (10 * rtol))
     return total, near, creeps

@@ -1,4 +1,4 @@
-"""A gas of 32 discs in a box with four walls, which a simulator of billiards knows as well."""
+"""A gas of 32 discs in a box with four walls, which a billiard simulator also supports."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def _collide(x: Any, v: Any, duration: float) -> Any:
         soonest, first, second = duration - t, -1, -1
         for i in range(count):
             for k in range(2):
-                # The wall that the disc moves to: -1 and -2 stand for the two axes.
+                # The wall in the disc's direction: -1 and -2 stand for the two axes.
                 to = CELL - 0.5 - x[i, k] if v[i, k] > 0 else 0.5 - x[i, k]
                 wait = to / v[i, k] if v[i, k] != 0 else math.inf
                 if wait < soonest:

@@ -34,7 +34,7 @@ def impact(
     """
 
     def rate(t, y, numbers):
-        # A root has no slope at 0: the usual guard.
+        # A root has no slope at 0, hence the usual guard.
         touching = y[0] > 0
         x = jnp.where(touching, y[0], 1.0)
         root = jnp.where(touching, jnp.sqrt(x), 0.0)

@@ -1,4 +1,4 @@
-"""Drake: point contact, by its discrete plant and by integrators that control their error."""
+"""Drake: point contact, by its discrete plant and by error-controlled integrators."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def settings_of(step: float, count: int) -> Any:
     settings = exudyn.SimulationSettings()
     settings.timeIntegration.endTime = step * count
     settings.timeIntegration.numberOfSteps = count
-    # It shortens a step to end at touch; the shortest it takes by itself is 1e-8 s.
+    # It shortens a step to end at touch; its own shortest step is 1e-8 s.
     settings.timeIntegration.minimumStepSize = 1e-9 * step
     settings.timeIntegration.verboseMode = 0
     settings.solution.file.write = False

@@ -1,4 +1,4 @@
-"""LAMMPS: granular balls on a wall, all of one restitution in one box, far apart."""
+"""LAMMPS: granular balls on a wall, one box per restitution, far apart."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What a physicist writes with numba: adaptive Dormand-Prince steps and a Newton at the end.
+"""A physicist's code with numba: adaptive Dormand-Prince steps and a Newton iteration at the end.
 
-Compiled for each law, lanes in parallel over the threads. The end is found by repeating the last
-step with a length that Newton's method corrects: as accurate as the step itself, which an
-interpolant is not. "Regularised" is what an expert would write: the same in w = √x and dτ = dt/w,
+It is compiled for each law, with lanes in parallel over the threads. The end is found by repeating
+the last step with a length corrected by Newton's method, as accurate as the step itself; an
+interpolant is less accurate. "Regularised" is an expert's code: the same in w = √x and dτ = dt/w,
 where touch and separation are smooth.
 """
 

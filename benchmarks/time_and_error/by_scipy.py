@@ -56,7 +56,7 @@ SCIPY = tuple(
         "scipy",
         functools.partial(loop, method=method),
         variants={"atol = rtol": {}, "atol = rtol/1000": {"atol": 1e-3}},
-        # Implicit steps in Python: a tenth of a second an impact.
+        # Implicit steps in Python take a tenth of a second per impact.
         most=5 if method == "Radau" else CHECKED,
         settings=LADDER[:-1] if method == "Radau" else LADDER,
         compiled=False,

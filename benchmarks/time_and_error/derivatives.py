@@ -1,4 +1,4 @@
-"""Derivatives of restitution and duration by e, K and n: a Jacobian of 2 × 3 a lane."""
+"""Derivatives of restitution and duration by e, K and n: a 2 × 3 Jacobian per lane."""
 
 from __future__ import annotations
 

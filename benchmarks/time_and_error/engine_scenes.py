@@ -1,4 +1,4 @@
-"""Scenes by engines: what Exudyn's and MuJoCo's contacts can do of them."""
+"""Scenes by engines, as far as the contacts of Exudyn and MuJoCo allow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The error of each engine's law beside that of its steps, for the page."""
+"""The error of each engine's law and of its steps, for the page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Engines: the rebound that was asked for, by each one's own contact, and at what cost."""
+"""Engines: the wanted rebound, by each one's own contact, and its cost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The force of one impact at given times, in numba: a step of eighth order from one to the next."""
+"""The force of one impact at given times, in numba: one step of eighth order between two times."""
 
 from __future__ import annotations
 

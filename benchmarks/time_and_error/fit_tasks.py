@@ -1,4 +1,4 @@
-"""What is fitted: tables e(v), and the record of one impact, without noise; and the truth."""
+"""The data of the fits: tables e(v), and the record of one impact, without noise; and the truth."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def _force(times: bytes) -> np.ndarray:
         x = max(y[0], 0.0)
         return y[1], -(x**1.5) * (1 + alpha * y[1])
 
-    # Soon after touch a series is more exact than steps, which the power 3/2 makes short there.
+    # Shortly after touch a series is more accurate than steps, which the power 3/2 shortens there.
     t = 1e-5
     x, v = _first(t, alpha)
     state = np.array([x, v])

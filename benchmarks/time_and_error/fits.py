@@ -73,7 +73,7 @@ def record_by_scipy(since: np.ndarray, alpha: float, rtol: float) -> np.ndarray:
     x, v = found.y
     x = np.maximum(x, 0)
     force = np.zeros(since.size)
-    # What was left out after the end has no force.
+    # Readings omitted after the end have no force.
     force[np.flatnonzero(inside)[: x.size]] = x * np.sqrt(x) * (1 + alpha * v)
     return force
 
@@ -98,8 +98,8 @@ def _residual(task: Any, x: np.ndarray, model: Any, rtol: float) -> tuple[Any, n
         )
     top = np.max(data)
     touch = x[np.argmax(data > 0.05 * top)]
-    # Unknown are K and c in parts of a guess, the touch in units of time, the zero in parts of the
-    # largest force.
+    # Unknown are K and c relative to a guess, the touch in units of time, and the zero relative to
+    # the largest force.
 
     def residual(p):
         stiffness = p[0] * STIFFNESS
@@ -126,7 +126,7 @@ def by_least_squares(
 
     def run(rtol: float) -> Any:
         residual, start, meaning = _residual(task, x, models[model], rtol)
-        # Differences must not see the tolerance.
+        # The tolerance must not affect differences.
         step = max(rtol, 1e-13) ** (1 / 2 if jac == "2-point" else 1 / 3)
         found = optimize.least_squares(
             residual, start, jac, method=method, diff_step=step, **_TIGHT
@@ -202,7 +202,7 @@ WAYS = (
         )
     ),
 )
-# A whole fit by SciPy, point after point in Python, is scaled from fewer points.
+# A complete fit by SciPy, point after point in Python, is extrapolated from fewer points.
 FEWER = {"scipy": 20}
 TASKS = ((Table(), 20), (Table(), 1000), (Record(), 2000))
 """Tasks with their numbers of points."""

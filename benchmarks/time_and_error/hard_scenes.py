@@ -1,6 +1,6 @@
-"""Scenes by other means: a ball that bounces to rest, one on a table that shakes, a gas of 32.
+"""Scenes by other means: a ball that bounces to rest, one on a shaking table, a gas of 32 discs.
 
-For each the truth, the package's way, and what a physicist writes with SciPy or numba.
+Each has its truth, the package's solution, and a physicist's code with SciPy or numba.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tests.oracle.moving_table import FREQUENCY, GRAVITY, RATE, bounces, over, s
 from .by_numba import kernel
 from .by_scipy import apart
 
-# A ball that falls and comes to rest: seven or eight bounces whose weight counts more and more.
+# A ball that falls and comes to rest: seven or eight bounces, with increasing effect of its weight.
 HEIGHT, DAMPING, STIFFNESS = 0.05, 0.6, 1e4
 MOST = 20
 AMPLITUDE, PHASE, DROP, E, LENGTH = 1e-4, 0.3, 0.02, 0.8, 0.5
@@ -135,7 +135,7 @@ def table_by_scipy(rtol: float) -> float:
     gap.terminal, gap.direction = True, -1
     t, y = 0.0, np.array([DROP, 0.0])
     while t < LENGTH:
-        # A longer step passes over a touch of a table that shakes.
+        # A longer step would miss a touch of a shaking table.
         found = solve_ivp(
             lambda t, y: (y[1], -GRAVITY), (t, LENGTH), y, "DOP853", events=gap,
             rtol=rtol, atol=1e-3 * rtol, max_step=0.1 / FREQUENCY,
@@ -240,7 +240,7 @@ def _collide(x: Any, v: Any, duration: float) -> Any:
             for j in range(i):
                 dx, dy = x[i, 0] - x[j, 0], x[i, 1] - x[j, 1]
                 wx, wy = v[i, 0] - v[j, 0], v[i, 1] - v[j, 1]
-                # The pair and its images in the cells around.
+                # The pair and its images in the neighbouring cells.
                 for k in range(-1, 2):
                     for m in range(-1, 2):
                         px = dx - CELL * (math.floor(dx / CELL + 0.5) + k)

@@ -1,4 +1,4 @@
-"""One impact, in batches of 1, 100 and 100,000: five problems by all ways."""
+"""One impact, in batches of 1, 100 and 100,000: five problems by all methods."""
 
 from __future__ import annotations
 
@@ -48,5 +48,5 @@ def run(store: Store, only: str = "", small: bool = False) -> None:
             if way.batches is None or batch in way.batches:
                 options = chosen(store, "options", way)
                 measure(store, "impacts", problem, way, options, batch, head)
-        # A process has room for a few hundred programs.
+        # A process can hold a few hundred programs.
         jax.clear_caches()

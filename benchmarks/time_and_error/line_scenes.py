@@ -1,6 +1,6 @@
-"""Soft spheres in a line and a pair that passes: the scenes, and SciPy and diffrax for them.
+"""Soft spheres in a line and a passing pair: the scenes, and their solution by SciPy and diffrax.
 
-Both are restarted where a pair touches or opens, since the damping knows the speed at touch.
+Both are restarted where a pair touches or opens, since the damping depends on the speed at touch.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def line(gap: float, stiffness: float, duration: float) -> Line:
 
 def chain(count: int) -> Line:
     """Equal spheres that touch, without damping, of which the first one strikes."""
-    # Numbers that are binary fractions: the gaps are zero.
+    # Numbers that are binary fractions: the gaps are exactly zero.
     radius, mass = np.full(count, 0.125), np.full(count, 1.0)
     position = 0.25 * np.arange(count)[:, None]
     velocity = np.zeros((count, 1))
@@ -60,12 +60,12 @@ def chain(count: int) -> Line:
 def oblique(slowness: float) -> Line:
     """Two spheres that pass each other: v_t T/d is `slowness`."""
     radius, mass, speed = np.array([0.1, 0.1]), np.array([1.0, 1.0]), 1.0
-    # T = 2.94 X/v for Hertz, about; X = (μ v²/K)^0.4.
+    # T = 2.94 X/v for Hertz, approximately; X = (μ v²/K)^0.4.
     length = slowness * 0.2 / 2.94
     stiffness = 0.5 * speed**2 / length**2.5
     position = np.array([[-0.2, 0.12], [0.0, 0.0]])
     velocity = np.array([[1.4, 0.0], [0.0, 0.0]])
-    # In a longer step diffrax passes over the contact.
+    # With a longer step diffrax misses the contact.
     longest = min(3e-3, 0.75 * slowness)
     return Line(position, velocity, radius, mass, 0.3, stiffness, 0.3, longest)
 
@@ -166,7 +166,7 @@ def _segment(fixed: Fixed, rtol, longest, t, y, closed, speed):
         None,
         y,
         args=(closed, speed),
-        # Through a flight it would step over the touch and the opening that follows.
+        # During a flight it would step over the touch and the following opening.
         stepsize_controller=diffrax.PIDController(rtol=rtol, atol=1e-3 * rtol, dtmax=longest),
         event=None
         if line.alpha == 0

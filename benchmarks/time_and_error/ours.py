@@ -1,4 +1,4 @@
-"""The package's ways to one impact."""
+"""The package's methods for one impact."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def exact(problem: Problem, lanes: np.ndarray) -> Solve:
 
 
 def phase(problem: Problem, lanes: np.ndarray) -> Solve:
-    # With the tolerance that comes by default few steps would be flagged, and not seen here.
+    # At the default tolerance few steps would be flagged, which is not visible here.
     return _jitted(problem, lanes, lambda steps: jc.Phase(int(steps), tolerance=0.1), 32)
 
 
@@ -66,7 +66,7 @@ OURS = (
     Way("exact", "ours", exact, settings=(0.0,), word=""),
     Way("phase", "ours", phase, settings=(16, 32, 64), word="steps"),
     Way("event", "ours", event, settings=(1e-6, 1e-9, 1e-12)),
-    # It answers less than the others, and is compared with none.
+    # It returns less than the others, and is not compared with them.
     Way("jc.restitution, e alone", "alone", restitution, settings=(0.0,), word=""),
     Way("jc.impact, not jitted", "ours", called, settings=(0.0,), word="", batches=(1,)),
 )

@@ -223,7 +223,7 @@ def _reasons(section: Section, rows: list[Row]) -> list[str]:
     lines = []
     for (way, reason), where in found.items():
         settings = {s for settings in where.values() for s in settings}
-        # A way that has no settings is told at 0.
+        # A method without settings is placed at 0.
         whole = settings >= {row["setting"] for row in some(rows, way=way)} or settings == {0.0}
         at = "" if whole else f" at {', '.join(f'{s:g}' for s in sorted(settings))}"
         lines.append(f"- {way}, {', '.join(where)}{at}: {reason}")

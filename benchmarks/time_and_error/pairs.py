@@ -1,7 +1,8 @@
-"""Code for one step of an embedded Runge-Kutta pair, its stages written out.
+"""Generated code for one step of an embedded Runge-Kutta pair, with its stages written out.
 
-A compiled language wants no loop over a tableau: what a programmer would type for Dormand and
-Prince's pair of fifth order is generated here from SciPy's tables, for the eighth order likewise.
+Compiled languages are faster without a loop over a tableau. The code that a programmer would type
+for Dormand and Prince's pair of fifth order is generated from SciPy's tables, as is the one of
+eighth order.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Error against time, a panel for each problem and batch."""
+"""Error against time, one panel for each problem and batch."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COLOURS = {
     "diffrax": ("tab:green",),
     "scipy": ("tab:orange",),
     "stepping": ("0.5",),
-    # They are many, and none is of the others' kind.
+    # They are many, and all of another kind than the rest.
     "engines": (
         *("tab:purple", "tab:brown", "tab:olive", "tab:cyan", "navy", "darkgreen", "black"),
         *("deeppink", "goldenrod"),
@@ -63,7 +63,7 @@ def draw(
         ax.set(xscale="log", yscale="log")
         low, high = ax.get_xlim()
         if high < _LEAST_SPAN * low:
-            # Ticks of less than a decade are written out, over each other.
+            # Ticks of less than a decade have labels that overlap.
             middle = math.sqrt(low * high)
             ax.set_xlim(middle / _LEAST_SPAN, middle * _LEAST_SPAN)
         ax.grid(alpha=0.3)
@@ -71,7 +71,7 @@ def draw(
         title = titles[problem] + (f", {batched} {batch:,}" if len(batches) > 1 else "")
         ax.set_title(title, fontsize=8)
     fig.supylabel("relative error", fontsize=9)
-    # The legend takes the place of a label of the axis.
+    # The legend replaces a label of the axis.
     fig.suptitle(f"{head}: relative error over {unit}", fontsize=10)
     fig.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=columns, fontsize=7)
     fig.savefig(path, dpi=110)
@@ -92,7 +92,7 @@ def _style(rows: list[Row], way: str) -> dict[str, Any]:
 
 
 def _line(ax: Any, points: list[Row], style: dict[str, Any]) -> Any:
-    # Whichever of them was measured first.
+    # Independent of the order of measurement.
     points = sorted(points, key=lambda row: row["setting"])
     times, errors = zip(*((row["cost"], row["error"]) for row in points), strict=True)
     return ax.plot(times, errors, **style)[0]

@@ -1,7 +1,7 @@
-"""The impacts that are solved by all ways, and their truth in 40 digits.
+"""The impacts that are solved by all methods, and their truth in 40 digits.
 
-Scaled: `x'' = a(x, v)`, `x(0) = 0`, `x'(0) = 1`, until x is back at zero. For the package that is a
-contact with m = K = v0 = 1; it scales all the same, the others are spared that.
+Scaled: `x'' = a(x, v)`, `x(0) = 0`, `x'(0) = 1`, until x is back at zero. For the package this is a
+contact with m = K = v0 = 1. It still scales the problem; the other methods do not need to.
 """
 
 from __future__ import annotations
@@ -116,7 +116,7 @@ PROBLEMS = {
             "linear spring and dashpot",
             "-(x + 2 * p * v)",
             lambda u: 0.6 * u,
-            # The law asks for e.
+            # The parameter of the law is e.
             lambda p: jc.KelvinVoigt(e=jnp.exp(-jnp.pi * p / jnp.sqrt(1 - p * p))),
             lambda p: _ends(oscillator(p, 1)),
             exponent=1.0,

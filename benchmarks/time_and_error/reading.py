@@ -1,4 +1,4 @@
-"""What page and figures read off the rows."""
+"""Quantities that page and figures derive from the rows."""
 
 from __future__ import annotations
 

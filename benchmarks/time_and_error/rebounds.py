@@ -1,7 +1,8 @@
-"""The task of the engines: a ball that must rebound at the e that was asked, and what they take.
+"""The task of the engines: a ball that must rebound with a given e, and their settings.
 
-One ball, one plane, no gravity. Engines that know a restitution are given it; the others are given
-what their documents, or the paper these name, make of it; or all are given what `jc.export` finds.
+One ball, one plane, no gravity. Engines with a restitution parameter receive it. The others receive
+its conversion by their documentation or the paper cited there. Alternatively all receive the result
+of `jc.export`.
 """
 
 from __future__ import annotations
@@ -57,14 +58,15 @@ def _lammps(e: float, duration: float) -> Numbers:
 
 
 def _mujoco(e: float, duration: float) -> Numbers:
-    # It takes a damping ratio; an oscillator's is told by e.
+    # It takes a damping ratio, which e determines for an oscillator.
     zeta = -math.log(e) / math.hypot(math.pi, math.log(e))
     rate = math.pi / duration / math.sqrt(1 - zeta**2)
     return {"stiffness": rate**2, "damping": 2 * zeta * rate, "impedance": IMPEDANCE}
 
 
 def _drake(e: float, duration: float) -> Numbers:
-    # It takes a dissipation; Hunt and Crossley's paper, which its documents name, tells it by e.
+    # It takes a dissipation. Hunt and Crossley's paper, cited in its documentation, determines it
+    # by e.
     stiffness = MASS * (math.pi / duration) ** 2
     return {
         "hunt_crossley_dissipation": 1.5 * (1 - e) / SPEED, "point_contact_stiffness": 2 * stiffness
@@ -72,12 +74,12 @@ def _drake(e: float, duration: float) -> Numbers:
 
 
 def _jaxsim(e: float, duration: float) -> Numbers:
-    # The same paper, with the exponents that make JaxSim's force that of the paper.
+    # The same paper, with the exponents for which JaxSim's force is that of the paper.
     return {"K": STIFFNESS, "D": 1.5 * (1 - e) * STIFFNESS / SPEED}
 
 
 def _jaxsim_exported(e: float) -> Numbers:
-    # `jc.export` does not know JaxSim; the law is Hunt and Crossley's, whose damping is closed.
+    # `jc.export` has no JaxSim. The law is Hunt and Crossley's, with damping in closed form.
     contact = jc.Contact(MASS, STIFFNESS)
     alpha = float(jc.ExactRestitution(e=e).damping_factor(contact, SPEED))
     return {"K": STIFFNESS, "D": alpha * STIFFNESS / SPEED}

@@ -1,8 +1,8 @@
-"""Hard scenes by solvers of differential equations that are started again at every event.
+"""Hard scenes by solvers of differential equations that are restarted at every event.
 
-SciPy for the two gases, diffrax for all: a ball that comes to rest, one on a table that shakes.
-Flights are straight, or fall; what is dear is to find their ends. Both have a longest step, without
-which they pass over a touch.
+SciPy solves the two gases, diffrax all scenes: a ball that comes to rest, one on a shaking table.
+Flights are straight or parabolic; locating their ends is expensive. Both solvers have a longest
+step, without which they miss a touch.
 """
 
 from __future__ import annotations

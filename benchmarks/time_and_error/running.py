@@ -1,4 +1,4 @@
-"""Measuring a way on a task, setting after setting, each row stored at once; and its options."""
+"""Measurement of a method on a task, one setting after another, with each row stored at once."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def sweep(store: Store, group: str, task: Task, ways: Iterable[Way], batch: int)
         for variant in way.variants:
             head = f"[options {count}/{len(asked)}]"
             measure(store, group, task, middle, variant, batch, head)
-        # A process has room for a few hundred programs.
+        # A process can hold a few hundred programs.
         jax.clear_caches()
 
 
@@ -68,7 +68,7 @@ def chosen(store: Store, group: str, way: Way) -> str:
         for row in store.group(group).values()
         if row["way"] == way.name and row["options"] in way.variants and "error" in row
     ]
-    # Where none is that good, the fastest of the best.
+    # If none is that accurate, the fastest of the best.
     bar = max(GOOD, min((row["error"] for row in rows), default=0.0))
     good = [row for row in rows if row["error"] <= bar]
     if not good:
@@ -88,7 +88,7 @@ def measure(
         "group": group, "problem": task.name, "batch": batch, "way": way.name,
         "family": way.family, "options": variant, "measured": len(lanes), "code": code(way),
     }  # fmt: skip
-    # A loop over lanes costs the same in every batch: what was measured is not measured again.
+    # A loop over lanes costs the same in every batch, so measured ones are not repeated.
     for key, setting in list(wanted.items()):
         twin = _twin(store, base | {"setting": setting})
         if twin:
@@ -109,7 +109,7 @@ def measure(
     for key, setting in wanted.items():
         try:
             row, answer = timed(lambda s=setting: solve(s), way.compiled)
-        except Exception as error:  # a peer may raise anything: it is told, and the run goes on
+        except Exception as error:  # a peer may raise anything: report it, go on
             reason = _told(error)
             store.keep(key, base | {"setting": setting, "reason": reason})
             print(f"{title}, {way.word} {setting:g}: {reason}", flush=True)

@@ -1,4 +1,4 @@
-"""The words of each group of the page, and the errors that its tables ask for."""
+"""The text of the page for each group, and the errors of its tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps of one length, as engines make them, in numba: velocity Verlet and semi-implicit Euler."""
+"""Steps of constant length as in engines, in numba: velocity Verlet and semi-implicit Euler."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _STEP = {
         vn = v + h * acceleration(x, v, p)
         xn = x + h * vn
     """,
-    # The force at the new place by the speed half a step before, as LAMMPS has it.
+    # The force at the new place with the speed half a step before, as in LAMMPS.
     "verlet": """
         half = v + 0.5 * h * a
         xn = x + h * half

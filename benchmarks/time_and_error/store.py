@@ -1,4 +1,4 @@
-"""Rows in a JSON file, each written as soon as it is known, and what machine they come from."""
+"""Rows in a JSON file, each written as soon as it is measured, with the data of the machine."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Store:
         return {k: row for k, row in self.rows.items() if row["group"] == group}
 
 
-# Engines matter to their own rows only.
+# Engines affect their own rows only.
 _NO_MATTER = ("commit", "memory_gib", "engines")
 
 

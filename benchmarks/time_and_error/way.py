@@ -1,4 +1,4 @@
-"""What a way to solve a problem is, to the tables: a name, a ladder of settings, and a solver."""
+"""A method of solving a problem, for the tables: a name, a series of settings, and a solver."""
 
 from __future__ import annotations
 
@@ -47,5 +47,5 @@ class Way:
         try:
             return self.build(task, lanes, **self.variants[variant])
         except ValueError as error:
-            # The package says what a law or a motion does not have.
+            # The package states what a law or a motion lacks.
             raise NotPossibleError(str(error).split(": ", 1)[-1]) from error

@@ -96,7 +96,7 @@ function draw(list, hits, e) {
   at("depth-unit").textContent = `${mm}m`;
   at("force-unit").textContent = `${kilo}N`;
   const smooth = { paths: uPlot.paths.spline() };
-  // The way in and the way out are a line each, over indentations that rise.
+  // Compression and restitution are one line each, over increasing indentation.
   const half = (hits[0].depth.length + 1) / 2;
   const tables = hits.flatMap((hit) => {
     const x = hit.depth.map((y) => y / length), y = hit.force.map((f) => f / size);

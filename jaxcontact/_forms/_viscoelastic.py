@@ -33,10 +33,10 @@ class ViscoelasticForm(AbstractForm):
 class ViscoelasticSpheresForm(ViscoelasticForm):
     """The solved viscoelastic form for n = 3/2: its impacts are series in ln(1+a).
 
-    The series are certified to 1e-15, including their slopes, for every a ≥ 0. Factors from the
-    limit of strong damping reduce each quantity to a slowly growing function. The times of the
-    turn, and of the end without tension, are divided by (1+a)^(2/3); the end with tension is
-    multiplied by 1+a. For restitution the function is the q of e = (1 + a q)^-p, with p = 5 with
+    The series are certified to 1e-15, including their slopes, for every a ≥ 0. Each represents a
+    slowly growing function, obtained with factors from the limit of strong damping. The times of
+    the turn, and of the end without tension, are multiplied by (1+a)^(2/3). The end with tension is
+    divided by 1+a. For restitution the function is the q of e = (1 + a q)^-p, with p = 5 with
     tension and 5/3 without. Without tension the contact ends at the first of two roots of an
     analytic equation. These roots differ by half powers of a.
     """

@@ -149,8 +149,8 @@ class ConstantDamping(AbstractHuntCrossley):
 class MarhefkaOrin(AbstractHuntCrossley):
     """A law without v0 in its force: F = K δⁿ (1 + (3/2) a δ'), intended to give e = 1 - a v0.
 
-    `a` ≥ 0 in s/m. Accurate for small a v0; α = (3/2) a v0. Raises ValueError for a Python scalar out
-    of range. Source: Marhefka & Orin (1999), IEEE Trans. Syst. Man Cybern. A 29:566,
+    `a` ≥ 0 in s/m. Accurate for small a v0; α = (3/2) a v0. Raises ValueError for a Python scalar
+    out of range. Source: Marhefka & Orin (1999), IEEE Trans. Syst. Man Cybern. A 29:566,
     doi 10.1109/3468.798060.
     """
 

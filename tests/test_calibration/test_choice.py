@@ -189,7 +189,7 @@ def test_a_law_that_cannot_deliver_says_what_it_can():
     hardest = found["lankarani_nikravesh"]
     assert hardest.e is None and hardest.standard_error is None
 
-    # At e = 0 its α is 3/4, and ½ of the energy remains, by the energy integral.
+    # With e = 0 its α is 3/4; the smallest delivered e follows from the energy integral.
     def balance(e):
         return 0.75 * (1 + e) - np.log1p(0.75) + np.log1p(-0.75 * e)
 

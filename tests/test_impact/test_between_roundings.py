@@ -102,7 +102,7 @@ def test_a_turn_that_nothing_tells_from_rest_is_flagged():
     hit = pushed(given_ratio(single(0.9751, 0.9751), "tension"), 1.0, single(1e4, 0.5))
     assert hit.status.tolist() == [jc.Status.NOT_CONVERGED, jc.Status.SETTLED]
     assert hit.compression_time[1] == pytest.approx(1.96927515, rel=DURATION)
-    # 7e-9 beyond the end, and the time of the turn off by 9e-7.
+    # Here they go 7e-9 beyond rest, and the time of the turn was off by 9e-7.
     law = jc.KuwabaraKono(A=jnp.array([1.9724609008794347]), tension=False)
     hit = pushed(law, 1.0, jnp.array([9083.721070343718]))
     assert hit.status.tolist() == [jc.Status.NOT_CONVERGED]

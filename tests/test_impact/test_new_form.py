@@ -187,7 +187,7 @@ def test_a_law_that_gives_energy_is_flagged():
         hit = jc.impact(law, CONTACT, SPEED)
         assert hit.status.tolist() == [jc.Status.GAINED, *[jc.Status.SEPARATED] * 2]
         assert hit.restitution[0] > 1.2
-    # Without damping a force without tension vanishes with the indentation: two guards apply.
+    # Without damping a force without tension vanishes with the indentation: two events coincide.
     pushes = jc.impact(Pushing(c=c), CONTACT, SPEED, method="event")
     assert pushes.status.tolist() == [jc.Status.GAINED, *[jc.Status.SEPARATED] * 2]
     half = np.pi * np.sqrt(CONTACT.mass / CONTACT.stiffness)
