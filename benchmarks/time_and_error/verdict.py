@@ -36,8 +36,8 @@ def _verdict(section: Section, rows: list[Row]) -> str:
     problems = problems_of(rows)
     head = [section.batch.rstrip(":"), "error", *(section.titles[p] for p in problems)]
     lines = [
-        '<details markdown="1"><summary>The fastest method within an error, and how many times as '
-        "long jaxcontact takes (if jaxcontact is the fastest: the next one)</summary>",
+        '<details markdown="1"><summary>Fastest method for each error, and the time ratio of '
+        "jaxcontact (or of the next one)</summary>",
         "",
         "| " + " | ".join(head) + " |",
         "|" + "---|" * len(head),
@@ -110,10 +110,7 @@ def _sentences(ratios: dict[str, dict[str, list[float]]]) -> list[str]:
     for family in (family for family in FAMILIES if family in ratios):
         than = "the next one" if family == "ours" else FAMILIES["ours"]
         where = "; ".join(f"{name} {_span(times)}" for name, times in ratios[family].items())
-        lines.append(
-            f"- {FAMILIES[family]} is the better choice (how many times as fast as {than}): "
-            f"{where}."
-        )
+        lines.append(f"- **{FAMILIES[family]}** is fastest (speed ratio to {than}): {where}.")
     return lines
 
 
