@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "jaxcontact"
 # Everything that an impact depends on; rooms above impacts do not affect the map.
 ROOMS = (
     *("_parameter.py", "_varying.py", "_elementary.py", "_implicit.py", "_contact.py"),
-    *("_program.py", "_forms", "_laws", "_impact"),
+    *("_program.py", "_solver", "_forms", "_laws", "_impact"),
 )
 
 
@@ -32,6 +32,12 @@ def without_words(source: str) -> str:
     tree = ast.parse(source)
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
-            words = ast.get_docstring(node, clean=False) is not None
-            node.body = node.body[words:] or [ast.Pass()]
+            node.body = [one for one in node.body if not _is_text(one)] or [ast.Pass()]
     return ast.unparse(tree)
+
+
+def _is_text(node: ast.stmt) -> bool:
+    """Test whether a statement is a string alone: a docstring, also one below a constant."""
+    if not isinstance(node, ast.Expr) or not isinstance(node.value, ast.Constant):
+        return False
+    return isinstance(node.value.value, str)
