@@ -1,10 +1,10 @@
-"""Sweeps for the page on which one drags e: `python docs/explore.py` writes its grids.
+"""Sweeps for the interactive page: `python docs/explore.py` writes its grids.
 
-Laws with a parameter e fall into families: within one, the motion follows from the restitution that
-is delivered and from n. So there is one table for each law, what it delivers, and one for each
-family: time, force and indentation in scaled units, and the loop. All stand on Chebyshev points (of
-ln e, where outcomes are smooth down to strong damping), between which the page interpolates; the
-error of that is measured here, and shown there.
+Laws with a parameter e form families. Within a family the motion depends only on the delivered
+restitution and n. Each law has a table of the delivered e. Each family has a table of time, force
+and indentation in scaled units, and of the loop. All tables use Chebyshev points of ln e, where
+outcomes are smooth down to strong damping. The page interpolates between them. This module measures
+the interpolation error, and the page shows it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ TITLES = {
 
 
 def chebyshev(low: float, high: float, count: int) -> np.ndarray:
-    """Chebyshev points with both ends, ascending; one point: the middle."""
+    """Return Chebyshev points with both ends, ascending; a single point is the middle."""
     if count == 1:
         return np.array([(low + high) / 2])
     x = -np.cos(np.pi * np.arange(count) / (count - 1))
@@ -57,7 +57,7 @@ def chebyshev(low: float, high: float, count: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Family:
-    """The laws whose motion follows from e and n: by one that delivers its e.
+    """The laws whose motion depends on e and n alone, solved with one that delivers its e.
 
     `exponent`: None if any will do. `ends` of the pieces over e, in each of which all is smooth.
     """
@@ -67,7 +67,7 @@ class Family:
     ends: tuple[float, ...] = DELIVERED
 
     def pieces(self, counts: tuple[int, int]) -> list[tuple[np.ndarray, np.ndarray]]:
-        """The nodes over ln e and n of each piece."""
+        """Return the nodes over ln e and n of each piece."""
         if self.exponent is None:
             n, count = chebyshev(*EXPONENT, counts[1]), counts[0]
         else:
@@ -75,7 +75,7 @@ class Family:
         return [(chebyshev(*np.log(ends), count), n) for ends in pairwise(self.ends)]
 
     def outcomes(self, q: np.ndarray, n: np.ndarray) -> dict[str, np.ndarray]:
-        """The outcomes over the grid ln e × n, in scaled units: mass, stiffness, speed are 1."""
+        """Return outcomes over the grid ln e × n in scaled units: mass, stiffness, speed are 1."""
 
         @jax.jit
         @jax.vmap
@@ -89,7 +89,7 @@ class Family:
         return {k: np.asarray(x).reshape(len(q), len(n)) for k, x in found.items()}
 
     def loops(self, q: np.ndarray, n: np.ndarray) -> np.ndarray:
-        """Indentation and force at even times of both halves: (e, n, 2, 2 POINTS - 1)."""
+        """Return indentation and force at even times of both halves: (e, n, 2, 2 POINTS - 1)."""
 
         @jax.jit
         @jax.vmap
@@ -106,13 +106,13 @@ class Family:
 
 
 def _grid(q, n):
-    """The grid of both, as two columns: e, and n."""
+    """Return the grid of e and n as two columns."""
     q, n = np.meshgrid(q, n, indexing="ij")
     return jnp.asarray(np.minimum(np.exp(q), 1.0).ravel()), jnp.asarray(n.ravel())
 
 
 def _two_halves(time, indentation, force, turn):
-    """The loop at times that lie close together at touch and at the end."""
+    """Return the loop at times that are dense at touch and at the end."""
     even = np.linspace(0, 1, POINTS)
     out = turn + (time[-1] - turn) * (1 - (1 - even) ** 2)
     wanted = np.concatenate([turn * even**2, out[1:]])
@@ -130,21 +130,21 @@ FAMILIES = {
 
 
 class _Oscillator(jc.AntypovElliott):
-    """Without tension, and delivering its e: ln e = -2ζ arccos(ζ)/√(1-ζ²)."""
+    """A law without tension that delivers its e: ln e = -2ζ arccos(ζ)/√(1-ζ²)."""
 
     def damping_ratio(self, contact=None):
         return jc.KelvinVoigt(e=self.e, tension=False).damping_ratio()
 
 
 class _OnApproach(jc.Jankowski):
-    """Damped on approach only, and delivering its e: ln e = -ζ arccos(ζ)/√(1-ζ²)."""
+    """A law damped on approach only that delivers its e: ln e = -ζ arccos(ζ)/√(1-ζ²)."""
 
     def damping_ratio(self, contact=None):
         return jc.KelvinVoigt(e=jnp.square(self.e), tension=False).damping_ratio()
 
 
 def family_of(law: jc.AbstractLaw) -> str:
-    """The family whose motion a law has."""
+    """Return the family whose motion a law has."""
     if isinstance(law, jc.AbstractHuntCrossley):
         return "hunt_crossley"
     if law.exponents == (1.0,):
@@ -154,7 +154,7 @@ def family_of(law: jc.AbstractLaw) -> str:
 
 
 def laws(e: np.ndarray) -> dict[str, dict]:
-    """Each law with a parameter e: its family, exponent, formula, and what it delivers for e."""
+    """Return for each law with a parameter e its family, exponent, formula and delivered e."""
     found = {}
     for name in constant_laws():
         law = jc.get_law(name, e=jnp.asarray(e))
@@ -172,12 +172,12 @@ def laws(e: np.ndarray) -> dict[str, dict]:
 
 
 def damped(z: np.ndarray) -> np.ndarray:
-    """The restitution for the damping α = z/(1-z)."""
+    """Return the restitution for the damping α = z/(1-z)."""
     return np.asarray(jc.restitution(jc.Damped(alpha=jnp.asarray(z / (1 - z)))))
 
 
 def interpolated(nodes, values, at):
-    """Over one axis or more, the first of `values`."""
+    """Interpolate over the first axes of `values`, one or more."""
     for axis_nodes, axis_at in zip(nodes, at, strict=True):
         values = np.moveaxis(values, 0, -1)
         if len(axis_nodes) == 1:
@@ -193,12 +193,12 @@ def rounded(values: np.ndarray, digits: int) -> list:
 
 
 def packed(family: Family, outcomes: tuple, loops: tuple) -> tuple[dict, dict[str, float]]:
-    """A piece of a family as it is stored, and the errors between its nodes."""
+    """Return a piece of a family as it is stored, and the errors between its nodes."""
     (nodes, table), (loop_nodes, loop) = outcomes, loops
     q = np.linspace(nodes[0][0], nodes[0][-1], 83)
     n = nodes[1] if family.exponent else np.linspace(*EXPONENT, 11)
     truth, off = family.outcomes(q, n), {}
-    # As they are stored.
+    # Rounded as they are stored.
     table = {key: np.round(np.log(values), 7) for key, values in table.items()}
     loop = np.round(loop, 4)
     for key, values in table.items():
@@ -243,7 +243,7 @@ def main() -> None:
         made["error"][key] = float(f"{np.ceil(error / unit) * unit:.0e}")
     made["version"] = jc.__version__
     print(made["error"])
-    # What the page shows, four digits, is right to the last one.
+    # The page shows four digits; the last one is right.
     assert worst["e"] < 1e-5 and worst["outcomes"] < 1e-5 and worst["loop"] < 2e-3
     GRIDS.write_text(json.dumps(made, ensure_ascii=False, separators=(",", ":")), encoding="utf-8")
     print(f"{GRIDS.stat().st_size / 1e3:.0f} kB")

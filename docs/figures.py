@@ -1,4 +1,4 @@
-"""Makes the figures of the README and of pages: `python docs/figures.py`."""
+"""The figures of the README and of pages: `python docs/figures.py`."""
 
 import io
 import sys
@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from benchmarks.sound_truths import as_wave, draw
 
 HERE = Path(__file__).parent
-# Okabe and Ito's colours, told apart with every kind of colour vision.
+# Okabe and Ito's colours, safe for colour blindness.
 COLOURS = ("#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00")
 LAWS = (
     ("Hunt-Crossley", jc.HuntCrossley),
@@ -33,7 +33,7 @@ LAWS = (
 
 
 def delivered() -> None:
-    """What each law delivers for the restitution it is asked for, and its hysteresis at e = 0.5."""
+    """Draw delivered over requested restitution of each law, and its hysteresis at e = 0.5."""
     asked = jnp.linspace(0.05, 1, 96)
     contact = jc.Contact(mass=1.0, stiffness=1.4e8)
     figure, (left, right) = pyplot.subplots(1, 2, figsize=(8.4, 3.6), layout="constrained")
@@ -62,12 +62,12 @@ def delivered() -> None:
 
 
 def hu_guo() -> None:
-    """Fig. 6 of Hu & Guo."""
+    """Draw Fig. 6 of Hu & Guo."""
     jc.paper.fig6().figure.savefig(HERE / "fig6.png", dpi=130, metadata={"Software": None})
 
 
 def bowl() -> None:
-    """Three soft balls that fall into a bowl: their paths, and where their energy goes."""
+    """Draw three soft balls that fall into a bowl: their paths and their energy."""
     balls = [
         jc.Sphere(radius=0.1, mass=0.5, position=place, name=name)
         for place, name in (([-0.6, 0.3], "left"), ([0.1, 0.2], "middle"), ([0.62, 0.1], "right"))
@@ -89,7 +89,7 @@ def bowl() -> None:
 
 
 def sound() -> None:
-    """A simulated recording with hum, reverberation and noise, and what was heard in it."""
+    """Draw a simulated recording with hum, reverberation and noise, and the bounces found."""
     truth = draw(np.random.default_rng([0, 8]))
     recording = jc.read_recording(io.BytesIO(as_wave(truth)))
     jc.plot.sound(recording).figure.savefig(

@@ -1,8 +1,8 @@
-"""Brings into the site what does not stand in docs/: a hook of mkdocs.
+"""A hook of mkdocs that adds files from outside docs/ to the site.
 
-The README is the first page. Notebooks, other pages and files of the repository that a page links
-to get a place in the site, and the links lead there; on the repository's own pages the same links
-work as they are.
+The README is the first page. Notebooks, and other pages and files of the repository that a page
+links to, get a place in the site. Links are rewritten for the site; in the repository the same
+links work unchanged.
 """
 
 import posixpath
@@ -13,7 +13,7 @@ from pathlib import Path
 from mkdocs.structure.files import File
 
 ROOT = Path(__file__).parents[1]
-# Files of the repository that are pages, by their place in the site.
+# Pages of the repository outside docs/, by their place in the site.
 PAGES = {
     "index.md": "README.md",
     "CONTRIBUTING.md": "CONTRIBUTING.md",
@@ -40,7 +40,7 @@ def on_files(files, config):
             if files.get_file_from_path(place) is None and (ROOT / wanted).is_file():
                 source = str(ROOT / wanted)
                 files.append(File.generated(config, place, abs_src_path=source))
-    # mkdocs takes back what a hook adds to the path while it is loaded.
+    # mkdocs restores sys.path after it has loaded a hook.
     sys.path.insert(0, str(ROOT))
     from jaxcontact._explore import page as interactive
 
@@ -49,7 +49,7 @@ def on_files(files, config):
 
 
 def on_page_markdown(markdown, page, config, files):
-    """Turn links that are right in the repository into links within the site."""
+    """Turn links of the repository into links within the site."""
     here = _source_of(page.file)
     folder = posixpath.dirname(page.file.src_uri)
 
@@ -63,7 +63,7 @@ def on_page_markdown(markdown, page, config, files):
 
 
 def _source_of(file):
-    """Where the text of a page stands in the repository."""
+    """Return the path of a page in the repository."""
     place = file.src_uri
     return PAGES.get(place) or (place if place.startswith("notebooks/") else f"docs/{place}")
 
@@ -73,7 +73,7 @@ def _repository_path(here, target):
 
 
 def _place(path):
-    """Where a file of the repository stands in the site."""
+    """Return the place in the site of a file of the repository."""
     back = {source: place for place, source in PAGES.items()}
     if path.startswith("notebooks/"):
         return re.sub(r"\.ipynb$", ".md", path)
@@ -85,14 +85,14 @@ def _page(place, text, source, config):
 
 
 def _notebook(path, config):
-    """A notebook as a page and its pictures, as it was committed."""
+    """Yield a notebook as a page, and its pictures, as committed."""
     import nbformat
     from nbconvert import MarkdownExporter
 
     notebook = nbformat.read(path, as_version=4)
     for cell in notebook.cells:
         if cell.cell_type == "code":
-            # Without progress.
+            # Progress bars are written to stderr.
             cell.outputs = [x for x in cell.outputs if x.get("name") != "stderr"]
     names = {"output_files_dir": f"{path.stem}_files", "unique_key": path.stem}
     text, found = MarkdownExporter().from_notebook_node(notebook, resources=names)

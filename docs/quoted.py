@@ -1,4 +1,4 @@
-"""Numbers that several pages quote, each from the result that it comes from.
+"""Numbers quoted on several pages, each read from its result.
 
 In a page a number stands between `<!--NAME-->` and `<!--/-->`. `python docs/quoted.py` writes all
 of them into the README and the pages; a test compares.
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-# Run as a file, too.
+# Also works when run as a file.
 sys.path.insert(0, str(ROOT))
 
 from benchmarks import choice_confusion
@@ -27,13 +27,13 @@ _ONES = "", "one", "two", "three", "four", "five", "six", "seven", "eight", "nin
 
 
 def pages() -> list[Path]:
-    """The README and the pages that quote a number."""
+    """Return the README and the pages that quote a number."""
     every = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     return [page for page in every if MARK.search(page.read_text(encoding="utf-8"))]
 
 
 def numbers() -> dict[str, str]:
-    """Every number by name, as it is written."""
+    """Return every number by name, as it is written."""
     return {"laws": _laws(), **_choice(), **_coverage(), **_fits(), **_times(), **_lanes()}
 
 
@@ -46,7 +46,7 @@ def _percent(share: float) -> str:
 
 
 def _laws() -> str:
-    """How many laws there are, in words."""
+    """Return the number of laws in words."""
     from jaxcontact import list_laws
 
     tens, ones = divmod(len(list_laws()), 10)
@@ -54,7 +54,7 @@ def _laws() -> str:
 
 
 def _choice() -> dict[str, str]:
-    """How often a choice among laws is sure and wrong."""
+    """Return how often a choice among laws is sure and wrong."""
     parts = choice_confusion.shares(_result("choice_confusion"))
     wrong = {name: parts[name]["wrong"] / parts[name]["tables"] for name in parts}
     truth = max(choice_confusion.TRUTHS, key=lambda name: wrong.get(name, 0.0))
@@ -66,7 +66,7 @@ def _choice() -> dict[str, str]:
 
 
 def _coverage() -> dict[str, str]:
-    """The least share of 95 % intervals that hold the truth."""
+    """Return the smallest share of 95 % intervals that contain the truth."""
     cells = _result("fit_coverage")["cells"].values()
     shares = [
         share
@@ -104,7 +104,7 @@ def _span(ratios: list[float]) -> str:
 
 
 def _times() -> dict[str, str]:
-    """Ratios of run times: in the largest batch within 1e-9, and one by one within 1e-6."""
+    """Return ratios of run times: in the largest batch within 1e-9, one by one within 1e-6."""
     assert {"numba", "diffrax", "ours"} <= set(FAMILIES)
     batch, error = 100_000, 1e-9
     closed = {"hunt_crossley": "hunt_crossley", "kuwabara_kono": "kuwabara_kono"}
@@ -115,7 +115,7 @@ def _times() -> dict[str, str]:
         )
         for problem, name in closed.items()
     }
-    # A law of the user's own, and a push: without a closed form.
+    # A user's own law and a push have no closed form.
     events = {p: _cost(p, batch, error, way="event") for p in ("own", "pushed")}
     of = {
         family: {p: _cost(p, batch, error, family=family) for p in events}
@@ -132,7 +132,7 @@ def _times() -> dict[str, str]:
 
 
 def _lanes() -> dict[str, str]:
-    """Lanes of the stability map in one precision, of which none is wrong without a flag."""
+    """Return the lanes of the stability map per precision; none is wrong without a flag."""
     jobs = {name: _result(name) for name in ("stability", "stability_seed")}
     every = [job for result in jobs.values() for job in result.values()]
     assert not any(job["counts"]["wrong without a flag"] for job in every)
@@ -141,7 +141,7 @@ def _lanes() -> dict[str, str]:
 
 
 def written(text: str, known: dict[str, str]) -> str:
-    """A page with its numbers as they are known; KeyError for a name that is not."""
+    """Return a page with its numbers inserted. Raises KeyError for an unknown name."""
     return MARK.sub(lambda m: f"<!--{m['name']}-->{known[m['name']]}<!--/-->", text)
 
 

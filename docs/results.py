@@ -1,14 +1,14 @@
-"""Reads the classes of results for the reference: an extension of griffe, which runs no code.
+"""An extension of griffe that reads classes of results for the reference without running code.
 
-The class that people use takes its docstring from the plain data below it, as in
-`__doc__ = Data.__doc__`, and its methods from functions, as in `interval = interval`.
+The public class takes its docstring from a plain data class (`__doc__ = Data.__doc__`), and its
+methods from functions (`interval = interval`).
 """
 
 import griffe
 
 
 class Results(griffe.Extension):
-    """Gives such a class the docstring, and such a method the function."""
+    """The extension: sets the docstring of such a class and the function of such a method."""
 
     def on_package(self, *, pkg, loader, **unused):
         for module in _modules(pkg):

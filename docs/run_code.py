@@ -1,8 +1,8 @@
-"""Runs the code of the pages: what a ```python block prints is the ```text block that follows it.
+"""The code of the pages: each ```text block shows the output of the ```python block above it.
 
-`python docs/run_code.py PAGE ...` writes what was printed into the pages; the tests compare. The
-blocks of a page run in order, in one namespace and in a folder of their own. A comment above a
-block says what is different here:
+`python docs/run_code.py PAGE ...` writes the output into the pages; the tests compare. The blocks
+of a page run in order, in one namespace and one temporary folder. A comment above a block changes
+how it is run:
 
     <!-- not run: why -->
     <!-- run as: this text, here => that text -->
@@ -30,7 +30,7 @@ BLOCK = re.compile(
 
 @dataclass(frozen=True)
 class Block:
-    """A block of code as it is run, what the page shows for it (None: nothing), and where."""
+    """A block of code as it is run, the output shown for it (None: nothing), and their places."""
 
     code: str
     shown: str | None
@@ -39,12 +39,12 @@ class Block:
 
 
 def pages() -> list[Path]:
-    """The pages that have code."""
+    """Return the pages that have code."""
     return [p for p in sorted(DOCS.rglob("*.md")) if BLOCK.search(p.read_text(encoding="utf-8"))]
 
 
 def blocks(page: Path) -> list[Block]:
-    """The blocks of a page that are run."""
+    """Return the blocks of a page that are run."""
     text = page.read_text(encoding="utf-8")
     found = []
     for match in BLOCK.finditer(text):
@@ -63,14 +63,14 @@ def blocks(page: Path) -> list[Block]:
 
 
 def run(page: Path) -> Iterator[tuple[Block, str]]:
-    """Each block of a page, and what it prints."""
+    """Yield each block of a page and its output."""
     names: dict[str, object] = {"__name__": "__main__"}
     start = os.getcwd()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         try:
             for block in blocks(page):
-                # Errors then name the line of the page.
+                # The padding makes errors name the line of the page.
                 program = compile(
                     "\n" * block.line + block.code, str(page), "exec", dont_inherit=True
                 )
@@ -82,9 +82,9 @@ def run(page: Path) -> Iterator[tuple[Block, str]]:
 
 
 def digits(text: str) -> str:
-    """The text with its numbers at six digits: the last ones are the compiler's.
+    """Return the text with numbers at six digits, since the last ones depend on the compiler.
 
-    So is how many steps of a search it took until rounding left none.
+    So does the number of steps of a search that ends by rounding.
     """
     text = re.sub(r"in \d+ steps", "in a few steps", text)
     text = re.sub(r"-?\d+\.\d+(e[-+]?\d+)?", lambda found: f"{float(found[0]):.6g}", text)
@@ -92,7 +92,7 @@ def digits(text: str) -> str:
 
 
 def write(page: Path) -> None:
-    """Write what was printed into a page, where more than the last digits differ."""
+    """Write the output into a page where more than the last digits differ."""
     text = page.read_text(encoding="utf-8")
     for block, printed in reversed(list(run(page))):
         if block.shown is not None and digits(block.shown) != digits(printed):
