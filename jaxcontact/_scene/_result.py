@@ -32,7 +32,7 @@ class Ending(enum.IntEnum):
     """An impact could not be solved to its tolerance: what comes after is NaN."""
     CROWDED = 5
     """Too many bodies came together for `max_cluster`, of which those that touch at rest count, or
-    in a way that is left out (docs/scenes.md): what comes after is NaN. Give a larger
+    in a way that is left out (docs/scenes_how.md): what comes after is NaN. Give a larger
     `max_cluster`."""
     WALL_TOO_ABRUPT = 6
     """A wall, a fixed sphere or a shell exceeds its `max_acceleration`: what comes after is NaN."""
