@@ -138,8 +138,8 @@ BUDGETS = {
     "bounce with weight in contact": Budget(4_800, 3),
     "fit_damping": Budget(2_000, 8),
     "fit_record": Budget(8_500, 12),
-    "scene of 3 discs and a plane, instantaneous": Budget(4_000, 5),
-    "scene of 3 discs and a plane, soft": Budget(12_000, 5),
+    "scene of 3 discs and a plane, instantaneous": Budget(3_300, 6),
+    "scene of 3 discs and a plane, soft": Budget(12_000, 6),
     "soft scene of 2 discs and a plane: gradient": Budget(32_000, 33, goal=(32_000, 20)),
 }
 MARGIN = 1.05

@@ -11,6 +11,7 @@ from PIL import Image
 
 import jaxcontact as jc
 from jaxcontact.plot._path import line_of, path_of
+from tests.test_impact.test_warm_calls import work_of
 
 LAW = jc.ExactRestitution(e=0.8)
 EXACT = 1e-12
@@ -269,3 +270,18 @@ def test_shells():
     levels = {float(x.get_ydata()[0]) for x in line.get_lines() if len(x.get_xdata()) == 200}
     assert levels == {0.0, 1.0}
     assert line.get_ylim()[0] < 0 and line.get_ylim()[1] > 1
+
+
+def test_what_shows_a_run_compiles_nothing(tmp_path):
+    balls = [jc.Sphere(0.1, 1.0, [x, 0.5], [1.0, 0.3]) for x in (0.3, 0.6, 0.9)]
+    scene = jc.Scene([jc.Box([0.0, 0.0], [1.2, 1.2]), *balls], LAW, gravity=[0.0, -9.81])
+    run = jc.simulate(scene, 0.3, instantaneous=True)
+
+    def show():
+        repr(run), repr(run.impacts), run.impacts.to_dict()
+        run.at(0.1), run.at([0.1, 0.2])
+        run.to_csv(io.StringIO()), run.impacts.to_csv(io.StringIO())
+        jc.plot.scene(run), jc.plot.energy(run)
+        jc.plot.animate(run, seconds=0.2).save(tmp_path / "run.gif", writer="pillow")
+
+    assert work_of(show) == []

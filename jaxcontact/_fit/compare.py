@@ -328,6 +328,14 @@ def _verdict(
     worse = [c for c in good if c not in equal]
     if worse:
         text += f" Next is {_distance(worse[0], first, group)}."
+    return best.name, text + _other_measures(best, good, equal, left_out)
+
+
+def _other_measures(
+    best: Candidate, good: list[Candidate], equal: list[Candidate], left_out: str
+) -> str:
+    """Return what speaks for another fit: BIC, and the prediction of data that were left out."""
+    text = ""
     brief = min(good, key=lambda c: c.bic)
     if best.bic - brief.bic > _SAME:
         why = ""
@@ -340,7 +348,7 @@ def _verdict(
     equally = [c for e, c in judged if f"{e:.4g}" == f"{error:.4g}"]
     if judged and not any(c in equal for c in equally):
         text += f" But {left_out} that were left out are predicted best by {held.name}."
-    return best.name, text
+    return text
 
 
 def _least(equal: list[Candidate], k: int) -> float:

@@ -150,11 +150,7 @@ def fit(
         if noise == BY_COLUMN:
             refuse_between(columns_of(problem, noise), whitener)
         options = Options(jnp.asarray(rtol), by_gradient, most, patience, tell)
-        rough, ends = theta, np.zeros(0)
-        if starts > 1:
-            away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
-            away *= start_scale(problem, theta)
-            rough, ends = _best_start(problem, np.stack([theta, *(theta + away)]), options)
+        rough, ends = _first_guess(problem, theta, options, starts, spread, seed)
         found = find(problem, rough, options)
         _check_start(problem, theta, found)
         refuse_unused(problem, found)
@@ -166,6 +162,17 @@ def fit(
                 problem, found, columns, lambda p, at: find(p, at, options)
             )
         return _result(problem, found, theta, target, ends, names, options, settled)
+
+
+def _first_guess(
+    problem: Problem, theta: np.ndarray, options: Options, starts: int, spread: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the search starts, and the losses at the ends of all searches so far."""
+    if starts == 1:
+        return theta, np.zeros(0)
+    away = np.random.default_rng(seed).normal(size=(starts - 1, len(theta))) * spread
+    away *= start_scale(problem, theta)
+    return _best_start(problem, np.stack([theta, *(theta + away)]), options)
 
 
 def _check(loss: Any, optimizer: Any) -> None:

@@ -148,7 +148,7 @@ def called(
     outcome = Outcome(nobody, began.time, *[zero] * (len(Outcome._fields) - 2))
     work = work_of_walls(layout, numbers, seats, began, done)
     together = Together(spheres, held, as_numbers(began), as_numbers(after), work, done.error)
-    blank = jnp.full(2, -1)
+    blank, decided = jnp.full(2, -1), decided._replace(choice=None)
     called = Called(jnp.asarray(True), support, decided, ends, rest, status == PAUSED)
     figures = Figures(nobody, outcome, together)
     facts = Facts(coupling.choice, blank, no, jnp.full_like(zero, jnp.inf), called)

@@ -33,11 +33,11 @@ class Call(NamedTuple):
     """The decisions about one call: `starts` a solve at the touch of `choice`, or goes on; who is
     in it and who has come; `closed` (P,): the pairs of those that come which are in contact at
     once. It ends at the time `until` in s, if nothing happens before; `to_the_end`: rest is
-    nothing.
+    nothing. In a log the choice is that of the row.
     """
 
     starts: Bool[Array, ""]
-    choice: Choice
+    choice: Choice | None
     seats: Seats
     change: Change
     closed: Bool[Array, " P"]
@@ -146,6 +146,7 @@ def call(
     first, second = places(layout, members)
 
     # The time: of the touch that starts it, or where the last call ended.
+    assert decided.choice is not None
     touch = decided.choice.time
     if derived:
         touch = _touch(layout, numbers, spheres, decided)
@@ -217,6 +218,7 @@ def call(
 def _touch(layout: Layout, numbers: Numbers, spheres: Flying, decided: Call) -> Float[Array, ""]:
     """The time of the touch that starts a solve."""
     seats, choice = decided.seats, decided.choice
+    assert choice is not None
     one = jnp.argmax(seats.who == choice.first)
     # A wall has no place: the first body stands in for it, as another one may be ahead in time.
     other = jnp.argmax(seats.who == choice.second)

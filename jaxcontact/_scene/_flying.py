@@ -36,13 +36,9 @@ def accelerations(
     layout: Layout, numbers: Numbers, who: Int[Array, " M"], support: Int[Array, " M"]
 ) -> Float[Array, "M D"]:
     """Gravity of free spheres, less what the walls that they rest on hold."""
-    pull = jnp.broadcast_to(numbers.gravity, (who.shape[0], layout.dimensions))
     if not layout.gravity:
-        return pull
-    if layout.walls:
-        normal = rows_of(numbers.normal, jnp.maximum(support, 0))
-        held = jnp.sum(pull * normal, axis=-1, keepdims=True) * normal
-        pull = pull - jnp.where((support >= 0)[:, None], held, 0)
+        return jnp.zeros((who.shape[0], layout.dimensions), numbers.dtype)
+    pull = rows_of(numbers.pull, support + 1)
     if any(layout.fixed):
         pull = jnp.where((rows_of(numbers.inverse_mass, who) > 0)[:, None], pull, 0)
     return pull

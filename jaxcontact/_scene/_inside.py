@@ -88,9 +88,10 @@ def in_contacts(
 
     def going_on(row: Array, until: Array) -> tuple[tuple, Array]:
         """The call of a row, up to a time; whether it lasts until then."""
-        known, facts = jax.tree.map(lambda x: x[row], (together, called))
+        rows = (together, called, log.facts.choice)
+        known, facts, choice = jax.tree.map(lambda x: x[row], rows)
         change = unchanged(layout, members)
-        decided = facts.decided._replace(starts=~yes, change=change, until=until)
+        decided = facts.decided._replace(starts=~yes, choice=choice, change=change, until=until)
         inside = (until < known.end.time) | ~facts.ends
         began = as_flags(known.began)
         return (known.spheres, facts.support, known.held, began, decided), inside

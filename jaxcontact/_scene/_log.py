@@ -32,7 +32,8 @@ class Together(NamedTuple):
 
 class Called(NamedTuple):
     """The decisions about a call: whether the row is one, what its spheres rested on before it, and
-    whether the bodies are apart after it, or at `rest`, or whether it was only `paused`.
+    what was `decided` beside the choice of the row; whether the bodies are apart after it, or at
+    `rest`, or whether it was only `paused`.
     """
 
     is_call: Any
@@ -93,19 +94,24 @@ def blank_log(rows: int, layout: Layout, dtype: Any, members: int) -> Log:
     vector = jnp.zeros((rows, 2, dimensions), dtype)
     pair, one = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)
     flying = Flying(vector, vector, pair)
-    whole = jnp.zeros(rows, int)
-    choice = Choice(
-        whole, whole, jnp.zeros((rows, 2), int) - 1, vector[:, 0], one, jnp.zeros(rows, bool)
-    )
+
+    def repeated(row: Any) -> Any:
+        return jax.tree.map(lambda x: jnp.broadcast_to(x, (rows, *jnp.shape(x))), row)
+
+    choice = repeated(blank_choice(layout, dtype))
     together = called = None
     if members:
-        one_row = blank_calls(layout, members, dtype)
-        together, called = jax.tree.map(
-            lambda x: jnp.broadcast_to(x, (rows, *jnp.shape(x))), one_row
-        )
+        together, called = repeated(blank_calls(layout, members, dtype))
     facts = Facts(choice, jnp.zeros((rows, 2), int) - 1, jnp.zeros(rows, bool), one, called)
     outcome = Outcome(flying, *[one] * (len(Outcome._fields) - 1))
     return Log(Figures(flying, outcome, together), facts)
+
+
+def blank_choice(layout: Layout, dtype: Any) -> Choice:
+    """The choice of nobody."""
+    zero, no = jnp.asarray(0), jnp.asarray(False)
+    image, time = jnp.zeros(layout.dimensions, dtype), jnp.zeros((), dtype)
+    return Choice(zero, zero, jnp.full(2, -1), image, time, no)
 
 
 def blank_calls(layout: Layout, members: int, dtype: Any) -> tuple[Together, Called]:
@@ -113,12 +119,11 @@ def blank_calls(layout: Layout, members: int, dtype: Any) -> tuple[Together, Cal
     dimensions = layout.dimensions
     vector, each = jnp.zeros((members, dimensions), dtype), jnp.zeros(members, dtype)
     state, no = as_numbers(blank_state(layout, members, dtype)), jnp.asarray(False)
-    zero, none = jnp.asarray(0), jnp.zeros((), dtype)
-    choice = Choice(zero, zero, jnp.zeros(2, int) - 1, jnp.zeros(dimensions, dtype), none, no)
+    none = jnp.zeros((), dtype)
     pairs = jnp.zeros(places(layout, members)[0].shape, bool)
     whole = jnp.zeros(members, int)
     seats, change = Seats(whole, whole > 0, vector), unchanged(layout, members)
-    decided = Call(no, choice, seats, change, pairs, none, no)
+    decided = Call(no, None, seats, change, pairs, none, no)
     together = Together(Flying(vector, vector, each), each, state, state, none, none)
     return together, Called(no, whole - 1, decided, no, no, no)
 

@@ -144,6 +144,7 @@ def gathered(
         for law, alike in zip(laws, layout.constant, strict=True)
     ]
     gravity = jnp.zeros(dimensions, dtype) if given.gravity is None else jnp.asarray(given.gravity)
+    held = jnp.sum(gravity[None] * normal, axis=-1, keepdims=True)
     period = _row([np.ones(()) if p is None else p for p in given.periodic], dtype)
     numbers = Numbers(
         position=position,
@@ -155,6 +156,7 @@ def gathered(
         motion=_movers(moving, dtype),
         shaking=_movers(shaking, dtype),
         gravity=gravity,
+        pull=jnp.concatenate([gravity[None], gravity[None] - held * normal]),
         period=period,
         restitution=jnp.stack(constant),
         laws=laws,

@@ -87,7 +87,7 @@ def _piece_by_piece(
     """
     layout, numbers, valid, end, tolerance = given
     rules = wanted
-    within = numbers.start is not None and bool(numbers.start.leans)
+    within = numbers.start is not None and numbers.start.leans
     if not everyone(layout, rules.members) and not within:
         rules = Rules(rules.soft, rules.v0, 0)
     places = 0 if state.coupling is None else state.coupling.seats.who.shape[0]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,7 @@ from ._course import Course
 from ._outside import derived
 from ._partly import booked
 from ._result import Impacts, Moment, traced
-from ._states import moment, moment_at, moment_in_log
+from ._states import moment, moment_at, moment_in_log, told, told_in_log
 from ._table import table_of
 from ._work import work_of
 
@@ -49,12 +49,14 @@ def read(course: Course, asked: Float[Array, " T"], rows: int | None) -> Reading
 
 def _from_log(course: Course, asked: Array, rows: int | None) -> tuple[Reading, tuple[bool, bool]]:
     """As from Python; whether a time, and whether an end of the run, is inside of a contact."""
-    reading, inside, cut = _read(course, asked)
-    if bool(inside):
-        reading = reading._replace(now=moment(course, asked))
-    if bool(cut):
-        reading = _tabled(booked(course, moment_at(course, course.ends)), reading.now, None)
-    return reading, (bool(inside), bool(cut))
+    count, length = asked.shape[0], np.asarray(course.length)
+    ends = np.stack([np.zeros_like(length), length])
+    every, inside = told_in_log(course, np.concatenate([np.asarray(asked), ends]))
+    inside, cut = bool(np.any(inside[:count])), bool(np.any(inside[count:]))
+    now = told(course, asked) if inside else jax.tree.map(lambda x: x[:count], every)
+    if cut:
+        course = booked(course, jax.device_put(told(course, ends)))
+    return _tabled(course)._replace(now=jax.device_put(now)), (inside, cut)
 
 
 def _by_choice(
@@ -69,30 +71,19 @@ def _by_choice(
         return _told(course, moment_at(course, asked), rows)
     # One program for all times.
     every, count = moment_at(course, jnp.concatenate([asked, course.ends])), asked.shape[0]
-    now, there = (jax.tree.map(lambda x, k=k: x[k], every) for k in _parts(count))
+    now, there = (
+        jax.tree.map(lambda x, k=k: x[k], every) for k in (slice(count), slice(count, None))
+    )
     return _told(booked(course, there), now, rows)
 
 
-def _parts(count: int) -> tuple[slice, slice]:
-    """Of the times asked for with those of the ends behind them."""
-    return slice(count), slice(count, None)
-
-
-@quick
-def _read(course: Course, asked: Float[Array, " T"]) -> tuple[Reading, Array, Array]:
-    """The reading from the log alone; whether a time, or an end of the run, is inside of a contact
-    that is on there.
-    """
-    every, inside = moment_in_log(course, jnp.concatenate([asked, course.ends]))
-    times, ends = _parts(asked.shape[0])
-    reading = _told(course, jax.tree.map(lambda x: x[times], every), None)
-    return reading, jnp.any(inside[times]), jnp.any(inside[ends])
-
-
-def _told(course: Course, now: Moment, rows: int | None) -> Reading:
+def _told(course: Course, now: Any, rows: int | None) -> Reading:
     status, reached = course.ending()
     impacts, nearest, total = table_of(course, status, rows)
     return Reading(status, reached, now, impacts, nearest, total, work_of(course, status, reached))
 
 
-_tabled = quick(_told)
+@quick
+def _tabled(course: Course) -> Reading:
+    """All but the states."""
+    return _told(course, None, None)

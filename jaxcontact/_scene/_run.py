@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, BinaryIO, TextIO
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
 
 import equinox as eqx
 import jax
@@ -11,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
+from ._bodies import AbstractBody
 from ._columns import write_csv
 from ._course import Course
 from ._dataset import dataset
@@ -63,7 +65,9 @@ class Run(eqx.Module):
             raise ValueError(
                 f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
             )
-        return moment_at(self._course, asked.reshape(-1))
+        if traced(asked):
+            return moment_at(self._course, asked.reshape(-1))
+        return moment_at(self._course, jax.device_put(np.asarray(asked).reshape(-1)))
 
     @property
     def margin(self) -> Margin:
@@ -87,7 +91,7 @@ class Run(eqx.Module):
             place = self._course.layout.body[k]
             if sphere.motion is None:
                 bodies[place] = sphere.moved_to(*jax.device_put((position[k], velocity[k])))
-        bodies = [body.after(self.duration) for body in bodies]
+        bodies = [_later(body, self.duration) for body in bodies]
         if start is not None and not traced(self.status):
             start = start.as_needed()
         return eqx.tree_at(
@@ -144,3 +148,16 @@ class Run(eqx.Module):
             "status": ending_words(self.status),
         }
         return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
+
+
+def _later(body: AbstractBody, time: Array) -> AbstractBody:
+    """A body at a later time; what is known is computed by NumPy, which compiles nothing."""
+    if body.motion is None or traced((body, time)):
+        return body.after(time)
+
+    def each(of: Callable[[Any], Any], tree: Any) -> Any:
+        kinds = (jax.Array, np.ndarray, np.generic)
+        return jax.tree.map(lambda leaf: of(leaf) if isinstance(leaf, kinds) else leaf, tree)
+
+    body, time = each(np.asarray, (body, time))
+    return each(jax.device_put, body.after(time))

@@ -23,7 +23,7 @@ from ._end import going_on
 from ._flying import Flying, at_once, where_each
 from ._hit import Choice, Outcome, hit
 from ._isolation import isolated
-from ._log import Facts, Figures, Log, blank_calls
+from ._log import Facts, Figures, Log, blank_calls, blank_choice
 from ._progress import (
     ACCUMULATED,
     CROWDED,
@@ -114,10 +114,10 @@ def with_places(layout: Layout, numbers: Numbers, members: int, state: State) ->
     """The state with so many places for a coupled solve, in which nobody is; a run that went on
     without, and stopped where it needed one, goes on.
     """
-    _, blank = blank_calls(layout, members, numbers.dtype)
     no, zero = jnp.asarray(False), jnp.zeros((), numbers.dtype)
+    nobody, seats = blank_choice(layout, numbers.dtype), empty_seats(layout, numbers, members)
     coupling = Coupling(
-        no, no, no, blank.decided.choice, empty_seats(layout, numbers, members), zero, zero,
+        no, no, no, nobody, seats, zero, zero,
         blank_state(layout, members, numbers.dtype),
     )  # fmt: skip
     return state._replace(coupling=coupling, status=jnp.full_like(state.status, RUNNING))
@@ -277,15 +277,9 @@ def _met(
 ) -> _Met:
     """The impact that is due; where it is not `needed` a soft one takes no step."""
     partner = due.partner
-    before, support, met, events = rows_of(
-        (
-            Flying(state.position, state.velocity, state.time),
-            state.support,
-            state.count,
-            state.events,
-        ),
-        who,
-    )
+    spheres = Flying(state.position, state.velocity, state.time)
+    known = (spheres, state.support, state.count, state.events)
+    before, support, met, events = rows_of(known, who)
     choice = _choice(layout, numbers, who, partner, before, support, now)
     if rules.soft:
         outcome = soft(layout, numbers, before, choice, tolerance, needed)
@@ -313,14 +307,13 @@ def _met(
     idle = jnp.where(now > state.now + within, 0, state.idle + 1)
     patience = PATIENCE * (layout.spheres + layout.walls)
 
-    def fastest() -> Array:
-        return jnp.sqrt(jnp.max(jnp.sum(jnp.square(state.velocity), axis=-1)))
-
-    slow = SLOW * jnp.finfo(numbers.dtype).eps * in_branch(tied, fastest)
-    died = tied & (outcome.closing <= slow) & ~choice.tail
-    if rules.soft:
-        died = jnp.asarray(False)
-    stuck = jnp.where(died | (idle > patience), ACCUMULATED, RUNNING)
+    stuck = idle > patience
+    if not rules.soft:
+        eps = jnp.finfo(numbers.dtype).eps
+        fastest = in_branch(tied, lambda: jnp.max(jnp.sum(jnp.square(state.velocity), axis=-1)))
+        slow = outcome.closing <= SLOW * eps * jnp.sqrt(fastest)
+        stuck = stuck | (tied & slow & ~choice.tail)
+    stuck = jnp.where(stuck, ACCUMULATED, RUNNING)
     status = jnp.where(crowded, TWO_SUPPORTS, stuck)
     return _Met(before, choice, outcome, support, met + 1, rival, tied, idle, status, alone)
 

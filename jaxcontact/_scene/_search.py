@@ -106,14 +106,13 @@ def searched(
             leaves = jnp.where(layout.shaken_row(who) < len(layout.shaken), jnp.inf, leaves)
 
     columns = [_Columns(times, closing, jnp.broadcast_to(names, size))]
+    those = _Those(who, position, velocity, pull, now, end)
     if layout.shaken:
-        flying = (who, position, velocity, pull)
-        found, bound = _of_shaken(layout, numbers, *flying, now, end)
+        found, bound = _of_shaken(layout, numbers, those)
         columns.append(found)
         horizon = jnp.minimum(horizon, bound)
     if layout.walls:
-        flying = (who, position, velocity, pull)
-        columns.append(_of_walls(layout, numbers, state, *flying, now, end))
+        columns.append(_of_walls(layout, numbers, state, those))
     times, closing, names = jax.tree.map(lambda *x: jnp.concatenate(x, axis=-1), *columns)
     if any(layout.fixed):
         # A fixed sphere is found by those that move.
@@ -130,21 +129,16 @@ def searched(
     chosen = fastest & (names == best[:, None])
     time = jnp.min(jnp.where(chosen, times, jnp.inf), axis=-1)
     second = jnp.min(jnp.where(chosen, jnp.inf, times), axis=-1)
-    early = jnp.minimum(horizon, leaves) < time
-    partner = jnp.where(leaves <= horizon, LEAVES, AGAIN)
-    sphere = jnp.minimum(best, count - 1)
-    found = Events(
-        time=now + jnp.minimum(time, jnp.minimum(horizon, leaves)),
-        partner=jnp.where(early, partner, best),
-        count=jnp.where(best < count, rows_of(state.count, sphere), 0),
-        speed=jnp.where(early, jnp.inf, speed),
-        second=now + jnp.where(early, time, second),
-    )
-    return (
-        found
-        if state.coupling is None
-        else among_others(layout, numbers, state.coupling, found, now)
-    )
+    met = jnp.where(best < count, rows_of(state.count, jnp.minimum(best, count - 1)), 0)
+    found = Events(now + time, best, met, speed, now + second)
+    if state.cells is not None or any(layout.periodic):
+        early = jnp.minimum(horizon, leaves)
+        sooner, reason = early < time, jnp.where(leaves <= horizon, LEAVES, AGAIN)
+        before = Events(now + early, reason, met, jnp.full_like(speed, jnp.inf), found.time)
+        found = jax.tree.map(lambda a, b: jnp.where(sooner, a, b), before, found)
+    if state.coupling is not None:
+        found = among_others(layout, numbers, state.coupling, found, now)
+    return found
 
 
 class _Columns(NamedTuple):
@@ -157,18 +151,20 @@ class _Columns(NamedTuple):
     names: Int[Array, "M C"]
 
 
-def _of_walls(
-    layout: Layout,
-    numbers: Numbers,
-    state: State,
-    who: Int[Array, " M"],
-    position: Float[Array, "M D"],
-    velocity: Float[Array, "M D"],
-    pull: Float[Array, "M D"],
-    now: Float[Array, ""],
-    end: Float[Array, ""],
-) -> _Columns:
+class _Those(NamedTuple):
+    """The spheres that are searched `now`, up to an `end`: where they are, and how they move."""
+
+    who: Int[Array, " M"]
+    position: Float[Array, "M D"]
+    velocity: Float[Array, "M D"]
+    pull: Float[Array, "M D"]
+    now: Float[Array, ""]
+    end: Float[Array, ""]
+
+
+def _of_walls(layout: Layout, numbers: Numbers, state: State, those: _Those) -> _Columns:
     """When spheres touch the walls that they do not rest on."""
+    who, position, velocity, pull, now, end = those
     count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
     height = jnp.sum(position[:, None] * numbers.normal[None], axis=-1)
     walls = numbers.walls_at(now)
@@ -205,19 +201,13 @@ def _of_walls(
 
 
 def _of_shaken(
-    layout: Layout,
-    numbers: Numbers,
-    who: Int[Array, " M"],
-    position: Float[Array, "M D"],
-    velocity: Float[Array, "M D"],
-    pull: Float[Array, "M D"],
-    now: Float[Array, ""],
-    end: Float[Array, ""],
+    layout: Layout, numbers: Numbers, those: _Those
 ) -> tuple[_Columns, Float[Array, " M"]]:
     """When spheres touch the fixed ones that are accelerated, wherever these are, and the time
     before which they meet no other image of these.
     """
     assert numbers.shaking is not None
+    who, position, velocity, pull, now, end = those
     motion, eps = numbers.shaking.in_rows(), jnp.finfo(numbers.dtype).eps
     shaken = jnp.asarray(layout.shaken)
     place, speed = numbers.shaken_at(layout, now)

@@ -12,5 +12,4 @@ from jaxtyping import Array, Float
 
 def side(distance: Float[Array, "..."]) -> Float[Array, "..."]:
     """1 of two spheres, -1 of a sphere in a shell, by the `distance` R1 + R2 of their touch."""
-    one = jnp.ones_like(distance)
-    return jnp.where(distance < 0, -one, one)
+    return jnp.sign(distance)

@@ -84,6 +84,7 @@ def called(
     # would stop at another one: it goes to the time that is known.
     stops = row.rest | row.paused
     decided = row.decided._replace(
+        choice=facts.choice,
         change=in_place(row.decided.change),
         until=jnp.where(stops, at.end.time, row.decided.until),
         to_the_end=stops,

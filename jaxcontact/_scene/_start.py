@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ._touching import ClusterState
@@ -56,17 +56,17 @@ class Start(eqx.Module):
     soft: bool = eqx.field(static=True)
 
     @property
-    def leans(self) -> Bool[Array, ""]:
-        """Whether anything rests, or is in a coupled solve."""
-        rests = jnp.any(self.support >= 0)
-        return rests if self.contacts is None else rests | self.contacts.active
+    def leans(self) -> bool:
+        """Whether anything rests, or is in a coupled solve, of a start that is known."""
+        active = self.contacts is not None and bool(self.contacts.active)
+        return active or bool(np.any(np.asarray(self.support) >= 0))
 
     def as_needed(self) -> Start | None:
         """What places and velocities do not say; None where they say it all."""
         underway = self.underway
-        if underway is not None and not bool(jnp.any(underway.counts)):
+        if underway is not None and not np.any(np.asarray(underway.partner) >= 0):
             underway = None
-        if underway is None and not bool(self.leans):
+        if underway is None and not self.leans:
             return None
         return Start(self.support, self.held, self.contacts, underway, self.soft)
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._program import quick
 from ._course import Course
@@ -18,6 +21,10 @@ from ._rows import rows_of
 from ._slots import places
 from ._system import Layout, Numbers
 
+_LEAST, _FEW = 512, 128
+"""Times that a program has room for at the least, and spheres up to which it does, so that a run,
+its plots and its films share it."""
+
 
 def moment_at(course: Course, times: Float[Array, " T"]) -> Moment:
     """The states at some times. Motion inside of contacts is compiled only where it is needed."""
@@ -25,10 +32,31 @@ def moment_at(course: Course, times: Float[Array, " T"]) -> Moment:
 
 
 def _moment_by_choice(course: Course, times: Array) -> tuple[Moment, bool]:
-    now, inside = moment_in_log(course, times)
-    if course.rules.soft and np.any(np.asarray(inside)):
-        return moment(course, times), True
-    return now, False
+    now, inside = told_in_log(course, times)
+    cut = bool(np.any(inside))
+    return jax.device_put(told(course, times) if cut else now), cut
+
+
+def told_in_log(course: Course, times: ArrayLike) -> tuple[Moment, np.ndarray]:
+    """As `moment_in_log`, for NumPy: by one program for all counts of times up to some."""
+    least = _LEAST if course.layout.spheres <= _FEW else 1
+    return _by_room(moment_in_log, course, times, least)
+
+
+def told(course: Course, times: ArrayLike) -> Moment:
+    """As `moment`, for NumPy."""
+    return _by_room(moment, course, times, 1)
+
+
+def _by_room(
+    read: Callable[[Course, Array], Any], course: Course, times: ArrayLike, least: int
+) -> Any:
+    given = np.asarray(times, course.numbers.dtype)
+    count = given.shape[0]
+    padded = np.zeros(max(least, 1 << (count - 1).bit_length()), given.dtype)
+    padded[:count] = given
+    found = read(course, jax.device_put(padded))
+    return jax.tree.map(lambda x: np.asarray(x)[:count], found)
 
 
 def _moment_at(inside: bool | None, course: Course, times: Array) -> Moment:

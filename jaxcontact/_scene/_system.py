@@ -87,7 +87,8 @@ class Numbers(eqx.Module):
     Of the B = N + W bodies: `inverse_mass` (0 where fixed), `curvature` 1/R (0 of walls) and
     `compliance` (Hertz), None where not needed. `restitution` by law where it is constant, else 0.
     `offset` of walls at time zero; their `motion`, None where all of them stand; the `shaking` of
-    fixed spheres that are accelerated, None where none is. `start`: what rests or is in contact at
+    fixed spheres that are accelerated, None where none is. `pull`: the acceleration of what is in
+    flight, and of what rests on each wall. `start`: what rests or is in contact at
     time zero, None where nothing is.
     """
 
@@ -100,6 +101,7 @@ class Numbers(eqx.Module):
     motion: Movers | None
     shaking: Movers | None
     gravity: Float[Array, " D"]
+    pull: Float[Array, "W+1 D"]
     period: Float[Array, " D"]
     restitution: Float[Array, " L"]
     laws: tuple[Any, ...]

@@ -14,7 +14,7 @@ import jaxcontact as jc
 from jaxcontact._scene._company import company_of
 from jaxcontact._scene._coupled import touching
 from jaxcontact._scene._flying import Flying
-from jaxcontact._scene._log import blank_calls
+from jaxcontact._scene._log import blank_calls, blank_choice
 from jaxcontact._scene._numbers import numbers_of
 from jaxcontact._scene._system import layout_of
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
@@ -144,7 +144,7 @@ def test_in_a_small_cell_each_pair_has_its_own_images():
         coupling = SimpleNamespace(
             starts=yes,
             touches=yes,
-            choice=blank.choice._replace(second=jnp.asarray(1)),
+            choice=blank_choice(layout, numbers.dtype)._replace(second=jnp.asarray(1)),
             seats=blank.seats,
             pace=jnp.asarray(0.2),
             reserve=now,

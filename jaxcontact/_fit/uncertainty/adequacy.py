@@ -127,15 +127,8 @@ def adequacy_of(fit: FitData) -> Adequacy:
         model, left = shifted, z - shifted @ (shifted.T @ z)
     statistics = Statistics(columns, model, factor[used])
     ratio, chi2_p = None, None
-    if fit.absolute and problem.threshold is None:
-        ratio = float(z @ z) / fit.dof
-        # Correlated points have no χ² distribution.
-        alone = trial is None and fit.shared is None
-        chi2_p = _above_chi2(fit.dof, ratio * fit.dof) if alone else None
-    elif statistics.repeated and problem.threshold is None and trial is None and fit.shared is None:
-        ratio = float(statistics.lack_of_fit(z[None, :])[0]) or None
-        if ratio is not None:
-            chi2_p = _above_f(fit.dof - statistics.pure, statistics.pure, ratio)
+    if problem.threshold is None:
+        ratio, chi2_p = _scatter(fit, z, statistics, alone=trial is None and fit.shared is None)
     structure_p = None
     if trial is None and problem.threshold is not None:
         trial = many = np.arange(len(z))
@@ -147,12 +140,35 @@ def adequacy_of(fit: FitData) -> Adequacy:
     independent = [structure_p, chi2_p if fit.absolute or structure_p is None else None]
     p = _combine([one for one in independent if one is not None])
     if p is None:
-        few = f"{fit.dof} degrees of freedom" if fit.dof > 1 else "one degree of freedom"
-        why = f"{few}, and the noise is not known"
-        if trial is not None:
-            why = "too few trials, or too little that they share of x"
-        return dataclasses.replace(unknown, chi2_per_dof=ratio, reason=why)
+        reason = _lacking(fit.dof, in_trials=trial is not None)
+        return dataclasses.replace(unknown, chi2_per_dof=ratio, reason=reason)
     return Adequacy(p >= LEVEL, p, ratio, chi2_p, structure_p, along)
+
+
+def _scatter(
+    fit: FitData, z: Float[np.ndarray, " n"], statistics: Statistics, *, alone: bool
+) -> tuple[float | None, float | None]:
+    """Return the scatter beside known noise or repeated points, and its probability.
+
+    Only points that are `alone`, without correlation, have a known distribution.
+    """
+    if fit.absolute:
+        ratio = float(z @ z) / fit.dof
+        return ratio, _above_chi2(fit.dof, ratio * fit.dof) if alone else None
+    if not (statistics.repeated and alone):
+        return None, None
+    ratio = float(statistics.lack_of_fit(z[None, :])[0]) or None
+    if ratio is None:
+        return None, None
+    return ratio, _above_f(fit.dof - statistics.pure, statistics.pure, ratio)
+
+
+def _lacking(dof: int, *, in_trials: bool) -> str:
+    """Return why nothing could be tested."""
+    if in_trials:
+        return "too few trials, or too little that they share of x"
+    few = f"{dof} degrees of freedom" if dof > 1 else "one degree of freedom"
+    return f"{few}, and the noise is not known"
 
 
 def _columns(fit: FitData) -> tuple[list[Column], str]:

@@ -6,26 +6,34 @@ import dataclasses
 import importlib.metadata
 import os
 from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jaxtyping import ArrayLike, Float
 
 from ..._calibration.choice.choose_law import choose, weights_of
-from ..._calibration.choice.kinds import kinds_of
+from ..._calibration.choice.kinds import AbstractKind, kinds_of
 from ..._calibration.choice.law_choice import LawChoice
-from ..._calibration.choice.outcomes import NONE
+from ..._calibration.choice.outcomes import NONE, Columns
 from ..._calibration.pairs.columns import column
 from ..._calibration.pairs.noise import Noise
 from ..._calibration.pairs.outliers import THRESHOLD, Outliers, find_outliers
 from ..._calibration.pairs.pairs import LEAST_PAIRS
 from ..._contact import Contact
-from ..._flight import STANDARD_GRAVITY, Drag, Flight
+from ..._flight import STANDARD_GRAVITY, Drag, Flight, Floats
 from ..._laws import AbstractLaw, parameters_of
 from ..._parameter import POSITIVE, as_numbers, require_kind, require_number
 from ..._text.progress import stages_of
 from ..recordings import RecordedPairs, Recording, make_pairs
-from ..records.all_impacts import exponent_of, fitted_impacts, require_mass, summaries, weighed
+from ..records.all_impacts import (
+    Fitted,
+    exponent_of,
+    fitted_impacts,
+    require_mass,
+    summaries,
+    weighed,
+)
 from ..records.one_impact import ImpactFit
 from .at_speed import at_speeds
 from .few_pairs import known_errors, none_marked, only_constant
@@ -181,35 +189,11 @@ def calibrate(
             outliers = find_outliers(pairs)
         keep = ~outliers.flagged
         kept_pairs = pairs.where(keep)
-        if impacts is None:
-            noise, weights, correlation = weights_of(pairs, outliers, keep)
-            others, more = NONE, {"sigma": weights**-0.5} if pairs.absolute else {}
-        else:
-            noise, weights, correlation, others = weighed(impacts, keep)
-            # Impacts of one record are independent: their errors are those of their readings.
-            more = {"groups": None}
+        errors = _errors_of(pairs, outliers, keep, impacts)
 
         def choose_from(use: np.ndarray) -> LawChoice:
-            few = use.sum() < LEAST_PAIRS
-            known = few and impacts is not None
-            if few and (impacts is None or use.sum() == 1):
-                own = (weights, correlation) if known else known_errors(pairs, use)
-                size, shared = (weights, None) if own is None else own
-                sure = own is not None
-                of = pairs, use, size, shared, others, kinds[0], contact
-                return only_constant(*of, known=sure)
-            return choose(
-                pairs,
-                use,
-                weights,
-                kinds,
-                contact,
-                others=others,
-                correlation=correlation,
-                known=frozenset(given),
-                group=pairs.layout.cluster_words[0],
-                progress=tell,
-                **({"sigma": weights**-0.5} | more if known else more),
+            return _choose_from(
+                pairs, use, errors, kinds, contact, frozenset(given), impacts is not None, tell
             )
 
         choice = choose_from(keep)
@@ -225,6 +209,9 @@ def calibrate(
     if fitted_law is not None and kind is not None:
         others_open = [choice.fits[name] for name in choice.rivals]
         at_ends = at_speeds(choice.fits[kind], others_open, kept_pairs.velocity, asked_at)
+    scatter = None
+    if keep.sum() >= LEAST_PAIRS:
+        scatter = float(np.median(errors.weights[keep] ** -0.5))
     summary = CalibrationSummary(
         law=fitted_law,
         contact=contact,
@@ -234,7 +221,7 @@ def calibrate(
         recording=_recording(recording, pairs, () if impacts is None else impacts.notes),
         gravity=flight.gravity,
         drag=drag,
-        noise=noise,
+        noise=errors.noise,
         threshold=THRESHOLD,
         trend=outliers.trend.kind,
         pairs=_pairs(pairs, outliers),
@@ -243,11 +230,70 @@ def calibrate(
         by_speed=_by_speed(kept_pairs, choice),
         impacts=() if impacts is None else summaries(impacts),
         at=at_ends,
-        scatter=float(np.median(weights[keep] ** -0.5)) if keep.sum() >= LEAST_PAIRS else None,
+        scatter=scatter,
         versions={name: _version(name) for name in _PACKAGES},
     )
     fits = () if impacts is None else impacts.fits
-    return Calibration(pairs, outliers, noise, choice, with_marked, summary, fits)
+    return Calibration(pairs, outliers, errors.noise, choice, with_marked, summary, fits)
+
+
+class _PairErrors(NamedTuple):
+    """Noise, weights (n,) and correlation of the pairs, with columns measured beside them.
+
+    `options` are further arguments of the fits.
+    """
+
+    noise: Noise
+    weights: Floats
+    correlation: Floats | None
+    others: Columns
+    options: dict[str, Any]
+
+
+def _errors_of(
+    pairs: RecordedPairs, outliers: Outliers, keep: np.ndarray, impacts: Fitted | None
+) -> _PairErrors:
+    """Return the errors of all pairs, estimated from those to `keep`."""
+    if impacts is not None:
+        # Impacts of one record are independent: their errors are those of their readings.
+        return _PairErrors(*weighed(impacts, keep), {"groups": None})
+    noise, weights, correlation = weights_of(pairs, outliers, keep)
+    options = {"sigma": weights**-0.5} if pairs.absolute else {}
+    return _PairErrors(noise, weights, correlation, NONE, options)
+
+
+def _choose_from(
+    pairs: RecordedPairs,
+    use: np.ndarray,
+    errors: _PairErrors,
+    kinds: tuple[AbstractKind, ...],
+    contact: Contact,
+    given: frozenset[str],
+    from_forces: bool,
+    tell: Callable[[str], None],
+) -> LawChoice:
+    """Return the choice among `kinds` for the pairs in `use`; of too few pairs, a constant e."""
+    _, weights, correlation, others, options = errors
+    few = use.sum() < LEAST_PAIRS
+    if few and (not from_forces or use.sum() == 1):
+        own = (weights, correlation) if from_forces else known_errors(pairs, use)
+        size, shared = (weights, None) if own is None else own
+        of = pairs, use, size, shared, others, kinds[0], contact
+        return only_constant(*of, known=own is not None)
+    known = {"sigma": weights**-0.5} if few else {}
+    return choose(
+        pairs,
+        use,
+        weights,
+        kinds,
+        contact,
+        others=others,
+        correlation=correlation,
+        known=given,
+        group=pairs.layout.cluster_words[0],
+        progress=tell,
+        **(known | options),
+    )
 
 
 def _law_of(choice: LawChoice, kind: str | None) -> AbstractLaw | None:

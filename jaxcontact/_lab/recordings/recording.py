@@ -9,7 +9,7 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import IO, Any
 
 import numpy as np
@@ -161,19 +161,7 @@ def read_recording(
     }
     every = {name: meaning for one in meanings.values() for name, meaning in one.items()}
     _refuse_unknown_columns(values, told, meanings, every)
-
-    # A heading is tested once for every possible separator, hence the cache.
-    @functools.cache
-    def is_heading(text: str) -> bool:
-        return any(
-            text == name or meaning.heading(text) or meaning.unknown_unit(text)
-            for name, meaning in every.items()
-        )
-
-    def known(text: str) -> bool:
-        return isinstance(text, str) and is_heading(text)
-
-    sheet = sheet_of(source, values, known, decimal)
+    sheet = sheet_of(source, values, _headings_of(every), decimal)
     rate = None if rate is None else require_number("rate", rate, POSITIVE)
     if rate is not None and not counts_frames([*sheet.names, *told]):
         sheet = with_clock(sheet, rate)
@@ -196,6 +184,20 @@ def read_recording(
     unused = unused_notes(sheet.names, found.places)
     notes = (*found.notes(), *sheet.notes, *meant.notes(mine), *unused)
     return Recording(sheet.source, meant, ball, mine, notes, sound_of(mine))
+
+
+def _headings_of(meanings: Mapping[str, Meaning]) -> Callable[[str], bool]:
+    """Return a function that tests whether a cell is a heading with one of the meanings."""
+
+    # A text is tested with every separator that it might have.
+    @functools.cache
+    def is_heading(text: str) -> bool:
+        return any(
+            text == name or meaning.heading(text) or meaning.unknown_unit(text)
+            for name, meaning in meanings.items()
+        )
+
+    return lambda text: isinstance(text, str) and is_heading(text)
 
 
 def _refuse_unknown_columns(
@@ -270,19 +272,7 @@ def _layout_of(
     layouts = [one for one in LAYOUTS.values() if name in (None, one.name)]
     if not told and sheet.names and not any(_UNIT_ALONE.sub("", text) for text in sheet.names):
         raise _without_headings(sheet)
-    found: dict[str, Match | RecordingError] = {}
-    for one in layouts:
-        try:
-            made = match(sheet, meanings[one.name], told)
-        except RecordingError as error:
-            made = error
-        guessed = name is None and not told
-        if guessed and one.fitted and _only_a_letter(made):
-            continue
-        if guessed and isinstance(made, Match) and not one.fits(made, sheet):
-            continue
-        if made is not None:
-            found[one.name] = made
+    found = _matching(layouts, sheet, told, meanings, guessed=name is None and not told)
     if not found:
         raise ValueError(
             "Argument `columns` must name columns of one layout, but names "
@@ -290,34 +280,13 @@ def _layout_of(
             + "; ".join(f"{one.name!r} ({', '.join(one.columns)})" for one in layouts)
             + "."
         )
-
-    def places(one: str) -> Mapping[str, int]:
-        made = found[one]
-        return made.places if isinstance(made, Match) else dict.fromkeys(meanings[one], 0)
-
-    def misfit(one: str) -> tuple[int, bool, int, int]:
-        there = places(one)
-        held = sum(name in there for name in LAYOUTS[one].columns)
-        lacks = len(LAYOUTS[one].lacking(there))
-        return lacks, not there, -held, len(LAYOUTS[one].columns) - held
-
-    complete = [one for one in found if misfit(one)[0] == 0]
-    # Columns assigned by their exact name select the layout that has them.
-    complete.sort(key=lambda one: -sum(name in LAYOUTS[one].columns for name in told))
-    # The layout that lacks least is meant. The message then names only what it lacks.
-    meant = LAYOUTS[complete[0] if complete else min(found, key=misfit)]
+    meant = LAYOUTS[_best(found, told, meanings)]
     made = found[meant.name]
     if isinstance(made, RecordingError):
         raise made
     missing = meant.lacking(made.places)
     if missing and not made.places.keys() - LABELS.keys() and name is None:
-        choices = "; ".join(", ".join(one.measured) for one in layouts)
-        every = {key: m for one in meanings.values() for key, m in one.items()}
-        guesses = (suggestion(text, every) for text in sheet.names if text)
-        guess = next(filter(None, guesses), "")
-        shown = (sheet.names[0] or "1") if sheet.names else None
-        problem = f"no known column; one of these sets is needed: {choices}"
-        raise sheet.fault(f"{problem}{_how_to_say(sheet)}{guess}", shown)
+        raise _without_known_columns(layouts, sheet, meanings)
     for column in missing:
         others = [text for k, text in enumerate(sheet.names) if k not in made.places.values()]
         near = {column: meant.meaning(column)}
@@ -329,6 +298,64 @@ def _layout_of(
             column,
         )
     return meant, made
+
+
+def _matching(
+    layouts: Iterable[Layout[Any]],
+    sheet: Sheet,
+    told: Told,
+    meanings: Mapping[str, Mapping[str, Meaning]],
+    *,
+    guessed: bool,
+) -> dict[str, Match | RecordingError]:
+    """Return the match of each layout that the columns may mean, or the fault in them."""
+    found: dict[str, Match | RecordingError] = {}
+    for one in layouts:
+        try:
+            made = match(sheet, meanings[one.name], told)
+        except RecordingError as error:
+            made = error
+        if guessed and one.fitted and _only_a_letter(made):
+            continue
+        if guessed and isinstance(made, Match) and not one.fits(made, sheet):
+            continue
+        if made is not None:
+            found[one.name] = made
+    return found
+
+
+def _best(
+    found: Mapping[str, Match | RecordingError],
+    told: Told,
+    meanings: Mapping[str, Mapping[str, Meaning]],
+) -> str:
+    """Return the name of the layout that is meant: a complete one, or the one that lacks least."""
+
+    def misfit(one: str) -> tuple[int, bool, int, int]:
+        made = found[one]
+        there = made.places if isinstance(made, Match) else dict.fromkeys(meanings[one], 0)
+        held = sum(name in there for name in LAYOUTS[one].columns)
+        lacks = len(LAYOUTS[one].lacking(there))
+        return lacks, not there, -held, len(LAYOUTS[one].columns) - held
+
+    complete = [one for one in found if misfit(one)[0] == 0]
+    # Columns assigned by their exact name select the layout that has them.
+    complete.sort(key=lambda one: -sum(name in LAYOUTS[one].columns for name in told))
+    # The message then names only what the nearest layout lacks.
+    return complete[0] if complete else min(found, key=misfit)
+
+
+def _without_known_columns(
+    layouts: Iterable[Layout[Any]], sheet: Sheet, meanings: Mapping[str, Mapping[str, Meaning]]
+) -> RecordingError:
+    """Return the error for a header without any known column."""
+    choices = "; ".join(", ".join(one.measured) for one in layouts)
+    every = {key: m for one in meanings.values() for key, m in one.items()}
+    guesses = (suggestion(text, every) for text in sheet.names if text)
+    guess = next(filter(None, guesses), "")
+    shown = (sheet.names[0] or "1") if sheet.names else None
+    problem = f"no known column; one of these sets is needed: {choices}"
+    return sheet.fault(f"{problem}{_how_to_say(sheet)}{guess}", shown)
 
 
 def _needed(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..._text.units import written_unit
 from .fault import RecordingError
@@ -189,14 +189,21 @@ def _are_units(cells: Sequence[Any]) -> bool:
     return 2 * unknown < len(texts)
 
 
-def with_points(
-    rows: list[Line], source: str, decimal: str | None, *, apart: bool
-) -> tuple[list[Line], bool]:
-    """Return the rows with decimal points in their numbers, and whether they had decimal commas.
+class _Marks(NamedTuple):
+    """Marks in the numbers of a table, each with the row and text that shows it first.
 
-    `decimal` is the mark given by the user, if any. `apart` is True if commas separate columns, so
-    that no number contains one. Raises RecordingError if the marks are ambiguous.
+    `sure`: whether some comma can only be decimal. `written`: whether any text has a comma.
+    `simple`: whether every text with a comma is a number with that comma alone.
     """
+
+    comma: tuple[int, str] | None
+    point: tuple[int, str] | None
+    sure: bool
+    written: bool
+    simple: bool
+
+
+def _marks(rows: list[Line]) -> _Marks:
     comma: tuple[int, str] | None = None
     point: tuple[int, str] | None = None
     sure = written = False
@@ -219,42 +226,59 @@ def with_points(
             simple = simple and one is not None and "." not in c
             if point is None and "." in c and _THOUSANDS["."].fullmatch(c):
                 point = k, c
-    mark = decimal
-    if mark is None:
-        if comma and point and not apart:
-            problem = (
-                f"{point[1]!r} has a decimal point, and {comma[1]!r} in row {comma[0]} a decimal "
-                'comma or a mark of thousands; say which with `decimal=","` or `decimal="."`'
-            )
-            raise RecordingError(problem, source, point[0])
-        if comma and not sure and not apart:
-            row, text = comma
-            problem = (
-                f"{text!r} may be {text.replace(',', '.')} or {text.replace(',', '')}; say which "
-                'with `decimal=","` or `decimal="."`'
-            )
-            raise RecordingError(problem, source, row)
-        mark = "," if comma else "."
-    if not written:
+    return _Marks(comma, point, sure, written, simple)
+
+
+def _decimal_mark(found: _Marks, source: str, *, apart: bool) -> str:
+    """Return the decimal mark. Raise RecordingError if it is ambiguous."""
+    comma, point = found.comma, found.point
+    if comma and point and not apart:
+        problem = (
+            f"{point[1]!r} has a decimal point, and {comma[1]!r} in row {comma[0]} a decimal "
+            'comma or a mark of thousands; say which with `decimal=","` or `decimal="."`'
+        )
+        raise RecordingError(problem, source, point[0])
+    if comma and not found.sure and not apart:
+        row, text = comma
+        problem = (
+            f"{text!r} may be {text.replace(',', '.')} or {text.replace(',', '')}; say which "
+            'with `decimal=","` or `decimal="."`'
+        )
+        raise RecordingError(problem, source, row)
+    return "," if comma else "."
+
+
+def _with_point(cell: Any, mark: str) -> Any:
+    """Return a cell with a decimal point, if it is a number with the given mark."""
+    if not isinstance(cell, str) or "," not in cell:
+        # 1.234 with decimal commas is 1234.
+        dotted = mark == "," and isinstance(cell, str) and "." in cell
+        return cell.replace(".", "") if dotted and _THOUSANDS[","].fullmatch(cell) else cell
+    if mark == ".":
+        return cell.replace(",", "") if _THOUSANDS["."].fullmatch(cell) else cell
+    if _COMMA.fullmatch(cell):
+        return cell.replace(",", ".")
+    if _THOUSANDS[","].fullmatch(cell):
+        return cell.replace(".", "").replace(",", ".")
+    return cell
+
+
+def with_points(
+    rows: list[Line], source: str, decimal: str | None, *, apart: bool
+) -> tuple[list[Line], bool]:
+    """Return the rows with decimal points in their numbers, and whether they had decimal commas.
+
+    `decimal` is the mark given by the user, if any. `apart` is True if commas separate columns, so
+    that no number contains one. Raises RecordingError if the marks are ambiguous.
+    """
+    found = _marks(rows)
+    mark = _decimal_mark(found, source, apart=apart) if decimal is None else decimal
+    if not found.written:
         return rows, False
-    if simple and mark == "," and point is None:
+    if found.simple and mark == "," and found.point is None:
         # The usual case, in a third of the time.
         return [
             (k, [c.replace(",", ".") if isinstance(c, str) else c for c in cells])
             for k, cells in rows
         ], True
-
-    def plain(cell: Any) -> Any:
-        if not isinstance(cell, str) or "," not in cell:
-            # 1.234 with decimal commas is 1234.
-            dotted = mark == "," and isinstance(cell, str) and "." in cell
-            return cell.replace(".", "") if dotted and _THOUSANDS[","].fullmatch(cell) else cell
-        if mark == ".":
-            return cell.replace(",", "") if _THOUSANDS["."].fullmatch(cell) else cell
-        if _COMMA.fullmatch(cell):
-            return cell.replace(",", ".")
-        if _THOUSANDS[","].fullmatch(cell):
-            return cell.replace(".", "").replace(",", ".")
-        return cell
-
-    return [(k, [plain(cell) for cell in cells]) for k, cells in rows], mark == ","
+    return [(k, [_with_point(cell, mark) for cell in cells]) for k, cells in rows], mark == ","

@@ -83,24 +83,48 @@ def match(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Match | 
     for name, meaning in sorted(meanings.items(), key=lambda one: bool(one[1].like)):
         if name in places:
             continue
-        free = [k for k in range(len(sheet.names)) if k not in places.values()]
-        # The exact name has precedence over other headings with the same meaning.
-        found = [k for k in free if sheet.names[k] == name]
-        found = found or [k for k in free if meaning.heading(sheet.names[k])]
-        if meaning.like and len(found) > 1:  # "v, ±, e, ±"
-            found = [k for k in found if k - 1 == places.get(meaning.like)] or found
-        if meaning.like and found and name not in told:
-            _check_beside(sheet, found[0], meaning, meanings, places)
-        if len(found) > 1:
-            first, second = (sheet.names[k] for k in found[:2])
-            problem = f"is there twice in the header{_say(name, found[0])}"
-            if first != second:
-                problem = f"may be {name}, and so may column {first}{_say(name, found[0])}"
-            raise sheet.fault(problem, second)
-        if found:
-            text = sheet.names[found[0]]
-            places[name] = found[0]
-            headings[name] = meaning.heading(text) or Heading(text)
+        place = _only_place(sheet, name, meanings, places)
+        if place is None:
+            continue
+        text = sheet.names[place]
+        places[name] = place
+        headings[name] = meaning.heading(text) or Heading(text)
+    _refuse_unknown_units(sheet, meanings, places)
+    # Restore the order of the layout, including the columns assigned by the user.
+    order = [name for name in meanings if name in places]
+    for name in order:
+        own, like = headings[name], headings.get(meanings[name].like)
+        unit = like.unit if own.unit is None and like is not None else own.unit
+        headings[name] = dataclasses.replace(own, unit=unit, is_time=meanings[name].unit == "s")
+    return Match({n: places[n] for n in order}, {n: headings[n] for n in order})
+
+
+def _only_place(
+    sheet: Sheet, name: str, meanings: Mapping[str, Meaning], places: Mapping[str, int]
+) -> int | None:
+    """Return the only free column with a meaning, if any. Raise RecordingError for several."""
+    meaning = meanings[name]
+    free = [k for k in range(len(sheet.names)) if k not in places.values()]
+    # The exact name has precedence over other headings with the same meaning.
+    found = [k for k in free if sheet.names[k] == name]
+    found = found or [k for k in free if meaning.heading(sheet.names[k])]
+    if meaning.like and len(found) > 1:  # "v, ±, e, ±"
+        found = [k for k in found if k - 1 == places.get(meaning.like)] or found
+    if meaning.like and found:
+        _check_beside(sheet, found[0], meaning, meanings, places)
+    if len(found) > 1:
+        first, second = (sheet.names[k] for k in found[:2])
+        problem = f"is there twice in the header{_say(name, found[0])}"
+        if first != second:
+            problem = f"may be {name}, and so may column {first}{_say(name, found[0])}"
+        raise sheet.fault(problem, second)
+    return found[0] if found else None
+
+
+def _refuse_unknown_units(
+    sheet: Sheet, meanings: Mapping[str, Meaning], places: Mapping[str, int]
+) -> None:
+    """Raise RecordingError for a known heading with a unit that is not known."""
     for k, text in enumerate(sheet.names):
         for name, meaning in meanings.items():
             if k not in places.values() and (unit := meaning.unknown_unit(text)):
@@ -109,13 +133,6 @@ def match(sheet: Sheet, meanings: Mapping[str, Meaning], told: Told) -> Match | 
                     f"{meaning.unit or '-'}"
                 )
                 raise sheet.fault(problem, text)
-    # Restore the order of the layout, including the columns assigned by the user.
-    order = [name for name in meanings if name in places]
-    for name in order:
-        own, like = headings[name], headings.get(meanings[name].like)
-        unit = like.unit if own.unit is None and like is not None else own.unit
-        headings[name] = dataclasses.replace(own, unit=unit, is_time=meanings[name].unit == "s")
-    return Match({n: places[n] for n in order}, {n: headings[n] for n in order})
 
 
 def _check_beside(
