@@ -115,14 +115,7 @@ def touches(run: Run) -> tuple[np.ndarray, np.ndarray]:
     if not len(times):
         return times, np.zeros((0, run.scene.dimensions))
     different, which = np.unique(times, return_inverse=True)
-<<<<<<< .merge_file_jPHLjM
-    # Counts that are powers of two share a compiled program here as well.
-    padded = np.zeros(1 << int(np.ceil(np.log2(len(different)))))
-    padded[: len(different)] = different
-    position = np.asarray(run.at(padded).position)[which]
-=======
     position = np.asarray(run.at(different).position)[which]
->>>>>>> .merge_file_ZVgdYk
     size, places = radii(run), np.zeros((len(times), run.scene.dimensions))
     for k in range(len(times)):
         first, second = int(impacts["first"][k]), int(impacts["second"][k])
