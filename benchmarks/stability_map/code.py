@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "jaxcontact"
 # All that an impact stands on; what stands on impacts changes none of the map.
 ROOMS = (
     *("_parameter.py", "_varying.py", "_elementary.py", "_implicit.py", "_contact.py"),
-    *("_program.py", "_forms", "_laws", "_impact"),
+    *("_program", "_forms", "_laws", "_impact"),
 )
 
 

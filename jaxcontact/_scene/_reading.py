@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .._program import quick
+from .._program import derived, quick
 from ._log import Log
-from ._outside import derived
 from ._partly import booked
 from ._progress import CROWDED, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules
 from ._result import Ending, Impacts, Moment, traced
@@ -72,7 +72,12 @@ def read(
     if not traced(reading.impacts):
         whole = jax.tree.map(lambda x: np.asarray(x)[:total], reading.impacts)
         return reading._replace(impacts=jax.device_put(whole))
-    return reading._replace(impacts=jax.tree.map(lambda x: x[:total], reading.impacts))
+    return reading._replace(impacts=_first(reading.impacts, total))
+
+
+@eqx.filter_jit
+def _first(impacts: Impacts, total: int) -> Impacts:
+    return jax.tree.map(lambda column: column[:total], impacts)
 
 
 def _from_log(

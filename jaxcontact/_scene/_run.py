@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
-from .._program import quick
+from .._program import derived, quick
 from ._bodies import Box, Plane, Shell, Sphere
 from ._columns import write_csv
 from ._dataset import dataset
@@ -19,7 +19,6 @@ from ._end import end_of
 from ._inside import States
 from ._log import Log
 from ._margin import Course, Margin
-from ._outside import derived
 from ._progress import Rules
 from ._result import Impacts, Moment, ending_words, flagged, traced
 from ._scene import Scene
