@@ -11,7 +11,7 @@ PACKAGE = Path(__file__).resolve().parents[2] / "jaxcontact"
 # Everything that an impact depends on; rooms above impacts do not affect the map.
 ROOMS = (
     *("_parameter.py", "_varying.py", "_elementary.py", "_implicit.py", "_contact.py"),
-    *("_program.py", "_solver", "_forms", "_laws", "_impact"),
+    *("_program", "_solver", "_forms", "_laws", "_impact"),
 )
 
 

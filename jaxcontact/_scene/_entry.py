@@ -12,6 +12,9 @@ from jaxtyping import Array
 
 from .._parameter import Range, as_parameter, rendered
 
+_stacked = jax.jit(lambda *parts: jnp.stack(parts))
+"""One small program in place of one for each number."""
+
 REAL_OR_INFINITE = "numbers, without NaN"
 
 
@@ -34,7 +37,7 @@ def vector(value: Any, name: str, *, finite: bool = True) -> Array:
             raise ValueError(
                 f"Argument `{name}` must be one to three numbers, but is {rendered(value)}."
             )
-        numbers = jnp.stack([jnp.asarray(part) for part in jnp.broadcast_arrays(*parts)])
+        numbers = _stacked(*parts)
     else:
         given: Any = value
         numbers = as_parameter(given, name)

@@ -13,13 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
-from .._program import quick
-from ._linear import Map
+from .._program import Found, Map, derived, outside, quick, traced
 from ._log import Figures, Known
-from ._outside import Found, derived, outside
 from ._progress import Rules
 from ._replay import chained, pushed
-from ._result import Way, traced
+from ._result import Way
 from ._slopes import Kept, Matrices, matrices
 from ._system import Layout, Numbers
 
@@ -38,12 +36,15 @@ def followed(
     These are those given; as an outcome beside the log they are read with it, so that what comes
     back to both is added within the program that takes it back through the rows.
     """
+    beneath = traced(given)
 
     def find(is_traced: bool, given: Given) -> Found:
         arrays = eqx.filter(given[1], eqx.is_array)
         if is_traced:
             return Found((arrays, at_once(given)), None)
         rules, course = from_python(given)
+        if beneath:
+            course = _shortened(course)
         way = np.asarray(course.log.figures.outcome.way)[: int(course.written)]
         return Found((arrays, course), (rules, not np.any(way == Way.RADIAL)))
 
@@ -86,6 +87,18 @@ def followed(
 
 
 _pushed = eqx.filter_jit(pushed)
+
+
+def _shortened(course: Known) -> Known:
+    """The course with fewer blank rows, where it has few others: a derivative goes through all."""
+    if int(course.written) > _FEW_ROWS:
+        return course
+    log = jax.tree.map(lambda x: np.asarray(x)[:_FEW_ROWS], course.log)
+    return course._replace(log=jax.device_put(log))
+
+
+_FEW_ROWS = 32
+"""Rows with which short runs share the programs of their derivatives."""
 
 
 def _kinds(course: Known) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:

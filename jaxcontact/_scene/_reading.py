@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from .._program import quick
+from .._program import derived, quick
 from ._course import Course
-from ._outside import derived
 from ._partly import booked
 from ._result import Impacts, Moment, traced
 from ._states import moment, moment_at, moment_in_log, told, told_in_log
@@ -44,7 +44,12 @@ def read(course: Course, asked: Float[Array, " T"], rows: int | None) -> Reading
     if not traced(reading.impacts):
         whole = jax.tree.map(lambda x: np.asarray(x)[:total], reading.impacts)
         return reading._replace(impacts=jax.device_put(whole))
-    return reading._replace(impacts=jax.tree.map(lambda x: x[:total], reading.impacts))
+    return reading._replace(impacts=_first(reading.impacts, total))
+
+
+@eqx.filter_jit
+def _first(impacts: Impacts, total: int) -> Impacts:
+    return jax.tree.map(lambda column: column[:total], impacts)
 
 
 def _from_log(course: Course, asked: Array, rows: int | None) -> tuple[Reading, tuple[bool, bool]]:

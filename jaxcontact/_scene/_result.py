@@ -7,12 +7,12 @@ import os
 from typing import Any, BinaryIO, NamedTuple, TextIO
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
+from .._program import traced as traced
 from .._text.table import text_table
 from ._columns import write_csv
 
@@ -189,8 +189,3 @@ def flagged(value: Array, good: Array) -> Array:
     """`value` where `good` along its leading axes, else NaN."""
     shape = good.shape + (1,) * (value.ndim - good.ndim)
     return jnp.where(good.reshape(shape), value, jnp.nan)
-
-
-def traced(tree: Any) -> bool:
-    """Whether a tree holds a traced number."""
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))

@@ -12,13 +12,13 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._parameter import as_parameter, rendered, shown
+from .._program import derived
 from ._bodies import AbstractBody
 from ._columns import write_csv
 from ._course import Course
 from ._dataset import dataset
 from ._end import end_of
 from ._margin import Margin
-from ._outside import derived
 from ._result import Impacts, Moment, ending_words, traced
 from ._scene import Scene
 from ._start import Start

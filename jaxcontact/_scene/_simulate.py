@@ -24,7 +24,7 @@ from .._parameter import (
     require_kind,
     require_number,
 )
-from .._program import quick
+from .._program import derived, quick
 from .._text.progress import Listener, progress_of, require_progress
 from ._coupled import MOST
 from ._course import Course
@@ -33,7 +33,6 @@ from ._followed import Given, followed
 from ._grid import grid_of
 from ._log import Known
 from ._numbers import Parts, gathered, given_in, replaced
-from ._outside import derived
 from ._overlap import require_clear_of_each_other
 from ._pieces import all_at_once, from_python
 from ._progress import Rules, State
@@ -122,7 +121,15 @@ def simulate(
     if plain:
         *numbers_of_it, start = _started(given_in(scene), layout, rules, length, asked)
     else:
-        numbers_of_it = derived(_unseen, scene, layout, rules, length, asked)
+        began: list[State] = []
+
+        def seen(*given: Any) -> tuple[tuple[Any, ...], None]:
+            *known, state = _seen(*given)
+            began[:] = [state]
+            return tuple(known), None
+
+        numbers_of_it = derived(_unseen, scene, layout, rules, length, asked, decide=seen)
+        start = began[0] if began else None
     numbers, valid, length, asked, last = numbers_of_it
     within = jax.device_put(np.asarray(tolerance, numbers.dtype))
     grows = max_cluster is None and _places_of(scene, 0) == 0
@@ -226,6 +233,13 @@ def _times(given: Any, duration: Array) -> Array:
 def _started(given: Parts, layout: Layout, rules: Rules, *times: Array) -> tuple[Any, ...]:
     """What `_numbers` says, and the state at the start."""
     known = _numbers(given, layout, rules, *times)
+    return *known, begun(layout, known[0], rules)
+
+
+@quick
+def _seen(scene: Scene, layout: Layout, rules: Rules, *times: Array) -> tuple[Any, ...]:
+    """As `_started`, of a scene beneath a derivative."""
+    known = _unseen(None, scene, layout, rules, *times)
     return *known, begun(layout, known[0], rules)
 
 

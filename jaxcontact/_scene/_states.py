@@ -10,12 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .._program import quick
+from .._program import derived, quick
 from ._course import Course
 from ._flying import accelerations
 from ._inside import Entries, States, at_rest, in_contacts, in_pairs, stored_at_ends
 from ._log import Log, last_call
-from ._outside import derived
 from ._result import Moment, flagged
 from ._rows import rows_of
 from ._slots import places

@@ -16,7 +16,7 @@ from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array
 
-from .._program import quick
+from .compiled import quick
 
 Apply = Callable[[list[Array], list[Array]], list[Array]]
 """Of what is known and of tangents, in which it is linear; equal ones share their programs."""

@@ -1,24 +1,68 @@
 """Derivatives outside of the trace: what is differentiated runs as from Python.
 
-Under plain `jax.grad`, `jax.jacfwd` or `jax.hessian` the numbers that a derivative is taken at are
-concrete, below all levels of derivatives. There a function may look at its numbers, loop in Python
-and use programs that are compiled quickly, and its derivative is a linear map with what it knows as
-data. Under `jit` and `vmap` nothing is concrete, and a function is differentiated as any other.
+Beneath `jax.grad`, `jax.jvp`, `jax.jacfwd` or `jax.hessian`, outside of `jit` and `vmap`, the
+numbers that a derivative is taken at are known. These are the rules:
+
+- `grad`, `jvp`, `jacfwd`, `jacrev`: a function looks at its numbers, loops in Python and uses
+  programs that are compiled quickly. Its derivative is a linear map: of a few scalars the product
+  with slopes, found by the same program as the outcome (`program`); else a `Map`, whose data are
+  what the function knows, applied by a program of its own in the mode that is asked for.
+- Second derivatives: beneath two of them the outcome is still found as from Python, and a `Map` is
+  differentiated by its data. A `program` of scalars is differentiated as any other function.
+- `jit`, `vmap`: nothing is known. A function is differentiated as any other, or by a rule for it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.core
-import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
 
-from ._linear import Map
-from ._result import traced
+from .linear import Map
+
+Out = TypeVar("Out")
+
+
+def traced(tree: Any) -> bool:
+    """Whether a tree holds a traced number."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def known_beneath(leaves: list[Any]) -> bool:
+    """Whether numbers are known beneath one derivative that is taken of some of them.
+
+    The rule of a derivative sees them. In a program that is traced it is not called; in a batch, or
+    for a second derivative, it sees tracers.
+    """
+    known = []
+
+    def rule(primals: tuple, along: tuple) -> tuple[tuple, tuple]:
+        known.append(not traced(primals))
+        return primals, along
+
+    look = with_rule(lambda *numbers: numbers, rule)
+    look(*(leaf for leaf in leaves if isinstance(leaf, jax.core.Tracer)))
+    return known == [True]
+
+
+def with_rule(
+    function: Callable[..., Out], rule: Callable[[tuple, tuple], tuple[Out, Any]]
+) -> Callable[..., Out]:
+    """`function` with the derivative of a `rule`: from arguments and their tangents, None where
+    they are zero, to the outcome and its tangents, None for what does not move.
+    """
+    found = jax.custom_jvp(function)
+
+    def jvp(primals: tuple, tangents: tuple) -> tuple[Out, Any]:
+        outcome, moved = rule(primals, jax.tree.map(_or_none, tangents))
+        return outcome, eqx.combine(moved, jax.tree.map(SymbolicZero.from_primal_value, outcome))
+
+    found.defjvp(jvp, symbolic_zeros=True)
+    return found
 
 
 class Found(eqx.Module):
@@ -53,21 +97,19 @@ def outside(
 
     if not traced(given):
         return plainly(arrays)
-    found = jax.custom_jvp(plainly)
 
     def rule(primals: tuple, tangents: tuple) -> tuple[Found, Found]:
         (arrays,), (along,) = primals, tangents
-        # Of what is concrete another transformation, as `vmap`, would make tracers.
+        # Of what is known another transformation, as `vmap`, would make tracers.
         known = (found if traced(arrays) else plainly)(arrays)
         given = eqx.combine(arrays, static)
         if known.choice is None:
-            moved = along_with(given, known, jax.tree.map(_with_zeros, along))
+            moved = along_with(given, known, along)
         else:
-            moved = slopes(given, known)(jax.tree.map(_or_none, along))
-        still = jax.tree.map(SymbolicZero.from_primal_value, known.value)
-        return known, Found(eqx.combine(moved, still), known.choice)
+            moved = slopes(given, known)(along)
+        return known, Found(moved, known.choice)
 
-    found.defjvp(rule, symbolic_zeros=True)
+    found = with_rule(plainly, rule)
     return found(arrays)
 
 
@@ -119,12 +161,6 @@ def _along(function: Callable[[Any], Any], given: Any, along: Any) -> Any:
 
 
 def _or_none(tangent: Any) -> Any:
-    still = isinstance(tangent, SymbolicZero) or tangent.dtype == jax.dtypes.float0
-    return None if still else tangent
-
-
-def _with_zeros(tangent: Any) -> Any:
-    dtype: Any = tangent.dtype
-    if dtype == jax.dtypes.float0:
-        return None
-    return jnp.zeros(tangent.shape, dtype) if isinstance(tangent, SymbolicZero) else tangent
+    # A tangent may be a Python float.
+    nothing = getattr(tangent, "dtype", None) == jax.dtypes.float0
+    return None if nothing or isinstance(tangent, SymbolicZero) else tangent

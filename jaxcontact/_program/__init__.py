@@ -1,0 +1,12 @@
+"""Compiled functions that are called with little delay, and derivatives outside of the trace."""
+
+from .compiled import FEW as FEW
+from .compiled import quick as quick
+from .compiled import side_by_side as side_by_side
+from .compiled import soon_compiled as soon_compiled
+from .linear import Map as Map
+from .outside import Found as Found
+from .outside import derived as derived
+from .outside import outside as outside
+from .outside import traced as traced
+from .program import program as program

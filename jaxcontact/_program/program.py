@@ -1,0 +1,152 @@
+"""Compiled functions that are called with little delay, with derivatives of known scalars."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import operator
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+import jax.core
+import jax.numpy as jnp
+
+from .compiled import FEW, quick_options, soon_options, untraced
+from .outside import known_beneath, with_rule
+
+Out = TypeVar("Out")
+
+
+def program(function: Callable[..., Out]) -> Callable[..., Out]:
+    """`function(numbers, *choices)`, compiled for the types of its arguments.
+
+    Leaves that are no arrays are choices for which it is compiled anew, as by `equinox.filter_jit`;
+    but a float among the `numbers` is one more number. Where there are no such choices `jax.jit`
+    takes the arguments leaf by leaf, which is several times faster. The outcome holds arrays alone.
+
+    A few numbers are computed by a program that is compiled in half the time. Where a derivative is
+    taken of known scalars, as by `jax.grad` outside of `jit`, one such program computes the outcome
+    and its slopes, and the derivative is their product with the tangents.
+    """
+    with_choices = eqx.filter_jit(function)
+
+    @functools.lru_cache(maxsize=_MOST_STRUCTURES)
+    def with_numbers(structure: Any, few: bool) -> Callable[..., Out]:
+        options = soon_options() if few else None
+        return jax.jit(_of_leaves(function, structure), compiler_options=options)
+
+    @functools.lru_cache(maxsize=_MOST_STRUCTURES)
+    def with_slopes(structure: Any, kinds: tuple[Any, ...]) -> Callable[..., Out] | None:
+        return _differentiable(_of_leaves(function, structure), kinds)
+
+    @functools.wraps(function)
+    def call(numbers: Any, *choices: Any) -> Out:
+        leaves, structure = jax.tree.flatten((numbers, *choices))
+        if all(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(choices)):
+            if all(_is_number(type(leaf)) for leaf in leaves):
+                few = sum(1 if type(leaf) is float else leaf.size for leaf in leaves) <= FEW
+                return with_numbers(structure, few and untraced())(*leaves)
+            if all(map(_is_scalar, leaves)) and known_beneath(leaves):
+                differentiable = with_slopes(structure, tuple(map(jax.typeof, leaves)))
+                if differentiable is not None:
+                    return differentiable(*leaves)
+        return with_choices(jax.tree.map(_as_number, numbers), *choices)
+
+    return call
+
+
+def _of_leaves(function: Callable[..., Out], structure: Any) -> Callable[..., Out]:
+    """`function` of the leaves of its arguments.
+
+    Of classes in Python, JAX takes as long to flatten them as to run a small program.
+    """
+
+    @functools.wraps(function)
+    def of_leaves(*leaves: Any) -> Out:
+        return function(*jax.tree.unflatten(structure, leaves))
+
+    return of_leaves
+
+
+def _differentiable(
+    function: Callable[..., Out], kinds: tuple[Any, ...]
+) -> Callable[..., Out] | None:
+    """`function` of known scalars, differentiated by the program of its outcome and its slopes.
+
+    None where it depends on tracers that are no arguments, such as those in a law that a user
+    defines beneath a derivative: they would have no slopes.
+    """
+    traced = jax.jit(function)
+    if any(isinstance(x, jax.core.Tracer) for x in jax.make_jaxpr(traced)(*kinds).consts):
+        return None
+
+    @functools.cache
+    def with_slopes(moves: tuple[bool, ...]) -> Callable[..., tuple[Out, list[list[jax.Array]]]]:
+        return jax.jit(functools.partial(_slopes, traced, moves), compiler_options=quick_options())
+
+    def rule(primals: tuple, along: tuple) -> tuple[Out, Out]:
+        moving = [_plain(tangent) for tangent in along if tangent is not None]
+        with jax.core.eval_context():
+            solve = with_slopes(tuple(tangent is not None for tangent in along))
+            outcome, slopes = solve(*map(_plain, primals))
+        floats, structure = jax.tree.flatten(eqx.filter(outcome, eqx.is_inexact_array))
+        del floats
+        return outcome, jax.tree.unflatten(structure, _sums(slopes, moving))
+
+    return with_rule(lambda *numbers: traced(*numbers), rule)
+
+
+def _plain(number: Any) -> Any:
+    # The fast way into a compiled function knows no subclasses of float, of which JAX has one.
+    return float(number) if isinstance(number, float) else number
+
+
+@jax.jit
+def _sums(slopes: list[list[jax.Array]], along: list[jax.Array]) -> list[jax.Array]:
+    """Of each column of slopes, its product with the tangents."""
+    return [
+        functools.reduce(operator.add, (s * t for s, t in zip(column, along, strict=True)))
+        for column in zip(*slopes, strict=True)
+    ]
+
+
+def _slopes(
+    function: Callable[..., Out], moves: tuple[bool, ...], *numbers: Any
+) -> tuple[Out, list[list[jax.Array]]]:
+    """The outcome, and the slopes of its floats by each of the scalars that move."""
+    moving = tuple(itertools.compress(numbers, moves))
+
+    def of_moving(*moving: Any) -> tuple[list[jax.Array], Out]:
+        rest = iter(moving)
+        out = function(*(next(rest) if m else x for x, m in zip(numbers, moves, strict=True)))
+        return [x for x in jax.tree.leaves(out) if eqx.is_inexact_array(x)], out
+
+    def along(direction: Any) -> tuple[Out, list[jax.Array]]:
+        pushed = (d.astype(x.dtype) for d, x in zip(direction, moving, strict=True))
+        _, slopes, out = jax.jvp(of_moving, moving, tuple(pushed), has_aux=True)
+        return out, slopes
+
+    if len(moving) == 1:
+        outcome, slopes = along(jnp.ones(1))
+        return outcome, [slopes]
+    outcome, slopes = jax.vmap(along, out_axes=(None, 0))(jnp.eye(len(moving)))
+    return outcome, [[slope[k] for slope in slopes] for k in range(len(moving))]
+
+
+_MOST_STRUCTURES = 256
+"""Programs of a function that are kept: for laws of a user's own, one for each function in them."""
+
+
+@functools.cache
+def _is_number(kind: type) -> bool:
+    return issubclass(kind, jax.Array | float)
+
+
+def _is_scalar(leaf: Any) -> bool:
+    return type(leaf) is float or (isinstance(leaf, jax.Array) and leaf.ndim == 0)
+
+
+def _as_number(leaf: Any) -> Any:
+    return jnp.asarray(leaf) if type(leaf) is float else leaf
