@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ._flying import accelerations
-from ._inside import Entries, States, at_rest, in_contacts, in_pairs, stored_at_ends
+from ._inside import Entries, States, at_rest, in_contacts, stored_at_ends
 from ._log import Log, last_call
 from ._progress import Rules
 from ._rows import rows_of
@@ -36,8 +36,7 @@ def states_at(
         return states_in_log(layout, numbers, rules, log, written, times)[0]
     found = looked_up(layout, numbers, log, written, times, True)
     here = _in_flight(layout, numbers, times, found)
-    given = (layout, numbers, rules, log, times, tolerance, found, here)
-    there = in_contacts(*given, written) if rules.members else in_pairs(*given)
+    there = in_contacts(layout, numbers, rules, log, times, tolerance, found, here, written)
     return _prescribed(layout, numbers, times, there)
 
 
