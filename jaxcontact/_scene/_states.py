@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int
 from .._program import derived, quick
 from ._course import Course
 from ._flying import accelerations
-from ._inside import Entries, States, at_rest, in_contacts, in_pairs, stored_at_ends
+from ._inside import Entries, States, at_rest, in_contacts, stored_at_ends
 from ._log import Log, last_call
 from ._result import Moment, flagged
 from ._rows import rows_of
@@ -100,7 +100,7 @@ def states_at(course: Course, times: Float[Array, " T"]) -> States:
     found = looked_up(course, times)
     here = _in_flight(layout, numbers, times, found)
     given = (layout, numbers, rules, course.log, times, course.tolerance, found, here)
-    there = in_contacts(*given, course.known.written) if rules.members else in_pairs(*given)
+    there = in_contacts(*given, course.known.written)
     return _prescribed(layout, numbers, times, there)
 
 
