@@ -119,12 +119,10 @@ class Sphere(AbstractBody):
         if position is None:
             raise ValueError("Argument `position` must be one to three numbers, but is None.")
         self.position = vector(position, "position")
-        self.velocity = None if velocity is None else vector(velocity, "velocity")
-        if self.velocity is not None and self.velocity.shape != self.position.shape:
-            raise ValueError(
-                f"Argument `velocity` must have as many numbers as `position`, which has "
-                f"{self.position.shape[0]}, but is {rendered(velocity)}."
-            )
+        self.velocity = None
+        if velocity is not None:
+            self.velocity = vector(velocity, "velocity")
+            _require_as_many("velocity", velocity, self.velocity, "position", self.position)
         self.mass = None if mass is None else one_number(mass, "mass", POSITIVE)
         self.motion = in_space(motion, self.dimensions, "fixed sphere")
         if self.motion is not None and not self.fixed:
@@ -201,11 +199,7 @@ class Plane(AbstractBody):
         self.material = _material(material)
         self.point = vector(point, "point")
         self.normal = vector(normal, "normal")
-        if self.normal.shape != self.point.shape:
-            raise ValueError(
-                f"Argument `normal` must have as many numbers as `point`, which has "
-                f"{self.point.shape[0]}, but is {rendered(normal)}."
-            )
+        _require_as_many("normal", normal, self.normal, "point", self.point)
         if not isinstance(self.normal, Tracer) and not np.any(np.asarray(self.normal)):
             raise ValueError(f"Argument `normal` must not be zero, but is {rendered(normal)}.")
         self.motion = checked(motion, self.dimensions)
@@ -248,11 +242,7 @@ class Box(AbstractBody):
         self.material = _material(material)
         self.low = vector(low, "low", finite=False)
         self.high = vector(high, "high", finite=False)
-        if self.high.shape != self.low.shape:
-            raise ValueError(
-                f"Argument `high` must have as many numbers as `low`, which has "
-                f"{self.low.shape[0]}, but is {rendered(high)}."
-            )
+        _require_as_many("high", high, self.high, "low", self.low)
         known = not isinstance(self.low, Tracer) and not isinstance(self.high, Tracer)
         if known and not np.all(np.asarray(self.low) < np.asarray(self.high)):
             raise ValueError(
@@ -324,6 +314,14 @@ def words(bodies: Sequence[AbstractBody], k: int) -> str:
     body = bodies[k]
     name = "" if body.name is None else f" {body.name!r}"
     return f"{type(body).__name__}{name} (number {k})"
+
+
+def _require_as_many(name: str, given: Any, found: Array, other: str, known: Array) -> None:
+    if found.shape != known.shape:
+        raise ValueError(
+            f"Argument `{name}` must have as many numbers as `{other}`, which has "
+            f"{known.shape[0]}, but is {rendered(given)}."
+        )
 
 
 def _untraced(numbers: Array) -> Any:

@@ -58,10 +58,9 @@ def begun(layout: Layout, numbers: Numbers, rules: Rules, grid: Grid | None = No
         numbers.position, numbers.velocity, zero, whole - 1, whole, out_of_date(zero),
         now, jnp.zeros((), int), jnp.zeros((), int), zero, zero, None, None,
     )  # fmt: skip
-    if given is None:
-        return _expecting(layout, numbers, rules, state, grid)
-    state = state._replace(support=given.support, held=given.held)
-    if given.underway is None:
+    if given is not None:
+        state = state._replace(support=given.support, held=given.held)
+    if given is None or given.underway is None:
         return _expecting(layout, numbers, rules, state, grid)
     return _amid(layout, numbers, rules, state, grid, given.underway)
 
