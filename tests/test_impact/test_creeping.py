@@ -32,7 +32,6 @@ def status_of_path(a, n):
     return status[: np.size(a)].reshape(np.shape(a))
 
 
-@pytest.mark.slow("traced", reason="event solves with an exponent that is traced, 12 s of CPU")
 @pytest.mark.parametrize(
     ("n", "method", "tolerance"),
     [(1.0, "auto", EXACT), (1.0, "event", EVENT), (jnp.array(1.0), "auto", EVENT)],
