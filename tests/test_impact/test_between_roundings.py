@@ -21,10 +21,17 @@ def single(*numbers):
     return jnp.asarray(np.array(numbers, np.float32))
 
 
+LANES = 3
+"""At least, in every call, so that those of one law and exponent share a program."""
+
+
 def pushed(law, n, push):
-    """An impact in scaled units, in the precision of the push."""
+    """Impacts in scaled units, in the precision of the push."""
+    asked, lanes = push.size, max(push.size, LANES)
+    law, push = jax.tree.map(lambda x: jnp.resize(x, lanes), (law, push))
     one = jnp.ones_like(push)
-    return jc.impact(law, jc.Contact(one, one, n), one, external_force=push)
+    hit = jc.impact(law, jc.Contact(one, one, n), one, external_force=push)
+    return jax.tree.map(lambda x: x[:asked], hit)
 
 
 def test_the_turn_under_a_strong_pull():
