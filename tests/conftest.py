@@ -61,8 +61,9 @@ settings.load_profile("jaxcontact")
 
 # The longest files run first, so that no worker ends with a long one alone.
 _LONG = (
-    "test_tasks test_records test_soft_gradients test_every_law test_calibrate test_front_door "
-    "test_instantaneous test_cluster test_every_argument test_derivatives"
+    "test_bounce_contact test_every_law test_weight test_stability test_tasks test_dashpots "
+    "test_between_roundings test_every_argument test_soft_runs test_cluster test_properties "
+    "test_float32 test_records test_calibrate test_front_door test_instantaneous test_derivatives"
 ).split()
 _PLACE = {name: place for place, name in enumerate(_LONG)}
 

@@ -123,8 +123,9 @@ def test_a_push_delays_and_a_pull_hastens():
 def test_a_pull_that_the_contact_may_not_follow():
     # For 1 + α v/v0 < 0 the force is zero, unless the law may pull; then the contact lasts longer.
     pulled = {
-        tension: jc.impact(
-            jc.Damped(alpha=2.0, tension=tension), UNIT[1.5], 1.0, external_force=-0.5
+        tension: pushed(
+            lambda alpha, tension=tension: jc.Damped(alpha=alpha, tension=tension),
+            *(jnp.array([2.0]), UNIT[1.5], 1.0, -0.5),
         )
         for tension in (False, True)
     }
@@ -204,7 +205,7 @@ def test_another_solver_settles_too():
 def test_a_tiny_push_does_not_end_a_creeping_contact():
     """1 + αv is rounding there, of either sign: taken for a pull it ended the contact at 3.9."""
     truth = with_gravity(300.0, 1.5, 1e-12)
-    hit = jc.impact(jc.Damped(alpha=jnp.array(300.0)), UNIT[1.5], 1.0, external_force=1e-12)
+    hit = pushed(damped, jnp.array([300.0]), UNIT[1.5], 1.0, 1e-12)
     assert hit.status == jc.Status.SEPARATED
     assert hit.duration == pytest.approx(float(truth.duration), rel=PROMISE)
     assert hit.restitution == pytest.approx(float(truth.e), rel=PROMISE)
@@ -226,7 +227,7 @@ def test_bodies_that_creep_to_rest_have_no_turn():
 def test_a_strong_push_leaves_the_slow_end_its_digits():
     """The bodies are three thousand times as fast in between."""
     truth = with_gravity(0.0, 1.5, 1e4)
-    hit = jc.impact(jc.Damped(alpha=jnp.array(0.0)), UNIT[1.5], 1.0, external_force=1e4)
+    hit = pushed(damped, jnp.array([0.0]), UNIT[1.5], 1.0, 1e4)
     assert hit.duration == pytest.approx(float(truth.duration), rel=PROMISE)
 
 
