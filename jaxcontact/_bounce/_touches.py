@@ -143,7 +143,8 @@ def one_by_one(
 
         def over() -> tuple[Left, Touches]:
             zero = jnp.zeros_like(speed)
-            return Left(zero, waits), Touches(jnp.where(begun, speed, 0), *[zero] * 3, waits, zero)
+            before = jnp.where(begun, speed, 0)
+            return Left(zero, waits), Touches(before, zero, zero, zero, waits, zero)
 
         # Most runs are over long before there is no room.
         return jax.lax.cond(jnp.any(moving), solved, over)

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._cluster_end import APART, AT_REST, PAUSED, TIME_IS_UP
-from ._cluster_end import NOT_CONVERGED as FAILED
+from ._cluster_problem import APART, AT_REST, PAUSED, TIME_IS_UP
+from ._cluster_problem import NOT_CONVERGED as FAILED
 from ._company import company_of, pace_of
 from ._coupled import Call, as_numbers, call, masses, meets, touching, work_of_walls
 from ._due import out_of_date

@@ -12,8 +12,7 @@ from jaxtyping import Array, Bool, Float
 from .._contact import Contact
 from .._impact._lanes import with_sensitivity
 from .._laws import AbstractLaw
-from ._cluster_end import ClusterEnd
-from ._cluster_problem import Problem, Rules
+from ._cluster_problem import ClusterEnd, Problem, Rules
 from ._cluster_solve import solve_cluster
 from ._side import side
 from ._touching import ClusterState, Drive, Pairs, PerBody

@@ -1,5 +1,7 @@
 """The motion of a cluster between two events as a field in the variable of its clock, and the gaps
 that fall through zero where an event is.
+
+A state is one vector.
 """
 
 from __future__ import annotations
@@ -13,8 +15,38 @@ from jaxtyping import Array, Bool, Float
 
 from ._cluster_clock import Clock
 from ._cluster_problem import Problem, Rules, scaled
-from ._cluster_vector import TIME, Parts, W
-from ._touching import Geometry, Modes, PerPair, Touching, Units, incidence_of
+from ._touching import Geometry, Modes, PerBody, PerPair, Touching, Units, incidence_of
+
+WORK, TIME, W = -3, -2, -1
+"""Where in the vector of a state they stand."""
+
+
+class Parts(NamedTuple):
+    """Where in the vector of a state its parts lie; without damping nothing is `lost`."""
+
+    bodies: int
+    dim: int
+    pairs: int
+    damped: bool
+
+    def packed(
+        self, moved: PerBody, velocity: PerBody, lost: PerPair, rest: list[Float[Array, ""]]
+    ) -> Float[Array, " numbers"]:
+        """Of `rest`: the work, the time and w."""
+        taken = [lost] if self.damped else []
+        return jnp.concatenate([moved.ravel(), velocity.ravel(), *taken, jnp.stack(rest)])
+
+    def moved(self, y: Array) -> PerBody:
+        return y[: self.bodies * self.dim].reshape(self.bodies, self.dim)
+
+    def velocity(self, y: Array) -> PerBody:
+        m = self.bodies * self.dim
+        return y[m : 2 * m].reshape(self.bodies, self.dim)
+
+    def lost(self, y: Array) -> PerPair:
+        if not self.damped:
+            return jnp.zeros(self.pairs, y.dtype)
+        return y[2 * self.bodies * self.dim : -3]
 
 
 class Look(NamedTuple):

@@ -1,4 +1,4 @@
-"""What a coupled solve is asked, and the units that it is solved in."""
+"""What a coupled solve is asked, the units that it is solved in, and what it answers."""
 
 from __future__ import annotations
 
@@ -6,9 +6,15 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ._touching import ClusterState, Drive, Pairs, PerBody, Units
+
+APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST, PAUSED = range(6)
+"""`ClusterEnd.status`. All pairs are open; `until` was reached; the numbers cannot be trusted; a
+pair touched or opened, where `until_change` asked for that; what touches, each body a plane of its
+own, does not move along the normal any more; all steps were taken on a way that goes on, as that of
+a ball that slides in a shell: another call goes on from here."""
 
 
 class Problem(NamedTuple):
@@ -38,6 +44,23 @@ class Rules(NamedTuple):
     until_change: bool
     max_steps: int
     in_line: bool
+
+
+class ClusterEnd(NamedTuple):
+    """The `state` at the end, its `status`, and how it was reached.
+
+    `error_estimate`: the larger one of what the steps add up to, relative to the speeds, and of the
+    energy that is missing, relative to the energy of the cluster; `error`, the same in m/s. `work`
+    in J, of gravity and of prescribed bodies on the free ones.
+    """
+
+    state: ClusterState
+    work: Float[Array, ""]
+    status: Int[Array, ""]
+    steps: Int[Array, ""]
+    events: Int[Array, ""]
+    error_estimate: Float[Array, ""]
+    error: Float[Array, ""]
 
 
 def units_of(problem: Problem) -> Units:

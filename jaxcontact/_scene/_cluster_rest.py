@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ._cluster_end import AT_REST, PAUSED
+from ._cluster_problem import AT_REST, PAUSED
 from ._touching import PerBody, PerPair, Touching
 
 ASLEEP = PAUSED + 1

@@ -17,12 +17,19 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from ._cluster_clock import LONG_AGO, Clock, chosen
-from ._cluster_end import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, ClusterEnd
-from ._cluster_field import Look, field_of
-from ._cluster_problem import Problem, Rules, units_of
+from ._cluster_field import TIME, WORK, Look, W, field_of
+from ._cluster_problem import (
+    APART,
+    NOT_CONVERGED,
+    PAUSED,
+    TIME_IS_UP,
+    ClusterEnd,
+    Problem,
+    Rules,
+    units_of,
+)
 from ._cluster_rest import ASLEEP
 from ._cluster_step import Carry, Solve, advance
-from ._cluster_vector import TIME, WORK, W
 from ._touching import ClusterState, Modes
 
 _stop = jax.lax.stop_gradient

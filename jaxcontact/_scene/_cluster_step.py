@@ -11,11 +11,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .._solver.runge_kutta import step_and_slope
 from ._cluster_clock import Clock, chosen
-from ._cluster_end import APART, CHANGED, TIME_IS_UP
-from ._cluster_field import Field, Look
-from ._cluster_problem import Problem
+from ._cluster_field import TIME, WORK, Field, Look, W
+from ._cluster_problem import APART, CHANGED, TIME_IS_UP, Problem
 from ._cluster_rest import rest_of
-from ._cluster_vector import TIME, WORK, W
 from ._cubic import ceiling, highest, to_root
 from ._step import factor
 from ._touching import Modes, PerBody, PerPair, Units

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ._cluster import MOST_STEPS, cluster, touched
-from ._cluster_end import TIME_IS_UP, ClusterEnd
+from ._cluster_problem import TIME_IS_UP, ClusterEnd
 from ._flying import Flying, accelerations, at_once
 from ._hit import Choice, meeting_of, two_that_meet
 from ._motion import Own

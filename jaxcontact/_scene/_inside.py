@@ -127,20 +127,29 @@ def in_contacts(
     total = times.shape[0]
     inside = (times[:, None] < found.began) & (found.row >= 0)
     columns = (jnp.maximum(found.row, 0), inside)
-    lanes, called = count, ()
-    if together is not None:
+    lanes, called, some = count, (), jnp.any(inside)
+    if together is not None and log.facts.call is not None:
         # Of the last lane the impact is none.
         lanes, blank = count + 1, jnp.zeros((total, 1), int)
         columns = tuple(jnp.concatenate([x, blank.astype(x.dtype)], axis=1) for x in columns)
         called = last_call(log, written, times)
+        until, ends = rows_of((together.end.time, log.facts.call.ends), called[0])
+        some = some | jnp.any(called[1] & ((times < until) | ~ends))
     given = (
         jnp.repeat(times, lanes),
         jnp.tile(jnp.arange(lanes), total),
         *(column.reshape(-1) for column in columns),
         *(jnp.repeat(one, lanes) for one in called),
     )
+    solved = jax.lax.cond(
+        some,
+        lambda: jax.lax.map(lane, given),
+        lambda: jax.tree.map(
+            lambda x: jnp.zeros((total * lanes, *x.shape), x.dtype), (nobody, away, away, nothing)
+        ),
+    )
     who, place, speed, stored = jax.tree.map(
-        lambda x: x.reshape(total, lanes, *x.shape[1:]), jax.lax.map(lane, given)
+        lambda x: x.reshape(total, lanes, *x.shape[1:]), solved
     )
 
     def merged(old: Array, new: Array) -> Array:

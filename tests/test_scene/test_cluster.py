@@ -9,7 +9,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._scene._cluster import cluster, touched
-from jaxcontact._scene._cluster_end import APART, AT_REST, CHANGED, TIME_IS_UP
+from jaxcontact._scene._cluster_problem import APART, AT_REST, CHANGED, TIME_IS_UP
 from jaxcontact._scene._touching import Pairs
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.test_impact.support import both_jacobians
