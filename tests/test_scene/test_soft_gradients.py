@@ -142,7 +142,7 @@ def _on_a_lift(numbers):
     return jc.simulate(
         jc.Scene(
             [ball, floor],
-            jc.HuGuo(e=0.8),
+            jc.HuGuo(e=jnp.asarray(0.8)),
             stiffness=stiffness * 1e5,
             gravity=[0.0, -9.81],
             periodic=[1.0, None],
@@ -157,7 +157,7 @@ def _of_the_lift(numbers):
     run = _on_a_lift(numbers)
     later, end = run.at(0.4), run.final.spheres[0]
     parts = [run.position[-1, 0], run.energy[-1:], run.wall_work[None], later.velocity[0, 0]]
-    return jnp.concatenate([*parts, later.position[0, 0], end.position, end.velocity])
+    return jnp.concatenate([*parts, later.position[0, 0], end.position, jnp.asarray(end.velocity)])
 
 
 @pytest.mark.slow(reason="derivatives of a soft run, of its states and of its final scene")
