@@ -91,8 +91,7 @@ def _differentiable(
         with jax.core.eval_context():
             solve = with_slopes(tuple(tangent is not None for tangent in along))
             outcome, slopes = solve(*map(_plain, primals))
-        floats, structure = jax.tree.flatten(eqx.filter(outcome, eqx.is_inexact_array))
-        del floats
+        structure = jax.tree.structure(eqx.filter(outcome, eqx.is_inexact_array))
         return outcome, jax.tree.unflatten(structure, _sums(slopes, moving))
 
     return with_rule(lambda *numbers: traced(*numbers), rule)

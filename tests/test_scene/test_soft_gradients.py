@@ -124,3 +124,55 @@ def test_derivatives_of_soft_runs(name):
         found = differences(case, place)
         size = np.abs(found).max()
         np.testing.assert_allclose(forward[:, place], found, rtol=0, atol=DIFFERENCES * size)
+
+
+LIFT = jnp.array([0.9, 0.3, 1.0])
+"""Speeds of a ball along a lift and of the lift, and the stiffness over 1e5 N/m."""
+
+OF_A_RUN = 1e-7
+"""Against differences of the run itself, of order two with steps of 1e-5: relative to the largest
+of a row."""
+
+
+def _on_a_lift(numbers):
+    """A ball that leaves a periodic space at its side, between two bounces on a lift."""
+    along, lift, stiffness = numbers
+    ball = jc.Sphere(0.1, 1.0, [0.5, 0.2], jnp.stack([along, -1.0 + 0 * lift]))
+    floor = jc.Plane([0.0, 0.0], [0.0, 1.0], motion=jc.Steady(jnp.stack([0 * lift, lift])))
+    return jc.simulate(
+        jc.Scene(
+            [ball, floor],
+            jc.HuGuo(e=jnp.asarray(0.8)),
+            stiffness=stiffness * 1e5,
+            gravity=[0.0, -9.81],
+            periodic=[1.0, None],
+        ),
+        0.6,
+        rtol=1e-10,
+        max_impacts=8,
+    )
+
+
+def _of_the_lift(numbers):
+    run = _on_a_lift(numbers)
+    later, end = run.at(0.4), run.final.spheres[0]
+    parts = [run.position[-1, 0], run.energy[-1:], run.wall_work[None], later.velocity[0, 0]]
+    return jnp.concatenate([*parts, later.position[0, 0], end.position, jnp.asarray(end.velocity)])
+
+
+@pytest.mark.slow(reason="derivatives of a soft run, of its states and of its final scene")
+def test_all_that_a_run_gives_has_its_derivatives_by_both_modes():
+    """Over a moving wall and a periodic side, out of a trace: states, `at`, `final`."""
+    forward = np.asarray(jax.jacfwd(_of_the_lift)(LIFT))
+    np.testing.assert_allclose(
+        jax.jacrev(_of_the_lift)(LIFT), forward, rtol=0, atol=MODES * np.abs(forward).max()
+    )
+    step = 1e-5
+    ends = [
+        [np.asarray(_of_the_lift(LIFT + sign * step * way)) for sign in (1, -1)]
+        for way in np.eye(3)
+    ]
+    found = np.stack([(ahead - behind) / (2 * step) for ahead, behind in ends], axis=-1)
+    size = np.abs(found).max(axis=1, keepdims=True)
+    assert len(_on_a_lift(LIFT).impacts) == 2
+    assert np.all(np.abs(forward - found) <= OF_A_RUN * size)
