@@ -36,13 +36,13 @@ class Momentum(NamedTuple):
     """A coordinate u(v) that replaces the velocity where it makes a free motion smoother.
 
     Its value `at_touch`, where v = 1; the `velocity` v(u); `pull`, -du/dτ as a function of w; and
-    `lost`, the energy that damping has taken when the momentum has become u.
+    `lost`, the energy that damping has taken from one u to another.
     """
 
     at_touch: Callable[[], Lane]
     velocity: Callable[[Lane], Lane]
     pull: Callable[[Lane], Lane]
-    lost: Callable[[Lane], Lane]
+    lost: Callable[[Lane, Lane], Lane]
 
 
 class AbstractForm(eqx.Module):
