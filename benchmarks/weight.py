@@ -131,7 +131,7 @@ class Budget(NamedTuple):
 BUDGETS = {
     "impact, exact": Budget(1_300, 3),
     "impact, exact: gradient": Budget(2_600, 6),
-    "impact, event": Budget(2_440, 4, goal=(2_200, None)),
+    "impact, event": Budget(2_200, 4),
     "impact, event: gradient": Budget(4_400, 6),
     "impact with a push": Budget(4_800, 4),
     "trajectory": Budget(3_500, 3),

@@ -36,13 +36,13 @@ class Momentum(NamedTuple):
     """A coordinate u(v) that replaces the velocity if it makes a free motion smoother.
 
     `at_touch` is its value at v = 1; `velocity` is v(u); `pull` is -du/dτ as a function of w;
-    `lost` is the energy dissipated by damping until the momentum reaches u.
+    `lost` is the energy dissipated by damping from one u to another.
     """
 
     at_touch: Callable[[], Lane]
     velocity: Callable[[Lane], Lane]
     pull: Callable[[Lane], Lane]
-    lost: Callable[[Lane], Lane]
+    lost: Callable[[Lane, Lane], Lane]
 
 
 class AbstractForm(eqx.Module):

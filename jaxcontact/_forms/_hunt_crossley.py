@@ -70,7 +70,7 @@ class HuntCrossleyForm(AbstractForm):
             at_touch=lambda: log1p_over(self.alpha),
             velocity=lambda y: speed_of(y, self.alpha),
             pull=lambda w: signed_power(w, exponent),
-            lost=lambda y: self._loss_at(log1p_over(self.alpha)) - self._loss_at(y),
+            lost=lambda touch, y: self._loss_at(touch) - self._loss_at(y),
         )
 
     def _loss_at(self, y: Lane) -> Lane:

@@ -271,16 +271,17 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
         # Nothing but a creep for ever keeps these bodies together.
         settled = motion.creeps_back()
         converged = converged | (settled & followed.arrived[0])
-    # Where explicit steps were left before the force was largest nobody has seen how large it was.
-    left = jax.tree.map(operator.itemgetter(0), legs.end)
-    # What creeps to rest slows down in the end: then its force is more than the push. The largest
-    # one among the states will do, so that the one between them is computed only where it is used.
-    rtol, _ = how.tolerances(turn.w.dtype)
-    above = creeps_early & (
-        legs.nearest.force[0] >= (1 - 10 * rtol) * (0 if motion.push is None else motion.push)
-    )
-    seen = legs.arrived[0] | above | ~is_rising(motion, left, flags[0])
-    converged = converged & seen
+    if motion.may_creep:
+        # Where explicit steps were left before the force was largest nobody has seen how large it
+        # was. Elsewhere they arrived, or the solve has not converged.
+        left = jax.tree.map(operator.itemgetter(0), legs.end)
+        # What creeps to rest slows down in the end: then its force is more than the push. The
+        # largest one among the states will do, so that the one between them is computed only where
+        # it is used.
+        rtol, _ = how.tolerances(turn.w.dtype)
+        least = (1 - 10 * rtol) * (0 if motion.push is None else motion.push)
+        above = creeps_early & (legs.nearest.force[0] >= least)
+        converged = converged & (legs.arrived[0] | above | ~is_rising(motion, left, flags[0]))
     steps = followed.steps
     if returned is not None:
         steps = steps + jnp.where(returned, legs.steps[2], 0)

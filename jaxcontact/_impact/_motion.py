@@ -67,8 +67,15 @@ class Motion(eqx.Module):
 
     def ready(self) -> Motion:
         """The same with what the lane needs at every stage of every step computed beforehand."""
+        if self.momentum is not None:
+            return dataclasses.replace(self, prepared=self.momentum.at_touch())
         softness = self.softness
         return self if softness is None else dataclasses.replace(self, prepared=softness[0])
+
+    def momentum_at_touch(self) -> Number:
+        """The u at touch, of forms that have a momentum of their own."""
+        assert self.momentum is not None
+        return self.momentum.at_touch() if self.prepared is None else self.prepared
 
     @property
     def n(self) -> Exponent:
@@ -104,7 +111,7 @@ class Motion(eqx.Module):
 
         zero = of_lane(0.0)
         if self.momentum is not None:
-            return State(zero, of_lane(self.momentum.at_touch()), zero)
+            return State(zero, of_lane(self.momentum_at_touch()), zero)
         return State(zero, of_lane(1.0 + self.creep(zero)), zero, zero)
 
     @property
@@ -199,7 +206,7 @@ class Motion(eqx.Module):
         if state.loss is not None:
             return state.loss
         assert self.momentum is not None
-        return self.momentum.lost(state.u)
+        return self.momentum.lost(self.momentum_at_touch(), state.u)
 
     def parting(self, state: State) -> State:
         """A state that is nearly apart: what a leg that is not needed starts from."""
@@ -286,7 +293,7 @@ class Motion(eqx.Module):
         ending = form.creeping_excess(self.n) if clamped else 1.0
         # What the coordinate of strong damping has at touch is small on all of the way.
         momentum = self.momentum
-        speed = form.creeping_speed(self.n) if momentum is None else momentum.at_touch()
+        speed = form.creeping_speed(self.n) if momentum is None else self.momentum_at_touch()
         if self.order == 1 and form.tension and momentum is None:
             # Where no power of w stretches it, a slow way out ends as small as its e.
             tiny = math.sqrt(jnp.finfo(jax.tree.leaves(self)[0].dtype).tiny)

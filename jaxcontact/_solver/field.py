@@ -128,9 +128,15 @@ class Packed(NamedTuple, Generic[State]):
             return step_in_loop(slope, record, size)
 
         def many(field: Any, record: Record, size: Number) -> tuple[Record, Record]:
-            moments = step_written_out(
-                lambda _, moment: rate(field, moment), self.moment(record), size
-            )
+            one = jax.lax.stop_gradient(jnp.where(jnp.isnan(size), size, 1))
+
+            def slope(_: int, moment: Moment[State]) -> Moment[State]:
+                # XLA computes a quotient once. What it takes for cheap it would compute again for
+                # every later stage, which is four times the work.
+                tau, state = rate(field, moment)
+                return Moment(tau, jax.tree.map(lambda leaf: leaf / one, state))
+
+            moments = step_written_out(slope, self.moment(record), size)
             after, error = map(self.record, moments)
             return after, error
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -15,8 +16,10 @@ from .._varying import varying
 from .field import Field, Flags, Moment, Number, Packed, Record, chosen, in_time
 from .march import Marched
 
-# Mostly five; more at a corner between two guards.
+# Mostly one; more at a corner between two guards.
 _ITERATIONS = 60
+# Of the step: from so close to the end the last one, of order 8, is exact.
+_NEAR = 1e-2
 # Of the time that is left: guards that close within so much of it close together.
 _TOGETHER = 1e-4
 
@@ -62,75 +65,108 @@ def land(field: Field, packed: Packed, last: Marched) -> tuple[Record, Bool[Arra
 
 
 class _Search(NamedTuple):
+    """A moment of the step, and how far off it is; a bracket of the end, with the guards there.
+
+    `low` and `high` hold values and slopes by the fraction of the step.
+    """
+
     count: Number
-    moved: Number
+    there: Record
+    off: Number
     fraction: Number
-    low: Number
-    high: Number
+    begin: Number
+    end: Number
+    low: Array
+    high: Array
     closed: Flags
 
 
 def _searched(
     field: Field, packed: Packed, last: Marched
 ) -> tuple[Field, Record, Flags, Bool[Array, ""]]:
-    """A moment of the last step within rounding of the end, and which guards close there.
+    """A moment of the last step close to the end, and which guards close there.
 
-    Newton's method by steps from the start of the last one, within a bracket. And the motion that
-    goes on smoothly there, if any.
+    By cubic interpolation within a bracket, mostly once: it knows values and slopes at both ends.
+    And the motion that goes on smoothly there, if any.
     """
-    step, size = packed.step(in_time), packed.tau(last.after) - packed.tau(last.before)
-    frozen, start, ends = jax.lax.stop_gradient((field, last.before, last.closed))
-    length = jax.lax.stop_gradient(size)
-    # The step of Newton's after this one would move only rounding.
-    close = jnp.sqrt(jnp.finfo(length.dtype).eps)
+    stop = jax.lax.stop_gradient
+    frozen, ends = stop((field, last.closed))
+    length = stop(packed.tau(last.after) - packed.tau(last.before))
+    # Derivatives may not go back through a loop.
+    searched = (frozen, stop(last.before)) if packed.backwards else (field, last.before)
+    step, close = packed.step(in_time), math.sqrt(jnp.finfo(length.dtype).eps)
 
-    def guards(state: Any) -> Array:
-        return jnp.stack(frozen.guards(state))
-
-    opened = packed.guards(frozen, start) > 0
+    def look(record: Record) -> Array:
+        state = packed.state(record)
+        rate = jax.tree.map(lambda change: change * length, frozen.rate(state))
+        return jnp.stack(jax.jvp(lambda s: jnp.stack(frozen.guards(s)), (state,), (rate,)))
 
     def narrow(at: _Search) -> _Search:
-        there, _ = step(frozen, start, at.fraction * length)
-        state = packed.state(there)
-        values, slopes = jax.jvp(guards, (state,), (frozen.rate(state),))
+        fraction = _crossing(at)
+        there, _ = step(*searched, fraction * length)
+        now = look(stop(there))
         # Bodies may part and come back within the step: that shows in between alone.
-        closed = at.closed | (opened & (values <= 0))
-        first = jnp.argmin(jnp.where(closed, values, jnp.inf))
-        value, slope = values[first], slopes[first]
-        low = jnp.where(value > 0, at.fraction, at.low)
-        high = jnp.where(value > 0, at.high, at.fraction)
-        newton = at.fraction - ratio(value, slope * length)
-        # One that moves nothing stands on an end of its own bracket, and has arrived.
-        inside = (newton >= low) & (newton <= high) & (slope != 0)
-        # A step of Newton's squares its error; one to the middle is as wrong as it is long.
-        moved = jnp.where(inside, jnp.abs(newton - at.fraction), (high - low) / close)
-        better = jnp.where(inside, newton, (low + high) / 2)
-        done = value == 0
+        closed = at.closed | ((at.low[0] > 0) & (now[0] <= 0))
+        value, slope = now[:, _foremost(now[0], closed)]
+        open_ = value > 0
+        begin, end = jnp.where(open_, fraction, at.begin), jnp.where(open_, at.end, fraction)
+        # The end is no farther than the bracket is long, which counts where nothing else tells.
+        off = jnp.where(slope == 0, jnp.inf, jnp.abs(ratio(value, slope)))
         return _Search(
             at.count + 1,
-            jnp.where(done, 0, moved),
-            jnp.where(done, at.fraction, better),
-            low,
-            high,
+            there,
+            jnp.minimum(off, (end - begin) / close),
+            fraction,
+            begin,
+            end,
+            jnp.where(open_, now, at.low),
+            jnp.where(open_, at.high, now),
             closed,
         )
 
     def unsettled(at: _Search) -> Bool[Array, ""]:
-        return jnp.any(ends) & (at.count < _ITERATIONS) & (at.moved > close * at.fraction)
+        # The last step from here is exact, but not across a corner or a clamp.
+        near = close
+        if not field.clamped:
+            near = jnp.where(jnp.sum(at.closed) == 1, _NEAR, close)
+        return jnp.any(ends) & (at.count < _ITERATIONS) & (at.off > near * at.fraction)
 
     zero = jnp.zeros_like(length)
-    begin = varying(length, _Search(zero, zero + 1, zero + 1, zero, zero + 1, ends))
-    at = jax.lax.while_loop(unsettled, narrow, begin)
+    bounds = packed.each(look, *stop((last.before, last.after)))
+    begin = _Search(zero, last.after, zero + 1, zero + 1, zero, zero + 1, *bounds, ends)
+    at = jax.lax.while_loop(unsettled, narrow, varying(length, begin))
+    there = at.there
+    if packed.backwards:
+        there, _ = step(field, last.before, at.fraction * length)
     if not field.clamped:
-        after, _ = step(field, last.before, at.fraction * length)
-        return field, after, at.closed, jnp.asarray(True)
+        return field, there, at.closed, jnp.asarray(True)
     short = jnp.minimum(at.fraction / 2, close / jnp.where(length > 0, length, 1))
     inside, _ = step(field, last.before, (at.fraction - short) * length)
-    end, _ = step(frozen, start, at.fraction * length)
-    state = packed.state(jax.lax.stop_gradient(inside))
+    state = packed.state(stop(inside))
     field = field.continued(state)
-    smooth = ~field.jumps(state, packed.state(end), at.closed)
+    smooth = ~field.jumps(state, packed.state(stop(there)), at.closed)
     return field, inside, _first(field, state, at.closed), smooth
+
+
+def _foremost(values: Array, closed: Flags) -> Array:
+    return jnp.argmin(jnp.where(closed, values, jnp.inf))
+
+
+def _crossing(at: _Search) -> Number:
+    """Where the guard that closed most reaches zero: the cubic of the moment by its values.
+
+    The middle of the bracket where that lies outside of it.
+    """
+    first = _foremost(at.high[0], at.closed)
+    (value, early), (beyond, late) = at.low[:, first], at.high[:, first]
+    fall, size = beyond - value, at.end - at.begin
+    part = -ratio(value, fall)
+    left, flat = 1 - part, (early == 0) | (late == 0)
+    early, late = (jnp.where(flat, 1, slope) for slope in (early, late))
+    way = part * (3 - 2 * part) * size + left * fall * (left / early - part / late)
+    guess = at.begin + part * way
+    inside = (guess > at.begin) & (guess < at.end) & ~flat
+    return jnp.where(inside, guess, at.begin + size / 2)
 
 
 def _first(field: Field, state: Any, closed: Flags) -> Flags:

@@ -98,7 +98,9 @@ def march(
             now = now._replace(path=jax.tree.map(put, last.path, here))
         off = jnp.where(jnp.isfinite(off), jnp.maximum(off, 1e-12), 1e12)
         least, most = jnp.where(fine, 1, _SHRINKS), jnp.where(fine, _GROWS, _SAFETY)
-        factor = jnp.clip(_SAFETY * off ** (-1 / _ORDER), least, most)
+        # Its eighth root by square roots, which take a quarter of the time of a power.
+        root = jnp.sqrt(jnp.sqrt(jnp.sqrt(off)))
+        factor = jnp.clip(_SAFETY / root, least, most)
         return _Way(now, way.size * factor, way.tries + 1)
 
     none = jnp.zeros((), int)

@@ -12,8 +12,7 @@ import pytest
 
 import jaxcontact as jc
 from benchmarks.track_truths import draw
-from jaxcontact._cli import _COMMANDS, main
-from jaxcontact._cli import parser as _parser
+from jaxcontact._cli import _COMMANDS, _parser, main
 
 E = [0.9, 0.85, 0.8, 0.78]
 V = [0.5, 1.0, 2.0, 3.0]

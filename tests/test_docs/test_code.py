@@ -7,7 +7,7 @@ import jax
 import pytest
 
 from docs.run_code import DOCS, digits, pages, run
-from jaxcontact._cli import parser as _parser
+from jaxcontact._cli import _parser
 from jaxcontact._laws import _registry
 
 # Pages whose code is run elsewhere: one has its own test, one is run by the script of its plots.

@@ -31,7 +31,7 @@ def entries() -> dict[str, list[str]]:
 
 
 def plots() -> set[str]:
-    return {f"plot.{name}" for name in vars(jc.plot) if not name.startswith("_")}
+    return {f"plot.{name}" for name in dir(jc.plot) if not name.startswith("_")}
 
 
 def test_every_public_name_is_on_one_page():
