@@ -4,9 +4,9 @@ Only the ratios are meaningful; the times belong to the machine that is printed 
 time is measured separately. Errors are relative to the closed form, which the tests compare with
 40-digit arithmetic.
 
-`--equal LANES` compares at an equal error instead: `event`, plain diffrax and the numba kernel, each
-at its coarsest tolerance with e and the duration within 1e-9, for e from 0.2 to 0.99, under a push
-and for a user's own law.
+`--equal LANES` compares at an equal error instead: `event`, plain diffrax and the numba kernel,
+each at its coarsest tolerance with e and the duration within 1e-9, for e from 0.2 to 0.99, under a
+push and for a user's own law.
 """
 
 from __future__ import annotations
