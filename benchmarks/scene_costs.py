@@ -15,12 +15,12 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxcontact as jc
-from jaxcontact._scene._grid import grid_of
-from jaxcontact._scene._log import Log, blank_log
-from jaxcontact._scene._numbers import numbers_of
-from jaxcontact._scene._progress import Rules, State
-from jaxcontact._scene._schedule import advance, begun
-from jaxcontact._scene._system import layout_of
+from jaxcontact._scene.arrays.arrays import layout_of
+from jaxcontact._scene.arrays.from_scene import numbers_of
+from jaxcontact._scene.contact_times.grid import grid_of
+from jaxcontact._scene.engine.log import Log, blank_log
+from jaxcontact._scene.engine.loop import advance, begun
+from jaxcontact._scene.engine.state import Rules, State
 
 
 def best(function: Callable, repeats: int = 5) -> tuple[float, float, np.ndarray]:

@@ -48,9 +48,9 @@ TABLE = ROOT / "tests" / "mutations.md"
 REASONS: dict[str, str] = {
     "jaxcontact/_contact.py, Contact: 1.5 → 1.65": "nothing reads the field's default: `__init__` "
     "always sets it, and the type checker asks for one",
-    "jaxcontact/_impact/_phase.py, solve_phase.advance.rate: 1 → 2": "a divisor that only keeps "
-    "lanes finite which are flagged in the same line",
-    "jaxcontact/paper/_fig4.py, module: 0 → 1": "where the dashes of one drawn line begin",
+    "jaxcontact/_impact/methods/phase.py, solve_phase.advance.rate: 1 → 2": "a divisor that only "
+    "keeps lanes finite which are flagged in the same line",
+    "jaxcontact/paper/_figures/fig4.py, module: 0 → 1": "where the dashes of one drawn line begin",
 }
 
 

@@ -10,7 +10,7 @@ from matplotlib.patches import Circle
 from PIL import Image
 
 import jaxcontact as jc
-from jaxcontact.plot._path import line_of, path_of
+from jaxcontact.plot._drawing.path import line_of, path_of
 from tests.test_impact.test_warm_calls import work_of
 
 LAW = jc.ExactRestitution(e=0.8)

@@ -11,8 +11,8 @@ import pytest
 from matplotlib import pyplot
 
 import jaxcontact as jc
-from jaxcontact.plot._labels import put_label
-from jaxcontact.plot._style import BODIES, CURVES, DATA, LEFT_OUT, use_curves
+from jaxcontact.plot._drawing.labels import put_label
+from jaxcontact.plot._drawing.style import BODIES, CURVES, DATA, LEFT_OUT, use_curves
 
 DOCS = Path(__file__).parents[1] / "docs"
 

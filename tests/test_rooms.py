@@ -266,7 +266,7 @@ def test_who_follows_an_impact_waits_for_no_solver_and_no_plotting():
 
 
 GOOD = {
-    "_laws/_base.py": """
+    "_laws/base.py": """
         from typing import TYPE_CHECKING
         import jax
         from .._parameter import parameter
@@ -378,7 +378,7 @@ def test_a_circle_is_seen(tmp_path, files):
 
 def test_a_tree_without_circles_passes(tmp_path):
     # A law, in a lower room, annotates the contact.
-    above = {"_contact.py": "from ._laws._base import x", "_laws/_registry.py": "x = 1"}
+    above = {"_contact.py": "from ._laws._base import x", "_laws/registry.py": "x = 1"}
     assert circles(build(tmp_path, GOOD | above)) == []
 
 

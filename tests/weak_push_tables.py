@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from jaxcontact._forms._weak_push_table import FILE as NAME
-from jaxcontact._forms._weak_push_table import Table, computed, name_of
+from jaxcontact._forms.weak_push_table import FILE as NAME
+from jaxcontact._forms.weak_push_table import Table, computed, name_of
 
 FILE = Path(__file__).parents[1] / "jaxcontact" / "_forms" / NAME
 

@@ -1,4 +1,4 @@
 """The interactive page that shows each law for a chosen e: one file, without a network."""
 
-from ._page import GRIDS as GRIDS
-from ._page import page as page
+from .page import GRIDS as GRIDS
+from .page import page as page

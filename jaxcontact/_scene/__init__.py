@@ -1,19 +1,19 @@
 """Scenes of many bodies: from impact to impact."""
 
-from ._bodies import Box as Box
-from ._bodies import Plane as Plane
-from ._bodies import Shell as Shell
-from ._bodies import Sphere as Sphere
-from ._file import read_scene as read_scene
-from ._margin import Margin as Margin
-from ._motion import Steady as Steady
-from ._motion import Vibration as Vibration
-from ._prescribed import Prescribed as Prescribed
-from ._random import random_spheres as random_spheres
-from ._result import Ending as Ending
-from ._result import Impacts as Impacts
-from ._result import Moment as Moment
-from ._result import Way as Way
-from ._run import Run as Run
-from ._scene import Scene as Scene
-from ._simulate import simulate as simulate
+from .bodies.bodies import Box as Box
+from .bodies.bodies import Plane as Plane
+from .bodies.bodies import Shell as Shell
+from .bodies.bodies import Sphere as Sphere
+from .bodies.motion import Steady as Steady
+from .bodies.motion import Vibration as Vibration
+from .bodies.prescribed import Prescribed as Prescribed
+from .bodies.random_spheres import random_spheres as random_spheres
+from .bodies.scene import Scene as Scene
+from .file import read_scene as read_scene
+from .readout.margin import Margin as Margin
+from .result import Ending as Ending
+from .result import Impacts as Impacts
+from .result import Moment as Moment
+from .result import Way as Way
+from .run import Run as Run
+from .simulate import simulate as simulate

@@ -7,9 +7,9 @@ import numpy as np
 
 from .._contact import Contact
 from .._laws import Damped, get_law
+from ._figures.style import FOUR_LAWS, RESTITUTIONS
 from ._impacts import Impacts, cached, solve
 from ._reproduction import Table, long_table
-from ._style import FOUR_LAWS, RESTITUTIONS
 
 MASS, RADIUS, HEIGHT, GRAVITY, STIFFNESS = 1.0, 0.1, 1.0, 9.8, 1.4e8
 """Table 2, in kg, m, m, m/s² and N/m^1.5."""

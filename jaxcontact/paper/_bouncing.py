@@ -13,8 +13,8 @@ from .._impact import Status
 from .._laws import HuGuo
 from .._text.units import label
 from . import _ball
+from ._figures.style import RESTITUTIONS, SHADES, legend_above, sheet
 from ._reproduction import Reproduction, long_table
-from ._style import RESTITUTIONS, SHADES, legend_above, sheet
 
 BOUNCES = 40
 """Enough for the ball of e = 0.8 to come to rest; the ball of e = 1.0 bounces forever."""

@@ -11,7 +11,7 @@ from .._laws import get_law
 from .._parameter import rendered
 from .._text.table import markdown_table
 from . import _ball, _cases
-from ._fig4 import fig4
+from ._figures.fig4 import fig4
 from ._published import PUBLISHED, Published
 
 _DENSITY = 7850.0

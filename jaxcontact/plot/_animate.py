@@ -13,10 +13,10 @@ from matplotlib.patches import Circle
 
 from .._parameter import POSITIVE, require_count, require_number
 from .._scene import Run
-from ._axes import axes_of
-from ._path import axes_shown, images, line_of, path_of, radii, require_one_run, states
+from ._drawing.axes import axes_of
+from ._drawing.path import axes_shown, images, line_of, path_of, radii, require_one_run, states
+from ._drawing.surroundings import colours, frame, moving_walls
 from ._scene import frame_axes
-from ._surroundings import colours, frame, moving_walls
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist

@@ -10,9 +10,9 @@ import numpy as np
 from .._calibration import LawChoice
 from .._calibration.choice.law_choice import ChoiceData
 from .._parameter import require_kind
-from ._axes import axes_of
-from ._labels import put_label
-from ._style import CURVES, DATA, GUIDE, legend_above
+from ._drawing.axes import axes_of
+from ._drawing.labels import put_label
+from ._drawing.style import CURVES, DATA, GUIDE, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

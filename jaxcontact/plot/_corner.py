@@ -12,9 +12,9 @@ from scipy.special import ndtri
 
 from .._fit import Fit, FitData, Posterior
 from .._parameter import FRACTION, as_array, rendered, require_choice, require_number
-from ._axes import axes_of
-from ._labels import put_few_ticks
-from ._style import BLUE, ORANGE
+from ._drawing.axes import axes_of
+from ._drawing.labels import put_few_ticks
+from ._drawing.style import BLUE, ORANGE
 
 _PANEL = 1.9
 """Side of a panel in inches."""

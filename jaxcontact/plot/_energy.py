@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._scene import Run
-from ._axes import axes_of
-from ._labels import put_label
-from ._path import path_of, require_one_run
-from ._style import BLACK, SKY, legend_above
+from ._drawing.axes import axes_of
+from ._drawing.labels import put_label
+from ._drawing.path import path_of, require_one_run
+from ._drawing.style import BLACK, SKY, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

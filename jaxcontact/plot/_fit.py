@@ -12,9 +12,9 @@ from .._calibration import VelocityProfile
 from .._fit import Fit, FitData
 from .._parameter import FRACTION, as_numbers, rendered, require_kind, require_number
 from .._text.units import Shown
-from ._axes import axes_for
-from ._labels import put_label
-from ._style import DATA, legend_above
+from ._drawing.axes import axes_for
+from ._drawing.labels import put_label
+from ._drawing.style import DATA, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,8 +9,8 @@ import numpy as np
 from .._impact import Impact, Trajectory
 from .._parameter import require_kind
 from .._text.units import quantity
-from ._axes import axes_for
-from ._style import GUIDE, legend_above
+from ._drawing.axes import axes_for
+from ._drawing.style import GUIDE, legend_above
 from ._trajectory import require_one_path, trajectory
 
 _PICTURES = (("indentation", "force"), ("time", "force"), ("time", "velocity"))

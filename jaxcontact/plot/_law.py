@@ -13,9 +13,9 @@ from .._impact import restitution, restitution_is_constant, trajectory
 from .._laws import AbstractLaw, require_law
 from .._parameter import POSITIVE, ranges, require_kind, require_number
 from .._text.units import label as words_of
-from ._axes import axes_for
-from ._labels import put_label
-from ._style import GUIDE, legend_above
+from ._drawing.axes import axes_for
+from ._drawing.labels import put_label
+from ._drawing.style import GUIDE, legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,9 +10,9 @@ import numpy as np
 
 from .._fit import Fit, FitData
 from .._parameter import FRACTION, rendered, require_kind, require_number
-from ._axes import axes_for
-from ._labels import put_few_ticks
-from ._style import BLACK, BLUE, GUIDE
+from ._drawing.axes import axes_for
+from ._drawing.labels import put_few_ticks
+from ._drawing.style import BLACK, BLUE, GUIDE
 
 _POINTS = 25
 

@@ -10,10 +10,10 @@ from scipy.special import ndtri
 from .._calibration import VelocityProfile
 from .._fit import Fit
 from .._text.units import meaning
-from ._axes import axes_for
+from ._drawing.axes import axes_for
+from ._drawing.labels import put_label
+from ._drawing.style import CURVES, GUIDE, MARKERS, legend_above
 from ._fit import fit_of, shown_of
-from ._labels import put_label
-from ._style import CURVES, GUIDE, MARKERS, legend_above
 
 
 def residuals(result: Fit | VelocityProfile, *, ax: Any = None) -> Any:

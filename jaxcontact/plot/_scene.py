@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._scene import Run
-from ._axes import axes_of
-from ._labels import put_label
-from ._path import (
+from ._drawing.axes import axes_of
+from ._drawing.labels import put_label
+from ._drawing.path import (
     Path,
     axes_shown,
     images,
@@ -21,8 +21,8 @@ from ._path import (
     require_one_run,
     touches,
 )
-from ._style import legend_above
-from ._surroundings import colours, draw_levels, draw_walls, frame, labels, lines
+from ._drawing.style import legend_above
+from ._drawing.surroundings import colours, draw_levels, draw_walls, frame, labels, lines
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,11 +8,11 @@ import numpy as np
 
 from .._parameter import rendered, require_kind
 from .._sweep import Sweep
-from .._sweep._axes import SAMPLE
+from .._sweep.planning.axes import SAMPLE
 from .._text.units import label
-from ._axes import axes_of
-from ._labels import put_label
-from ._style import legend_above
+from ._drawing.axes import axes_of
+from ._drawing.labels import put_label
+from ._drawing.style import legend_above
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

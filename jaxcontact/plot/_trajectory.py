@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._impact import Impact, Trajectory
-from .._impact._result import status_words
+from .._impact.result import status_words
 from .._parameter import require_choice, require_kind
-from ._axes import axes_of
-from ._labels import put_label
+from ._drawing.axes import axes_of
+from ._drawing.labels import put_label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from scipy import optimize
 import jaxcontact as jc
 from jaxcontact._calibration.choice import equivalent_e as _asked
 from jaxcontact._calibration.choice.equivalent_e import asked_of, delivered_by_laws
-from jaxcontact._laws import _registry
+from jaxcontact._laws import registry as _registry
 
 CONTACT = jc.Contact(mass=0.03, stiffness=1e6)
 POINTS = 120

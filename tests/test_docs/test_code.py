@@ -8,7 +8,7 @@ import pytest
 
 from docs.run_code import DOCS, digits, pages, run
 from jaxcontact._cli import _parser
-from jaxcontact._laws import _registry
+from jaxcontact._laws import registry as _registry
 
 # Pages whose code is run elsewhere: one has its own test, one is run by the script of its plots.
 ELSEWHERE = {"sweeps.md": "tests/test_sweep/test_page.py", "plots.md": "docs/plots.py"}

@@ -6,8 +6,8 @@ import functools
 import jax.numpy as jnp
 
 import jaxcontact as jc
-from jaxcontact._bounce._result import TOUCHES
-from jaxcontact._laws._registry import _REGISTRY
+from jaxcontact._bounce.result import TOUCHES
+from jaxcontact._laws.registry import _REGISTRY
 from tests.test_every_argument.case import (
     CONTACTS,
     COUNT,

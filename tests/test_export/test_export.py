@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 import jaxcontact as jc
 from jaxcontact._export import Draft, Engine, export, register_engine
-from jaxcontact._export._engines import _lammps
+from jaxcontact._export.simulators import lammps as _lammps
 from tests.test_export import engines
 
 # Both solvers at 1e-9 or better: measured 1e-9 for viscoelastic, 1e-10 for the others.
@@ -381,7 +381,7 @@ def test_an_impact_without_rebound_cannot_be_exported():
 @pytest.fixture
 def dashpot(monkeypatch):
     """An engine of our own, registered for one test: a spring and a dashpot that may pull."""
-    from jaxcontact._export import _engine
+    from jaxcontact._export import engine as _engine
 
     monkeypatch.setattr(_engine, "_ENGINES", dict(_engine._ENGINES))
 

@@ -6,9 +6,9 @@ import pytest
 from mpmath import mp, mpf
 
 import jaxcontact as jc
-from jaxcontact._impact._balance import balance_of
-from jaxcontact._impact._front_door import lanes_of, problem_of
-from jaxcontact._impact._motion import State
+from jaxcontact._impact.front_door import lanes_of, problem_of
+from jaxcontact._impact.motion.balance import balance_of
+from jaxcontact._impact.motion.motion import State
 from tests import oracle
 from tests.test_impact.support import UNIT, given_ratio
 
@@ -116,7 +116,7 @@ def test_energies_that_do_not_add_up_are_seen():
 
 
 def test_a_solve_that_missed_something_is_flagged(monkeypatch):
-    from jaxcontact._impact import _event_solve
+    from jaxcontact._impact.methods import event_solve as _event_solve
 
     monkeypatch.setattr(_event_solve, "_IMBALANCE", 1e-9)
     # No other test uses this tolerance, so the programs with the two limits stay distinct.

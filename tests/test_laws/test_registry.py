@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._laws import _registry, describe, force_of
+from jaxcontact._laws import describe, force_of
+from jaxcontact._laws import registry as _registry
 
 CONTACT = jc.Contact(mass=0.2, stiffness=1e8)
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jaxcontact.paper._style import legend_above, sheet
+from jaxcontact.paper._figures.style import legend_above, sheet
 from tests.test_paper.layout import faults
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._scene import _cluster_step, _radial
+from jaxcontact._scene.cluster import step as _cluster_step
+from jaxcontact._scene.pair_impact import radial as _radial
 from tests.oracle.scene_oracle import Ball, Spring, run
 
 # Parameters: the offset of the second ball, the gap to the third, the mass of the first. Cases: all

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._scene import _pieces
-from jaxcontact._scene._grid import grid_of
-from jaxcontact._scene._numbers import numbers_of
-from jaxcontact._scene._system import layout_of
+from jaxcontact._scene.arrays.arrays import layout_of
+from jaxcontact._scene.arrays.from_scene import numbers_of
+from jaxcontact._scene.contact_times.grid import grid_of
+from jaxcontact._scene.engine import pieces as _pieces
 
 SAME = 1e-10
 """Times of impact against the search among all pairs, relative to the run."""

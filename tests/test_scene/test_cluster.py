@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._scene._cluster import cluster, touched
-from jaxcontact._scene._cluster_problem import APART, AT_REST, CHANGED, TIME_IS_UP
-from jaxcontact._scene._touching import Pairs
+from jaxcontact._scene.cluster.equations import Pairs
+from jaxcontact._scene.cluster.problem import APART, AT_REST, CHANGED, TIME_IS_UP
+from jaxcontact._scene.cluster.scaled import cluster, touched
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.test_impact.support import both_jacobians
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._scene._company import company_of
-from jaxcontact._scene._coupled import touching
-from jaxcontact._scene._flying import Flying
-from jaxcontact._scene._log import blank_calls, blank_choice
-from jaxcontact._scene._numbers import numbers_of
-from jaxcontact._scene._system import layout_of
+from jaxcontact._scene.arrays.arrays import layout_of
+from jaxcontact._scene.arrays.flight import Flying
+from jaxcontact._scene.arrays.from_scene import numbers_of
+from jaxcontact._scene.engine.cluster_members import company_of
+from jaxcontact._scene.engine.coupled import touching
+from jaxcontact._scene.engine.log import blank_calls, blank_choice
 from tests.oracle.scene_oracle import Ball, Spring, Wall, run
 from tests.oracle.shaken_spheres import pressed, sine
 

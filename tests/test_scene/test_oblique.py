@@ -9,7 +9,7 @@ import pytest
 
 import jaxcontact as jc
 from jaxcontact._impact import Status
-from jaxcontact._scene._oblique import CLOSED_FORM, CORRECTED, RADIAL, oblique
+from jaxcontact._scene.pair_impact.oblique import CLOSED_FORM, CORRECTED, RADIAL, oblique
 from tests.oracle import with_gravity
 from tests.oracle.scene_oracle import Ball, Spring, run
 from tests.test_impact import support

@@ -4,7 +4,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxcontact._scene._touch import curved_time, image_horizon, sphere_time, wall_time
+from jaxcontact._scene.contact_times.closed_form import (
+    curved_time,
+    image_horizon,
+    sphere_time,
+    wall_time,
+)
 
 ROOT = 1e-13
 """Relative error of a time of impact: measured 2e-15 (quadratics), 3e-14 (quartics)."""

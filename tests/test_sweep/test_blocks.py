@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jaxcontact as jc
-from jaxcontact._sweep._blocks import blocks_of, cut, padded
+from jaxcontact._sweep.planning.blocks import blocks_of, cut, padded
 
 SAME = 2e-15
 """Blocks of another length are vectorised otherwise: measured 4e-16."""
@@ -118,8 +118,8 @@ def test_dear_lanes_come_first_and_together():
 
 
 def test_ordered_blocks_hold_neighbours_in_cost():
-    from jaxcontact._sweep._axes import grid_of
-    from jaxcontact._sweep._plan import plan_of
+    from jaxcontact._sweep.planning.axes import grid_of
+    from jaxcontact._sweep.planning.plan import plan_of
 
     n = RNG.permutation(40).astype(float)
     grid = grid_of({"n": n}, {})

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._sweep._key import NoKey, key_of
+from jaxcontact._sweep.planning.key import NoKey, key_of
 
 scale = 2.0
 

@@ -11,14 +11,14 @@ import jax
 import numpy as np
 import pytest
 
-from jaxcontact._sweep._devices import Workers
+from jaxcontact._sweep.devices import Workers
 from tests.test_sweep.lanes import ROOT, cheap, folded, same, script
 
 FOUR = """
 mesh = jax.make_mesh((4,), ("lanes",), axis_types=(jax.sharding.AxisType.Auto,))
 
 # Where the blocks were computed.
-from jaxcontact._sweep._devices import Workers
+from jaxcontact._sweep.devices import Workers
 used, placed = set(), Workers.placed
 def seen(workers, turn, arguments):
     arrays = placed(workers, turn, arguments)
@@ -51,7 +51,7 @@ jax.distributed.initialize(address, num_processes=2, process_id=process)
 assert (jax.process_count(), len(jax.local_devices()), len(jax.devices())) == (2, 2, 4)
 
 # What this process wrote to the store, in which both write at the same time.
-from jaxcontact._sweep._store import BlockStore
+from jaxcontact._sweep.store import BlockStore
 written, write = [], BlockStore.write
 def counted(store, number, arrays):
     written.append(number)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._sweep._devices import Workers
-from jaxcontact._sweep._store import BlockStore
+from jaxcontact._sweep.devices import Workers
+from jaxcontact._sweep.store import BlockStore
 from tests.test_sweep.lanes import ROOT, arrays_of, durations, many, outcome, same, script
 
 pytest.importorskip("zarr")
@@ -171,7 +171,7 @@ def test_an_object_is_part_of_what_a_store_is_made_from(tmp_path):
 
 
 def test_another_version_is_refused(store, monkeypatch):
-    monkeypatch.setattr("jaxcontact._sweep._signature.version", lambda: "0.0.1")
+    monkeypatch.setattr("jaxcontact._sweep.planning.signature.version", lambda: "0.0.1")
     with pytest.raises(ValueError, match=r"`jaxcontact` \('.*' there, '0.0.1' here\)"):
         many(store=store)
 
@@ -179,7 +179,7 @@ def test_another_version_is_refused(store, monkeypatch):
 def test_processes_must_see_the_same_store(tmp_path, monkeypatch):
     """Two processes with a disk each would end with half of the blocks."""
     alone = Workers(process=1, processes=2)
-    monkeypatch.setattr("jaxcontact._sweep._sweep.workers_of", lambda mesh: alone)
+    monkeypatch.setattr("jaxcontact._sweep.sweep.workers_of", lambda mesh: alone)
     monkeypatch.setattr(Workers, "meet", lambda self, where: None)
     with pytest.raises(ValueError, match=r"process 1 does not find .* blocks"):
         many(store=tmp_path / "sweep.zarr")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._sweep import _plan
+from jaxcontact._sweep.planning import plan as _plan
 
 CONTACT = jc.Contact(1.0, 1e8)
 
@@ -156,7 +156,7 @@ def test_another_sweep_of_a_function_compiles_nothing():
 
 
 def test_a_solve_that_fields_share_is_compiled_once():
-    from jaxcontact._sweep._axes import grid_of
+    from jaxcontact._sweep.planning.axes import grid_of
 
     plan = _plan.plan_of(summary, grid_of(None, {"e": [0.1, 0.2], "v": [1.0, 2.0]}))
     assert [group.flags for group in plan.groups] == [True, False]

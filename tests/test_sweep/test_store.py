@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._sweep._store import Coordinate, Stored, open_store
+from jaxcontact._sweep.store import Coordinate, Stored, open_store
 
 pytest.importorskip("zarr")
 
@@ -146,7 +146,7 @@ def test_a_block_without_its_checksum_does_not_count(tmp_path, monkeypatch):
     def killed(arrays):
         raise Killed
 
-    monkeypatch.setattr("jaxcontact._sweep._store._checksum", killed)
+    monkeypatch.setattr("jaxcontact._sweep.store._checksum", killed)
     with pytest.raises(Killed):
         store.write(0, part(0))
     monkeypatch.undo()

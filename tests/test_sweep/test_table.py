@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._sweep import _plan
+from jaxcontact._sweep.planning import plan as _plan
 
 CONTACT = jc.Contact(1.0, 1e8)
 E = np.linspace(0.1, 1.0, 10)

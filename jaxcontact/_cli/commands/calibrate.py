@@ -155,7 +155,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     from ..._lab.calibration.calibrate import calibrate
     from ..._lab.recordings import RecordingError, read_recording
     from ...plot import calibration, record, sound, track
-    from ...plot._save import drawn
+    from ...plot._drawing.save import drawn
 
     out = pathlib.Path(arguments.out)
     page = _page(arguments.report, out)

@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
 
 def _numbers(hit: Impact) -> dict[str, float]:
-    from ..._impact._result import NUMBERS
+    from ..._impact.result import NUMBERS
 
     return {name: float(getattr(hit, name)) for name in NUMBERS}
 
@@ -140,7 +140,7 @@ def _figure(
 ) -> bytes:
     from ..._impact import trajectory
     from ...plot import impact as draw
-    from ...plot._save import drawn
+    from ...plot._drawing.save import drawn
 
     path = trajectory(law, contact, arguments.velocity, samples=_SAMPLES)
     asked = "" if arguments.e is None else f", e = {arguments.e:g}"

@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
 
 
 def _files_of(folder: pathlib.Path, name: str, result: Reproduction) -> dict[pathlib.Path, bytes]:
-    from ...plot._save import image_of
+    from ...plot._drawing.save import image_of
 
     files = {folder / f"{name}.png": image_of(result.figure, "png")}
     for title, table in result.tables.items():

@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
     """Run the scene, print it, and write the requested files. Raises InputError, OSError."""
     progress("reading the scene")
     from ..._scene import Ending, read_scene, simulate
-    from ..._scene._file import examples
+    from ..._scene.file import examples
 
     if (arguments.file is None) == (arguments.example is None):
         raise InputError(f"give either a FILE or --example {', '.join(examples())}")
@@ -163,7 +163,7 @@ def _axes(given: str | None, dimensions: int) -> tuple[int, ...] | None:
 def _picture(done: Run, axes: tuple[int, ...] | None, file: pathlib.Path) -> bytes:
     """Draw the paths, and the energy below them, in separate axes."""
     from ...plot import energy, scene
-    from ...plot._save import drawn
+    from ...plot._drawing.save import drawn
 
     def fill(figure: Figure) -> None:
         # The height of the paths is known only after drawing.

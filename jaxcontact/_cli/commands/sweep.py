@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace, progress: Stages) -> int:
         contents[out] = table.to_csv
     if plot is not None:
         from ...plot import sweep as draw
-        from ...plot._save import drawn
+        from ...plot._drawing.save import drawn
 
         def fill(figure: Figure) -> None:
             draw(table, field=arguments.field, ax=figure.subplots())
@@ -121,7 +121,7 @@ def _beyond(table: Sweep) -> int:
     import numpy as np
 
     from ..._impact import Status
-    from ..._impact._result import NUMBERS
+    from ..._impact.result import NUMBERS
 
     fields = (name for name in NUMBERS if name in table.fields)
     lost = functools.reduce(np.logical_or, (~np.isfinite(table[name]) for name in fields))
@@ -131,7 +131,7 @@ def _beyond(table: Sweep) -> int:
 def _plot(arguments: argparse.Namespace, given: dict[str, Any]) -> pathlib.Path | None:
     import numpy as np
 
-    from ..._impact._result import NUMBERS
+    from ..._impact.result import NUMBERS
     from ..._parameter import did_you_mean
 
     if arguments.plot is None:
@@ -152,7 +152,7 @@ def _function(arguments: argparse.Namespace, given: dict[str, Any]) -> Callable[
     """Return a function of one impact; raise InputError if a single number is out of range."""
     from ..._contact import Contact
     from ..._impact import impact
-    from ..._impact._front_door import SPEED
+    from ..._impact.front_door import SPEED
     from ..._laws import get_law, parameters_of
     from ..._parameter import POSITIVE
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._parameter import require_kind
-from ...plot._axes import axes_of
 from ...plot._choice import curves_of, draw_points
-from ...plot._labels import put_label
-from ...plot._style import LEFT_OUT, legend_above
+from ...plot._drawing.axes import axes_of
+from ...plot._drawing.labels import put_label
+from ...plot._drawing.style import LEFT_OUT, legend_above
 from ..calibration.calibrate import Calibration
 
 if TYPE_CHECKING:

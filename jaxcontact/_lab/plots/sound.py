@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._parameter import rendered, require_kind
-from ...plot._axes import axes_of
+from ...plot._drawing.axes import axes_of
 from ..recordings import Recording
 
 if TYPE_CHECKING:

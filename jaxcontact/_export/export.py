@@ -1,0 +1,155 @@
+"""The public function `export`: from a law to the parameters of an engine."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import jax
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from .._contact import Contact
+from .._impact import Status, impact, problem_of
+from .._laws import AbstractLaw
+from .._parameter import as_numbers
+from .compromise import compromise
+from .engine import engine_of
+from .result import Export
+from .wanted import Wanted, solved
+
+# The event solve is accurate to 1e-8 in e; the other solves are closed forms.
+_AGREEMENT = 1e-6
+
+
+class Calibrated(Protocol):
+    """A calibration: a law identified from a recording."""
+
+    def __export__(
+        self, contact: Contact | None
+    ) -> tuple[AbstractLaw, Contact, Float[np.ndarray, " n"]]:
+        """Return the law, the contact, and closing speeds in m/s over the measured range.
+
+        Raises ValueError that names the unknown numbers of the contact.
+        """
+        ...
+
+
+def export(
+    law: AbstractLaw | Calibrated,
+    contact: Contact | None = None,
+    velocity: ArrayLike | None = None,
+    *,
+    engine: str,
+    **options: Any,
+) -> Export:
+    """Compute the parameters with which another simulator delivers the restitution of a law.
+
+    The wanted e is that of `impact(law, contact, velocity)`. The engine's own contact law is
+    inverted for it and solved again with the parameters found. For several speeds, the export
+    minimises the largest error of e with one set of parameters. Engines: "adams", "bullet",
+    "chrono", "drake", "exudyn", "lammps", "mercurydpm", "mujoco", "newton", "simbody", "yade".
+
+    The stiffness is the contact's if the engine has the same exponent. Otherwise it is chosen to
+    match the duration of contact, at the one speed or at the geometric mean of the smallest and the
+    largest.
+
+    Arguments: scalars `law` and `contact`, and the closing `velocity` in m/s, one or several (n,).
+    The law may be a calibration (`Calibration`, or the result of `load_calibration`). Its contact,
+    which must include mass and stiffness, is used if `contact` is None, and its measured speeds if
+    `velocity` is None.
+
+    Options of the engines:
+
+    - `radius` in m, required for Chrono, LAMMPS, Simbody and YADE: the effective radius R1
+      R2/(R1+R2), or that of a sphere on a plane.
+    - `poisson_ratio`, for Chrono and YADE: 0.3 by default.
+    - `damping`, for LAMMPS: "coeff_restitution" (default), "tsuji", "tsuji_sqrt2", "viscoelastic"
+      or, with a hooke contact, "mass_velocity".
+    - `discrete_contact_approximation`, for Drake: "lagged" (default), "similar" or "sap".
+    - `impact_model`, for Exudyn: 2 (default) or 1.
+    - `d` in m, for Adams: the depth of the full damping. The default is that of a `StepDamping`,
+      and for other laws 1 % of the largest indentation without damping.
+    - `length`, for Adams: "m" (default) or "mm".
+
+    Returns an `Export`. Computes in double precision for any setting of JAX; cannot be used under
+    `jit`. Raises ValueError for an unknown engine, an unknown or missing option, and an impact that
+    is not solved or has no rebound. It is also raised for a calibration without mass or stiffness,
+    and for a restitution that the engine's law cannot deliver. Source: `Export.source`, for each
+    engine.
+    """
+    simulator = engine_of(engine)
+    given = simulator.checked(options)
+    with jax.enable_x64(True):
+        law, contact, closing = _known(law, contact, velocity)
+        if shape := problem_of(law, contact, 1.0).shape:
+            raise ValueError(
+                "Arguments `law` and `contact` must be scalars, but have the shape "
+                f"{shape}; export lane by lane."
+            )
+        if shape := problem_of(law, contact, closing).shape:
+            speeds, targets = _wanted_at(law, contact, closing, shape)
+            middle = math.sqrt(float(speeds.min()) * float(speeds.max()))
+        else:
+            speeds, targets = None, None
+            middle = float(np.asarray(closing))
+        hit = solved(impact(law, contact, middle))
+        numbers = hit.restitution, hit.duration, contact.mass, contact.stiffness, contact.exponent
+        wanted = Wanted(*map(float, numbers), velocity=middle, law=law)
+        if speeds is None or targets is None:
+            draft = simulator.draft(wanted, **given)
+        else:
+            draft = compromise(lambda one: simulator.draft(one, **given), wanted, speeds, targets)
+        hit = solved(impact(draft.law, draft.contact, middle))
+        if speeds is not None:
+            delivered = np.asarray(impact(draft.law, draft.contact, speeds).restitution)
+    if speeds is None:
+        delivered = float(hit.restitution)
+        if not abs(delivered / wanted.restitution - 1) < _AGREEMENT:
+            raise RuntimeError(
+                f"The law of engine {engine!r} delivers {delivered:.9g} with the parameters found, "
+                f"not {wanted.restitution:.9g}."
+            )
+    return Export(
+        **vars(draft),
+        engine=engine,
+        velocity=middle if speeds is None else speeds,
+        target=wanted.restitution if targets is None else targets,
+        delivered=delivered,
+        duration=float(hit.duration),
+        wanted_law=law,
+        wanted_contact=contact,
+    )
+
+
+def _known(law: Any, contact: Any, velocity: Any) -> tuple[AbstractLaw, Contact, Any]:
+    """Return the law, the contact and the speeds, from a calibration if one is given."""
+    if hasattr(law, "__export__"):
+        law, contact, measured = law.__export__(contact)
+        velocity = measured if velocity is None else velocity
+    if velocity is None:
+        raise ValueError("Argument `velocity` is needed without a calibration, but is None.")
+    return law, contact, velocity
+
+
+def _wanted_at(
+    law: AbstractLaw, contact: Contact, velocity: ArrayLike, shape: tuple[int, ...]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Return several speeds and the law's e there. Raises ValueError for one without a rebound."""
+    if len(shape) != 1 or 0 in shape:
+        raise ValueError(
+            "Argument `velocity` must be one speed, or several of the shape (n,), but has the "
+            f"shape {shape}."
+        )
+    speeds = as_numbers(velocity, "velocity")
+    hits = impact(law, contact, speeds)
+    targets = np.asarray(hits.restitution)
+    bad = (np.asarray(hits.status) != Status.SEPARATED) | ~(targets > 0)
+    if bad.any():
+        k = int(np.argmax(bad))
+        status = Status(int(np.asarray(hits.status)[k])).name.lower()
+        raise ValueError(
+            "Argument `velocity` must hold speeds at which the law has a rebound, but at "
+            f"{speeds[k]:g} m/s its impact ended as {status!r} with the restitution {targets[k]:g}."
+        )
+    return speeds, targets

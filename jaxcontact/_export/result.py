@@ -1,0 +1,134 @@
+"""The result of an export."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from .._contact import Contact
+from .._laws import AbstractLaw
+from .._parameter import POSITIVE, require_number
+from .._text.table import text_table
+from .._text.units import quantity
+from .holds import SpeedRange, signed, speed_range
+from .stepping import Stepped, stepped
+from .wanted import Draft
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Export(Draft):
+    """The parameters with which an engine delivers a wanted restitution.
+
+    `engine` and `model` name the place of the parameters. `parameters` holds the numbers and
+    `units` their units, by the same names; `snippet` is the text to paste. `velocity` is the
+    closing speed in m/s, or several (n,). `target` is the wanted restitution and `delivered` that
+    of the engine's law with these parameters, both by `impact`. They are equal at one speed, and as
+    close as one set of parameters allows at several.
+
+    `wanted_law` and `wanted_contact` are the exported ones. `law` and `contact` are the engine's
+    law as solved: `impact(law, contact, velocity)` gives all other results. `duration` in s is that
+    of this contact. `time_step` in s is a step at which the engine itself was measured, `steps` of
+    them per contact. Its error there was within `expected_error` (relative, of the restitution, for
+    e of 0.12 and more). These three are None if the engine was not run.
+
+    `scheme` is the engine's time stepping, or None if unknown; `at_time_step` returns e at another
+    step. `limit` states in words where the parameters do not hold, `source` the reference of the
+    engine's formula.
+    """
+
+    engine: str
+    velocity: float | Float[np.ndarray, " n"]
+    target: float | Float[np.ndarray, " n"]
+    delivered: float | Float[np.ndarray, " n"]
+    duration: float
+    wanted_law: AbstractLaw
+    wanted_contact: Contact
+
+    @property
+    def error(self) -> float | Float[np.ndarray, " n"]:
+        """Error of the engine's e, engine minus wanted, at every speed."""
+        return self.delivered - self.target
+
+    def holds(self, within: float = 0.01) -> SpeedRange:
+        """Return the closing speeds at which the engine's e lies within `within` of the law's.
+
+        The `SpeedRange` also gives the error outside this range. Raises ValueError for a `within`
+        that is not positive.
+        """
+        made = self.law, self.contact
+        speeds = np.atleast_1d(self.velocity)
+        return speed_range(self.wanted_law, self.wanted_contact, made, speeds, within)
+
+    def at_time_step(self, time_step: float, within: float = 0.01) -> Stepped:
+        """Return the engine's e at a time step in s that is not short compared with the contact.
+
+        The engine's scheme is run for all positions of the touch within a step. Returns a `Stepped`
+        with the smallest and the largest e. It also gives the contact duration, reached with a
+        softer contact or shorter steps, at which e stays `within` the target. Raises ValueError for
+        several speeds, numbers that are not positive, and an engine with unknown scheme.
+        """
+        time_step = require_number("time_step", time_step, POSITIVE)
+        within = require_number("within", within, POSITIVE)
+        if self.scheme is None:
+            raise ValueError(
+                f"Argument `engine` must be one whose steps are known, but is {self.engine!r}: its "
+                "user chooses how it steps, or it was not found out."
+            )
+        if np.ndim(self.velocity) > 0:
+            raise ValueError(
+                "Argument `velocity` must be one speed for a time step, but there are "
+                f"{np.size(self.velocity)}."
+            )
+        return stepped(
+            self.law,
+            self.contact,
+            float(self.velocity),
+            target=float(self.target),
+            duration=self.duration,
+            scheme=self.scheme,
+            time_step=time_step,
+            within=within,
+        )
+
+    @property
+    def time_step(self) -> float | None:
+        """Time step in s at which the engine was measured; None if it was not run."""
+        return None if self.steps is None else self.duration / self.steps
+
+    def __repr__(self) -> str:
+        rows = [(name, f"{x:.9g} {self.units[name]}") for name, x in self.parameters.items()]
+        several = np.ndim(self.velocity) > 0
+        for name in ("target", "delivered", "duration", "time_step", "expected_error"):
+            if several and name in ("target", "delivered"):
+                continue
+            if (x := getattr(self, name)) is not None:
+                more = ", or less" if name == "time_step" else ""
+                rows.append((name, quantity(name, f"{x:.9g}") + more))
+        return "\n".join(
+            [
+                f"Export to {self.engine}: {self.model}",
+                *text_table(rows, indent=2),
+                *self.by_speed(),
+                *(f"  | {line}" for line in self.snippet.splitlines()),
+                f"  limit: {self.limit}",
+                f"  source: {self.source}",
+            ]
+        )
+
+    def by_speed(self) -> list[str]:
+        """Return the wanted e and the engine's at every speed, as lines; empty for one speed."""
+        if np.ndim(self.velocity) == 0:
+            return []
+        columns = (np.atleast_1d(x) for x in (self.velocity, self.target, self.delivered))
+        rows = [
+            (f"{v:.4g}", f"{wanted:.4f}", f"{e:.4f}", signed(e - wanted))
+            for v, wanted, e in zip(*columns, strict=True)
+        ]
+        head = ("v (m/s)", "wanted e", "engine's e", "error")
+        largest = float(np.max(np.abs(self.error)))
+        return [
+            f"  largest error of e {largest:.2g}, the least that one set of parameters can have:",
+            *text_table(rows, header=head, align=">>>>", indent=4),
+        ]

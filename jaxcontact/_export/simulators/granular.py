@@ -1,0 +1,149 @@
+"""Granular codes that are not run here: YADE, Chrono and MercuryDPM."""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+
+from ..._contact import Contact
+from ..._laws import AntypovElliott, KelvinVoigt
+from ..._parameter import POSITIVE, Range, require_number
+from ..engine import Engine, register_engine
+from ..stepping import Scheme
+from ..wanted import Draft, Wanted, matched_stiffness
+from .spring import SpringAndDashpot
+
+_LEAST = math.exp(-2)
+"""Restitution of a damped Hertz contact without tension at critical damping. These codes set ζ =
+-ln e/√(π² + ln² e) < 1, so they cannot deliver less.
+"""
+
+_POISSON = Range(low=-1.0, high=0.5, low_open=True, inside=0.3)
+_ANTYPOV = "Antypov & Elliott 2011, doi 10.1209/0295-5075/94/50004"
+
+
+def _without_tension(wanted: Wanted, engine: str) -> tuple[AntypovElliott, float]:
+    """Return the law of Antypov and Elliott without tension that delivers e, and its own e."""
+    clamped = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
+    zeta = float(clamped.damping_ratio())
+    if not zeta < 1:
+        raise ValueError(
+            f"Argument `law` must deliver a restitution above {_LEAST:.4f} for engine {engine!r}, "
+            f"but delivers {wanted.restitution:g}; try 'drake', 'exudyn' or 'lammps'."
+        )
+    asked = math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2))
+    return AntypovElliott(e=jnp.asarray(asked), tension=False), asked
+
+
+def _young(stiffness: float, radius: float, poisson: float) -> float:
+    """Return Young's modulus of two equal bodies for K = (4/3) √R E*, E* = E/(2(1-ν²))."""
+    return 2 * (1 - poisson**2) * 0.75 * stiffness / math.sqrt(radius)
+
+
+@register_engine
+class Yade(Engine):
+    """YADE's Hertz contact: K = (4/3) √R E*, and damping by `en`, clamped instead of pulling.
+
+    F = K δ^(3/2) + √5 ζ √(Km) δ^(1/4) δ' with ζ = -ln en/√(π² + ln² en). This is the law of Antypov
+    and Elliott without tension, which delivers more than `en`.
+    """
+
+    name = "yade"
+
+    def draft(self, wanted: Wanted, *, radius: float, poisson_ratio: float = 0.3) -> Draft:
+        radius = require_number("radius", radius, POSITIVE)
+        poisson = require_number("poisson_ratio", poisson_ratio, _POISSON)
+        law, asked = _without_tension(wanted, self.name)
+        stiffness = matched_stiffness(wanted, 1.5, law)
+        young = _young(stiffness, radius, poisson)
+        return Draft(
+            model="Law2_ScGeom_MindlinPhys_Mindlin",
+            law=law,
+            contact=Contact(wanted.mass, stiffness, 1.5),
+            parameters={"young": young, "poisson": poisson, "en": asked},
+            units={"young": "Pa", "poisson": "", "en": ""},
+            snippet=(
+                f"FrictMat(young={young:.12g}, poisson={poisson:.12g}, frictionAngle=0)\n"
+                f"Ip2_FrictMat_FrictMat_MindlinPhys(en={asked:.12g}, es={asked:.12g})\n"
+                "Law2_ScGeom_MindlinPhys_Mindlin()"
+            ),
+            limit=(
+                "for both materials. `radius` is YADE's effective one, R1 R2/(R1+R2), and half of "
+                "the sphere's against a wall or facet; the mass is the effective one. e does not "
+                "depend on speed; 0.136 at least. Not run: YADE is no Python package."
+            ),
+            source=f"pkg/dem/HertzMindlin.cpp of gitlab.com/yade-dev/trunk; {_ANTYPOV}",
+        )
+
+
+@register_engine
+class Chrono(Engine):
+    """Chrono's smooth contact (SMC) of Hertz: as in YADE, with the restitution of the material."""
+
+    name = "chrono"
+
+    def draft(self, wanted: Wanted, *, radius: float, poisson_ratio: float = 0.3) -> Draft:
+        radius = require_number("radius", radius, POSITIVE)
+        poisson = require_number("poisson_ratio", poisson_ratio, _POISSON)
+        law, asked = _without_tension(wanted, self.name)
+        stiffness = matched_stiffness(wanted, 1.5, law)
+        young = _young(stiffness, radius, poisson)
+        return Draft(
+            model="ChSystemSMC, ContactForceModel Hertz",
+            law=law,
+            contact=Contact(wanted.mass, stiffness, 1.5),
+            parameters={"young_modulus": young, "poisson_ratio": poisson, "restitution": asked},
+            units={"young_modulus": "Pa", "poisson_ratio": "", "restitution": ""},
+            snippet=(
+                "material = chrono.ChContactMaterialSMC()\n"
+                f"material.SetYoungModulus({young:.12g})\n"
+                f"material.SetPoissonRatio({poisson:.12g})\n"
+                f"material.SetRestitution({asked:.12g})\n"
+                "system.SetContactForceModel(chrono.ChSystemSMC.Hertz)"
+            ),
+            limit=(
+                "for both materials, used by their properties and without adhesion. The effective "
+                "mass counts a fixed body with its own mass: make that a thousand times the "
+                "ball's. e does not depend on speed; 0.136 at least. Not run: Chrono comes by "
+                "conda, not as a wheel."
+            ),
+            source=(
+                f"ChContactSMC.h and ChSystemSMC.cpp of github.com/projectchrono/chrono; {_ANTYPOV}"
+            ),
+        )
+
+
+@register_engine
+class MercuryDPM(Engine):
+    """MercuryDPM's linear species: F = k δ + γ δ', which may pull and delivers exactly its e."""
+
+    name = "mercurydpm"
+
+    def draft(self, wanted: Wanted) -> Draft:
+        # An elastic contact is requested by γ = 0, not by e = 1.
+        law = KelvinVoigt(e=jnp.asarray(wanted.restitution))
+        zeta = float(law.damping_ratio())
+        stiffness = matched_stiffness(wanted, 1.0, law)
+        dissipation = 2 * zeta * math.sqrt(stiffness) * math.sqrt(wanted.mass)
+        return Draft(
+            model="LinearViscoelasticSpecies",
+            law=SpringAndDashpot(rate=jnp.asarray(dissipation / wanted.mass), tension=True),
+            contact=Contact(wanted.mass, stiffness, 1.0),
+            parameters={"stiffness": stiffness, "dissipation": dissipation},
+            units={"stiffness": "N/m", "dissipation": "N s/m"},
+            snippet=(
+                f"species->setStiffness({stiffness:.12g});\n"
+                f"species->setDissipation({0 + dissipation:.12g});"
+            ),
+            scheme=Scheme.SEMI_IMPLICIT,
+            limit=(
+                "Linear: the duration is that of the law, at this speed; the force is not, it "
+                "jumps at touch and pulls at the end. e is the same at all speeds, for this "
+                "effective mass. Not run: MercuryDPM is no Python package."
+            ),
+            source=(
+                "LinearViscoelasticInteraction.cc of bitbucket.org/mercurydpm; Anagnostopoulos "
+                "1988, doi 10.1002/eqe.4290160311"
+            ),
+        )

@@ -1,0 +1,232 @@
+"""The engines with a Hunt-Crossley contact: Drake, Simbody and Exudyn."""
+
+from __future__ import annotations
+
+import math
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..._contact import Contact
+from ..._forms import exact_damping_factor
+from ..._laws import (
+    AbstractHuntCrossley,
+    CarvalhoMartins,
+    Damped,
+    Gonthier,
+    HuntCrossley,
+    KelvinVoigt,
+    MarhefkaOrin,
+)
+from ..._parameter import (
+    POSITIVE,
+    RESTITUTION,
+    concrete,
+    parameter,
+    rendered,
+    require_choice,
+    require_number,
+)
+from ..engine import Engine, register_engine
+from ..stepping import Scheme
+from ..wanted import Draft, Wanted, matched_stiffness
+from .spring import SpringAndDashpot
+
+_DRAKE = "drake.mit.edu/doxygen_cxx/group__compliant__contact.html"
+_APPROXIMATIONS = "lagged", "similar", "sap"
+
+
+@register_engine
+class Drake(Engine):
+    """Drake's point contact F = k δ (1 + d δ'): α = d v0, so d = α(e)/v0, exactly.
+
+    This is the law of Marhefka and Orin with a = (2/3) d. The approximation "sap" has the law F = k
+    (δ + τ δ') while positive, which is Kelvin-Voigt without tension.
+    """
+
+    name = "drake"
+
+    def draft(self, wanted: Wanted, *, discrete_contact_approximation: str = "lagged") -> Draft:
+        name = "discrete_contact_approximation"
+        if require_choice(name, discrete_contact_approximation, _APPROXIMATIONS) == "sap":
+            return _sap(wanted)
+        alpha = exact_damping_factor(wanted.restitution)
+        dissipation = float(alpha) / wanted.velocity
+        stiffness = matched_stiffness(wanted, 1.0, Damped(alpha=alpha))
+        # Two geometries in series: each has twice the stiffness and the same dissipation.
+        of_each = 2 * stiffness
+        return Draft(
+            model="point contact",
+            law=MarhefkaOrin(a=jnp.asarray(dissipation / 1.5)),
+            contact=Contact(wanted.mass, stiffness, 1.0),
+            parameters={
+                "hunt_crossley_dissipation": dissipation,
+                "point_contact_stiffness": of_each,
+            },
+            units={"hunt_crossley_dissipation": "s/m", "point_contact_stiffness": "N/m"},
+            snippet=(
+                "<drake:proximity_properties>\n"
+                f"  <drake:hunt_crossley_dissipation>{dissipation:.12g}"
+                "</drake:hunt_crossley_dissipation>\n"
+                f"  <drake:point_contact_stiffness>{of_each:.12g}</drake:point_contact_stiffness>\n"
+                "</drake:proximity_properties>"
+            ),
+            steps=1000,
+            expected_error=0.006,
+            limit=(
+                "for both geometries, each with these numbers. e falls with speed. A discrete "
+                "plant adds damping of first order in the time step; a continuous one "
+                "(time_step=0) does not. Contact approximation lagged or similar; for sap ask for "
+                "discrete_contact_approximation=sap."
+            ),
+            scheme=Scheme.IMPLICIT,
+            source=f"{_DRAKE}; Hunt & Crossley 1975, doi 10.1115/1.3423596",
+        )
+
+
+def _sap(wanted: Wanted) -> Draft:
+    law = KelvinVoigt(e=jnp.asarray(wanted.restitution), tension=False)
+    zeta = float(law.damping_ratio())
+    stiffness = matched_stiffness(wanted, 1.0, law)
+    # δ'' = -ω² (δ + τ δ'), and 2 ζ ω = ω² τ.
+    rate = math.sqrt(stiffness / wanted.mass)
+    relaxation = max(0.0, 2 * zeta / rate)
+    # Two geometries in series: their relaxation times add.
+    parameters = {"relaxation_time": relaxation / 2, "point_contact_stiffness": 2 * stiffness}
+    lines = [f"  <drake:{name}>{x:.12g}</drake:{name}>\n" for name, x in parameters.items()]
+    return Draft(
+        model="point contact, discrete_contact_approximation sap",
+        law=SpringAndDashpot(rate=jnp.asarray(relaxation * rate**2)),
+        contact=Contact(wanted.mass, stiffness, 1.0),
+        parameters=parameters,
+        units={"relaxation_time": "s", "point_contact_stiffness": "N/m"},
+        snippet=f"<drake:proximity_properties>\n{''.join(lines)}</drake:proximity_properties>",
+        scheme=Scheme.IMPLICIT,
+        limit=(
+            "for both geometries, each with these numbers. Linear: the duration is that of the "
+            "law, at this speed; the force is not, it jumps at touch. e is the same at all speeds, "
+            "for this mass. Only for a discrete plant; stiffness that its time step does not "
+            "resolve is lowered by sap itself. Not run."
+        ),
+        source=(
+            f"{_DRAKE}; contact_properties.cc of github.com/RobotLocomotion/drake; Castro et al. "
+            "2021, arXiv 2110.10107; Schwager & Pöschel 2007, doi 10.1007/s10035-007-0065-z"
+        ),
+    )
+
+
+@register_engine
+class Simbody(Engine):
+    """Simbody's HuntCrossleyForce F = (4/3) √R E* δ^(3/2) (1 + (3/2) c δ'): c = 2 α(e)/(3 v0)."""
+
+    name = "simbody"
+
+    def draft(self, wanted: Wanted, *, radius: float) -> Draft:
+        radius = require_number("radius", radius, POSITIVE)
+        alpha = exact_damping_factor(wanted.restitution)
+        dissipation = float(alpha) / (1.5 * wanted.velocity)
+        stiffness = matched_stiffness(wanted, 1.5, Damped(alpha=alpha))
+        # For two equal surfaces Simbody halves E^(2/3) and then raises it to the power 3/2.
+        of_each = 1.5 * math.sqrt(2 / radius) * stiffness
+        return Draft(
+            model="HuntCrossleyForce",
+            law=MarhefkaOrin(a=jnp.asarray(dissipation)),
+            contact=Contact(wanted.mass, stiffness, 1.5),
+            parameters={"dissipation": dissipation, "stiffness": of_each},
+            units={"dissipation": "s/m", "stiffness": "Pa"},
+            snippet=(
+                f"force.setBodyParameters(surface, {of_each:.12g}, {dissipation:.12g}, 0, 0, 0);"
+            ),
+            limit=(
+                "for both surfaces, each with these numbers. e falls with speed. Not run: Simbody "
+                "has no Python package; its integrators control their own step."
+            ),
+            source="HuntCrossleyForce in Simbody's documentation, simtk.org/projects/simbody; "
+            "Hunt & Crossley 1975, doi 10.1115/1.3423596",
+        )
+
+
+class GonthierCarvalhoMartins(AbstractHuntCrossley):
+    """Exudyn's impactModel 2: α of Carvalho and Martins for e > 1/3, of Gonthier et al. below.
+
+    `e` in (0, 1] is the restitutionCoefficient of the connector. The two formulas agree at e = 1/3.
+    Source: ObjectContactSphereSphere in Exudyn's documentation, exudyn.readthedocs.io.
+    """
+
+    e: Float[Array, "..."] = parameter("e", RESTITUTION)
+
+    def damping_factor(self, contact=None, velocity=None) -> Float[Array, "..."]:
+        above = CarvalhoMartins(e=self.e).damping_factor()
+        return jnp.where(self.e > 1 / 3, above, Gonthier(e=self.e).damping_factor())
+
+
+def _of_both(alpha: float) -> float:
+    """Return the e whose α is that of Carvalho and Martins (above 1/3) or of Gonthier et al."""
+    # Both are quadratic in e: 3(1-e)(11-e) = 2α(1+9e), and 1-e² = αe. Their α agree at e = 1/3.
+    if alpha < 8 / 3:
+        half = 6 + 3 * alpha
+        constant = 11 - 2 * alpha / 3
+        return constant / (half + math.sqrt(half**2 - constant))
+    return 2 / (alpha + math.sqrt(alpha**2 + 4))
+
+
+# For each impactModel: its law, the e for a given α, and its source.
+_MODELS = {
+    1: (HuntCrossley, lambda alpha: 1 - alpha / 1.5, "Hunt & Crossley 1975, doi 10.1115/1.3423596"),
+    2: (
+        GonthierCarvalhoMartins,
+        _of_both,
+        "Gonthier et al. 2004, doi 10.1023/B:MUBO.0000029392.21648.bc; "
+        "Carvalho & Martins 2019, doi 10.1016/j.mechmachtheory.2019.04.018",
+    ),
+}
+
+
+@register_engine
+class Exudyn(Engine):
+    """Exudyn's ObjectContactSphereSphere, with the coefficient for which its α is α(e)."""
+
+    name = "exudyn"
+
+    def draft(self, wanted: Wanted, *, impact_model: int = 2) -> Draft:
+        if concrete(impact_model) not in _MODELS:
+            raise ValueError(
+                f"Argument `impact_model` must be 1 or 2, but is {rendered(impact_model)}."
+            )
+        impact_model = int(impact_model)
+        alpha = float(exact_damping_factor(wanted.restitution))
+        kind, inverse, source = _MODELS[impact_model]
+        asked = inverse(alpha)
+        if not asked > 0:
+            raise ValueError(
+                "Argument `impact_model` must be 2 here, but is 1: it delivers 0.48774 at least, "
+                f"and {wanted.restitution:g} is wanted."
+            )
+        return Draft(
+            model=f"ObjectContactSphereSphere, impactModel {impact_model}",
+            law=kind(e=jnp.asarray(asked)),
+            contact=Contact(wanted.mass, wanted.stiffness, wanted.exponent),
+            parameters={
+                "restitutionCoefficient": asked,
+                "contactStiffness": wanted.stiffness,
+                "contactStiffnessExponent": wanted.exponent,
+            },
+            units={
+                "restitutionCoefficient": "",
+                "contactStiffness": f"N/m^{wanted.exponent:g}",
+                "contactStiffnessExponent": "",
+            },
+            snippet=(
+                f"contactStiffness={wanted.stiffness:.12g}, "
+                f"contactStiffnessExponent={wanted.exponent:.12g}, contactDamping=0, "
+                f"restitutionCoefficient={asked:.12g}, impactModel={impact_model}"
+            ),
+            steps=50,
+            expected_error=0.002,
+            limit=(
+                "e does not depend on speed, down to minimumImpactVelocity: the connector stores "
+                "the speed at touch. The bodies must start apart: a ball that starts in touch is "
+                "never damped."
+            ),
+            source=f"ObjectContactSphereSphere, exudyn.readthedocs.io; {source}",
+        )

@@ -1,0 +1,106 @@
+"""Quadrature on [0, 1] for integrands with a known power singularity at the start."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .base import Exponent
+
+UNROLL = 2
+"""Nodes unrolled between two passes through memory, measured among 1 to 10 for 256 to 400 000
+lanes. Functions that are differentiated again use 1, which compiles four times faster.
+"""
+
+
+def integrate(
+    integrand: Callable[[Float[Array, "..."]], Float[Array, "..."]],
+    strength: Exponent,
+    like: Float[Array, "..."],
+    unroll: int,
+    count: int | None = None,
+) -> Float[Array, "..."]:
+    """Return `∫_0^1 u^(-strength) g(u) du` for a smooth g, lane by lane.
+
+    `like` sets precision and shape. `strength` < 1. A Python float uses the Gauss-Jacobi rule with
+    `count` nodes, by default 20 for double precision and 10 for single. An array uses a rule with
+    four times as many nodes, which is differentiable in the strength. There `u = r^(1/(1-s))`
+    removes the singularity for any strength, and a double-exponential rule in r handles the
+    remaining fractional power of g.
+
+    The nodes form a loop around the lanes. As an axis of the lanes they would be the fastest axis.
+    Summing over the fastest axis does not use the processor's vectors and is three times slower.
+    """
+    count = count or (20 if like.dtype == jnp.float64 else 10)
+    if isinstance(strength, float | int):
+        nodes, weights = _gauss_jacobi(float(strength), count)
+    else:
+        r, weights = _double_exponential(4 * count)
+        nodes = np.log(r)
+        stretch = 1 / (1 - strength)
+        least = float(jnp.finfo(like.dtype).tiny) ** 0.25
+
+    def add(
+        total: Float[Array, "..."], at: tuple[Float[Array, ""], Float[Array, ""]]
+    ) -> tuple[Float[Array, "..."], None]:
+        node, weight = at
+        if isinstance(strength, float | int):
+            return total + weight * integrand(node), None
+        # In single precision the first nodes would be zero. Integrands divide by the nodes, their
+        # derivatives by the squares.
+        at_node = jnp.maximum(jnp.exp(stretch * node), least)
+        return total + stretch * weight * integrand(at_node), None
+
+    rule = (jnp.asarray(nodes, like.dtype), jnp.asarray(weights, like.dtype))
+    return jax.lax.scan(add, jnp.zeros_like(like), rule, unroll=unroll)[0]
+
+
+def to_power(x: Float[Array, "..."], exponent: Exponent) -> Float[Array, "..."]:
+    """Return `x^exponent` for x > 0 near 1, as at the nodes, in a third of the usual time."""
+    return jnp.exp(exponent * jnp.log(x))
+
+
+@functools.lru_cache
+def _gauss_jacobi(strength: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return nodes and weights for the weight u^(-strength) on [0, 1].
+
+    Computed by the three-term recurrence of the orthonormal polynomials: Golub & Welsch (1969), doi
+    10.1090/S0025-5718-69-99647-1. SciPy's weights lose three more digits, and its import takes half
+    a second.
+    """
+    k, b = np.arange(1.0, count), -strength
+    diagonal = np.append(b / (b + 2), b * b / ((2 * k + b) * (2 * k + b + 2)))
+    # At strength 1 the first one is 0/0 until a factor cancels.
+    first = k[1:]
+    rest = (2 * first * (first + b) / (2 * first + b)) ** 2
+    rest = rest / ((2 * first + b + 1) * (2 * first + b - 1))
+    beside = np.sqrt(np.append(4 * (1 + b) / ((2 + b) ** 2 * (3 + b)), rest))
+    x = np.linalg.eigvalsh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
+    before, now = np.zeros_like(x), np.ones_like(x)
+    squares = np.ones_like(x)
+    for i in range(count - 1):
+        lower = beside[i - 1] * before if i else 0
+        before, now = now, ((x - diagonal[i]) * now - lower) / beside[i]
+        squares += now * now
+    return (1 + x) / 2, 1 / (squares * (1 - strength))
+
+
+@functools.lru_cache
+def _double_exponential(count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the tanh-sinh rule on [0, 1], with nodes free of cancellation near 0."""
+    # Beyond 3.15 the weights are below an ulp of float64.
+    t = np.linspace(-3.15, 3.15, count)
+    x = np.pi / 2 * np.sinh(t)
+    nodes = 1 / (1 + np.exp(-2 * x))
+    weights = np.pi / 2 * np.cosh(t) / (2 * np.cosh(x) ** 2) * (t[1] - t[0])
+    return nodes, weights / weights.sum()
+
+
+def n_is_one(n: Exponent) -> bool:
+    """Return whether n is known to be 1, where the time integrals are formulas."""
+    return isinstance(n, float) and n == 1.0

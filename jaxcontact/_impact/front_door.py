@@ -1,0 +1,187 @@
+"""What `impact`, `restitution` and `trajectory` share: checks, conversion, and the scaled lanes."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float
+
+from .._contact import EXPONENT, Contact, require_contact
+from .._forms import AbstractForm, HuntCrossleyForm, Scale, SpeedDependentForm, scale_of
+from .._laws import VELOCITY_THRESHOLD, AbstractLaw, require_law
+from .._parameter import (
+    Range,
+    Specialised,
+    as_number,
+    is_plain,
+    is_valid,
+    require_broadcast,
+    sanitised,
+)
+from .motion.motion import Motion
+
+SPEED = Range(low=VELOCITY_THRESHOLD, inside=1.0)
+FORCE = Range(inside=0.0)
+
+
+class Problem(NamedTuple):
+    """An impact to solve, as it was given: `lanes_of` brings it to one precision and rank."""
+
+    law: AbstractLaw
+    contact: Contact
+    velocity: float | Float[Array, "..."]
+    external_force: float | Float[Array, "..."] | None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The broadcast shape of everything."""
+        return np.broadcast_shapes(*map(np.shape, jax.tree.leaves(self)))
+
+
+def problem_of(
+    law: AbstractLaw,
+    contact: Contact,
+    velocity: ArrayLike,
+    external_force: ArrayLike | None = None,
+) -> Problem:
+    """Check what can be checked without looking into arrays.
+
+    Raises ValueError for what is no law, contact or number, for a Python or NumPy scalar out of
+    range, an exponent that the law is not made for, and shapes that do not broadcast.
+    """
+    require_law(law)
+    require_contact(contact)
+    push = None
+    if external_force is not None:
+        push = as_number(external_force, "external_force", FORCE)
+        if is_plain(external_force) and external_force == 0:
+            push = None
+    n = contact.exponent
+    if law.exponents is not None and isinstance(n, float) and n not in law.exponents:
+        allowed = " or ".join(f"{exponent:g}" for exponent in law.exponents)
+        raise ValueError(
+            f"Argument `contact` must have the exponent {allowed} for `{type(law).__name__}`, "
+            f"but has {n:g}."
+        )
+    speed = as_number(velocity, "velocity", SPEED)
+    require_broadcast(law=law, contact=contact, velocity=speed, external_force=push)
+    return Problem(law, contact, speed, push)
+
+
+def uniform(tree: Any) -> Any:
+    """`tree` with its numbers in one precision, the highest among them, and of one rank."""
+    # A Python number left in a law is a value, not a choice: another one must not compile anew.
+    tree = jax.tree.map(lambda x: jnp.asarray(float(x)) if type(x) in (float, int) else x, tree)
+    leaves = [leaf for leaf in jax.tree.leaves(tree) if eqx.is_inexact_array(leaf)]
+    # A Python number is weakly typed and follows the arrays; alone it has the default precision.
+    strong = [leaf.dtype for leaf in leaves if not leaf.weak_type]
+    # Numbers of a fit are double; without double precision they are used in single.
+    dtype = jax.dtypes.canonicalize_dtype(max(strong, key=lambda d: d.itemsize, default=float))
+    rank = max((leaf.ndim for leaf in leaves), default=0)
+
+    def convert(leaf: Any) -> Any:
+        if not eqx.is_inexact_array(leaf):
+            return leaf
+        if 0 < leaf.ndim < rank:
+            leaf = leaf.reshape((1,) * (rank - leaf.ndim) + leaf.shape)
+        return jax.lax.convert_element_type(leaf, dtype)
+
+    return jax.tree.map(convert, tree)
+
+
+class Lanes(eqx.Module):
+    """A problem in scaled units, and which lanes of it are valid.
+
+    `form` and the exponent `n`, the external force `push` in scaled units (None without one) and
+    the `scale`, unbroadcast: a number that is the same in all lanes is a scalar. `shape`: that of
+    the problem. `peak`: whether damping refers to the largest closing speed since touch.
+    """
+
+    form: AbstractForm
+    exponent: Specialised
+    push: Float[Array, "..."] | None
+    scale: Scale
+    valid: Bool[Array, "..."]
+    shape: tuple[int, ...] = eqx.field(static=True)
+    peak: bool = eqx.field(static=True, default=False)
+
+    @property
+    def n(self) -> float | Float[Array, "..."]:
+        """The exponent, a float where it is concrete."""
+        return self.exponent.value
+
+    @property
+    def knows_no_damping(self) -> bool:
+        """Whether the force is one of which it is not known that its damping only takes energy."""
+        return self.form.damping(self.n, jnp.asarray(True)) is None
+
+    @property
+    def may_gain(self) -> bool:
+        """Whether an impact may end faster than it began: by its force, as nothing pushes."""
+        return self.push is None and self.knows_no_damping
+
+    def motion(self) -> Motion:
+        """The equation of motion of the lanes, for methods that solve one lane."""
+        # XLA would fold a solve of constants (Hertz's law has no other numbers), for forty seconds.
+        # Number by number: a barrier around all would give a tangent to each that has none.
+        numbers = (self.form, self.exponent, self.push)
+        form, exponent, push = jax.tree.map(jax.lax.optimization_barrier, numbers)
+        return Motion(form, exponent, push, peak=self.peak)
+
+
+def lanes_of(problem: Problem, peak: bool = False, speeds: Range = SPEED) -> Lanes:
+    """The scaled problem; in lanes with invalid input valid numbers replace it.
+
+    `peak`: whether damping refers to the largest closing speed since touch, which a push makes
+    larger than that at touch. It matters for the Hunt-Crossley family. `speeds`: those that are
+    valid.
+    """
+    problem = uniform(problem)
+    contact = problem.contact
+    n = contact.exponent
+    valid = is_valid(problem.law) & is_valid(contact) & speeds.holds(problem.velocity)
+    if not isinstance(n, float):
+        good = EXPONENT.holds(n)
+        if problem.law.exponents is not None:
+            good = good & jnp.any(jnp.stack([n == e for e in problem.law.exponents]), axis=0)
+        valid = valid & good
+        contact = eqx.tree_at(
+            lambda c: c._exponent.traced, contact, jnp.where(good, n, EXPONENT.inside)
+        )
+    push = problem.external_force
+    if push is not None:
+        valid = valid & FORCE.holds(push)
+        push = jnp.where(FORCE.holds(push), push, 0)
+    contact = sanitised(contact)
+    velocity = jnp.where(speeds.holds(problem.velocity), problem.velocity, speeds.inside)
+    scale = scale_of(contact, velocity)
+    law = sanitised(problem.law)
+    form, good_form = law.form(contact, scale).sound()
+    peak = peak and push is not None and law.refers_to_peak
+    if peak and not _same_at_all_speeds(law):
+        alpha = cast(HuntCrossleyForm, form).alpha
+        form = SpeedDependentForm(
+            alpha=alpha, tension=law.tension, law=law, contact=contact, scale=scale
+        )
+    return Lanes(
+        form=form,
+        exponent=contact._exponent,
+        push=None if push is None else push / scale.force,
+        scale=scale,
+        valid=valid & good_form,
+        shape=problem.shape,
+        peak=peak,
+    )
+
+
+def _same_at_all_speeds(law: AbstractLaw) -> bool:
+    """Whether a law tells its α without contact and speed."""
+    try:
+        jax.eval_shape(lambda law: law.damping_factor(None, None), law)
+    except (TypeError, ValueError):
+        return False
+    return True

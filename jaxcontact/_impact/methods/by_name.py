@@ -1,0 +1,90 @@
+"""The closed form as a method, and the methods by name."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from ..._forms import AbstractForm, Lane, ScaledImpact
+from ..._parameter import rendered
+from ..front_door import Lanes
+from .event import Event
+from .method import AbstractMethod
+from .phase import Phase
+
+
+class Exact(AbstractMethod):
+    """The closed form, for free impacts of laws that have one; no options.
+
+    These are the Hunt-Crossley family, the oscillator laws (Kelvin-Voigt, Tsuji, Antypov-Elliott,
+    Thornton, Jankowski), Kuwabara and Kono's law for n = 1 and, by series certified to 1e-12, for
+    n = 3/2, and any law whose form has a `solve`. Raises ValueError for other laws and
+    with an external force. Source: the energy integral of Hunt & Crossley (1975),
+    doi 10.1115/1.3423596, and the references of the laws.
+    """
+
+    name: ClassVar[str] = "exact"
+    has_formula: ClassVar[bool] = True
+
+    def chosen(self, form: AbstractForm, pushed: bool) -> Exact:
+        """Itself, where the form has a closed form and nothing pushes."""
+        if pushed or not form.closed_form:
+            why = (
+                "an external force acts" if pushed else "the law has none (see `jaxcontact.Exact`)"
+            )
+            raise ValueError(
+                "Argument `method` must be 'event' or 'auto' here, but is 'exact': a closed form "
+                f"exists only for free impacts of some laws, and {why}."
+            )
+        return self
+
+    def solve(self, lanes: Lanes) -> ScaledImpact:
+        """The closed form."""
+        solved = lanes.form.solve(lanes.n)
+        assert solved is not None  # `chosen` refuses forms without one
+        return solved
+
+    def restitution(self, form: AbstractForm) -> Lane | None:
+        """The e of the form, without its times."""
+        return form.restitution()
+
+
+class Auto(AbstractMethod):
+    """The cheapest method that is right: the closed form if there is one, or an event solve."""
+
+    name: ClassVar[str] = "auto"
+    has_formula: ClassVar[bool] = True
+
+    def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:
+        return Exact() if form.closed_form and not pushed else Event()
+
+    def solve(self, lanes: Lanes) -> ScaledImpact:
+        return self.chosen(lanes.form, lanes.push is not None).solve(lanes)
+
+
+NAMED: dict[str, AbstractMethod] = {m.name: m for m in (Auto(), Exact(), Phase(), Event())}
+
+
+def method_of(method: str | AbstractMethod) -> AbstractMethod:
+    """The method object that `method` names or is; ValueError for anything else."""
+    if isinstance(method, AbstractMethod):
+        return method
+    if isinstance(method, str) and method in NAMED:
+        return NAMED[method]
+    names = ", ".join(map(repr, NAMED))
+    raise ValueError(
+        f"Argument `method` must be one of {names} or a method object such as "
+        f"`jaxcontact.Event(rtol=1e-11)`, but is {rendered(method)}."
+    )
+
+
+def stepping_method(method: str | AbstractMethod) -> Event:
+    """The event method with the options of `method`; ValueError for methods that follow no path."""
+    how = method_of(method)
+    if isinstance(how, Auto):
+        return Event()
+    if not isinstance(how, Event):
+        raise ValueError(
+            "Argument `method` must be 'event', 'auto' or a `jaxcontact.Event` for a trajectory, "
+            f"but is {rendered(method)}: only an event solve follows the motion in time."
+        )
+    return how

@@ -1,0 +1,93 @@
+"""The event method: an adaptive solve that ends with the contact."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..._forms import AbstractForm, ScaledImpact
+from ..._parameter import require_kind
+from ..._solver.lanes import MANY
+from ..front_door import Lanes
+from ..lanes import over_lanes, with_sensitivity
+from ..motion.motion import Motion
+from .method import AbstractMethod, count_field, tolerance_field
+
+if TYPE_CHECKING:
+    import diffrax
+
+Out = TypeVar("Out")
+
+# The rtol from which on somebody wants derivatives: for values alone more powers of w cost steps.
+_FOR_SLOPES = 1e-10
+
+
+def _of_diffrax(kind: str, name: str) -> Any:
+    """A field for what diffrax has several of; None for the default."""
+
+    def convert(value: Any) -> Any:
+        if value is None:
+            return None
+        import diffrax
+
+        return require_kind(name, value, getattr(diffrax, kind), f"a diffrax {kind} or None")
+
+    return eqx.field(default=None, converter=convert)
+
+
+class Event(AbstractMethod):
+    """An adaptive solve that ends with the contact: for every law, and with an external force.
+
+    `rtol`, `atol`: tolerances of the outcome in scaled units, in (0, 1); None for 1e-9 (1e-5 in
+    float32, whose rounding allows no less) and for `rtol`. Take 1e-11 for derivatives. `solver`: a
+    diffrax solver, None for Dopri8. `adjoint`: a diffrax adjoint; None for sensitivities that serve
+    forward and reverse mode. `max_steps`: the most steps of each half, at least 2. Numbers may be
+    Python, NumPy or JAX scalars. Raises ValueError for an option out of its range. Source:
+    diffrax, Kidger (2021), doi 10.48550/arXiv.2202.02435.
+    """
+
+    rtol: float | None = tolerance_field("rtol")
+    atol: float | None = tolerance_field("atol")
+    solver: diffrax.AbstractSolver[Any] | None = _of_diffrax("AbstractSolver", "solver")
+    adjoint: diffrax.AbstractAdjoint | None = _of_diffrax("AbstractAdjoint", "adjoint")
+    max_steps: int = count_field("max_steps", 256)
+    name: ClassVar[str] = "event"
+
+    def chosen(self, form: AbstractForm, pushed: bool) -> Event:
+        """Itself, for every form."""
+        return self
+
+    def error(self, dtype: Any) -> float:
+        """A hundred times the relative tolerance."""
+        return 100 * self.tolerances(dtype)[0]
+
+    def solve(self, lanes: Lanes) -> ScaledImpact:
+        """The outcome of every different lane."""
+        # Loaded here, with diffrax: a closed form does without.
+        from .event_solve import solve_event
+
+        return self.over(lanes.motion(), solve_event)
+
+    def over(self, motion: Motion, solve_lane: Callable[..., Out]) -> Out:
+        """`solve_lane(motion, how=self, many=)` for every different lane, with derivatives."""
+        ours = self.solver is None and self.adjoint is None
+        shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(motion)))
+        lane = eqx.Partial(solve_lane, how=self, many=ours and math.prod(shape) >= MANY)
+        rtol, _ = self.tolerances(jax.tree.leaves(motion)[0].dtype)
+        motion = dataclasses.replace(motion, smooth=rtol <= _FOR_SLOPES)
+        # An adjoint of the user's brings its own derivatives.
+        return over_lanes(lane if self.adjoint is not None else with_sensitivity(lane), motion)
+
+    def tolerances(self, dtype: Any) -> tuple[float, float]:
+        """The relative and absolute tolerance in a precision."""
+        double = dtype == jnp.float64
+        floor = 0.0 if double else 1e-5
+        rtol = max(self.rtol or (1e-9 if double else 1e-5), floor)
+        return rtol, max(self.atol or rtol, floor)

@@ -1,0 +1,316 @@
+"""What the event method solves: from touch to the turn, and from there to the end."""
+
+from __future__ import annotations
+
+import functools
+import operator
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..._forms import Flag, ScaledImpact
+from ..._solver import Marched, Packed, Record, Tolerance, chosen, land, march
+from ..motion.balance import Balance, balance_of
+from ..motion.ending import at_end
+from ..motion.force_return import onward
+from ..motion.motion import Motion, Number, State
+from ..motion.peak import is_rising, largest_near
+from ..motion.rise import risen
+from ..motion.under_push import end_is_sharp, is_spent, turn_is_sharp
+from ..motion.watch import Nearest, Watch
+from ..motion.way import Way
+from .stiff import Followed, follow_on
+
+# The controller bounds the error of a step. Measured, the outcome is up to twenty times worse.
+_SAFETY = 0.02
+# Energies that differ by more than this, in units of rtol, come from a solve that missed something:
+# measured up to 12.
+_IMBALANCE = 100
+
+if TYPE_CHECKING:
+    import diffrax
+
+
+class Options(Protocol):
+    """What a solve asks of its method, `Event`."""
+
+    @property
+    def solver(self) -> diffrax.AbstractSolver | None:
+        """A diffrax solver; None for Dopri8."""
+
+    @property
+    def adjoint(self) -> diffrax.AbstractAdjoint | None:
+        """A diffrax adjoint; None for sensitivities carried along."""
+
+    @property
+    def max_steps(self) -> int:
+        """The most steps of each half."""
+        ...
+
+    def tolerances(self, dtype: Any) -> tuple[float, float]:
+        """The relative and absolute tolerance in a precision."""
+        ...
+
+
+class Steps(NamedTuple):
+    """All accepted states of a leg, and when, in regularised time; which of them are real."""
+
+    moments: Float[Array, " steps"]
+    states: State
+    taken: Bool[Array, " steps"]
+
+
+class Leg(eqx.Module):
+    """One half of an impact: its last state, whether its event ended it, and its number of steps.
+
+    `nearest`: the states around the largest force, and `least` those around the least one, None
+    where the contact cannot pull. `creeps`: whether a state showed that the bodies
+    creep to rest. `path`: all states, None where nobody asked for them.
+    """
+
+    end: State
+    arrived: Bool[Array, ""]
+    steps: Int[Array, ""]
+    nearest: Nearest
+    least: Nearest | None
+    creeps: Bool[Array, ""] | None
+    path: Steps | None
+
+
+class Solve(NamedTuple):
+    """How a leg is solved: the method, whether for many lanes, and whether all states are kept."""
+
+    how: Options
+    many: bool
+    keep: bool = False
+
+
+def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> Leg:
+    """From touch to the turn if `compressing`, from the turn to the end otherwise."""
+    how, dtype = solve.how, start.w.dtype
+    way = Way(motion, compressing)
+    packed = Packed.of(start, solve.many, how.adjoint is not None)
+    begun = Watch.begin(motion, packed)
+
+    def see(watch: Watch, last: Record, now: Record) -> Watch:
+        return watch.seen(way, packed, last, now)
+
+    given = way, packed, _tolerance(motion, how, dtype), begun, see, solve.keep
+    if how.solver is None and how.adjoint is None:
+        last = march(*given)
+    else:
+        from ..._solver.by_diffrax import march_by_diffrax
+
+        last = march_by_diffrax(*given, how.solver, how.adjoint)
+    # Where no step was accepted the leg stays where it started.
+    watch, moved = last.seen, last.steps > 0
+    if watch.dip is not None:
+        frozen, after = jax.lax.stop_gradient((way, last.after))
+        seen = watch.dip.seen(frozen.motion, packed, last.before, after)
+        closes, bottom = seen.bottom(frozen, packed)
+        dipped = closes & ~compressing
+        guards = functools.partial(packed.guards, frozen)
+        opened, left = packed.each(guards, seen.start, bottom)
+        closed = (opened > 0) & (left <= 0)
+        dip = last._replace(before=seen.start, after=bottom, closed=closed)
+        last = chosen(dipped, dip, last)
+    end, smooth = land(way, packed, last)
+    watch = see(watch, last.before, end)
+    return Leg(
+        end=packed.state(end),
+        arrived=jnp.any(last.closed) & smooth & moved,
+        steps=last.steps,
+        nearest=watch.nearest,
+        least=watch.least,
+        creeps=watch.creeps,
+        path=None if last.path is None else _kept(packed, last, end),
+    )
+
+
+def _tolerance(motion: Motion, how: Options, dtype: Any) -> Tolerance:
+    """Of a step: neither it nor a root can be more accurate than rounding."""
+    finest = 10 * float(jnp.finfo(dtype).eps)
+    rtol, atol = (_finest(tolerance, dtype) for tolerance in how.tolerances(dtype))
+    ending, speed = jax.lax.stop_gradient(motion.smallness())
+    rtol = jnp.maximum(jnp.asarray(rtol * ending, dtype), finest)
+    return Tolerance(rtol, atol * ending * speed, how.max_steps)
+
+
+def _kept(packed: Packed[State], last: Marched, end: Record) -> Steps:
+    """All states until the last but one, and the end after it."""
+    moments = jax.vmap(packed.moment)(last.path)
+    index = jnp.arange(moments.tau.size)
+    steps = jnp.sum((index < last.steps) & (moments.tau <= packed.tau(last.before)))
+    moments = jax.vmap(lambda here, at: chosen(here, packed.moment(end), at))(
+        index == steps, moments
+    )
+    return Steps(moments.tau, moments.state, index <= steps)
+
+
+class Legs(NamedTuple):
+    """The legs of an impact, stacked: the way in, the way out and, where the force of a contact may
+    vanish and return before the bodies are apart, the way out from there.
+
+    `compressing`: whether each is the way in. `returned`: whether the last leg took place. None
+    where there are two.
+    """
+
+    leg: Leg
+    compressing: Bool[Array, " legs"]
+    returned: Bool[Array, ""] | None
+
+
+def solve_legs(motion: Motion, solve: Solve, start: State | None = None) -> Legs:
+    """All legs of an impact, from touch or a later `start`, by the same compiled solve."""
+    # A sampled motion has two.
+    third = motion.may_return and not solve.keep
+    start = motion.start() if start is None else start
+
+    def run(carry: tuple[State, Number], compressing: Flag) -> tuple[Any, Any]:
+        state, deepest = carry
+        leg = solve_leg(motion, state, compressing, solve)
+        # The event puts the velocity at the turn within its tolerance of zero: now it is zero.
+        following = motion.still(leg.end)
+        if not third:
+            return (following, deepest), (leg, None)
+        deepest = jnp.where(compressing, leg.end.w**motion.order, deepest)
+        on = onward(motion, leg.end, deepest)
+        returned = on.returns & leg.arrived & ~compressing & ~motion.settled(leg.end)
+        back = chosen(returned, on.state, motion.parting(leg.end))
+        following = chosen(compressing, following, back)
+        return (following, deepest), (leg, returned)
+
+    flags = jnp.asarray([True, False, False][: 3 if third else 2])
+    legs, returned = jax.lax.scan(run, (start, start.w), flags)[1]
+    return Legs(legs, flags, None if returned is None else returned[1])
+
+
+def was_followed(
+    motion: Motion, arrived: Bool[Array, "2"], end: State, balance: Balance, how: Options
+) -> Bool[Array, ""]:
+    """Whether both legs reached their ends, and their energies add up.
+
+    What always parts but was turned round, by rounding at the end of a slow way out, was not
+    followed to its end; what creeps back for ever has none.
+    """
+    allowed = _IMBALANCE * how.tolerances(end.t.dtype)[0]
+    good = jnp.all(arrived) & (balance.error <= allowed)
+    if motion.always_parts:
+        good = good & ~motion.settled(end) & ~motion.creeps_back()
+    return good
+
+
+def follow(motion: Motion, legs: Leg, creeps: Bool[Array, ""], how: Options) -> Followed:
+    """Both legs to their ends, those that are too stiff for explicit steps by implicit ones."""
+    turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
+    followed = Followed(turn, end, legs.arrived[:2], creeps, jnp.sum(legs.steps[:2]))
+    # A solver or an adjoint of the user's is not replaced.
+    if not motion.may_creep or how.solver is not None or how.adjoint is not None:
+        return followed
+    dtype = turn.w.dtype
+    return follow_on(motion, followed, _finest(how.tolerances(dtype)[0], dtype))
+
+
+def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
+    """The outcome of one lane, of `many` or of few."""
+    motion, start = risen(motion) if motion.peak else (motion, None)
+    motion = motion.ready()
+    legs, flags, returned = solve_legs(motion, Solve(how, many), start)
+    creeps_early = jnp.asarray(False) if legs.creeps is None else legs.creeps[0]
+    followed = follow(motion, legs, creeps_early, how)
+    turn, creeps = followed.turn, followed.creeps
+    max_indentation = turn.w**motion.order
+    last, arrived = followed.end, followed.arrived
+    if returned is not None:
+        # Not where implicit steps have taken the way out again.
+        returned = returned & (followed.end.t == legs.end.t[1])
+        last = chosen(returned, jax.tree.map(operator.itemgetter(2), legs.end), last)
+        arrived = arrived & jnp.stack([flags[0], ~returned | legs.arrived[2]])
+    end = at_end(motion, last, arrived[1], max_indentation)
+    # Apart from the solve, so that it is removed where the largest force is not used.
+    packed = Packed.of(turn, many, how.adjoint is not None)
+    forces = jax.vmap(lambda near, flag: largest_near(Way(motion, flag), packed, near))(
+        legs.nearest, flags
+    )
+    # With so much damping that implicit steps are taken the force is largest in the beginning.
+    largest = jnp.maximum(forces[0], forces[1])
+    if returned is not None:
+        largest = jnp.where(returned, jnp.maximum(largest, forces[2]), largest)
+    max_force = jnp.maximum(largest, motion.force(turn, flags[0]))
+    compression_time = turn.t
+    balance = balance_of(motion, end, max_indentation)
+    converged = was_followed(motion, arrived, end, balance, how)
+    settled = motion.settled(end)
+    if motion.push is not None:
+        # What has too little energy to part stays, wherever the solve of its way out came to.
+        held = followed.arrived[0] & (motion.held(turn) | motion.held(end))
+        rtol, _ = how.tolerances(turn.w.dtype)
+        known = jnp.where(
+            settled | held,
+            is_spent(motion, end, rtol),
+            end_is_sharp(motion, turn, end, rtol),
+        )
+        known = known & turn_is_sharp(motion, turn, _finest(rtol, turn.w.dtype), rtol)
+        converged = ((converged | held) & known) | creeps
+        settled = settled | held | creeps
+        # What creeps to rest never turns: where a turn was found it is one of rounding, and the
+        # way out of it is none.
+        static = motion.static_indentation()
+        if static is not None:
+            max_indentation = jnp.where(creeps, static, max_indentation)
+        max_force = jnp.where(creeps, jnp.maximum(forces[0], motion.push), max_force)
+        compression_time = jnp.where(creeps, jnp.inf, compression_time)
+    if motion.may_return:
+        # A force that returns once more has no leg left.
+        onwards = onward(motion, end, max_indentation)
+        converged = converged & (settled | ~onwards.returns)
+    if motion.always_parts:
+        # Nothing but a creep for ever keeps these bodies together.
+        settled = motion.creeps_back()
+        converged = converged | (settled & followed.arrived[0])
+    if motion.may_creep:
+        # Where explicit steps were left before the force was largest nobody has seen how large it
+        # was. Elsewhere they arrived, or the solve has not converged.
+        left = jax.tree.map(operator.itemgetter(0), legs.end)
+        # What creeps to rest slows down in the end: then its force is more than the push. The
+        # largest one among the states will do, so that the one between them is computed only where
+        # it is used.
+        rtol, _ = how.tolerances(turn.w.dtype)
+        least = (1 - 10 * rtol) * (0 if motion.push is None else motion.push)
+        above = creeps_early & (legs.nearest.force[0] >= least)
+        converged = converged & (legs.arrived[0] | above | ~is_rising(motion, left, flags[0]))
+    steps = followed.steps
+    if returned is not None:
+        steps = steps + jnp.where(returned, legs.steps[2], 0)
+    end_indentation = None if motion.form.tension else jnp.where(settled, 0, end.w**motion.order)
+    spare_energy = None if motion.push is None else motion.spare_energy(end)
+    return ScaledImpact(
+        restitution=balance.restitution,
+        duration=end.t,
+        compression_time=compression_time,
+        max_indentation=max_indentation,
+        max_force=max_force,
+        converged=converged,
+        settled=settled,
+        min_force=_least_force(motion, packed, legs.least),
+        energy_loss=balance.energy_loss,
+        steps=steps,
+        end_indentation=end_indentation,
+        spare_energy=spare_energy,
+    )
+
+
+def _least_force(motion: Motion, packed: Packed[State], least: Nearest | None) -> Number | None:
+    """The least force of the way out, which is not above that at touch."""
+    if least is None:
+        return None
+    near, out = jax.tree.map(operator.itemgetter(1), least), Way(motion, jnp.asarray(False))
+    return -jnp.maximum(largest_near(out, packed, near, -1), 0)
+
+
+def _finest(tolerance: float, dtype: Any) -> float:
+    """The tolerance of a step for one of the outcome; no step is more accurate than rounding."""
+    return max(_SAFETY * tolerance, 10 * float(jnp.finfo(dtype).eps))

@@ -1,0 +1,1 @@
+"""The scaled motion during an impact, its ends, and what a solve watches."""

@@ -1,0 +1,80 @@
+"""The largest force along a solved stretch of motion, between its steps too."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from ..._implicit import bracketed_root, ratio
+from ..._solver import Moment, Packed, Record, chosen, in_time
+from .motion import Motion, Number, State
+from .watch import Nearest
+from .way import Way
+
+
+def largest_force(way: Way, moments: Moment[State], sign: int = 1) -> Number:
+    """The largest force among consecutive moments and between them; of -F where `sign` is -1."""
+    moments = Moment(moments.tau, moments.state._replace(loss=None))
+    forces = jax.vmap(lambda state: sign * way.motion.force(state, way.compressing))(moments.state)
+    best = jnp.argmax(jax.lax.stop_gradient(forces))
+    packed = Packed.of(jax.tree.map(lambda leaf: leaf[0], moments.state))
+    near = jnp.clip(best + jnp.arange(-1, 2), 0, moments.tau.size - 1)
+    near = jax.tree.map(lambda leaf: leaf[near], moments)
+    before, at, after = jax.vmap(packed.record)(near)
+    return largest_near(way, packed, Nearest(forces[best], before, at, after, best < 0), sign)
+
+
+def largest_near(way: Way, packed: Packed[State], near: Nearest, sign: int = 1) -> Number:
+    """The largest force near the best of three neighbouring states, to the accuracy of a step; of
+    -F where `sign` is -1.
+
+    The step that holds the maximum is taken again by one Runge-Kutta step of a fraction θ, chosen
+    so that the force is stationary. A stationary value does not move with θ to first order, so θ
+    may be a constant to the derivative.
+    """
+    frozen, fixed = jax.lax.stop_gradient((way, near))
+    step = packed.step(in_time)
+
+    def slope(vector: Record) -> Number:
+        return _steepness(frozen.motion, packed.state(vector), frozen.compressing, sign)
+
+    def force(vector: Record) -> Number:
+        return sign * way.motion.force(packed.state(vector), way.compressing)
+
+    slopes = packed.each(slope, fixed.before, fixed.at, fixed.after)
+    # From the best state to the next one, or to it from the one before.
+    rising = slopes[1] > 0
+    left = chosen(rising, fixed.at, fixed.before)
+    size = packed.tau(chosen(rising, fixed.after, fixed.at)) - packed.tau(left)
+    first, last = (jnp.where(rising, slopes[k + 1], slopes[k]) for k in (0, 1))
+
+    def later(fraction: Number) -> Number:
+        return slope(step(frozen, left, fraction * size)[0])
+
+    # Without a change of sign the maximum is at an end, at touch for a law that jumps there.
+    inside = (first > 0) & (last < 0)
+    theta = jnp.where(inside, bracketed_root(later, first, last, iterations=100), 0)
+    start = chosen(rising, near.at, near.before)
+    between, _ = step(way, start, theta * size)
+    return jnp.maximum(*packed.each(force, between, near.at))
+
+
+def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""], sign: int = 1) -> Number:
+    """w dF/dτ beside F dw/dτ along the motion: from -1 to 1, of the sign of dF/dτ.
+
+    Positive at touch, where a force that is a power of x has no slope of its own; bounded, because
+    regula falsi crawls where one end is much steeper than the other.
+    """
+    rate = motion.rate(state, compressing)
+    force, change = jax.jvp(lambda s: sign * motion.force(s, compressing), (state,), (rate,))
+    pushing = (state.w > 0) & (force > 0)
+    alone = jnp.where(force == 0, rate.w, change)
+    slope = jnp.where(pushing, state.w * change, alone)
+    speed = jnp.abs(rate.w) * jnp.where(pushing, force, 1)
+    return ratio(slope, jnp.abs(slope) + speed)
+
+
+def is_rising(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Bool[Array, ""]:
+    """Whether the force rises with x, by more than the nearly constant one of creeping bodies."""
+    return _steepness(motion, state, compressing) > 0.01

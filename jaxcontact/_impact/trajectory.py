@@ -1,0 +1,203 @@
+"""A whole impact as a function of time."""
+
+from __future__ import annotations
+
+import operator
+from typing import TYPE_CHECKING, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from .._contact import Contact
+from .._implicit import bracketed_root, ratio
+from .._laws import AbstractLaw
+from .._parameter import require_count
+from .._program import program
+from .front_door import Problem, lanes_of, problem_of
+from .methods.by_name import stepping_method
+from .methods.event import Event
+from .methods.method import AbstractMethod
+from .motion.balance import balance_of
+from .motion.force_return import onward
+from .motion.motion import Motion, Number, State
+from .result import Status
+
+if TYPE_CHECKING:
+    from .methods.event_solve import Steps
+
+
+class Energy(eqx.Module):
+    """Where the energy is, in J: shape (..., samples).
+
+    `kinetic` = ½ m δ'²; `elastic` = ∫ F(δ, 0) dδ, what the contact stores; `dissipated`, the work
+    of damping, integrated along the motion; `external`, the work of the external force. `total` =
+    kinetic + elastic + dissipated - external is the initial energy ½ m v0² up to the tolerance: an
+    independent check of the solve.
+    """
+
+    kinetic: Float[Array, "..."]
+    elastic: Float[Array, "..."]
+    dissipated: Float[Array, "..."]
+    external: Float[Array, "..."]
+
+    @property
+    def total(self) -> Float[Array, "..."]:
+        """kinetic + elastic + dissipated - external, in J."""
+        return self.kinetic + self.elastic + self.dissipated - self.external
+
+
+class Trajectory(eqx.Module):
+    """An impact sampled uniformly in time, from touch to separation; shape (..., samples).
+
+    `time` in s, `indentation` in m, `velocity` δ' in m/s (positive while closing), `force` in N,
+    `energy`, see `Energy`; `status` as in `Impact`, shape (...). A contact that settles is followed
+    until its second turn, when that is certain.
+    """
+
+    time: Float[Array, "..."]
+    indentation: Float[Array, "..."]
+    velocity: Float[Array, "..."]
+    force: Float[Array, "..."]
+    energy: Energy
+    status: Int[Array, "..."]
+
+
+def trajectory(
+    law: AbstractLaw,
+    contact: Contact,
+    velocity: ArrayLike,
+    *,
+    samples: int = 200,
+    method: str | AbstractMethod = "auto",
+    external_force: ArrayLike | None = None,
+) -> Trajectory:
+    """The motion of an impact: m δ'' = -F(δ, δ') + external force, δ(0) = 0, δ'(0) = velocity.
+
+    Arguments as for `impact`; `samples` ≥ 2 moments, equally spaced, the first at touch and the
+    last at separation; a contact that creeps for ever has no such moment and is not converged.
+    `method`: "event" (or "auto", which is the same here) or a `jc.Event` with its options. Between
+    the steps of the solver the motion is computed by a step of order 8, not by interpolation.
+
+    Returns a `Trajectory`; bad lanes are flagged in `.status`, their numbers NaN. Raises ValueError
+    as `impact` does, and for other methods. Source: see `impact`.
+    """
+    samples = require_count("samples", samples, 2)
+    problem = problem_of(law, contact, velocity, external_force)
+    return _trajectory(problem, stepping_method(method), samples)
+
+
+class _Path(NamedTuple):
+    t: Array
+    x: Array
+    v: Array
+    force: Array
+    elastic: Array
+    loss: Array
+    converged: Array
+    settled: Array
+
+
+@program
+def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
+    lanes = lanes_of(problem)
+    path = how.over(lanes.motion(), eqx.Partial(_path, samples=samples))
+    shape = problem.shape
+    scale = lanes.scale
+    solved = path.converged & jnp.isfinite(path.t[..., -1])
+    status = jnp.where(path.settled, int(Status.SETTLED), int(Status.SEPARATED))
+    if lanes.may_gain:
+        gained = -path.v[..., -1] > 1 + how.error(path.v.dtype)
+        status = jnp.where(gained & ~path.settled, int(Status.GAINED), status)
+    status = jnp.where(solved, status, int(Status.NOT_CONVERGED))
+    status = jnp.where(lanes.valid, status, int(Status.INVALID_INPUT))
+
+    def along_samples(number: Array) -> Array:
+        return number.reshape(number.shape + (1,) * (number.ndim > 0))
+
+    good = along_samples(lanes.valid & solved)
+
+    def result(value: Array, unit: Array) -> Array:
+        # One path may stand for all lanes, which differ in their units alone.
+        value = value.reshape((1,) * (len(shape) + 1 - value.ndim) + value.shape)
+        filled = jnp.where(good, value * along_samples(unit), jnp.nan)
+        return jnp.broadcast_to(filled, (*shape, samples))
+
+    work = jnp.zeros_like(path.x) if lanes.push is None else along_samples(lanes.push) * path.x
+    return Trajectory(
+        time=result(path.t, scale.time),
+        indentation=result(path.x, scale.length),
+        velocity=result(path.v, scale.speed),
+        force=result(path.force, scale.force),
+        energy=Energy(
+            # The unit of energy is ½ m v0²: the scaled energies, in units of m v0², count double.
+            kinetic=result(jnp.square(path.v), scale.energy),
+            elastic=result(2 * path.elastic, scale.energy),
+            dissipated=result(2 * path.loss, scale.energy),
+            external=result(2 * work, scale.energy),
+        ),
+        status=jnp.broadcast_to(status, shape),
+    )
+
+
+def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
+    # Loaded here, with diffrax.
+    from .methods.event_solve import Solve, solve_legs, was_followed
+
+    motion = motion.ready()
+    legs = solve_legs(motion, Solve(how, many, keep=True)).leg
+    turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
+    fractions = jnp.linspace(0, 1, samples, dtype=end.t.dtype)
+
+    def sample(fraction: Number) -> tuple[State, Number, Number]:
+        moment = fraction * end.t
+        on_way_in = moment <= turn.t
+        path = jax.tree.map(lambda leaf: jnp.where(on_way_in, leaf[0], leaf[1]), legs.path)
+        state = _state_at(motion, path, jax.lax.stop_gradient(moment), moment, on_way_in)
+        # Touch and separation are known: no sample may lie outside the contact by its rounding.
+        inside = state._replace(w=jnp.maximum(state.w, 0))
+        return state, motion.force(state, on_way_in), motion.stored(inside)
+
+    balance = balance_of(motion, end, turn.w**motion.order)
+    states, forces, elastic = jax.vmap(sample)(fractions)
+    w = jnp.maximum(states.w, 0).at[0].set(0)
+    converged = was_followed(motion, legs.arrived, end, balance, how)
+    if motion.may_return:
+        on = onward(motion, end, turn.w**motion.order)
+        converged = converged & (motion.settled(end) | ~on.returns)
+    return _Path(
+        t=fractions * end.t,
+        x=w**motion.order,
+        v=jax.vmap(motion.velocity)(states),
+        force=forces if motion.form.tension else jnp.maximum(forces, 0),
+        elastic=elastic,
+        loss=jax.vmap(motion.lost)(states),
+        converged=converged,
+        settled=motion.settled(end),
+    )
+
+
+def _state_at(
+    motion: Motion, path: Steps, frozen_moment: Number, moment: Number, compressing: Array
+) -> State:
+    """The state at a time, one step of the right size after the last accepted state before it."""
+    before = path.taken & (path.states.t <= frozen_moment)
+    left = jnp.clip(jnp.sum(before) - 1, 0, jnp.sum(path.taken) - 2)
+    moments = jax.lax.stop_gradient(path.moments)
+    size = moments[left + 1] - moments[left]
+    start = jax.tree.map(lambda leaf: leaf[left], path.states)
+    frozen, frozen_start = jax.lax.stop_gradient((motion, start))
+    fraction = bracketed_root(
+        lambda fraction: frozen_moment - frozen.later(frozen_start, fraction * size, compressing).t,
+        frozen_moment - frozen_start.t,
+        frozen_moment - jax.lax.stop_gradient(path.states.t[left + 1]),
+        iterations=20,
+    )
+    fraction = jax.lax.stop_gradient(jnp.clip(fraction, 0, 1))
+    # One Newton step changes no digit of the fraction, and gives it its derivative.
+    reached = motion.later(start, fraction * size, compressing)
+    clock = jax.lax.stop_gradient(motion.rate(reached, compressing).t * size)
+    missing = moment - reached.t
+    fraction = fraction + ratio(missing - jax.lax.stop_gradient(missing), clock)
+    return motion.later(start, fraction * size, compressing)

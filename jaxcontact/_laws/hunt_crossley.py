@@ -1,0 +1,162 @@
+"""The Hunt-Crossley family F = K δⁿ (1 + α δ'/v0), and its members with α as a parameter."""
+
+from __future__ import annotations
+
+import abc
+import math
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from .._elementary import power
+from .._forms import HuntCrossleyForm
+from .._parameter import NOT_NEGATIVE, parameter
+from .base import AbstractLaw, contact_for, force_arguments, speed_for
+from .registry import register_law
+
+if TYPE_CHECKING:
+    from .._contact import Contact
+    from .._forms import Scale
+
+
+class AbstractHuntCrossley(AbstractLaw):
+    """A law F = K δⁿ (1 + α δ'/v0), solved in closed form; a subclass returns α.
+
+    In a free impact 1 + α δ'/v0 stays positive. An external pull can make it negative. The force is
+    then clamped at zero, unless the law was made with `tension=True`.
+    """
+
+    tension = False
+
+    @property
+    def refers_to_peak(self) -> bool:
+        return self.damped
+
+    @abc.abstractmethod
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """Return the dimensionless α of F = K δⁿ (1 + α δ'/v0).
+
+        Arguments: the contact and the closing speed v0 in m/s. Both are optional if α depends on
+        neither. Raises ValueError if one is needed and missing.
+        """
+
+    def force(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+    ) -> Float[Array, "..."]:
+        """Return F = K δⁿ max(0, 1 + α δ'/v0) in N, and zero for δ < 0.
+
+        v0 has a floor, the square root of the smallest normal number, which keeps α/v0 finite in
+        any system of units. With `tension=True` the force is not clamped.
+        """
+        depth, rate, speed = force_arguments(indentation, velocity, contact, impact_velocity)
+        least = math.sqrt(jnp.finfo(speed.dtype).tiny)
+        # `where`, not `maximum`: the derivative by the floor overflows, and 0 times infinity is
+        # NaN.
+        speed = jnp.where(speed < least, least, speed)
+        elastic = contact.stiffness * power(depth, contact.exponent)
+        damping = self.damping_factor(contact, speed) / speed
+        factor = 1 + damping * rate
+        return elastic * (factor if self.tension else jnp.maximum(factor, 0))
+
+    def form(self, contact: Contact | None, scale: Scale | None) -> HuntCrossleyForm:
+        alpha = self.damping_factor(contact, None if scale is None else scale.speed)
+        return HuntCrossleyForm(alpha=alpha, tension=self.tension)
+
+
+@register_law(
+    "hertz",
+    formula="0",
+    source="Hertz 1882, doi 10.1515/crll.1882.92.156",
+    valid="elastic contact",
+)
+class Hertz(AbstractHuntCrossley):
+    """The elastic contact, F = K δⁿ (n = 3/2 for Hertzian spheres), with restitution 1.
+
+    Source: Hertz (1882), J. reine angew. Math. 92:156, doi 10.1515/crll.1882.92.156.
+    """
+
+    @property
+    def damped(self) -> bool:
+        return False
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        return jnp.asarray(0.0)
+
+
+@register_law("damped", formula="α", source="the family's own parameter", valid="α ≥ 0")
+class Damped(AbstractHuntCrossley):
+    """The Hunt-Crossley family with α as its parameter: F = K δⁿ (1 + α δ'/v0).
+
+    `alpha` ≥ 0, dimensionless. Raises ValueError for a Python scalar out of range.
+    """
+
+    alpha: Float[Array, "..."] = parameter("alpha", NOT_NEGATIVE)
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        return self.alpha
+
+
+@register_law(
+    "constant_damping",
+    formula="c v0/K",
+    source="Hunt & Crossley 1975, doi 10.1115/1.3423596",
+    valid="c ≥ 0; e falls with speed",
+)
+class ConstantDamping(AbstractHuntCrossley):
+    """A constant hysteresis damping factor: F = K δⁿ + c δⁿ δ', so that α = c v0/K.
+
+    `c` ≥ 0 in N s/m^(n+1). Restitution falls with the closing speed. Raises ValueError for a Python
+    scalar out of range. Source: Hunt & Crossley (1975), J. Appl. Mech. 42:440,
+    doi 10.1115/1.3423596.
+    """
+
+    c: Float[Array, "..."] = parameter("c", NOT_NEGATIVE, "N s/m^(n+1)")
+
+    @property
+    def refers_to_peak(self) -> bool:
+        return False
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """Return α = c v0/K; ValueError if `contact` or `velocity` is missing."""
+        stiffness = contact_for(contact, self).stiffness
+        return self.c * speed_for(velocity, self) / stiffness
+
+
+@register_law(
+    "marhefka_orin",
+    formula="3 a v0/2",
+    source="Marhefka & Orin 1999, doi 10.1109/3468.798060",
+    valid="a v0 small: then e = 1 - a v0",
+)
+class MarhefkaOrin(AbstractHuntCrossley):
+    """A law without v0 in its force: F = K δⁿ (1 + (3/2) a δ'), intended to give e = 1 - a v0.
+
+    `a` ≥ 0 in s/m. Accurate for small a v0; α = (3/2) a v0. Raises ValueError for a Python scalar
+    out of range. Source: Marhefka & Orin (1999), IEEE Trans. Syst. Man Cybern. A 29:566,
+    doi 10.1109/3468.798060.
+    """
+
+    a: Float[Array, "..."] = parameter("a", NOT_NEGATIVE, "s/m")
+
+    @property
+    def refers_to_peak(self) -> bool:
+        return False
+
+    def damping_factor(
+        self, contact: Contact | None = None, velocity: ArrayLike | None = None
+    ) -> Float[Array, "..."]:
+        """Return α = (3/2) a v0; ValueError if `velocity` is missing."""
+        return 1.5 * self.a * speed_for(velocity, self)

@@ -1,0 +1,70 @@
+"""Where spheres are in flight: on parabolas, or as their motion is prescribed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .arrays import Layout, Numbers
+from .rows import rows_of
+
+Lane = Float[Array, "..."]
+
+
+class Flying(NamedTuple):
+    """Bodies in flight, each at its own `time` (M,): `position` and `velocity` (M, D).
+
+    Of the two of an impact a wall repeats the first.
+    """
+
+    position: Lane
+    velocity: Lane
+    time: Lane
+
+
+def where_each(counts: Bool[Array, " M"], one: Flying, other: Flying) -> Flying:
+    """Of every body the one state where it `counts`, else the other."""
+    return jax.tree.map(
+        lambda a, b: jnp.where(counts.reshape(-1, *(1,) * (a.ndim - 1)), a, b), one, other
+    )
+
+
+def accelerations(
+    layout: Layout, numbers: Numbers, who: Int[Array, " M"], support: Int[Array, " M"]
+) -> Float[Array, "M D"]:
+    """Gravity of free spheres, less what the walls that they rest on hold."""
+    if not layout.gravity:
+        return jnp.zeros((who.shape[0], layout.dimensions), numbers.dtype)
+    pull = rows_of(numbers.pull, support + 1)
+    if any(layout.fixed):
+        pull = jnp.where((rows_of(numbers.inverse_mass, who) > 0)[:, None], pull, 0)
+    return pull
+
+
+def at_once(
+    layout: Layout,
+    numbers: Numbers,
+    who: Int[Array, " M"],
+    flying: Flying,
+    support: Int[Array, " M"],
+    time: Lane,
+) -> tuple[Flying, Float[Array, "M D"]]:
+    """Some spheres in flight at one time, and their accelerations by gravity.
+
+    Fixed ones that are accelerated are where their motion says, whatever was known of them.
+    """
+    pull = accelerations(layout, numbers, who, support)
+    passed = (time - flying.time)[:, None]
+    velocity = flying.velocity + pull * passed
+    position = flying.position + (flying.velocity + velocity) / 2 * passed
+    if layout.shaken:
+        place, rate = numbers.shaken_at(layout, time)
+        place, rate = (jnp.concatenate([x, jnp.zeros_like(x[:1])]) for x in (place, rate))
+        row = layout.shaken_row(who)
+        shakes = (row < len(layout.shaken))[:, None]
+        position = jnp.where(shakes, place[row], position)
+        velocity = jnp.where(shakes, rate[row], velocity)
+    return Flying(position, velocity, jnp.broadcast_to(time, flying.time.shape)), pull

@@ -1,0 +1,300 @@
+"""The numbers of a scene, gathered from its bodies.
+
+Bodies of one structure are stacked by NumPy, so that one small program computes the numbers of few
+bodies or of thousands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, cast
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool
+
+from ..._impact import restitution
+from ..._parameter import POSITIVE, Specialised, is_valid, sanitised
+from ..bodies.bodies import AbstractBody, Shell, Sphere
+from ..bodies.motion import Along, still
+from ..bodies.scene import Scene
+from .arrays import Layout, Numbers
+from .movers import Movers
+
+
+class Alike(eqx.Module):
+    """Bodies of one structure as one `body`, whose numbers are stacked where there are several;
+    `which` of the scene they are. A body that has a motion is by itself.
+    """
+
+    body: AbstractBody
+    which: tuple[int, ...] = eqx.field(static=True)
+
+    def each(self, of: Callable[[Any], Any]) -> Any:
+        """A function of every one of them, stacked."""
+        if len(self.which) > 1:
+            return jax.vmap(of)(self.body)
+        return jax.tree.map(lambda x: jnp.asarray(x)[None], of(self.body))
+
+
+class Parts(eqx.Module):
+    """What the numbers of a scene are computed from: leaves of one precision."""
+
+    bodies: tuple[Alike, ...]
+    laws: tuple[Any, ...]
+    gravity: Array | None
+    periodic: tuple[Array | None, ...]
+    stiffness: tuple[Array, ...] | None
+    exponent: Specialised
+    start: Any
+
+    @property
+    def dtype(self) -> Any:
+        """The precision of all numbers."""
+        return next(x.dtype for x in jax.tree.leaves(self.bodies) if eqx.is_inexact_array(x))
+
+
+def given_in(scene: Scene) -> Parts:
+    """The bodies of a scene, stacked, and what else its numbers are computed from."""
+    dtype = _precision(scene)
+    alike: dict[Any, list[int]] = {}
+    for k, body in enumerate(scene.bodies):
+        moves = getattr(body, "motion", None) is not None
+        alike.setdefault(k if moves else jax.tree.structure(body), []).append(k)
+    given = Parts(
+        bodies=tuple(
+            Alike(_together(scene.bodies, which), tuple(which)) for which in alike.values()
+        ),
+        laws=scene.law.values,
+        gravity=scene.gravity,
+        periodic=scene.periodic,
+        stiffness=None if scene.stiffness is None else scene.stiffness.values,
+        exponent=scene._exponent,
+        start=scene._start,
+    )
+
+    def converted(leaf: Any) -> Any:
+        if isinstance(leaf, float) or eqx.is_inexact_array(leaf):
+            return leaf.astype(dtype) if isinstance(leaf, Tracer) else np.asarray(leaf, dtype)
+        return leaf
+
+    return jax.tree.map(converted, given)
+
+
+def _together(bodies: Sequence[AbstractBody], which: Sequence[int]) -> AbstractBody:
+    if len(which) == 1:
+        return bodies[which[0]]
+
+    def stacked(*values: Any) -> Any:
+        # Thousands of bodies are stacked by NumPy, in no time, unless something is traced.
+        if any(isinstance(value, Tracer) for value in values):
+            return jnp.stack(values)
+        return np.stack([np.asarray(value) for value in values])
+
+    return jax.tree.map(stacked, *(bodies[k] for k in which))
+
+
+def numbers_of(
+    scene: Scene, layout: Layout, *, contacts: bool, soft: bool = False
+) -> tuple[Numbers, Bool[Array, ""]]:
+    """The numbers of a scene, and whether they are valid; see `gathered`."""
+    return gathered(given_in(scene), layout, contacts, soft)
+
+
+def gathered(
+    given: Parts, layout: Layout, contacts: bool, soft: bool
+) -> tuple[Numbers, Bool[Array, ""]]:
+    """The numbers of a scene, and whether they are valid; benign ones replace invalid ones.
+
+    `contacts`: whether a stiffness is needed for every pair; `soft`: whether impacts take time, so
+    that nobody asks for the restitution of a law. Raises ValueError where a stiffness is needed and
+    none is known.
+    """
+    dtype, dimensions, count = given.dtype, layout.dimensions, layout.spheres
+    curved = [alike for alike in given.bodies if isinstance(alike.body, Sphere | Shell)]
+
+    def of_spheres(of: Callable[[Any], Any]) -> Any:
+        return _in_order(curved, layout.body[:count], [alike.each(of) for alike in curved])
+
+    def numbers_in(body: Sphere | Shell) -> tuple[Any, ...]:
+        if isinstance(body, Shell):
+            return body.place, _velocity(body), -body.radius, jnp.ones((), dtype)
+        mass = None if body.fixed else body.inertia()
+        return (
+            body.place,
+            _velocity(body),
+            body.radius,
+            jnp.ones((), dtype) if mass is None else mass,
+        )
+
+    position, velocity, radius, mass = of_spheres(numbers_in)
+    free = np.concatenate([~np.array(layout.fixed), np.zeros(layout.walls, bool)])
+    heavy = jnp.concatenate([mass, jnp.ones(layout.walls, dtype)])
+    normal, offset, moving = _walls_in(given, layout)
+    shaken = {layout.body[k] for k in layout.shaken}
+    shaking = [
+        _along(cast(Sphere, alike.body), dimensions) for alike in curved if alike.which[0] in shaken
+    ]
+    valid, laws = _sound_laws(given.laws, dtype)
+    constant = [
+        jnp.asarray(restitution(law), dtype) if alike and not soft else jnp.zeros((), dtype)
+        for law, alike in zip(laws, layout.constant, strict=True)
+    ]
+    gravity = jnp.zeros(dimensions, dtype) if given.gravity is None else jnp.asarray(given.gravity)
+    held = jnp.sum(gravity[None] * normal, axis=-1, keepdims=True)
+    period = _row([np.ones(()) if p is None else p for p in given.periodic], dtype)
+    numbers = Numbers(
+        position=position,
+        velocity=velocity,
+        radius=radius,
+        inverse_mass=jnp.where(free, 1 / heavy, 0),
+        normal=normal,
+        offset=offset,
+        motion=_movers(moving, dtype),
+        shaking=_movers(shaking, dtype),
+        gravity=gravity,
+        pull=jnp.concatenate([gravity[None], gravity[None] - held * normal]),
+        period=period,
+        restitution=jnp.stack(constant),
+        laws=laws,
+        stiffness=None if given.stiffness is None else _row(given.stiffness, dtype),
+        compliance=_compliance(given, layout, contacts),
+        exponent=given.exponent,
+        start=given.start,
+    )
+    finite = [position, velocity, radius, mass, gravity, period, normal, offset]
+    rising = [mass, radius[: layout.visible], -radius[layout.visible :]]
+    for movers in (numbers.motion, numbers.shaking):
+        if movers is not None:
+            finite += jax.tree.leaves(eqx.filter(movers, eqx.is_inexact_array))
+            valid = valid & jnp.all(movers.rate >= 0)
+    valid = valid & jnp.all(jnp.isfinite(_flat(finite))) & jnp.all(_flat(rising) > 0)
+    if numbers.stiffness is not None:
+        valid = valid & jnp.all(POSITIVE.holds(numbers.stiffness))
+    if numbers.compliance is not None:
+        valid = valid & jnp.all(numbers.compliance >= 0)
+    for k, length in enumerate(given.periodic):
+        if length is not None:
+            valid = valid & (period[k] > 4 * jnp.max(radius))
+    return numbers, valid
+
+
+def _flat(arrays: Sequence[Array]) -> Array:
+    return jnp.concatenate([array.ravel() for array in arrays])
+
+
+def _in_order(groups: Sequence[Alike], order: Sequence[int], parts: Sequence[Any]) -> Any:
+    """The rows of groups of bodies, one after the other as in the `order` of the scene's bodies."""
+    known = {k: row for row, k in enumerate(k for alike in groups for k in alike.which)}
+    rows = np.array([known[k] for k in order], int)
+    plain = np.array_equal(rows, np.arange(len(known)))
+
+    def joined(*columns: Array) -> Array:
+        whole = jnp.concatenate(columns)
+        return whole if plain else whole[rows]
+
+    return jax.tree.map(joined, *parts)
+
+
+def _walls_in(given: Parts, layout: Layout) -> tuple[Array, Array, list[Along | None]]:
+    """Normals and offsets of all walls, and their motions."""
+    rows: dict[tuple[int, int], tuple[Array, Array, Along | None]] = {}
+    for alike in given.bodies:
+        known: list[tuple[int, Along | None]] = []
+
+        def flat(body: AbstractBody, known: list = known) -> list[tuple[Array, Array]]:
+            walls = body.walls()
+            known[:] = [(wall.face, wall.motion) for wall in walls]
+            return [(wall.normal, wall.offset) for wall in walls]
+
+        walls = alike.each(flat)
+        for place, k in enumerate(alike.which):
+            for (face, motion), (normal, offset) in zip(known, walls, strict=True):
+                rows[k, face] = normal[place], offset[place], motion
+    # Under a trace a box does not know which of its sides are open: the layout does.
+    names = zip(layout.body[layout.spheres :], layout.face[layout.spheres :], strict=True)
+    found = [rows[name] for name in names]
+    if not found:
+        none = jnp.zeros((0,), given.dtype)
+        return none.reshape(0, layout.dimensions), none, []
+    normals, offsets, moving = zip(*found, strict=True)
+    return _row(normals, given.dtype), _row(offsets, given.dtype), list(moving)
+
+
+def _velocity(body: Sphere | Shell) -> Any:
+    # That of one that is accelerated is known at each time.
+    if body.motion is not None and not body.motion.vibrates:
+        return body.motion.along(None).speed
+    own = body.velocity if isinstance(body, Sphere) else None
+    return jnp.zeros_like(body.place) if own is None else own
+
+
+def replaced(numbers: Numbers, valid: Bool[Array, ""]) -> Numbers:
+    """The numbers, each replaced by 1 in a scene that is not valid."""
+    return jax.tree.map(lambda x: jnp.where(valid, x, jnp.ones_like(x)), numbers)
+
+
+def _precision(scene: Scene) -> Any:
+    """The highest precision among the numbers of a scene."""
+    leaves = [leaf for leaf in jax.tree.leaves(scene) if eqx.is_inexact_array(leaf)]
+    strong = [leaf.dtype for leaf in leaves if not leaf.weak_type]
+    return jax.dtypes.canonicalize_dtype(max(strong, key=lambda d: d.itemsize, default=float))
+
+
+def _row(values: Sequence[Any], dtype: Any) -> Array:
+    return jnp.stack([jnp.asarray(value, dtype) for value in values])
+
+
+def _sound_laws(laws: Sequence[Any], dtype: Any) -> tuple[Bool[Array, ""], tuple[Any, ...]]:
+    valid = jnp.asarray(True)
+    for law in laws:
+        valid = valid & is_valid(law)
+
+    def convert(leaf: Any) -> Any:
+        leaf = jnp.asarray(leaf) if isinstance(leaf, float) else leaf
+        return leaf.astype(dtype) if eqx.is_inexact_array(leaf) else leaf
+
+    return valid, tuple(jax.tree.map(convert, sanitised(law)) for law in laws)
+
+
+def _along(body: Sphere | Shell, dimensions: int) -> Along:
+    """The motion of one that is accelerated, in space."""
+    assert body.motion is not None
+    motion = body.motion.along(None)
+    speed, amplitude = (jnp.broadcast_to(x, dimensions) for x in (motion.speed, motion.amplitude))
+    return motion._replace(speed=speed, amplitude=amplitude)
+
+
+def _movers(given: Sequence[Along | None], dtype: Any) -> Movers | None:
+    if all(motion is None for motion in given):
+        return None
+    motions = [still() if motion is None else motion for motion in given]
+    own = tuple(motion.own for motion in motions)
+    return Movers(
+        speed=_row([motion.speed for motion in motions], dtype),
+        amplitude=_row([motion.amplitude for motion in motions], dtype),
+        rate=_row([motion.rate for motion in motions], dtype),
+        phase=_row([motion.phase for motion in motions], dtype),
+        own=jax.tree.map(lambda x: x.astype(dtype) if eqx.is_inexact_array(x) else x, own),
+    )
+
+
+def _compliance(given: Parts, layout: Layout, needed: bool) -> Array | None:
+    if given.stiffness is not None:
+        return None
+    for alike in given.bodies:
+        if isinstance(alike.body, Sphere) and alike.body.material is None:
+            if needed:
+                raise ValueError(
+                    "Argument `stiffness` of the scene must be given where a sphere has no "
+                    f"material (number {alike.which[0]} of `bodies`), but is None."
+                )
+            return None
+
+    def of(body: AbstractBody) -> Any:
+        return jnp.zeros((), given.dtype) if body.material is None else body.material.compliance
+
+    return _in_order(given.bodies, layout.body, [alike.each(of) for alike in given.bodies])

@@ -1,0 +1,165 @@
+"""How bodies move that are prescribed, all at once: walls along their normals, others in space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..bodies.motion import Own
+
+Lane = Float[Array, "..."]
+
+CHECKED = 4096
+"""Intervals of a run at whose ends the bound of an acceleration is looked at."""
+
+_ROUNDINGS = 64
+
+
+class Movers(eqx.Module):
+    """How bodies move by themselves: V t + A (sin(ω t + φ) - sin φ); 0 of those that stand; of some
+    of them a function of the user's `own` beside.
+
+    Of W walls V and A are numbers along the normals, (W,); of W spheres and shells vectors, (W, D).
+    ω and φ are (W,). Times are numbers, or arrays whose last axis is that of the bodies.
+    """
+
+    speed: Float[Array, "..."]
+    amplitude: Float[Array, "..."]
+    rate: Float[Array, "..."]
+    phase: Float[Array, "..."]
+    own: tuple[Own | None, ...]
+
+    def in_rows(self) -> Movers:
+        """With an axis for those that meet them before all others."""
+        rows = (self.speed[None], self.amplitude[None], self.rate[None], self.phase[None])
+        return Movers(*rows, self.own)
+
+    @property
+    def _in_space(self) -> bool:
+        return self.amplitude.ndim > self.rate.ndim
+
+    def _per_axis(self, lane: Lane) -> Lane:
+        """A number for every body, beside its vectors where it has any."""
+        return lane[..., None] if self._in_space else lane
+
+    def _size(self, lane: Lane) -> Lane:
+        """The lengths of vectors, or of numbers."""
+        return jnp.sqrt(jnp.sum(jnp.square(lane), axis=-1)) if self._in_space else jnp.abs(lane)
+
+    def _with_own(self, lane: Lane, time: Lane, of: Callable[[Own, Array], Array]) -> Lane:
+        """A quantity with that of the user's functions."""
+        if all(own is None for own in self.own):
+            return lane
+        shape = jnp.broadcast_shapes(jnp.shape(time), self.rate.shape)
+        times = jnp.broadcast_to(time, shape)
+        vector = lane.shape[-1:] if self._in_space else ()
+        none = jnp.zeros((*shape[:-1], *vector), lane.dtype)
+        signature = "()->(d)" if self._in_space else "()->()"
+        columns = [
+            none
+            if own is None
+            else jnp.vectorize(lambda t, own=own: of(own, t), signature=signature)(times[..., w])
+            for w, own in enumerate(self.own)
+        ]
+        return lane + jnp.stack(columns, axis=len(shape) - 1).astype(lane.dtype)
+
+    def shift(self, time: Lane) -> Lane:
+        """The displacement since time zero, in m."""
+        steady = self.speed * self._per_axis(time * jnp.ones_like(self.rate))
+        return steady + self._swung(jnp.zeros((), self.rate.dtype), time)
+
+    def velocity(self, time: Lane) -> Lane:
+        """In m/s."""
+        turned = self._per_axis(self.rate * jnp.cos(self.rate * time + self.phase))
+        return self._with_own(self.speed + self.amplitude * turned, time, Own.velocity)
+
+    def acceleration(self, time: Lane) -> Lane:
+        """In m/s²."""
+        turned = self._per_axis(jnp.square(self.rate) * jnp.sin(self.rate * time + self.phase))
+        return self._with_own(-self.amplitude * turned, time, Own.acceleration)
+
+    def _swung(self, now: Lane, time: Lane) -> Lane:
+        phase = self.rate * now + self.phase
+        swing = jnp.sin(self.rate * time + phase) - jnp.sin(phase)
+        high = self.amplitude * self._per_axis(swing)
+        return self._with_own(high, now + time, lambda own, t: own.place(t) - own.place(now))
+
+    def swing(self, now: Lane, time: Lane) -> tuple[Lane, Lane]:
+        """What is not steady: the displacement from a time `now` to `time` later, and its rate."""
+        return self._swung(now, time), self.velocity(now + time) - self.speed
+
+    def above(self, now: Lane) -> Lane:
+        """How much higher than `now` a wall may come beside its steady motion, in m; how far from
+        where it is a sphere may come.
+        """
+        turned = jnp.sin(self.rate * now + self.phase)
+        if self._in_space:
+            reach = self._size(self.amplitude) * (1 + jnp.abs(turned))
+        else:
+            reach = jnp.abs(self.amplitude) - self.amplitude * turned
+        return reach + self._where_own(jnp.inf)
+
+    def _where_own(self, value: Any) -> Lane:
+        """A number for every body: that of those that move by a function, 0 of the others."""
+        rows = [0.0 if own is None else value for own in self.own]
+        column = jnp.stack([jnp.asarray(x, self.rate.dtype) for x in rows])
+        return column.reshape(self.rate.shape)
+
+    @property
+    def bounds(self) -> Lane:
+        """Of the accelerations of the user's functions; 0 of other bodies."""
+        zero = jnp.zeros((), self.rate.dtype)
+        column = jnp.stack([zero if own is None else own.bound for own in self.own])
+        return column.reshape(self.rate.shape)
+
+    def fastest(self, now: Lane, lasting: Lane) -> Lane:
+        """The largest speed there may be for a time from now on, in m/s."""
+        fixed = self._size(self.speed) + self._size(self.amplitude) * jnp.abs(self.rate)
+        if all(own is None for own in self.own):
+            return fixed
+        none = jnp.zeros_like(self.amplitude)
+        own = self._size(self._with_own(none, now, Own.velocity))
+        return own + (fixed + self.bounds * lasting)
+
+    @property
+    def strongest(self) -> Lane:
+        """The largest acceleration there is, in m/s²."""
+        fixed = self._size(self.amplitude) * jnp.square(self.rate)
+        return fixed if all(own is None for own in self.own) else fixed + self.bounds
+
+    @property
+    def accelerated(self) -> Lane:
+        """Which bodies are."""
+        return (self.rate > 0) | (self._where_own(1.0) > 0)
+
+    def kept_until(self, end: Float[Array, ""]) -> Float[Array, ""]:
+        """The first time at which a user's function is seen to exceed its bound; infinite where
+        none does up to the `end`.
+
+        Seen by the acceleration itself, or by what it did to speed and place in an interval.
+        """
+        times = jnp.linspace(0, 1, CHECKED + 1, dtype=end.dtype) * end
+        step = end / CHECKED
+        finest = _ROUNDINGS * jnp.finfo(end.dtype).eps
+        kept = jnp.full_like(end, jnp.inf)
+        for own in self.own:
+            if own is None:
+                continue
+            place, velocity, acceleration = (
+                jax.vmap(of)(times) for of in (own.place, own.velocity, own.acceleration)
+            )
+            speed = jnp.max(self._size(velocity))
+            high = jnp.max(self._size(place)) + speed * end
+            gained = self._size(jnp.diff(velocity, axis=0)) - own.bound * step
+            moved = self._size(jnp.diff(place, axis=0) - velocity[:-1] * step)
+            moved = moved - own.bound * step**2 / 2
+            wrong = ~(self._size(acceleration) <= own.bound * (1 + finest))
+            between = (gained > finest * speed) | (moved > finest * high)
+            wrong = wrong | jnp.concatenate([between, jnp.zeros(1, bool)])
+            kept = jnp.minimum(kept, jnp.min(jnp.where(wrong, times, jnp.inf)))
+        return kept

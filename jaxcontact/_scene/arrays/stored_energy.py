@@ -1,0 +1,30 @@
+"""The elastic energy of a contact."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..._contact import Contact
+from ..._elementary import contraction
+from ..._laws import AbstractLaw
+
+Lane = Float[Array, ""]
+
+
+def stored_in(law: AbstractLaw, contact: Contact, depth: Lane, speed: Lane) -> Lane:
+    """∫ F(δ, 0) dδ from 0 to `depth` in J, 0 for an open contact; `speed` is the v0 of the law.
+
+    Gauss's rule in u = √(δ/depth), in which a force with a multiple of δ^½ is a polynomial.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    depth = jnp.maximum(depth, 0)
+    still = jnp.zeros_like(depth)
+
+    def one(node: Lane) -> Lane:
+        return node * law.force(depth * jnp.square(node), still, contact, speed)
+
+    forces = jax.vmap(one)(jnp.asarray((1 + nodes) / 2, depth.dtype))
+    return depth * contraction(jnp.asarray(weights, depth.dtype), forces)

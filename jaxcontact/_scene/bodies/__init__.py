@@ -1,0 +1,1 @@
+"""Bodies of a scene, what acts between them, and how they move by themselves."""

@@ -1,0 +1,91 @@
+"""One thing for all pairs of bodies, or a table of them by the names of the pair."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+
+from ..._parameter import rendered
+
+DEFAULT = "default"
+"""The key of the entry for all pairs that are not named."""
+
+
+class PairTable(eqx.Module):
+    """Values by pair: `table[a][b]` is the place in `values` for bodies of the kinds a and b.
+
+    The kind of a body is its name, or the lack of one. -1 where no value is known.
+    """
+
+    values: tuple[Any, ...]
+    table: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+
+    @property
+    def alike(self) -> bool:
+        """Whether one value serves all pairs."""
+        return len(self.values) == 1 and all(k == 0 for row in self.table for k in row)
+
+
+def kinds_of(names: Sequence[str | None]) -> tuple[tuple[str | None, ...], tuple[int, ...]]:
+    """The different names in order, and the kind of each body."""
+    different = tuple(dict.fromkeys(names))
+    return different, tuple(different.index(name) for name in names)
+
+
+def pair_table(
+    argument: str,
+    given: Any,
+    check: Callable[[str, Any], Any],
+    kinds: Sequence[str | None],
+    meeting: Sequence[tuple[int, int]],
+) -> PairTable:
+    """The table of an argument: one value for all pairs, or a mapping by names in either order.
+
+    `check` converts a value; `meeting` are the pairs of kinds that may meet. Raises ValueError for
+    names that no body has, pairs given twice, and pairs that meet without a value.
+    """
+    count = len(kinds)
+    if not isinstance(given, Mapping):
+        value = check(argument, given)
+        return PairTable((value,), tuple((0,) * count for _ in range(count)))
+    if not given:
+        raise ValueError(f"Argument `{argument}` must have an entry, but is {rendered(given)}.")
+    values, default = [], -1
+    found = [[-1] * count for _ in range(count)]
+    for key, entry in given.items():
+        if isinstance(key, str) and key == DEFAULT:
+            default = len(values)
+            values.append(check(argument, entry))
+            continue
+        if not (isinstance(key, tuple) and len(key) == 2 and all(isinstance(k, str) for k in key)):
+            raise ValueError(
+                f"Argument `{argument}` must have pairs of names, such as ('ball', 'table'), or "
+                f"'default' as its keys, but has {rendered(key)}."
+            )
+        for name in key:
+            if name not in kinds:
+                known = ", ".join(repr(kind) for kind in kinds if kind is not None) or "none"
+                raise ValueError(
+                    f"Argument `{argument}` must name bodies of the scene ({known}), but names "
+                    f"{name!r}."
+                )
+        a, b = (kinds.index(name) for name in key)
+        if found[a][b] >= 0:
+            raise ValueError(
+                f"Argument `{argument}` must name a pair once, but names {key} in both orders."
+            )
+        found[a][b] = found[b][a] = len(values)
+        values.append(check(argument, entry))
+    table = tuple(tuple(default if k < 0 else k for k in row) for row in found)
+    for a, b in meeting:
+        if table[a][b] < 0:
+            first, second = (
+                "an unnamed body" if kinds[k] is None else repr(kinds[k]) for k in (a, b)
+            )
+            raise ValueError(
+                f"Argument `{argument}` must have an entry for {first} and {second}, which can "
+                f"meet, or a 'default', but is {rendered(given)}."
+            )
+    return PairTable(tuple(values), table)

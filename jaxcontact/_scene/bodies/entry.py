@@ -1,0 +1,53 @@
+"""Numbers and vectors of bodies and motions, on entry."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array
+
+from ..._parameter import Range, as_parameter, rendered
+
+_stacked = jax.jit(lambda *parts: jnp.stack(parts))
+"""One small program in place of one for each number."""
+
+REAL_OR_INFINITE = "numbers, without NaN"
+
+
+def one_number(value: Any, name: str, allowed: Range) -> Array:
+    """A scalar leaf in its range; ValueError for anything else."""
+    number = as_parameter(value, name, allowed)
+    if number.shape != ():
+        raise ValueError(f"Argument `{name}` must be one number, but is {rendered(value)}.")
+    if not isinstance(number, Tracer) and not allowed.holds(float(number)):
+        raise ValueError(f"Argument `{name}` must be in {allowed}, but is {rendered(value)}.")
+    return number
+
+
+def vector(value: Any, name: str, *, finite: bool = True) -> Array:
+    """One to three numbers as an array, finite or only not NaN; ValueError for anything else."""
+    # NumPy cannot read a list that holds traced numbers.
+    if isinstance(value, list | tuple) and any(isinstance(one, jax.Array) for one in value):
+        parts = [as_parameter(one, name) for one in value]
+        if any(part.shape != () for part in parts):
+            raise ValueError(
+                f"Argument `{name}` must be one to three numbers, but is {rendered(value)}."
+            )
+        numbers = _stacked(*parts)
+    else:
+        given: Any = value
+        numbers = as_parameter(given, name)
+    if numbers.ndim != 1 or not 1 <= numbers.shape[0] <= 3:
+        raise ValueError(
+            f"Argument `{name}` must be one to three numbers, but is {rendered(value)}."
+        )
+    if not isinstance(numbers, Tracer):
+        plain = np.asarray(numbers)
+        if not np.all(np.isfinite(plain) if finite else ~np.isnan(plain)):
+            allowed = "finite numbers" if finite else REAL_OR_INFINITE
+            raise ValueError(f"Argument `{name}` must be {allowed}, but is {rendered(value)}.")
+    return numbers

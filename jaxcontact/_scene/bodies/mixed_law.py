@@ -1,0 +1,62 @@
+"""Laws of several kinds in one scene: which of them a pair of bodies has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from ..._contact import Contact
+from ..._laws import AbstractLaw, force_of
+
+
+class MixedLaw(AbstractLaw):
+    """One law of each kind, and the number of the `kind` that is meant, as a float: its force.
+
+    Where solves have forms of their own for a kind, they take it from `one_of_each` instead.
+    """
+
+    laws: tuple[AbstractLaw, ...]
+    kind: Float[Array, "..."]
+    tension = True  # whether each law pulls is in its force
+
+    @property
+    def damped(self) -> bool:
+        return any(law.damped for law in self.laws)
+
+    def force(
+        self,
+        indentation: ArrayLike,
+        velocity: ArrayLike,
+        contact: Contact,
+        impact_velocity: ArrayLike,
+    ) -> Float[Array, "..."]:
+        first, *rest = (
+            force_of(law, indentation, velocity, contact, impact_velocity) for law in self.laws
+        )
+        for number, other in enumerate(rest, 1):
+            first = jnp.where(self.kind == number, other, first)
+        return first
+
+
+def one_of_each(
+    laws: Sequence[AbstractLaw], which: Int[Array, ""]
+) -> tuple[list[AbstractLaw], Int[Array, ""]]:
+    """A law of every kind, and the kind that law number `which` has.
+
+    That of its kind is the law itself; of every other kind it is any one, whose numbers are valid.
+    """
+    structures = [jax.tree.structure(law) for law in laws]
+    kinds = list(dict.fromkeys(structures))
+    chosen = []
+    for kind in kinds:
+        members = [k for k, structure in enumerate(structures) if structure == kind]
+        place = np.zeros(len(laws), int)
+        place[members] = np.arange(len(members))
+        at = jnp.asarray(place)[which]
+        same = (laws[k] for k in members)
+        chosen.append(jax.tree.map(lambda *leaves, at=at: jnp.stack(leaves)[at], *same))
+    return chosen, jnp.asarray([kinds.index(structure) for structure in structures])[which]

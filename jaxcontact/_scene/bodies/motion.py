@@ -1,0 +1,228 @@
+"""How walls, fixed spheres and shells move by themselves: what is prescribed, whoever they hit."""
+
+from __future__ import annotations
+
+import abc
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ..._parameter import POSITIVE, REAL, is_plain, rendered, require_kind
+from .entry import one_number, vector
+
+
+class Own(eqx.Module):
+    """A function of the user's in units of `length` m and `tick` s: d(began + tick t)/length, with
+    |d''| ≤ `bound` in m/s²; along a wall's `normal`, n·d, where there is one.
+    """
+
+    displacement: Callable[[Any, Any], Any] = eqx.field(static=True)
+    args: Any
+    began: Array
+    normal: Array | None
+    bound: Array
+    length: Array
+    tick: Array
+
+    def place(self, time: Array) -> Array:
+        """At one time."""
+        moved = self.displacement(self.began + self.tick * time, self.args)
+        if self.normal is not None and jnp.ndim(moved) > 0:
+            moved = jnp.sum(self.normal * moved)
+        return moved / self.length
+
+    def velocity(self, time: Array) -> Array:
+        """At one time."""
+        return jax.jvp(self.place, (time,), (jnp.ones_like(time),))[1]
+
+    def acceleration(self, time: Array) -> Array:
+        """At one time."""
+        return jax.jvp(self.velocity, (time,), (jnp.ones_like(time),))[1]
+
+    def push(self, time: Array) -> Array:
+        """The acceleration at one time in space, (D,)."""
+        along = self.acceleration(time)
+        return along if self.normal is None else along * self.normal
+
+    def later(self, time: Array) -> Own:
+        """From a time on."""
+        return eqx.tree_at(lambda own: own.began, self, self.began + self.tick * time)
+
+    def scaled(self, length: Array, tick: Array) -> Own:
+        """In other units, for what was in m and s."""
+        return eqx.tree_at(lambda own: (own.length, own.tick), self, (length, tick))
+
+
+class Along(NamedTuple):
+    """A motion V t + A (sin(ω t + φ) - sin φ) from where it is at t = 0, or a function of the
+    user's `own`: along a normal, with numbers V and A, or in space, with vectors.
+    """
+
+    speed: Any
+    amplitude: Any
+    rate: Any
+    phase: Any
+    own: Own | None = None
+
+
+def still() -> Along:
+    """No motion."""
+    zero = np.zeros(())
+    return Along(zero, zero, zero, zero)
+
+
+class AbstractMotion(eqx.Module):
+    """A prescribed motion: the displacement of a body from the place it is given at.
+
+    That of a wall counts along its normal; a sphere or a shell, which has none, moves in space.
+    """
+
+    @property
+    @abc.abstractmethod
+    def dimensions(self) -> int | None:
+        """The number of dimensions of the space it is in; None where any will do."""
+
+    @property
+    @abc.abstractmethod
+    def vibrates(self) -> bool:
+        """Whether it is accelerated."""
+
+    @abc.abstractmethod
+    def start(self, normal: Array | None) -> Array:
+        """The displacement at time zero, in m."""
+
+    @abc.abstractmethod
+    def along(self, normal: Array | None) -> Along:
+        """The motion from then on."""
+
+    @abc.abstractmethod
+    def after(self, time: Array) -> tuple[Array | None, AbstractMotion]:
+        """What goes on after a time: the displacement of the place, and the motion from there."""
+
+
+class Steady(AbstractMotion):
+    """A wall, a fixed sphere or a shell that moves at constant velocity: displacement d(t) = V t.
+
+    Argument: `velocity` V in m/s, as many numbers as the scene has dimensions. Raises ValueError
+    for what is not finite.
+    """
+
+    velocity: Float[Array, " D"]
+
+    def __init__(self, velocity: ArrayLike | Sequence[ArrayLike]):
+        self.velocity = vector(velocity, "velocity")
+
+    @property
+    def dimensions(self) -> int:
+        return self.velocity.shape[0]
+
+    @property
+    def vibrates(self) -> bool:
+        return False
+
+    def start(self, normal: Array | None) -> Array:
+        return jnp.zeros(() if normal is not None else self.velocity.shape, self.velocity.dtype)
+
+    def along(self, normal: Array | None) -> Along:
+        speed = self.velocity if normal is None else jnp.sum(normal * self.velocity)
+        return still()._replace(speed=speed)
+
+    def after(self, time: Array) -> tuple[Array, Steady]:
+        return self.velocity * time, self
+
+
+class Vibration(AbstractMotion):
+    """A wall, a fixed sphere or a shell that shakes: displacement d(t) = A sin(2π f t + φ) from the
+    place it is given at.
+
+    Arguments: `amplitude` A in m, as many numbers as the scene has dimensions, or for a plane one
+    number, along its normal; `frequency` f > 0 in Hz; `phase` φ in rad. Numbers are leaves. Raises
+    ValueError for what is out of range or not finite.
+    """
+
+    amplitude: Float[Array, " D"] | Float[Array, ""]
+    frequency: Float[Array, ""]
+    phase: Float[Array, ""]
+
+    def __init__(
+        self,
+        amplitude: ArrayLike | Sequence[ArrayLike],
+        frequency: ArrayLike,
+        phase: ArrayLike = 0.0,
+    ):
+        single = is_plain(amplitude) or getattr(amplitude, "ndim", None) == 0
+        read = functools.partial(one_number, allowed=REAL) if single else vector
+        self.amplitude = read(amplitude, "amplitude")
+        self.frequency = one_number(frequency, "frequency", POSITIVE)
+        self.phase = one_number(phase, "phase", REAL)
+
+    @property
+    def dimensions(self) -> int | None:
+        return self.amplitude.shape[0] if self.amplitude.ndim else None
+
+    @property
+    def vibrates(self) -> bool:
+        return True
+
+    def _along(self, normal: Array | None) -> Array:
+        if normal is None or not self.amplitude.ndim:
+            return self.amplitude
+        return jnp.sum(normal * self.amplitude)
+
+    def start(self, normal: Array | None) -> Array:
+        return self._along(normal) * jnp.sin(self.phase)
+
+    def along(self, normal: Array | None) -> Along:
+        rate = 2 * np.pi * self.frequency
+        return Along(np.zeros(()), self._along(normal), rate, self.phase)
+
+    def after(self, time: Array) -> tuple[None, Vibration]:
+        phase = self.phase + 2 * np.pi * self.frequency * time
+        return None, eqx.tree_at(lambda motion: motion.phase, self, phase)
+
+
+def checked(value: Any, dimensions: int) -> AbstractMotion | None:
+    """The motion of a body of so many dimensions; ValueError for what is none."""
+    if value is None:
+        return None
+    motion = require_kind(
+        "motion", value, AbstractMotion, "a `Steady`, a `Vibration`, a `Prescribed` or None"
+    )
+    if motion.dimensions not in (None, dimensions):
+        raise ValueError(
+            f"Argument `motion` must have {dimensions} numbers, as the body has, but is "
+            f"{rendered(value)}."
+        )
+    return motion
+
+
+def in_space(value: Any, dimensions: int, body: str) -> AbstractMotion | None:
+    """The motion of a body that has no normal along which it could move."""
+    motion = checked(value, dimensions)
+    if motion is not None and motion.dimensions is None:
+        raise ValueError(
+            f"Argument `motion` of a {body} must have a list of numbers as its amplitude or its "
+            f"displacement, but is {rendered(value)}."
+        )
+    return motion
+
+
+def begun(place: Array, motion: AbstractMotion | None) -> Array:
+    """Where a body that moves in space is at time zero."""
+    return place + motion.start(None) if motion is not None and motion.vibrates else place
+
+
+def later(
+    place: Array, motion: AbstractMotion | None, time: Array
+) -> tuple[Array, AbstractMotion | None]:
+    """The place that a body is given at and its motion, from a time on."""
+    if motion is None:
+        return place, None
+    moved, after = motion.after(time)
+    return (place if moved is None else place + moved), after

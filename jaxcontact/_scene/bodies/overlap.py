@@ -1,0 +1,117 @@
+"""Whether bodies lie apart at the start."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array
+from numpy.typing import NDArray
+
+from .bodies import AbstractBody, Shell, Sphere, words
+
+ROUNDINGS = 64
+"""How many roundings of the positions and radii a depth may have that is no overlap."""
+
+_MOST_TIMES = 1_000_000
+"""At which walls are compared."""
+
+
+def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | None]) -> None:
+    """Raise ValueError for the first pair that overlaps by more than rounding.
+
+    Fixed bodies may lie in each other. Where anything is traced nothing is compared.
+    """
+    found = [(k, body) for k, body in enumerate(bodies) if isinstance(body, Sphere)]
+    spheres = [k for k, _ in found]
+    parts = [(sphere.place, sphere.radius) for _, sphere in found]
+    walls = [(k, *wall[1:3]) for k, body in enumerate(bodies) for wall in body.walls()]
+    shells = [(k, b.place, b.radius) for k, b in enumerate(bodies) if isinstance(b, Shell)]
+    given = [*(x for part in parts for x in part), *(x for one in walls + shells for x in one[1:])]
+    if any(isinstance(x, Tracer) for x in (*given, *periodic)):
+        return
+    position = np.stack([np.asarray(x, float) for x, _ in parts])
+    radius = np.array([float(r) for _, r in parts])
+    moves = np.array([not sphere.fixed for _, sphere in found])
+    digits = min(np.finfo(np.asarray(x).dtype).precision for x in given)
+    rounding = ROUNDINGS * 10.0**-digits
+    for i in range(len(spheres)):
+        apart = minimum_image(position[i] - position[i + 1 :], periodic)
+        gap = np.sqrt(np.sum(apart**2, axis=-1)) - (radius[i] + radius[i + 1 :])
+        scale = radius[i] + radius[i + 1 :] + np.max(np.abs(position))
+        bad = (gap < -rounding * scale) & (moves[i] | moves[i + 1 :])
+        if np.any(bad):
+            other = i + 1 + int(np.argmin(np.where(bad, gap, np.inf)))
+            raise _overlap(bodies, spheres[i], spheres[other], -gap[other - i - 1])
+    for k, centre, size in shells:
+        away = np.sqrt(np.sum((position - np.asarray(centre, float)) ** 2, axis=-1))
+        least = -rounding * (float(size) + np.max(np.abs(position)))
+        _require_gap(bodies, spheres, k, float(size) - radius - away, moves, least)
+    for k, normal, offset in walls:
+        gap = position @ np.asarray(normal, float) - float(offset) - radius
+        least = -rounding * (radius + np.max(np.abs(position)))
+        _require_gap(bodies, spheres, k, gap, moves, least)
+
+
+def _require_gap(
+    bodies: Sequence[AbstractBody],
+    spheres: Sequence[int],
+    other: int,
+    gap: NDArray[np.float64],
+    moves: NDArray[np.bool_],
+    least: Any,
+) -> None:
+    """Raise ValueError where the gap of a moving sphere to a body is an overlap."""
+    bad = (gap < least) & moves
+    if np.any(bad):
+        worst = int(np.argmin(np.where(bad, gap, np.inf)))
+        raise _overlap(bodies, spheres[worst], other, -gap[worst])
+
+
+def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array) -> None:
+    """Raise ValueError where a moving wall runs into one that faces it, within the duration.
+
+    Looked for at 64 times a period of the fastest wall, and 1024 times in all at the least. Where
+    anything is traced nothing is compared.
+    """
+    walls = [(k, wall) for k, body in enumerate(bodies) for wall in body.walls()]
+    if all(wall.motion is None for _, wall in walls):
+        return
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves(([w for _, w in walls], duration))):
+        return
+    length = float(duration)
+    rates = [float(wall.motion.rate) for _, wall in walls if wall.motion is not None]
+    count = min(1024 + int(64 * max(rates) * length / (2 * np.pi)), _MOST_TIMES)
+    times = np.linspace(0, length, count)
+    places = [wall.offset_at(times) for _, wall in walls]
+    for i, (a, one) in enumerate(walls):
+        for j, (b, other) in enumerate(walls[:i]):
+            if a == b or np.sum(np.asarray(one.normal) * np.asarray(other.normal)) > -1 + 1e-9:
+                continue
+            between = -(places[i] + places[j])
+            if np.min(between) <= 0 < between[0]:
+                k = int(np.argmax(between <= 0))
+                when = np.interp(0, between[k : k - 2 : -1], times[k : k - 2 : -1])
+                raise ValueError(
+                    f"Argument `motion` must keep walls apart, but {words(bodies, b)} and "
+                    f"{words(bodies, a)} meet at {when:.6g} s."
+                )
+
+
+def minimum_image(
+    apart: NDArray[np.float64], periodic: Sequence[Array | None]
+) -> NDArray[np.float64]:
+    """The shortest of the images of distances (..., D) in periodic space."""
+    lengths = np.array([np.inf if length is None else float(length) for length in periodic])
+    finite = np.where(np.isfinite(lengths), lengths, 1.0)
+    return apart - np.where(np.isfinite(lengths), finite * np.round(apart / finite), 0.0)
+
+
+def _overlap(bodies: Sequence[AbstractBody], a: int, b: int, depth: float) -> ValueError:
+    return ValueError(
+        f"Argument `bodies` must not overlap at the start, but {words(bodies, a)} and "
+        f"{words(bodies, b)} do, by {depth:.6g} m."
+    )

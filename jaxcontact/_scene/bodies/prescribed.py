@@ -1,0 +1,112 @@
+"""Bodies that move as a function of the user's says."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ..._parameter import POSITIVE, as_parameter, is_plain, rendered, require_function
+from .entry import one_number
+from .motion import AbstractMotion, Along, Own, still
+
+
+@dataclasses.dataclass(frozen=True)
+class _Told:
+    """The function with all of `args` that is no array; it is compared by value."""
+
+    function: Callable[[Any, Any], Any]
+    rest: tuple[Any, ...]
+    structure: Any
+
+    def __call__(self, time: Array, arrays: Any) -> Any:
+        rest = jax.tree.unflatten(self.structure, self.rest)
+        return self.function(time, eqx.combine(arrays, rest))
+
+
+class Prescribed(AbstractMotion):
+    """A wall, a fixed sphere or a shell that moves as a function says: displacement d(t) from the
+    place it is given at.
+
+    Arguments: `displacement(t, args)`, a JAX function of the time in s with two derivatives, which
+    returns the displacement in m, as many numbers as the scene has dimensions, or for a plane one
+    number, along its normal; `max_acceleration` b > 0 in m/s², a bound |d''(t)| ≤ b, which the
+    search for touches relies on; `args`, what the function takes besides, as a network of equinox:
+    numbers in it are leaves, all else must be hashable.
+    The function is static: define it once, and give what changes in `args`. A run is flagged
+    (`Ending.WALL_TOO_ABRUPT`) from the moment at which the bound does not hold, looked for at 4097
+    times of the run. Raises ValueError for what is no function, returns no displacement, or is out
+    of range.
+    """
+
+    args: Any
+    max_acceleration: Float[Array, ""]
+    _began: Float[Array, ""]
+    displacement: Callable[[Any, Any], Any] = eqx.field(static=True)
+
+    def __init__(
+        self,
+        displacement: Callable[[Any, Any], Any],
+        max_acceleration: ArrayLike,
+        args: Any = None,
+    ):
+        self.displacement = require_function("displacement", displacement)
+        self.max_acceleration = one_number(max_acceleration, "max_acceleration", POSITIVE)
+
+        def read(leaf: Any) -> Any:
+            is_number: bool = is_plain(leaf) or isinstance(leaf, np.ndarray | np.generic)
+            given: Any = leaf
+            return as_parameter(given, "args") if is_number else leaf
+
+        self.args = jax.tree.map(read, args)
+        self._began = jnp.zeros_like(self.max_acceleration)
+        try:
+            shape = self._shape()
+        except TypeError as error:
+            # Most of all where it takes other arguments.
+            raise ValueError(
+                "Argument `displacement` must be a function of the time and of `args`, but "
+                f"{rendered(displacement)} cannot be called so: {error}"
+            ) from error
+        if shape is None or len(shape) > 1 or not 1 <= sum(shape or (1,)) <= 3:
+            raise ValueError(
+                "Argument `displacement` must be a function that returns one number or one to "
+                f"three numbers of floating point, but is {rendered(displacement)}."
+            )
+
+    def _shape(self) -> tuple[int, ...] | None:
+        """The shape of a displacement; None where it is no array of floating point."""
+        found = jax.eval_shape(lambda t: self.displacement(t, self.args), self._began)
+        known = isinstance(found, jax.ShapeDtypeStruct)
+        return found.shape if known and jnp.issubdtype(found.dtype, jnp.floating) else None
+
+    @property
+    def dimensions(self) -> int | None:
+        shape = self._shape()
+        return shape[0] if shape else None
+
+    @property
+    def vibrates(self) -> bool:
+        return True
+
+    def _own(self, normal: Array | None) -> Own:
+        one = jnp.ones((), self._began.dtype)
+        arrays, rest = eqx.partition(self.args, eqx.is_array)
+        leaves, structure = jax.tree.flatten(rest)
+        told = _Told(self.displacement, tuple(leaves), structure)
+        return Own(told, arrays, self._began, normal, self.max_acceleration, one, one)
+
+    def start(self, normal: Array | None) -> Array:
+        return self._own(normal).place(jnp.zeros_like(self._began))
+
+    def along(self, normal: Array | None) -> Along:
+        return still()._replace(own=self._own(normal))
+
+    def after(self, time: Array) -> tuple[None, Prescribed]:
+        return None, eqx.tree_at(lambda motion: motion._began, self, self._began + time)

@@ -1,0 +1,244 @@
+"""Spheres at random places of a box, without overlap."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from jaxtyping import ArrayLike
+from numpy.typing import NDArray
+
+from ..._contact import Material
+from ..._parameter import (
+    POSITIVE,
+    as_numbers,
+    refuses_unknown,
+    rendered,
+    require_count,
+    require_kind,
+    require_number,
+)
+from .bodies import Box, Sphere
+from .entry import vector
+
+_TRIES = 1000
+"""Places that are tried for a sphere: where one in two hundred is free, it is found by 99 %."""
+
+_CLEARANCE = 1e-9
+"""Of a radius: surfaces are at least so far apart, so that rounding makes no overlap."""
+
+Places = NDArray[np.float64]
+
+
+@refuses_unknown
+def random_spheres(
+    count: int,
+    *,
+    low: ArrayLike | Sequence[ArrayLike],
+    high: ArrayLike | Sequence[ArrayLike],
+    radius: ArrayLike,
+    mass: ArrayLike | None = None,
+    material: Material | None = None,
+    speed: float | None = None,
+    periodic: Sequence[float | None] | None = None,
+    name: str | None = None,
+    seed: int = 0,
+) -> list[Sphere]:
+    """Spheres that lie in a box at random and do not overlap, at rest or with thermal velocities.
+
+    Arguments: `count`; the corners `low` and `high` of the box in m, finite, one to three numbers
+    each; `radius` in m and `mass` in kg, one for all or (count,); instead of masses a `material`
+    with a density; `speed` in m/s, at rest if not given; `periodic`, as in `Scene`, whose lengths
+    must be those of the box: along such an axis spheres may lie across the ends; a `name` for all;
+    `seed`: the same seed gives the same spheres.
+
+    Places are drawn evenly, the largest spheres first, and kept where they are free (random
+    sequential addition); that fills some 45 % of a wide box in two dimensions and 30 % in three.
+    Where a sphere finds no place every one gets a cell of its own instead, and an even place in it,
+    which fills more but looks ordered. Velocities are normal with variances as 1/m (equipartition);
+    then the total momentum is taken out, and they are scaled so that ½ Σ m v² = ½ Σ m speed².
+
+    Raises ValueError for what is out of range, for spheres that do not fit (with what did), and for
+    a speed of fewer than two spheres.
+    """
+    count = require_count("count", count, 1)
+    for corner, word in ((low, "low"), (high, "high")):
+        vector(corner, word)  # finite, which the corners of a `Box` need not be
+    box = Box(low, high)
+    lower = np.asarray(box.low, float)
+    size = np.asarray(box.high, float) - lower
+    radii = _one_for_each("radius", radius, count)
+    masses = None if mass is None else _one_for_each("mass", mass, count)
+    if material is not None:
+        require_kind("material", material, Material, "a `Material` or None")
+    if masses is None and (material is None or material.density is None):
+        raise ValueError(
+            "Argument `mass` must be given for spheres without a material that has a density, but "
+            "is None."
+        )
+    around = _around(periodic, size)
+    thermal = None if speed is None else require_number("speed", speed, POSITIVE)
+    if thermal is not None and count < 2:
+        raise ValueError(
+            "Argument `speed` must be None for a single sphere, which cannot move without a total "
+            f"momentum, but is {rendered(speed)}."
+        )
+    random = np.random.default_rng(require_count("seed", seed, 0))
+    places = lower + _places(random, size, radii, around)
+    velocity: list[Places | None] = [None] * count
+    if thermal is not None:
+        if masses is None:
+            assert material is not None and material.density is not None
+            masses = float(material.density) * radii**3
+        velocity = list(_thermal(random, masses, places.shape, thermal))
+    return [
+        Sphere(
+            radius=float(radii[k]),
+            mass=None if mass is None or masses is None else float(masses[k]),
+            position=places[k],
+            velocity=velocity[k],
+            material=material,
+            name=name,
+        )
+        for k in range(count)
+    ]
+
+
+def _one_for_each(name: str, given: ArrayLike, count: int) -> Places:
+    """Positive numbers (count,) from one for all or one for each."""
+    numbers = as_numbers(given, name)
+    if numbers.shape not in ((), (count,)) or not np.all(POSITIVE.holds(numbers)):
+        raise ValueError(
+            f"Argument `{name}` must be a number in {POSITIVE}, or {count} of them, one for each "
+            f"sphere, but is {rendered(given)}."
+        )
+    return np.broadcast_to(numbers, (count,))
+
+
+def _around(periodic: Sequence[float | None] | None, size: Places) -> NDArray[np.bool_]:
+    """Along which axes the ends of the box meet."""
+    if periodic is None:
+        return np.zeros(len(size), bool)
+    if not isinstance(periodic, list | tuple) or len(periodic) != len(size):
+        raise ValueError(
+            f"Argument `periodic` must be a list with a length or None for each of the {len(size)} "
+            f"axes, but is {rendered(periodic)}."
+        )
+    for axis, length in enumerate(periodic):
+        if length is None:
+            continue
+        known = require_number("periodic", length, POSITIVE)
+        if not math.isclose(known, size[axis]):
+            raise ValueError(
+                f"Argument `periodic` must be None or the length of the box, {size[axis]:g} along "
+                f"axis {axis}, but is {rendered(periodic)}."
+            )
+    return np.array([length is not None for length in periodic])
+
+
+def _places(
+    random: np.random.Generator, size: Places, radii: Places, around: NDArray[np.bool_]
+) -> Places:
+    """Places (count, D) above the lower corner; ValueError where they do not fit."""
+    room = np.where(around, size, size - 2 * np.max(radii))
+    if np.any(room < 0):
+        raise ValueError(
+            f"Argument `radius` must be at most half of the box, which is {_list(size)} m, but the "
+            f"largest is {np.max(radii):g}."
+        )
+    reach = radii * (1 + _CLEARANCE)
+    places = _added(random, size, reach, around)
+    if len(places) == len(radii):
+        return places
+    rows = _cells(size, float(np.max(reach)), len(radii))
+    if rows is not None:
+        return _in_cells(random, size, reach, rows)
+    solid = {1: 2 * radii, 2: math.pi * radii**2, 3: 4 / 3 * math.pi * radii**3}[len(size)]
+    largest = np.sort(solid)[::-1]
+    filled, asked = (np.sum(part) / np.prod(size) for part in (largest[: len(places)], largest))
+    raise ValueError(
+        f"Argument `count` must be one that fits into the box, but is {len(radii)}: they would "
+        f"fill {asked:.3g} of it; at random {len(places)} found a place ({filled:.3g}), and "
+        f"there are not so many cells wider than {2 * np.max(radii):g} m."
+    )
+
+
+def _added(
+    random: np.random.Generator, size: Places, reach: Places, around: NDArray[np.bool_]
+) -> Places:
+    """Places by random sequential addition, the largest first; fewer where one finds none."""
+    # Those that can touch a sphere lie in its cell or the ones beside it.
+    number = np.maximum(1, np.floor(size / (2 * np.max(reach)))).astype(int)
+    side, dimensions = size / number, len(size)
+    order = np.argsort(-reach, kind="stable")
+    cells: dict[tuple[int, ...], list[int]] = {}
+    places, found = np.zeros((len(reach), dimensions)), 0
+    for k in order:
+        margin = np.where(around, 0.0, reach[k])
+        for place in margin + random.random((_TRIES, dimensions)) * (size - 2 * margin):
+            here = tuple(np.minimum(place / side, number - 1).astype(int).tolist())
+            near = [j for cell in _beside(here, number, around) for j in cells.get(cell, ())]
+            apart = places[near] - place
+            apart -= np.where(around, size * np.round(apart / size), 0.0)
+            if np.all(np.sum(apart**2, axis=1) >= (reach[near] + reach[k]) ** 2):
+                places[k] = place
+                cells.setdefault(here, []).append(int(k))
+                found += 1
+                break
+        else:
+            return places[order[:found]]
+    return places
+
+
+def _beside(
+    here: tuple[int, ...], number: NDArray[np.int_], around: NDArray[np.bool_]
+) -> Iterator[tuple[int, ...]]:
+    """A cell and its neighbours, each once, across the ends where these meet."""
+    ranges = []
+    for place, count, meets in zip(here, number.tolist(), around.tolist(), strict=True):
+        near = range(place - 1, place + 2)
+        ranges.append({n % count for n in near} if meets else {n for n in near if 0 <= n < count})
+    return itertools.product(*ranges)
+
+
+def _cells(size: Places, reach: float, count: int) -> NDArray[np.int_] | None:
+    """How many cells along each axis, each as wide as a sphere, make at least `count`; the widest.
+
+    None where there are no such cells.
+    """
+    most = np.floor(size / (2 * reach)).astype(int)
+    if np.prod(most) < count:
+        return None
+    # The widths at which one cell more fits along some axis.
+    widths = {length / n for length, m in zip(size, most, strict=True) for n in range(1, m + 1)}
+    for width in sorted(widths, reverse=True):
+        number = np.minimum(np.maximum(1, np.floor(size / width * (1 + 1e-12))), most).astype(int)
+        if np.prod(number) >= count:
+            return number
+    return most
+
+
+def _in_cells(
+    random: np.random.Generator, size: Places, reach: Places, number: NDArray[np.int_]
+) -> Places:
+    """An even place in a cell of its own for every sphere."""
+    chosen = random.permutation(int(np.prod(number)))[: len(reach)]
+    corner = np.stack(np.unravel_index(chosen, tuple(number)), axis=1)
+    side, margin = size / number, reach[:, None]
+    return corner * side + margin + random.random(corner.shape) * (side - 2 * margin)
+
+
+def _thermal(
+    random: np.random.Generator, masses: Places, shape: tuple[int, ...], speed: float
+) -> Places:
+    """Velocities in equilibrium without total momentum, with ½ Σ m v² = ½ Σ m speed²."""
+    mass = masses[:, None]
+    velocity = random.normal(size=shape) / np.sqrt(mass)
+    velocity -= np.sum(mass * velocity, axis=0) / np.sum(mass)
+    return velocity * speed * np.sqrt(np.sum(mass) / np.sum(mass * velocity**2))
+
+
+def _list(numbers: Places) -> str:
+    return " × ".join(f"{number:g}" for number in numbers)

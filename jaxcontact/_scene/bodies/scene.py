@@ -1,0 +1,217 @@
+"""A scene: bodies, what acts between them, gravity, and periodic axes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Float
+
+from ..._contact import EXPONENT
+from ..._laws import AbstractLaw
+from ..._parameter import POSITIVE, Specialised, is_plain, refuses_unknown, rendered, require_kind
+from ..resume import Start
+from .bodies import AbstractBody, Shell, Sphere, words
+from .by_pair import PairTable, kinds_of, pair_table
+from .entry import one_number, vector
+from .overlap import require_apart
+
+
+class Scene(eqx.Module):
+    """Bodies without friction, and what acts between them.
+
+    Arguments: `bodies`, a list of `Sphere`, `Plane`, `Box` and `Shell`, in one, two or three
+    dimensions; `law`, a contact law for all pairs, or a mapping by pair, `{("ball", "table"): law,
+    "default": law}`, with the names of bodies in either order (a name may be shared); `stiffness` K
+    in N/mⁿ, for all pairs or by pair in the same way, None for Hertz's, from radii and materials (a
+    wall without material is rigid); `exponent` n in [1, 3]; `gravity` in m/s², a vector;
+    `periodic`, the length in m of each axis along which space repeats, None for the others.
+
+    Every number in it is a leaf. A length of `periodic` must exceed four radii of every sphere, so
+    that a pair meets by one image at a time.
+
+    Raises ValueError for bodies that overlap at the start by more than rounding (named, with the
+    depth), dimensions that differ, pairs that can meet without a law or a stiffness, and where
+    nothing moves. Traced values are not compared: bad ones are flagged by `simulate`.
+    """
+
+    bodies: tuple[AbstractBody, ...]
+    law: PairTable
+    stiffness: PairTable | None
+    gravity: Float[Array, " D"] | None
+    periodic: tuple[Float[Array, ""] | None, ...]
+    _start: Start | None
+    _exponent: Specialised
+    _kinds: tuple[int, ...] = eqx.field(static=True)
+
+    @refuses_unknown
+    def __init__(
+        self,
+        bodies: Sequence[AbstractBody],
+        law: AbstractLaw | Mapping[Any, AbstractLaw],
+        *,
+        stiffness: ArrayLike | Mapping[Any, ArrayLike] | None = None,
+        exponent: ArrayLike = 1.5,
+        gravity: ArrayLike | Sequence[ArrayLike] | None = None,
+        periodic: Sequence[ArrayLike | None] | None = None,
+    ):
+        self.bodies = _bodies(bodies)
+        dimensions = self.bodies[0].dimensions
+        kinds, self._kinds = kinds_of([body.name for body in self.bodies])
+        meeting = _meeting(self.bodies, self._kinds)
+        self.law = pair_table("law", law, _law, kinds, meeting)
+        self._exponent = _exponent(exponent)
+        self.stiffness = None
+        if stiffness is not None:
+            self.stiffness = pair_table("stiffness", stiffness, _stiffness, kinds, meeting)
+        elif self._exponent.static != 1.5:
+            raise ValueError(
+                "Argument `exponent` must be 1.5 where the stiffness follows from materials "
+                f"(Hertz), but is {rendered(exponent)}."
+            )
+        self.gravity = None
+        if gravity is not None:
+            self.gravity = vector(gravity, "gravity")
+            _same_dimensions("gravity", gravity, self.gravity.shape[0], dimensions)
+            if not isinstance(self.gravity, Tracer) and not np.any(np.asarray(self.gravity)):
+                self.gravity = None
+        self.periodic = _periodic(periodic, self.bodies, dimensions)
+        self._start = None
+        require_apart(self.bodies, self.periodic)
+
+    @property
+    def exponent(self) -> float | Float[Array, ""]:
+        """The exponent n of every contact: a float if it was given as a Python number."""
+        return self._exponent.value
+
+    @property
+    def dimensions(self) -> int:
+        """The number of dimensions: 1, 2 or 3."""
+        return self.bodies[0].dimensions
+
+    @property
+    def spheres(self) -> tuple[Sphere, ...]:
+        """The spheres, in the order given; row k of a position belongs to the k-th of them."""
+        return tuple(body for body in self.bodies if isinstance(body, Sphere))
+
+    def __repr__(self) -> str:
+        counts: dict[str, int] = {}
+        for body in self.bodies:
+            kind = type(body).__name__
+            counts[kind] = counts.get(kind, 0) + 1
+        bodies = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+        laws = ", ".join(dict.fromkeys(type(law).__name__ for law in self.law.values))
+        return f"Scene({bodies}; {self.dimensions}D; {laws})"
+
+
+def _bodies(given: Any) -> tuple[AbstractBody, ...]:
+    if not isinstance(given, list | tuple) or not given:
+        raise ValueError(
+            "Argument `bodies` must be a list of `Sphere`, `Plane`, `Box` and `Shell`, but is "
+            f"{rendered(given)}."
+        )
+    for k, body in enumerate(given):
+        if not isinstance(body, AbstractBody):
+            raise ValueError(
+                "Argument `bodies` must be a list of `Sphere`, `Plane`, `Box` and `Shell`, but "
+                f"number {k} of it is {rendered(body)}."
+            )
+    dimensions = [body.dimensions for body in given]
+    for k, count in enumerate(dimensions):
+        if count != dimensions[0]:
+            raise ValueError(
+                f"Argument `bodies` must be in one space, but {words(given, k)} has {count} "
+                f"dimensions and {words(given, 0)} has {dimensions[0]}."
+            )
+    if not any(isinstance(body, Sphere) and not body.fixed for body in given):
+        raise ValueError(
+            "Argument `bodies` must hold a sphere that is not fixed, but nothing in it moves: "
+            f"{rendered([type(body).__name__ for body in given])}."
+        )
+    return tuple(given)
+
+
+def _meeting(bodies: Sequence[AbstractBody], kinds: Sequence[int]) -> list[tuple[int, int]]:
+    """The pairs of kinds of which two bodies can meet: one of them must move."""
+    count = max(kinds) + 1
+    total, moving = [0] * count, [0] * count
+    for body, kind in zip(bodies, kinds, strict=True):
+        total[kind] += 1
+        moving[kind] += isinstance(body, Sphere) and not body.fixed
+    return [
+        (a, b)
+        for a in range(count)
+        for b in range(a, count)
+        if (moving[a] and total[b] > (a == b)) or (moving[b] and total[a] > (a == b))
+    ]
+
+
+def _law(argument: str, value: Any) -> AbstractLaw:
+    law = require_kind(
+        argument, value, AbstractLaw, "a contact law (see `list_laws`), or a mapping"
+    )
+    for leaf in jax.tree.leaves(law):
+        if eqx.is_array(leaf) and leaf.shape != ():
+            raise ValueError(
+                f"Argument `{argument}` must hold one number of each kind, but is {rendered(law)}."
+            )
+    return law
+
+
+def _stiffness(argument: str, value: Any) -> Array:
+    return one_number(value, argument, POSITIVE)
+
+
+def _exponent(given: Any) -> Specialised:
+    value = one_number(given, "exponent", EXPONENT)
+    return Specialised(float(given)) if is_plain(given) else Specialised(None, value)
+
+
+def _same_dimensions(name: str, given: Any, count: int, dimensions: int) -> None:
+    if count != dimensions:
+        raise ValueError(
+            f"Argument `{name}` must have {dimensions} numbers, as the bodies have, but is "
+            f"{rendered(given)}."
+        )
+
+
+def _periodic(
+    given: Any, bodies: Sequence[AbstractBody], dimensions: int
+) -> tuple[Array | None, ...]:
+    if given is None:
+        return (None,) * dimensions
+    if not isinstance(given, list | tuple):
+        raise ValueError(
+            "Argument `periodic` must be a list with a length or None for each axis, but is "
+            f"{rendered(given)}."
+        )
+    _same_dimensions("periodic", given, len(given), dimensions)
+    lengths = tuple(None if one is None else one_number(one, "periodic", POSITIVE) for one in given)
+    spheres = [body for body in bodies if isinstance(body, Sphere)]
+    for axis, length in enumerate(lengths):
+        if length is None:
+            continue
+        for k, body in enumerate(bodies):
+            if isinstance(body, Shell):
+                raise ValueError(
+                    f"Argument `periodic` must be None beside {words(bodies, k)}, but is "
+                    f"{rendered(given)}."
+                )
+            for wall in body.walls():
+                along = wall.normal[axis]
+                if not isinstance(along, Tracer) and float(along) != 0:
+                    raise ValueError(
+                        f"Argument `periodic` must be None for axis {axis}, along which "
+                        f"{words(bodies, k)} ends the space, but is {rendered(given)}."
+                    )
+        known = [float(s.radius) for s in spheres if not isinstance(s.radius, Tracer)]
+        if known and not isinstance(length, Tracer) and not float(length) > 4 * max(known):
+            raise ValueError(
+                f"Argument `periodic` must be longer than four radii ({4 * max(known):g}), so "
+                f"that a pair meets by one image at a time, but is {rendered(given)}."
+            )
+    return lengths

@@ -1,0 +1,1 @@
+"""Contacts of several bodies at once, as one system of equations."""

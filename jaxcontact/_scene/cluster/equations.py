@@ -1,0 +1,268 @@
+"""Bodies that touch, as one system of equations: m_i a_i = m_i g_i + Σ F_k n_k over its pairs.
+
+A pair k has the indentation δ, along the normal n from the second body to the first,
+
+    δ = d - |x_first - x_second|   (spheres),        δ = d - n·(x_first - x_second)   (a plane),
+
+the rate δ' = -n·(v_first - v_second) and the force F(δ, δ', v0) of its law. Everything is in units
+of a length X, a speed V and a mass m of the cluster; the law alone is given SI quantities.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..._contact import Contact
+from ..._elementary import contraction, small_product
+from ..._laws import AbstractLaw, force_of
+from ..arrays.rows import rows_of
+from ..bodies.motion import Own
+from ..bodies.side import side
+
+_SLOWEST = 1e-9
+"""The least v0, in units of speed: one of zero has no damping."""
+
+PerPair = Float[Array, " pairs"]
+PerBody = Float[Array, "bodies dim"]
+
+
+class Pairs(NamedTuple):
+    """Which bodies of a cluster can touch, P slots.
+
+    `first` and `second`: their places; a plane is a second body without inverse mass, at any point
+    of it. `distance` in m at which they touch: R1 + R2, negative in a shell (see `_side`), or the
+    radius for a plane. `normal`, shape
+    (P, D): of a plane, of unit length, to its free side; any finite numbers for spheres. `flat`:
+    whether the second is a plane. `used`: False for slots that hold no pair. `away` (P, D) in m:
+    how far the image of the second that is meant is from where it is; None without periodic axes.
+    """
+
+    first: Int[Array, " pairs"]
+    second: Int[Array, " pairs"]
+    distance: PerPair
+    normal: Float[Array, "pairs dim"]
+    flat: Bool[Array, " pairs"]
+    used: Bool[Array, " pairs"]
+    away: Float[Array, "pairs dim"] | None = None
+
+    def between(self, position: PerBody) -> Float[Array, "pairs dim"]:
+        """From the second bodies to the first."""
+        apart = rows_of(position, self.first) - rows_of(position, self.second)
+        return apart if self.away is None else apart - self.away
+
+
+class Drive(NamedTuple):
+    """The accelerations -a sin(ω t + φ) of prescribed bodies, t from the start.
+
+    `strength` a (M, D), `rate` ω and `phase` φ (M,); whether a body `moves` (M,), and whether it is
+    accelerated, `shakes`. Functions of the user's `own`, each with the body that it accelerates
+    beside, of a number from M on where that is not there.
+    """
+
+    strength: Float[Array, "bodies dim"]
+    rate: Float[Array, " bodies"]
+    phase: Float[Array, " bodies"]
+    moves: Bool[Array, " bodies"]
+    shakes: Bool[Array, " bodies"]
+    own: tuple[tuple[Own, Int[Array, ""] | int], ...]
+
+
+class ClusterState(NamedTuple):
+    """Where a cluster is, in SI units; also where it may go on from.
+
+    `time` in s; `position` and `velocity`, (M, D). Of every pair: its `indentation` δ in m, which
+    the solve goes on from (differences of positions have fewer digits), negative where it is open;
+    whether it is `closed`; whether its v0 is still `rising` with δ'; the `latched` v0 in m/s;
+    `since` and `force_until` in s, the last touch and when a force last acted;
+    `max_force`, `max_indentation` and `lost`, the energy, since that touch.
+    """
+
+    time: Float[Array, ""]
+    position: PerBody
+    velocity: PerBody
+    indentation: PerPair
+    closed: Bool[Array, " pairs"]
+    rising: Bool[Array, " pairs"]
+    latched: PerPair
+    since: PerPair
+    force_until: PerPair
+    max_force: PerPair
+    max_indentation: PerPair
+    lost: PerPair
+
+
+class Units(NamedTuple):
+    """Of length in m, speed in m/s, mass in kg, and what follows from them."""
+
+    length: Float[Array, ""]
+    speed: Float[Array, ""]
+    mass: Float[Array, ""]
+
+    @property
+    def time(self) -> Float[Array, ""]:
+        """In s."""
+        return self.length / self.speed
+
+    @property
+    def force(self) -> Float[Array, ""]:
+        """In N."""
+        return self.mass * self.speed * (self.speed / self.length)
+
+    @property
+    def energy(self) -> Float[Array, ""]:
+        """In J."""
+        return self.mass * self.speed * self.speed
+
+
+class Modes(NamedTuple):
+    """What is fixed between two events: which pairs are closed, and where v0 is taken from."""
+
+    closed: Bool[Array, " pairs"]
+    rising: Bool[Array, " pairs"]
+    latched: PerPair
+
+
+class Geometry(NamedTuple):
+    """Of the pairs: indentation, its rate, unit normals, and what turning adds to δ''."""
+
+    depth: PerPair
+    rate: PerPair
+    normal: Float[Array, "pairs dim"]
+    swirl: PerPair
+
+
+def incidence_of(pairs: Pairs, bodies: int, dtype: Any) -> Float[Array, "pairs bodies"]:
+    """1 at the first body of a pair, -1 at the second."""
+    numbered = jnp.arange(bodies)[None]
+    first, second = pairs.first[:, None] == numbered, pairs.second[:, None] == numbered
+    signs = first.astype(dtype) - second.astype(dtype)
+    return jnp.where(pairs.used[:, None], signs, 0)
+
+
+class Touching(eqx.Module):
+    """The equations of a cluster in its units; `apart` and `depth` belong to its start, `incidence`
+    to its pairs.
+
+    `in_line`: whether the bodies are spheres and walls in one dimension, without shells.
+    """
+
+    law: AbstractLaw
+    contact: Contact
+    units: Units
+    pairs: Pairs
+    apart: Float[Array, "pairs dim"]
+    depth: PerPair
+    inverse_mass: Float[Array, " bodies"]
+    acceleration: PerBody
+    drive: Drive | None
+    incidence: Float[Array, "pairs bodies"]
+    in_line: bool = eqx.field(static=True)
+
+    def _between(self, vectors: PerBody) -> Float[Array, "pairs dim"]:
+        """Those of the first bodies less those of the second."""
+        return small_product(self.incidence, vectors)
+
+    def geometry(self, moved: PerBody, velocity: PerBody) -> Geometry:
+        """Of all pairs, once the bodies have `moved` from the start."""
+        pairs = self.pairs
+        both = self._between(jnp.concatenate([moved, velocity], axis=1))
+        dim = moved.shape[1]
+        change, relative = both[:, :dim], both[:, dim:]
+        # A pair that is none, or a plane, gets a length that divides.
+        curved = (pairs.used & ~pairs.flat)[:, None]
+        before = jnp.where(curved, self.apart, 1)
+        if self.in_line:
+            # Spheres outside of each other keep their order.
+            normal = jnp.where(pairs.flat[:, None], pairs.normal, jnp.sign(before))
+            rate = -(normal * relative)[:, 0]
+            depth = self.depth - (normal * change)[:, 0]
+            return Geometry(depth, rate, normal, jnp.zeros_like(depth))
+        now = before + jnp.where(curved, change, 0)
+        sign = side(pairs.distance)
+        length, start = sign * _norm(now), sign * _norm(before)
+        approached = jnp.sum((2 * before + change) * change, axis=1) / (start + length)
+        flat = jnp.sum(pairs.normal * change, axis=1)
+        normal = jnp.where(pairs.flat[:, None], pairs.normal, now / length[:, None])
+        rate = -jnp.sum(normal * relative, axis=1)
+        across = relative + rate[:, None] * normal
+        swirl = jnp.where(pairs.flat, 0, jnp.sum(jnp.square(across), axis=1) / length)
+        depth = self.depth - jnp.where(pairs.flat, flat, approached)
+        return Geometry(depth, rate, normal, swirl)
+
+    def force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
+        """Of the closed pairs."""
+        units = self.units
+        speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
+        speed = jnp.maximum(speed, _SLOWEST)
+        depth = jnp.maximum(depth, 0)
+        if not self.law.damped:
+            rate = jnp.zeros_like(rate)
+        given = (units.length * depth, units.speed * rate, self.contact, units.speed * speed)
+        force = force_of(self.law, *given) / units.force
+        return jnp.where(modes.closed & self.pairs.used, force, 0)
+
+    def stored(self, depth: PerPair, modes: Modes) -> PerPair:
+        """∫ F(δ, 0) dδ of the closed pairs, by a Gauss rule in √δ."""
+        nodes, weights = np.polynomial.legendre.leggauss(16)
+        u = jnp.asarray((1 + nodes) / 2, depth.dtype)
+        depth = jnp.maximum(depth, 0)
+        at = jax.vmap(lambda u: u * self.force(u * u * depth, jnp.zeros_like(depth), modes))(u)
+        return depth * contraction(jnp.asarray(weights, depth.dtype), at)
+
+    def accelerations(
+        self, geometry: Geometry, force: PerPair, time: Float[Array, ""]
+    ) -> tuple[PerBody, PerBody]:
+        """Of the bodies under the forces of the pairs, and the sums of those forces."""
+        pushed = small_product(self.incidence.T, force[:, None] * geometry.normal)
+        acceleration = self.acceleration + self.inverse_mass[:, None] * pushed
+        if self.drive is not None:
+            swing = jnp.sin(self.drive.rate * time + self.drive.phase)
+            acceleration = acceleration - swing[:, None] * self.drive.strength
+            for own, body in self.drive.own:
+                acceleration = acceleration.at[body].add(own.push(time), mode="drop")
+        return acceleration, pushed
+
+    def on_planes(self, closed: Bool[Array, " pairs"]) -> Bool[Array, ""]:
+        """Whether each body that touches anything touches one plane."""
+        bodies = jnp.arange(self.inverse_mass.shape[0])
+        closed = closed & self.pairs.used
+        planes = closed[:, None] & (self.pairs.first[:, None] == bodies[None])
+        return jnp.all(self.pairs.flat | ~closed) & jnp.all(jnp.sum(planes, axis=0) <= 1)
+
+    def second(self, geometry: Geometry, acceleration: PerBody) -> PerPair:
+        """δ'' of the pairs."""
+        relative = self._between(acceleration)
+        return -jnp.sum(geometry.normal * relative, axis=1) - geometry.swirl
+
+    def motion(
+        self, at: Geometry, velocity: PerBody, modes: Modes, time: Float[Array, ""]
+    ) -> tuple[PerBody, PerPair, Float[Array, ""]]:
+        """The accelerations, the power that the damping of each pair takes, and the power that
+        weight and prescribed bodies bring in.
+        """
+        force = self.force(at.depth, at.rate, modes)
+        lost = jnp.zeros_like(force)
+        if self.law.damped:
+            still = self.force(at.depth, lost, modes)
+            lost = (force - still) * at.rate
+        acceleration, pushed = self.accelerations(at, force, time)
+        free = (self.inverse_mass > 0)[:, None]
+        weight = self.acceleration / jnp.where(free, self.inverse_mass[:, None], 1)
+        work = jnp.sum(jnp.where(free, weight, -pushed) * velocity)
+        return acceleration, lost, work
+
+    def kinetic(self, velocity: PerBody) -> Float[Array, ""]:
+        """½ Σ m v² of the bodies that are free."""
+        free = self.inverse_mass > 0
+        mass = jnp.where(free, 1 / jnp.where(free, self.inverse_mass, 1), 0)
+        return jnp.sum(mass[:, None] * jnp.square(velocity)) / 2
+
+
+def _norm(vectors: Float[Array, "pairs dim"]) -> PerPair:
+    return jnp.sqrt(jnp.sum(jnp.square(vectors), axis=1))

@@ -1,0 +1,152 @@
+"""The motion of a cluster between two events as a field in the variable of its clock, and the gaps
+that fall through zero where an event is.
+
+A state is one vector.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from .clock import Clock
+from .equations import Geometry, Modes, PerBody, PerPair, Touching, Units, incidence_of
+from .problem import Problem, Rules, scaled
+
+WORK, TIME, W = -3, -2, -1
+"""Where in the vector of a state they stand."""
+
+
+class Parts(NamedTuple):
+    """Where in the vector of a state its parts lie; without damping nothing is `lost`."""
+
+    bodies: int
+    dim: int
+    pairs: int
+    damped: bool
+
+    def packed(
+        self, moved: PerBody, velocity: PerBody, lost: PerPair, rest: list[Float[Array, ""]]
+    ) -> Float[Array, " numbers"]:
+        """Of `rest`: the work, the time and w."""
+        taken = [lost] if self.damped else []
+        return jnp.concatenate([moved.ravel(), velocity.ravel(), *taken, jnp.stack(rest)])
+
+    def moved(self, y: Array) -> PerBody:
+        return y[: self.bodies * self.dim].reshape(self.bodies, self.dim)
+
+    def velocity(self, y: Array) -> PerBody:
+        m = self.bodies * self.dim
+        return y[m : 2 * m].reshape(self.bodies, self.dim)
+
+    def lost(self, y: Array) -> PerPair:
+        if not self.damped:
+            return jnp.zeros(self.pairs, y.dtype)
+        return y[2 * self.bodies * self.dim : -3]
+
+
+class Look(NamedTuple):
+    """What is asked of a state where a step ends, or the slopes of it in s."""
+
+    depth: PerPair
+    rate: PerPair
+    second: PerPair
+    force: PerPair
+
+
+@dataclasses.dataclass(frozen=True)
+class Field:
+    """The equations of a cluster for its state as a vector; the time is up at `until`."""
+
+    system: Touching
+    parts: Parts
+    rules: Rules
+    until: Float[Array, ""]
+
+    def geometry(self, y: Array, clock: Clock) -> Geometry:
+        """Of all pairs; the depth of the one that leaves is that of the clock."""
+        at = self.system.geometry(self.parts.moved(y), self.parts.velocity(y))
+        return at._replace(depth=jnp.where(clock.leaving, jnp.square(y[W]), at.depth))
+
+    def rate(self, y: Array, modes: Modes, clock: Clock) -> Array:
+        """d/ds."""
+        velocity, at = self.parts.velocity(y), self.geometry(y, clock)
+        acceleration, lost, work = self.system.motion(at, velocity, modes, y[TIME])
+        one = jnp.ones((), y.dtype)
+        per_time = self.parts.packed(velocity, acceleration, lost, [work, one, one])
+        return (2 * y[W] * per_time).at[W].set(clock.rate(at.rate))
+
+    def look(self, y: Array, modes: Modes, clock: Clock) -> Look:
+        """At one state."""
+        at = self.geometry(y, clock)
+        force = self.system.force(at.depth, at.rate, modes)
+        acceleration, _ = self.system.accelerations(at, force, y[TIME])
+        return Look(at.depth, at.rate, self.system.second(at, acceleration), force)
+
+    def looked(self, y: Array, modes: Modes, clock: Clock, toward: Array) -> tuple[Look, Look]:
+        """With its slopes along `toward`."""
+        if self.rules.peak:
+            return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
+        # No event needs the slope of δ''.
+        now, pace = self.look(y, modes, clock), 2 * y[W]
+        slopes = (pace * now.rate, pace * now.second)
+        force = self.force_slope(modes, (now.depth, now.rate), slopes)
+        return now, Look(*slopes, jnp.zeros_like(force), force)
+
+    def force_slope(
+        self, modes: Modes, at: tuple[PerPair, PerPair], along: tuple[PerPair, PerPair]
+    ) -> PerPair:
+        """The slope of the forces where depths and their rates change `along`."""
+        return jax.jvp(lambda d, r: self.system.force(d, r, modes), at, along)[1]
+
+    def gaps(
+        self, modes: Modes, clock: Clock, at: Look, w: Array, latched: Any, left: Array
+    ) -> Any:
+        """What falls through zero at an event, or its slope, for slopes."""
+        meets = jnp.where(clock.leaving, w, jnp.where(modes.closed, at.depth, -at.depth))
+        if not self.rules.peak:
+            return jnp.concatenate([meets, left[None]])
+        latches = jnp.where(modes.rising, at.second, latched - at.rate)
+        return jnp.concatenate([meets, latches, left[None]])
+
+    def passed(self, modes: Modes, at: Look, gaps: Array) -> Bool[Array, " events"]:
+        """Which gaps are negative because of an event: those of rounding go the other way."""
+        used = self.system.pairs.used
+        inwards = jnp.where(modes.closed, at.rate < 0, at.rate > 0)
+        meets, last = used & inwards, jnp.ones(1, bool)
+        if not self.rules.peak:
+            return (gaps < 0) & jnp.concatenate([meets, last])
+        latches = used & modes.closed & (modes.rising | (at.second > 0))
+        return (gaps < 0) & jnp.concatenate([meets, latches, last])
+
+    def energy(self, y: Array, modes: Modes) -> Float[Array, ""]:
+        """Of the bodies and of the contacts, with what these lost."""
+        velocity = self.parts.velocity(y)
+        depth = self.system.geometry(self.parts.moved(y), velocity).depth
+        stored = jnp.sum(self.system.stored(depth, modes))
+        return self.system.kinetic(velocity) + stored + jnp.sum(self.parts.lost(y))
+
+
+def field_of(problem: Problem, rules: Rules, units: Units) -> Field:
+    """The field of a problem in its units."""
+    state, pairs, (bodies, dim) = problem.state, problem.pairs, problem.state.position.shape
+    free = (problem.inverse_mass > 0)[:, None]
+    system = Touching(
+        law=problem.law,
+        contact=problem.contact,
+        units=units,
+        pairs=pairs,
+        apart=pairs.between(state.position) / units.length,
+        depth=state.indentation / units.length,
+        inverse_mass=problem.inverse_mass * units.mass,
+        acceleration=jnp.where(free, problem.acceleration, 0) / (units.speed / units.time),
+        drive=scaled(problem.drive, units),
+        incidence=incidence_of(pairs, bodies, state.position.dtype),
+        in_line=rules.in_line,
+    )
+    parts = Parts(bodies, dim, pairs.used.shape[0], problem.law.damped)
+    return Field(system, parts, rules, (problem.until - state.time) / units.time)

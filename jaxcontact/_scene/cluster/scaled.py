@@ -1,0 +1,118 @@
+"""The door of the coupled solve: its tolerance, its units of input and its start."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..._contact import Contact
+from ..._impact.lanes import with_sensitivity
+from ..._laws import AbstractLaw
+from ..bodies.side import side
+from .equations import ClusterState, Drive, Pairs, PerBody
+from .problem import ClusterEnd, Problem, Rules
+from .solve import solve_cluster
+
+MOST_STEPS = 4096
+
+
+def cluster(
+    law: AbstractLaw,
+    contact: Contact,
+    pairs: Pairs,
+    inverse_mass: Float[Array, " bodies"],
+    acceleration: PerBody,
+    state: ClusterState,
+    until: Float[Array, ""],
+    *,
+    rtol: float | Float[Array, ""],
+    v0: str | float = "peak",
+    until_change: bool = False,
+    drive: Drive | None = None,
+    in_line: bool = False,
+    to_the_end: Bool[Array, ""] | bool = False,
+    max_steps: int = MOST_STEPS,
+) -> ClusterEnd:
+    """Follow a cluster of touching bodies until all its pairs are open, or until a time in s.
+
+    Arguments: the law and the contact (effective masses, stiffnesses), scalars or one number a
+    pair; the `pairs`; the inverse masses in 1/kg, 0 for fixed and prescribed bodies, which go on at
+    their velocity; the acceleration of each body by gravity in m/s²; the `state` to start from; the
+    time to end at. `rtol` bounds the error of velocities, relative to the speeds in the cluster; in
+    float32 no less than 1e-5 is reached. `v0`: "peak", the largest closing speed since touch;
+    "touch", the speed at touch; a number, the least speed in m/s at touch. With `until_change` the
+    solve also ends where a pair touches or opens. `drive` says which prescribed bodies are
+    accelerated; None where none is. `in_line` allows for a shorter way in one dimension, where
+    there are no shells. With `to_the_end` it goes on where it comes to rest.
+
+    One lane; batch it with `vmap`. Differentiable in both modes: the solve carries the
+    sensitivities to all that varies. Nothing is raised; see `ClusterEnd.status`.
+    """
+    dtype = state.position.dtype
+    pairs_shape = pairs.used.shape
+
+    def per_pair(leaf: Any) -> Any:
+        return jnp.broadcast_to(jnp.asarray(leaf, dtype), pairs_shape)
+
+    law, contact = jax.tree.map(per_pair, (law, contact))
+    finest = 20 * float(jnp.finfo(dtype).eps)
+    tolerance = jnp.maximum(jnp.asarray(rtol, dtype) / 100, finest)
+    problem = Problem(
+        law=law,
+        contact=contact,
+        pairs=pairs,
+        inverse_mass=inverse_mass,
+        acceleration=acceleration,
+        state=state,
+        until=jnp.asarray(until, dtype),
+        tolerance=jax.lax.stop_gradient(tolerance),
+        floor=jnp.asarray(0.0 if isinstance(v0, str) else v0, dtype),
+        drive=drive,
+        to_the_end=jnp.asarray(to_the_end),
+    )
+    rules = Rules(v0 == "peak", until_change, max_steps, in_line)
+    return with_sensitivity(eqx.Partial(solve_cluster, rules=rules))(problem)
+
+
+def touched(
+    pairs: Pairs,
+    position: PerBody,
+    velocity: PerBody,
+    closed: Bool[Array, " pairs"],
+    *,
+    v0: str | float = "peak",
+) -> ClusterState:
+    """The start of a cluster at time 0, with some pairs just touching (δ = 0) and the others open.
+
+    v0 rises for pairs that touch without closing yet.
+    """
+    apart = pairs.between(position)
+    relative = velocity[pairs.first] - velocity[pairs.second]
+    curved = (pairs.used & ~pairs.flat)[:, None]
+    between = jnp.where(curved, apart, 1)
+    length = side(pairs.distance) * jnp.sqrt(jnp.sum(jnp.square(between), axis=1))
+    flat = pairs.flat[:, None]
+    normal = jnp.where(flat, pairs.normal, between / length[:, None])
+    rate = -jnp.sum(normal * relative, axis=1)
+    near = jnp.where(pairs.flat, jnp.sum(normal * apart, axis=1), length)
+    closed = closed & pairs.used
+    zero = jnp.zeros_like(rate)
+    latched = jnp.maximum(rate, 0.0 if isinstance(v0, str) else v0)
+    return ClusterState(
+        time=jnp.zeros((), position.dtype),
+        position=position,
+        velocity=velocity,
+        indentation=jnp.where(closed | ~pairs.used, 0, pairs.distance - near),
+        closed=closed,
+        rising=closed & (rate <= 0) & (v0 == "peak"),
+        latched=jnp.where(closed, latched, 0),
+        since=zero,
+        force_until=zero,
+        max_force=zero,
+        max_indentation=zero,
+        lost=zero,
+    )

@@ -1,0 +1,151 @@
+"""Several touching bodies as one coupled solve, from event to event.
+
+Between two events the motion of `_touching` is smooth but for the powers of δ at touch and opening,
+which `_cluster_clock` makes smooth. In its variable steps of order 8 are taken. A step that passes
+an event is tried again, up to the root of the cubic through its ends, until it ends there.
+
+Events: a pair touches or opens; the closing speed of a pair stops rising, so that its v0 is
+latched, or rises above the latched one; the time is up.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool
+
+from .clock import LONG_AGO, Clock, chosen
+from .equations import ClusterState, Modes
+from .field import TIME, WORK, Look, W, field_of
+from .problem import APART, NOT_CONVERGED, PAUSED, TIME_IS_UP, ClusterEnd, Problem, Rules, units_of
+from .rest import ASLEEP
+from .step import Carry, Solve, advance
+
+_stop = jax.lax.stop_gradient
+
+
+def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
+    """A cluster from its state to its end."""
+    free = (problem.inverse_mass > 0)[:, None]
+    velocity = problem.state.velocity
+    frame = _stop(jnp.sum(jnp.where(free, velocity, 0), axis=0, keepdims=True))
+    frame = frame / jnp.sum(free, dtype=velocity.dtype)
+    units = units_of(problem)
+    solve = Solve(problem, field_of(problem, rules, units), units, frame)
+    first = _first(solve)
+
+    def unfinished(c: Carry) -> Bool[Array, ""]:
+        return (c.status < 0) & (c.steps < rules.max_steps)
+
+    end = jax.lax.while_loop(unfinished, functools.partial(advance, solve), first)
+    done, status = _state_at(solve, end)
+    return _judged(solve, first, end, done, status)
+
+
+def _first(solve: Solve) -> Carry:
+    """Where a solve starts."""
+    problem, field, units, finest = solve.problem, solve.field, solve.units, solve.finest
+    state, pairs, begin = problem.state, problem.pairs, solve.begin
+    dtype = state.position.dtype
+    zero, none = jnp.zeros((), dtype), jnp.zeros_like(state.lost)
+    velocity = (state.velocity - solve.frame) / units.speed
+    lost = state.lost / units.energy
+    y = field.parts.packed(jnp.zeros_like(velocity), velocity, lost, [zero, zero, zero])
+    modes = Modes(state.closed & pairs.used, state.rising, state.latched / units.speed)
+    nobody = jnp.zeros_like(modes.closed)
+    here = field.look(y, modes, Clock(jnp.asarray(True), nobody))
+    if field.rules.peak:
+        # A closing speed that is the largest one yet, and grows, is what v0 follows.
+        largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
+        modes = modes._replace(rising=modes.rising | (largest & (here.second > 0)))
+    force = field.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
+    # Whether a pair touches just now, but for rounding.
+    just = jnp.abs(state.since - state.time) <= 8 * finest * jnp.abs(state.time)
+    just = jnp.any(modes.closed & just)
+    touched = jnp.where(just, zero, jnp.asarray(LONG_AGO, dtype))
+    clock, w = chosen(Clock(just, nobody), zero, modes, here.depth, here.rate, zero - touched)
+    size = _stop(jnp.where(just, begin, begin / jnp.where(just, 1, 2 * w)))
+    nothing = ~jnp.any(modes.closed)
+    over = jnp.where(nothing, APART, jnp.where(field.until <= 0, TIME_IS_UP, -1))
+    return Carry(
+        y=y.at[W].set(w),
+        modes=modes,
+        clock=clock,
+        touched=touched,
+        size=size,
+        free=size,
+        last_size=size,
+        last_error=zero + 1,
+        whole=zero,
+        sought=jnp.zeros((2 if field.rules.peak else 1) * field.parts.pairs + 1, bool),
+        look=here,
+        slope=Look(here.rate, here.second, none, force),
+        since=state.since,
+        force_until=state.force_until,
+        max_force=state.max_force,
+        max_indentation=state.max_indentation,
+        dropped=zero,
+        error=zero,
+        steps=jnp.zeros((), jnp.int32),
+        events=jnp.zeros((), jnp.int32),
+        status=over.astype(jnp.int32),
+    )
+
+
+def _state_at(solve: Solve, end: Carry) -> tuple[ClusterState, Array]:
+    """The state that a solve ended in, in SI units, and how it ended."""
+    problem, units, parts, frame = solve.problem, solve.units, solve.field.parts, solve.frame
+    state, free = problem.state, (problem.inverse_mass > 0)[:, None]
+    at = solve.field.system.geometry(parts.moved(end.y), parts.velocity(end.y))
+    done = ClusterState(
+        time=state.time + units.time * end.y[TIME],
+        position=state.position
+        + units.length * parts.moved(end.y)
+        + frame * units.time * end.y[TIME],
+        velocity=frame + units.speed * parts.velocity(end.y),
+        indentation=units.length * at.depth,
+        closed=end.modes.closed,
+        rising=end.modes.rising,
+        latched=units.speed * end.modes.latched,
+        since=end.since,
+        force_until=end.force_until,
+        max_force=end.max_force,
+        max_indentation=end.max_indentation,
+        lost=units.energy * parts.lost(end.y),
+    )
+    asleep = end.status == ASLEEP
+    # What goes on at its velocity has it without rounding.
+    steady = ~free if problem.drive is None else ~free & ~problem.drive.shakes[:, None]
+    velocity = jnp.where(steady, state.velocity, done.velocity)
+    done = done._replace(
+        time=jnp.where(asleep, problem.until, done.time),
+        velocity=jnp.where(asleep & free, 0, velocity),
+    )
+    status = jnp.where(asleep, TIME_IS_UP, end.status)
+    # Steps that got it farther than a contact's own time did not die out.
+    unfinished_status = jnp.where(end.y[TIME] > 1, PAUSED, NOT_CONVERGED)
+    return done, jnp.where(end.status < 0, unfinished_status, status)
+
+
+def _judged(
+    solve: Solve, first: Carry, end: Carry, done: ClusterState, status: Array
+) -> ClusterEnd:
+    """The end with its work, and with an error that says whether it can be trusted."""
+    problem, units, tolerance = solve.problem, solve.units, solve.problem.tolerance
+    # The energies at both ends; those of contacts that are over are left out of the state.
+    ends = ((c.y, c.modes) for c in (first, end))
+    both = jax.tree.map(lambda *ends: jnp.stack(ends), *ends)
+    before, now = jax.vmap(solve.field.energy)(*_stop(both))
+    missing = jnp.abs(now - before - end.dropped - end.y[WORK])
+    error = jnp.maximum(end.error, missing / jnp.maximum(before, jnp.abs(end.y[WORK])))
+    good = jnp.all(jnp.isfinite(end.y)) & (error <= 1e5 * tolerance)
+    status = jnp.where(good, status, NOT_CONVERGED)
+    # In the frame of the cluster its work is another one, by what the forces change in momentum.
+    free = (problem.inverse_mass > 0)[:, None]
+    mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
+    gain = jnp.sum(mass * solve.frame * (done.velocity - problem.state.velocity))
+    work = units.energy * end.y[WORK] + gain
+    error = _stop(error)
+    return ClusterEnd(done, work, status, end.steps, end.events, error, error * units.speed)

@@ -1,0 +1,342 @@
+"""One step of a coupled solve: tried, taken where it is good, and ended on an event it meets."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..._solver.runge_kutta import step_and_slope
+from ..pair_impact.step import factor
+from .clock import Clock, chosen
+from .cubic import ceiling, highest, to_root
+from .equations import Modes, PerBody, PerPair, Units
+from .field import TIME, WORK, Field, Look, W
+from .problem import APART, CHANGED, TIME_IS_UP, Problem
+from .rest import rest_of
+
+_TOGETHER = 0.65
+_NEAR = 0.4
+"""Powers of rounding: of the distance between simultaneous events, and of that from a state to an
+event that the cubic through the ends of the step bridges, both beside the step."""
+
+_BEGIN = 0.35
+_BEGIN_FOR = 1e-8
+"""The first step, in units of the contact's duration about, and the tolerance it is for."""
+
+_stop = jax.lax.stop_gradient
+
+
+@dataclasses.dataclass(frozen=True)
+class Solve:
+    """What does not change in a solve: its `field` in the frame of the cluster, whose velocity is
+    `frame`, and units.
+    """
+
+    problem: Problem
+    field: Field
+    units: Units
+    frame: PerBody
+
+    @property
+    def finest(self) -> float:
+        """A rounding of one."""
+        return float(jnp.finfo(self.frame.dtype).eps)
+
+    @property
+    def begin(self) -> Float[Array, ""]:
+        """The first step after a touch."""
+        return _BEGIN * jnp.minimum((self.problem.tolerance / _BEGIN_FOR) ** (1 / 8), 1.5)
+
+
+class Carry(NamedTuple):
+    """Where a solve is: the state `y`, `size` of the next step, `free`, what its error alone would
+    allow, and `whole`, the step in which an event was first seen, 0 where none is being sought.
+    """
+
+    y: Float[Array, " numbers"]
+    modes: Modes
+    clock: Clock
+    touched: Float[Array, ""]
+    size: Float[Array, ""]
+    free: Float[Array, ""]
+    last_size: Float[Array, ""]
+    last_error: Float[Array, ""]
+    whole: Float[Array, ""]
+    sought: Bool[Array, " events"]
+    look: Look
+    slope: Look
+    since: PerPair
+    force_until: PerPair
+    max_force: PerPair
+    max_indentation: PerPair
+    dropped: Float[Array, ""]
+    error: Float[Array, ""]
+    steps: Int[Array, ""]
+    events: Int[Array, ""]
+    status: Int[Array, ""]
+
+
+class _Tried(NamedTuple):
+    """A step: its end `y`, its `error` in units of what is allowed and whether that is `fine`; the
+    slopes `outset` and `toward` of its ends, and what is seen at the end `now`, with its `slope`.
+    """
+
+    y: Array
+    error: Array
+    fine: Array
+    outset: Array
+    toward: Array
+    now: Look
+    slope: Look
+    passing: Array
+    peak: PerPair
+    grazed: Array
+
+
+class _Found(NamedTuple):
+    """The events of a step: whether it ends on one (`event`) or is `taken` otherwise, which of them
+    `happens`, and how far the first of those `sought` is, `next_one`.
+    """
+
+    y: Array
+    event: Array
+    taken: Array
+    happens: Bool[Array, " events"]
+    sought: Bool[Array, " events"]
+    seeking: Array
+    anything: Array
+    next_one: Array
+    whole: Array
+
+
+class _Changed(NamedTuple):
+    """After the events of a step: the state, the modes, and which pairs touch and open."""
+
+    y: Array
+    modes: Modes
+    touches: Bool[Array, " pairs"]
+    opens: Bool[Array, " pairs"]
+    now: Look
+    touched: Array
+    dropped: Array
+
+
+def advance(solve: Solve, c: Carry) -> Carry:
+    """One step further, or the same place with a shorter step."""
+    field = solve.field
+    tried = _tried(solve, c)
+    found = _found(solve, c, tried)
+    changed = _changed(solve, c, tried, found)
+    modes, touches, opens, happens = changed.modes, changed.touches, changed.opens, found.happens
+    there, age = changed.now, changed.y[TIME] - changed.touched
+    free_clock, w = chosen(c.clock, changed.y[W], modes, there.depth, there.rate, age)
+    onward = _onward(solve, c, tried, found, changed, free_clock, w)
+    time = solve.problem.state.time + solve.units.time * changed.y[TIME]
+    records = _records(solve, c, tried, changed, time)
+
+    y, now_w = onward["y"], tried.y[W]
+    speed = field.parts.velocity(y) + solve.frame / solve.units.speed
+    pace = field.parts.velocity(tried.toward) / (2 * now_w)
+    along, moving = (changed.now.rate, changed.now.second), (speed, pace)
+    tolerance = solve.problem.tolerance
+    resting = rest_of(field.system, modes.closed, along, moving, tolerance)
+    still = found.taken & ~found.event & ~solve.problem.to_the_end
+    status = jnp.where(still, resting, -1)
+    ended = jnp.any(touches | opens) & field.rules.until_change
+    status = jnp.where(ended, CHANGED, status)
+    status = jnp.where(~jnp.any(modes.closed & field.system.pairs.used), APART, status)
+    status = jnp.where(happens[-1], TIME_IS_UP, status)
+
+    new = records | {
+        "y": y,
+        "modes": modes,
+        "touched": changed.touched,
+        "look": changed.now,
+        "since": jnp.where(touches, time, c.since),
+        "dropped": changed.dropped,
+        "status": status.astype(jnp.int32),
+    }
+    kept = {
+        name: jax.tree.map(lambda a, b: jnp.where(found.taken, a, b), value, getattr(c, name))
+        for name, value in new.items()
+    }
+    steps = {name: value for name, value in onward.items() if name != "y"}
+    return c._replace(
+        **kept,
+        **steps,
+        error=c.error + jnp.where(found.taken, tried.error * tolerance, 0),
+        steps=c.steps + 1,
+        events=c.events + jnp.where(found.event, 1, 0),
+    )
+
+
+def _tried(solve: Solve, c: Carry) -> _Tried:
+    """A step, its error, and what is seen at its end; whether an event may hide within."""
+    field, modes, clock = solve.field, c.modes, c.clock
+    tolerance, finest = solve.problem.tolerance, solve.finest
+    y, error, outset, toward = step_and_slope(lambda y: field.rate(y, modes, clock), c.y, c.size)
+    error = _stop(jnp.max(jnp.abs(error) / (tolerance + 20 * finest * jnp.abs(y))))
+    now, slope = field.looked(y, modes, clock, toward)
+    # A pair may touch and open again within a step, unless a bound of its depth says no: in a
+    # long step through a close pass the cubic through the ends is far too low.
+    passing, used = y[TIME] - c.y[TIME], field.system.pairs.used
+    peak, inside = ceiling(passing, c.look.depth, c.look.rate, now.depth, now.rate)
+    hidden = ~modes.closed & inside & (peak > 0)
+    # Or open and touch again. Where a step ends between, the rate at its end says nothing.
+    out, parts = highest(passing, -c.look.depth, -c.look.rate, -now.depth, -now.rate)
+    hidden = hidden | (modes.closed & ~clock.leaving & parts & (out > 16 * finest))
+    grazed = jnp.any(used & hidden)
+    if field.rules.peak:
+        # So is a closing speed that exceeds its peak and falls again.
+        faster, _ = highest(passing, c.look.rate, c.look.second, now.rate, now.second)
+        hidden = modes.closed & ~modes.rising & (now.second < 0)
+        grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**_TOGETHER))
+    fine = (error <= 1) & (~grazed | (c.size < 1e-6))
+    return _Tried(y, error, fine, outset, toward, now, slope, passing, peak, grazed)
+
+
+def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
+    """The first event of a step, and the state moved to it where it is near."""
+    field, modes, clock = solve.field, c.modes, c.clock
+    y, toward, outset, fine = tried.y, tried.toward, tried.outset, tried.fine
+    finest, until = solve.finest, field.until
+    together, near = finest**_TOGETHER, finest**_NEAR
+    gaps = field.gaps(modes, clock, tried.now, y[W], modes.latched, until - y[TIME])
+    fall = field.gaps(modes, clock, tried.slope, toward[W], 0, -toward[TIME])
+    before = field.gaps(modes, clock, c.look, c.y[W], modes.latched, until - c.y[TIME])
+    earlier = jax.tree.map(lambda x: 2 * c.y[W] * x, c.slope)
+    fell = field.gaps(modes, clock, earlier, outset[W], 0, -outset[TIME])
+    crossed = field.passed(modes, tried.now, gaps)
+    left = _stop(to_root(c.size, before, fell, gaps, fall))
+    seeking, anything = jnp.any(c.sought), jnp.any(crossed)
+    sought = crossed | c.sought
+    left = jnp.where(sought, left, jnp.inf)
+    first = jnp.argmin(left)
+    next_one = left[first]
+    whole = jnp.where(seeking, c.whole, c.size)
+    small = jnp.abs(next_one) <= near * whole
+    # Where a gap falls slowly its rounding hides the moment: that is all that can be known.
+    known = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * finest)
+    stuck = jnp.any(known) | (anything & (c.size < finest))
+    event = fine & (small | stuck)
+    taken = fine & (event | ~anything)
+    at_once = jnp.where(jnp.any(known), known, crossed)
+    happens = event & jnp.where(small, sought & (left <= next_one + together * whole), at_once)
+    # The root varies with all that the gap varies with.
+    moved = jnp.where(small, next_one, 0)
+    at_root, steep = gaps[first] + moved * fall[first], _stop(fall[first])
+    varies = event & small & (steep < 0)
+    moved = moved - (at_root - _stop(at_root)) / jnp.where(varies, steep, -jnp.inf)
+    mean = (y - c.y) / c.size
+    bends = (2 * toward + outset - 3 * mean) / c.size
+    bends = _stop(bends + moved * (toward + outset - 2 * mean) / jnp.square(c.size))
+    y = y + jnp.where(event, moved, 0) * (toward + jnp.where(event, moved, 0) * bends)
+    return _Found(y, event, taken, happens, sought, seeking, anything, next_one, whole)
+
+
+def _changed(solve: Solve, c: Carry, tried: _Tried, found: _Found) -> _Changed:
+    """What changes: all pairs that are on their event at once."""
+    field, modes, y, happens = solve.field, c.modes, found.y, found.happens
+    parts = field.parts
+    meets = happens[: parts.pairs]
+    # At the event: the depth is what the clock goes on from.
+    there = field.geometry(y, c.clock)
+    now, closing = tried.now._replace(depth=there.depth, rate=there.rate), there.rate
+    touches, opens = meets & ~modes.closed, meets & modes.closed
+    closed = (modes.closed | touches) & ~opens
+    speed = jnp.maximum(closing, 0)
+    at_touch = jnp.maximum(speed, solve.problem.floor / solve.units.speed)
+    latched, rising = jnp.where(touches, at_touch, modes.latched), modes.rising & ~opens
+    if field.rules.peak:
+        latches = happens[parts.pairs : -1]
+        latched = jnp.where(latches, speed, latched)
+        rising = jnp.where(latches, ~modes.rising, rising)
+        rising = jnp.where(touches, now.second > 0, rising)
+    lost = jnp.where(touches, 0, parts.lost(y))
+    dropped = c.dropped - jnp.sum(parts.lost(y) - lost)
+    touched = jnp.where(jnp.any(touches), y[TIME], c.touched)
+    y = parts.packed(parts.moved(y), parts.velocity(y), lost, [y[WORK], y[TIME], y[W]])
+    return _Changed(y, Modes(closed, rising, latched), touches, opens, now, touched, dropped)
+
+
+def _onward(
+    solve: Solve,
+    c: Carry,
+    tried: _Tried,
+    found: _Found,
+    changed: _Changed,
+    free_clock: Clock,
+    w: Float[Array, ""],
+) -> dict[str, Any]:
+    """The next step, and the clock that it is taken by."""
+    error, fine, event, begin = tried.error, tried.fine, found.event, solve.begin
+    next_one, anything, seeking = found.next_one, found.anything, found.seeking
+    any_touch, opens = jnp.any(changed.touches), jnp.any(changed.opens)
+    target = _stop(c.size + next_one)
+    inside = (target > 0.01 * c.size) & (target < c.size)
+    back = jnp.where(inside, target, c.size / 2)
+    # Where steps have been getting harder the next one is expected to be harder again.
+    trend = c.size / c.last_size * ((c.last_error + 1e-6) / (error + 1e-6)) ** (1 / 8)
+    grown = c.size * factor(error) * jnp.where(fine, jnp.clip(trend, 0.7, 1.0), 1)
+    grown = jnp.where(tried.grazed, c.size / 2, grown)
+    free = jnp.where(fine & (seeking | anything), c.free, grown)
+    ahead = jnp.where(seeking & jnp.isfinite(next_one) & (next_one > 0), _stop(next_one), free)
+    size = jnp.where(anything, back, jnp.minimum(ahead, free))
+    size = jnp.where(event, jnp.where(any_touch, begin, free), size)
+    free = jnp.where(event & any_touch, begin, free)
+    size = jnp.where(fine, size, free)
+    keep = fine & ~event & (anything | (seeking & (next_one > 0) & jnp.isfinite(next_one)))
+    # Another clock, unless a step goes on to an event.
+    anew = found.taken & ~keep
+    scale = jnp.where(anew & (w > 0), _stop(changed.y[W] / w), 1)
+    opened = event & opens & ~any_touch
+    first_one = _stop(begin / jnp.where(opened, 2 * w, 1))
+    closing = changed.now.rate
+    opens_in = _stop(w / jnp.max(jnp.where(free_clock.leaving, -closing, 0)))
+    most = jnp.where(anew & jnp.any(free_clock.leaving), 1.1 * opens_in, jnp.inf)
+    size, free = jnp.minimum(jnp.where(opened, first_one, size * scale), most), free * scale
+    free = jnp.where(opened, first_one, free)
+    last_size = jnp.where(anew, jnp.where(event, size, c.size * scale), c.last_size)
+    return {
+        "y": jnp.where(anew, changed.y.at[W].set(w), changed.y),
+        "clock": jax.tree.map(lambda a, b: jnp.where(anew, a, b), free_clock, c.clock),
+        "size": _stop(size),
+        "free": _stop(free),
+        "last_size": _stop(last_size),
+        "last_error": jnp.where(anew, jnp.where(event, 1, error), c.last_error),
+        "whole": _stop(jnp.where(keep, found.whole, 0)),
+        "sought": keep & found.sought,
+    }
+
+
+def _records(
+    solve: Solve, c: Carry, tried: _Tried, changed: _Changed, time: Float[Array, ""]
+) -> dict[str, Any]:
+    """The record of every pair. A pair opens where nothing goes on in s."""
+    units, modes, now, passing = solve.units, c.modes, changed.now, tried.passing
+    start, touches = solve.problem.state.time, changed.touches
+    now_w, zero = tried.y[W], jnp.zeros_like(now.rate)
+    safe = jnp.abs(now_w) > solve.finest**_NEAR
+    per_time = jax.tree.map(lambda x: x / jnp.where(safe, 2 * now_w, 1), tried.slope)
+    at_opening = Look(now.rate, now.second, zero, zero)
+    per_time = jax.tree.map(lambda a, b: jnp.where(safe, a, b), per_time, at_opening)
+    strongest = highest(passing, c.look.force, c.slope.force, now.force, per_time.force)[0]
+    strongest = jnp.where(modes.closed, units.force * strongest, 0)
+    deepest = jnp.where(modes.closed, units.length * jnp.maximum(tried.peak, now.depth), 0)
+    fresh = jnp.where(touches, 0, 1).astype(zero.dtype)
+    acts = modes.closed & (c.look.force != 0)
+    # A force that vanishes while the pair is closed does so about where its slope leads to.
+    vanishes = acts & (now.force == 0) & ~changed.opens & (c.slope.force < 0)
+    lasted = -c.look.force / jnp.where(vanishes, c.slope.force, -1)
+    lasted = jnp.where(vanishes, jnp.minimum(lasted, passing), passing)
+    until_then = start + units.time * (c.y[TIME] + lasted)
+    return {
+        "slope": per_time,
+        "force_until": jnp.where(acts, until_then, jnp.where(touches, time, c.force_until)),
+        "max_force": fresh * jnp.maximum(c.max_force, strongest),
+        "max_indentation": fresh * jnp.maximum(c.max_indentation, deepest),
+    }

@@ -1,0 +1,1 @@
+"""The next time at which two bodies touch."""

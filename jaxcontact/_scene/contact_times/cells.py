@@ -1,0 +1,235 @@
+"""Cells: of many spheres only those of neighbouring cells are searched, and none is missed.
+
+Space is cut into cells at least as wide as two of the largest spheres, so that whatever touches
+is in the same cell or in one next to it. A sphere belongs to its cell until it is a skin beyond
+its faces: from the middle of a cell to its faces and the skin is half a cell and a bit, so that it
+does not flutter between two of them. To leave is an event: the sphere is put down in its new cell
+and searched again among its new neighbours. So of every pair in neighbouring cells the one that was
+searched last knows the impact, and pairs that are not cannot meet before one of them leaves.
+
+Along an axis that is not periodic the outermost cells reach to infinity, so that cells need no box.
+Shapes are fixed: so many cells, so many spheres in each. A cell that has no room stops the run.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..arrays.arrays import Layout, Numbers
+from .closed_form import wall_time
+
+SKIN = 1 / 16
+"""How far beyond the faces of its cell a sphere may go, in widths of the cell."""
+
+CLEAR = 1.001
+"""How much wider cells are than they must be: rounding has no say in who is next to whom."""
+
+AROUND = 5
+"""Cells that a periodic axis must have at the least, for one image to be nearest to a cell's
+neighbours."""
+
+
+class Grid(eqx.Module):
+    """What is static of cells: along which axes space is cut, how many cells there are at the most,
+    how many spheres each has room for, and how many there are to be on average.
+    """
+
+    axes: tuple[bool, ...] = eqx.field(static=True)
+    cells: int = eqx.field(static=True)
+    capacity: int = eqx.field(static=True)
+    filling: float = eqx.field(static=True)
+
+
+class Lattice(eqx.Module):
+    """Where cells are: the corner `low` (D,) of the first, the `width` (D,) and the `number` (D,).
+
+    Along an axis that is not cut there is one. `fits`: whether that many have room.
+    """
+
+    low: Float[Array, " D"]
+    width: Float[Array, " D"]
+    number: Float[Array, " D"]
+    needed: Int[Array, ""]
+    fits: Bool[Array, ""]
+
+
+class Cells(eqx.Module):
+    """Who is where: the `cell` (N, D) of every sphere, counted along each axis without wrapping;
+    the spheres of each cell in a `table`, -1 where a place is free; and whether one had no room
+    (`full`), after which neither holds.
+    """
+
+    grid: Grid
+    lattice: Lattice
+    cell: Float[Array, "N D"]
+    table: Int[Array, "cells capacity"]
+    full: Bool[Array, ""]
+
+
+def lattice_of(
+    layout: Layout, numbers: Numbers, grid: Grid, position: Float[Array, "N D"]
+) -> Lattice:
+    """Cells around the places of spheres, as wide as the filling of the grid asks for."""
+    position = position[: layout.visible]
+    cut, periodic = jnp.asarray(grid.axes), jnp.asarray(layout.periodic)
+    least = CLEAR * 2 * jnp.max(numbers.radius) / (1 - 2 * SKIN)
+    low, high = jnp.min(position, axis=0), jnp.max(position, axis=0)
+    length = jnp.where(periodic, numbers.period, high - low)
+    length = jnp.where(cut, jnp.maximum(length, least), 1)
+    volume = jnp.prod(length) * (grid.filling / layout.visible)
+    width = jnp.maximum(least, volume ** (1 / max(sum(grid.axes), 1)))
+    # Some numbers are none in a scene that is not valid; no more than so many cells are counted.
+    ratio = jnp.clip(length / width, 1, grid.cells)
+    number = jnp.where(cut, jnp.where(periodic, jnp.floor(ratio), jnp.ceil(ratio)), 1.0)
+    around = jnp.all(~cut | ~periodic | (number >= AROUND))
+    needed = jnp.prod(number + jnp.where(cut & ~periodic, 2, 0))
+    return Lattice(
+        low=jnp.where(periodic, 0, low),
+        width=jnp.where(periodic, length / number, width),
+        number=number,
+        needed=jnp.minimum(needed, 2.0**30).astype(int),
+        fits=around & (needed <= grid.cells),
+    )
+
+
+def cells_of(
+    lattice: Lattice, layout: Layout, position: Float[Array, "M D"]
+) -> Float[Array, "M D"]:
+    """The cells that places are in, along each axis; 0 along one that is not cut."""
+    cell = jnp.floor((position - lattice.low[None]) / lattice.width[None])
+    inside = jnp.clip(cell, 0, lattice.number[None] - 1)
+    many = (lattice.number > 1)[None]
+    return jnp.where(many, jnp.where(jnp.asarray(layout.periodic)[None], cell, inside), 0)
+
+
+def row_of(
+    lattice: Lattice, layout: Layout, grid: Grid, cell: Float[Array, "M D"]
+) -> Int[Array, " M"]:
+    """The row of the table that belongs to a cell.
+
+    Around an axis that is cut and not periodic lies a border of cells that are always empty.
+    """
+    row = jnp.zeros(cell.shape[0], int)
+    for axis, periodic in enumerate(layout.periodic):
+        if not grid.axes[axis]:
+            continue
+        number, along = lattice.number[axis], cell[:, axis]
+        if periodic:
+            row = row * number.astype(int) + jnp.mod(along, number).astype(int)
+        else:
+            row = row * (number.astype(int) + 2) + along.astype(int) + 1
+    return row
+
+
+def placed(layout: Layout, numbers: Numbers, grid: Grid, position: Float[Array, "N D"]) -> Cells:
+    """All spheres in their cells; shells are in none."""
+    count = layout.visible
+    lattice = lattice_of(layout, numbers, grid, position)
+    cell = cells_of(lattice, layout, position)
+    row = jnp.where(lattice.fits, row_of(lattice, layout, grid, cell[:count]), 0)
+    order = jnp.argsort(row, stable=True)
+    ranked = row[order]
+    place = jnp.arange(count) - jnp.searchsorted(ranked, ranked, side="left").astype(int)
+    table = jnp.full((grid.cells, grid.capacity), -1)
+    table = table.at[ranked, place].set(order, mode="drop")
+    full = ~lattice.fits | jnp.any(place >= grid.capacity)
+    return Cells(grid, lattice, cell, table, full)
+
+
+class Shift(NamedTuple):
+    """A sphere on its way to a `cell` (D,): from which row and place of the table to which, what is
+    written there, and whether that cannot be.
+    """
+
+    cell: Float[Array, " D"]
+    row: Int[Array, "2"]
+    place: Int[Array, "2"]
+    entry: Int[Array, ""]
+    full: Bool[Array, ""]
+
+
+def shift_of(
+    layout: Layout, cells: Cells, i: Int[Array, ""], position: Float[Array, "1 D"], leaves: Array
+) -> Shift:
+    """Sphere i on its way to the cell that it is in now.
+
+    If it leaves, and is nowhere else, cells are no use: their skin is less than a rounding.
+    """
+    cell = cells_of(cells.lattice, layout, position)
+    both = jnp.concatenate([cells.cell[i][None], cell])
+    row = row_of(cells.lattice, layout, cells.grid, both)
+    stays = row[0] == row[1]
+    held = cells.table[row]
+    old = jnp.argmax(held[0] == i)
+    new = jnp.where(stays, old, jnp.argmax(held[1] < 0))
+    room = stays | (held[1][new] < 0)
+    entry = jnp.where(room, i, held[1][new])
+    return Shift(cell[0], row, jnp.stack([old, new]), entry, ~room | (leaves & stays))
+
+
+def staying(cells: Cells, i: Int[Array, ""]) -> Shift:
+    """Sphere i where it is: nothing is written to a row that the table does not have."""
+    nowhere, place = jnp.full(2, cells.grid.cells), jnp.zeros(2, int)
+    return Shift(cells.cell[i], nowhere, place, i, jnp.zeros_like(cells.full))
+
+
+def shifted(cells: Cells, i: Int[Array, ""], shift: Shift) -> Cells:
+    """The cells with sphere i in another one."""
+    (old, new), (out, into) = shift.row, shift.place
+    table = cells.table.at[old, out].set(-1).at[new, into].set(shift.entry)
+    cell = cells.cell.at[i].set(shift.cell)
+    return Cells(cells.grid, cells.lattice, cell, table, cells.full | shift.full)
+
+
+def everywhere(layout: Layout) -> tuple[int, ...]:
+    """What is met from any cell: shells, and fixed spheres that move, which search for no one, so
+    that those in the cells that they come to would not know of them.
+    """
+    shells = range(layout.visible, layout.spheres)
+    return tuple(sorted({*shells, *layout.driven} - {*layout.shaken}))
+
+
+def neighbours(
+    layout: Layout, cells: Cells, who: Int[Array, " M"]
+) -> tuple[Int[Array, "M C"], Bool[Array, "M C"]]:
+    """The spheres of the cells around some spheres, and which entries are any; after them come all
+    that are met `everywhere`.
+    """
+    ranges = [(-1, 0, 1) if cut else (0,) for cut in cells.grid.axes]
+    steps = np.array(list(itertools.product(*ranges)), float)
+    dtype, dimensions = cells.cell.dtype, layout.dimensions
+    around = cells.cell[who][:, None] + jnp.asarray(steps, dtype)[None]
+    row = row_of(cells.lattice, layout, cells.grid, around.reshape(-1, dimensions))
+    found = cells.table[row].reshape(who.shape[0], -1)
+    more = jnp.asarray(everywhere(layout), found.dtype)[None]
+    more = jnp.broadcast_to(more, (who.shape[0], more.shape[1]))
+    found = jnp.concatenate([found, more], axis=1)
+    return jnp.maximum(found, 0), found >= 0
+
+
+def leaving(
+    layout: Layout,
+    cells: Cells,
+    who: Int[Array, " M"],
+    position: Float[Array, "M D"],
+    velocity: Float[Array, "M D"],
+    pull: Float[Array, "M D"],
+) -> Float[Array, " M"]:
+    """The time until spheres are a skin beyond the faces of their cells."""
+    lattice, cell = cells.lattice, cells.cell[who]
+    middle = lattice.low[None] + (cell + 0.5) * lattice.width[None]
+    reach = (0.5 + SKIN) * lattice.width[None]
+    away, zero = position - middle, jnp.zeros_like(position)
+    up = wall_time(reach - away, -velocity, -pull, zero)
+    down = wall_time(reach + away, velocity, pull, zero)
+    open_end = ~jnp.asarray(layout.periodic)[None]
+    up = jnp.where(open_end & (cell >= lattice.number[None] - 1), jnp.inf, up)
+    down = jnp.where(open_end & (cell <= 0), jnp.inf, down)
+    cut = jnp.asarray(cells.grid.axes)[None]
+    return jnp.min(jnp.where(cut, jnp.minimum(up, down), jnp.inf), axis=-1)

@@ -1,0 +1,92 @@
+"""Whether a run has cells, and how many with how much room: decided before it starts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Array
+
+from ..._program import quick
+from ..arrays.arrays import Layout, Numbers
+from ..result import traced
+from .cells import AROUND, SKIN, Grid, Lattice, cells_of, lattice_of, row_of
+
+MANY = 256
+"""Spheres from which there are cells. Measured: among so few in a box in three dimensions they are
+worth next to nothing, among 2048 discs an impact is six times cheaper."""
+
+FILLING = {1: 3.0, 2: 3.0, 3: 1.0}
+"""Spheres in a cell on average, by the number of axes that are cut."""
+
+_DENSEST = {1: (1.0, 1.0), 2: (0.9069, math.pi / 4), 3: (0.7405, math.pi / 6)}
+"""The densest packing of equal spheres, and the volume of a sphere of diameter one."""
+
+_BLOCK = 4
+"""Capacities are multiples of it, so that runs share their programs."""
+
+
+def grid_of(
+    layout: Layout, numbers: Numbers, position: Array | None = None, full: Grid | None = None
+) -> Grid | None:
+    """Cells for spheres at their places, those of the start if not given; None where they are few,
+    or too crowded in cells as wide as the largest of them need.
+
+    After cells that were `full` there is more room. With traced numbers as for spheres of one size
+    that fill some space evenly.
+    """
+    position = numbers.position if position is None else position
+    count, dimensions = layout.visible, layout.dimensions
+    if count < MANY:
+        return None
+    cut = (True,) * dimensions
+    if traced((numbers.radius, numbers.period, position)):
+        filling = FILLING[dimensions]
+        cells = _power_of_two(2**dimensions * count / filling)
+        return _worth(layout, Grid(cut, cells, _blocks(4 * filling + 4), filling))
+    least = np.where(layout.periodic, AROUND, 3)
+    while any(cut):
+        grid = Grid(cut, 2**30, 0, FILLING[sum(cut)])
+        lattice = _lattice_of(layout, numbers, grid, position)
+        enough = np.asarray(lattice.number) >= least
+        if np.all(enough | ~np.array(cut)):
+            break
+        cut = tuple(bool(x) for x in enough & np.array(cut))
+    else:
+        return None
+    row = np.asarray(_rows_of(lattice, layout, grid, position))[:count]
+    most = int(np.max(np.bincount(row)))
+    width = np.asarray(lattice.width)[np.array(cut)] * (1 + 2 * SKIN)
+    density, volume = _DENSEST[sum(cut)]
+    diameter = 2 * float(np.min(np.asarray(numbers.radius)[:count]))
+    packed = density * float(np.prod(width + diameter)) / (volume * diameter ** sum(cut))
+    if sum(cut) < dimensions:
+        packed = math.inf
+    capacity = _blocks(max(most + 2, min(packed, 1.5 * most + 1)))
+    cells = _power_of_two(lattice.needed)
+    if full is not None and full.axes == cut:
+        # No smaller, so that the programs serve again.
+        cells, capacity = max(cells, full.cells), max(capacity, full.capacity)
+    return _worth(layout, Grid(cut, cells, capacity, FILLING[sum(cut)]))
+
+
+_lattice_of = quick(lattice_of)
+
+
+@quick
+def _rows_of(lattice: Lattice, layout: Layout, grid: Grid, position: Array) -> Array:
+    return row_of(lattice, layout, grid, cells_of(lattice, layout, position))
+
+
+def _worth(layout: Layout, grid: Grid) -> Grid | None:
+    """The grid, unless neighbours are hardly fewer than all."""
+    found = 3 ** sum(grid.axes) * grid.capacity
+    return grid if 2 * found <= layout.visible else None
+
+
+def _power_of_two(number: float | Array) -> int:
+    return 1 << max(math.ceil(number) - 1, 1).bit_length()
+
+
+def _blocks(number: float) -> int:
+    return _BLOCK * math.ceil(number / _BLOCK)

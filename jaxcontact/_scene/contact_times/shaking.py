@@ -1,0 +1,221 @@
+"""When a body touches one that shakes: by steps that cannot pass the touch.
+
+From a gap g that changes at the rate g', with g'' ≥ -b, nothing is touched before g + g' τ - ½ b τ²
+vanishes. b is the largest acceleration that the body may have, and gravity; what is outside of a
+sphere goes around it, which only widens the gap. Inside of a shell the gap is taken of squares,
+q = ρ² - |x|², with q'' = -2 |x'|² - 2 x·x''. Nor is anything touched before the mean place is as
+near as the amplitude. Near a touch these steps are Newton's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..arrays.movers import CHECKED, Movers
+from ..bodies.side import side
+from .closed_form import wall_time
+
+Lane = Float[Array, "..."]
+
+_PARTS = 1e-6
+"""Of the largest acceleration, above which one at a touch is told from none."""
+
+_AWAY = 64
+"""Times the rounding of a speed that bodies which part must have before the search goes on."""
+
+
+class _Gap(NamedTuple):
+    """What vanishes at a touch, its `slope` in time, the `bend` b that bounds its curvature, for
+    how long that `lasts`, and the `least` step, which is safe whatever the direction.
+    """
+
+    room: Lane
+    slope: Lane
+    bend: Lane
+    lasts: Lane | float
+    least: Lane | float
+
+    def step(self) -> Lane:
+        """For how long nothing is touched."""
+        room = jnp.maximum(self.room, 0)
+        root = jnp.sqrt(jnp.square(self.slope) + 2 * self.bend * room)
+        # No cancellation where it closes; where nothing bends and nothing closes, never.
+        closes, bends = self.slope < 0, self.bend > 0
+        ahead = 2 * room / jnp.where(closes, root - self.slope, 1)
+        away = (self.slope + root) / jnp.where(bends, self.bend, 1)
+        safe = jnp.where(closes, ahead, jnp.where(bends, away, jnp.inf))
+        return jnp.maximum(jnp.minimum(safe, self.lasts), self.least)
+
+
+def _marched(
+    gap: Callable[[Lane], _Gap],
+    step: Callable[[Lane], Lane],
+    curve: Lane,
+    noise: Lane,
+    rounding: Lane,
+    finest: Callable[[Lane], Lane],
+    horizon: Lane,
+    wanted: Bool[Array, "..."],
+) -> Lane:
+    """The time of the touch up to a `horizon`, infinite where there is none; `curve`: g'' now.
+
+    A rate of at most `noise`, a few roundings of the speeds it comes from, is none; nor is a gap of
+    at most `rounding`. Bodies that touch, and neither close nor part by speed or acceleration, wait
+    until one of them moves, which is looked for at `CHECKED` times.
+    """
+    here = gap(jnp.zeros_like(noise))
+    slow = jnp.abs(here.slope) <= noise
+    still = (here.room <= rounding) & slow
+    meets = jnp.where(still, curve < 0, (here.room <= 0) & (here.slope < 0))
+    parts = still & (curve > _PARTS * here.bend)
+    waits = wanted & still & ~parts & ~meets
+    # From a touch that parts a first step leads away, to where that is no rounding any more.
+    start = jnp.where(parts, _AWAY * noise / jnp.where(parts, curve, 1), 0)
+    deep = jnp.minimum(here.room, 0) - rounding
+
+    def unfinished(carry: tuple[Lane, Lane, Lane, Lane]) -> Array:
+        return jnp.any(carry[1])
+
+    def march(carry: tuple[Lane, Lane, Lane, Lane]) -> tuple[Lane, Lane, Lane, Lane]:
+        t, on, waits, stride = carry
+        at = jnp.where(waits, t + stride, t)
+        there, by, least = gap(at), step(at), finest(at)
+        # What waits goes on where nothing has moved, is away where it parts, or was met before.
+        away = waits & (there.slope > noise) & (there.room > rounding)
+        met = waits & (there.room < deep)
+        begins = met & (stride <= least)
+        found = ~waits & (there.slope < 0) & ((there.room <= 0) | (by <= least))
+        # Past a graze that rounding made a touch the first steps would be none.
+        flies = jnp.where(on & ~found, t + jnp.maximum(by, least), t)
+        t = jnp.where(waits, jnp.where(met & ~begins, t, at), flies)
+        on = on & ~found & ~begins & (t <= horizon)
+        return t, on, waits & ~away, jnp.where(met, stride / 2, stride)
+
+    stride = jnp.broadcast_to(horizon / CHECKED, noise.shape)
+    carry = (start, wanted & ~meets, waits, stride)
+    time, _, _, _ = jax.lax.while_loop(unfinished, march, carry)
+    time = jnp.where(meets, 0, time)
+    return jnp.where(~wanted | (time > horizon), jnp.inf, time)
+
+
+def _finest(motion: Movers, now: Lane) -> Callable[[Lane], Lane]:
+    """The rounding of a time after `now`."""
+    period = 1 / jnp.where(motion.rate > 0, motion.rate, 1)
+    return lambda t: 2 * jnp.finfo(t.dtype).eps * (now + t + period)
+
+
+def shaking_wall_time(
+    gap: Lane,
+    rate: Lane,
+    acceleration: Lane,
+    noise: Lane,
+    rounding: Lane,
+    motion: Movers,
+    now: Lane,
+    horizon: Lane,
+    wanted: Bool[Array, "..."],
+) -> Lane:
+    """The time to the touch of walls that vibrate, up to `horizon`; rows of bodies, columns of
+    walls.
+
+    `gap` and `rate` are those to a wall that would go on at its mean velocity from where it is
+    `now`. Where it is not `wanted` there is none.
+    """
+    bend = jnp.maximum(motion.strongest - acceleration, 0)
+    envelope = motion.above(now)
+
+    def there(t: Lane) -> _Gap:
+        high, fast = motion.swing(now, t)
+        room = gap + (rate + acceleration / 2 * t) * t - high
+        return _Gap(room, rate + acceleration * t - fast, bend, jnp.inf, 0.0)
+
+    def step(t: Lane) -> Lane:
+        safe = there(t).step()
+        mean = gap + (rate + acceleration / 2 * t) * t - envelope
+        outside = wall_time(mean, rate + acceleration * t, acceleration, jnp.zeros_like(t))
+        return jnp.where(mean > 0, jnp.maximum(safe, outside), safe)
+
+    curve, wanted = acceleration - motion.acceleration(now), wanted & motion.accelerated
+    return _marched(there, step, curve, noise, rounding, _finest(motion, now), horizon, wanted)
+
+
+def shaking_sphere_time(
+    apart: Lane,
+    rate: Lane,
+    acceleration: Lane,
+    distance: Lane,
+    noise: Lane,
+    rounding: Lane,
+    motion: Movers,
+    now: Lane,
+    horizon: Lane,
+    wanted: Bool[Array, "..."],
+) -> Lane:
+    """The time to the touch of fixed spheres and shells that are accelerated, up to `horizon`; rows
+    of bodies, columns of those; vectors along the last axis.
+
+    `apart` is from where they are `now`, `rate` as if they stood there. A negative `distance` is
+    that in a shell. Where it is not `wanted` there is none.
+    """
+    pull = jnp.sqrt(jnp.sum(jnp.square(acceleration), axis=-1))
+    strongest, reach = pull + motion.strongest, motion.above(now)
+    sign = side(distance)
+    wide = distance + jnp.where(jnp.isfinite(reach), reach, 0)
+    enveloped = jnp.isfinite(reach) & ((sign > 0) | (wide < 0))
+
+    def mean(t: Lane) -> tuple[Lane, Lane]:
+        passed = t[..., None]
+        return apart + (rate + acceleration / 2 * passed) * passed, rate + acceleration * passed
+
+    def there(t: Lane) -> _Gap:
+        (place, speed), (high, fast) = mean(t), motion.swing(now, t)
+        return _gap(place - high, speed - fast, distance, strongest)
+
+    def step(t: Lane) -> Lane:
+        safe, outer = there(t).step(), _gap(*mean(t), wide, pull)
+        return jnp.where(enveloped & (outer.room > 0), jnp.maximum(safe, outer.step()), safe)
+
+    speed = rate - motion.velocity(now)
+    length = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
+    along = jnp.sum(apart * speed, axis=-1) / length
+    across = jnp.sum(jnp.square(speed), axis=-1) - jnp.square(along)
+    drawn = jnp.sum(apart * (acceleration - motion.acceleration(now)), axis=-1)
+    curve, noise = sign * (drawn + across) / length, noise + jnp.zeros_like(distance)
+    # Of the gap of squares in a shell.
+    times = jnp.where(sign > 0, 1, 2 * length)
+    given = (times * curve, times * noise, times * rounding)
+    return _marched(there, step, *given, _finest(motion, now), horizon, wanted)
+
+
+def _gap(apart: Lane, rate: Lane, distance: Lane, bend: Lane) -> _Gap:
+    """Of a sphere and one that it is outside of, or a shell, where relative accelerations are at
+    most `bend`.
+    """
+    inside = distance < 0
+    length = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
+    along = jnp.sum(apart * rate, axis=-1)
+    gap = side(distance) * length - distance
+    # While the speed in a shell has not grown by more than itself and √(ρ b).
+    fast = jnp.sqrt(jnp.sum(jnp.square(rate), axis=-1))
+    reach = jnp.where(inside, -distance, 0)
+    bends = bend > 0
+    grown = fast + jnp.where(bends, fast + jnp.sqrt(reach * bend), 0)
+    lasts = jnp.where(inside & bends, (grown - fast) / jnp.where(bends, bend, 1), jnp.inf)
+    within = 2 * (jnp.square(grown) + reach * bend)
+    # However it moves in there, it comes no farther than by its speed.
+    room = jnp.maximum(gap, 0)
+    total = fast + jnp.sqrt(jnp.square(fast) + 2 * bend * room)
+    least = jnp.where(inside & (total > 0), 2 * room / jnp.where(total > 0, total, 1), 0)
+    safe = jnp.where(length > 0, length, 1)
+    return _Gap(
+        room=jnp.where(inside, gap * (length - distance), gap),
+        slope=jnp.where(inside, -2 * along, along / safe),
+        bend=jnp.where(inside, within, bend),
+        lasts=lasts,
+        least=least,
+    )

@@ -1,0 +1,65 @@
+"""A run as it was searched: all that is read afterwards is read from it."""
+
+from __future__ import annotations
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from .arrays.arrays import Layout, Numbers
+from .engine.log import Known, Log
+from .engine.state import CROWDED, NOT_CONVERGED, OVER, RUNNING, TWO_SUPPORTS, Rules
+from .result import Ending
+
+
+class Course(eqx.Module):
+    """The scene, the rules and the `tolerance` of a run, and what is `known` of it. It went until
+    `last`, and was to last for `length`.
+    """
+
+    layout: Layout
+    numbers: Numbers
+    rules: Rules
+    tolerance: Float[Array, ""]
+    known: Known
+    last: Float[Array, ""]
+    length: Float[Array, ""]
+
+    @property
+    def log(self) -> Log:
+        """Its rows."""
+        return self.known.log
+
+    @property
+    def counts(self) -> Bool[Array, " K"]:
+        """Which rows of the log are written."""
+        return jnp.arange(self.log.facts.tied.shape[0]) < self.known.written
+
+    @property
+    def calls(self) -> Bool[Array, " K"] | None:
+        """Which rows are calls of the coupled solve; None where there is none."""
+        call = self.log.facts.call
+        return None if call is None else call.is_call & self.counts
+
+    @property
+    def ends(self) -> Float[Array, "2"]:
+        """The times of its start and its end."""
+        return jnp.stack([jnp.zeros_like(self.length), self.length])
+
+    def ending(self) -> tuple[Int[Array, ""], Float[Array, ""]]:
+        """How the run ended (an `Ending`), and up to which time its values hold."""
+        # A run may end while bodies are in contact.
+        searched, valid = self.known.status, self.known.valid
+        stuck = (searched != RUNNING) & (searched != OVER)
+        more = self.known.more & (searched != OVER)
+        status = jnp.where(stuck, int(Ending.ACCUMULATED), int(Ending.COMPLETED))
+        crowded = (searched == CROWDED) | (searched == TWO_SUPPORTS)
+        status = jnp.where(crowded, int(Ending.CROWDED), status)
+        status = jnp.where(searched == NOT_CONVERGED, int(Ending.NOT_CONVERGED), status)
+        status = jnp.where(~stuck & more, int(Ending.TOO_MANY_IMPACTS), status)
+        status = jnp.where(valid, status, int(Ending.INVALID_INPUT))
+        reached = jnp.where(stuck, self.known.now, jnp.where(more | ~valid, -1, self.last))
+        abrupt = (self.last < self.length) & (status == int(Ending.COMPLETED))
+        status = jnp.where(abrupt, int(Ending.WALL_TOO_ABRUPT), status)
+        return status, jax.lax.stop_gradient(reached)

@@ -1,0 +1,1 @@
+"""The derivative of a run, from the rows of its log."""

@@ -1,0 +1,141 @@
+"""A run with its derivative: it goes as from Python, then each row of its log becomes a matrix, and
+their chain carries tangents along; where numbers are not concrete it is one program, replayed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from ..._program import Found, Map, derived, outside, quick, traced
+from ..arrays.arrays import Layout, Numbers
+from ..engine.log import Figures, Known
+from ..engine.state import Rules
+from ..result import Way
+from .replay import chained, pushed
+from .slopes import Kept, Matrices, matrices
+
+Given = tuple[Layout, Numbers, Array, Array, Array]
+"""The scene, whether it is valid, the end, and the tolerance."""
+
+
+def followed(
+    rules: Rules,
+    given: Given,
+    from_python: Callable[[Given], tuple[Rules, Known]],
+    at_once: Callable[[Given], Known],
+) -> tuple[Rules, Numbers, Known]:
+    """The course of a scene, the rules that it ended with, and its numbers.
+
+    These are those given; as an outcome beside the log they are read with it, so that what comes
+    back to both is added within the program that takes it back through the rows.
+    """
+    beneath = traced(given)
+
+    def find(is_traced: bool, given: Given) -> Found:
+        arrays = eqx.filter(given[1], eqx.is_array)
+        if is_traced:
+            return Found((arrays, at_once(given)), None)
+        rules, course = from_python(given)
+        if beneath:
+            course = _shortened(course)
+        way = np.asarray(course.log.figures.outcome.way)[: int(course.written)]
+        return Found((arrays, course), (rules, not np.any(way == Way.RADIAL)))
+
+    def slopes(given: Given, found: Found) -> Callable[[Any], Any]:
+        rules, by_formula = found.choice
+        layout, numbers, _, _, tolerance = given
+        _, course = found.value
+        if traced(course.written):
+            # A `vmap` over tangents alone, between two derivatives, makes tracers of all.
+            return lambda along: along_with(given, found, along)
+        hits, calls, slot = _kinds(course)
+        parts = (layout, rules, numbers, course.log, hits, calls, slot, tolerance)
+        known = numbers, course, derived(_matrices, by_formula, *parts)
+        data, static = eqx.partition(known, eqx.is_array)
+        leaves, structure = jax.tree.flatten(static)
+        map = Map(_chain, (layout, rules, tuple(leaves), structure))
+
+        def move(along: Given) -> tuple[Numbers, Known]:
+            still: Known = jax.tree.map(lambda _: None, course)
+            like = eqx.filter(numbers, eqx.is_inexact_array), course.log.figures
+            moved, figures = map(data, along[1], like)
+            return moved, still._replace(log=still.log._replace(figures=figures))
+
+        return move
+
+    def along_with(given: Given, found: Found, along: Given) -> tuple[Numbers, Known]:
+        layout, numbers, _, _, tolerance = given
+        _, course = found.value
+        ended = rules if found.choice is None else found.choice[0]
+        still: Known = jax.tree.map(lambda _: None, course)
+        told = (course.log, course.written, tolerance)
+        moved = _whole(along[1], numbers)
+        figures = _pushed(layout, ended, numbers, *told, moved)
+        return moved, still._replace(log=still.log._replace(figures=figures))
+
+    found = outside(find, slopes, along_with, given)
+    arrays, course = found.value
+    numbers = eqx.combine(arrays, given[1])
+    return rules if found.choice is None else found.choice[0], numbers, course
+
+
+_pushed = eqx.filter_jit(pushed)
+
+
+def _shortened(course: Known) -> Known:
+    """The course with fewer blank rows, where it has few others: a derivative goes through all."""
+    if int(course.written) > _FEW_ROWS:
+        return course
+    log = jax.tree.map(lambda x: np.asarray(x)[:_FEW_ROWS], course.log)
+    return course._replace(log=jax.device_put(log))
+
+
+_FEW_ROWS = 32
+"""Rows with which short runs share the programs of their derivatives."""
+
+
+def _kinds(course: Known) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:
+    """The rows of each kind, and where each row is among its own."""
+    facts = course.log.facts
+    rows, written = facts.tied.shape[0], int(course.written)
+    is_call = np.zeros(rows, bool) if facts.call is None else np.asarray(facts.call.is_call)
+    is_call, number = is_call[:written], np.arange(written)
+    slot = np.zeros(rows, int)
+
+    def kept(which: np.ndarray) -> Kept | None:
+        found = number[which]
+        slot[found] = np.arange(found.size)
+        if found.size == 0:
+            return None
+        room = max(8, 1 << int(found.size - 1).bit_length())
+        row = np.zeros(room, int)
+        row[: found.size] = found
+        return Kept(jax.device_put(row), jax.device_put(np.arange(room) < found.size))
+
+    hits, calls = kept(~is_call), kept(is_call)
+    return hits, calls, jax.device_put(slot)
+
+
+@quick
+def _matrices(choice: None, by_formula: bool, *given: Any) -> Matrices:
+    return matrices(*given, by_formula=by_formula)
+
+
+def _chain(static: Any, known: Any, along: Numbers) -> tuple[Numbers, Figures]:
+    layout, rules, leaves, structure = static
+    numbers, course, matrices = eqx.combine(known, jax.tree.unflatten(structure, leaves))
+    along = _whole(along, numbers)
+    return along, chained(layout, rules, numbers, course.log, course.written, matrices, along)
+
+
+def _whole(along: Numbers, numbers: Numbers) -> Numbers:
+    """Tangents with zeros in place of None."""
+    floats = eqx.filter(numbers, eqx.is_inexact_array)
+    return eqx.combine(along, jax.tree.map(jnp.zeros_like, floats))

@@ -1,0 +1,238 @@
+"""The derivative of a run: its impacts once more, one after the other, for tangents only.
+
+The search is never differentiated. Around what it wrote down stands a rule that is linear in the
+tangents: row by row, those of the two bodies before the impact and those of the numbers of the
+scene give those after it. Being linear it transposes, so that one search serves both modes; being
+taken at the states written down it does not drift away from them, however chaotic the scene is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..arrays.arrays import Layout, Numbers
+from ..arrays.flight import Flying, where_each
+from ..cluster.equations import ClusterState
+from ..engine.cluster_slots import index_of, places, put, rearranged
+from ..engine.log import Facts, Figures, Log, Together
+from ..engine.state import Rules
+from ..pair_impact.instantaneous import Outcome
+from .slopes import Done, Entering, Matrices, called, flat, own, seated, struck, two_of, unflat
+
+
+def differentiable(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    written: Int[Array, ""],
+    tolerance: Float[Array, ""],
+) -> Log:
+    """The log, whose figures have the derivatives by `numbers`."""
+    leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
+    # What is traced, and no number, is an argument of the rule.
+    others, rest = eqx.partition(rest, eqx.is_array)
+
+    @jax.custom_jvp
+    def figures(leaves: Any, others: Any, log: Log, written: Array, tolerance: Array) -> Figures:
+        return log.figures
+
+    @figures.defjvp
+    def rule(primals: tuple, tangents: tuple) -> tuple[Figures, Figures]:
+        leaves, others, log, written, tolerance = primals
+        known = figures(*primals)
+        numbers = eqx.combine(leaves, others, rest)
+        log = log._replace(figures=known)
+        return known, pushed(layout, rules, numbers, log, written, tolerance, tangents[0])
+
+    return log._replace(figures=figures(leaves, others, log, written, tolerance))
+
+
+class _Row(NamedTuple):
+    """A row of the log; whether it `counts`, and the `slot` of its matrix."""
+
+    known: Figures
+    facts: Facts
+    counts: Bool[Array, ""]
+    slot: Int[Array, ""]
+
+
+class _Ways(NamedTuple):
+    """How tangents go through a row: of the bodies before an impact to those of its outcome, of
+    what enters a call to what it does; None for what there is none of.
+    """
+
+    hit: Callable[[_Row, Flying], Outcome] | None
+    call: Callable[[_Row, Entering], Done] | None
+
+
+def pushed(
+    layout: Layout,
+    rules: Rules,
+    numbers: Numbers,
+    log: Log,
+    written: Int[Array, ""],
+    tolerance: Float[Array, ""],
+    along: Numbers,
+) -> Figures:
+    """Tangents of the figures, each row solved once more for its own."""
+    leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
+
+    def hit(row: _Row, before: Flying) -> Outcome:
+        strike, place = struck(layout, rules, *row[:3], tolerance)
+
+        def of(leaves: Any, before: Flying) -> Outcome:
+            return strike(eqx.combine(leaves, rest), before)
+
+        return jax.jvp(of, (leaves, place), (along, before))[1]
+
+    def coupled(row: _Row, entering: Entering) -> Done:
+        solve, given = called(layout, rules, *row[:3], tolerance)
+
+        def of(leaves: Any, entering: Entering) -> Done:
+            return solve(eqx.combine(leaves, rest), entering)
+
+        return jax.jvp(of, (leaves, given), (along, entering))[1]
+
+    ways = _Ways(hit, None if log.facts.call is None else coupled)
+    slot = jnp.arange(log.facts.tied.shape[0])
+    return _chained(layout, rules, numbers, log, written, along, ways, slot)
+
+
+def chained(
+    layout: Layout,
+    rules: Rules,
+    numbers: Numbers,
+    log: Log,
+    written: Int[Array, ""],
+    matrices: Matrices,
+    along: Numbers,
+) -> Figures:
+    """Tangents of the figures by the matrices of the rows."""
+    hits, calls = matrices.hits, matrices.calls
+
+    def hit(row: _Row, before: Flying) -> Outcome:
+        assert hits is not None
+        given = flat((own(layout, along, two_of(layout, row.facts)), before))
+        return unflat(hits[row.slot] @ given, row.known.outcome)
+
+    def coupled(row: _Row, entering: Entering) -> Done:
+        called, at = row.facts.call, row.known.coupled
+        assert calls is not None and called is not None and at is not None
+        given = flat((own(layout, along, seated(layout, called.decided.seats)), entering))
+        like = Done(at.began, at.end, at.work, entering.spheres.position)
+        return unflat(calls[row.slot] @ given, like)
+
+    ways = _Ways(None if hits is None else hit, None if calls is None else coupled)
+    return _chained(layout, rules, numbers, log, written, along, ways, matrices.slot)
+
+
+class _Carry(NamedTuple):
+    """Tangents of the spheres, and of the coupled solve in progress."""
+
+    spheres: Flying
+    coupled: ClusterState | None
+    held: Array
+
+
+def _chained(
+    layout: Layout,
+    rules: Rules,
+    numbers: Numbers,
+    log: Log,
+    written: Int[Array, ""],
+    along: Numbers,
+    ways: _Ways,
+    slot: Int[Array, " K"],
+) -> Figures:
+    def impact(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
+        assert ways.hit is not None
+        known, facts, counts, _ = row
+        first, second = facts.choice.first, jnp.minimum(facts.choice.second, layout.spheres - 1)
+        is_sphere = facts.choice.second < layout.spheres
+        who = jnp.stack([first, jnp.where(is_sphere, second, first)])
+        before = jax.tree.map(lambda all: all[who], carry.spheres)
+        outcome, before = jax.tree.map(
+            lambda x: jnp.where(counts, x, jnp.zeros_like(x)), (ways.hit(row, before), before)
+        )
+
+        def put(all: Array, new: Array) -> Array:
+            old = all[who]
+            keep = jnp.stack([counts, counts & is_sphere])
+            new = jnp.where(keep.reshape((2,) + (1,) * (old.ndim - 1)), new, old)
+            return all.at[who[1]].set(new[1]).at[first].set(new[0])
+
+        moved = carry._replace(spheres=jax.tree.map(put, carry.spheres, outcome.after))
+        together = jax.tree.map(jnp.zeros_like, known.coupled)
+        return moved, Figures(before, outcome, together)
+
+    def together(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
+        assert ways.call is not None and carry.coupled is not None
+        known, members = row.known, rules.members
+        called, at = row.facts.call, known.coupled
+        assert called is not None and at is not None
+        seats = called.decided.seats
+        who, index = jnp.minimum(seats.who, layout.spheres - 1), index_of(layout, seats)
+        # At the places of this call, in which it began; they may be those of other bodies before.
+        before = rearranged(carry.coupled, called.decided.change, members)
+        spheres, held = jax.tree.map(lambda x: x[who], (carry.spheres, carry.held))
+        began, end, work, place = ways.call(row, Entering(spheres, held, before))
+
+        def settled(old: Array, new: Array) -> Array:
+            return put(old, index, new)
+
+        moved = Flying(
+            settled(carry.spheres.position, place),
+            settled(carry.spheres.velocity, end.velocity[:members]),
+            settled(carry.spheres.time, jnp.broadcast_to(end.time, (members,))),
+        )
+        first, second = places(layout, members)
+        on_wall = (at.end.closed > 0.5) & (second >= members) & called.rest
+        latched = jnp.zeros_like(held).at[first].add(jnp.where(on_wall, end.latched, 0))
+        nothing = jax.tree.map(jnp.zeros_like, known)
+        figures = nothing._replace(
+            outcome=nothing.outcome._replace(time=began.time),
+            coupled=Together(spheres, held, began, end, work, jnp.zeros_like(work)),
+        )
+        return _Carry(moved, end, settled(carry.held, latched)), figures
+
+    def nothing(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
+        return carry, jax.tree.map(jnp.zeros_like, row.known)
+
+    def one(carry: _Carry, row: _Row) -> tuple[_Carry, Figures]:
+        other = nothing if ways.hit is None else impact
+        if ways.call is None:
+            return other(carry, row)
+        assert row.facts.call is not None
+        is_call = row.facts.call.is_call & row.counts
+        this, that = row._replace(counts=is_call), row._replace(counts=row.counts & ~is_call)
+        return jax.lax.cond(is_call, lambda: together(carry, this), lambda: other(carry, that))
+
+    rows = _Row(*log, jnp.arange(log.facts.tied.shape[0]) < written, slot)
+    return jax.lax.scan(one, _begun(layout, numbers, log, along), rows)[1]
+
+
+def _begun(layout: Layout, numbers: Numbers, log: Log, along: Numbers) -> _Carry:
+    """The tangents at the start of a run."""
+    held = jnp.zeros(layout.spheres, along.position.dtype)
+    start = Flying(along.position, along.velocity, held)
+    coupled = None
+    if log.figures.coupled is not None:
+        coupled = jax.tree.map(lambda x: jnp.zeros_like(x[0]), log.figures.coupled.end)
+    if numbers.start is not None and along.start is not None:
+        underway, moves = numbers.start.underway, along.start.underway
+        if underway is not None and moves is not None:
+            led = Flying(moves.position, moves.velocity, moves.time)
+            start = where_each(underway.counts, led, start)
+        held = along.start.held
+        if coupled is not None and along.start.contacts is not None:
+            began = along.start.contacts.state._asdict()
+            # Flags have no derivative.
+            coupled = coupled._replace(**{k: x for k, x in began.items() if x is not None})
+    return _Carry(start, coupled, held)

@@ -1,0 +1,259 @@
+"""The rows of a log as functions of what they vary with: an isolated impact, a coupled call.
+
+Each depends on the numbers of the scene and on the bodies that it takes in, alone: its matrix is as
+large as these, however large the scene.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float, Int
+
+from ..arrays.arrays import Layout, Numbers
+from ..arrays.flight import Flying
+from ..cluster.equations import ClusterState
+from ..cluster.scaled import MOST_STEPS
+from ..engine.cluster_slots import Seats, in_place, index_of
+from ..engine.coupled import as_flags, as_numbers, call, work_of_walls
+from ..engine.event_queue import in_branch
+from ..engine.log import Facts, Figures, Log
+from ..engine.state import Rules
+from ..pair_impact.instantaneous import Outcome, hit, two_that_meet
+from ..pair_impact.soft import soft
+
+
+class Done(NamedTuple):
+    """A call: the states that it began from and ended with, the work of moving walls, and the
+    places of its spheres.
+    """
+
+    began: ClusterState
+    end: ClusterState
+    work: Array
+    place: Array
+
+
+class Entering(NamedTuple):
+    """The spheres of a call, the v0 held by those that rest, and the state before it."""
+
+    spheres: Flying
+    held: Array
+    before: ClusterState
+
+
+def struck(
+    layout: Layout,
+    rules: Rules,
+    known: Figures,
+    facts: Facts,
+    counts: Bool[Array, ""],
+    tolerance: Float[Array, ""],
+    by_formula: bool = False,
+) -> tuple[Callable[[Numbers, Flying], Outcome], Flying]:
+    """The impact of a row, and the bodies before it, which are some that meet where none is."""
+    place = two_that_meet(layout, facts.choice.time)
+    before = jax.tree.map(lambda a, b: jnp.where(counts, a, b), known.before, place)
+
+    def strike(numbers: Numbers, before: Flying) -> Outcome:
+        if rules.soft:
+            return soft(layout, numbers, before, facts.choice, tolerance, counts, by_formula)
+        return hit(layout, numbers, before, facts.choice)
+
+    return strike, before
+
+
+def called(
+    layout: Layout,
+    rules: Rules,
+    known: Figures,
+    facts: Facts,
+    counts: Bool[Array, ""],
+    tolerance: Float[Array, ""],
+) -> tuple[Callable[[Numbers, Entering], Done], Entering]:
+    """The call of a row, and what enters it."""
+    row, at, members = facts.call, known.coupled, rules.members
+    assert row is not None and at is not None
+    # Rest, and the last of all steps, come at a time that rounding decides, so that this solve
+    # would stop at another one: it goes to the time that is known.
+    stops = row.rest | row.paused
+    decided = row.decided._replace(
+        choice=facts.choice,
+        change=in_place(row.decided.change),
+        until=jnp.where(stops, at.end.time, row.decided.until),
+        to_the_end=stops,
+    )
+
+    def solve(numbers: Numbers, entering: Entering) -> Done:
+        spheres, held, before = entering
+        began, done = call(
+            layout, numbers, members, spheres, row.support, held, as_flags(before),
+            decided.where(counts), tolerance, rules.v0, max_steps=2 * MOST_STEPS,
+        )  # fmt: skip
+        work = work_of_walls(layout, numbers, decided.seats, began, done)
+        place = done.state.position[:members] + decided.seats.shift * numbers.period[None]
+        return Done(as_numbers(began), as_numbers(done.state), work, place)
+
+    return solve, Entering(at.spheres, at.held, at.began)
+
+
+def two_of(layout: Layout, facts: Facts) -> Int[Array, "2"]:
+    """The spheres of an impact, N for a wall."""
+    second = facts.choice.second
+    return jnp.stack([facts.choice.first, jnp.minimum(second, layout.spheres)])
+
+
+class Own(NamedTuple):
+    """The numbers of a scene that a row varies with: those of its spheres, and those that are
+    nobody's: walls, gravity, laws. The places of fixed spheres that are shaken are everyone's.
+    """
+
+    radius: Float[Array, " M"]
+    inverse_mass: Float[Array, " M"]
+    compliance: Float[Array, " M"] | None
+    of_walls: Float[Array, " W"] | None
+    shaken: Float[Array, "K D"] | None
+    rest: Numbers
+
+
+def own(layout: Layout, numbers: Numbers, who: Int[Array, " M"]) -> Own:
+    """Those of some spheres; zeros in places where nobody is."""
+
+    def at(all: Array) -> Array:
+        return all.at[who].get(mode="fill", fill_value=0)
+
+    compliance, shaken = numbers.compliance, None
+    if layout.shaken:
+        shaken = numbers.position[jnp.asarray(layout.shaken)]
+    spheres = layout.spheres
+    return Own(
+        at(numbers.radius),
+        at(numbers.inverse_mass[:spheres]),
+        None if compliance is None else at(compliance[:spheres]),
+        None if compliance is None else compliance[spheres:],
+        shaken,
+        dataclasses.replace(
+            eqx.filter(numbers, eqx.is_inexact_array),
+            position=None, velocity=None, radius=None, inverse_mass=None, compliance=None,
+            start=None,
+        ),
+    )  # fmt: skip
+
+
+def with_own(layout: Layout, numbers: Numbers, who: Int[Array, " M"], own: Own) -> Numbers:
+    """The numbers of a scene with those of a row."""
+
+    def put(all: Array, new: Array) -> Array:
+        return all.at[who].set(new, mode="drop", unique_indices=True)
+
+    spheres, position, compliance = layout.spheres, numbers.position, numbers.compliance
+    if own.shaken is not None:
+        position = position.at[jnp.asarray(layout.shaken)].set(own.shaken)
+    inverse = numbers.inverse_mass
+    inverse = jnp.concatenate([put(inverse[:spheres], own.inverse_mass), inverse[spheres:]])
+    if compliance is not None and own.compliance is not None and own.of_walls is not None:
+        compliance = jnp.concatenate([put(compliance[:spheres], own.compliance), own.of_walls])
+    kept = dataclasses.replace(
+        numbers,
+        position=position,
+        radius=put(numbers.radius, own.radius),
+        inverse_mass=inverse,
+        compliance=compliance,
+    )
+    return eqx.combine(own.rest, kept)
+
+
+class Matrices(NamedTuple):
+    """The derivatives of rows as matrices, those of impacts and those of calls; None where there
+    are none. `slot`: where in its kind the matrix of a row is.
+    """
+
+    hits: Float[Array, "H outcomes inputs"] | None
+    calls: Float[Array, "C outcomes inputs"] | None
+    slot: Int[Array, " K"]
+
+
+def flat(tree: Any) -> Float[Array, " size"]:
+    """The floats of a tree as one vector, without the flags of states."""
+    return ravel_pytree(_without_flags(tree))[0]
+
+
+def unflat(vector: Float[Array, " size"], like: Any) -> Any:
+    """The inverse of `flat`, with zeros for flags."""
+    moved = ravel_pytree(_without_flags(like))[1](vector)
+    return jax.tree.map(
+        lambda x, y: jnp.zeros_like(y) if x is None else x,
+        moved, like, is_leaf=lambda x: x is None,
+    )  # fmt: skip
+
+
+def _without_flags(tree: Any) -> Any:
+    def plain(node: Any) -> Any:
+        return node._replace(closed=None, rising=None) if isinstance(node, ClusterState) else node
+
+    return jax.tree.map(plain, tree, is_leaf=lambda x: isinstance(x, ClusterState))
+
+
+class Kept(NamedTuple):
+    """Rows of one kind, padded: their numbers in the log, and which of them count."""
+
+    row: Int[Array, " R"]
+    counts: Bool[Array, " R"]
+
+
+def matrices(
+    layout: Layout,
+    rules: Rules,
+    numbers: Numbers,
+    log: Log,
+    hits: Kept | None,
+    calls: Kept | None,
+    slot: Int[Array, " K"],
+    tolerance: Float[Array, ""],
+    by_formula: bool,
+) -> Matrices:
+    """Those of all rows, each by what it varies with."""
+
+    def of(known: Figures, facts: Facts, counts: Array, is_call: bool) -> Array:
+        given: Any
+        if is_call:
+            row, given = called(layout, rules, known, facts, counts, tolerance)
+            assert facts.call is not None
+            who = seated(layout, facts.call.decided.seats)
+        else:
+            row, given = struck(layout, rules, known, facts, counts, tolerance, by_formula)
+            who = two_of(layout, facts)
+        start, unravel = ravel_pytree(_without_flags((own(layout, numbers, who), given)))
+
+        def outcome(vector: Array) -> Array:
+            mine, entering = unravel(vector)
+            if is_call:
+                flags = given.before
+                before = entering.before._replace(closed=flags.closed, rising=flags.rising)
+                entering = entering._replace(before=before)
+            return flat(row(with_own(layout, numbers, who, mine), entering))
+
+        return jax.jacfwd(outcome)(start)
+
+    def each(kept: Kept | None, is_call: bool) -> Array | None:
+        if kept is None:
+            return None
+
+        def one(k: Array, counts: Array) -> Array:
+            known, facts = jax.tree.map(lambda x: x[k], log)
+            return in_branch(counts, lambda: of(known, facts, counts, is_call))
+
+        return jax.lax.map(lambda given: one(*given), kept)
+
+    return Matrices(each(hits, False), each(calls, True), slot)
+
+
+def seated(layout: Layout, seats: Seats) -> Int[Array, " M"]:
+    """Who sits in a call, a number from N on where nobody does."""
+    return index_of(layout, seats)

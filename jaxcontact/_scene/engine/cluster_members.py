@@ -1,0 +1,199 @@
+"""Who has a place in a coupled solve of some of the spheres: those that it may reach soon.
+
+Bodies in contact are at its core. Before it has reached others, none of them is faster than all
+their energy would make it; what they may reach soon belongs to them, with its energy, and so on,
+the nearest in time first. Everyone else flies on by formula, and the solve ends before it could
+meet a body in it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..arrays.arrays import Layout, Numbers, known_contact_of, least_speed, nearest_image
+from ..arrays.flight import Flying, at_once
+from ..bodies.side import side
+from ..pair_impact.instantaneous import Choice
+from .cluster_slots import Seats, bodies_of, everyone, in_line, own_places
+from .next_event import simultaneous
+from .state import Coupling, State
+
+_CALLS = 64
+"""Into how many calls the first third of an impact may be cut, where there is no place for all that
+it may reach in that time."""
+
+
+class Company(NamedTuple):
+    """The `seats` of a call, the time in s that it may last before others must be asked again, and
+    whether there are too few places, or an image of one of them is in reach.
+    """
+
+    seats: Seats
+    alone: Float[Array, ""]
+    crowded: Bool[Array, ""]
+
+
+def pace_of(
+    layout: Layout, numbers: Numbers, choice: Choice, closing: Float[Array, ""]
+) -> Float[Array, ""]:
+    """A third of the duration of an impact, about: X/v with X = (μ v²/K)^(1/(n+1)), in s."""
+    contact = known_contact_of(layout, numbers, choice.first, choice.second)
+    n = contact.exponent
+    speed = jnp.maximum(closing, least_speed(numbers))
+    return (contact.mass / contact.stiffness / speed ** (n - 1)) ** (1 / (n + 1))
+
+
+def company_of(
+    layout: Layout, numbers: Numbers, members: int, state: State, now: Float[Array, ""]
+) -> Company:
+    """Who has a place in the next call of the coupled solve."""
+    coupling, count = state.coupling, layout.spheres
+    assert coupling is not None
+    ready = state.time <= now + simultaneous(numbers, now)
+    shift = jnp.zeros((members, layout.dimensions), numbers.dtype)
+    if everyone(layout, members):
+        who = own_places(layout, numbers)
+        no = jnp.asarray(False)
+        return Company(Seats(who, ready[who], shift), jnp.full_like(now, jnp.inf), no)
+    spheres = Flying(state.position, state.velocity, state.time)
+    there = at_once(layout, numbers, jnp.arange(count), spheres, state.support, now)[0]
+    core = _core(layout, coupling)
+    moves = numbers.inverse_mass[:count] > 0
+    mass = jnp.where(moves, 1 / jnp.where(moves, numbers.inverse_mass[:count], 1), 0)
+    kinetic = mass * jnp.sum(jnp.square(there.velocity), axis=-1) / 2
+    flying = jnp.sqrt(jnp.sum(jnp.square(there.velocity), axis=-1))
+    pull = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity)))
+    more = jnp.where(moves, 2 * pull * coupling.pace, 0)
+    if numbers.motion is not None:
+        # A wall gives a body at most twice its own velocity.
+        walls = numbers.motion.fastest(now, coupling.pace)
+        more = more + jnp.where(moves, 2 * jnp.max(walls), 0)
+    gain = jnp.zeros_like(flying)
+    if numbers.shaking is not None:
+        gain = gain.at[np.array(layout.shaken)].set(numbers.shaking.strongest * coupling.pace)
+    if layout.driven:
+        # As does a fixed sphere that moves.
+        fast = jnp.where(moves, 0, flying + gain)
+        more = jnp.where(moves, more + 2 * jnp.max(fast), gain)
+
+    def fastest(who: Array, filled: Array) -> Array:
+        """How fast those that have a place may become."""
+        sure = jnp.minimum(who, count - 1)
+        seated = jnp.arange(members) < filled
+        energy = jnp.sum(jnp.where(seated, kinetic[sure], 0)) + coupling.reserve
+        fast = jnp.sqrt(2 * energy * numbers.inverse_mass[sure]) + more[sure]
+        return jnp.where(seated, fast, 0)
+
+    def arrivals(who: Array, after: Array, filled: Array) -> Array:
+        """When the others may be reached, or reach a body that is not at the core."""
+        sure = jnp.minimum(who, count - 1)
+        seated = jnp.arange(members) < filled
+        fast = fastest(who, filled)
+        apart = (there.position[sure][:, None] - there.position[None]).reshape(
+            -1, layout.dimensions
+        )
+        apart = nearest_image(layout, numbers, apart)[0].reshape(members, count, layout.dimensions)
+        length = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
+        distance = numbers.radius[sure][:, None] + numbers.radius[None]
+        gap = jnp.maximum(side(distance) * length - distance, 0)
+        speed = fast[:, None] + (flying + more)[None]
+        reached = after[:, None] + gap / jnp.where(speed > 0, speed, 1)
+        rate = there.velocity[sure][:, None] - there.velocity[None]
+        bent = layout.gravity or layout.shaken
+        bend = (more[sure][:, None] + more[None]) if bent else jnp.zeros_like(gap)
+        meeting = jnp.sqrt(jnp.sum(jnp.square(rate), axis=-1)) + bend
+        closes = (side(distance) * jnp.sum(apart * rate, axis=-1) < 0) | (bend > 0)
+        closes = closes & ~core[sure][:, None] & (meeting > 0)
+        free = jnp.where(closes, gap / jnp.where(meeting > 0, meeting, 1), jnp.inf)
+        # What is fixed passes nothing on.
+        reached = jnp.where(moves[sure][:, None] & (speed > 0), reached, jnp.inf)
+        times = jnp.minimum(reached, free)
+        times = jnp.where(seated[:, None], times, jnp.inf)
+        inside = jnp.zeros(count, bool).at[jnp.where(seated, who, count)].set(True, mode="drop")
+        return jnp.where(inside | ~ready, jnp.inf, jnp.min(times, axis=0))
+
+    def one_more(k: Array, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        who, after, filled = carry
+        times = arrivals(who, after, filled)
+        nearest = jnp.argmin(times)
+        joins = (times[nearest] <= coupling.pace) & (filled < members)
+        place = jnp.where(joins, filled, members)
+        who = who.at[place].set(nearest, mode="drop")
+        after = after.at[place].set(times[nearest], mode="drop")
+        return who, after, filled + joins.astype(filled.dtype)
+
+    first = jnp.flatnonzero(core, size=members, fill_value=count)
+    filled = jnp.minimum(jnp.sum(core), members)
+    start = (first, jnp.zeros(members, numbers.dtype), filled)
+    who, after, filled = jax.lax.fori_loop(0, members - 1, one_more, start)
+    alone = jnp.min(arrivals(who, after, filled))
+    crowded = (jnp.sum(core) > members) | (alone <= coupling.pace / _CALLS)
+    seats, wide = _seated(layout, numbers, there, coupling, who, filled)
+    if any(layout.periodic):
+        # Of a pair the image that is nearest may touch, at half a period or less; no other one
+        # comes as near before two of them have gone what is left of the half.
+        half = jnp.min(jnp.where(jnp.asarray(layout.periodic), numbers.period, jnp.inf)) / 2
+        radius = numbers.radius[jnp.minimum(seats.who, count - 1)]
+        room = half - 2 * jnp.max(jnp.where(seats.present, jnp.abs(radius), 0))
+        speed = jnp.max(fastest(who, filled))
+        alone = jnp.minimum(alone, room / 2 / jnp.where(speed > 0, speed, 1))
+    return Company(seats, alone, crowded | wide)
+
+
+def _core(layout: Layout, coupling: Coupling) -> Bool[Array, " N"]:
+    """The spheres that are in contact."""
+    count, members = layout.spheres, coupling.seats.who.shape[0]
+    one, other = bodies_of(layout, members, coupling.seats.who)
+    closed = coupling.state.closed & ~coupling.starts
+    core = jnp.zeros(count, bool)
+    for body in (one, other):
+        core = core.at[jnp.where(closed, body, count)].set(True, mode="drop")
+    choice = coupling.choice
+    for body in (choice.first, choice.second):
+        core = core.at[jnp.where(coupling.touches, body, count)].set(True, mode="drop")
+    return core
+
+
+def _seated(
+    layout: Layout,
+    numbers: Numbers,
+    there: Flying,
+    coupling: Coupling,
+    who: Int[Array, " M"],
+    filled: Int[Array, ""],
+) -> tuple[Seats, Bool[Array, ""]]:
+    """The places of those chosen, next to each other in their images; in a line by their order.
+
+    Whether those in a line span more than half a period: the last might meet the first.
+    """
+    count, members = layout.spheres, who.shape[0]
+    present = jnp.arange(members) < filled
+    sure = jnp.minimum(who, count - 1)
+    position = there.position[sure]
+    shift = jnp.zeros_like(position)
+    wide = jnp.asarray(False)
+    if any(layout.periodic):
+        old = coupling.seats
+        same = (who[:, None] == old.who[None]) & old.present[None] & present[:, None]
+        stays = jnp.any(same, axis=1) & ~coupling.starts
+        before = old.shift[jnp.argmax(same, axis=1)]
+        # Next to one that stays, or to the first.
+        anchor = jnp.argmax(stays)
+        base = position[anchor] - jnp.where(stays[anchor], before[anchor], 0) * numbers.period
+        near = nearest_image(layout, numbers, position - base[None])[1]
+        shift = jnp.where(stays[:, None], before, near)
+    if in_line(layout):
+        place = (position - shift * numbers.period[None])[:, 0]
+        if any(layout.periodic):
+            low = jnp.min(jnp.where(present, place, jnp.inf))
+            high = jnp.max(jnp.where(present, place, -jnp.inf))
+            reach = 2 * jnp.max(jnp.where(present, numbers.radius[sure], 0))
+            wide = high - low + reach > numbers.period[0] / 2
+        order = jnp.argsort(jnp.where(present, place, jnp.inf))
+        who, present, shift = who[order], present[order], shift[order]
+    return Seats(jnp.where(present, who, count), present, shift), wide

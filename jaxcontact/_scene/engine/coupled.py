@@ -1,0 +1,325 @@
+"""The spheres near a contact as one coupled solve: what is not an isolated impact.
+
+The places are those of `_slots`, spheres, then walls; every pair that can meet has one, so that
+bodies join and leave. A call goes on until a pair touches or opens, or another time is up.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..arrays.arrays import Layout, Numbers, known_contact_of, law_of, nearest_image
+from ..arrays.flight import Flying, accelerations, at_once
+from ..arrays.rows import rows_of
+from ..arrays.stored_energy import stored_in
+from ..bodies.motion import Own
+from ..bodies.overlap import ROUNDINGS
+from ..bodies.side import side
+from ..cluster.equations import ClusterState, Drive, Pairs
+from ..cluster.problem import TIME_IS_UP, ClusterEnd
+from ..cluster.scaled import MOST_STEPS, cluster, touched
+from ..pair_impact.instantaneous import Choice, meeting_of, two_that_meet
+from .cluster_slots import Change, Seats, bodies_of, in_line, pairs_of, places, put, rearranged
+
+MOST = 8
+"""Spheres that a coupled solve has room for, if not said otherwise."""
+
+
+class Call(NamedTuple):
+    """The decisions about one call: `starts` a solve at the touch of `choice`, or goes on; who is
+    in it and who has come; `closed` (P,): the pairs of those that come which are in contact at
+    once. It ends at the time `until` in s, if nothing happens before; `to_the_end`: rest is
+    nothing. In a log the choice is that of the row.
+    """
+
+    starts: Bool[Array, ""]
+    choice: Choice | None
+    seats: Seats
+    change: Change
+    closed: Bool[Array, " P"]
+    until: Float[Array, ""]
+    to_the_end: Bool[Array, ""]
+
+    def where(self, needed: Bool[Array, ""]) -> Call:
+        """The call, without a step where it is not `needed`: in a batch another lane needs one."""
+        seats = self.seats._replace(present=self.seats.present & needed)
+        return self._replace(seats=seats)
+
+
+def placed(
+    layout: Layout, numbers: Numbers, seats: Seats, spheres: Flying, time: Array
+) -> tuple[Array, Array]:
+    """Positions and velocities in all places; a wall stands at the foot of its normal."""
+    walls = numbers.walls_at(time)
+    image = spheres.position - seats.shift * numbers.period[None]
+    position = jnp.concatenate([image, walls.offset[:, None] * numbers.normal])
+    driven = walls.velocity[:, None] * numbers.normal
+    return position, jnp.concatenate([spheres.velocity, driven])
+
+
+def meets(layout: Layout, members: int, seats: Seats, choice: Choice) -> Bool[Array, " P"]:
+    """The pair of an impact."""
+    one, other = bodies_of(layout, members, seats.who)
+    straight = (choice.first == one) & (choice.second == other)
+    return straight | ((choice.first == other) & (choice.second == one))
+
+
+def _resting(layout: Layout, members: int, support: Int[Array, " M"]) -> Bool[Array, " P"]:
+    """The pairs of a sphere and the wall that it rests on."""
+    first, second = places(layout, members)
+    on_it = (support[first] == second - members) & (support[first] >= 0)
+    return on_it & jnp.asarray(second >= members)
+
+
+def touching(
+    layout: Layout,
+    numbers: Numbers,
+    members: int,
+    seats: Seats,
+    there: Flying,
+    support: Int[Array, " M"],
+    time: Float[Array, ""],
+) -> Bool[Array, " P"]:
+    """The pairs that touch by rounding and do not part, and the bodies that rest on a wall."""
+    first, second = places(layout, members)
+    pairs = pairs_of(layout, numbers, members, seats)
+    position, velocity = placed(layout, numbers, seats, there, time)
+    apart = _imaged(layout, numbers, pairs, position).between(position)
+    rate = velocity[first] - velocity[second]
+    gap, opening = _gap(pairs, apart, rate)
+    eps = jnp.finfo(numbers.dtype).eps
+    present = seats.present[:, None]
+    scale = jnp.max(jnp.abs(jnp.where(present, there.position, 0))) + jnp.max(numbers.radius)
+    speed = jnp.max(jnp.abs(jnp.where(present, there.velocity, 0)))
+    if numbers.motion is not None:
+        speed = jnp.maximum(speed, jnp.max(jnp.abs(velocity[members:])))
+    touches = (gap <= ROUNDINGS * eps * scale) & (opening <= ROUNDINGS * eps * speed)
+    return pairs.used & (touches | _resting(layout, members, support))
+
+
+def _imaged(layout: Layout, numbers: Numbers, pairs: Pairs, position: Array) -> Pairs:
+    """The pairs, each of two bodies in their images that are nearest to each other."""
+    if not any(layout.periodic):
+        return pairs
+    shift = nearest_image(layout, numbers, pairs.between(position))[1]
+    return pairs._replace(away=jnp.where(pairs.flat[:, None], 0, shift * numbers.period[None]))
+
+
+def _gap(pairs: Pairs, apart: Array, rate: Array) -> tuple[Array, Array]:
+    """The gaps of pairs, and the rates at which they open."""
+    flat = pairs.flat
+    between = jnp.where(flat[:, None] | ~pairs.used[:, None], 1, apart)
+    length = side(pairs.distance) * jnp.sqrt(jnp.sum(jnp.square(between), axis=-1))
+    height = jnp.sum(apart * pairs.normal, axis=-1)
+    gap = jnp.where(flat, height, length) - pairs.distance
+    along = jnp.sum(between * rate, axis=-1) / length
+    return gap, jnp.where(flat, jnp.sum(rate * pairs.normal, axis=-1), along)
+
+
+def call(
+    layout: Layout,
+    numbers: Numbers,
+    members: int,
+    spheres: Flying,
+    support: Int[Array, " M"],
+    held: Float[Array, " M"],
+    before: ClusterState,
+    decided: Call,
+    rtol: Float[Array, ""],
+    v0: Any,
+    max_steps: int = MOST_STEPS,
+    derived: bool = True,
+) -> tuple[ClusterState, ClusterEnd]:
+    """One call of the coupled solve: the state that it starts from, and how it ends.
+
+    `spheres`, `support` and the v0 `held` by those that rest are of the bodies in the places. The
+    time of the touch that starts it is known; where its derivative is asked for it is `derived`
+    from the two bodies.
+    """
+    seats, change = decided.seats, decided.change
+    who = jnp.minimum(seats.who, layout.spheres - 1)
+    pairs = pairs_of(layout, numbers, members, seats)
+    first, second = places(layout, members)
+
+    # The time: of the touch that starts it, or where the last call ended.
+    assert decided.choice is not None
+    touch = decided.choice.time
+    if derived:
+        touch = _touch(layout, numbers, spheres, decided)
+    time = jnp.where(decided.starts, touch, before.time)
+    before = rearranged(before, change, members)
+
+    # Those that come, by their formulas; their pairs are fresh.
+    there = at_once(layout, numbers, who, spheres, support, time)[0]
+    joined = jnp.concatenate([change.joined, jnp.zeros(layout.walls, bool)])
+    came = (joined | decided.starts)[:, None]
+    position, velocity = placed(layout, numbers, seats, there, time)
+    position = jnp.where(came, position, before.position)
+    velocity = jnp.where(came, velocity, before.velocity)
+    fresh = decided.starts | change.fresh
+    pairs = _imaged(layout, numbers, pairs, position)
+    start = touched(pairs, position, velocity, decided.closed & fresh, v0=v0)
+    rests = _resting(layout, members, support)
+    none = jnp.zeros(members, numbers.dtype)
+    height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
+    sunk = pairs.distance - height + jnp.concatenate([none, numbers.walls_at(time).offset])[second]
+    # What touches beside the pair whose touch says when this begins, or later than a solve began,
+    # does so at a time that is not its own: the depth, which is rounding, has the derivative.
+    apart = pairs.between(position)
+    depth = -_gap(pairs, apart, jnp.zeros_like(apart))[0]
+    depth = depth - jax.lax.stop_gradient(depth)
+    outside = jnp.where(start.closed, depth, jnp.minimum(start.indentation, 0))
+    since = jnp.zeros_like(start.since) + time
+    start = start._replace(
+        time=time,
+        indentation=jnp.where(rests, sunk, outside),
+        latched=jnp.where(rests, rows_of(held, first), start.latched),
+        rising=start.rising & ~rests,
+        since=since,
+        force_until=since,
+    )
+    begin = start._replace(
+        **{
+            name: jnp.where(fresh, getattr(start, name), getattr(before, name))
+            for name in ClusterState._fields
+            if name not in ("time", "position", "velocity")
+        }
+    )
+    if pairs.away is not None:
+        # Which image is meant of what is apart may be another one than in the last call.
+        depth = jnp.where(begin.closed, begin.indentation, start.indentation)
+        begin = begin._replace(indentation=depth)
+
+    inverse = jnp.where(seats.present, rows_of(numbers.inverse_mass, who), 0)
+    inverse = jnp.concatenate([inverse, numbers.inverse_mass[layout.spheres :]])
+    pull = accelerations(layout, numbers, who, jnp.full(members, -1))
+    pull = jnp.where(seats.present[:, None], pull, 0)
+    pull = jnp.concatenate([pull, jnp.zeros((layout.walls, layout.dimensions), numbers.dtype)])
+    one, other = bodies_of(layout, members, seats.who)
+    # A pair that is none is given the numbers of one.
+    some = jnp.argmax(pairs.used)
+    one, other = (jnp.where(pairs.used, body, rows_of(body, some)) for body in (one, other))
+    contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
+    law = jax.vmap(lambda i, j: law_of(layout, numbers, i, j))(one, other)
+    end = cluster(
+        law, contact, pairs, inverse, pull, begin, decided.until,
+        rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, seats, begin.time),
+        in_line=in_line(layout), to_the_end=decided.to_the_end, max_steps=max_steps,
+    )  # fmt: skip
+    # Without rounding, so that no other call is needed.
+    over = jnp.where(end.status == TIME_IS_UP, decided.until, end.state.time)
+    return begin, end._replace(state=end.state._replace(time=over))
+
+
+def _touch(layout: Layout, numbers: Numbers, spheres: Flying, decided: Call) -> Float[Array, ""]:
+    """The time of the touch that starts a solve."""
+    seats, choice = decided.seats, decided.choice
+    assert choice is not None
+    one = jnp.argmax(seats.who == choice.first)
+    # A wall has no place: the first body stands in for it, as another one may be ahead in time.
+    other = jnp.argmax(seats.who == choice.second)
+    two = jnp.stack([one, jnp.where(choice.second < layout.spheres, other, one)])
+    nobody = two_that_meet(layout, choice.time)
+    struck = jax.tree.map(lambda x, y: jnp.where(decided.starts, x[two], y), spheres, nobody)
+    met = choice._replace(second=jnp.where(decided.starts, choice.second, choice.first))
+    return meeting_of(layout, numbers, struck, met).time
+
+
+def _drive(layout: Layout, numbers: Numbers, seats: Seats, time: Array) -> Drive | None:
+    """How the slots are driven from a time on; None where no wall moves and no sphere is shaken."""
+    walls, spheres = numbers.motion, numbers.shaking
+    if walls is None and spheres is None:
+        return None
+    members, slots = seats.who.shape[0], seats.who.shape[0] + layout.walls
+    strength = jnp.zeros((slots, layout.dimensions), numbers.dtype)
+    rate, phase = jnp.zeros(slots, numbers.dtype), jnp.zeros(slots, numbers.dtype)
+    moves = jnp.asarray((False,) * members + layout.moving)
+    shakes = jnp.asarray((False,) * members + layout.vibrating)
+    own: list[tuple[Own, Any]] = []
+    if walls is not None:
+        push = walls.amplitude * jnp.square(walls.rate)
+        strength = strength.at[members:].set(push[:, None] * numbers.normal)
+        rate = rate.at[members:].set(walls.rate)
+        phase = phase.at[members:].set(walls.rate * time + walls.phase)
+        own += [(one, members + w) for w, one in enumerate(walls.own) if one is not None]
+    if spheres is not None:
+        # Where each of them sits, beyond all slots if it is not there.
+        named = jnp.asarray(layout.shaken)
+        sits = (seats.who[None] == named[:, None]) & seats.present[None]
+        nowhere = slots + jnp.arange(len(layout.shaken))
+        slot = jnp.where(jnp.any(sits, axis=1), jnp.argmax(sits, axis=1), nowhere)
+        push = spheres.amplitude * jnp.square(spheres.rate)[:, None]
+        strength = put(strength, slot, push)
+        rate = put(rate, slot, spheres.rate)
+        phase = put(phase, slot, spheres.rate * time + spheres.phase)
+        moves, shakes = (put(flags, slot, jnp.ones(slot.shape, bool)) for flags in (moves, shakes))
+        own += [(one, slot[k]) for k, one in enumerate(spheres.own) if one is not None]
+    return Drive(
+        strength=strength,
+        rate=rate,
+        phase=phase,
+        moves=moves,
+        shakes=shakes,
+        own=tuple((one.later(time), at) for one, at in own),
+    )
+
+
+def masses(layout: Layout, numbers: Numbers, seats: Seats) -> Float[Array, " M"]:
+    """Of the spheres that are present; 0 of fixed ones."""
+    inverse = rows_of(numbers.inverse_mass, jnp.minimum(seats.who, layout.spheres - 1))
+    free = seats.present & (inverse > 0)
+    return jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
+
+
+def work_of_walls(
+    layout: Layout, numbers: Numbers, seats: Seats, began: ClusterState, end: ClusterEnd
+) -> Float[Array, ""]:
+    """What moving walls and fixed spheres that move did in one call: all work but that of gravity,
+    in J.
+    """
+    if numbers.motion is None and not layout.driven:
+        return jnp.zeros((), numbers.dtype)
+    mass = masses(layout, numbers, seats)
+    members = mass.shape[0]
+    fall = end.state.position[:members] - began.position[:members]
+    weight = jnp.sum(mass * jnp.sum(fall * numbers.gravity[None], axis=-1))
+    return end.work - weight
+
+
+def as_numbers(state: ClusterState) -> ClusterState:
+    """The state with its flags as 0 and 1, for a log whose figures have derivatives."""
+    dtype = state.position.dtype
+    return state._replace(closed=state.closed.astype(dtype), rising=state.rising.astype(dtype))
+
+
+def as_flags(state: ClusterState) -> ClusterState:
+    """The inverse of `as_numbers`."""
+    return state._replace(closed=state.closed > 0.5, rising=state.rising > 0.5)
+
+
+def blank_state(layout: Layout, members: int, dtype: Any) -> ClusterState:
+    """A state of zeros, with all pairs open."""
+    slots, pairs = members + layout.walls, places(layout, members)[0].shape[0]
+    vector, each = jnp.zeros((slots, layout.dimensions), dtype), jnp.zeros(pairs, dtype)
+    flags = jnp.zeros(pairs, bool)
+    return ClusterState(
+        jnp.zeros((), dtype), vector, vector, each, flags, flags, each, each, each, each, each, each
+    )
+
+
+def stored_energy(
+    layout: Layout, numbers: Numbers, members: int, seats: Seats, state: ClusterState
+) -> Float[Array, ""]:
+    """The elastic energy of all contacts, Σ ∫ F(δ, 0) dδ."""
+
+    def one(i: Array, j: Array, depth: Array, closed: Array, speed: Array) -> Array:
+        contact = known_contact_of(layout, numbers, i, j)
+        law = law_of(layout, numbers, i, j)
+        return stored_in(law, contact, jnp.where(closed, depth, 0), speed)
+
+    given = (state.indentation, state.closed, state.latched)
+    return jnp.sum(jax.vmap(one)(*bodies_of(layout, members, seats.who), *given))

@@ -1,0 +1,158 @@
+"""Which event comes next: stored events that are none are searched anew until one is an impact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..arrays.arrays import Layout, Numbers
+from ..arrays.rows import rows_of, with_rows
+from ..contact_times.cells import Cells, Grid, Shift, placed, shift_of, shifted, staying
+from .next_event import LEAVES, OUT_OF_DATE, flown, searched, simultaneous
+from .state import Events, State
+
+
+def expecting(
+    layout: Layout,
+    numbers: Numbers,
+    state: State,
+    now: Float[Array, ""],
+    grid: Grid | None,
+    needed: Bool[Array, ""] | None = None,
+) -> State:
+    """The state with all spheres put down in other cells, or in none, and all events out of date;
+    where that is not `needed` with the events there are.
+    """
+    cells = None
+    if grid is not None:
+        cells = placed(layout, numbers, grid, flown(layout, numbers, state, None, now)[0])
+    events = out_of_date(jnp.broadcast_to(now, (layout.spheres,)))
+    if needed is not None:
+        events = jax.tree.map(lambda a, b: jnp.where(needed, a, b), events, state.events)
+    return state._replace(cells=cells, events=events)
+
+
+def out_of_date(time: Float[Array, " M"]) -> Events:
+    """Events that are none, to be searched anew at some times."""
+    far, none = jnp.full_like(time, jnp.inf), jnp.full(time.shape, OUT_OF_DATE)
+    return Events(time, none, jnp.zeros_like(none), far, far)
+
+
+class Due(NamedTuple):
+    """The event that comes next: the `least` of all times and its own, which differ by rounding;
+    whose, with whom, and whether it is an impact.
+    """
+
+    least: Float[Array, ""]
+    time: Float[Array, ""]
+    first: Int[Array, ""]
+    partner: Int[Array, ""]
+    fresh: Bool[Array, ""]
+
+
+def next_event(layout: Layout, numbers: Numbers, events: Events, count: Int[Array, " N"]) -> Due:
+    """The least time; of several at once the largest closing speed."""
+    least = jnp.min(events.time)
+    together = events.time <= least + simultaneous(numbers, least)
+    # Two plain reductions are twice as fast as one that carries an index along.
+    speed = jnp.where(together, events.speed, -jnp.inf)
+    everyone = jnp.arange(layout.spheres)
+    i = jnp.min(jnp.where(speed == jnp.max(speed), everyone, layout.spheres - 1))
+    own, partner, met = rows_of((events.time, events.partner, events.count), i)
+    is_sphere = (partner >= 0) & (partner < layout.spheres)
+    known = rows_of(count, jnp.clip(partner, 0, layout.spheres - 1)) == met
+    fresh = (partner >= layout.spheres) | (is_sphere & known)
+    return Due(least, own, i, partner, fresh)
+
+
+def up_to_date(
+    layout: Layout,
+    numbers: Numbers,
+    state: State,
+    until: Float[Array, ""],
+    end: Float[Array, ""],
+) -> tuple[State, Due]:
+    """Search again the spheres whose events come first and are none, until one is an impact, or
+    none comes before a time `until`: the one place where events are searched.
+
+    Two spheres at a time, as the two bodies of an impact are both out of date; few spheres one by
+    one.
+    """
+
+    def unfinished(carry: tuple[Events, Cells | None, Due]) -> Array:
+        _, cells, due = carry
+        stale = ~due.fresh & (due.least <= until)
+        return stale if cells is None else stale & ~cells.full
+
+    def again(
+        carry: tuple[Events, Cells | None, Due],
+    ) -> tuple[Events, Cells | None, Due]:
+        events, cells, due = carry
+        here = state._replace(events=events, cells=cells)
+        i, now = due.first, jnp.maximum(due.time, state.now)
+        # It always is; but what is read in a branch is read before anything is written.
+        wanted = due.least <= until
+        if cells is not None:
+
+            def stay(cells: Cells = cells) -> Shift:
+                return staying(cells, i)
+
+            def shift(cells: Cells = cells) -> Shift:
+                place = flown(layout, numbers, here, i[None], now)[0]
+                return shift_of(layout, cells, i, place, due.partner == LEAVES)
+
+            # After an impact a sphere is where it was.
+            cells = shifted(cells, i, jax.lax.cond(due.partner == OUT_OF_DATE, stay, shift))
+            here = here._replace(cells=cells)
+        who = rows = i[None]
+        if layout.spheres > _FEW:
+            who, rows = _both(layout, events, i, now)
+        found = in_branch(wanted, lambda: searched(layout, numbers, here, who, now, end))
+        events = with_rows(events, rows, found)
+        return events, cells, next_event(layout, numbers, events, state.count)
+
+    first = next_event(layout, numbers, state.events, state.count)
+    events, cells, due = jax.lax.while_loop(unfinished, again, (state.events, state.cells, first))
+    return state._replace(events=events, cells=cells), due
+
+
+_FEW = 8
+"""Spheres of which one is searched at a time: in a batch of small scenes, where each row counts,
+all runs wait for the one that has most to search."""
+
+
+def _both(
+    layout: Layout, events: Events, i: Int[Array, ""], now: Float[Array, ""]
+) -> tuple[Int[Array, "2"], Int[Array, "2"]]:
+    """A sphere, and another one that is out of date at the same time; their rows, none of one that
+    is not there.
+    """
+    everyone = jnp.arange(layout.spheres)
+    marked = (events.partner == OUT_OF_DATE) & (events.time <= now) & (everyone != i)
+    other = jnp.min(jnp.where(marked, everyone, layout.spheres))
+    there = other < layout.spheres
+    return jnp.stack([i, jnp.where(there, other, i)]), jnp.stack([i, other])
+
+
+def in_branch(wanted: Bool[Array, ""], of: Callable[[], Any]) -> Any:
+    """What a function returns where it is wanted, else zeros. It is traced once."""
+    kinds: list[Any] = []
+
+    def yes() -> Any:
+        out = of()
+        kinds[:] = [jax.tree.map(lambda x: (jnp.shape(x), jnp.result_type(x)), out)]
+        return out
+
+    def no() -> Any:
+        # JAX traces this one after the other.
+        return jax.tree.map(lambda kind: jnp.zeros(*kind), kinds[0], is_leaf=_is_kind)
+
+    return jax.lax.cond(wanted, yes, no)
+
+
+def _is_kind(kind: Any) -> bool:
+    return type(kind) is tuple

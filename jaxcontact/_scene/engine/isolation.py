@@ -1,0 +1,110 @@
+"""Whether an impact is one of two bodies alone, so that the pair's own solution serves."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from ..arrays.arrays import Layout, Numbers, nearest_image
+from ..arrays.flight import Flying, at_once
+from ..bodies.side import side
+from ..pair_impact.instantaneous import Choice, Outcome
+from .state import Rules, State
+
+REACH = 4.0
+"""How many times farther than it could a third body must be for an impact to be isolated."""
+
+
+def isolated(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    choice: Choice,
+    outcome: Outcome,
+    now: Float[Array, ""],
+    tolerance: Float[Array, ""],
+) -> Bool[Array, ""]:
+    """Whether two bodies meet without a third one, by forces that the pair's own solution knows.
+
+    No body is faster than all the energy there is would make it; during the impact, none can come
+    as far as a quarter of its distance. What shakes changes its velocity meanwhile by less than a
+    tenth of `tolerance`; as little does the v0 of the damping depend on when it is taken.
+    """
+    count = layout.spheres
+    inverse = numbers.inverse_mass[:count]
+    moves = inverse > 0
+    everyone = jnp.arange(count)
+    flying = Flying(state.position, state.velocity, state.time)
+    there, pull = at_once(layout, numbers, everyone, flying, state.support, now)
+    position, velocity = there.position, there.velocity
+    mass = jnp.where(moves, 1 / jnp.where(moves, inverse, 1), 0)
+    energy = jnp.sum(mass * jnp.sum(jnp.square(velocity), axis=-1)) / 2
+    energy = energy + jnp.sum(jnp.where(state.time > now, state.owed, 0))
+    if state.coupling is not None:
+        energy = energy + jnp.where(state.coupling.active, state.coupling.reserve, 0)
+    last = jnp.max(outcome.after.time) - now
+    gain = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity))) * last
+    fastest = jnp.sqrt(2 * energy * inverse) + jnp.where(moves, gain, 0)
+    second = jnp.minimum(choice.second, count - 1)
+    is_wall = choice.second >= count
+    alone = outcome.status == 0
+    motion = numbers.motion
+    if motion is not None:
+        # A wall gives a body at most twice its own velocity.
+        fastest = fastest + jnp.where(moves, 2 * jnp.max(motion.fastest(now, last)), 0)
+    if layout.driven:
+        # As does a fixed sphere that moves.
+        driven = jnp.where(moves, 0, jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)))
+        if numbers.shaking is not None:
+            gain = numbers.shaking.strongest * last
+            driven = driven.at[np.array(layout.shaken)].add(gain)
+            change = jnp.concatenate([gain, jnp.zeros(1, gain.dtype)])[layout.shaken_row(second)]
+            alone = alone & (is_wall | (10 * change <= tolerance * outcome.closing))
+        fastest = fastest + jnp.where(moves, 2 * jnp.max(driven), driven)
+    if any(layout.vibrating):
+        assert motion is not None
+        change = motion.strongest[jnp.clip(choice.second - count, 0)] * last
+        alone = alone & ~(is_wall & (10 * change > tolerance * outcome.closing))
+    if layout.spheres > layout.visible and rules.v0 == "peak" and _damped(numbers):
+        # What passes along the inside of a shell closes faster and faster at first. The pair's
+        # solution takes v0 at touch.
+        distance = numbers.radius[choice.first] + numbers.radius[second]
+        rate = velocity[choice.first] - velocity[second]
+        across = jnp.maximum(jnp.sum(jnp.square(rate)) - jnp.square(outcome.closing), 0)
+        gain = across / jnp.abs(distance) * last
+        steady = (distance > 0) | (10 * gain <= tolerance * outcome.closing)
+        alone = alone & (is_wall | steady)
+    # What is fixed passes nothing on.
+    for one, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall & moves[second])):
+        apart = nearest_image(layout, numbers, position[one][None] - position)[0]
+        distance = numbers.radius[one] + numbers.radius
+        gap = side(distance) * jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1)) - distance
+        partner = (everyone == choice.first) | ((everyone == second) & ~is_wall)
+        far = gap > REACH * (fastest[one] + fastest) * last
+        far = far | partner | ~(moves[one] | moves)
+        alone = alone & (jnp.all(far) | ~counts)
+        if layout.walls:
+            height = jnp.sum(position[one][None] * numbers.normal, axis=-1)
+            reach = fastest[one] * last
+            if motion is not None:
+                reach = reach + motion.fastest(now, last) * last
+            height = height - numbers.walls_at(now).offset
+            room = height - numbers.radius[one] > REACH * reach
+            partner = jnp.arange(layout.walls) == choice.second - count
+            alone = alone & (jnp.all(room | partner) | ~counts | ~moves[one])
+    if layout.gravity:
+        who = jnp.stack([choice.first, second])
+        bend = pull[who[0]] - pull[who[1]]
+        if layout.walls:
+            face = numbers.normal[jnp.clip(choice.second - count, 0)]
+            # Along a wall gravity does not matter. Across it the pair's solution takes v0 at touch.
+            weight = jnp.sum(face * pull[who[0]])
+            bend = jnp.where(is_wall, face * (0 if rules.v0 == "touch" else weight), bend)
+        alone = alone & jnp.all(bend == 0)
+    return alone & jnp.all(choice.support < 0)
+
+
+def _damped(numbers: Numbers) -> bool:
+    return any(law.damped for law in numbers.laws)

@@ -1,0 +1,377 @@
+"""The search: which impact comes next, one stored event a body, fixed shapes.
+
+Each sphere stores the time and the partner of its next event, and how many impacts the partner had
+had when it was found. The least time is taken; if the partner has met something else since, the
+event is out of date and only searched again. Otherwise both bodies are moved to the impact, and
+their two rows are searched anew, among all bodies or those of cells around them. Of every pair the
+one that was searched last knows the impact, so that none is missed, and there is no table of pairs.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..arrays.arrays import Layout, Numbers, nearest_image
+from ..arrays.flight import Flying, at_once, where_each
+from ..arrays.rows import rows_of, with_row, with_rows
+from ..contact_times.cells import Grid
+from ..pair_impact.instantaneous import Choice, Outcome, hit
+from ..pair_impact.soft import soft
+from ..readout.final_scene import going_on
+from ..resume import Underway
+from .cluster_calls import begins, called, calls_first
+from .cluster_slots import empty_seats
+from .coupled import blank_state
+from .event_queue import Due, expecting, in_branch, out_of_date, up_to_date
+from .isolation import isolated
+from .log import Facts, Figures, Log, blank_calls, blank_choice
+from .next_event import AGAIN, NOISE, seated, simultaneous
+from .state import ACCUMULATED, CROWDED, PATIENCE, RUNNING, TWO_SUPPORTS, Coupling, Rules, State
+
+SLOW = 2.0**14
+"""Roundings of the largest speed below which closing speeds of simultaneous impacts have died out:
+the impacts have accumulated."""
+
+
+def begun(layout: Layout, numbers: Numbers, rules: Rules, grid: Grid | None = None) -> State:
+    """The start: all spheres at time zero, all events out of date, and the contacts that the run
+    begins in.
+    """
+    count, given = layout.spheres, numbers.start
+    zero = jnp.zeros(count, numbers.dtype)
+    whole = jnp.zeros(count, int)
+    now = jnp.zeros((), numbers.dtype)
+    state = State(
+        numbers.position, numbers.velocity, zero, whole - 1, whole, out_of_date(zero),
+        now, jnp.zeros((), int), jnp.zeros((), int), zero, zero, None, None,
+    )  # fmt: skip
+    if given is not None:
+        state = state._replace(support=given.support, held=given.held)
+    if given is None or given.underway is None:
+        return _expecting(layout, numbers, rules, state, grid)
+    return _amid(layout, numbers, rules, state, grid, given.underway)
+
+
+def _amid(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    grid: Grid | None,
+    underway: Underway,
+) -> State:
+    """A start in the middle of isolated impacts: their touch, before time zero, is the next event
+    of the bodies that are in them.
+    """
+    on, spheres = underway.counts, Flying(state.position, state.velocity, state.time)
+    led = Flying(underway.position, underway.velocity, underway.time)
+    spheres = where_each(on, led, spheres)
+    state = state._replace(position=spheres.position, velocity=spheres.velocity, time=spheres.time)
+    state = _expecting(layout, numbers, rules, state, grid)
+    events = state.events
+    events = events._replace(
+        time=jnp.where(on, underway.touch, events.time),
+        partner=jnp.where(on, underway.partner, events.partner),
+        speed=jnp.where(on, 0, events.speed),
+    )
+    return state._replace(events=events, now=jnp.minimum(jnp.min(underway.touch), 0))
+
+
+def _expecting(
+    layout: Layout, numbers: Numbers, rules: Rules, state: State, grid: Grid | None
+) -> State:
+    """The start with the contacts that the run begins in, and its cells."""
+    start = jnp.zeros((), numbers.dtype)
+    if not rules.members:
+        return expecting(layout, numbers, state, start, grid)
+    state = with_places(layout, numbers, rules.members, state)
+    assert state.coupling is not None
+    coupling = going_on(state.coupling, numbers.start)
+    # The search comes before the first call.
+    start = jnp.where(coupling.active, jnp.minimum(coupling.state.time, start), start)
+    state = expecting(layout, numbers, state._replace(coupling=coupling), start, grid)
+    # While a solve goes on nothing else happens to those in it.
+    inside = coupling.active & seated(layout, coupling)
+    waits = state.events._replace(time=jnp.where(inside, jnp.inf, state.events.time))
+    return state._replace(events=waits)
+
+
+def with_places(layout: Layout, numbers: Numbers, members: int, state: State) -> State:
+    """The state with so many places for a coupled solve, in which nobody is; a run that went on
+    without, and stopped where it needed one, goes on.
+    """
+    no, zero = jnp.asarray(False), jnp.zeros((), numbers.dtype)
+    nobody, seats = blank_choice(layout, numbers.dtype), empty_seats(layout, numbers, members)
+    coupling = Coupling(
+        no, no, no, nobody, seats, zero, zero,
+        blank_state(layout, members, numbers.dtype),
+    )  # fmt: skip
+    return state._replace(coupling=coupling, status=jnp.full_like(state.status, RUNNING))
+
+
+def goes_on(state: State, end: Float[Array, ""]) -> Bool[Array, ""]:
+    """Whether anything is to come up to the `end`, once all events up to there are searched."""
+    more = jnp.min(state.events.time) <= end
+    return more if state.coupling is None else more | state.coupling.active
+
+
+def advance(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    log: Log,
+    end: Float[Array, ""],
+    tolerance: Float[Array, ""],
+    written: Int[Array, ""] | None = None,
+) -> tuple[State, Log, Int[Array, ""]]:
+    """Impacts up to `end` (inclusive), until the log is full, the run is stuck or a cell is full.
+
+    Rows are written after those there are. Returns how many there are then.
+    """
+    rows = log.facts.tied.shape[0]
+
+    def unfinished(carry: tuple[State, Due, Log, Array]) -> Array:
+        state, _, _, written = carry
+        more = goes_on(state, end) & (written < rows) & (state.status == RUNNING)
+        return more if state.cells is None else more & ~state.cells.full
+
+    def step(carry: tuple[State, Due, Log, Array]) -> tuple[State, Due, Log, Array]:
+        state, due, log, written = carry
+        # In a batch a run that is over only waits.
+        given, needed = (layout, numbers, rules, state), unfinished(carry)
+        if state.coupling is None:
+            state, figures, facts, fresh = _event(*given, due, end, tolerance, needed)
+        else:
+            state, figures, facts, fresh = jax.lax.cond(
+                calls_first(state),
+                lambda: called(*given, end, tolerance, needed),
+                lambda: _event(*given, due, end, tolerance, needed),
+            )
+        log = with_row(log, written, Log(figures, facts))
+        until = end
+        if state.coupling is not None:
+            # Later than this the coupled solve goes first.
+            active, later = state.coupling.active, jnp.minimum(state.coupling.state.time, end)
+            until = jnp.where(active, later, end)
+            until = jnp.where(calls_first(state), -jnp.inf, until)
+        state, due = up_to_date(layout, numbers, state, until, end)
+        return state, due, log, written + fresh.astype(written.dtype)
+
+    start = jnp.zeros((), int) if written is None else written
+    none = jnp.zeros((), int)
+    # Nothing is known to be due before the first search.
+    nothing = Due(state.now, state.now, none, none + AGAIN, none > 0)
+    state, _, log, written = jax.lax.while_loop(unfinished, step, (state, nothing, log, start))
+    return state, log, written
+
+
+class _Met(NamedTuple):
+    """What an impact does, before it is written: the two bodies `before` and after it, the decision
+    about it, what each rests on, and whether the run goes on; `alone`: whether it is isolated.
+    """
+
+    before: Flying
+    choice: Choice
+    outcome: Outcome
+    support: Int[Array, "2"]
+    count: Int[Array, "2"]
+    rival: Float[Array, ""]
+    tied: Bool[Array, ""]
+    idle: Int[Array, ""]
+    status: Int[Array, ""]
+    alone: Bool[Array, ""]
+
+
+def _event(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    due: Due,
+    end: Float[Array, ""],
+    tolerance: Float[Array, ""],
+    needed: Bool[Array, ""],
+) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
+    """The impact that is due, and whether there is one; `needed`: whether anything asks for it.
+
+    What is read from the arrays of all spheres is read in a branch, and only then written, or
+    these arrays would be copied.
+    """
+    until = end
+    if state.coupling is not None:
+        coupling = state.coupling
+        until = jnp.where(coupling.active, jnp.minimum(coupling.state.time, end), end)
+        needed = needed & ~calls_first(state)
+    count, i, partner = layout.spheres, due.first, due.partner
+    fresh = due.fresh & (due.least <= until)
+    if state.cells is not None:
+        fresh = fresh & ~state.cells.full
+    now = jnp.maximum(due.time, state.now)
+    is_sphere = partner < count
+    # A wall has no row: the first body stands in for it.
+    who = jnp.stack([i, jnp.where(is_sphere, jnp.maximum(partner, 0), i)])
+    given = (layout, numbers, rules, state, due, who, now, tolerance, fresh & needed)
+    met = in_branch(fresh, lambda: _met(*given))
+    choice, outcome = met.choice, met.outcome
+    happens = fresh & met.alone
+    starts = fresh & ~met.alone
+    there = happens & jnp.stack([happens, is_sphere])
+    rows = jnp.where(there, who, count + jnp.arange(2))
+    # Their events are out of date: the search that follows finds them first.
+    before = (state.position, state.velocity, state.time, state.support, state.count, state.owed)
+    owed, events = jnp.broadcast_to(outcome.energy_loss, (2,)), out_of_date(jnp.stack([now, now]))
+    after = (*outcome.after, met.support, met.count, owed)
+    (position, velocity, time, support, counts, owed), events = with_rows(
+        (before, state.events), rows, (after, events)
+    )
+    state = state._replace(
+        position=position,
+        velocity=velocity,
+        time=time,
+        support=support,
+        count=counts,
+        events=events,
+        now=jnp.where(fresh, now, state.now),
+        idle=jnp.where(happens, met.idle, state.idle),
+        status=jnp.where(happens, met.status, state.status),
+        owed=owed,
+    )
+    if rules.soft and state.coupling is None:
+        state = state._replace(status=jnp.where(starts, CROWDED, state.status))
+    elif state.coupling is not None:
+        met_then = choice._replace(time=outcome.time)
+        coupling = begins(layout, numbers, state.coupling, starts, met_then, outcome.closing)
+        state = state._replace(coupling=coupling)
+    together = no_call = None
+    if state.coupling is not None:
+        together, no_call = blank_calls(layout, rules.members, numbers.dtype)
+    figures = Figures(met.before, outcome, together)
+    return state, figures, Facts(choice, met.support, met.tied, met.rival, no_call), happens
+
+
+def _met(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    state: State,
+    due: Due,
+    who: Int[Array, "2"],
+    now: Float[Array, ""],
+    tolerance: Float[Array, ""],
+    needed: Bool[Array, ""],
+) -> _Met:
+    """The impact that is due; where it is not `needed` a soft one takes no step."""
+    partner = due.partner
+    spheres = Flying(state.position, state.velocity, state.time)
+    known = (spheres, state.support, state.count, state.events)
+    before, support, met, events = rows_of(known, who)
+    choice = _choice(layout, numbers, who, partner, before, support, now)
+    if rules.soft:
+        outcome = soft(layout, numbers, before, choice, tolerance, needed)
+        alone = isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
+        if numbers.start is not None:
+            # Of what was on before the run it is known.
+            alone = alone | ((now < 0) & (outcome.status == 0))
+        crowded = jnp.asarray(False)
+    else:
+        choice = choice._replace(tail=_tail(layout, numbers, choice, before, tolerance))
+        outcome = hit(layout, numbers, before, choice)
+        alone = jnp.asarray(True)
+        support, crowded = _supports(layout, numbers, choice, outcome)
+
+    # An event of the other one that is no impact does not compete.
+    own = (events.partner[1] == who[0]) | (events.partner[1] < 0)
+    competing = jnp.where(own, events.second[1], events.time[1])
+    is_sphere = partner < layout.spheres
+    rival = jnp.minimum(events.second[0], jnp.where(is_sphere, competing, jnp.inf)) - now
+    since = jnp.where(met > 0, now - before.time, jnp.inf)
+    rival = jnp.minimum(rival, jnp.min(since))
+    within = simultaneous(numbers, due.least)
+    tied = rival <= within
+
+    idle = jnp.where(now > state.now + within, 0, state.idle + 1)
+    patience = PATIENCE * (layout.spheres + layout.walls)
+
+    stuck = idle > patience
+    if not rules.soft:
+        eps = jnp.finfo(numbers.dtype).eps
+        fastest = in_branch(tied, lambda: jnp.max(jnp.sum(jnp.square(state.velocity), axis=-1)))
+        slow = outcome.closing <= SLOW * eps * jnp.sqrt(fastest)
+        stuck = stuck | (tied & slow & ~choice.tail)
+    stuck = jnp.where(stuck, ACCUMULATED, RUNNING)
+    status = jnp.where(crowded, TWO_SUPPORTS, stuck)
+    return _Met(before, choice, outcome, support, met + 1, rival, tied, idle, status, alone)
+
+
+def _choice(
+    layout: Layout,
+    numbers: Numbers,
+    who: Int[Array, "2"],
+    partner: Int[Array, ""],
+    before: Flying,
+    support: Int[Array, "2"],
+    now: Float[Array, ""],
+) -> Choice:
+    """The decisions about an impact: who meets, and in which image."""
+    image = jnp.zeros(layout.dimensions, numbers.dtype)
+    if any(layout.periodic):
+        place = at_once(layout, numbers, who, before, support, now)[0].position
+        nearest = nearest_image(layout, numbers, (place[0] - place[1])[None])[1][0]
+        image = jnp.where(partner < layout.spheres, nearest, image)
+    return Choice(who[0], jnp.maximum(partner, 0), support, image, now, jnp.asarray(False))
+
+
+def _tail(
+    layout: Layout, numbers: Numbers, choice: Choice, before: Flying, tolerance: Float[Array, ""]
+) -> Bool[Array, ""]:
+    """Whether a ball comes to rest on a wall.
+
+    On one that gravity presses it to, with a constant e < 1, it bounces for ever in a finite time.
+    Where the next bounce is lower than `tolerance` radii its time is summed.
+    """
+    if not layout.settles:
+        return choice.tail
+    who = jnp.stack([choice.first, choice.first])
+    velocity = at_once(layout, numbers, who, before, choice.support, choice.time)[0].velocity[0]
+    wall = jnp.clip(choice.second - layout.spheres, 0)
+    face = rows_of(numbers.normal, wall)
+    weight = -jnp.sum(face * numbers.gravity)
+    driven = numbers.walls_at(choice.time, wall).velocity
+    closing = jnp.maximum(driven - jnp.sum(face * velocity), 0)
+    e = numbers.restitution[0]
+    rests = (choice.second >= layout.spheres) & (weight > 0)
+    if layout.laws:
+        law = layout.chosen(layout.laws, choice.first, choice.second)
+        e = rows_of(numbers.restitution, law)
+        rests = rests & rows_of(jnp.asarray(layout.constant), law)
+    if any(layout.vibrating):
+        # On a wall that shakes the bounces are not those of a series.
+        rests = rests & ~rows_of(jnp.asarray(layout.vibrating), wall)
+    low = jnp.square(e * closing) <= 2 * weight * tolerance * rows_of(numbers.radius, choice.first)
+    return rests & (e < 1) & low
+
+
+def _supports(
+    layout: Layout, numbers: Numbers, choice: Choice, outcome: Outcome
+) -> tuple[Int[Array, "2"], Bool[Array, ""]]:
+    """The walls that the two bodies rest on after the impact, and whether one needs two walls."""
+    support = choice.support
+    if not (layout.settles or numbers.start is not None):
+        return support, jnp.asarray(False)
+    velocity, on = outcome.after.velocity, jnp.maximum(support, 0)
+    leaving = jnp.sum(velocity * rows_of(numbers.normal, on), axis=-1)
+    if any(layout.moving):
+        leaving = leaving - rows_of(numbers.walls_at(outcome.time).velocity, on)
+    leaving = jnp.abs(leaving)
+    speed = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)) + outcome.closing
+    kept = (support >= 0) & (leaving <= NOISE * jnp.finfo(numbers.dtype).eps * speed)
+    support = jnp.where(kept, support, -1)
+    wall = choice.second - layout.spheres
+    crowded = choice.tail & kept[0] & (support[0] != wall)
+    first = jnp.where(choice.tail, wall, support[0])
+    return jnp.stack([first, support[1]]), crowded

@@ -1,0 +1,289 @@
+"""The next event of some spheres: the least of the times at which they meet all other bodies."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..arrays.arrays import Layout, Numbers, nearest_image
+from ..arrays.flight import Flying, at_once
+from ..arrays.rows import rows_of
+from ..bodies.overlap import ROUNDINGS
+from ..contact_times.cells import everywhere, leaving, neighbours
+from ..contact_times.closed_form import curved_time, image_horizon, sphere_time, wall_time
+from ..contact_times.shaking import shaking_sphere_time, shaking_wall_time
+from .cluster_slots import index_of, put
+from .state import Coupling, Events, State
+
+NOISE = 16
+"""Roundings of a speed below which bodies that touch neither close nor part."""
+
+TIED = 64
+"""Roundings of a time within which two events are simultaneous."""
+
+AGAIN, LEAVES, OUT_OF_DATE = -1, -2, -3
+"""Partners that are none: only search again, or a sphere leaves its cell, or its way is another one
+since the search.
+"""
+
+
+def simultaneous(numbers: Numbers, time: Float[Array, ""]) -> Float[Array, ""]:
+    """How far apart two times may be that are one but for rounding."""
+    finite = jnp.where(jnp.isfinite(time), jnp.abs(time), 0)
+    return TIED * jnp.finfo(numbers.dtype).eps * finite
+
+
+def searched(
+    layout: Layout,
+    numbers: Numbers,
+    state: State,
+    who: Int[Array, " M"],
+    now: Float[Array, ""],
+    end: Float[Array, ""],
+) -> Events:
+    """The next events of some spheres, searched among all bodies, or those of cells around them."""
+    count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
+    others, valid = None, jnp.asarray(True)[None, None]
+    names = jnp.arange(count)[None]
+    if state.cells is not None:
+        others, valid = neighbours(layout, state.cells, who)
+        names = others
+    size = (who.shape[0], names.shape[1])
+    position, velocity, pull = flown(layout, numbers, state, who, now)
+    across = flown(layout, numbers, state, None if others is None else others.reshape(-1), now)
+    speeds, all_speeds = (jnp.sqrt(jnp.sum(jnp.square(x), axis=-1)) for x in (velocity, across[1]))
+
+    def relative(mine: Array, theirs: Array) -> Array:
+        return mine[:, None] - theirs.reshape(-1, size[1], layout.dimensions)
+
+    apart = relative(position, across[0]).reshape(-1, layout.dimensions)
+    apart = nearest_image(layout, numbers, apart)[0].reshape(*size, layout.dimensions)
+    rate, bend = relative(velocity, across[1]), relative(pull, across[2])
+    radius = rows_of(numbers.radius, who)[:, None]
+    distance = radius + _of(numbers.radius, others).reshape(-1, size[1])
+    noise = NOISE * eps * (speeds[:, None] + all_speeds.reshape(-1, size[1]))
+    straight = sphere_time(apart, rate, distance, noise, shells=layout.spheres > layout.visible)
+    stand = sum(layout.fixed) > len(layout.shaken)
+    if layout.gravity and (layout.walls or stand):
+        bent = jnp.any(bend != 0, axis=-1)
+        horizon = jnp.maximum(end - now, 0)
+
+        def curved() -> Array:
+            return curved_time(apart, rate, bend, distance, noise, horizon)
+
+        times = jnp.where(bent, jax.lax.cond(jnp.any(bent), curved, lambda: straight), straight)
+    else:
+        times = straight
+    other = valid & (names != who[:, None])
+    if layout.shaken:
+        # Those have columns of their own.
+        other = other & (layout.shaken_row(names) == len(layout.shaken))
+    if any(layout.fixed):
+        all_move = _of(numbers.inverse_mass[:count] > 0, others).reshape(-1, size[1])
+        other = other & (all_move | _moves(numbers, who)[:, None])
+    times = jnp.where(other, times, jnp.inf)
+    reached = jnp.where(jnp.isfinite(times), times, 0)[..., None]
+    at = apart + (rate + bend / 2 * reached) * reached
+    closing = -jnp.sum(at * (rate + bend * reached), axis=-1) / distance
+
+    horizon = jnp.full(who.shape, jnp.inf, numbers.dtype)
+    for axis in range(layout.dimensions):
+        # Of spheres in cells beside each other one image is nearest.
+        cut = state.cells is not None and state.cells.grid.axes[axis]
+        near = size[1] - len(everywhere(layout)) if cut else 0
+        if layout.periodic[axis] and near < size[1]:
+            away, fast, falls = (x[:, near:, axis] for x in (apart, rate, bend))
+            bound = image_horizon(away, fast, falls, distance[:, near:], numbers.period[axis])
+            bound = jnp.where(other[:, near:], bound, jnp.inf)
+            horizon = jnp.minimum(horizon, jnp.min(bound, axis=-1))
+    leaves = jnp.full(who.shape, jnp.inf, numbers.dtype)
+    if state.cells is not None:
+        leaves = leaving(layout, state.cells, who, position, velocity, pull)
+        if layout.shaken:
+            leaves = jnp.where(layout.shaken_row(who) < len(layout.shaken), jnp.inf, leaves)
+
+    columns = [_Columns(times, closing, jnp.broadcast_to(names, size))]
+    those = _Those(who, position, velocity, pull, now, end)
+    if layout.shaken:
+        found, bound = _of_shaken(layout, numbers, those)
+        columns.append(found)
+        horizon = jnp.minimum(horizon, bound)
+    if layout.walls:
+        columns.append(_of_walls(layout, numbers, state, those))
+    times, closing, names = jax.tree.map(lambda *x: jnp.concatenate(x, axis=-1), *columns)
+    if any(layout.fixed):
+        # A fixed sphere is found by those that move.
+        times = jnp.where(_moves(numbers, who)[:, None], times, jnp.inf)
+
+    # Of several at once the one that closes fastest, and of these the first by number: the order
+    # of the columns has no say.
+    least = jnp.min(times, axis=-1, keepdims=True)
+    within = TIED * eps * (jnp.abs(now) + jnp.where(jnp.isfinite(least), least, 0))
+    together = times <= least + within
+    speed = jnp.max(jnp.where(together, closing, -jnp.inf), axis=-1)
+    fastest = together & (closing == speed[:, None])
+    best = jnp.min(jnp.where(fastest, names, count + layout.walls - 1), axis=-1)
+    chosen = fastest & (names == best[:, None])
+    time = jnp.min(jnp.where(chosen, times, jnp.inf), axis=-1)
+    second = jnp.min(jnp.where(chosen, jnp.inf, times), axis=-1)
+    met = jnp.where(best < count, rows_of(state.count, jnp.minimum(best, count - 1)), 0)
+    found = Events(now + time, best, met, speed, now + second)
+    if state.cells is not None or any(layout.periodic):
+        early = jnp.minimum(horizon, leaves)
+        sooner, reason = early < time, jnp.where(leaves <= horizon, LEAVES, AGAIN)
+        before = Events(now + early, reason, met, jnp.full_like(speed, jnp.inf), found.time)
+        found = jax.tree.map(lambda a, b: jnp.where(sooner, a, b), before, found)
+    if state.coupling is not None:
+        found = among_others(layout, numbers, state.coupling, found, now)
+    return found
+
+
+class _Columns(NamedTuple):
+    """Of bodies that spheres may meet: the `times` from now, how fast they close then, and their
+    numbers, (M, C) each.
+    """
+
+    times: Float[Array, "M C"]
+    closing: Float[Array, "M C"]
+    names: Int[Array, "M C"]
+
+
+class _Those(NamedTuple):
+    """The spheres that are searched `now`, up to an `end`: where they are, and how they move."""
+
+    who: Int[Array, " M"]
+    position: Float[Array, "M D"]
+    velocity: Float[Array, "M D"]
+    pull: Float[Array, "M D"]
+    now: Float[Array, ""]
+    end: Float[Array, ""]
+
+
+def _of_walls(layout: Layout, numbers: Numbers, state: State, those: _Those) -> _Columns:
+    """When spheres touch the walls that they do not rest on."""
+    who, position, velocity, pull, now, end = those
+    count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
+    height = jnp.sum(position[:, None] * numbers.normal[None], axis=-1)
+    walls = numbers.walls_at(now)
+    radius = rows_of(numbers.radius, who)[:, None]
+    gap = height - walls.offset[None] - radius
+    fall = jnp.sum(velocity[:, None] * numbers.normal[None], axis=-1)
+    weight = jnp.sum(pull[:, None] * numbers.normal[None], axis=-1)
+    noise = NOISE * eps * jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1))[:, None]
+    motion = None if numbers.motion is None else numbers.motion.in_rows()
+    if motion is not None:
+        fall = fall - motion.speed
+        noise = noise + NOISE * eps * motion.fastest(now, jnp.zeros_like(now))
+    free = jnp.arange(layout.walls)[None] != rows_of(state.support, who)[:, None]
+    wall = wall_time(gap, fall, weight, noise)
+    if any(layout.vibrating):
+        assert motion is not None
+        shaking = jnp.asarray(layout.vibrating)[None]
+        left = jnp.maximum(end - now, 0)
+        noise = jnp.broadcast_to(noise, gap.shape)
+        size = jnp.max(jnp.abs(position), axis=-1)[:, None] + radius
+        rounding = ROUNDINGS * eps * (size + jnp.zeros_like(gap))
+        given = (noise, rounding, motion, now, left)
+        found = shaking_wall_time(gap, fall, weight, *given, free & shaking)
+        wall = jnp.where(shaking, found, wall)
+    wall = jnp.where(free, wall, jnp.inf)
+    reached = jnp.where(jnp.isfinite(wall), wall, 0)
+    rises = fall + weight * reached
+    if any(layout.vibrating):
+        assert motion is not None
+        swing = motion.velocity(now + reached) - motion.speed
+        rises = rises - jnp.where(jnp.asarray(layout.vibrating)[None], swing, 0)
+    names = jnp.arange(count, count + layout.walls)[None]
+    return _Columns(wall, -rises, jnp.broadcast_to(names, wall.shape))
+
+
+def _of_shaken(
+    layout: Layout, numbers: Numbers, those: _Those
+) -> tuple[_Columns, Float[Array, " M"]]:
+    """When spheres touch the fixed ones that are accelerated, wherever these are, and the time
+    before which they meet no other image of these.
+    """
+    assert numbers.shaking is not None
+    who, position, velocity, pull, now, end = those
+    motion, eps = numbers.shaking.in_rows(), jnp.finfo(numbers.dtype).eps
+    shaken = jnp.asarray(layout.shaken)
+    place, speed = numbers.shaken_at(layout, now)
+    shape = (who.shape[0], shaken.shape[0])
+    apart = (position[:, None] - place[None]).reshape(-1, layout.dimensions)
+    apart = nearest_image(layout, numbers, apart)[0].reshape(*shape, layout.dimensions)
+    rate, bend = (jnp.broadcast_to(x[:, None], apart.shape) for x in (velocity, pull))
+    distance = rows_of(numbers.radius, who)[:, None] + numbers.radius[shaken][None]
+    fast = jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1))[:, None]
+    noise = NOISE * eps * (fast + motion.fastest(now, jnp.zeros_like(now)))
+    moves = _moves(numbers, who)
+    wanted = jnp.broadcast_to(moves[:, None], shape)
+    left = jnp.maximum(end - now, 0)
+    size = jnp.max(jnp.abs(position), axis=-1)[:, None] + jnp.max(jnp.abs(place), axis=-1)[None]
+    given = (noise, ROUNDINGS * eps * (size + jnp.abs(distance)), motion, now, left)
+    times = shaking_sphere_time(apart, rate, bend, distance, *given, wanted)
+    reached = jnp.where(jnp.isfinite(times), times, 0)
+    passed, (high, swings) = reached[..., None], motion.swing(now, reached)
+    at, closes = apart + (rate + bend / 2 * passed) * passed - high, rate + bend * passed - swings
+    closing = -jnp.sum(at * closes, axis=-1) / distance
+    bound = jnp.full(who.shape, jnp.inf, numbers.dtype)
+    rate = rate - speed[None]
+    for axis in range(layout.dimensions):
+        if layout.periodic[axis]:
+            most = jnp.abs(bend[..., axis]) + motion.strongest
+            given = (apart[..., axis], rate[..., axis], most, distance, numbers.period[axis])
+            bound = jnp.minimum(bound, jnp.min(image_horizon(*given), axis=-1))
+    names = jnp.broadcast_to(shaken[None], shape)
+    return _Columns(times, closing, names), jnp.where(moves, bound, jnp.inf)
+
+
+def _moves(numbers: Numbers, who: Int[Array, " M"]) -> Bool[Array, " M"]:
+    """Which spheres are not fixed."""
+    return rows_of(numbers.inverse_mass, who) > 0
+
+
+def among_others(
+    layout: Layout, numbers: Numbers, coupling: Coupling, events: Events, now: Float[Array, ""]
+) -> Events:
+    """Events without those with spheres in the coupled solve, which fly on another way: others
+    search again when their second best event would be. A fixed one is where it would be anyway.
+    """
+    seats = coupling.seats
+    moves = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)] > 0
+    # The partner of an empty place is none.
+    who = jnp.where(seats.present & coupling.active & moves, seats.who, layout.spheres)
+    is_sphere = events.partner < layout.spheres
+    off = is_sphere & jnp.any(events.partner[:, None] == who[None], axis=1)
+    later = now + simultaneous(numbers, now) + jnp.finfo(numbers.dtype).eps * coupling.pace
+    return events._replace(
+        time=jnp.where(off, jnp.maximum(events.second, later), events.time),
+        partner=jnp.where(off, AGAIN, events.partner),
+        speed=jnp.where(off, jnp.inf, events.speed),
+    )
+
+
+def seated(layout: Layout, coupling: Coupling) -> Bool[Array, " N"]:
+    """The spheres that are in the coupled solve."""
+    nobody = jnp.zeros(layout.spheres, bool)
+    return put(nobody, index_of(layout, coupling.seats), coupling.seats.present)
+
+
+def flown(
+    layout: Layout,
+    numbers: Numbers,
+    state: State,
+    who: Int[Array, " M"] | None,
+    now: Float[Array, ""],
+) -> tuple[Float[Array, "M D"], Float[Array, "M D"], Float[Array, "M D"]]:
+    """Where some spheres, or all, are now; their velocities and accelerations."""
+    flying = Flying(_of(state.position, who), _of(state.velocity, who), _of(state.time, who))
+    named = jnp.arange(layout.spheres) if who is None else who
+    there, pull = at_once(layout, numbers, named, flying, _of(state.support, who), now)
+    return there.position, there.velocity, pull
+
+
+def _of(all: Array, who: Int[Array, "..."] | None) -> Array:
+    """Some rows of an array, or all of them, without a copy."""
+    return all if who is None else rows_of(all, who.reshape(-1))

@@ -1,0 +1,259 @@
+"""Scenes in files of TOML."""
+
+from __future__ import annotations
+
+import importlib.resources
+import inspect
+import os
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .._contact import Material
+from .._laws import AbstractLaw, get_law, list_laws, parameters_of
+from .._parameter import (
+    POSITIVE,
+    nearest,
+    not_modelled,
+    rendered,
+    require_choice,
+    require_count,
+    require_number,
+    require_path,
+)
+from .._text.files import read_whole
+from .bodies.bodies import AbstractBody
+from .bodies.by_pair import DEFAULT
+from .bodies.motion import AbstractMotion, Steady, Vibration
+from .bodies.random_spheres import random_spheres
+from .bodies.scene import Scene
+from .simulate import simulate
+
+TIMES = 201
+"""Times at which states are wanted, if a file does not say."""
+
+_PERIODIC = "a list with a length in m, or false, for each axis"
+
+
+def examples() -> dict[str, str]:
+    """The texts of the scenes that ship with the package, by name."""
+    folder = importlib.resources.files("jaxcontact.data") / "scenes"
+    files = sorted(folder.iterdir(), key=lambda file: file.name)
+    return {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files}
+
+
+def read_scene(
+    file: str | os.PathLike[str] | None = None, *, example: str | None = None
+) -> tuple[Scene, dict[str, Any]]:
+    """A scene from a file of TOML, and the arguments with which to `simulate` it.
+
+    ```python
+    scene, how = jc.read_scene("my.toml")  # or example="line", "table" or "box"
+    run = jc.simulate(scene, **how)
+    ```
+
+    At the top the file has `duration` and, if wanted, the other arguments of `simulate` and
+    `Scene`; `times` may be a count of even times (201 if not given), and `periodic` has false for
+    an axis that is not. Tables `[[sphere]]`, `[[plane]]`, `[[box]]` and `[[random_spheres]]` have
+    the arguments of what they name; bodies are numbered kind by kind, in the order in which the
+    kinds appear. `law` is the name of a law without parameters, or a table with its `name` and
+    parameters. Each `[[pair]]` has two names as `bodies`, and a `law`, a `stiffness` or both for
+    them. A `material` is the name of a table `[material.NAME]`; a `motion` is a table with
+    `kind = "vibration"` or "steady" and its arguments.
+
+    Raises ValueError, which names the file, the table and the key, for what is unknown, missing or
+    out of range; OSError for a file that cannot be read.
+    """
+    if (file is None) == (example is None):
+        raise ValueError(
+            "Argument `file` must be the path of a file where no `example` is given, and None "
+            f"where one is, but is {rendered(file)}."
+        )
+    if example is None:
+        path = require_path("file", file)
+        source, raw = str(path), read_whole(path)
+    else:
+        known = examples()
+        source = f"example {require_choice('example', example, known)!r}"
+        raw = known[example].encode()
+    try:
+        content = tomllib.loads(raw.decode())
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{source} must be a text in UTF-8, but is not: {error}.") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"{source} must be TOML, but is not: {error}.") from error
+    return _read(_Place(source, "at the top"), content)
+
+
+class _Place(NamedTuple):
+    """A table of a file, as messages name it."""
+
+    source: str
+    table: str
+
+    def error(self, words: str) -> ValueError:
+        return ValueError(f"{self.source}, {self.table}: {words}")
+
+    def inside(self, table: str) -> _Place:
+        return _Place(self.source, table)
+
+    def require_known(self, what: str, name: Any, known: Iterable[str]) -> None:
+        """Raise ValueError for a name that is not known, with the one that may be meant."""
+        known = list(known)
+        if name in known:
+            return
+        near, why = nearest(name, known), not_modelled(str(name))
+        hint = f": {why}." if why else f"; did you mean {near!r}?" if near else "."
+        allowed = ", ".join(known) or "none here"
+        raise self.error(f"{what} must be one of {allowed}, but is {rendered(name)}{hint}")
+
+    def require_table(self, what: str, value: Any) -> dict[str, Any]:
+        if not isinstance(value, dict):
+            raise self.error(f"{what} must be a table, but is {rendered(value)}.")
+        return value
+
+    def made(self, function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
+        """What a function makes of a table; its errors, and missing keys, name the table."""
+        arguments = inspect.signature(function).parameters
+        for name in given:
+            self.require_known("a key", name, arguments)
+        for name, argument in arguments.items():
+            if argument.default is argument.empty and name not in given:
+                raise self.error(f"the key {name!r} must be given, but is missing.")
+        try:
+            return function(**given)
+        except ValueError as error:
+            raise self.error(str(error)) from error
+
+
+def _read(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, Any]]:
+    kinds = {cls.__name__.lower(): cls for cls in AbstractBody.__subclasses__()}
+    for_scene = [n for n in inspect.signature(Scene).parameters if n != "bodies"]
+    # Who watches a run is no part of it.
+    for_run = [n for n in inspect.signature(simulate).parameters if n not in ("scene", "progress")]
+    tables = [*kinds, random_spheres.__name__, "pair", "material"]
+    for name in content:
+        top.require_known("a key or table", name, [*for_run, *for_scene, *tables])
+    materials = {
+        name: top.inside(f"[material.{name}]").made(Material, _table_of(top, name, table))
+        for name, table in top.require_table("'material'", content.get("material", {})).items()
+    }
+    bodies: list[AbstractBody] = []
+    for kind, listed in content.items():
+        if kind in kinds or kind == random_spheres.__name__:
+            for place, table in _tables(top, kind, listed):
+                given = _filled(place, table, materials)
+                if kind in kinds:
+                    bodies.append(place.made(kinds[kind], given))
+                else:
+                    bodies.extend(place.made(random_spheres, given))
+    scene_given = {name: content[name] for name in for_scene if name in content}
+    if "periodic" in scene_given:
+        scene_given["periodic"] = _periodic(top, scene_given["periodic"])
+    scene_given |= _by_pair(top, content, scene_given)
+    if "law" not in scene_given:
+        raise top.error("the key 'law' must be given, but is missing.")
+    scene = top.made(Scene, {"bodies": bodies, **scene_given})
+    return scene, _run_given(top, {name: content[name] for name in for_run if name in content})
+
+
+def _table_of(top: _Place, name: str, value: Any) -> dict[str, Any]:
+    return top.require_table(f"'material.{name}'", value)
+
+
+def _tables(top: _Place, kind: str, listed: Any) -> Iterable[tuple[_Place, dict[str, Any]]]:
+    """The tables of one kind, each with its place."""
+    if not isinstance(listed, list) or not all(isinstance(one, dict) for one in listed):
+        raise top.error(f"{kind!r} must be tables [[{kind}]], but is {rendered(listed)}.")
+    return [(top.inside(f"[[{kind}]] number {k}"), one) for k, one in enumerate(listed, 1)]
+
+
+def _filled(
+    place: _Place, table: Mapping[str, Any], materials: Mapping[str, Material]
+) -> dict[str, Any]:
+    """A table of a body with the material and the motion that it names."""
+    given = dict(table)
+    if "material" in given:
+        place.require_known("'material'", given["material"], materials)
+        given["material"] = materials[given["material"]]
+    if "motion" in given:
+        given["motion"] = _motion(place, given["motion"])
+    if "periodic" in given:
+        given["periodic"] = _periodic(place, given["periodic"])
+    return given
+
+
+def _motion(place: _Place, value: Any) -> AbstractMotion:
+    kinds: dict[Any, type[AbstractMotion]] = {"steady": Steady, "vibration": Vibration}
+    table = dict(place.require_table("'motion'", value))
+    kind = table.pop("kind", None)
+    place.require_known("'kind' of the motion", kind, kinds)
+    return place.inside(f"{place.table}, motion").made(kinds[kind], table)
+
+
+def _law(place: _Place, value: Any) -> AbstractLaw:
+    table = {"name": value} if isinstance(value, str) else dict(place.require_table("'law'", value))
+    name = str(table.pop("name", None))
+    place.require_known("'name' of the law", name, list_laws())
+    wanted = parameters_of(name)
+    for key in table:
+        place.require_known(f"a parameter of {name}", key, wanted)
+    for key in wanted:
+        if key not in table:
+            raise place.error(f"the law {name} must have its parameter {key!r}, but it is missing.")
+    try:
+        return get_law(name, **table)
+    except ValueError as error:
+        raise place.error(str(error)) from error
+
+
+def _by_pair(top: _Place, content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The law and the stiffness of a scene: one for all, or by pair with one for the others."""
+    found: dict[str, Any] = {}
+    if "law" in given:
+        found["law"] = _law(top.inside("[law]"), given["law"])
+    if "stiffness" in given:
+        found["stiffness"] = given["stiffness"]
+    tables: dict[str, dict[Any, Any]] = {"law": {}, "stiffness": {}}
+    for place, table in _tables(top, "pair", content.get("pair", [])):
+        for name in table:
+            place.require_known("a key", name, ["bodies", *tables])
+        bodies = table.get("bodies")
+        pair = tuple(bodies) if isinstance(bodies, list) else ()
+        if len(pair) != 2 or not all(isinstance(name, str) for name in pair):
+            raise place.error(f"'bodies' must be two names, but is {rendered(bodies)}.")
+        if len(table) < 2:
+            raise place.error("a 'law' or a 'stiffness' must be given, but both are missing.")
+        for name in tables:
+            if pair in tables[name] and name in table:
+                raise place.error(f"'bodies' must name a pair once, but is {rendered(bodies)}.")
+            if name in table:
+                value = table[name]
+                tables[name][pair] = _law(place, value) if name == "law" else value
+    for name, table in tables.items():
+        if table:
+            found[name] = table | ({DEFAULT: found[name]} if name in found else {})
+    return found
+
+
+def _periodic(place: _Place, value: Any) -> list[Any]:
+    """Lengths, with None where the file says false: TOML knows no None."""
+    if not isinstance(value, list):
+        raise place.error(f"'periodic' must be {_PERIODIC}, but is {rendered(value)}.")
+    return [None if one is False else one for one in value]
+
+
+def _run_given(top: _Place, given: dict[str, Any]) -> dict[str, Any]:
+    """The arguments of `simulate`, with times."""
+    if "duration" not in given:
+        raise top.error("the key 'duration' must be given, but is missing.")
+    try:
+        duration = require_number("duration", given["duration"], POSITIVE)
+        times = given.get("times", TIMES)
+        if not isinstance(times, list):
+            times = np.linspace(0, duration, require_count("times", times, 2))
+    except ValueError as error:
+        raise top.error(str(error)) from error
+    return given | {"duration": duration, "times": times}

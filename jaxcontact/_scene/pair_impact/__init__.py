@@ -1,0 +1,1 @@
+"""One isolated impact of two bodies."""

@@ -1,0 +1,206 @@
+"""One instantaneous impact: from the states of two bodies before it to those after it.
+
+It is written for the derivative: the time of the touch is known, and corrected by Newton's
+steps that are zero in value and have the root's derivatives, so that states, normal and time all
+vary together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..arrays.arrays import Layout, Numbers, restitution_of
+from ..arrays.flight import Flying, at_once
+from ..arrays.rows import rows_of
+from ..bodies.side import side
+from ..result import Way
+
+Lane = Float[Array, "..."]
+
+
+class Choice(NamedTuple):
+    """What is decided about an impact before it is computed, and has no derivative.
+
+    Bodies `first` and `second` (a wall from N on); the `support` (2,) of both, the wall each one
+    rests on or -1; `image`, how many periods the first is away from the second along each axis;
+    `time` of the touch in s; `tail`: whether the impacts that follow are summed.
+    """
+
+    first: Int[Array, ""]
+    second: Int[Array, ""]
+    support: Int[Array, "2"]
+    image: Float[Array, " D"]
+    time: Float[Array, ""]
+    tail: Bool[Array, ""]
+
+
+class Outcome(NamedTuple):
+    """What an impact does: the two bodies after it, each at its own time, and its numbers.
+
+    `wall_work` in J is what a wall or a fixed sphere that moves does to the body. `way` and
+    `status` (a `Status`) are whole numbers.
+    """
+
+    after: Flying
+    time: Lane
+    closing: Lane
+    restitution: Lane
+    duration: Lane
+    energy_loss: Lane
+    max_force: Lane
+    turn: Lane
+    error: Lane
+    wall_work: Lane
+    way: Lane
+    status: Lane
+
+
+def two_that_meet(layout: Layout, time: Lane) -> Flying:
+    """Two bodies that close, where there is no impact: all derivatives of theirs are finite."""
+    ones = jnp.ones((1, layout.dimensions), time.dtype)
+    away = jnp.concatenate([ones, -ones])
+    return Flying(away, -away, jnp.stack([time, time]))
+
+
+class Meeting(NamedTuple):
+    """Two bodies at their touch: their states then, the unit `normal` from the second to the first,
+    the rate at which they close, the time, and the velocity of a wall along its normal.
+    """
+
+    flying: Flying
+    normal: Lane
+    closing: Lane
+    time: Lane
+    driven: Lane
+
+
+def _delay(relative: Callable[[Lane], tuple[Lane, Lane]], distance: Lane) -> Lane:
+    """The correction of a time of touch that is a root already: zero, with the root's derivatives.
+
+    `relative`: the distance vector and its rate after a delay. Newton's steps from a root move by
+    its rounding; two of them, differentiated, have the first three derivatives of the root. A rule
+    of its own would be lost where JAX splits a scan for second derivatives. A touch that does not
+    close has no derivative in time.
+    """
+    delay = jnp.zeros_like(distance)
+    for _ in range(2):
+        away, rate = relative(delay)
+        length = side(distance) * jnp.sqrt(jnp.sum(jnp.square(away)))
+        slope = jnp.sum(away * rate) / length
+        slope = jnp.where(slope < 0, slope, -jnp.inf)
+        delay = delay - (length - distance) / slope
+    return delay
+
+
+def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Meeting:
+    """The touch of two bodies, with the derivative of its time and of its normal."""
+    count = layout.spheres
+    second = jnp.minimum(choice.second, count - 1)
+    who = jnp.stack([choice.first, second])
+    if layout.shaken:
+        # Where there is no impact both are one body, which must not be put in the same place twice.
+        nobody = choice.first == choice.second
+        who = jnp.where(nobody, layout.fixed.index(False), who)
+    there, pull = at_once(layout, numbers, who, before, choice.support, choice.time)
+    apart = there.position[0] - there.position[1] - choice.image * numbers.period
+    rate = there.velocity[0] - there.velocity[1]
+    half = (pull[0] - pull[1]) / 2
+    radius = rows_of(numbers.radius, choice.first)
+    distance = radius + rows_of(numbers.radius, second)
+    is_wall = choice.second >= count
+    driven = jnp.zeros_like(distance)
+    if layout.walls:
+        wall = jnp.clip(choice.second - count, 0)
+        face = rows_of(numbers.normal, wall)
+        height = jnp.sum(face * there.position[0])
+        rise, bend = jnp.sum(face * there.velocity[0]), jnp.sum(face * pull[0])
+        distance = jnp.where(is_wall, radius, distance)
+
+    def relative(delay: Lane) -> tuple[Lane, Lane]:
+        away, rates = apart + (rate + half * delay) * delay, rate + 2 * half * delay
+        if layout.shaken:
+            bent, turned = numbers.bent_at(layout, who[1], choice.time, delay)
+            away, rates = away - bent, rates - turned
+        if layout.walls:
+            # A wall is met as a point of it would be, below the body along the normal.
+            moving = numbers.walls_at(choice.time + delay, wall)
+            above = height + (rise + bend / 2 * delay) * delay - moving.offset
+            away = jnp.where(is_wall, face * above, away)
+            rates = jnp.where(is_wall, face * (rise + bend * delay - moving.velocity), rates)
+        return away, rates
+
+    delay = _delay(relative, distance)
+    away, rates = relative(delay)
+    normal = side(distance) * away / jnp.sqrt(jnp.sum(jnp.square(away)))
+    closing = -jnp.sum(normal * rates)
+    time = choice.time + delay
+    # Rounding must not put a touch before what led to it.
+    late = jnp.max(before.time) - time
+    time = time + jax.lax.stop_gradient(jnp.maximum(late, 0))
+    if any(layout.moving):
+        driven = jnp.where(is_wall, numbers.walls_at(time, wall).velocity, 0)
+    met = at_once(layout, numbers, who, there, choice.support, time)[0]
+    return Meeting(met, normal, closing, time, driven)
+
+
+def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Outcome:
+    """An impact out of time: the law's e at its closing speed, along the line of centres.
+
+    v1 += (1+e) μ u/m1 n, v2 -= (1+e) μ u/m2 n, with the closing speed u > 0, μ = m1 m2/(m1+m2) and
+    the unit normal n from the second body to the first. Energy lost: ½ μ u² (1-e²). A wall that
+    moves at w along its normal does the work (1+e) μ u w.
+    """
+    meeting = meeting_of(layout, numbers, before, choice)
+    closing = jnp.maximum(meeting.closing, 0)
+    e = restitution_of(layout, numbers, choice.first, choice.second, closing)
+    lowered = jnp.where(choice.tail, 0, e)
+    inverse = rows_of(numbers.inverse_mass, jnp.stack([choice.first, choice.second]))
+    mass = 1 / jnp.sum(inverse)
+    impulse = (1 + lowered) * mass * closing
+    push = impulse * meeting.normal
+    sign = jnp.asarray([1.0, -1.0], numbers.dtype)
+    velocity = meeting.flying.velocity + (sign * inverse)[:, None] * push[None]
+    way = jnp.where(choice.tail, int(Way.SERIES), int(Way.INSTANTANEOUS))
+    return Outcome(
+        after=Flying(meeting.flying.position, velocity, meeting.flying.time),
+        time=meeting.time,
+        closing=closing,
+        restitution=lowered,
+        duration=_tail(layout, numbers, choice, e, closing),
+        energy_loss=mass * jnp.square(closing) / 2 * (1 - lowered) * (1 + lowered),
+        max_force=jnp.full_like(closing, jnp.inf),
+        turn=jnp.zeros_like(closing),
+        error=jnp.zeros_like(closing),
+        wall_work=impulse * meeting.driven
+        + driven_work(layout, numbers, choice, meeting, velocity),
+        way=way.astype(closing.dtype),
+        status=jnp.zeros_like(closing),
+    )
+
+
+def driven_work(
+    layout: Layout, numbers: Numbers, choice: Choice, meeting: Meeting, after: Lane
+) -> Lane:
+    """What a fixed sphere that moves at V does to the one that it hits: m (v' - v)·V, in J."""
+    if not layout.driven:
+        return jnp.zeros_like(meeting.closing)
+    second = jnp.minimum(choice.second, layout.spheres - 1)
+    drives = (choice.second < layout.spheres) & (numbers.inverse_mass[second] == 0)
+    gained = (after[0] - meeting.flying.velocity[0]) / numbers.inverse_mass[choice.first]
+    return jnp.where(drives, jnp.sum(gained * meeting.flying.velocity[1]), 0)
+
+
+def _tail(layout: Layout, numbers: Numbers, choice: Choice, e: Lane, closing: Lane) -> Lane:
+    """The time of the bounces that are summed, 2 e u/(g (1-e)); 0 where none are."""
+    if not layout.settles:
+        return jnp.zeros_like(closing)
+    face = rows_of(numbers.normal, jnp.clip(choice.second - layout.spheres, 0))
+    weight = -jnp.sum(face * numbers.gravity)
+    summed = choice.tail & (weight > 0) & (e < 1)
+    series = 2 * e * closing / jnp.where(summed, weight * (1 - e), 1)
+    return jnp.where(summed, series, 0)

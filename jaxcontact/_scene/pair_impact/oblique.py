@@ -1,0 +1,239 @@
+"""One isolated soft impact of two bodies: by a formula, or by the radial problem."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Int
+
+from ..._contact import Contact
+from ..._forms import AbstractForm, Change, ScaledImpact
+from ..._impact import Status
+from ..._impact.front_door import lanes_of, problem_of, uniform
+from ..._impact.lanes import with_sensitivity
+from ..._laws import AbstractLaw
+from ..._parameter import POSITIVE, Specialised
+from .radial import Number, Radial, RadialOutcome, solve_radial
+
+CLOSED_FORM, CORRECTED, RADIAL = range(3)
+"""How an impact was solved: `Rebound.way`."""
+
+
+class Rebound(NamedTuple):
+    """The outcome of one impact of two bodies, in SI units.
+
+    `restitution` e' = outgoing over incoming normal speed, where the indentation is zero again;
+    `turn` ψ in rad of the line of centres; `elapsed` in s until the indentation is zero again,
+    `duration` in s until the force ends (the same but for clamped laws); `max_force` in N;
+    `max_indentation` in m; `energy_loss` in J; `error_estimate` of the velocities, relative to the
+    normal speed; `way`, CLOSED_FORM, CORRECTED or RADIAL; `status`, a `jaxcontact._impact.Status`.
+    Numbers are NaN where the status is neither SEPARATED nor SETTLED; a settled contact has e' = 0
+    and infinite times.
+    """
+
+    restitution: Number
+    turn: Number
+    elapsed: Number
+    duration: Number
+    max_force: Number
+    max_indentation: Number
+    energy_loss: Number
+    error_estimate: Number
+    way: Int[Array, ""]
+    status: Int[Array, ""]
+
+
+def _goal(rtol: Number, share: float) -> Number:
+    """A share of `rtol`, no less than what the precision holds.
+
+    A tenth is wanted of a formula; a hundredth of a step, as its outcome is some ten times worse.
+    """
+    return jnp.maximum(share * rtol, 20 * float(jnp.finfo(rtol.dtype).eps))
+
+
+def oblique(
+    law: AbstractLaw,
+    contact: Contact,
+    normal_speed: Number,
+    tangential_speed: Number,
+    distance: Number,
+    pull: Number,
+    *,
+    rtol: float | Number,
+    needed: bool | Bool[Array, ""] = True,
+    free: bool = False,
+    by_formula: bool = False,
+) -> Rebound:
+    """One isolated impact of two bodies: how fast they part, when, and how far they have turned.
+
+    Arguments, all scalars of one lane (batch with `vmap`): the law; the contact with its effective
+    mass; the closing speeds along the normal, > 0, and across it, in m/s; the `distance` R1 + R2 of
+    the centres in m, infinite for a plane, negative inside of a shell; a constant `pull` in N along
+    the normal, positive when it presses the bodies together. `rtol` bounds the estimated error of
+    velocities relative to `normal_speed`; in float32 no less than 1e-5 is reached. Where it is not
+    `needed`, as in some lanes of a batch, no step is made, and the outcome means nothing. `free`
+    says that the bodies are known to meet head-on without a pull: a closed form is then all there
+    is in the program. `by_formula` says that a formula is known to be good enough, if the form has
+    any: the radial problem is then left out.
+
+    The closed form is taken where turning and pull change less than rtol/10, else a formula that
+    corrects it where the form has one and what that leaves out is less, else the radial problem is
+    solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve
+    carries its sensitivities. Nothing is raised; see `Rebound.status`.
+    """
+    problem = uniform(problem_of(law, contact, normal_speed))
+    # In a scene no speed is too small: its units may be any.
+    lanes = lanes_of(problem, speeds=POSITIVE)
+    scale, dtype = lanes.scale, problem.velocity.dtype
+    given = (jnp.asarray(value, dtype) for value in (tangential_speed, distance, pull))
+    across, distance, pull = given
+    rtol = jax.lax.stop_gradient(jnp.asarray(rtol, dtype))
+    good = lanes.valid & jnp.isfinite(across) & (distance != 0) & jnp.isfinite(pull)
+    across, pull = jnp.where(good, across, 0), jnp.where(good, pull, 0)
+    distance = jnp.where(good, distance, 1)
+    ratio = scale.length / distance
+    good = good & (jnp.abs(ratio) < 0.5)
+    ratio = jnp.where(good, ratio, 0)
+    swirl = jnp.square(across / scale.speed) * ratio
+    push = pull / scale.force
+    # The constants of a law without parameters have a precision of their own.
+    form = jax.tree.map(
+        lambda x: jnp.asarray(x, dtype) if eqx.is_inexact_array(x) else x, lanes.form
+    )
+    closed = form.solve(lanes.n) if form.closed_form else None
+    numbers = (form, lanes.exponent, push, swirl, ratio)
+    if free and closed is not None:
+        no_error, way = jnp.zeros_like(swirl), jnp.full(swirl.shape, CLOSED_FORM)
+        out = _free(closed, _back(form, lanes.exponent, closed), no_error)
+    else:
+        out, way = _solved(numbers, closed, across / scale.speed, rtol, needed, by_formula)
+    converged = out.done
+    settled = converged & out.settled
+    status = jnp.where(settled, int(Status.SETTLED), int(Status.SEPARATED))
+    status = jnp.where(converged, status, int(Status.NOT_CONVERGED))
+    status = jnp.where(good, status, int(Status.INVALID_INPUT))
+    usable = good & converged
+
+    def result(value: Number, unit: Number, if_settled: float | None = None) -> Number:
+        kept = usable & jnp.isfinite(value)
+        if if_settled is not None:
+            kept = kept & ~settled
+        product = jnp.where(kept, value, 1) * unit
+        other = jnp.asarray(jnp.nan if if_settled is None else if_settled, dtype)
+        return jnp.where(kept, product, jnp.where(usable & settled, other, jnp.nan))
+
+    one = jnp.ones_like(scale.speed)
+    return Rebound(
+        restitution=result(out.restitution, one, 0.0),
+        turn=result(out.theta, across / scale.speed * ratio, 0.0),
+        elapsed=result(out.elapsed, scale.time, jnp.inf),
+        duration=result(out.duration, scale.time, jnp.inf),
+        max_force=result(out.max_force, scale.force),
+        max_indentation=result(out.max_indentation, scale.length),
+        energy_loss=result(out.energy_loss, scale.energy),
+        error_estimate=jnp.where(usable, out.error, jnp.nan),
+        way=way,
+        status=status,
+    )
+
+
+def _solved(
+    numbers: tuple[AbstractForm, Specialised, Number, Number, Number],
+    closed: ScaledImpact | None,
+    sliding: Number,
+    rtol: Number,
+    needed: bool | Bool[Array, ""],
+    by_formula: bool,
+) -> tuple[RadialOutcome, Int[Array, ""]]:
+    """By the cheapest way that is good enough, and which it is; `sliding` is v_t/v_n."""
+    form, exponent, push, swirl, ratio = numbers
+    way, formula, goal = jnp.full(swirl.shape, RADIAL), None, _goal(rtol, 0.1)
+    if closed is not None:
+        back = _back(form, exponent, closed)
+        bent = jnp.abs(push) + jnp.abs(swirl) + jnp.abs(sliding) * jnp.square(ratio)
+        bent = 2 * bent * (1 + back)
+        formula, unbent = _free(closed, back, bent), bent < goal
+        pushed = form.weakly_pushed(exponent.value, push, swirl, ratio, closed.restitution)
+        if pushed is not None:
+            formula = _corrected(formula, *pushed, ratio, sliding)
+            way = jnp.where(formula.error < goal, CORRECTED, way)
+            formula = formula._replace(error=jnp.minimum(bent, formula.error))
+        way = jnp.where(unbent, CLOSED_FORM, way)
+        if by_formula:
+            return formula, way
+    skip = jnp.where((way != RADIAL) | ~jnp.asarray(needed), jnp.ones_like(swirl), 0)
+    tolerance = _goal(rtol, 0.01)
+    radial = Radial(
+        *jax.tree.map(jax.lax.optimization_barrier, numbers),
+        skip=jax.lax.stop_gradient(skip),
+        tolerance=tolerance,
+    )
+    out = with_sensitivity(solve_radial)(radial)
+    credible = out.error <= jnp.maximum(100 * rtol, 1e3 * tolerance)
+    out = out._replace(done=out.done & (out.settled | credible))
+    if formula is not None:
+        # A contact that stays has no numbers to select.
+        out = jax.tree.map(lambda a, b: jnp.where(way == RADIAL, b, a), formula, out)
+    return out, way
+
+
+def _back(form: AbstractForm, exponent: Specialised, closed: ScaledImpact) -> Number:
+    """When the bodies of a free impact are at x = 0 again.
+
+    From the indentation at which a force that only pushes vanishes they move at constant speed.
+    """
+    depth = form.end_indentation(exponent.value, closed.restitution)
+    if depth is None:
+        return closed.duration
+    parts = closed.restitution > 0
+    return closed.duration + jnp.where(parts, depth, 0) / jnp.where(parts, closed.restitution, 1)
+
+
+def _free(closed: ScaledImpact, back: Number, error: Number) -> RadialOutcome:
+    """The free impact, `back` at x = 0, in place of one that it is so far from."""
+    loss, e = closed.energy_loss, closed.restitution
+    return RadialOutcome(
+        restitution=e,
+        elapsed=back,
+        theta=back,
+        duration=closed.duration,
+        max_force=closed.max_force,
+        max_indentation=closed.max_indentation,
+        energy_loss=(1 - e) * (1 + e) if loss is None else loss,
+        error=error,
+        done=jnp.asarray(closed.converged),
+        settled=jnp.asarray(closed.settled),
+    )
+
+
+def _corrected(
+    free: RadialOutcome, change: Change, doubt: Change, ratio: Number, sliding: Number
+) -> RadialOutcome:
+    """The free impact under a weak push and turning.
+
+    The error of velocities is that of e and of the direction, that of positions, relative to v_n T,
+    comes from how long it takes and how far the line of centres turns.
+    """
+    # Where the bound is infinite the numbers mean nothing, and are not taken.
+    trusted = jnp.isfinite(doubt.restitution)
+    change = jax.tree.map(lambda x: jnp.where(trusted, x, 0), change)
+    e = free.restitution + change.restitution
+    late, turned = doubt.duration, doubt.duration + doubt.turning
+    along = jnp.hypot(jax.lax.stop_gradient(free.restitution), sliding)
+    aside = jnp.abs(sliding) * turned * (jnp.abs(ratio) * along + 1 / free.duration)
+    error = doubt.restitution + aside + (1 + free.restitution) * late / free.duration
+    peaks = doubt.max_force / free.max_force + doubt.max_indentation / free.max_indentation
+    return free._replace(
+        restitution=e,
+        elapsed=free.elapsed + change.duration,
+        theta=free.theta + change.duration + change.turning,
+        duration=free.duration + change.duration,
+        max_force=free.max_force + change.max_force,
+        max_indentation=free.max_indentation + change.max_indentation,
+        # Push and turning take as much energy on the way out as they bring in.
+        energy_loss=free.energy_loss - change.restitution * (e + free.restitution),
+        error=jax.lax.stop_gradient(error + peaks),
+    )

@@ -1,0 +1,317 @@
+"""One isolated soft impact of two bodies that pass each other: the radial problem.
+
+A frictionless pair feels a central force. With r = d - δ, the effective mass μ and the angular
+momentum L = μ v_t d its motion is
+
+    r'' = F/μ + L²/(μ² r³) - P/μ,        ψ = ∫ L/(μ r²) dt,
+
+for a constant force P that presses the bodies together. When r is back at d the tangential speed
+is again v_t: the velocities after the impact are R(ψ) (-e' v_n n + v_t t), exactly. In the units
+of `Scale` and with x = w^k, dt = w^(k-1) dτ as in `_forms`, κ = X/d and c = κ (v_t/v_n)² it reads
+
+    w' = v/k,   v' = w^(k-1) (Γ - c/(1-κx)³) - pull(w, v),   t' = w^(k-1),   θ' = w^(k-1)/(1-κx)².
+
+In a shell r = |d| + δ: all of this holds with a negative d, and c presses the bodies together.
+
+Source: the central-force problem, Landau & Lifshitz, Mechanics, sections 13 and 14; event-driven
+soft spheres: Müller & Pöschel (2013), doi 10.1103/PhysRevE.87.033301.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..._forms import AbstractForm
+from ..._impact.motion.motion import Motion
+from ..._impact.motion.motion import State as Moving
+from ..._parameter import Specialised
+from ..._solver.runge_kutta import step_and_slope
+from ..._varying import varying
+from .step import State, factor
+
+Number = Float[Array, ""]
+
+# The phases of a contact: until the force is largest, until the turn, until the force ends, and
+# until the bodies are where they touched, without a force.
+_RISES, _CLOSES, _OPENS, _COASTS = range(4)
+_W, _U, _T, _THETA, _LOSS = range(5)
+_MOST_STEPS = 400
+# A Newton correction this small beside the step that passed the event is the last one, as a power
+# of rounding: its square is then below rounding.
+_ON_EVENT = 0.65
+# A contact that the push holds and that moves no faster than this, in units of its speed at touch,
+# creeps to rest and never turns.
+_CREEPS = 1e-7
+
+
+def _radial_state(y: State) -> Moving:
+    """What the motion without swirl needs to know."""
+    return Moving(y[_W], y[_U], y[_T], y[_LOSS])
+
+
+class Radial(eqx.Module):
+    """The scaled radial problem of one lane, and the tolerance of a step.
+
+    `skip` is 1 where nobody needs the solution.
+    """
+
+    form: AbstractForm
+    exponent: Specialised
+    push: Number
+    swirl: Number
+    ratio: Number
+    skip: Number
+    tolerance: Number
+    prepared: Number | None = None
+
+    def ready(self) -> Radial:
+        """The same with what does not change beforehand, as `Motion.ready`."""
+        return dataclasses.replace(self, prepared=self.motion.ready().prepared)
+
+    @property
+    def _n(self) -> Any:
+        return self.exponent.value
+
+    @property
+    def _order(self) -> int:
+        return self.form.order(self._n)
+
+    @property
+    def motion(self) -> Motion:
+        """The same without swirl."""
+        return Motion(self.form, self.exponent, self.push, prepared=self.prepared)
+
+    def velocity(self, y: State) -> Number:
+        """x' at a state."""
+        return self.motion.velocity(_radial_state(y))
+
+    def still(self, y: State) -> State:
+        """The state with the velocity 0."""
+        return y.at[_U].set(self.motion.still(_radial_state(y)).u)
+
+    def indentation(self, y: State) -> Number:
+        """x at a state."""
+        return y[_W] ** self._order
+
+    def start(self) -> State:
+        """The moment of touch."""
+        touch = self.motion.start()
+        return jnp.stack([touch.w, touch.u, touch.t, touch.t, touch.t])
+
+    def rate(self, y: State, phase: Int[Array, ""]) -> State:
+        """d(w, u, t, θ, loss)/dτ; without a force in the last phase."""
+        w, k, n, compressing = y[_W], self._order, self._n, phase < _OPENS
+        motion, state, velocity = self.motion, _radial_state(y), self.velocity(y)
+        straight = motion.rate(state, compressing)
+        assert straight.loss is not None
+        apart = 1 - self.ratio * w**k
+        # What a clamped contact still stores when its force ends is given up on the way out.
+        given_up = -self.form.pull(w, jnp.zeros_like(w), n, jnp.asarray(True)) * velocity
+        coasts = phase == _COASTS
+        loss = jnp.where(coasts, given_up, straight.loss)
+        change = straight.u - straight.t * self.swirl / apart**3
+        change = change + jnp.where(coasts, motion.pull(state, compressing), 0)
+        return jnp.stack([straight.w, change, straight.t, straight.t / apart**2, loss])
+
+    def force(self, y: State, phase: Int[Array, ""]) -> Number:
+        """The scaled force at a state."""
+        return self.motion.force(_radial_state(y), phase < _OPENS)
+
+    def gap(self, y: State, phase: Int[Array, ""]) -> Number:
+        """What falls through zero where a phase ends."""
+        rise = jax.jvp(lambda y: self.force(y, phase), (y,), (self.rate(y, phase),))[1]
+        apart = y[_W]
+        if not self.form.tension:
+            force = self.motion.gap_of_force(_radial_state(y))
+            apart = jnp.where(phase == _OPENS, jnp.minimum(apart, force), apart)
+        gaps = [rise, self.velocity(y)]
+        return jnp.select([phase == _RISES, phase == _CLOSES], gaps, apart)
+
+    def energy(self, y: State) -> Number:
+        """What is conserved: kinetic, stored, lost, and the potentials of push and swirl."""
+        x = self.indentation(y)
+        outwards = x * (2 - self.ratio * x) / (2 * jnp.square(1 - self.ratio * x))
+        potential = self.swirl * outwards - self.push * x
+        stored = self.form.stored(jnp.maximum(y[_W], 0), self._n)
+        return jnp.square(self.velocity(y)) / 2 + stored + y[_LOSS] + potential
+
+    def held(self, y: State) -> Bool[Array, ""]:
+        """Whether too little energy is left to part against the push."""
+        left = self.energy(y) - y[_LOSS]
+        return self.pressed & (left < -1e-12)
+
+    @property
+    def pressed(self) -> Bool[Array, ""]:
+        """Whether push and swirl hold the bodies together."""
+        return self.push - self.swirl > 0
+
+    def rest(self) -> tuple[Number, Bool[Array, ""]]:
+        """The indentation at rest under the push, and whether bodies creep to it; 0 if unknown.
+
+        Near rest y'' + c x^(n-p) y' + n x^(n-1) y = 0: they creep to it, or swing about it.
+        """
+        n, static = self._n, self.motion.static_indentation()
+        damping = self.form.damping(n, jnp.asarray(True))
+        if static is None:
+            return jnp.zeros_like(self.push), jnp.asarray(False)
+        if damping is None:
+            return static, jnp.asarray(False)
+        c, p = damping
+        return static, jnp.square(c) * static ** (n + 1 - 2 * p) >= 4 * n
+
+
+class RadialOutcome(NamedTuple):
+    restitution: Number
+    elapsed: Number
+    theta: Number
+    duration: Number
+    max_force: Number
+    max_indentation: Number
+    energy_loss: Number
+    error: Number
+    done: Bool[Array, ""]
+    settled: Bool[Array, ""]
+
+
+class _Carry(NamedTuple):
+    y: State
+    phase: Int[Array, ""]
+    size: Number
+    """Of the next step to try; `free` is what the error alone would allow."""
+    free: Number
+    whole: Number
+    """The step in which an event was first seen; 0 where none is being sought."""
+    max_force: Number
+    max_indentation: Number
+    duration: Number
+    error: Number
+    steps: Int[Array, ""]
+    done: Bool[Array, ""]
+    settled: Bool[Array, ""]
+
+
+def solve_radial(problem: Radial) -> RadialOutcome:
+    """One lane, from touch until x = 0 again, by adaptive steps that end on the events.
+
+    A step that passes an event is tried again with a length corrected by Newton's method, until it
+    ends there. The last correction is part of the derivative: it makes the moment of the event
+    depend on the parameters as it should.
+    """
+    problem = problem.ready()
+    dtype, tolerance = problem.push.dtype, problem.tolerance
+    stop = jax.lax.stop_gradient
+    on_event = float(jnp.finfo(dtype).eps) ** _ON_EVENT
+
+    def unfinished(c: _Carry) -> Bool[Array, ""]:
+        return ~c.done & (c.steps < _MOST_STEPS)
+
+    def advance(c: _Carry) -> _Carry:
+        phase = c.phase
+
+        def rate(y: State) -> State:
+            return problem.rate(y, phase)
+
+        y, error, _, slope = step_and_slope(rate, c.y, c.size)
+        error = stop(jnp.max(jnp.abs(error) / (1 + jnp.abs(y))) / tolerance)
+        fine = error <= 1
+        gap, fall = jax.jvp(lambda y: problem.gap(y, phase), (y,), (slope,))
+        flat = fall == 0
+        left = -gap / jnp.where(flat, 1, fall)
+        seeking = c.whole > 0
+        crossed = gap < 0
+        whole = jnp.where(seeking, c.whole, c.size)
+        small = jnp.abs(left) <= on_event * whole
+        # On the event, from either side. A step of no length can get no nearer.
+        event = fine & (((crossed | seeking) & small & ~flat) | (crossed & (c.size < 1e-13)))
+        taken = fine & (event | ~crossed)
+        moved = jnp.where(event & small, left, 0)
+        y = jnp.where(event, y + slope * moved, y)
+        turned = event & (phase == _CLOSES)
+        y = jnp.where(turned, problem.still(y), y)
+        # Next: shorter where the error asks for it, to the event where one was passed, else longer.
+        target = stop(c.size + left)
+        inside = (target > 0.01 * c.size) & (target < c.size)
+        back = jnp.where(inside, target, c.size / 2)
+        onwards = jnp.where((left > 0) & seeking, stop(left), c.free)
+        free = jnp.where(fine & (seeking | crossed), c.free, c.size * factor(error))
+        onwards = jnp.minimum(onwards, free)
+        size = jnp.where(fine, jnp.where(event, free, jnp.where(crossed, back, onwards)), free)
+        whole = jnp.where(fine & (crossed | seeking) & ~event, whole, 0)
+
+        leaves = event & (phase == _OPENS)
+        apart = y[_W] <= 1e-9
+        done = (leaves & apart) | (event & (phase == _COASTS))
+        peak, deepest = event & (phase == _RISES), turned
+        inwards = (phase >= _OPENS) & taken & ~event & (problem.velocity(y) > 0)
+        slow = (phase >= _OPENS) | (jnp.abs(problem.velocity(y)) < _CREEPS)
+        slow = slow | (creeping & (phase == _CLOSES))
+        settled = problem.pressed & taken & ((slow & problem.held(y)) | inwards)
+        return _Carry(
+            y=jnp.where(taken, y, c.y),
+            phase=jnp.where(event & ~done, phase + 1, phase),
+            size=stop(size),
+            free=stop(free),
+            whole=stop(whole),
+            max_force=jnp.where(peak, problem.force(y, phase), c.max_force),
+            max_indentation=jnp.where(deepest, problem.indentation(y), c.max_indentation),
+            duration=jnp.where(leaves, y[_T], c.duration),
+            error=c.error + jnp.where(taken, error * tolerance, 0),
+            steps=c.steps + 1,
+            done=done | settled,
+            settled=settled,
+        )
+
+    static, creeping = problem.rest()
+    start = problem.start()
+    zero = jnp.zeros_like(start[_T])
+    skipped = problem.skip > 0
+    # A strong outward pull ends a contact early: at x of the order of its inverse.
+    early = jnp.sqrt(1 + jnp.abs(problem.push) + jnp.abs(problem.swirl))
+    begin = stop(jnp.asarray(0.1, dtype) / early)
+    # The force of an overdamped linear contact is largest at touch.
+    falls = problem.gap(start, jnp.asarray(_RISES)) < 0
+    first = _Carry(
+        y=start,
+        phase=jnp.where(falls, _CLOSES, _RISES).astype(jnp.int32),
+        size=begin,
+        free=begin,
+        whole=zero,
+        max_force=problem.force(start, jnp.asarray(_RISES)),
+        max_indentation=zero,
+        duration=zero,
+        error=zero,
+        steps=jnp.zeros((), jnp.int32),
+        done=skipped,
+        settled=jnp.zeros((), bool),
+    )
+    end = jax.lax.while_loop(unfinished, advance, varying(start[_T], first))
+    # A push may bring in more energy than the bodies came with.
+    largest = 1 + (jnp.abs(problem.push) + jnp.abs(problem.swirl)) * problem.indentation(end.y)
+    imbalance = jnp.abs(stop((problem.energy(end.y) - problem.energy(start)) / largest))
+    e = -problem.velocity(end.y)
+    # The error of ½e² as an error of e.
+    doubt = jnp.minimum(imbalance / jnp.maximum(stop(e), 1e-6), jnp.sqrt(2 * imbalance))
+    settled = end.settled
+    # What creeps to rest has no turn: its largest indentation is the static one.
+    creeps = settled & (end.phase < _OPENS)
+    deepest = jnp.where(creeping, static, problem.indentation(end.y))
+    deepest = jnp.where(creeps, deepest, end.max_indentation)
+    strongest = jnp.maximum(end.max_force, problem.push)
+    return RadialOutcome(
+        restitution=e,
+        elapsed=end.y[_T],
+        theta=end.y[_THETA],
+        duration=end.duration,
+        max_force=jnp.where(creeps, strongest, end.max_force),
+        max_indentation=deepest,
+        energy_loss=jnp.where(settled, 1, 2 * end.y[_LOSS]),
+        error=jnp.maximum(doubt, end.error),
+        done=end.done,
+        settled=settled,
+    )

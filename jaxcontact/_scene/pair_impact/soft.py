@@ -1,0 +1,128 @@
+"""One isolated soft impact of two bodies, from their states at touch to those at separation."""
+
+from __future__ import annotations
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..._impact import Status
+from ..arrays.arrays import Layout, Numbers, known_contact_of, laws_of, least_speed
+from ..arrays.flight import Flying, accelerations
+from ..arrays.rows import rows_of
+from ..result import Way
+from .instantaneous import Choice, Outcome, driven_work, meeting_of
+from .oblique import oblique
+
+_HEAD_ON = 1e-8
+"""Sliding over closing speed below which an impact is head-on."""
+
+Lane = Float[Array, "..."]
+
+
+def soft(
+    layout: Layout,
+    numbers: Numbers,
+    before: Flying,
+    choice: Choice,
+    rtol: Float[Array, ""],
+    needed: Bool[Array, ""],
+    by_formula: bool = False,
+) -> Outcome:
+    """An impact with its own duration, exact for a central force: `oblique` says how it is solved.
+
+    The line of centres turns by ψ while the centre of mass moves on: with the unit vectors n along
+    the line and s along the sliding velocity at touch, the bodies part at distance d along R(ψ) n
+    with the velocity R(ψ) (-e' v_n n + v_s s). A moving wall is met in its own frame.
+    Where it is not `needed`, as in some lanes of a batch, nothing is solved. `by_formula`: whether
+    it is known to need no radial problem.
+    """
+    count = layout.spheres
+    meeting = meeting_of(layout, numbers, before, choice)
+    is_wall = choice.second >= count
+    second = jnp.minimum(choice.second, count - 1)
+    who = jnp.stack([choice.first, second])
+    flying, normal = meeting.flying, meeting.normal
+    pull = accelerations(layout, numbers, who, choice.support)
+    steady = jnp.where(is_wall, meeting.driven * normal, flying.velocity[1])
+    relative = flying.velocity[0] - steady
+    closing = jnp.maximum(meeting.closing, least_speed(numbers))
+    across = relative + meeting.closing * normal
+    square = jnp.sum(jnp.square(across))
+    # A head-on impact is taken as the limit of oblique ones: turn and sliding are proportional, and
+    # all else is even in the sliding speed, so that this one changes nothing but finds the ratio.
+    straight = square <= jnp.square(_HEAD_ON * closing)
+    sideways = jnp.sqrt(jnp.where(straight, 1, square))
+    sideways = jnp.where(straight, jax.lax.stop_gradient(_HEAD_ON * closing), sideways)
+    distance = jnp.sum(rows_of(numbers.radius, who))
+    contact = known_contact_of(layout, numbers, choice.first, choice.second)
+    # What presses a body to a wall acts in the contact; along the wall it does not.
+    pressing = jnp.where(is_wall, -jnp.sum(normal * pull[0]), 0)
+    given = (
+        contact,
+        closing,
+        sideways,
+        jnp.where(is_wall, jnp.inf, distance),
+        pressing * contact.mass,
+    )
+    # Each kind of law has solutions of its own.
+    free = layout.dimensions == 1 and not layout.gravity
+    laws, kind = laws_of(layout, numbers, choice.first, choice.second)
+    solves = [
+        functools.partial(
+            oblique, law, rtol=rtol, needed=needed & (kind == number), free=free,
+            by_formula=by_formula,
+        )
+        for number, law in enumerate(laws)
+    ]  # fmt: skip
+    rebound = solves[0](*given) if len(laws) == 1 else jax.lax.switch(kind, solves, *given)
+    good = rebound.status == int(Status.SEPARATED)
+    clean = jax.tree.map(lambda x: jnp.where(good, x, jnp.zeros_like(x)), rebound)
+    cosine, turning = jnp.cos(clean.turn), jnp.sin(clean.turn) / sideways
+    along = cosine * normal + turning * across
+    beside = cosine * across - turning * square * normal
+    parting = clean.restitution * closing
+    away = parting * along + beside
+    passed = clean.elapsed
+    inverse = rows_of(numbers.inverse_mass, jnp.stack([choice.first, choice.second]))
+    share = inverse / jnp.sum(inverse)
+    # The centre of mass falls freely, or rests where the second body is fixed or a wall.
+    drift = share[1] * flying.velocity[0] + share[0] * steady
+    fall = share[1] * pull[0] + share[0] * jnp.where(is_wall, 0, pull[1])
+    moved_by = drift * passed + fall * jnp.square(passed) / 2
+    centre = jnp.where(is_wall, 0, 1) * moved_by
+    falls = drift + fall * passed
+    image = choice.image * numbers.period
+    middle = share[1] * flying.position[0] + share[0] * (flying.position[1] + image)
+    first = middle + centre + share[0] * distance * along
+    other = middle + centre - share[1] * distance * along - image
+    fast = falls + share[0] * away
+    slow = falls - share[1] * away
+    # Along a wall gravity goes on; its normal part was in the contact.
+    level = pull[0] - jnp.sum(pull[0] * normal) * normal
+    on_wall = flying.position[0] + across * passed + level * jnp.square(passed) / 2
+    off_wall = across + level * passed + parting * normal
+    if any(layout.moving):
+        # All of this in the frame of the wall, which goes on at its velocity.
+        on_wall, off_wall = on_wall + steady * passed, off_wall + steady
+    position = jnp.stack([jnp.where(is_wall, on_wall, first), other])
+    velocity = jnp.stack([jnp.where(is_wall, off_wall, fast), slow])
+    until = meeting.time + passed
+    impulse = contact.mass * (parting + closing + pressing * passed)
+    return Outcome(
+        after=Flying(position, velocity, jnp.broadcast_to(until, (2,))),
+        time=meeting.time,
+        closing=closing,
+        restitution=clean.restitution,
+        duration=clean.duration,
+        energy_loss=clean.energy_loss,
+        max_force=clean.max_force,
+        turn=jnp.where(straight, 0, clean.turn),
+        error=clean.error_estimate,
+        wall_work=impulse * meeting.driven
+        + driven_work(layout, numbers, choice, meeting, velocity),
+        way=(int(Way.CLOSED_FORM) + rebound.way).astype(closing.dtype),
+        status=rebound.status.astype(closing.dtype),
+    )

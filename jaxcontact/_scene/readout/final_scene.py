@@ -1,0 +1,88 @@
+"""What a run ends with, and how another one goes on from there."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from ..._program import quick
+from ..course import Course
+from ..engine.cluster_members import pace_of
+from ..engine.cluster_slots import Seats
+from ..engine.coupled import as_flags, stored_energy
+from ..engine.state import Coupling
+from ..resume import Contacts, Start, Underway
+from .inside_contacts import Entries
+from .states import looked_up
+
+
+@quick
+def end_of(choice: None, course: Course) -> Start:
+    """What a run ends with, for another run to go on from."""
+    layout, numbers, rules, time = course.layout, course.numbers, course.rules, course.length
+    figures, facts = course.log
+    last = jax.tree.map(lambda x: x[0], looked_up(course, time[None]))
+    underway = _underway(course, last) if rules.soft else None
+    start = Start(last.support, last.held, None, underway, rules.soft)
+    calls = course.calls
+    if calls is None or facts.call is None or figures.coupled is None:
+        return start
+    row = jnp.max(jnp.where(calls, jnp.arange(calls.shape[0]), -1))
+    place = jnp.maximum(row, 0)
+    one, decided, met = jax.tree.map(
+        lambda x: x[place], (figures.coupled, facts.call.decided, facts.choice)
+    )
+    state, seats, zero = as_flags(one.end), decided.seats, jnp.zeros_like(one.end.lost)
+    closing = jnp.max(jnp.where(state.closed, state.latched, 0))
+    contacts = Contacts(
+        active=(row >= 0) & ~facts.call.ends[place],
+        who=seats.who,
+        present=seats.present,
+        shift=seats.shift,
+        pace=pace_of(layout, numbers, met, closing),
+        reserve=stored_energy(layout, numbers, rules.members, seats, state),
+        # What was lost so far belongs to the run that ended.
+        state=state._replace(
+            time=state.time - time,
+            since=state.since - time,
+            force_until=state.force_until - time,
+            lost=zero,
+        ),
+    )
+    return Start(last.support, last.held, contacts, underway, rules.soft)
+
+
+def _underway(course: Course, last: Entries) -> Underway:
+    """The isolated impacts that are on at a time: what led to them, from which another run takes
+    them once more.
+    """
+    layout, log, time = course.layout, course.log, course.length
+    inside = (last.row >= 0) & (last.began > time)
+    row = jnp.maximum(last.row, 0)
+    choice, before = jax.tree.map(lambda x: x[row], (log.facts.choice, log.figures.before))
+    everyone = jnp.arange(layout.spheres)
+    is_first = choice.first == everyone
+    partner = jnp.where(is_first, choice.second, choice.first)
+    mine = jax.tree.map(lambda x: x[everyone, jnp.where(is_first, 0, 1)], before)
+    return Underway(
+        partner=jnp.where(inside, partner, -1),
+        touch=jnp.where(inside, choice.time - time, 0),
+        position=mine.position,
+        velocity=mine.velocity,
+        time=jnp.where(inside, mine.time - time, 0),
+    )
+
+
+def going_on(coupling: Coupling, start: Start | None) -> Coupling:
+    """The coupling at the start of a run, with the contacts that it begins in."""
+    if start is None or start.contacts is None:
+        return coupling
+    known = start.contacts
+    begun = coupling._replace(
+        active=known.active,
+        seats=Seats(known.who, known.present, known.shift),
+        pace=known.pace,
+        reserve=known.reserve,
+        state=known.state,
+    )
+    return jax.tree.map(lambda a, b: jnp.where(known.active, a, b), begun, coupling)

@@ -1,0 +1,180 @@
+"""The table of impacts, from the log of a run."""
+
+from __future__ import annotations
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..arrays.arrays import Layout, Numbers
+from ..bodies.side import side
+from ..course import Course
+from ..engine.cluster_slots import bodies_of, places
+from ..engine.log import Called, Together
+from ..result import Ending, Impacts, Way, flagged
+
+
+def table_of(
+    course: Course, status: Int[Array, ""], rows: int | None
+) -> tuple[Impacts, tuple[Array, Array], Int[Array, ""]]:
+    """The impacts in order of time, padded to `rows`, without names of bodies; the smallest time
+    between rivals and the smallest closing speed, see `Margin`; and how many impacts there are.
+
+    Without `rows` there is one for every row of the log and every pair of a coupled solve.
+    """
+    found, layout = _isolated(course), course.layout
+    if course.calls is not None:
+        found = jax.tree.map(lambda *parts: jnp.concatenate(parts), found, _coupled(course))
+    total = jnp.sum(found.valid)
+    order = jnp.argsort(jnp.where(found.valid, found.time, jnp.inf), stable=True)[:rows]
+    found = jax.tree.map(lambda x: x[order], found)
+    bad = status == int(Ending.INVALID_INPUT)
+    valid = found.valid & ~bad
+    good = valid & (status != int(Ending.TOO_MANY_IMPACTS))
+    body, face = jnp.asarray(layout.body), jnp.asarray(layout.face)
+    named = body[found.first], body[found.second], face[found.second]
+    found = eqx.tree_at(lambda rows: (rows.first, rows.second, rows.face), found, named)
+
+    def told(column: Array) -> Array:
+        if column.dtype == bool:
+            return column & valid
+        if jnp.issubdtype(column.dtype, jnp.floating):
+            return flagged(column, good)
+        return jnp.where(valid, column, -1)
+
+    rival = jnp.where(course.counts, course.log.facts.rival, jnp.inf)
+    nearest = jnp.min(rival, initial=jnp.inf)
+    slowest = jnp.min(jnp.where(good, found.closing_speed, jnp.inf), initial=jnp.inf)
+    impacts = jax.tree.map(told, found)
+    return impacts, (nearest, slowest), total
+
+
+def _began_in(together: Together, counts: Bool[Array, " K"]) -> Int[Array, "K P"]:
+    """The row of the call in which a contact began: the first one at that time."""
+    began = jnp.where(counts, together.began.time, -jnp.inf)
+    row = jnp.searchsorted(jax.lax.cummax(began), together.end.since)
+    return jnp.minimum(row, began.shape[0] - 1)
+
+
+def _doubt(
+    together: Together, counts: Bool[Array, " K"], since: Int[Array, "K P"]
+) -> Float[Array, "K P"]:
+    """What the calls of a contact, from its touch to its end, add up to, in m/s."""
+    error = jnp.where(counts, jax.lax.stop_gradient(together.error), 0)
+    before = jnp.cumsum(error) - error
+    return (before + error)[:, None] - before[since]
+
+
+def _rested(
+    layout: Layout,
+    numbers: Numbers,
+    called: Called,
+    together: Together,
+    since: Int[Array, "K P"],
+) -> Bool[Array, "K P"]:
+    """Whether a sphere lay on a wall before its contact there began in a call, and was not hit.
+
+    A solve that others begin takes in what rests near them: that is no impact. What it lost then is
+    rounding, beside the energy of motion in the call and what all contacts lost.
+    """
+    seats, lost = called.decided.seats, jax.lax.stop_gradient(together.end.lost)
+    members = seats.who.shape[1]
+    first, second = places(layout, members)
+    at_walls = np.flatnonzero(second >= members)
+    sphere, wall = seats.who[:, first[at_walls]], second[at_walls] - members
+    then = since[:, at_walls]
+    lay = seats.present[then] & (called.support[then] == wall[None, :, None])
+    lay = jnp.any(lay & (seats.who[then] == sphere[..., None]), axis=-1)
+    square = jnp.sum(jnp.square(together.began.velocity[:, :members]), axis=-1)
+    inverse = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)]
+    free = seats.present & (inverse > 0)
+    motion = jnp.sum(jnp.where(free, square / jnp.where(free, 2 * inverse, 1), 0), axis=1)
+    rounding = math.sqrt(jnp.finfo(lost.dtype).eps)
+    scale = jax.lax.stop_gradient(motion)[then] + jnp.sum(lost, axis=1, keepdims=True)
+    idle = lay & (lost[:, at_walls] <= rounding * scale)
+    return jnp.zeros(lost.shape, bool).at[:, at_walls].set(idle)
+
+
+def _isolated(course: Course) -> Impacts:
+    """The impacts out of coupled solves; bodies are those of the engine, and so is a `face`."""
+    outcome, facts, valid = course.log.figures.outcome, course.log.facts, course.counts
+    if course.calls is not None:
+        valid = valid & ~course.calls
+    return Impacts(
+        outcome.time,
+        facts.choice.first,
+        facts.choice.second,
+        facts.choice.second,
+        outcome.closing,
+        outcome.restitution,
+        outcome.duration,
+        outcome.max_force,
+        outcome.energy_loss,
+        outcome.turn,
+        outcome.way.astype(int),
+        outcome.error,
+        facts.tied,
+        valid,
+        (),
+    )
+
+
+def _coupled(course: Course) -> Impacts:
+    """The contacts that ended in a coupled solve, or came to rest there; what lay still is none."""
+    layout, numbers, is_call = course.layout, course.numbers, course.calls
+    called, together = course.log.facts.call, course.log.figures.coupled
+    assert called is not None and together is not None and is_call is not None
+    seats = called.decided.seats
+    rows, members = seats.who.shape
+    first, second = places(layout, members)
+    one, other = bodies_of(layout, members, seats.who)
+    # A fixed sphere comes second.
+    turned = (other < layout.spheres) & (numbers.inverse_mass[one] == 0)
+    one, other = jnp.where(turned, other, one), jnp.where(turned, one, other)
+    counts = is_call[:, None]
+    began, end = together.began, together.end
+    since = _began_in(together, is_call)
+    opened = (began.closed > 0.5) & ~(end.closed > 0.5)
+    rests = (end.closed > 0.5) & called.rest[:, None]
+    # At the end of the run a contact may still go on.
+    last = (jnp.arange(rows) == course.known.written - 1) & ~called.ends
+    lasts = (end.closed > 0.5) & last[:, None]
+    apart = end.position[:, first] - end.position[:, second]
+    rate = end.velocity[:, first] - end.velocity[:, second]
+    flat = second >= members
+    radius = jnp.concatenate([numbers.radius, jnp.zeros(layout.walls, numbers.dtype)])
+    square = jnp.sum(jnp.square(apart), axis=-1)
+    length = jnp.sqrt(jnp.where(square > 0, square, 1))
+    length = side(radius[one] + radius[other]) * length
+    none = jnp.zeros((members, layout.dimensions), numbers.dtype)
+    normal = jnp.concatenate([none, numbers.normal])[second]
+    along = jnp.where(flat[None, :, None], normal[None], apart / length[..., None])
+    parting = jnp.sum(along * rate, axis=-1)
+    closing = jnp.where(end.latched > 0, end.latched, 1)
+    e = jnp.where(rests, 0, parting / closing)
+    duration = jnp.where(rests, jnp.inf, end.force_until - end.since)
+    e, duration = (jnp.where(lasts, jnp.nan, x) for x in (e, duration))
+    shape = opened.shape
+    nothing = jnp.zeros(shape, apart.dtype)
+    columns = Impacts(
+        end.since,
+        one,
+        other,
+        other,
+        end.latched,
+        e,
+        duration,
+        end.max_force,
+        end.lost,
+        nothing,
+        jnp.full(shape, int(Way.COUPLED)),
+        _doubt(together, is_call, since) / closing,
+        jnp.zeros(shape, bool),
+        counts & (opened | ((rests | lasts) & ~_rested(layout, numbers, called, together, since))),
+        (),
+    )
+    return jax.tree.map(lambda x: x.reshape(-1), columns)

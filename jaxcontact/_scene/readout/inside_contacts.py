@@ -1,0 +1,247 @@
+"""The states of spheres that are in contact, solved from their touch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..arrays.arrays import Layout, Numbers, known_contact_of, law_of
+from ..arrays.flight import Flying
+from ..arrays.rows import rows_of
+from ..arrays.stored_energy import stored_in
+from ..engine.cluster_slots import (
+    Seats,
+    empty_seats,
+    everyone,
+    in_line,
+    index_of,
+    joining,
+    put,
+    unchanged,
+)
+from ..engine.coupled import Call, as_flags, blank_state, call, meets, stored_energy
+from ..engine.log import Log, last_call
+from ..engine.state import Rules
+from ..pair_impact.instantaneous import Choice
+
+
+class States(NamedTuple):
+    """Positions and velocities (T, N, D), and the elastic energy `stored` in contacts (T,)."""
+
+    position: Float[Array, "T N D"]
+    velocity: Float[Array, "T N D"]
+    stored: Float[Array, " T"]
+
+
+class Entries(NamedTuple):
+    """Of every sphere at some times: what it last did, (T, N); `row` of the log, or -1; the v0
+    `held` by one that rests.
+
+    A sphere that is inside of an isolated impact has not `began` yet.
+    """
+
+    position: Array
+    velocity: Array
+    began: Array
+    support: Array
+    row: Array
+    held: Array
+
+
+def in_contacts(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    times: Float[Array, " T"],
+    tolerance: Float[Array, ""],
+    found: Entries,
+    here: States,
+    written: Int[Array, ""],
+) -> States:
+    """The states with those of spheres in isolated impacts and in coupled solves.
+
+    All are calls of the coupled solve, so that it is compiled once: N lanes a time for the isolated
+    impacts, each by its first body, and one for the solve in progress where the run has any.
+    """
+    count = layout.spheres
+    members = rules.members or min(2, count)
+    together = log.figures.coupled
+    nobody, yes = jnp.zeros(count, bool), jnp.asarray(True)
+    away, nothing = jnp.zeros((count, layout.dimensions), numbers.dtype), jnp.zeros_like(times[0])
+
+    def pair(row: Array, until: Array, who: Array) -> tuple[tuple, Array]:
+        """The isolated impact of a row, as a call; whether `who` is its first body."""
+        choice, before = jax.tree.map(lambda x: x[row], (log.facts.choice, log.figures.before))
+        seats = _seats_of_two(layout, numbers, members, choice, before)
+        is_first, is_second = seats.who == choice.first, seats.who == choice.second
+
+        def seated(pair: Array) -> Array:
+            shape = (members,) + (1,) * (pair.ndim - 1)
+            one, other = is_first.reshape(shape), is_second.reshape(shape)
+            return jnp.where(one, pair[:1], jnp.where(other, pair[1:], jnp.zeros_like(pair[:1])))
+
+        change = joining(layout, members, seats.present)
+        closed = meets(layout, members, seats, choice)
+        decided = Call(yes, choice, seats, change, closed, until, ~yes)
+        spheres = jax.tree.map(seated, before)
+        blank = blank_state(layout, members, numbers.dtype)
+        none, held = jnp.full(members, -1), jnp.zeros(members, numbers.dtype)
+        return (spheres, none, held, blank, decided), who == choice.first
+
+    def going_on(row: Array, until: Array) -> tuple[tuple, Array]:
+        """The call of a row, up to a time; whether it lasts until then."""
+        rows = (together, log.facts.call, log.facts.choice)
+        known, facts, choice = jax.tree.map(lambda x: x[row], rows)
+        assert known is not None and facts is not None
+        change = unchanged(layout, members)
+        decided = facts.decided._replace(starts=~yes, choice=choice, change=change, until=until)
+        inside = (until < known.end.time) | ~facts.ends
+        began = as_flags(known.began)
+        return (known.spheres, facts.support, known.held, began, decided), inside
+
+    def lane(given: tuple[Array, ...]) -> tuple[Array, Array, Array, Array]:
+        time, who, row, inside, *last = given
+        chosen, active = pair(row, time, who)
+        active = active & inside
+        if last:
+            coupled, goes_on = going_on(last[0], time)
+            is_call = who == count
+            chosen = jax.tree.map(lambda a, b: jnp.where(is_call, a, b), coupled, chosen)
+            active = jnp.where(is_call, last[1] & goes_on, active)
+        spheres, support, held, before, decided = chosen
+
+        def solved() -> tuple[Array, Array, Array, Array]:
+            seats = decided.seats
+            state = call(
+                layout, numbers, members, spheres, support, held, before, decided.where(active),
+                tolerance, rules.v0,
+            )[1].state  # fmt: skip
+            late = time - state.time
+            index = index_of(layout, seats)
+            velocity = state.velocity[:members]
+            place = state.position[:members] + seats.shift * numbers.period[None] + velocity * late
+            return (
+                put(nobody, index, seats.present),
+                put(away, index, place),
+                put(away, index, velocity),
+                stored_energy(layout, numbers, members, seats, state),
+            )
+
+        return jax.lax.cond(active, solved, lambda: (nobody, away, away, nothing))
+
+    total = times.shape[0]
+    inside = (times[:, None] < found.began) & (found.row >= 0)
+    columns = (jnp.maximum(found.row, 0), inside)
+    lanes, called, some = count, (), jnp.any(inside)
+    if together is not None and log.facts.call is not None:
+        # Of the last lane the impact is none.
+        lanes, blank = count + 1, jnp.zeros((total, 1), int)
+        columns = tuple(jnp.concatenate([x, blank.astype(x.dtype)], axis=1) for x in columns)
+        called = last_call(log, written, times)
+        until, ends = rows_of((together.end.time, log.facts.call.ends), called[0])
+        some = some | jnp.any(called[1] & ((times < until) | ~ends))
+    given = (
+        jnp.repeat(times, lanes),
+        jnp.tile(jnp.arange(lanes), total),
+        *(column.reshape(-1) for column in columns),
+        *(jnp.repeat(one, lanes) for one in called),
+    )
+    solved = jax.lax.cond(
+        some,
+        lambda: jax.lax.map(lane, given),
+        lambda: jax.tree.map(
+            lambda x: jnp.zeros((total * lanes, *x.shape), x.dtype), (nobody, away, away, nothing)
+        ),
+    )
+    who, place, speed, stored = jax.tree.map(
+        lambda x: x.reshape(total, lanes, *x.shape[1:]), solved
+    )
+
+    def merged(old: Array, new: Array) -> Array:
+        known = who[..., None]
+        return jnp.where(jnp.any(known, axis=1), jnp.sum(jnp.where(known, new, 0), axis=1), old)
+
+    there = States(merged(here.position, place), merged(here.velocity, speed), jnp.sum(stored, 1))
+    if together is None:
+        return there
+    rest = at_rest(layout, numbers, found, here, times, jnp.any(who, axis=1))
+    return there._replace(stored=there.stored + rest)
+
+
+def stored_at_ends(
+    layout: Layout,
+    numbers: Numbers,
+    rules: Rules,
+    log: Log,
+    times: Float[Array, " T"],
+    written: Int[Array, ""],
+) -> Float[Array, " T"]:
+    """The energy stored in contacts that go on at the times at which a call of theirs ended."""
+    rows, lasts = last_call(log, written, times)
+    called, together = log.facts.call, log.figures.coupled
+    assert called is not None and together is not None
+
+    def one(given: tuple[Array, Array, Array]) -> Array:
+        time, row, last = given
+        end, seats, ends = rows_of((together.end, called.decided.seats, called.ends), row)
+        stored = stored_energy(layout, numbers, rules.members, seats, as_flags(end))
+        return jnp.where(last & ~ends & (time == end.time), stored, 0)
+
+    return jax.lax.map(one, (times, rows, lasts))
+
+
+def at_rest(
+    layout: Layout,
+    numbers: Numbers,
+    found: Entries,
+    here: States,
+    times: Float[Array, " T"],
+    elsewhere: Array,
+) -> Float[Array, " T"]:
+    """The energy stored in the contacts of spheres that rest on walls, (T,), but for those that
+    are `elsewhere` (T, N).
+    """
+    if not layout.walls:
+        return jnp.zeros(found.row.shape[0], numbers.dtype)
+
+    def one(i: Array, support: Array, place: Array, time: Array) -> Array:
+        wall = jnp.maximum(support, 0)
+        height = jnp.sum(place * numbers.normal[wall]) - numbers.walls_at(time, wall).offset
+        contact = known_contact_of(layout, numbers, i, layout.spheres + wall)
+        law = law_of(layout, numbers, i, layout.spheres + wall)
+        depth = jnp.where(support >= 0, numbers.radius[i] - height, 0)
+        return stored_in(law, contact, depth, jnp.ones_like(depth))
+
+    rests = jnp.where(elsewhere, -1, found.support)
+    everyone = jnp.arange(layout.spheres)
+    each = jax.vmap(jax.vmap(one, in_axes=(0, 0, 0, None)), in_axes=(None, 0, 0, 0))(
+        everyone, rests, here.position, times
+    )
+    return jnp.sum(each, axis=1)
+
+
+def _seats_of_two(
+    layout: Layout, numbers: Numbers, members: int, choice: Choice, before: Flying
+) -> Seats:
+    """The places of the bodies of an isolated impact; the second may be a wall."""
+    blank = empty_seats(layout, numbers, members)
+    if everyone(layout, members):
+        present = (blank.who == choice.first) | (blank.who == choice.second)
+        return blank._replace(present=present)
+    count = layout.spheres
+    second = jnp.where(choice.second < count, choice.second, count)
+    image = -choice.image
+    two, shift = jnp.stack([choice.first, second]), jnp.stack([jnp.zeros_like(image), image])
+    if in_line(layout):
+        # Neighbours in the order of the line.
+        places = before.position - shift * numbers.period[None]
+        turned = (places[1, 0] < places[0, 0]) & (second < count)
+        two, shift = (jnp.where(turned, x[::-1], x) for x in (two, shift))
+    rest = members - 2
+    who = jnp.concatenate([two, jnp.full(max(rest, 0), count)])[:members]
+    shift = jnp.concatenate([shift, jnp.zeros((max(rest, 0), layout.dimensions), numbers.dtype)])
+    return Seats(who, who < count, shift[:members])

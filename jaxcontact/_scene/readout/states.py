@@ -1,0 +1,242 @@
+"""The state of all spheres at any time, read from the log of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from ..._program import derived, quick
+from ..arrays.arrays import Layout, Numbers
+from ..arrays.flight import accelerations
+from ..arrays.rows import rows_of
+from ..course import Course
+from ..engine.cluster_slots import places
+from ..engine.log import Log, last_call
+from ..result import Moment, flagged
+from .inside_contacts import Entries, States, at_rest, in_contacts, stored_at_ends
+
+_LEAST, _FEW = 512, 128
+"""Times that a program has room for at the least, and spheres up to which it does, so that a run,
+its plots and its films share it."""
+
+
+def moment_at(course: Course, times: Float[Array, " T"]) -> Moment:
+    """The states at some times. Motion inside of contacts is compiled only where it is needed."""
+    return derived(_moment_at, course, times, decide=_moment_by_choice)
+
+
+def _moment_by_choice(course: Course, times: Array) -> tuple[Moment, bool]:
+    now, inside = told_in_log(course, times)
+    cut = bool(np.any(inside))
+    return jax.device_put(told(course, times) if cut else now), cut
+
+
+def told_in_log(course: Course, times: ArrayLike) -> tuple[Moment, np.ndarray]:
+    """As `moment_in_log`, for NumPy: by one program for all counts of times up to some."""
+    least = _LEAST if course.layout.spheres <= _FEW else 1
+    return _by_room(moment_in_log, course, times, least)
+
+
+def told(course: Course, times: ArrayLike) -> Moment:
+    """As `moment`, for NumPy."""
+    return _by_room(moment, course, times, 1)
+
+
+def _by_room(
+    read: Callable[[Course, Array], Any], course: Course, times: ArrayLike, least: int
+) -> Any:
+    given = np.asarray(times, course.numbers.dtype)
+    count = given.shape[0]
+    padded = np.zeros(max(least, 1 << (count - 1).bit_length()), given.dtype)
+    padded[:count] = given
+    found = read(course, jax.device_put(padded))
+    return jax.tree.map(lambda x: np.asarray(x)[:count], found)
+
+
+def _moment_at(inside: bool | None, course: Course, times: Array) -> Moment:
+    if course.rules.soft if inside is None else inside:
+        return moment(course, times)
+    return moment_in_log(course, times)[0]
+
+
+@quick
+def moment_in_log(course: Course, times: Float[Array, " T"]) -> tuple[Moment, Bool[Array, " T"]]:
+    """The states at times that are not inside of a contact, and which of the times are."""
+    times = times.astype(course.numbers.dtype)
+    states, inside = states_in_log(course, times)
+    return _moment(course, times, states), inside
+
+
+@quick
+def moment(course: Course, times: Float[Array, " T"]) -> Moment:
+    """The states at any times, inside of contacts, too."""
+    times = times.astype(course.numbers.dtype)
+    return _moment(course, times, states_at(course, times))
+
+
+def _moment(course: Course, times: Array, states: States) -> Moment:
+    position, velocity, stored = states
+    energy = _energy_of(course.layout, course.numbers, position, velocity) + stored
+    position, velocity = (x[:, : course.layout.visible] for x in (position, velocity))
+    good = (times >= 0) & (times <= course.ending()[1])
+    return Moment(times, flagged(position, good), flagged(velocity, good), flagged(energy, good))
+
+
+def states_at(course: Course, times: Float[Array, " T"]) -> States:
+    """The states at some times; at an impact out of time those after it.
+
+    Of every sphere the last impact up to that time is looked up, by halving, in a list that is
+    sorted by sphere and time: no table of times, spheres and impacts. Inside of a contact its
+    motion is solved from the touch.
+    """
+    layout, numbers, rules = course.layout, course.numbers, course.rules
+    if not rules.soft:
+        return states_in_log(course, times)[0]
+    found = looked_up(course, times)
+    here = _in_flight(layout, numbers, times, found)
+    given = (layout, numbers, rules, course.log, times, course.tolerance, found, here)
+    there = in_contacts(*given, course.known.written)
+    return _prescribed(layout, numbers, times, there)
+
+
+def states_in_log(course: Course, times: Float[Array, " T"]) -> tuple[States, Bool[Array, " T"]]:
+    """The states at times that are not inside of a contact, and which of the times are.
+
+    At the time at which a call of the coupled solve ended its state is in the log.
+    """
+    layout, numbers, rules = course.layout, course.numbers, course.rules
+    found = looked_up(course, times)
+    here = _in_flight(layout, numbers, times, found)
+    if not rules.soft:
+        return here, times < -jnp.inf
+    inside = _inside(course, times, found)
+    if not rules.members:
+        return here, inside
+    stored = stored_at_ends(layout, numbers, rules, course.log, times, course.known.written)
+    nobody = jnp.zeros(found.support.shape, bool)
+    stored = stored + at_rest(layout, numbers, found, here, times, nobody)
+    return here._replace(stored=stored), inside
+
+
+def _in_flight(
+    layout: Layout, numbers: Numbers, times: Float[Array, " T"], found: Entries
+) -> States:
+    """The states of spheres that fly or rest."""
+    count, dimensions = layout.spheres, layout.dimensions
+    who = jnp.tile(jnp.arange(count), times.shape[0])
+    pull = accelerations(layout, numbers, who, found.support.reshape(-1))
+    since = (times[:, None] - found.began)[..., None]
+    pull = pull.reshape(times.shape[0], count, dimensions)
+    velocity = found.velocity + pull * since
+    position = found.position + (found.velocity + velocity) / 2 * since
+    return _prescribed(layout, numbers, times, States(position, velocity, jnp.zeros_like(times)))
+
+
+def _prescribed(
+    layout: Layout, numbers: Numbers, times: Float[Array, " T"], states: States
+) -> States:
+    """The states, with fixed spheres that are accelerated where their motion says."""
+    if not layout.shaken:
+        return states
+    place, rate = jax.vmap(lambda time: numbers.shaken_at(layout, time))(times)
+    rows = np.array(layout.shaken)
+    return states._replace(
+        position=states.position.at[:, rows].set(place),
+        velocity=states.velocity.at[:, rows].set(rate),
+    )
+
+
+def any_inside(course: Course, times: Float[Array, " T"]) -> Bool[Array, ""]:
+    """Whether any of the times lies inside of a contact that takes time."""
+    return jnp.any(_inside(course, times, looked_up(course, times)))
+
+
+def _inside(course: Course, times: Float[Array, " T"], found: Entries) -> Bool[Array, " T"]:
+    inside, log = jnp.any((times[:, None] < found.began) & (found.row >= 0), axis=1), course.log
+    if log.facts.call is None or log.figures.coupled is None:
+        return inside
+    row, last = last_call(log, course.known.written, times)
+    return inside | (last & (times < rows_of(log.figures.coupled.end.time, row)))
+
+
+def looked_up(course: Course, times: Float[Array, " T"]) -> Entries:
+    """The last impacts of all spheres. At a soft touch nothing has happened yet."""
+    layout, numbers, log = course.layout, course.numbers, course.log
+    count, rows = layout.spheres, log.facts.tied.shape[0]
+    figures, facts = log
+    number = jnp.arange(1, rows + 1)
+    blank = number > course.known.written
+    is_call = jnp.zeros(rows, bool) if facts.call is None else facts.call.is_call
+    first = jnp.where(blank | is_call, count, facts.choice.first)
+    second = jnp.where(blank | is_call, count, jnp.minimum(facts.choice.second, count))
+    start, none = jnp.zeros(count, numbers.dtype), jnp.full(count, -1)
+    after = figures.outcome.after
+    bodies = [jnp.arange(count), first, second]
+    numbered = [jnp.zeros(count, int), number, number]
+    place = [numbers.position, after.position[:, 0], after.position[:, 1]]
+    speed = [numbers.velocity, after.velocity[:, 0], after.velocity[:, 1]]
+    began = [start, after.time[:, 0], after.time[:, 1]]
+    support = [none, facts.support[:, 0], facts.support[:, 1]]
+    held = [start] + [jnp.zeros(rows, numbers.dtype)] * 2
+    if numbers.start is not None:
+        support[0], held[0] = numbers.start.support, numbers.start.held
+    pairs = [none, number - 1, number - 1]
+    if facts.call is not None and figures.coupled is not None:
+        end, seats = figures.coupled.end, facts.call.decided.seats
+        resting, latched = _resting(layout, log)
+        for k in range(seats.who.shape[1]):
+            counts = is_call & ~blank & seats.present[:, k]
+            bodies.append(jnp.where(counts, seats.who[:, k], count))
+            numbered.append(number)
+            place.append(end.position[:, k] + seats.shift[:, k] * numbers.period[None])
+            speed.append(end.velocity[:, k])
+            began.append(end.time)
+            support.append(resting[:, k])
+            held.append(latched[:, k])
+            pairs.append(jnp.full(rows, -1))
+    keys = jnp.concatenate(bodies) * (rows + 1) + jnp.concatenate(numbered)
+    order = jnp.argsort(keys)
+    happened = jnp.where(blank, jnp.inf, figures.outcome.time)
+    passed = jnp.searchsorted(
+        happened, times, side="left" if course.rules.soft else "right"
+    ).astype(int)
+    wanted = jnp.arange(count)[None] * (rows + 1) + passed[:, None]
+    found = jnp.searchsorted(keys[order], wanted.reshape(-1), side="right") - 1
+    entry = order[found].reshape(wanted.shape)
+    return Entries(
+        *(jnp.concatenate(column)[entry] for column in (place, speed, began, support, pairs, held))
+    )
+
+
+def _resting(layout: Layout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, "K M"]]:
+    """The walls that spheres rest on after a call, -1 where there are none, and the v0 held."""
+    called, together = log.facts.call, log.figures.coupled
+    assert called is not None and together is not None
+    rows, members = called.decided.seats.who.shape
+    first, second = places(layout, members)
+    wall = second - members
+    closed = (together.end.closed > 0.5) & called.rest[:, None] & jnp.asarray(wall >= 0)[None]
+    none, end = jnp.full((rows, members), -1), together.end
+    zero = jnp.zeros((rows, members), end.latched.dtype)
+    held = zero.at[:, first].max(jnp.where(closed, end.latched, 0))
+    return none.at[:, first].max(jnp.where(closed, jnp.asarray(wall)[None], -1)), held
+
+
+def _energy_of(
+    layout: Layout,
+    numbers: Numbers,
+    position: Float[Array, "T N D"],
+    velocity: Float[Array, "T N D"],
+) -> Float[Array, " T"]:
+    """Kinetic energy and weight of all free spheres, ½ m v² - m g·x, in J."""
+    inverse = numbers.inverse_mass[: layout.spheres]
+    free = inverse > 0
+    mass = jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
+    kinetic = jnp.sum(jnp.square(velocity), axis=-1) / 2
+    weight = jnp.sum(position * numbers.gravity[None, None], axis=-1)
+    return jnp.sum(mass[None] * (kinetic - weight), axis=-1)

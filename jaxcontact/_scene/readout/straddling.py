@@ -1,0 +1,90 @@
+"""What isolated impacts that are on at the start or at the end of a run do within it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..._program import quick
+from ..arrays.arrays import known_contact_of, law_of
+from ..arrays.flight import Flying, accelerations
+from ..arrays.stored_energy import stored_in
+from ..bodies.side import side
+from ..course import Course
+from ..pair_impact.instantaneous import meeting_of, two_that_meet
+from ..result import Moment
+from .states import looked_up
+
+
+@quick
+def booked(course: Course, ends: Moment) -> Course:
+    """A run whose impacts take time, with what each of them loses and gets from moving bodies
+    within it: from its start on, and up to its end, at which the states are `ends`.
+
+    At a time τ after the touch a pair has lost E(0) + W - E(τ) - ∫ F dδ, with E kinetic energy and
+    weight and W = V·(m Δv - m g τ), the work of a body that moves at V.
+    """
+    layout, numbers, log = course.layout, course.numbers, course.log
+    found = looked_up(course, ends.time)
+    rows, everyone = log.facts.tied.shape[0], jnp.arange(layout.visible)
+    row, began = found.row[:, : layout.visible], found.began[:, : layout.visible]
+    is_first = log.facts.choice.first[jnp.maximum(row, 0)] == everyone[None]
+    inside = (row >= 0) & is_first & (ends.time[:, None] < began)
+    inside = inside & (ends.time <= course.ending()[1])[:, None]
+
+    def one(k: Array, on: Array, time: Array, position: Array, velocity: Array) -> Array:
+        choice, before = jax.tree.map(
+            lambda x: x[jnp.maximum(k, 0)], (log.facts.choice, log.figures.before)
+        )
+        safe = two_that_meet(layout, choice.time)
+        before = jax.tree.map(lambda a, b: jnp.where(on, a, b), before, safe)
+        meeting = meeting_of(layout, numbers, before, choice)
+        second = jnp.minimum(choice.second, layout.spheres - 1)
+        who, is_wall = jnp.stack([choice.first, second]), choice.second >= layout.spheres
+        touch, passed = meeting.flying, time - meeting.time
+        inverse = jnp.where(jnp.stack([~on, is_wall | ~on]), 0, numbers.inverse_mass[who])
+        free = inverse > 0
+        mass = jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
+        seen = jnp.minimum(who, layout.visible - 1)
+        here = Flying(
+            jnp.where(free[:, None], position[seen], touch.position + touch.velocity * passed),
+            jnp.where(free[:, None], velocity[seen], touch.velocity),
+            touch.time,
+        )
+
+        def energy(state: Flying) -> Array:
+            weight = jnp.sum(state.position * numbers.gravity[None], axis=-1)
+            return jnp.sum(mass * (jnp.sum(jnp.square(state.velocity), axis=-1) / 2 - weight))
+
+        drives = jnp.where(is_wall, meeting.driven * meeting.normal, touch.velocity[1])
+        drives = jnp.where(is_wall | ~free[1], drives, 0)
+        pull = accelerations(layout, numbers, who[:1], choice.support[:1])[0]
+        gained = mass[0] * (here.velocity[0] - touch.velocity[0] - pull * passed)
+        work = jnp.sum(gained * drives)
+        apart = here.position[0] - here.position[1] - choice.image * numbers.period
+        distance = numbers.radius[choice.first] + numbers.radius[second]
+        length = jnp.sqrt(jnp.sum(jnp.square(jnp.where(on & ~is_wall, apart, 1))))
+        depth = distance - side(distance) * length
+        if layout.walls:
+            wall = jnp.clip(choice.second - layout.spheres, 0)
+            height = jnp.sum(numbers.normal[wall] * here.position[0])
+            height = height - numbers.walls_at(time, wall).offset
+            depth = jnp.where(is_wall, numbers.radius[choice.first] - height, depth)
+        contact = known_contact_of(layout, numbers, choice.first, choice.second)
+        law = law_of(layout, numbers, choice.first, choice.second)
+        stored = stored_in(law, contact, jnp.where(on, depth, 0), meeting.closing)
+        lost = energy(touch) + work - energy(here) - stored
+        return jnp.where(on, jnp.stack([lost, work]), 0)
+
+    each = jax.vmap(jax.vmap(one, in_axes=(0, 0, None, None, None)))
+    done = each(row, inside, ends.time, ends.position, ends.velocity)
+    place = jnp.where(inside, row, rows)
+    outcome = log.figures.outcome
+    whole = jnp.stack([outcome.energy_loss, outcome.wall_work], axis=1)
+    part = whole.at[place[1]].set(done[1], mode="drop").at[place[0]].add(-done[0], mode="drop")
+    outcome = outcome._replace(energy_loss=part[:, 0], wall_work=part[:, 1])
+    log = log._replace(figures=log.figures._replace(outcome=outcome))
+    return dataclasses.replace(course, known=course.known._replace(log=log))

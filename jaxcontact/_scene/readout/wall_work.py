@@ -1,0 +1,56 @@
+"""What moving walls do: in contacts, and to the spheres that rest on them."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..course import Course
+from ..result import Ending, flagged
+from .states import looked_up
+
+
+def work_of(course: Course, status: Int[Array, ""], reached: Float[Array, ""]) -> Float[Array, ""]:
+    """What moving walls did in a run, in J; NaN where the run is not known."""
+    figures, counts = course.log.figures, course.counts
+    work = jnp.sum(jnp.where(counts, figures.outcome.wall_work, 0))
+    if figures.coupled is not None:
+        work = work + jnp.sum(jnp.where(counts, figures.coupled.work, 0))
+    if course.layout.gravity and any(course.layout.moving):
+        work = work + _carried(course, reached)
+    known = (status != int(Ending.INVALID_INPUT)) & (status != int(Ending.TOO_MANY_IMPACTS))
+    return flagged(work, known)
+
+
+def _carried(course: Course, reached: Float[Array, ""]) -> Float[Array, ""]:
+    """Of walls on the spheres that rest on them: N·w = -m (g·n) w for as long as they rest."""
+    layout, numbers, (figures, facts) = course.layout, course.numbers, course.log
+    assert numbers.motion is not None
+    inverse = numbers.inverse_mass[: layout.spheres]
+    free = inverse > 0
+    mass = jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
+    weight = -jnp.sum(numbers.normal * numbers.gravity[None], axis=-1)
+    power = weight * numbers.motion.speed
+
+    def of(who: Array, support: Array, time: Array, counts: Array) -> Array:
+        lifts = power[jnp.maximum(support, 0)] * mass[jnp.minimum(who, layout.spheres - 1)]
+        return jnp.sum(jnp.where(counts & (support >= 0), lifts * time, 0))
+
+    rows = course.counts[:, None]
+    who = jnp.stack([facts.choice.first, facts.choice.second], axis=1)
+    passed = figures.outcome.time[:, None] - figures.before.time
+    # A wall has no row of its own.
+    impacts = rows & (who < layout.spheres)
+    total = jnp.zeros((), numbers.dtype)
+    if facts.call is not None and figures.coupled is not None:
+        called, together = facts.call, figures.coupled
+        impacts = impacts & ~called.is_call[:, None]
+        seats = called.decided.seats
+        came = called.decided.change.joined | called.decided.starts[:, None]
+        joins = rows & called.is_call[:, None] & seats.present & came
+        before = together.began.time[:, None] - together.spheres.time
+        total = total + of(seats.who, called.support, before, joins)
+    total = total + of(who, facts.choice.support, passed, impacts)
+    last = looked_up(course, reached[None])
+    everyone = jnp.arange(layout.spheres)[None]
+    return total + of(everyone, last.support, reached - last.began, jnp.asarray(True))

@@ -1,0 +1,163 @@
+"""The result of `simulate`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, BinaryIO, TextIO
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from .._parameter import as_parameter, rendered, shown
+from .._program import derived
+from .bodies.bodies import AbstractBody
+from .bodies.scene import Scene
+from .course import Course
+from .readout.columns import write_csv
+from .readout.dataset import dataset
+from .readout.final_scene import end_of
+from .readout.margin import Margin
+from .readout.states import moment_at
+from .result import Impacts, Moment, ending_words, traced
+from .resume import Start
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Run(eqx.Module):
+    """The motion of a scene.
+
+    `time` (T,) in s; `position` (T, N, D) in m and `velocity` (T, N, D) in m/s of the N spheres in
+    the order given, fixed ones too; `energy` (T,) in J, kinetic, weight and stored in contacts;
+    `impacts`, see `Impacts`; `margin`, see `Margin`; `status`, see `Ending`; `reached` in s, up to
+    which the values hold; `wall_work` in J, what moving walls, fixed spheres and shells did to the
+    others, so that the energy at the end is that at the start and `wall_work` less what the impacts
+    lost. `at(times)` gives the state at any times; `final` is the scene at the end, from which
+    another run goes on.
+    """
+
+    time: Float[Array, " T"]
+    position: Float[Array, "T N D"]
+    velocity: Float[Array, "T N D"]
+    energy: Float[Array, " T"]
+    impacts: Impacts
+    status: Int[Array, ""]
+    reached: Float[Array, ""]
+    wall_work: Float[Array, ""]
+    duration: Float[Array, ""]
+    scene: Scene
+    _nearest: tuple[Float[Array, ""], Float[Array, ""]]
+    _course: Course
+
+    def at(self, time: ArrayLike) -> Moment:
+        """The state at any times between 0 and the duration.
+
+        `time` in s, a number or an array (T,). At an impact out of time the values are those after
+        it. NaN outside of the run, and after a time that a flagged run did not reach. Raises
+        ValueError for what is no number or has more than one axis.
+        """
+        asked = as_parameter(time, "time")
+        if asked.ndim > 1:
+            raise ValueError(
+                f"Argument `time` must be a number or a list of numbers, but is {rendered(time)}."
+            )
+        if traced(asked):
+            return moment_at(self._course, asked.reshape(-1))
+        return moment_at(self._course, jax.device_put(np.asarray(asked).reshape(-1)))
+
+    @property
+    def margin(self) -> Margin:
+        """How far a derivative can be trusted."""
+        return Margin(*self._nearest, self._course)
+
+    @property
+    def final(self) -> Scene:
+        """The scene at the end of the run: its spheres where they are then, with their speeds.
+
+        What rests goes on to rest, and what is in contact goes on: another run of this scene has
+        its contacts, with the time of their touch before zero, and what they lose from now on. An
+        isolated impact is taken from its touch once more.
+        """
+        start: Start | None = derived(end_of, self._course)
+        end = self.at(self.duration)
+        known = end if traced(end) else jax.tree.map(np.asarray, end)
+        position, velocity = known.position[0], known.velocity[0]
+        bodies = list(self.scene.bodies)
+        for k, sphere in enumerate(self.scene.spheres):
+            place = self._course.layout.body[k]
+            if sphere.motion is None:
+                bodies[place] = sphere.moved_to(*jax.device_put((position[k], velocity[k])))
+        bodies = [_later(body, self.duration) for body in bodies]
+        if start is not None and not traced(self.status):
+            start = start.as_needed()
+        return eqx.tree_at(
+            lambda scene: (scene.bodies, scene._start),
+            self.scene,
+            (tuple(bodies), start),
+            is_leaf=lambda leaf: leaf is None,
+        )
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The states and impacts of a single run as an `xarray.Dataset`, with units.
+
+        `position` and `velocity` (time, sphere, axis), `energy` (time), and the columns of
+        `impacts` (impact), with the time as `impact_time`; `sphere`, `first` and `second` are
+        numbers of bodies, whose names are `body_name`. Raises ImportError without xarray, which
+        comes with `pip install 'jaxcontact[data]'`, ValueError for a batch of runs.
+        """
+        return dataset(
+            self.scene,
+            Moment(self.time, self.position, self.velocity, self.energy),
+            self.impacts,
+            bodies=self._course.layout.body[: self._course.layout.visible],
+            status=self.status,
+            reached=self.reached,
+            wall_work=self.wall_work,
+        )
+
+    def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
+        """Write a table with a row for each time: `time`, `energy`, then `position[k,d]` in m and
+        `velocity[k,d]` in m/s of sphere k along axis d.
+
+        `path` names a file, which then appears whole or not at all, or is an open one. Raises
+        ValueError for a batch of runs. `impacts.to_csv` writes the impacts.
+        """
+        if self.time.ndim != 1:
+            raise ValueError(
+                f"The run must be a single one, but is a batch of the shape {self.time.shape[:-1]}."
+            )
+        columns = {"time": np.asarray(self.time), "energy": np.asarray(self.energy)}
+        for name in ("position", "velocity"):
+            values = np.asarray(getattr(self, name))
+            for k, d in np.ndindex(*values.shape[1:]):
+                columns[f"{name}[{k},{d}]"] = values[:, k, d]
+        write_csv(columns, path)
+
+    def __repr__(self) -> str:
+        steps = self.position.shape
+        lines = {
+            "duration": f"{shown(self.duration)} s",
+            "time": f"{steps[-3]} times",
+            "spheres": f"{steps[-2]} in {steps[-1]}D",
+            "impacts": str(len(self.impacts)),
+            "margin": f"{shown(self.margin.time)} s, {shown(self.margin.closing_speed)} m/s",
+            "status": ending_words(self.status),
+        }
+        return "Run\n" + "\n".join(f"  {name:<10}{text}" for name, text in lines.items())
+
+
+def _later(body: AbstractBody, time: Array) -> AbstractBody:
+    """A body at a later time; what is known is computed by NumPy, which compiles nothing."""
+    if body.motion is None or traced((body, time)):
+        return body.after(time)
+
+    def each(of: Callable[[Any], Any], tree: Any) -> Any:
+        kinds = (jax.Array, np.ndarray, np.generic)
+        return jax.tree.map(lambda leaf: of(leaf) if isinstance(leaf, kinds) else leaf, tree)
+
+    body, time = each(np.asarray, (body, time))
+    return each(jax.device_put, body.after(time))

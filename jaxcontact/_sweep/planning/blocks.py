@@ -1,0 +1,178 @@
+"""Blocks of one shape that divide a grid, and their computation."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..skip import Array, Group
+from .axes import Grid
+
+Arrays = dict[str, np.ndarray]
+Order = Callable[[Group], np.ndarray]
+"""Order of computation of the lanes of a group, counted in C order."""
+
+
+@dataclass(frozen=True)
+class Cut:
+    """A grid of lanes, divided into blocks that are compiled for one shape.
+
+    Leading dimensions are divided first. In C order a block is then one contiguous piece of the
+    result. Quantities that depend on leading dimensions only are computed for few values per block.
+    """
+
+    shape: tuple[int, ...]
+    block: tuple[int, ...]
+
+    @property
+    def blocks(self) -> list[tuple[slice, ...]]:
+        """The lanes of every block; the last one along a dimension may be shorter."""
+        edges = [
+            [slice(start, min(start + step, length)) for start in range(0, length, step)]
+            for length, step in zip(self.shape, self.block, strict=True)
+        ]
+        return list(itertools.product(*edges))
+
+
+_FEW = 8
+
+
+def cut(shape: Sequence[int], most: int) -> Cut:
+    """Divide a grid into blocks of at most `most` lanes."""
+    block = []
+    left = max(most, 1)
+    for length in reversed(shape):
+        step = min(left, length)
+        pieces = math.ceil(length / step)
+        if pieces < _FEW:
+            # Nearly equal pieces need little padding. With many pieces padding is small anyway, and
+            # their length (and thus the compiled function) stays independent of the length of the
+            # dimension.
+            step = math.ceil(length / pieces)
+        block.append(step)
+        left = left // step if pieces == 1 else 1
+    return Cut(tuple(shape), tuple(reversed(block)))
+
+
+def padded(values: np.ndarray, piece: slice, length: int) -> np.ndarray:
+    """Return `values[piece]`, padded to `length` with its last element."""
+    part = values[piece]
+    if len(part) == length:
+        return part
+    return np.concatenate([part, np.repeat(part[-1:], length - len(part), axis=0)])
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One array that a block computes."""
+
+    number: int
+    """Its number among the results of the call."""
+    array: Array
+    lengths: tuple[int, ...]
+    """Number of its lanes along each dimension, without padding."""
+    place: tuple[Any, ...]
+    """Its place in the whole array: slices, or indices lane by lane."""
+
+    @property
+    def form(self) -> jax.ShapeDtypeStruct:
+        """Shape and type of the part without padding."""
+        return jax.ShapeDtypeStruct(self.lengths + self.array.kind.shape, self.array.kind.dtype)
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """One call of a compiled function, and the parts of its results that are kept."""
+
+    number: int
+    call: Callable[..., Sequence[jax.Array]]
+    arguments: Callable[[], list[np.ndarray]]
+    parts: Sequence[Part]
+    place: tuple[slice, ...] = ()
+    """The part of the dimensions of its group, if it is a part of a grid."""
+
+    @property
+    def lanes(self) -> int:
+        """The number of lanes without padding."""
+        return max(math.prod(part.lengths) for part in self.parts)
+
+    def results(self, outputs: Sequence[jax.Array]) -> Arrays:
+        """Return the results of the call by key, without padding."""
+        return {
+            part.array.key: np.asarray(outputs[part.number])[tuple(map(slice, part.lengths))]
+            for part in self.parts
+        }
+
+
+def shape_of(dims: Sequence[int], grid: Grid) -> tuple[int, ...]:
+    """Return the lengths of some dimensions."""
+    return tuple(grid.shape[d] for d in dims)
+
+
+def blocks_of(
+    groups: Sequence[Group], grid: Grid, most: int, order: Order | None = None
+) -> Iterator[Block]:
+    """Yield all blocks of all groups, each of at most `most` lanes."""
+    numbers = itertools.count()
+    for group in groups:
+        many = math.prod(shape_of(group.dims, grid)) > most and not group.flags
+        if order is not None and many:
+            yield from _ordered(group, grid, most, order(group), numbers)
+        else:
+            yield from _in_place(group, grid, most, numbers)
+
+
+def _in_place(group: Group, grid: Grid, most: int, numbers: Iterator[int]) -> Iterator[Block]:
+    shape = shape_of(group.dims, grid)
+    # Arrays along separate dimensions need no division: none has the size of the product.
+    made = cut(shape, math.prod(shape) if group.apart else most)
+    inputs = [grid.inputs[i] for i in group.inputs]
+
+    def arguments(place: tuple[slice, ...]) -> list[np.ndarray]:
+        pieces = dict(zip(group.dims, zip(place, made.block, strict=True), strict=True))
+        return [i.values if i.dim is None else padded(i.values, *pieces[i.dim]) for i in inputs]
+
+    for place in made.blocks:
+        along = dict(zip(group.dims, place, strict=True))
+        parts = [
+            Part(
+                number,
+                array,
+                tuple(along[d].stop - along[d].start for d in array.dims),
+                tuple(along[d] for d in array.dims),
+            )
+            for number, array in enumerate(group.arrays)
+            # Arrays that do not vary along a dimension are computed by its first block.
+            if all(along[d].start == 0 for d in group.dims if d not in array.dims)
+        ]
+        yield Block(next(numbers), group.grid, functools.partial(arguments, place), parts, place)
+
+
+def _ordered(
+    group: Group, grid: Grid, most: int, order: np.ndarray, numbers: Iterator[int]
+) -> Iterator[Block]:
+    made = cut((len(order),), most)
+    shape = shape_of(group.dims, grid)
+    inputs = [grid.inputs[i] for i in group.inputs]
+
+    def places(lanes: np.ndarray) -> dict[int, np.ndarray]:
+        return dict(zip(group.dims, np.unravel_index(lanes, shape), strict=True))
+
+    def arguments(piece: slice) -> list[np.ndarray]:
+        at = places(padded(order, piece, made.block[0]))
+        return [i.values if i.dim is None else i.values[at[i.dim]] for i in inputs]
+
+    for (piece,) in made.blocks:
+        at = places(order[piece])
+        parts = [
+            Part(number, array, (piece.stop - piece.start,), tuple(at[d] for d in array.dims))
+            for number, array in enumerate(group.arrays)
+        ]
+        yield Block(next(numbers), group.lanes, functools.partial(arguments, piece), parts)

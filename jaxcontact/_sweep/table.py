@@ -1,0 +1,147 @@
+"""The named arrays of a sweep: plain data, and quantities derived from it."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import jax
+import numpy as np
+
+from .._impact import Status
+from .column import Column, within
+from .planning.axes import Grid
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """One field of an output: the names of its arrays, or a constant without arrays."""
+
+    name: str
+    arrays: tuple[str, ...] = ()
+    """The name of the field itself if it is one array."""
+    structure: Any = None
+    """Structure of the field in terms of its arrays."""
+    constant: Any = None
+
+
+class Table:
+    """All fields over a grid, each array stored over the dimensions that it depends on.
+
+    The attributes are those of `Sweep`, and `function`, the name of the swept function. `done` is
+    the fraction of the work that was done: 1, or less after an interrupt. `resumed` is the fraction
+    that was found in the store.
+    """
+
+    def __init__(
+        self,
+        grid: Grid,
+        fields: Sequence[Field],
+        columns: Mapping[str, Column],
+        checks: Sequence[Column] = (),
+        computed: Sequence[Column] = (),
+        *,
+        done: float = 1.0,
+        resumed: float = 0.0,
+        function: str = "",
+    ):
+        self.dims: tuple[str, ...] = grid.dims
+        self.shape: tuple[int, ...] = grid.shape
+        self.axes: dict[str, np.ndarray] = {
+            i.name: i.values for i in grid.inputs if i.dim is not None
+        }
+        fixed = {i.name: i.values[()] for i in grid.inputs if i.dim is None}
+        self.fixed: dict[str, Any] = fixed | dict(grid.static)
+        self.function: str = function
+        self.done: float = done
+        self.resumed: float = resumed
+        self.complete: bool = done == 1
+        self._grid = grid
+        self._fields = {field.name: field for field in fields}
+        self._columns = {name: column.settled() for name, column in columns.items()}
+        self._checks, self._computed = checks, computed
+        self._made: dict[str, Any] = {}
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """The names of the fields."""
+        return tuple(self._fields)
+
+    @property
+    def status(self) -> np.ndarray:
+        """Outcome of every lane: the values of `Status`."""
+        if "status" not in self._made:
+            self._made["status"] = self.status_column.array(self.shape)
+        return self._made["status"]
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._fields:
+            raise KeyError(f"{name!r} is not a field; the fields are {', '.join(self._fields)}")
+        if name not in self._made:
+            field = self._fields[name]
+            arrays = [self._columns[array].array(self.shape) for array in field.arrays]
+            made = jax.tree.unflatten(field.structure, arrays) if arrays else field.constant
+            self._made[name] = made
+        return self._made[name]
+
+    def columns(self) -> dict[str, Column]:
+        """Return every array by its name, as compactly as it is stored."""
+        return self._columns
+
+    @functools.cached_property
+    def status_column(self) -> Column:
+        """The status, as compactly as it is stored."""
+        given = self._columns.get("status")
+        if given is not None:
+            return self._interrupted(given) if self._computed else given
+        floats = [c for c in self._columns.values() if np.issubdtype(c.stored.dtype, np.inexact)]
+        checks = tuple(mask for mask in self._checks if not mask.values.all())
+        masks = [mask for c in floats for mask in c.masks if not any(map(mask.same, checks))]
+        masks += self._computed
+        dims = tuple(sorted({d for part in (*floats, *masks) for d in part.dims}))
+        lost = np.zeros(tuple(self.shape[d] for d in dims), bool)
+        for column in floats:
+            nan = np.isnan(column.values)
+            own = tuple(range(len(column.dims), nan.ndim))
+            lost |= within(np.asarray(nan.any(own)), column.dims, dims)
+        for mask in masks:
+            lost |= ~within(mask.values, mask.dims, dims)
+        codes = np.where(lost, int(Status.NOT_CONVERGED), int(Status.SEPARATED)).astype(np.int32)
+        return Column(dims, codes, checks, int(Status.INVALID_INPUT)).settled()
+
+    def _interrupted(self, given: Column) -> Column:
+        """Return the status from the function, adjusted in lanes that lack any other result."""
+        dims = tuple(range(len(self.shape)))
+        status = np.array(given.array(self.shape))
+        for flags in self._computed:
+            lost = ~np.broadcast_to(within(flags.values, flags.dims, dims), self.shape)
+            status[lost & (status != Status.INVALID_INPUT)] = Status.NOT_CONVERGED
+        return Column(dims, status)
+
+    def status_counts(self) -> dict[int, int]:
+        """Count the lanes by outcome, the values of `Status`."""
+        return dict(sorted(self.status_column.counts(self.shape).items()))
+
+    def coordinates(self, dim: str) -> np.ndarray:
+        """Return the numbers along a dimension: its axis, or the count of the samples."""
+        return self.axes.get(dim, np.arange(self.shape[self.dims.index(dim)]))
+
+    def dims_of_axes(self) -> dict[str, str]:
+        """Return the dimension along which every axis, or sample, varies."""
+        return {i.name: self.dims[i.dim] for i in self._grid.inputs if i.dim is not None}
+
+    def taken(self, name: str, place: int) -> Self:
+        """Return the table at one index of a dimension, without that dimension."""
+        dim = self.dims.index(name)
+        return type(self)(
+            self._grid.taken(dim, place),
+            tuple(self._fields.values()),
+            {name: column.taken(dim, place) for name, column in self._columns.items()},
+            [mask.taken(dim, place) for mask in self._checks],
+            [flags.taken(dim, place) for flags in self._computed],
+            done=self.done,
+            resumed=self.resumed,
+            function=self.function,
+        )

@@ -1,0 +1,126 @@
+"""Fig. 4: velocity against deformation in compression, compared with the assumed profiles."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..._text.units import label
+from .._cases import CASES, impacts
+from .._compression import compression
+from .._regression import INTERVALS, regression_tables
+from .._reproduction import Reproduction, long_table
+from .style import VELOCITY, legend_above, sheet
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MARKERS = 40
+"""Intervals between the circles of the numerical solution."""
+
+_CLOSE = 0.1
+"""Forms that stay closer than this to the solution appear in the panel of differences."""
+
+
+class Form(NamedTuple):
+    """An assumed profile: δ'/v0 as a function of δ/δ_m."""
+
+    name: str
+    profile: Callable[[np.ndarray], np.ndarray]
+    colour: str
+    style: str | tuple[int, tuple[int, ...]]
+
+    @property
+    def look(self) -> dict[str, Any]:
+        """Line style of the form."""
+        return {"color": self.colour, "linestyle": self.style, "linewidth": 1.1}
+
+
+def _power(beta: float | np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda u: np.sqrt(1 - u**beta)
+
+
+# Colours of Okabe and Ito again; forms are not laws and have their own styles.
+FORMS = (
+    Form("β = 5/2", _power(2.5), "#0072B2", "--"),
+    Form("β = 2", _power(2.0), "#D55E00", "-."),
+    Form("linear", lambda u: 1 - u, "#CC79A7", ":"),
+    Form("step", lambda u: 1 - u**2 * (3 - 2 * u), "#009E73", (0, (6, 1, 1, 1, 1, 1))),
+)
+"""Eqs. 17, 19, 20 and 21."""
+
+
+def fig4() -> Reproduction:
+    """Plot the compression of both cases with the assumed profiles, and β by regression.
+
+    The lowest panel shows the deviation of the close profiles from the solution, as a fraction of
+    v0. Unless a table states otherwise, the fitted β uses samples uniform in deformation and
+    residuals in δ'. Tables: "curves"; "regression", β for each sampling and each residual; "band",
+    their smallest and largest value, and whether it contains the published one; "samples", β with
+    fewer samples; "profiles", the deviation of each form from the solution in units of v0.
+    """
+    curves = [compression(impacts(), i) for i in range(len(CASES))]
+    tables = regression_tables(curves)
+    beta = tables["band"]["beta"]
+    v0 = np.array([[case.velocity] for case in CASES])
+    depth = np.stack([curve.positions("indentation", INTERVALS) for curve in curves])
+    solved = np.stack([curve.velocity_at(x) for curve, x in zip(curves, depth, strict=True)])
+    u = depth / depth[:, -1:]
+    forms = (*FORMS, Form("fitted β", _power(beta[:, None]), "black", "-"))
+    assumed = np.stack([v0 * form.profile(u) for form in forms], axis=1)
+    off = (assumed - solved[:, None]) / v0[:, None]
+    figure, axes = sheet(3, 1, height=6.4)
+    for i, case in enumerate(CASES):
+        _draw(axes[i], depth[i] * 1e6, solved[i], assumed[i], forms)
+        axes[i].title.set_text(case.label)
+    _draw_differences(axes[-1], u, off, forms)
+    legend_above(figure, axes[0], columns=3)
+    number = np.arange(1, len(CASES) + 1)[:, None]
+    samples = {"case": number, "deformation_m": depth, "numerical_m_per_s": solved}
+    for k, form in enumerate(forms):
+        words = re.sub(" = |[ /]", "_", form.name).replace("β", "beta")
+        samples[f"{words}_m_per_s"] = assumed[:, k]
+    profiles = {
+        "case": number,
+        "form": [form.name for form in forms],
+        "rms_difference": np.sqrt(np.mean(off**2, axis=-1)),
+        "largest_difference": np.abs(off).max(axis=-1),
+    }
+    tables = {"curves": long_table(samples), **tables, "profiles": long_table(profiles)}
+    return Reproduction(figure, tables)
+
+
+def _draw(
+    ax: Axes, depth: np.ndarray, solved: np.ndarray, assumed: np.ndarray, forms: tuple[Form, ...]
+) -> None:
+    for form, velocity in zip(forms, assumed, strict=True):
+        ax.plot(depth, velocity, label=form.name, **form.look)
+    ax.plot(
+        depth[::_MARKERS],
+        solved[::_MARKERS],
+        "o",
+        color="black",
+        markersize=3,
+        markerfacecolor="white",
+        markeredgewidth=0.7,
+        label="numerical",
+        clip_on=False,
+    )
+    ax.set_xlim(0, depth[-1] * 1.02)
+    ax.set_ylim(bottom=0)
+    ax.set_xlabel(label("indentation", "deformation", prefix="µ"))
+    ax.set_ylabel(VELOCITY)
+
+
+def _draw_differences(ax: Axes, u: np.ndarray, off: np.ndarray, forms: tuple[Form, ...]) -> None:
+    for i, opacity in enumerate((1.0, 0.4)):
+        for form, share in zip(forms, off[i], strict=True):
+            if np.abs(share).max() < _CLOSE:
+                ax.plot(u[i], share, alpha=opacity, **form.look)
+    ax.set_xlim(0, 1.02)
+    ax.title.set_text("form less numerical, case 2 pale")
+    ax.set_xlabel("deformation / largest deformation")
+    ax.set_ylabel("difference / impact velocity")

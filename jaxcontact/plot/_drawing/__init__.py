@@ -1,0 +1,1 @@
+"""What all pictures share: axes, labels, style, and paths of bodies."""

@@ -1,0 +1,156 @@
+"""The data of a plot of a run: positions of the spheres at enough times, and touches."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..._parameter import concrete, rendered, require_kind
+from ..._scene import Run, Shell, Sphere
+from ..._scene.bodies.bodies import AbstractBody
+from ..._scene.bodies.overlap import minimum_image
+from ..._scene.result import ending_words
+
+_LEAST = 512
+"""Smallest number of times at which a run is evaluated for a plot, including its impacts."""
+
+
+class Path(NamedTuple):
+    """A run at some times: (T,) in s, (T, N, D) in m and (T,) in J."""
+
+    time: np.ndarray
+    position: np.ndarray
+    energy: np.ndarray
+
+
+def require_one_run(run: Any) -> Run:
+    """Return a single run that has values to draw; ValueError for anything else."""
+    require_kind("run", run, Run, "a `Run` (see `simulate`)")
+    if np.ndim(run.reached) > 0:
+        raise ValueError(
+            "Argument `run` must be a single run, but is a batch of the shape "
+            f"{np.shape(run.reached)}."
+        )
+    if not float(run.reached) > 0:
+        raise ValueError(
+            "Argument `run` must have values to draw, but all are NaN: its status is "
+            f"{ending_words(run.status)!r}."
+        )
+    return run
+
+
+def path_of(run: Run) -> Path:
+    """Return a run at evenly spaced times, at its impacts, and at their ends."""
+    impacts, reached = run.impacts.to_dict(), float(run.reached)
+    ends = impacts["time"] + impacts["duration"]
+    kinks = np.unique([*impacts["time"], *ends[np.isfinite(ends)]])
+    kinks = kinks[(kinks > 0) & (kinks < reached)]
+    # Counts that are powers of two share the compiled program that evaluates the states.
+    count = max(_LEAST, 1 << int(np.ceil(np.log2(1.5 * (len(kinks) + 1)))))
+    even = np.linspace(0, reached, count - len(kinks))
+    return states(run, np.sort(np.concatenate([even, kinks])))
+
+
+def states(run: Run, times: np.ndarray) -> Path:
+    """Return a run at some times; in periodic space each sphere by its image in the first cell."""
+    now = run.at(times)
+    return Path(times, in_cell(run, np.asarray(now.position)), np.asarray(now.energy))
+
+
+def in_cell(run: Run, position: np.ndarray) -> np.ndarray:
+    """Return positions (..., D) shifted by whole periods into the first cell."""
+    lengths = [np.inf if length is None else float(length) for length in run.scene.periodic]
+    finite = np.where(np.isfinite(lengths), lengths, 1.0)
+    return np.where(np.isfinite(lengths), position % finite, position)
+
+
+def line_of(run: Run, path: Path, row: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the path of a sphere, (S,) in s and (S, D) in m.
+
+    At the border of the periodic cell the path continues outside, is interrupted by NaN, and enters
+    from outside on the other side. The frame then cuts it off without a gap.
+    """
+    time, line = path.time, path.position[:, row]
+    lengths = [np.inf if length is None else float(length) for length in run.scene.periodic]
+    finite = np.where(np.isfinite(lengths), lengths, 1.0)
+    step = np.diff(line, axis=0)
+    jump = np.where(np.isfinite(lengths), finite * np.round(step / finite), 0.0)
+    at = np.flatnonzero(np.any(jump != 0, axis=1))
+    out, back = line[at + 1] - jump[at], line[at] + jump[at]
+    added = np.stack([out, np.full_like(out, np.nan), back], axis=1).reshape(-1, line.shape[1])
+    when = np.stack([time[at + 1], time[at + 1], time[at]], axis=1).reshape(-1)
+    places = np.repeat(at + 1, 3)
+    return np.insert(time, places, when), np.insert(line, places, added, axis=0)
+
+
+def images(run: Run, shown: tuple[int, ...]) -> np.ndarray:
+    """Return the offsets of the images that are drawn, (M, d).
+
+    They are zero and, in periodic directions, one period to both sides. A sphere that is cut off at
+    one end of periodic space appears at the other.
+    """
+    lengths = [run.scene.periodic[axis] for axis in shown]
+    steps = [[0.0] if a is None else [0.0, -float(a), float(a)] for a in lengths]
+    return np.array(list(itertools.product(*steps)))
+
+
+def radii(run: Run) -> np.ndarray:
+    """Return the radii (N,) of the spheres in m."""
+    return np.array([float(sphere.radius) for sphere in run.scene.spheres])
+
+
+def rows_of_spheres(run: Run) -> dict[int, int]:
+    """Return the row of each sphere by its number among the bodies."""
+    bodies = enumerate(run.scene.bodies)
+    return {k: row for row, k in enumerate(k for k, body in bodies if isinstance(body, Sphere))}
+
+
+def touches(run: Run) -> tuple[np.ndarray, np.ndarray]:
+    """Return when and where surfaces met at the impacts so far, (K,) in s and (K, D) in m."""
+    impacts, bodies, rows = run.impacts.to_dict(), run.scene.bodies, rows_of_spheres(run)
+    times = impacts["time"]
+    times = times[times <= float(run.reached)]
+    if not len(times):
+        return times, np.zeros((0, run.scene.dimensions))
+    different, which = np.unique(times, return_inverse=True)
+    position = np.asarray(run.at(different).position)[which]
+    size, places = radii(run), np.zeros((len(times), run.scene.dimensions))
+    for k in range(len(times)):
+        first, second = int(impacts["first"][k]), int(impacts["second"][k])
+        here, radius = position[k, rows[first]], size[rows[first]]
+        if second in rows:
+            apart = minimum_image(position[k, rows[second]] - here, run.scene.periodic)
+            places[k] = here + apart * radius / (radius + size[rows[second]])
+        else:
+            places[k] = here - radius * _normal(
+                bodies[second], int(impacts["face"][k]), here, times[k]
+            )
+    return times, in_cell(run, places)
+
+
+def _normal(body: AbstractBody, face: int, place: np.ndarray, time: float) -> np.ndarray:
+    """Return the unit normal (D,) of a wall or a shell at a place and time, to the free side."""
+    if isinstance(body, Shell):
+        inwards = body.centre_at(np.array([time]))[0] - place
+        return inwards / np.linalg.norm(inwards)
+    (normal,) = (wall.normal for wall in body.walls() if wall.face == face)
+    return np.asarray(normal)
+
+
+def axes_shown(given: Any, dimensions: int) -> tuple[int, ...]:
+    """Return the axes of a plot: all, or two that are named; ValueError for anything else."""
+    if given is None and dimensions < 3:
+        return tuple(range(dimensions))
+    named = given if isinstance(given, list | tuple) else ()
+    numbers = tuple(concrete(one) for one in named)
+    sound = all(isinstance(one, int) and 0 <= one < dimensions for one in numbers)
+    if dimensions == 1 or len(numbers) != 2 or not sound or numbers[0] == numbers[1]:
+        allowed = {
+            1: "None for a run in one dimension",
+            2: "two different numbers of 0 and 1, or None, for a run in two dimensions",
+            3: "two different numbers of 0, 1 and 2, such as (0, 2), for a run in three dimensions",
+        }[dimensions]
+        raise ValueError(f"Argument `axes` must be {allowed}, but is {rendered(given)}.")
+    return numbers  # pyright: ignore[reportReturnType]

@@ -1,0 +1,248 @@
+"""The surroundings of spheres: the frame of a plot, its walls, and colours."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from matplotlib.patches import Polygon
+
+from ..._scene import Run, Shell, Sphere
+from .path import radii, rows_of_spheres
+from .style import BODIES, CURVES
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.lines import Line2D
+
+_FIXED = "#777777"
+_SOLID, _SWEPT, _EDGE = "#E0E0E0", "#F1F1F1", "#555555"
+NAMED = 8
+"""Number of spheres above which a legend has no names."""
+
+_MARGIN = 0.06
+"""Margin as a fraction of the size of the content."""
+
+_REACH = 4
+"""Walls farther away than this multiple of the range of the spheres are not shown."""
+
+_FINE, _MOST = 48, 100_000
+"""Times per period of a wall, and their largest total number."""
+
+
+def colours(run: Run) -> list[str]:
+    """Return the colour of each sphere; fixed ones are grey."""
+    spheres = run.scene.spheres
+    return [_FIXED if s.fixed else BODIES[k % len(BODIES)] for k, s in enumerate(spheres)]
+
+
+def lines(run: Run) -> list[Any]:
+    """Return the line style of each sphere's path; in grey it separates all named spheres."""
+    return [CURVES[k % len(CURVES)][1] for k in range(len(run.scene.spheres))]
+
+
+def labels(run: Run) -> list[str]:
+    """Return the names of the spheres for a legend; empty for many spheres or without names."""
+    names = [run.impacts.names[k] for k in rows_of_spheres(run)]
+    shown = len(names) <= NAMED and any(sphere.name for sphere in run.scene.spheres)
+    return names if shown else []
+
+
+def frame(run: Run, position: np.ndarray, shown: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lower and upper ends of a plot along the axes that are `shown`.
+
+    The frame contains all spheres at all times and the cell of periodic space. Walls normal to an
+    axis are included unless they are farther away than a few times the size of the rest.
+    """
+    size = radii(run)[:, None]
+    low = np.min(np.nanmin(position, axis=0) - size, axis=0)
+    high = np.max(np.nanmax(position, axis=0) + size, axis=0)
+    for axis, length in enumerate(run.scene.periodic):
+        if length is not None:
+            low[axis], high[axis] = 0.0, float(length)
+    reach = _REACH * np.max((high - low)[list(shown)])
+    for normal, offset in edges(run, fine_times(run)):
+        if np.count_nonzero(normal) == 1:
+            axis = int(np.flatnonzero(normal)[0])
+            at = offset * normal[axis]
+            if low[axis] - reach <= at.max() and at.min() <= high[axis] + reach:
+                low[axis], high[axis] = min(low[axis], at.min()), max(high[axis], at.max())
+    for body in run.scene.bodies:
+        if isinstance(body, Shell):
+            centre, radius = body.centre_at(fine_times(run)), float(body.radius)
+            low = np.minimum(low, np.min(centre, axis=0) - radius)
+            high = np.maximum(high, np.max(centre, axis=0) + radius)
+    low, high = low[list(shown)], high[list(shown)]
+    margin = _MARGIN * np.max(high - low)
+    # A periodic cell has no margin.
+    open_end = np.array([run.scene.periodic[axis] is None for axis in shown])
+    return low - margin * open_end, high + margin * open_end
+
+
+class Edge(NamedTuple):
+    """A flat wall: its unit normal (D,), and its offset n·p (T,) in m at some times."""
+
+    normal: np.ndarray
+    offset: np.ndarray
+
+
+def edges(run: Run, time: np.ndarray) -> list[Edge]:
+    """Return all walls that are flat in a plot, at some times (T,)."""
+    found = []
+    for body in run.scene.bodies:
+        if isinstance(body, Shell) and run.scene.dimensions == 1:
+            # In one dimension a shell is two walls.
+            for sign in (1.0, -1.0):
+                offset = sign * body.centre_at(time)[:, 0] - float(body.radius)
+                found.append(Edge(np.array([sign]), offset))
+        for wall in body.walls():
+            found.append(Edge(np.asarray(wall.normal, float), wall.offset_at(time)))
+    return found
+
+
+def fine_times(run: Run) -> np.ndarray:
+    """Return times that resolve every vibration of a body, up to a largest number."""
+    bodies = run.scene.bodies
+    motions = [wall.motion for body in bodies for wall in body.walls()]
+    curved = [body.motion for body in bodies if isinstance(body, Sphere | Shell)]
+    motions += [None if motion is None else motion.along(None) for motion in curved]
+    fastest = max((float(m.rate) for m in motions if m is not None), default=0.0)
+    periods = fastest * float(run.reached) / (2 * np.pi)
+    least = 2000 if any(m is not None and m.own is not None for m in motions) else 200
+    return np.linspace(0, float(run.reached), int(np.clip(_FINE * periods, least, _MOST)))
+
+
+def shape_of(
+    ax: Axes, normal: np.ndarray, offset: float, shown: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the ends (2, 2) of a wall's edge, and the corners (K, 2) of the solid behind it.
+
+    Both are within the limits of the axes; one dimension is horizontal. Returns None for a wall
+    that is not seen edge-on.
+    """
+    seen = np.append(normal, 0.0) if len(shown) == 1 else normal[list(shown)]
+    if not np.isclose(np.hypot(*seen), 1.0):
+        return None
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    corners = np.array([(left, bottom), (right, bottom), (right, top), (left, top)])
+    along = np.array([-seen[1], seen[0]]) * np.hypot(right - left, top - bottom)
+    middle = corners.mean(axis=0)
+    foot = middle + (offset - seen @ middle) * seen
+    return np.array([foot - along, foot + along]), _clipped(corners, seen, offset)
+
+
+def draw_walls(ax: Axes, run: Run, shown: tuple[int, ...]) -> None:
+    """Draw walls and the solid behind them at the end, and lightly the region they swept."""
+    time = fine_times(run)
+    for normal, offset in edges(run, time):
+        shape = shape_of(ax, normal, offset[-1], shown)
+        if shape is None:
+            continue
+        # The solid parts of other walls cover a line where it leaves the free space.
+        ax.plot(*shape[0].T, color=_EDGE, lw=2.4, ls="-", zorder=0.2)
+        ax.add_patch(_solid(shape[1], _SOLID, 0.3))
+        swept = shape_of(ax, normal, offset.max(), shown)
+        if swept is not None and np.ptp(offset) > 0:
+            ax.add_patch(_solid(swept[1], _SWEPT, 0.1))
+    draw_shells(ax, run, shown)
+
+
+def _solid(corners: np.ndarray, colour: str, zorder: float) -> Polygon:
+    return Polygon(_closed(corners), facecolor=colour, lw=0, zorder=zorder)
+
+
+def draw_shells(
+    ax: Axes, run: Run, shown: tuple[int, ...], time: np.ndarray | None = None
+) -> Callable[[int], list[Artist]]:
+    """Draw the solid around shells, and return a function that moves them to the k-th time.
+
+    Without times, shells are drawn at their start; moving ones also in outline at their end. In one
+    dimension shells are drawn as walls.
+    """
+    in_film = time is not None
+    time = np.array([0.0, float(run.reached)]) if time is None else time
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    corners = [(left, bottom), (right, bottom), (right, top), (left, top), (left, bottom)]
+    # The opposite orientation of the corners makes a hole.
+    angle = np.linspace(0, -2 * np.pi, 361)
+    ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    moving: list[tuple[np.ndarray, Polygon, Line2D]] = []
+
+    def around(circle: np.ndarray) -> np.ndarray:
+        return np.concatenate([corners, circle, corners[:1]])
+
+    for body in run.scene.bodies:
+        if isinstance(body, Shell) and len(shown) == 2:
+            centre = body.centre_at(time)[:, list(shown)]
+            circles = centre[:, None] + float(body.radius) * ring
+            solid = _solid(around(circles[0]), _SOLID, 0.3)
+            ax.add_patch(solid)
+            (line,) = ax.plot(*circles[0].T, color=_EDGE, lw=1.4, ls="-", zorder=0.4)
+            if body.motion is not None and in_film:
+                moving.append((circles, solid, line))
+            elif body.motion is not None:
+                ax.plot(*circles[-1].T, color=_EDGE, lw=1.0, ls="--", zorder=0.4)
+
+    def move(k: int) -> list[Artist]:
+        for circles, solid, line in moving:
+            line.set_data(*circles[k].T)
+            solid.set_xy(_closed(around(circles[k])))
+        return [artist for _, *pair in moving for artist in pair]
+
+    return move
+
+
+def moving_walls(
+    ax: Axes, run: Run, shown: tuple[int, ...], time: np.ndarray
+) -> Callable[[int], list[Artist]]:
+    """Draw walls, and return a function that moves them to the k-th time."""
+    drawn: list[tuple[Edge, Line2D, Polygon]] = []
+    for edge in edges(run, time):
+        shape = shape_of(ax, edge.normal, edge.offset[0], shown)
+        if shape is None:
+            continue
+        (line,) = ax.plot(*shape[0].T, color=_EDGE, lw=2.4, ls="-", zorder=0.2)
+        solid = _solid(shape[1], _SOLID, 0.3)
+        ax.add_patch(solid)
+        if np.ptp(edge.offset) > 0:
+            drawn.append((edge, line, solid))
+    move_shells = draw_shells(ax, run, shown, time)
+
+    def move(k: int) -> list[Artist]:
+        for edge, line, solid in drawn:
+            shape = shape_of(ax, edge.normal, edge.offset[k], shown)
+            assert shape is not None  # visible at the start
+            line.set_data(*shape[0].T)
+            solid.set_xy(_closed(shape[1]))
+        return [artist for _, *pair in drawn for artist in pair] + move_shells(k)
+
+    return move
+
+
+def _closed(corners: np.ndarray) -> np.ndarray:
+    """Return corners for a polygon, which requires at least one even if none is visible."""
+    return corners if len(corners) else np.full((1, 2), np.nan)
+
+
+def _clipped(polygon: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarray:
+    """Return the part (K, 2) of a convex polygon that lies behind a wall."""
+    kept = []
+    for here, after in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        gap, next_gap = normal @ here - offset, normal @ after - offset
+        if gap <= 0:
+            kept.append(here)
+        if gap * next_gap < 0:
+            kept.append(here + (after - here) * gap / (gap - next_gap))
+    return np.array(kept).reshape(-1, 2)
+
+
+def draw_levels(ax: Axes, run: Run) -> None:
+    """Draw the walls of a line over time, with the solid above or below."""
+    time = fine_times(run)
+    for normal, offset in edges(run, time):
+        level = offset * normal[0]
+        end = ax.get_ylim()[0] if normal[0] > 0 else ax.get_ylim()[1]
+        ax.fill_between(time, level, end, color=_SOLID, lw=0, zorder=0.3)
+        ax.plot(time, level, color=_EDGE, lw=1.6, ls="-", zorder=0.4)
