@@ -378,7 +378,7 @@ def test_a_circle_is_seen(tmp_path, files):
 
 def test_a_tree_without_circles_passes(tmp_path):
     # A law, in a lower room, annotates the contact.
-    above = {"_contact.py": "from ._laws._base import x", "_laws/registry.py": "x = 1"}
+    above = {"_contact.py": "from ._laws._base import x", "_laws/_registry.py": "x = 1"}
     assert circles(build(tmp_path, GOOD | above)) == []
 
 

@@ -90,7 +90,7 @@ class Completion(argparse.Action):
             import shtab
         except ImportError:
             parser.exit(2, "error: --completion needs: pip install 'jaxcontact[completion]'\n")
-        from .._export import simulators as engines
+        from .._export import engines
         from .._laws import list_laws
 
         names = {"law": list_laws(), "engine": engines()}

@@ -132,8 +132,8 @@ def _searched(
         return jnp.any(ends) & (at.count < _ITERATIONS) & (at.off > near * at.fraction)
 
     zero = jnp.zeros_like(length)
-    bounds = packed.each(look, *stop((last.before, last.after)))
-    begin = _Search(zero, last.after, zero + 1, zero + 1, zero, zero + 1, *bounds, ends)
+    low, high = packed.each(look, *stop((last.before, last.after)))
+    begin = _Search(zero, last.after, zero + 1, zero + 1, zero, zero + 1, low, high, ends)
     at = jax.lax.while_loop(unsettled, narrow, varying(length, begin))
     there = at.there
     if packed.backwards:

@@ -243,7 +243,7 @@ def test_the_same_e_with_another_contact():
 
 
 def test_completion_knows_commands_options_and_laws(capsys):
-    from jaxcontact._export import simulators as engines
+    from jaxcontact._export import engines
 
     assert all(engine in _COMMANDS["export"].EPILOG for engine in engines())
     for shell in ("bash", "zsh"):

@@ -3,8 +3,7 @@
 import pytest
 
 import jaxcontact as jc
-from jaxcontact._export import export
-from jaxcontact._export import simulators as engines
+from jaxcontact._export import engines, export
 from tests.test_export.page import rows, variant
 
 OPTION = {

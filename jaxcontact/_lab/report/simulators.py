@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..._export import Export, export
-from ..._export import simulators as engines
+from ..._export import Export, engines, export
 from ..._text.units import quantity
 from ..calibration.summary import CalibrationSummary
 from .html import Html, element, joined, paragraphs, table
