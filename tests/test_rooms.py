@@ -266,7 +266,7 @@ def test_who_follows_an_impact_waits_for_no_solver_and_no_plotting():
 
 
 GOOD = {
-    "_laws/base.py": """
+    "_laws/_base.py": """
         from typing import TYPE_CHECKING
         import jax
         from .._parameter import parameter
