@@ -86,9 +86,9 @@ def simulate(
     meanwhile. Head-on impacts have a closed form. Oblique ones use the radial equation with the
     angular momentum.
 
-    All other impacts use a coupled solve: a third body nearby, gravity along a wall, a contact that
-    comes to rest. It holds the spheres in contact and those that they may reach soon. A run that
-    needs more than `max_cluster` is flagged (`Ending.CROWDED`).
+    All other impacts use a coupled solve: a third body nearby, gravity along a wall's normal, a
+    contact that comes to rest. It holds the spheres in contact and those that they may reach soon.
+    A run that needs more than `max_cluster` is flagged (`Ending.CROWDED`).
 
     With `instantaneous=True` each impact uses the law's restitution at its closing speed.
     Simultaneous impacts are processed pair by pair, the largest closing speed first, and marked as
