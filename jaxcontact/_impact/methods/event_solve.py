@@ -143,7 +143,7 @@ def _tolerance(motion: Motion, how: Options, dtype: Any) -> Tolerance:
 
 
 def _kept(packed: Packed[State], last: Marched, end: Record) -> Steps:
-    """Return all states but the last, and the end after them."""
+    """Return all states up to the start of the last step, and the end after them."""
     moments = jax.vmap(packed.moment)(last.path)
     index = jnp.arange(moments.tau.size)
     steps = jnp.sum((index < last.steps) & (moments.tau <= packed.tau(last.before)))
