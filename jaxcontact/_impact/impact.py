@@ -157,7 +157,7 @@ def _solved(lanes: Lanes, method: AbstractMethod) -> Impact:
 def _summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impact:
     scale, fill = lanes.scale, functools.partial(jnp.broadcast_to, shape=lanes.shape)
     # A force that is not finite shows in these two. Unused outputs must stay dead code. A settled
-    # contact has neither value, whatever its solve returned.
+    # contact has neither value, regardless of its solve.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)
     solved = scaled.converged & (finite | scaled.settled)
     parted = int(Status.SEPARATED)

@@ -20,7 +20,7 @@ NUMBERS = (
 
 
 class Status(enum.IntEnum):
-    """How an impact ended: the values of `Impact.status`."""
+    """The values of `Impact.status`: the outcomes of an impact."""
 
     SEPARATED = 0
     """The bodies separated."""

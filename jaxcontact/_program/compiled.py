@@ -90,7 +90,7 @@ def quick(function: Callable[..., Out], most: float = math.inf) -> Callable[...,
 
 @functools.cache
 def soon_options() -> dict[str, Any] | None:
-    """Return CPU compiler options; None if this version of JAX does not support them."""
+    """Return CPU compiler options; None for other devices, or if this JAX has no such options."""
     if jax.default_backend() != "cpu":
         return None
     options: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False}

@@ -18,7 +18,7 @@ from .readout.columns import write_csv
 
 
 class Ending(enum.IntEnum):
-    """How a run ended: the values of `Run.status`."""
+    """The values of `Run.status`: the endings of a run."""
 
     COMPLETED = 0
     """The run reached its duration."""
@@ -40,7 +40,7 @@ class Ending(enum.IntEnum):
 
 
 class Way(enum.IntEnum):
-    """How an impact was solved: the values of `Impacts.way`."""
+    """The values of `Impacts.way`: the solution methods of an impact."""
 
     INSTANTANEOUS = 0
     """Without duration, with the law's restitution at the closing speed."""
@@ -59,7 +59,7 @@ class Way(enum.IntEnum):
 
 
 class Impacts(eqx.Module):
-    """The impacts of a run in order of time, one a row of the arrays (K,).
+    """The impacts of a run in order of time, one for each row of the arrays (K,).
 
     - `time`: of touch, in s.
     - `first`, `second`: the bodies by their number in the scene.

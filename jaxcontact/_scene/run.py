@@ -35,7 +35,8 @@ class Run(eqx.Module):
 
     - `time` (T,): in s.
     - `position` (T, N, D), `velocity` (T, N, D): in m and m/s.
-    - `energy` (T,): in J, the sum of kinetic energy, weight and energy stored in contacts.
+    - `energy` (T,): in J, the sum of kinetic energy, gravitational energy and energy stored in
+      contacts.
     - `impacts`: see `Impacts`.
     - `margin`: see `Margin`.
     - `status`: see `Ending`.
@@ -78,7 +79,7 @@ class Run(eqx.Module):
 
     @property
     def margin(self) -> Margin:
-        """How far a derivative can be trusted."""
+        """Measures of how far a derivative can be trusted."""
         return Margin(*self._nearest, self._course)
 
     @property

@@ -249,7 +249,7 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     converged = was_followed(motion, arrived, end, balance, how)
     settled = motion.settled(end)
     if motion.push is not None:
-        # A contact with too little energy to separate stays, whatever its solve found.
+        # A contact with too little energy to separate stays, regardless of its solve.
         held = followed.arrived[0] & (motion.held(turn) | motion.held(end))
         rtol, _ = how.tolerances(turn.w.dtype)
         known = jnp.where(

@@ -44,7 +44,7 @@ class AbstractMethod(eqx.Module):
         """
 
     def error(self, dtype: Any) -> float:
-        """Return the excess of e over 1 that counts as rounding."""
+        """Return the excess of e over 1 that counts as numerical error."""
         return math.sqrt(jnp.finfo(dtype).eps)
 
     def restitution(self, form: AbstractForm) -> Lane | None:

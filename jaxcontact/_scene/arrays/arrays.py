@@ -70,7 +70,8 @@ class Layout(eqx.Module):
         return rows_of(entries, rows_of(kinds, i) * len(table) + rows_of(kinds, j))
 
     def shaken_row(self, who: Int[Array, "..."]) -> Int[Array, "..."]:
-        """Return the index of spheres among those `shaken`; their count for all other spheres."""
+        """Return the index of spheres among the `shaken` ones; their number for all other spheres.
+        """
         rows = np.full(self.spheres, len(self.shaken))
         rows[list(self.shaken)] = np.arange(len(self.shaken))
         return rows_of(jnp.asarray(rows), who)
@@ -87,11 +88,11 @@ class Numbers(eqx.Module):
     """The numbers of a scene that determine its motion, all of one precision.
 
     For B = N + W bodies: `inverse_mass` is 0 for fixed ones, and `compliance` is that of Hertz's
-    contact, None if not needed. `restitution` is given by law; it is 0 unless constant. `offset` is
-    that of the walls at time zero. `motion` is that of the walls, None if all are at rest.
-    `shaking` is the motion of accelerated fixed spheres, None if there are none. `pull` is the
-    acceleration in flight, followed by that of a sphere at rest on each wall. `start` holds rest
-    and contacts at time zero, None if there are none.
+    contact, None if not needed. `restitution` has a number for each law: its constant e, else 0.
+    `offset` is that of the walls at time zero. `motion` is that of the walls, None if all are at
+    rest. `shaking` is the motion of accelerated fixed spheres, None if there are none. `pull` is
+    the acceleration in flight, followed by that of a sphere at rest on each wall. `start` holds
+    rest and contacts at time zero, None if there are none.
     """
 
     position: Float[Array, "N D"]

@@ -64,8 +64,8 @@ class Drive(NamedTuple):
     """The accelerations -a sin(ω t + φ) of prescribed bodies, with t from the start.
 
     `strength` is a (M, D), `rate` ω and `phase` φ are (M,). `moves` and `shakes` (M,) mark bodies
-    that move and that are accelerated. `own` holds users' functions, each with the body that it
-    accelerates; for an absent body that number is M or larger.
+    that move and that are accelerated. `own` holds users' functions, each with the number of the
+    body that it accelerates, M or larger for an absent one.
     """
 
     strength: Float[Array, "bodies dim"]

@@ -47,7 +47,7 @@ class Solve:
 
     @property
     def finest(self) -> float:
-        """One rounding error of 1."""
+        """The rounding error of 1."""
         return float(jnp.finfo(self.frame.dtype).eps)
 
     @property

@@ -19,7 +19,7 @@ Lane = Float[Array, "..."]
 
 
 def wall_time(gap: Lane, rate: Lane, acceleration: Lane, noise: Lane) -> Lane:
-    """Return the time to the root of the gap: gap + rate τ + ½ acceleration τ².
+    """Return the time at which gap + rate τ + ½ acceleration τ² vanishes.
 
     At touch, a rate of at most `noise`, a few rounding errors of the speeds, counts as zero.
     """

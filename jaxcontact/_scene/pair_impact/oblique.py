@@ -19,7 +19,7 @@ from ..._parameter import POSITIVE, Specialised
 from .radial import Number, Radial, RadialOutcome, solve_radial
 
 CLOSED_FORM, CORRECTED, RADIAL = range(3)
-"""How an impact was solved: `Rebound.way`."""
+"""The values of `Rebound.way`: the solution methods of an impact."""
 
 
 class Rebound(NamedTuple):
@@ -76,7 +76,7 @@ def oblique(
 
     All arguments are scalars of one lane; batch with `vmap`.
 
-    - `contact`: with the effective mass.
+    - `law`, `contact`: the law, and the contact with the effective mass.
     - `normal_speed`, `tangential_speed`: along the normal, > 0, and across it, in m/s.
     - `distance`: R1 + R2 in m, infinite for a plane, negative inside a shell.
     - `pull`: a constant force in N along the normal, positive if it presses the bodies together.
