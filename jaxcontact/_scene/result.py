@@ -49,8 +49,7 @@ class Way(enum.IntEnum):
     CLOSED_FORM = 2
     """Finite duration, head-on: the law's closed form."""
     CORRECTED = 3
-    """Finite duration, slightly oblique or under a weak force: the closed form with a series
-    correction.
+    """Finite duration, slightly oblique or weakly forced: the closed form plus a series correction.
     """
     RADIAL = 4
     """Finite duration, oblique: the radial equation with the angular momentum."""

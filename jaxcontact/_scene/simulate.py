@@ -101,8 +101,8 @@ def simulate(
     scene. The derivative is that of the order of impacts that occurred (`Run.margin`). Failed lanes
     are flagged in `status` and NaN. Raises ValueError for arguments out of range.
 
-    Source: event-driven simulation with one stored event a body, Lubachevsky (1991), doi
-    10.1016/0021-9991(91)90222-7.
+    Source: event-driven simulation with one stored event a body, Lubachevsky (1991),
+    doi 10.1016/0021-9991(91)90222-7.
     """
     scene = require_kind("scene", scene, Scene, "a `Scene`")
     length = one_number(duration, "duration", POSITIVE)

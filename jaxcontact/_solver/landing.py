@@ -154,8 +154,7 @@ def _foremost(values: Array, closed: Flags) -> Array:
 
 
 def _crossing(at: _Search) -> Number:
-    """Return the root of the most negative guard: the cubic of the moment as a function of its
-    value.
+    """Return the root of the most negative guard, by a cubic of the moment in its value.
 
     It is the middle of the bracket if that root lies outside.
     """

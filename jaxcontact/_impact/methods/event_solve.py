@@ -82,9 +82,7 @@ class Leg(eqx.Module):
 
 
 class Solve(NamedTuple):
-    """The settings of a leg's solve: the method, whether for many lanes, and whether to keep
-    states.
-    """
+    """The settings of a leg's solve: method, whether for many lanes, whether to keep states."""
 
     how: Options
     many: bool

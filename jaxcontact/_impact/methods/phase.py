@@ -1,8 +1,8 @@
 """The phase method: the phase angle is the independent variable, without events and branches.
 
-Consider a free contact without tension, and the polar angle ψ of the point (w, u). It increases
-monotonically from 0 at touch over π/2 at the turn to π at separation. Integrating r, t and τ over ψ
-with the same steps in every lane needs neither an event nor a step controller.
+Consider a free contact with a pushing force, and the polar angle ψ of the point (w, u). It
+increases monotonically from 0 at touch over π/2 at the turn to π at separation. Integrating r, t
+and τ over ψ with the same steps in every lane needs neither an event nor a step controller.
 """
 
 from __future__ import annotations

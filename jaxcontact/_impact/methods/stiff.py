@@ -4,8 +4,8 @@ The velocity relaxes at the rate c x^(n-p). Then the bodies creep, usually back 
 over a time up to 1e12 times longer. The first of these times limits the steps of an explicit
 method. Radau IIA with seven nodes has order 13 and takes about forty steps for both.
 
-Source: Hairer & Wanner (1996), Solving ordinary differential equations II, section IV.8, doi
-10.1007/978-3-642-05221-7.
+Source: Hairer & Wanner (1996), Solving ordinary differential equations II, section IV.8,
+doi 10.1007/978-3-642-05221-7.
 """
 
 from __future__ import annotations

@@ -38,8 +38,7 @@ _CREEPS = 100.0
 
 
 class State(NamedTuple):
-    """The state of the motion: x = w^k, the momentum u, the time t; or their rates. Scalars in a
-    lane.
+    """The state of one lane: x = w^k, the momentum u, the time t; or their rates.
 
     `loss` is the energy taken by damping so far; None if u determines it or it is not needed.
     """
@@ -149,8 +148,7 @@ class Motion(eqx.Module):
         return state._replace(u=rest + self.creep(state.w) if self.momentum is None else rest)
 
     def pulling(self, state: State, compressing: Flag) -> Number:
-        """Return a smooth function that is negative if the contact pulls: f/x^(n-p) if that is
-        known.
+        """Return a smooth function, negative if the contact pulls: f/x^(n-p) if that is known.
 
         It has full relative precision if u has.
         """
@@ -247,9 +245,7 @@ class Motion(eqx.Module):
         return signed_power(state.w, self.order * p) / jnp.maximum(c, 1)
 
     def stiffness(self, state: State) -> Number:
-        """Return the rate of relaxation to creep, or of oscillation, of a way out in regularised
-        time.
-        """
+        """Return the rate in regularised time at which a way out relaxes to creep or oscillates."""
         c, p = self.damping_back()
         n, k = self.n, self.order
         return c * signed_power(state.w, k * (n - p + 1) - 1) + signed_power(
@@ -290,8 +286,7 @@ class Motion(eqx.Module):
         return (self.push > 0) & (excess > 0) & (left > 0) & slow
 
     def smallness(self) -> tuple[Number | float, Number | float]:
-        """Return the relative size of the terms that end the motion: in the forces, and in the
-        speed.
+        """Return the relative size of the terms that end the motion, in the forces and the speed.
 
         Both are 1 unless damping is strong. A creeping contact without tension ends where forces
         cancel that differ little all the way. Before the turn little speed is left.
@@ -389,8 +384,8 @@ class Motion(eqx.Module):
     def parts_at_touch(self) -> Bool[Array, ""]:
         """Return whether the bodies can only separate at x = 0.
 
-        Forces without tension also separate at x = 0 under a push, since the push would press the
-        bodies together.
+        Bodies whose force never pulls also do so under a push: without contact force the push would
+        press them together.
         """
         if self.form.tension or self.one_way:
             return jnp.asarray(True)
@@ -403,7 +398,7 @@ class Motion(eqx.Module):
         if self.form.tension or self.one_way:
             return (state.w,)
         pulling = self.gap_of_force(state)
-        # Only rounding error can reach the state where a tension-free force is zero before x = 0.
+        # Only rounding can make a force that never pulls vanish before x = 0 under a push.
         return state.w, jnp.where(self.parts_at_touch(), 1, pulling)
 
     def gap_of_force(self, state: State) -> Number:
@@ -433,8 +428,8 @@ class Motion(eqx.Module):
             return jnp.asarray(False)
         velocity = self.velocity(state)
         if self.always_parts and self.form.tension:
-            # A slow way out ends at a speed below the rounding of w, but is not slowed any more.
-            # Otherwise it would turn before it separates.
+            # A slow way out may end at a speed below the rounding of w, but is no longer slowed. If
+            # it is slowed enough to turn before it separates, it has settled.
             slowing = jnp.abs(self.rate(state, jnp.asarray(False)).u)
             sooner = jnp.square(velocity) < self.order * state.w * slowing
             return (velocity >= 0) | sooner

@@ -31,8 +31,9 @@ class Way(eqx.Module):
 
     @property
     def one_way(self) -> bool:
-        """Always False: with strong damping the last step to a turn cannot use u (8e-6 of its
-        time).
+        """Always False: if strongly damped, the last step to a turn cannot be one of u.
+
+        Such a step was off by 8e-6 of its time.
         """
         return False
 
@@ -46,8 +47,7 @@ class Way(eqx.Module):
         return dataclasses.replace(self, motion=self.motion.continued(inside))
 
     def jumps(self, inside: State, end: State, closed: Flags) -> Flag:
-        """Return whether the force of a way out jumps to zero before x = 0, instead of vanishing
-        smoothly.
+        """Return whether the force of a way out jumps to zero before x = 0.
 
         It does so only if no other guard closed, hence not at a turn.
         """

@@ -70,8 +70,7 @@ class Layout(eqx.Module):
         return rows_of(entries, rows_of(kinds, i) * len(table) + rows_of(kinds, j))
 
     def shaken_row(self, who: Int[Array, "..."]) -> Int[Array, "..."]:
-        """Return the index of spheres among the `shaken` ones; their number for all other spheres.
-        """
+        """Return the index of spheres among the `shaken`; the number of these for all others."""
         rows = np.full(self.spheres, len(self.shaken))
         rows[list(self.shaken)] = np.arange(len(self.shaken))
         return rows_of(jnp.asarray(rows), who)

@@ -11,7 +11,5 @@ from jaxtyping import Array, Float
 
 
 def side(distance: Float[Array, "..."]) -> Float[Array, "..."]:
-    """Return 1 for two spheres and -1 for a sphere in a shell, from the `distance` R1 + R2 at
-    touch.
-    """
+    """Return 1 for two spheres, -1 for a sphere in a shell, from the `distance` R1 + R2."""
     return jnp.sign(distance)

@@ -197,8 +197,8 @@ def _tried(solve: Solve, c: Carry) -> _Tried:
     passing, used = y[TIME] - c.y[TIME], field.system.pairs.used
     peak, inside = ceiling(passing, c.look.depth, c.look.rate, now.depth, now.rate)
     hidden = ~modes.closed & inside & (peak > 0)
-    # It may also open and touch again. If a step ends in between, the rate at its end shows
-    # nothing.
+    # It may also open and touch again. If a step ends in between, the rate at its end does not show
+    # that.
     out, parts = highest(passing, -c.look.depth, -c.look.rate, -now.depth, -now.rate)
     hidden = hidden | (modes.closed & ~clock.leaving & parts & (out > 16 * finest))
     grazed = jnp.any(used & hidden)

@@ -51,8 +51,7 @@ class Grid(eqx.Module):
 
 
 class Lattice(eqx.Module):
-    """The geometry of cells: the corner `low` (D,) of the first, the `width` (D,), the `number`
-    (D,).
+    """The geometry of cells: the corner `low` of the first, `width` and `number`, (D,) each.
 
     An undivided axis has one cell. `fits`: whether that many cells are available.
     """

@@ -94,9 +94,7 @@ def company_of(
         return jnp.where(seated, fast, 0)
 
     def arrivals(who: Array, after: Array, filled: Array) -> Array:
-        """Return the earliest times at which others are reached, or reach a body outside of the
-        core.
-        """
+        """Return the earliest times at which others may be reached, or reach a non-core body."""
         sure = jnp.minimum(who, count - 1)
         seated = jnp.arange(members) < filled
         fast = fastest(who, filled)

@@ -26,8 +26,7 @@ def isolated(
     now: Float[Array, ""],
     tolerance: Float[Array, ""],
 ) -> Bool[Array, ""]:
-    """Return whether two bodies meet without a third one, under forces that the pair solution
-    covers.
+    """Return whether two bodies meet alone, under forces that the pair solution covers.
 
     Speeds are bounded by the total energy. During the impact no body may cover a quarter of its
     distance. The velocity of a shaking body may change by at most a tenth of `tolerance`. So may

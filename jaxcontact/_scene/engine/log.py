@@ -93,9 +93,7 @@ class Known(NamedTuple):
 
 
 def blank_log(rows: int, layout: Layout, dtype: Any, members: int) -> Log:
-    """Return a blank log with room for some rows, and for calls of the coupled solve if it has
-    members.
-    """
+    """Return a blank log with some rows, and with room for calls if there are `members`."""
     dimensions = layout.dimensions
     vector = jnp.zeros((rows, 2, dimensions), dtype)
     pair, one = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)

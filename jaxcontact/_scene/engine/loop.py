@@ -132,8 +132,7 @@ def advance(
     tolerance: Float[Array, ""],
     written: Int[Array, ""] | None = None,
 ) -> tuple[State, Log, Int[Array, ""]]:
-    """Process impacts up to `end` (inclusive), until the log or a cell is full, or the run is
-    stuck.
+    """Process impacts up to `end` (inclusive), or until a log or cell is full or the run stuck.
 
     Rows are appended to the `written` ones. Returns the state, the log and the new number of rows.
     """

@@ -152,7 +152,7 @@ class Radial(eqx.Module):
         return self.push - self.swirl > 0
 
     def rest(self) -> tuple[Number, Bool[Array, ""]]:
-        """Return the indentation at rest under the push, and whether bodies creep to it; 0 if
+        """Return the static indentation under the push, and whether bodies creep to it; 0 if
         unknown.
 
         Near rest y'' + c x^(n-p) y' + n x^(n-1) y = 0. The bodies creep to it, or oscillate about
