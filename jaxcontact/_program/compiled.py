@@ -17,7 +17,7 @@ Out = TypeVar("Out")
 
 
 FEW = 256
-"""The count of numbers whose computation is faster than a full optimisation of it."""
+"""Up to this count of numbers, full optimisation takes longer than the computation."""
 
 
 def untraced() -> bool:

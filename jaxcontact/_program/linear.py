@@ -33,7 +33,7 @@ class Map(NamedTuple):
     static: Any
 
     def __call__(self, known: Any, along: Any, like: Any) -> Any:
-        """Apply the map to tangents; `like` has the structure of its output. It transposes."""
+        """Apply the map to tangents, so that it transposes; `like` has its output's structure."""
         data, structure = jax.tree.flatten(known)
         tangents, shape = jax.tree.flatten(along)
         floats, out = jax.tree.flatten(like)

@@ -2,10 +2,10 @@
 
 Space is divided into cells at least as wide as two of the largest spheres. Touching bodies are
 therefore in the same cell or in neighbouring ones. A sphere belongs to its cell until it is a skin
-beyond its faces. It starts near the middle of a cell, so that it does not alternate between two
-cells. Leaving is an event: the sphere is moved to its new cell and searched among its new
-neighbours. For every pair in neighbouring cells the body searched last therefore stores the impact.
-Other pairs cannot meet before one of them leaves its cell.
+beyond its faces. This hysteresis keeps it from alternating between two cells. Leaving is an event:
+the sphere is moved to its new cell and searched among its new neighbours. For every pair in
+neighbouring cells the body searched last therefore stores the impact. Other pairs cannot meet
+before one of them leaves its cell.
 
 Along an axis that is not periodic the outermost cells extend to infinity, so that cells need no
 box. Numbers and capacities of cells are fixed. A full cell stops the run.
