@@ -19,7 +19,6 @@ def implicit_root(
     residual: Callable[..., Lane], guess: Callable[..., Lane], iterations: int
 ) -> Callable[..., Lane]:
     """Return a function `x(*parameters)` that solves `residual(x, *parameters) = 0` lane by lane.
-
     It takes a fixed number of Newton steps from a good guess, without a branch. They are a loop, so
     that the residual is compiled once. Derivatives are as in `with_implicit_derivative`.
     """
@@ -39,10 +38,9 @@ def expanded_root(
     guess: Callable[..., Lane],
     iterations: int,
 ) -> Callable[..., Lane]:
-    """Return `implicit_root` for a residual that comes with its first three derivatives in x.
-
-    These derivatives are almost free if the residual is an integral. Householder's steps of order
-    four then need half the evaluations.
+    """Return `implicit_root` for a residual that comes with its first three derivatives in x. These
+    derivatives are almost free if the residual is an integral. Householder's steps of order four
+    then need half the evaluations.
     """
 
     def householder(*parameters: Lane) -> Lane:

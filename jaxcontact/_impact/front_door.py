@@ -48,11 +48,9 @@ def problem_of(
     velocity: ArrayLike,
     external_force: ArrayLike | None = None,
 ) -> Problem:
-    """Check the arguments as far as possible without reading arrays.
-
-    Raises ValueError if an argument is not a law, contact or number, and for a Python or NumPy
-    scalar out of range. It also raises it for an exponent that the law does not support, and for
-    shapes that do not broadcast.
+    """Check the arguments as far as possible without reading arrays. Raises ValueError if an
+    argument is not a law, contact or number, and for a Python or NumPy scalar out of range. It also
+    raises it for an exponent that the law does not support, and for shapes that do not broadcast.
     """
     require_law(law)
     require_contact(contact)

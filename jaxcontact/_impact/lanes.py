@@ -18,10 +18,9 @@ Out = TypeVar("Out")
 
 
 def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
-    """Apply `solve` to every lane of `problem`, whose leaves broadcast against each other.
-
-    The outcome has the broadcast shape. Callers leave leaves that are equal in all lanes
-    unbroadcast, so that a batch costs only its distinct problems.
+    """Apply `solve` to every lane of `problem`, whose leaves broadcast against each other. The
+    outcome has the broadcast shape. Callers leave leaves that are equal in all lanes unbroadcast,
+    so that a batch costs only its distinct problems.
     """
     leaves, structure = jax.tree.flatten(problem)
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))

@@ -31,20 +31,16 @@ class Status(enum.IntEnum):
     INVALID_INPUT = 3
     """A parameter of this lane is out of range; its numbers are NaN."""
     GAINED = 4
-    """The bodies separated faster than they met, e > 1, without an external force.
-
-    The law adds energy. The numbers are those of the law as written. Check the sign of its damping.
-    """
+    """The bodies separated faster than they met, e > 1, without an external force. The law adds
+    energy. The numbers are those of the law as written. Check the sign of its damping."""
 
 
 class Impact(eqx.Module):
     """The summary of an impact; every array has the broadcast shape of law, contact and speed.
 
     - `restitution`: e = -v(+)/v(-), dimensionless.
-    - `rebound_velocity`: in m/s.
-    - `duration`: of contact, in s.
-    - `compression_time`: until the indentation is largest, in s.
-    - `max_indentation`: in m.
+    - `rebound_velocity` in m/s, and `max_indentation` in m.
+    - `duration`, `compression_time`: of contact, and until the indentation is largest, in s.
     - `max_force`: in N, the largest force of the whole contact.
     - `energy_loss`: in J.
     - `min_force`: in N, the least force, negative if the contact pulls. None for laws without

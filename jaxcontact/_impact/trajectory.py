@@ -54,12 +54,9 @@ class Energy(eqx.Module):
 class Trajectory(eqx.Module):
     """An impact sampled uniformly in time, from touch to separation; shape (..., samples).
 
-    - `time`: in s.
-    - `indentation`: in m.
+    - `time` in s, `indentation` in m, and `force` in N.
     - `velocity`: δ' in m/s, positive while closing.
-    - `force`: in N.
-    - `energy`: see `Energy`.
-    - `status`: as in `Impact`, shape (...).
+    - `energy`, `status`: see `Energy`; the status is as in `Impact`, shape (...).
 
     A contact that settles is followed until its second turn, at which settling is certain.
     """

@@ -22,7 +22,6 @@ FEW = 256
 
 def untraced() -> bool:
     """Return whether the current computation is outside of any other program or derivative.
-
     Compiler options belong to whole programs.
     """
     return jax.extend.core.get_opaque_trace_state(convention="") == _OUTERMOST
@@ -33,10 +32,9 @@ with jax.core.eval_context():
 
 
 def side_by_side(jobs: Iterable[Callable[[], Out]]) -> Generator[Out, None, None]:
-    """Yield the results of jobs in order, running two at a time.
-
-    Most of a job is compilation, which leaves Python free for another one. JAX settings that hold
-    only for the caller's thread do not hold in a job.
+    """Yield the results of jobs in order, running two at a time. Most of a job is compilation,
+    which leaves Python free for another one. JAX settings that hold only for the caller's thread do
+    not hold in a job.
     """
     with concurrent.futures.ThreadPoolExecutor(2) as pool:
         running = [pool.submit(job) for job in jobs]
@@ -49,10 +47,9 @@ def side_by_side(jobs: Iterable[Callable[[], Out]]) -> Generator[Out, None, None
 
 
 def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
-    """Return `equinox.filter_jit` of a function that takes longer to compile than to run.
-
-    It must not be traced itself. On a CPU, XLA compiles each loop through MLIR; its older, direct
-    way takes half the time. Searches compiled so run 1.4 times as long.
+    """Return `equinox.filter_jit` of a function that takes longer to compile than to run. It must
+    not be traced itself. On a CPU, XLA compiles each loop through MLIR; its older, direct way takes
+    half the time. Searches compiled so run 1.4 times as long.
     """
 
     @functools.cache
@@ -70,7 +67,6 @@ def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
 
 def quick(function: Callable[..., Out], most: float = math.inf) -> Callable[..., Out]:
     """Return `equinox.filter_jit` of a function that runs a few times, compiled four times faster.
-
     Within another program or a derivative, it is compiled as a part of it. If the arguments hold
     more numbers than `most`, it is compiled as usual.
     """

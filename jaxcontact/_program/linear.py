@@ -1,7 +1,6 @@
-"""Linear maps with data as one JAX primitive, applied by quickly compiled programs.
-
-A derivative outside of any trace applies its map only a few times, so that compilation is its main
-cost. Of a transposed map only the requested part is compiled.
+"""Linear maps with data as one JAX primitive, applied by quickly compiled programs. A derivative
+outside of any trace applies its map only a few times, so that compilation is its main cost. Of a
+transposed map only the requested part is compiled.
 """
 
 from __future__ import annotations
@@ -23,10 +22,8 @@ Apply = Callable[[list[Array], list[Array]], list[Array]]
 
 
 class Map(NamedTuple):
-    """A linear map `function(static, known, along)` of tangents.
-
-    `known` is a tree of data, and `along` one of tangents, with None for zeros. It returns the
-    tangents of floats.
+    """A linear map `function(static, known, along)` of tangents. `known` is a tree of data, and
+    `along` one of tangents, with None for zeros. It returns the tangents of floats.
     """
 
     function: Callable[[Any, Any, Any], Any]
@@ -80,9 +77,8 @@ class _Batched(NamedTuple):
 
 
 class _Varied(NamedTuple):
-    """The derivative of a map with respect to some of its data, with fixed tangents.
-
-    Both the data and the tangents of the map are data to it.
+    """The derivative of a map with respect to some of its data, with fixed tangents. Both the data
+    and the tangents of the map are data to it.
     """
 
     apply: Apply

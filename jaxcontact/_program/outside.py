@@ -34,10 +34,9 @@ def traced(tree: Any) -> bool:
 
 
 def known_beneath(leaves: list[Any]) -> bool:
-    """Return whether numbers are concrete under one derivative with respect to some of them.
-
-    The rule of a derivative receives them. In a traced program it is not called. In a batch, or for
-    a second derivative, it receives tracers.
+    """Return whether numbers are concrete under one derivative with respect to some of them. The
+    rule of a derivative receives them. In a traced program it is not called. In a batch, or for a
+    second derivative, it receives tracers.
     """
     known = []
 
@@ -53,10 +52,8 @@ def known_beneath(leaves: list[Any]) -> bool:
 def with_rule(
     function: Callable[..., Out], rule: Callable[[tuple, tuple], tuple[Out, Any]]
 ) -> Callable[..., Out]:
-    """Return `function` with the derivative given by a `rule`.
-
-    The rule maps arguments and their tangents, None if zero, to the outcome and its tangents, None
-    if zero.
+    """Return `function` with the derivative given by a `rule`. The rule maps arguments and their
+    tangents, None if zero, to the outcome and its tangents, None if zero.
     """
     found = jax.custom_jvp(function)
 
@@ -69,9 +66,8 @@ def with_rule(
 
 
 class Found(eqx.Module):
-    """The result of a function, and the hashable `choice` that it made by its numbers.
-
-    The choice is None if the numbers are not concrete.
+    """The result of a function, and the hashable `choice` that it made by its numbers. The choice
+    is None if the numbers are not concrete.
     """
 
     value: Any
@@ -84,10 +80,9 @@ def outside(
     along_with: Callable[[Any, Found, Any], Any],
     given: Any,
 ) -> Found:
-    """Return `find(traced, given)`, differentiable by every float in `given`.
-
-    With concrete numbers the derivative is the linear map of tangents that `slopes` returns. Zero
-    tangents are None in its input and output. Otherwise it is `along_with(given, found, tangents)`.
+    """Return `find(traced, given)`, differentiable by every float in `given`. With concrete numbers
+    the derivative is the linear map of tangents that `slopes` returns. Zero tangents are None in
+    its input and output. Otherwise it is `along_with(given, found, tangents)`.
     """
     arrays, static = eqx.partition(given, eqx.is_array)
 
@@ -121,10 +116,9 @@ def derived(
     *given: Any,
     decide: Callable[..., tuple[Any, Any]] | None = None,
 ) -> Any:
-    """Return `function(choice, *given)`, with a quickly compiled derivative.
-
-    With concrete numbers `decide(*given)` returns the value as computed from Python, and the choice
-    made. Otherwise the choice is None.
+    """Return `function(choice, *given)`, with a quickly compiled derivative. With concrete numbers
+    `decide(*given)` returns the value as computed from Python, and the choice made. Otherwise the
+    choice is None.
     """
 
     def find(traced: bool, given: Any) -> Found:

@@ -58,9 +58,8 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
 
 
 def _of_leaves(function: Callable[..., Out], structure: Any) -> Callable[..., Out]:
-    """Return `function` as a function of the leaves of its arguments.
-
-    JAX takes as long to flatten Python classes as to run a small program.
+    """Return `function` as a function of the leaves of its arguments. JAX takes as long to flatten
+    Python classes as to run a small program.
     """
 
     @functools.wraps(function)
@@ -73,10 +72,9 @@ def _of_leaves(function: Callable[..., Out], structure: Any) -> Callable[..., Ou
 def _differentiable(
     function: Callable[..., Out], kinds: tuple[Any, ...]
 ) -> Callable[..., Out] | None:
-    """Return `function` of concrete scalars, with outcome and slopes from one program.
-
-    Returns None if it depends on tracers that are not arguments, which would have no slopes. An
-    example is a law that a user defines under a derivative.
+    """Return `function` of concrete scalars, with outcome and slopes from one program. Returns None
+    if it depends on tracers that are not arguments, which would have no slopes. An example is a law
+    that a user defines under a derivative.
     """
     traced = jax.jit(function)
     if any(isinstance(x, jax.core.Tracer) for x in jax.make_jaxpr(traced)(*kinds).consts):

@@ -14,9 +14,8 @@ from .result import Ending
 
 
 class Course(eqx.Module):
-    """The scene, the rules and the `tolerance` of a run, and its outcome `known`.
-
-    The run ended at `last`; its requested duration is `length`.
+    """The scene, the rules and the `tolerance` of a run, and its outcome `known`. The run ended at
+    `last`; its requested duration is `length`.
     """
 
     layout: Layout

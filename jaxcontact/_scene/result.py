@@ -32,9 +32,7 @@ class Ending(enum.IntEnum):
     """An impact did not converge to its tolerance: later values are NaN."""
     CROWDED = 5
     """More spheres than `max_cluster` came together, or in an unsupported way (docs/scenes_how.md).
-
-    Spheres in contact at rest count. Later values are NaN. Pass a larger `max_cluster`.
-    """
+    Spheres in contact at rest count. Later values are NaN. Pass a larger `max_cluster`."""
     WALL_TOO_ABRUPT = 6
     """A wall, a fixed sphere or a shell exceeds its `max_acceleration`: later values are NaN."""
 
@@ -49,8 +47,7 @@ class Way(enum.IntEnum):
     CLOSED_FORM = 2
     """Finite duration, head-on: the law's closed form."""
     CORRECTED = 3
-    """Finite duration, slightly oblique or weakly forced: the closed form plus a series correction.
-    """
+    """Finite duration, slightly oblique or weakly forced: closed form plus a series correction."""
     RADIAL = 4
     """Finite duration, oblique: the radial equation with the angular momentum."""
     COUPLED = 5
@@ -68,8 +65,7 @@ class Impacts(eqx.Module):
     - `duration`: in s. For a series of bounces, up to its end.
     - `max_force`: in N, infinite for an instantaneous impact.
     - `energy_loss`: in J, within the run.
-    - `turn`: the turn of the line of centres in rad.
-    - `way`: see `Way`.
+    - `turn`, `way`: the turn of the line of centres in rad, and the solution method, see `Way`.
     - `error_estimate`: relative to the closing speed. In a coupled solve it includes all its
       contacts.
     - `tied`: True if one of the bodies had another impact at the same time, so that their order was
@@ -101,9 +97,8 @@ class Impacts(eqx.Module):
         return self.time.shape[-1]
 
     def to_dict(self) -> dict[str, np.ndarray]:
-        """Return the columns of the valid rows as NumPy arrays by name.
-
-        Raises ValueError for a batch of runs: select one with `jax.tree.map`.
+        """Return the columns of the valid rows as NumPy arrays by name. Raises ValueError for a
+        batch of runs: select one with `jax.tree.map`.
         """
         keep = np.asarray(self.valid)
         if keep.ndim != 1:
@@ -127,9 +122,8 @@ class Impacts(eqx.Module):
         return told
 
     def to_dataframe(self) -> Any:
-        """Return the valid rows as a pandas data frame, with the names of bodies and ways.
-
-        Raises ImportError without pandas, which `pip install 'jaxcontact[data]'` installs.
+        """Return the valid rows as a pandas data frame, with the names of bodies and ways. Raises
+        ImportError without pandas, which `pip install 'jaxcontact[data]'` installs.
         """
         try:
             import pandas
@@ -140,9 +134,8 @@ class Impacts(eqx.Module):
         return pandas.DataFrame(self._in_words())
 
     def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
-        """Write the valid rows as CSV, with the names of bodies and ways.
-
-        `path` is an open file or a file name. A named file appears whole or not at all.
+        """Write the valid rows as CSV, with the names of bodies and ways. `path` is an open file or
+        a file name. A named file appears whole or not at all.
         """
         write_csv(self._in_words(), path)
 

@@ -12,10 +12,9 @@ from .cluster.equations import ClusterState
 
 
 class Contacts(NamedTuple):
-    """A coupled solve in progress at time zero, if `active`.
-
-    Its places hold the spheres `who` (M,), of which those `present` count. They are shifted by
-    `shift` (M, D) periods. The other fields are as in `Coupling`.
+    """A coupled solve in progress at time zero, if `active`. Its places hold the spheres `who`
+    (M,), of which those `present` count. They are shifted by `shift` (M, D) periods. The other
+    fields are as in `Coupling`.
     """
 
     active: Bool[Array, ""]
@@ -28,10 +27,9 @@ class Contacts(NamedTuple):
 
 
 class Underway(NamedTuple):
-    """The isolated impacts in progress at time zero.
-
-    `partner` is the other body of each sphere's impact, or -1. `touch` < 0 is the time of touch in
-    s. `position` and `velocity` are the values after the sphere's previous event, at `time`.
+    """The isolated impacts in progress at time zero. `partner` is the other body of each sphere's
+    impact, or -1. `touch` < 0 is the time of touch in s. `position` and `velocity` are the values
+    after the sphere's previous event, at `time`.
     """
 
     partner: Int[Array, " N"]
@@ -47,11 +45,9 @@ class Underway(NamedTuple):
 
 
 class Start(eqx.Module):
-    """The start state of a scene that continues a run.
-
-    `support` is the wall on which each sphere rests, or -1, and `held` its v0 in m/s. `contacts` is
-    the coupled solve in progress, and `underway` holds the isolated impacts. `soft` is True if
-    impacts took time in the previous run.
+    """The start state of a scene that continues a run. `support` is the wall on which each sphere
+    rests, or -1, and `held` its v0 in m/s. `contacts` is the coupled solve in progress, and
+    `underway` holds the isolated impacts. `soft` is True if impacts took time in the previous run.
     """
 
     support: Int[Array, " N"]
@@ -68,7 +64,6 @@ class Start(eqx.Module):
 
     def as_needed(self) -> Start | None:
         """Return the part of the start state that positions and velocities do not determine.
-
         Returns None if there is none.
         """
         underway = self.underway

@@ -37,9 +37,7 @@ class Run(eqx.Module):
     - `position` (T, N, D), `velocity` (T, N, D): in m and m/s.
     - `energy` (T,): in J, the sum of kinetic energy, gravitational energy and energy stored in
       contacts.
-    - `impacts`: see `Impacts`.
-    - `margin`: see `Margin`.
-    - `status`: see `Ending`.
+    - `impacts`, `margin`, `status`: see `Impacts`, `Margin` and `Ending`.
     - `reached`: the time in s up to which the values hold.
     - `wall_work`: the work in J of moving walls, fixed spheres and shells on the others. The final
       energy equals the initial energy plus `wall_work` less the impact losses.

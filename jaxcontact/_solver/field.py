@@ -25,9 +25,8 @@ Record = Any
 
 
 class Field(Protocol[State]):
-    """An autonomous motion: a pytree, whose arrays a solve is differentiable by.
-
-    States are pytrees of arrays of one precision.
+    """An autonomous motion: a pytree, whose arrays a solve is differentiable by. States are pytrees
+    of arrays of one precision.
     """
 
     def rate(self, state: State) -> State:
@@ -35,10 +34,9 @@ class Field(Protocol[State]):
         ...
 
     def guards(self, state: State) -> tuple[Number, ...]:
-        """Return guards, each positive until it ends the motion, and negative shortly after.
-
-        Only their signs at the ends of a step are checked. A guard that may close and open again
-        within a step needs another one beside it that does not.
+        """Return guards, each positive until it ends the motion, and negative shortly after. Only
+        their signs at the ends of a step are checked. A guard that may close and open again within
+        a step needs another one beside it that does not.
         """
         ...
 
@@ -57,9 +55,8 @@ class Field(Protocol[State]):
         ...
 
     def jumps(self, inside: State, end: State, closed: Flags) -> Bool[Array, ""]:
-        """Return whether the force of a `continued` motion jumps to zero at its end by a clamp.
-
-        The guards that `closed` then do not determine the end from the state `inside` before it.
+        """Return whether the force of a `continued` motion jumps to zero at its end by a clamp. The
+        guards that `closed` then do not determine the end from the state `inside` before it.
         """
         ...
 

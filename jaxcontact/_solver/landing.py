@@ -25,9 +25,8 @@ _TOGETHER = 1e-4
 
 
 class _Falling(eqx.Module):
-    """A motion with a falling guard as the independent variable in place of time.
-
-    Source: Hénon (1982), doi 10.1016/0167-2789(82)90034-3.
+    """A motion with a falling guard as the independent variable in place of time. Source: Hénon
+    (1982), doi 10.1016/0167-2789(82)90034-3.
     """
 
     field: Any
@@ -48,10 +47,9 @@ class _Falling(eqx.Module):
 
 
 def land(field: Field, packed: Packed, last: Marched) -> tuple[Record, Bool[Array, ""]]:
-    """Return the moment in which the first guard closes; without one, the end of the step.
-
-    The last step has the guard as its variable and ends at its zero, with all of its derivatives.
-    The flag is True if there are derivatives.
+    """Return the moment in which the first guard closes; without one, the end of the step. The last
+    step has the guard as its variable and ends at its zero, with all of its derivatives. The flag
+    is True if there are derivatives.
     """
     before, closed, smooth = last.before, last.closed, jnp.asarray(True)
     if not field.one_way:
@@ -65,10 +63,8 @@ def land(field: Field, packed: Packed, last: Marched) -> tuple[Record, Bool[Arra
 
 
 class _Search(NamedTuple):
-    """A moment of the step, its distance from the end, and a bracket of the end.
-
-    `low` and `high` hold values and slopes of the guards at the bracket, by the fraction of the
-    step.
+    """A moment of the step, its distance from the end, and a bracket of the end. `low` and `high`
+    hold values and slopes of the guards at the bracket, by the fraction of the step.
     """
 
     count: Number
@@ -85,10 +81,9 @@ class _Search(NamedTuple):
 def _searched(
     field: Field, packed: Packed, last: Marched
 ) -> tuple[Field, Record, Flags, Bool[Array, ""]]:
-    """Return a moment of the last step close to the end, and the guards that close there.
-
-    Cubic interpolation within a bracket, with values and slopes at both ends, usually needs one
-    step. The result includes the motion that continues smoothly there, and whether it is smooth.
+    """Return a moment of the last step close to the end, and the guards that close there. Cubic
+    interpolation within a bracket, with values and slopes at both ends, usually needs one step. The
+    result includes the motion that continues smoothly there, and whether it is smooth.
     """
     stop = jax.lax.stop_gradient
     frozen, ends = stop((field, last.closed))
@@ -154,9 +149,8 @@ def _foremost(values: Array, closed: Flags) -> Array:
 
 
 def _crossing(at: _Search) -> Number:
-    """Return the root of the most negative guard, by a cubic of the moment in its value.
-
-    It is the middle of the bracket if that root lies outside.
+    """Return the root of the most negative guard, by a cubic of the moment in its value. It is the
+    middle of the bracket if that root lies outside.
     """
     first = _foremost(at.high[0], at.closed)
     (value, early), (beyond, late) = at.low[:, first], at.high[:, first]
@@ -172,7 +166,6 @@ def _crossing(at: _Search) -> Number:
 
 def _first(field: Field, state: Any, closed: Flags) -> Flags:
     """Return the guard that closes first from a state on; the first in order of those together.
-
     Beyond a corner another guard may have no slope.
     """
     frozen = jax.lax.stop_gradient(field)

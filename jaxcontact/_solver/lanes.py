@@ -20,7 +20,6 @@ MANY = 1000
 
 class ByLanes(eqx.Module, Generic[Out]):
     """The same function in two forms: `few`, which compiles quickly, or `many`, for large batches.
-
     `vmap` alone does not give a function the number of lanes. Differentiable in forward mode to any
     order, like both forms.
     """
@@ -40,10 +39,9 @@ class ByLanes(eqx.Module, Generic[Out]):
 
 @dataclasses.dataclass(frozen=True)
 class _Choice:
-    """The choice of `few(numbers, rest)` or `many`, within `lanes` so far.
-
-    `vary` maps flags of the arguments that differ along an axis to those of the outcomes. A
-    derivative is taken of both functions, not of their batched forms.
+    """The choice of `few(numbers, rest)` or `many`, within `lanes` so far. `vary` maps flags of the
+    arguments that differ along an axis to those of the outcomes. A derivative is taken of both
+    functions, not of their batched forms.
     """
 
     few: Callable[..., Any]

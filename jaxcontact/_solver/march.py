@@ -60,10 +60,9 @@ def march(
     see: Callable[[Seen, Record, Record], Seen],
     keep: bool = False,
 ) -> Marched:
-    """Take steps of order 8 from the start of a motion until a guard closes.
-
-    `see(seen, before, now)` is called once for every accepted state, with the state before it.
-    `keep`: whether all states are returned.
+    """Take steps of order 8 from the start of a motion until a guard closes. `see(seen, before,
+    now)` is called once for every accepted state, with the state before it. `keep`: whether all
+    states are returned.
     """
     stop = jax.lax.stop_gradient
     step, start = packed.step(in_time), packed.start

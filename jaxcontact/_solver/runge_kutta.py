@@ -49,9 +49,8 @@ def step(rate: Callable[[State], State], state: State, size: Array) -> State:
 
 
 def step_in_loop(rate: Callable[[State], State], state: State, size: Array) -> tuple[State, State]:
-    """Return the state one step of `size` later, and its difference from the order-7 method.
-
-    The stages are a loop, which compiles `rate` once instead of thirteen times.
+    """Return the state one step of `size` later, and its difference from the order-7 method. The
+    stages are a loop, which compiles `rate` once instead of thirteen times.
     """
     rule = tableau()
     stages = len(rule.nodes)
@@ -115,7 +114,6 @@ def step_written_out(
     rate: Callable[[int, State], State], state: State, size: Array | float
 ) -> tuple[State, State]:
     """Return the state one step of `size` later, and its difference from the order-7 method.
-
     `rate(j, state)` is the derivative at stage j. The stages are written one after another.
     """
     slopes: list[State] = []
@@ -143,10 +141,9 @@ def step_written_out(
 def step_with_error(
     rate: Callable[[int, State], tuple[State, Array]], state: State, size: float, always: Array
 ) -> tuple[State, State, Array]:
-    """Return a written-out step, its error, and whether all stages were good.
-
-    `rate(j, state)` is the derivative at stage j, and whether it is good. `always` is a flag that
-    is true, but not known to be true at compile time; see `_computed_once`.
+    """Return a written-out step, its error, and whether all stages were good. `rate(j, state)` is
+    the derivative at stage j, and whether it is good. `always` is a flag that is true, but not
+    known to be true at compile time; see `_computed_once`.
     """
     good = [always]
 

@@ -18,10 +18,8 @@ class Exact(AbstractMethod):
     It covers the Hunt-Crossley family and the oscillator laws (Kelvin-Voigt, Tsuji,
     Antypov-Elliott, Thornton, Jankowski). It covers Kuwabara and Kono's law for n = 1 and, by
     series certified to 1e-12, for n = 3/2. It also covers any law whose form has a `solve`. Raises
-    ValueError for other laws and with an external force.
-
-    Source: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596, and the references
-    of the laws.
+    ValueError for other laws and with an external force. Source: the energy integral of Hunt &
+    Crossley (1975), doi 10.1115/1.3423596, and the references of the laws.
     """
 
     name: ClassVar[str] = "exact"

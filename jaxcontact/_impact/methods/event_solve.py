@@ -193,10 +193,9 @@ def solve_legs(motion: Motion, solve: Solve, start: State | None = None) -> Legs
 def was_followed(
     motion: Motion, arrived: Bool[Array, "2"], end: State, balance: Balance, how: Options
 ) -> Bool[Array, ""]:
-    """Return whether both legs reached their ends, and their energies balance.
-
-    A contact that must separate but reversed because of rounding counts as not converged. A contact
-    that creeps forever has no end time.
+    """Return whether both legs reached their ends, and their energies balance. A contact that must
+    separate but reversed because of rounding counts as not converged. A contact that creeps forever
+    has no end time.
     """
     allowed = _IMBALANCE * how.tolerances(end.t.dtype)[0]
     good = jnp.all(arrived) & (balance.error <= allowed)

@@ -29,16 +29,13 @@ class AbstractMethod(eqx.Module):
 
     @abc.abstractmethod
     def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:
-        """Return the method that solves this form, usually `self`.
-
-        `pushed`: whether an external force acts. Raises ValueError if the method does not apply;
-        the message names one that does.
+        """Return the method that solves this form, usually `self`. `pushed`: whether an external
+        force acts. Raises ValueError if the method does not apply; the message names one that does.
         """
 
     @abc.abstractmethod
     def solve(self, lanes: Lanes) -> ScaledImpact:
         """Return the scaled outcome, in a shape that broadcasts to that of the problem.
-
         `lanes.form`, `lanes.n` and `lanes.push` (None without an external force) are the scaled
         problem. Lanes with invalid input hold valid substitutes.
         """

@@ -36,7 +36,6 @@ _ITERATIONS = 60
 
 def _rule() -> tuple[np.ndarray, ...]:
     """Return the nodes in (0, 1], the collocation matrix, its inverse, and Legendre coefficients.
-
     The last matrix maps values to the coefficients of the polynomial through 0 and the nodes.
     """
     s = _STAGES
@@ -76,9 +75,8 @@ class _Progress(NamedTuple):
 
 
 class Followed(NamedTuple):
-    """The ends of both legs, whether events ended them, and the number of steps.
-
-    `creeps`: whether the bodies creep to rest without a turn.
+    """The ends of both legs, whether events ended them, and the number of steps. `creeps`: whether
+    the bodies creep to rest without a turn.
     """
 
     turn: State
@@ -89,10 +87,9 @@ class Followed(NamedTuple):
 
 
 def follow_on(motion: Motion, explicit: Followed, rtol: float) -> Followed:
-    """Return both legs after explicit steps, with stuck or stiff ones solved by implicit steps.
-
-    The compression continues from its last state; the way out is solved again from the turn. The
-    way out also ends if the push holds the bodies permanently. Differentiable in forward mode.
+    """Return both legs after explicit steps, with stuck or stiff ones solved by implicit steps. The
+    compression continues from its last state; the way out is solved again from the turn. The way
+    out also ends if the push holds the bodies permanently. Differentiable in forward mode.
     """
 
     def go_on(before: tuple[State, Bool[Array, ""], Bool[Array, ""]], leg: tuple) -> tuple:
@@ -175,10 +172,9 @@ def _solved(
 
 
 def _force_is_lost(motion: Motion, state: State) -> Bool[Array, ""]:
-    """Return whether the force has underflowed although it still changes a free motion.
-
-    In regularised time the damping force changes the speed v at the rate r v. Until the end it
-    changes v by a share r w/v.
+    """Return whether the force has underflowed although it still changes a free motion. In
+    regularised time the damping force changes the speed v at the rate r v. Until the end it changes
+    v by a share r w/v.
     """
     if motion.push is not None:
         return jnp.asarray(False)

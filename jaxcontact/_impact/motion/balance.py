@@ -17,9 +17,8 @@ _CAUTION = 4
 
 
 class Balance(NamedTuple):
-    """The `restitution` e and the `energy_loss`, in units of the initial energy.
-
-    `error` is the energy imbalance relative to the largest energy of the motion.
+    """The `restitution` e and the `energy_loss`, in units of the initial energy. `error` is the
+    energy imbalance relative to the largest energy of the motion.
     """
 
     restitution: Number

@@ -18,10 +18,9 @@ _ROUNDS = 3
 
 
 def at_end(motion: Motion, end: State, arrived: Bool[Array, ""], max_indentation: Number) -> State:
-    """Return the end of a way out, computed from its own formulas.
-
-    The search locates a moment within the rounding of a whole step. Place and speed may change
-    within it by much more than their values at the end.
+    """Return the end of a way out, computed from its own formulas. The search locates a moment
+    within the rounding of a whole step. Place and speed may change within it by much more than
+    their values at the end.
     """
     parted = arrived & (motion.velocity(end) < 0) & ~motion.settled(end)
     end = _at_touch(motion, end, parted & motion.parts_at_touch())
@@ -48,7 +47,6 @@ def _where_force_vanishes(
     motion: Motion, end: State, parted: Bool[Array, ""], max_indentation: Number
 ) -> State:
     """Return the end of a weakly damped contact at x^p = -c v, with the speed from the energies.
-
     After a strong push the speed has the rounding of a much larger one. The place inherits it, and
     the work of the push over that place is a part of e.
     """

@@ -19,9 +19,8 @@ _SAMPLES = 32
 
 
 class Onward(NamedTuple):
-    """The motion without contact force: whether the force `returns`, and the state then.
-
-    `reaches`: whether the motion would come to x = 0 without it.
+    """The motion without contact force: whether the force `returns`, and the state then. `reaches`:
+    whether the motion would come to x = 0 without it.
     """
 
     returns: Bool[Array, ""]
@@ -30,10 +29,9 @@ class Onward(NamedTuple):
 
 
 def onward(motion: Motion, end: State, max_indentation: Number) -> Onward:
-    """Return the motion x'' = Γ from the state in which the force vanished.
-
-    The moment of return is a constant to the derivative. At zero force the motions with and without
-    it agree to first order.
+    """Return the motion x'' = Γ from the state in which the force vanished. The moment of return is
+    a constant to the derivative. At zero force the motions with and without it agree to first
+    order.
     """
     k = motion.order
     depth, speed = jnp.maximum(end.w, 0) ** k, -motion.velocity(end)

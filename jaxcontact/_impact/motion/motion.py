@@ -38,9 +38,8 @@ _CREEPS = 100.0
 
 
 class State(NamedTuple):
-    """The state of one lane: x = w^k, the momentum u, the time t; or their rates.
-
-    `loss` is the energy taken by damping so far; None if u determines it or it is not needed.
+    """The state of one lane: x = w^k, the momentum u, the time t; or their rates. `loss` is the
+    energy taken by damping so far; None if u determines it or it is not needed.
     """
 
     w: Number
@@ -116,10 +115,8 @@ class Motion(eqx.Module):
 
     @property
     def softness(self) -> tuple[Number, Exponent] | None:
-        """The b and p of u = v + b x^p: b = 1/c for strong damping, 0 for weak; None for u = v.
-
-        The damping is that of the way out, since damping on approach only does not cause creep
-        back.
+        """The b and p of u = v + b x^p: b = 1/c for strong damping, 0 for weak; None for u = v. The
+        damping is that of the way out, since damping on approach only does not cause creep back.
         """
         damping = self.form.damping(self.n, jnp.asarray(False))
         if damping is None or (self.push is None and self.form.follows_phase_angle):
@@ -148,9 +145,8 @@ class Motion(eqx.Module):
         return state._replace(u=rest + self.creep(state.w) if self.momentum is None else rest)
 
     def pulling(self, state: State, compressing: Flag) -> Number:
-        """Return a smooth function, negative if the contact pulls: f/x^(n-p) if that is known.
-
-        It has full relative precision if u has.
+        """Return a smooth function, negative if the contact pulls: f/x^(n-p) if that is known. It
+        has full relative precision if u has.
         """
         if self.softness is None:
             return self.form.pulling(state.w, self.velocity(state), self.n, compressing, self.order)
@@ -215,10 +211,9 @@ class Motion(eqx.Module):
         return state._replace(w=near, u=self.creep(near) - jnp.ones_like(state.u))
 
     def spare_energy(self, state: State) -> Number:
-        """Return the energy ½v² - Γx that a state without contact force has at x = 0.
-
-        It is negative if the push prevents the bodies from reaching x = 0. A settled contact also
-        counts its elastic energy.
+        """Return the energy ½v² - Γx that a state without contact force has at x = 0. It is
+        negative if the push prevents the bodies from reaching x = 0. A settled contact also counts
+        its elastic energy.
         """
         energy = jnp.square(self.velocity(state)) / 2
         if self.push is not None:
@@ -226,10 +221,9 @@ class Motion(eqx.Module):
         return energy + jnp.where(self.settled(state), self.stored(state), 0)
 
     def held(self, state: State) -> Bool[Array, ""]:
-        """Return whether too little energy is left to separate against the push.
-
-        Damping can only decrease ½v² + ∫ f(x, 0) dx - Γx, which is positive at separation. A pull
-        holds nothing, although rounding may put the end of a contact below x = 0.
+        """Return whether too little energy is left to separate against the push. Damping can only
+        decrease ½v² + ∫ f(x, 0) dx - Γx, which is positive at separation. A pull holds nothing,
+        although rounding may put the end of a contact below x = 0.
         """
         if self.push is None:
             return jnp.asarray(False)
@@ -269,10 +263,9 @@ class Motion(eqx.Module):
         return self.damping_back()[0] > _CREEPS
 
     def creeps_to_rest(self, state: State) -> Bool[Array, ""]:
-        """Return whether closing bodies creep to rest under a push and never turn.
-
-        Let y = x_s - x, x_s^n = Γ. If λ² - c x^(n-p) λ + n x_s^(n-1) ≤ 0 from here on, no motion
-        crosses v = λy upwards before y = 0. The bodies creep if v ≤ λy for the largest such λ.
+        """Return whether closing bodies creep to rest under a push and never turn. Let y = x_s - x,
+        x_s^n = Γ. If λ² - c x^(n-p) λ + n x_s^(n-1) ≤ 0 from here on, no motion crosses v = λy
+        upwards before y = 0. The bodies creep if v ≤ λy for the largest such λ.
         """
         static, damping = self.static_indentation(), self.form.damping(self.n, jnp.asarray(True))
         if self.push is None or static is None or damping is None:
@@ -287,7 +280,6 @@ class Motion(eqx.Module):
 
     def smallness(self) -> tuple[Number | float, Number | float]:
         """Return the relative size of the terms that end the motion, in the forces and the speed.
-
         Both are 1 unless damping is strong. A creeping contact without tension ends where forces
         cancel that differ little all the way. Before the turn little speed is left.
         """
@@ -311,7 +303,6 @@ class Motion(eqx.Module):
 
     def _fastest(self) -> Number | float:
         """Return the speed of the impact over the largest speed, which a strong push causes.
-
         Without it, the errors of the fast motion would be large compared with the slow end of a
         contact.
         """
@@ -345,10 +336,8 @@ class Motion(eqx.Module):
         return self.form.static_indentation(jnp.where(self.push > 0, self.push, 1), self.n)
 
     def gaps(self, state: State, compressing: Flag) -> tuple[Number, ...]:
-        """Return the functions that fall through zero at the end of a leg.
-
-        The first one is the speed, for the turn; it is zero at the start of a way out. The others
-        are for separation.
+        """Return the functions that fall through zero at the end of a leg. The first one is the
+        speed, for the turn; it is zero at the start of a way out. The others are for separation.
         """
         velocity = self.velocity(state)
         back = jnp.ones_like(velocity) if self.one_way else -velocity
@@ -362,10 +351,8 @@ class Motion(eqx.Module):
 
     @property
     def may_return(self) -> bool:
-        """True if a force that vanished before x = 0 may return on the way there.
-
-        A force x^(n-p) (x^p + c v) does so only under a push; other forces may also do so without
-        one.
+        """True if a force that vanished before x = 0 may return on the way there. A force x^(n-p)
+        (x^p + c v) does so only under a push; other forces may also do so without one.
         """
         if self.form.tension or self.form.never_pulls:
             return False
@@ -382,10 +369,8 @@ class Motion(eqx.Module):
         return dataclasses.replace(self, form=form)
 
     def parts_at_touch(self) -> Bool[Array, ""]:
-        """Return whether the bodies can only separate at x = 0.
-
-        Bodies whose force never pulls also do so under a push: without contact force the push would
-        press them together.
+        """Return whether the bodies can only separate at x = 0. Bodies whose force never pulls also
+        do so under a push: without contact force the push would press them together.
         """
         if self.form.tension or self.one_way:
             return jnp.asarray(True)

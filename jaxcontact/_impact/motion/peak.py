@@ -60,9 +60,8 @@ def largest_near(way: Way, packed: Packed[State], near: Nearest, sign: int = 1) 
 
 
 def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""], sign: int = 1) -> Number:
-    """Return w dF/dτ relative to F dw/dτ along the motion, in [-1, 1], with the sign of dF/dτ.
-
-    It is positive at touch, where a force that is a power of x has no slope. It is bounded, because
+    """Return w dF/dτ relative to F dw/dτ along the motion, in [-1, 1], with the sign of dF/dτ. It
+    is positive at touch, where a force that is a power of x has no slope. It is bounded, because
     regula falsi is slow if one end is much steeper than the other.
     """
     rate = motion.rate(state, compressing)

@@ -20,9 +20,8 @@ _BEYOND, _BEYOND_IN_TIME = 10, 5e-6
 
 
 def end_is_sharp(motion: Motion, turn: State, end: State, rtol: float) -> Bool[Array, ""]:
-    """Return whether rounding changes the end time of a pushed contact by less than 10 rtol.
-
-    The error of the speed v at the end is dv = eps Γ x/v, with the x of the turn. The error of the
+    """Return whether rounding changes the end time of a pushed contact by less than 10 rtol. The
+    error of the speed v at the end is dv = eps Γ x/v, with the x of the turn. The error of the
     duration T is at most dv/Γ, and at most T dv/v.
     """
     if motion.push is None:
@@ -34,16 +33,14 @@ def end_is_sharp(motion: Motion, turn: State, end: State, rtol: float) -> Bool[A
 
 
 def is_spent(motion: Motion, end: State, rtol: float) -> Bool[Array, ""]:
-    """Return whether damping has taken the energy of the impact, as in a settled contact.
-
-    A contact that turned inwards without this loss turned because of rounding.
+    """Return whether damping has taken the energy of the impact, as in a settled contact. A contact
+    that turned inwards without this loss turned because of rounding.
     """
     return 2 * motion.lost(end) >= 1 - _SPENT * rtol
 
 
 def turn_is_sharp(motion: Motion, turn: State, finest: float, rtol: float) -> Bool[Array, ""]:
     """Return whether bodies overshoot their rest position far enough to determine the turn time.
-
     Near critical damping the overshoot is almost zero, and the bodies stay there for long.
     """
     static = motion.static_indentation()

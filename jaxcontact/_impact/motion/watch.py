@@ -15,9 +15,8 @@ from .way import Way
 
 
 class Nearest(NamedTuple):
-    """The moment of the largest force so far, and those before and after it, packed.
-
-    `fresh`: whether the moment after it is still missing.
+    """The moment of the largest force so far, and those before and after it, packed. `fresh`:
+    whether the moment after it is still missing.
     """
 
     force: Number
@@ -40,7 +39,6 @@ class Nearest(NamedTuple):
 
 class Watch(NamedTuple):
     """The largest and the least force; whether the bodies creep to rest; a dip of the force.
-
     `least` has -F as its force, and is None if the contact cannot pull. `creeps` and `dip` are None
     without a push or if the force cannot vanish.
     """

@@ -31,9 +31,8 @@ class Way(eqx.Module):
 
     @property
     def one_way(self) -> bool:
-        """Always False: if strongly damped, the last step to a turn cannot be one of u.
-
-        Such a step was off by 8e-6 of its time.
+        """Always False: if strongly damped, the last step to a turn cannot be one of u. Such a step
+        was off by 8e-6 of its time.
         """
         return False
 
@@ -47,9 +46,8 @@ class Way(eqx.Module):
         return dataclasses.replace(self, motion=self.motion.continued(inside))
 
     def jumps(self, inside: State, end: State, closed: Flags) -> Flag:
-        """Return whether the force of a way out jumps to zero before x = 0.
-
-        It does so only if no other guard closed, hence not at a turn.
+        """Return whether the force of a way out jumps to zero before x = 0. It does so only if no
+        other guard closed, hence not at a turn.
         """
         before, after = map(self.motion.gap_of_force, (inside, end))
         left = (after >= _JUMP * before) & (2 * end.w > inside.w)

@@ -138,9 +138,8 @@ class Numbers(eqx.Module):
     def bent_at(
         self, layout: Layout, who: Int[Array, ""], now: Float[Array, ""], time: Float[Array, ""]
     ) -> tuple[Float[Array, " D"], Float[Array, " D"]]:
-        """Return a sphere's deviation from uniform motion between `now` and `time` later.
-
-        The second value is the change of its velocity. Both are zero unless the sphere is `shaken`.
+        """Return a sphere's deviation from uniform motion between `now` and `time` later. The
+        second value is the change of its velocity. Both are zero unless the sphere is `shaken`.
         """
         assert self.shaking is not None
         row = layout.shaken_row(who)
@@ -273,9 +272,8 @@ def restitution_of(
 
 
 def first_overlap(layout: Layout, numbers: Numbers) -> Float[Array, ""]:
-    """Return the deepest overlap of two bodies beyond rounding, in m; 0 if there is none.
-
-    It is also 0 if the scene continues a run.
+    """Return the deepest overlap of two bodies beyond rounding, in m; 0 if there is none. It is
+    also 0 if the scene continues a run.
     """
     if numbers.start is not None:
         return jnp.zeros((), numbers.dtype)

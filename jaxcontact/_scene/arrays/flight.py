@@ -15,9 +15,8 @@ Lane = Float[Array, "..."]
 
 
 class Flying(NamedTuple):
-    """Bodies in flight, each at its own `time` (M,): `position` and `velocity` (M, D).
-
-    In an impact with a wall, the second row repeats the first.
+    """Bodies in flight, each at its own `time` (M,): `position` and `velocity` (M, D). In an impact
+    with a wall, the second row repeats the first.
     """
 
     position: Lane
@@ -52,9 +51,8 @@ def at_once(
     support: Int[Array, " M"],
     time: Lane,
 ) -> tuple[Flying, Float[Array, "M D"]]:
-    """Return spheres in flight at one time, and their accelerations by gravity.
-
-    Accelerated fixed spheres are placed by their motion, regardless of `flying`.
+    """Return spheres in flight at one time, and their accelerations by gravity. Accelerated fixed
+    spheres are placed by their motion, regardless of `flying`.
     """
     pull = accelerations(layout, numbers, who, support)
     passed = (time - flying.time)[:, None]

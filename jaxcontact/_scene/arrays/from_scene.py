@@ -1,6 +1,5 @@
-"""The numbers of a scene, gathered from its bodies.
-
-NumPy stacks bodies of one structure, so that one small program serves a few bodies or thousands.
+"""The numbers of a scene, gathered from its bodies. NumPy stacks bodies of one structure, so that
+one small program serves a few bodies or thousands.
 """
 
 from __future__ import annotations
@@ -25,9 +24,8 @@ from .movers import Movers
 
 
 class Alike(eqx.Module):
-    """Bodies of one structure as one `body` with stacked numbers, if there are several.
-
-    `which` lists their numbers in the scene. A body with a motion is always alone.
+    """Bodies of one structure as one `body` with stacked numbers, if there are several. `which`
+    lists their numbers in the scene. A body with a motion is always alone.
     """
 
     body: AbstractBody

@@ -94,10 +94,8 @@ class Movers(eqx.Module):
         return self._swung(now, time), self.velocity(now + time) - self.speed
 
     def above(self, now: Lane) -> Lane:
-        """Return the largest unsteady displacement after `now`, in m.
-
-        For a wall it is the rise along the normal. For a sphere it is the distance in any
-        direction.
+        """Return the largest unsteady displacement after `now`, in m. For a wall it is the rise
+        along the normal. For a sphere it is the distance in any direction.
         """
         turned = jnp.sin(self.rate * now + self.phase)
         if self._in_space:
@@ -140,10 +138,9 @@ class Movers(eqx.Module):
         return (self.rate > 0) | (self._where_own(1.0) > 0)
 
     def kept_until(self, end: Float[Array, ""]) -> Float[Array, ""]:
-        """Return the first time up to `end` at which a user's function exceeds its bound.
-
-        The time is infinite if there is none. Both the acceleration and its effect on speed and
-        place over an interval are checked.
+        """Return the first time up to `end` at which a user's function exceeds its bound. The time
+        is infinite if there is none. Both the acceleration and its effect on speed and place over
+        an interval are checked.
         """
         times = jnp.linspace(0, 1, CHECKED + 1, dtype=end.dtype) * end
         step = end / CHECKED

@@ -35,9 +35,8 @@ def rows_of(arrays: Tree, who: Array | np.ndarray) -> Tree:
 
 
 def with_rows(arrays: Tree, who: Int[Array, " M"], rows: Any) -> Tree:
-    """Return the arrays with some rows replaced; indices beyond the last row are ignored.
-
-    No index may occur twice.
+    """Return the arrays with some rows replaced; indices beyond the last row are ignored. No index
+    may occur twice.
     """
     place = _indices(who)
 

@@ -87,8 +87,7 @@ class Sphere(AbstractBody):
     - `position`: of the centre in m, one to three numbers. Their count is the dimension of the
       scene.
     - `velocity`: in m/s, zero by default.
-    - `material`: a `Material`.
-    - `name`: used in tables by pair and in messages.
+    - `material`, `name`: a `Material`, and a name for tables by pair and messages.
     - `fixed`: if True the mass is infinite. A mass or a velocity is then an error.
     - `motion`: of a fixed sphere, unaffected by impacts. A `Steady`, or a `Vibration` or
       `Prescribed` of vectors, which displaces it from its `position`.
@@ -182,8 +181,7 @@ class Plane(AbstractBody):
 
     - `point`: a point on it, in m.
     - `normal`: points to the free side, of any non-zero length.
-    - `material`: None for a rigid plane.
-    - `name`: used in tables by pair and in messages.
+    - `material`, `name`: None for a rigid plane, and a name for tables by pair and messages.
     - `motion`: a `Steady`, a `Vibration` or a `Prescribed`; None for a plane at rest.
 
     Numbers are leaves. Raises ValueError for numbers that are not finite, different dimensions, or
@@ -227,8 +225,7 @@ class Box(AbstractBody):
     """A container: spheres are between `low` and `high` along every axis.
 
     - `low` < `high`: in m, one to three numbers each. An infinite number leaves that side open.
-    - `material`: None for rigid walls.
-    - `name`: used in tables by pair and in messages.
+    - `material`, `name`: None for rigid walls, and a name for tables by pair and messages.
     - `motion`: of all walls together. A `Steady`, or a `Vibration` or `Prescribed` of vectors; None
       for a box at rest.
 
@@ -284,8 +281,7 @@ class Shell(AbstractBody):
 
     - `centre`: in m, one to three numbers.
     - `radius`: R > 0 in m.
-    - `material`: None for a rigid shell.
-    - `name`: used in tables by pair and in messages.
+    - `material`, `name`: None for a rigid shell, and a name for tables by pair and messages.
     - `motion`: a `Steady`, or a `Vibration` or `Prescribed` of vectors; None for a shell at rest.
 
     Spheres are inside it. Numbers are leaves. Raises ValueError for values out of range or not

@@ -14,9 +14,8 @@ DEFAULT = "default"
 
 
 class PairTable(eqx.Module):
-    """Values by pair: `table[a][b]` is the index in `values` for bodies of kinds a and b.
-
-    The kind of a body is its name; all unnamed bodies are one kind. -1 marks pairs without a value.
+    """Values by pair: `table[a][b]` is the index in `values` for bodies of kinds a and b. The kind
+    of a body is its name; all unnamed bodies are one kind. -1 marks pairs without a value.
     """
 
     values: tuple[Any, ...]

@@ -29,9 +29,8 @@ def one_number(value: Any, name: str, allowed: Range) -> Array:
 
 
 def vector(value: Any, name: str, *, finite: bool = True) -> Array:
-    """Return one to three numbers as an array; raises ValueError for anything else.
-
-    The numbers must be finite, or only not NaN if `finite` is False.
+    """Return one to three numbers as an array; raises ValueError for anything else. The numbers
+    must be finite, or only not NaN if `finite` is False.
     """
     # NumPy cannot read a list of traced numbers.
     if isinstance(value, list | tuple) and any(isinstance(one, jax.Array) for one in value):

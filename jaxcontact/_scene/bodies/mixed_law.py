@@ -14,10 +14,8 @@ from ..._laws import AbstractLaw, force_of
 
 
 class MixedLaw(AbstractLaw):
-    """One law of each kind; the `kind` of the selected one is a float.
-
-    Its force is that of the selected law. Solves that are specialised by kind use `one_of_each`
-    instead.
+    """One law of each kind; the `kind` of the selected one is a float. Its force is that of the
+    selected law. Solves that are specialised by kind use `one_of_each` instead.
     """
 
     laws: tuple[AbstractLaw, ...]
@@ -46,10 +44,8 @@ class MixedLaw(AbstractLaw):
 def one_of_each(
     laws: Sequence[AbstractLaw], which: Int[Array, ""]
 ) -> tuple[list[AbstractLaw], Int[Array, ""]]:
-    """Return a law of every kind, and the kind of law number `which`.
-
-    The entry of that kind is the law itself. The other entries are arbitrary laws of their kinds,
-    with valid numbers.
+    """Return a law of every kind, and the kind of law number `which`. The entry of that kind is the
+    law itself. The other entries are arbitrary laws of their kinds, with valid numbers.
     """
     structures = [jax.tree.structure(law) for law in laws]
     kinds = list(dict.fromkeys(structures))

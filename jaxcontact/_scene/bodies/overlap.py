@@ -21,9 +21,8 @@ _MOST_TIMES = 1_000_000
 
 
 def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | None]) -> None:
-    """Raise ValueError for the first pair that overlaps by more than rounding.
-
-    Fixed bodies may overlap each other. Nothing is compared if any value is traced.
+    """Raise ValueError for the first pair that overlaps by more than rounding. Fixed bodies may
+    overlap each other. Nothing is compared if any value is traced.
     """
     found = [(k, body) for k, body in enumerate(bodies) if isinstance(body, Sphere)]
     spheres = [k for k, _ in found]
@@ -72,10 +71,9 @@ def _require_gap(
 
 
 def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array) -> None:
-    """Raise ValueError if a moving wall meets a facing wall within the duration.
-
-    Distances are sampled 64 times a period of the fastest wall, and at least 1024 times in all.
-    Nothing is compared if any value is traced.
+    """Raise ValueError if a moving wall meets a facing wall within the duration. Distances are
+    sampled 64 times a period of the fastest wall, and at least 1024 times in all. Nothing is
+    compared if any value is traced.
     """
     walls = [(k, wall) for k, body in enumerate(bodies) for wall in body.walls()]
     if all(wall.motion is None for _, wall in walls):

@@ -27,8 +27,7 @@ _TRIES = 1000
 """The number of trials for each sphere: if 1/200 of the box is free, 99 % of spheres succeed."""
 
 _CLEARANCE = 1e-9
-"""The least distance between surfaces, relative to the radius, so that rounding makes no overlap.
-"""
+"""The least distance of surfaces, relative to the radius, so that rounding makes no overlap."""
 
 Places = NDArray[np.float64]
 

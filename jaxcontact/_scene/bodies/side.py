@@ -1,7 +1,6 @@
-"""Contact from outside of a sphere or from inside of a shell.
-
-A shell is a sphere of negative radius. R1 + R2 is then the negative distance of the centres at the
-touch, and the line of centres points the other way. All formulas hold with these signs.
+"""Contact from outside of a sphere or from inside of a shell. A shell is a sphere of negative
+radius. R1 + R2 is then the negative distance of the centres at the touch, and the line of centres
+points the other way. All formulas hold with these signs.
 """
 
 from __future__ import annotations

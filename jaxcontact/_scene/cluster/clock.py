@@ -40,9 +40,8 @@ def chosen(
     closing: PerPair,
     age: Float[Array, ""],
 ) -> tuple[Clock, Float[Array, ""]]:
-    """Return the clock of the branch point nearest in time, with its w.
-
-    `age` is the time since the last touch, 0 at a touch.
+    """Return the clock of the branch point nearest in time, with its w. `age` is the time since the
+    last touch, 0 at a touch.
     """
     unloads = modes.closed & (closing < 0) & (depth > 0)
     left = jnp.where(unloads, depth / jnp.where(unloads, -closing, 1), jnp.inf)

@@ -11,10 +11,9 @@ _ITERATIONS = 5
 
 
 def to_root(size: Float[Array, ""], left: Lanes, falls: Lanes, right: Lanes, fall: Lanes) -> Lanes:
-    """Return the offset from the right end at which the cubic falls to zero.
-
-    It is negative for a root within the step, and infinite if the cubic does not fall. `falls` and
-    `fall` are the slopes at the left and the right.
+    """Return the offset from the right end at which the cubic falls to zero. It is negative for a
+    root within the step, and infinite if the cubic does not fall. `falls` and `fall` are the slopes
+    at the left and the right.
     """
     mean = (right - left) / size
     second = (2 * fall + falls - 3 * mean) / size
@@ -49,9 +48,8 @@ def highest(
 def ceiling(
     size: Float[Array, ""], left: Lanes, rises: Lanes, right: Lanes, falls: Lanes
 ) -> tuple[Lanes, Array]:
-    """Return the height at which the end tangents intersect, and whether it is above both ends.
-
-    A function with negative curvature throughout, such as the indentation of two bodies in flight,
+    """Return the height at which the end tangents intersect, and whether it is above both ends. A
+    function with negative curvature throughout, such as the indentation of two bodies in flight,
     stays below it.
     """
     inside = (rises > 0) & (falls < 0)

@@ -79,15 +79,11 @@ class Drive(NamedTuple):
 class ClusterState(NamedTuple):
     """The state of a cluster in SI units, from which a solve can continue.
 
-    `time` is in s; `position` and `velocity` are (M, D). Each pair has the following numbers.
-
-    - `indentation`: δ in m, negative if open. The solve continues from it, since differences of
-      positions have fewer digits.
-    - `closed`: whether the pair is in contact.
-    - `rising`: whether its v0 still follows δ'.
-    - `latched`: its v0 in m/s.
-    - `since`, `force_until`: the last touch, and the last time with a force, in s.
-    - `max_force`, `max_indentation`, `lost` (energy): since that touch.
+    `time` is in s; `position` and `velocity` are (M, D). Each pair has an `indentation` δ in m,
+    negative if open. The solve continues from it, since differences of positions have fewer digits.
+    `closed`: whether the pair is in contact. `rising`: whether its v0 still follows δ'; `latched`
+    is that v0 in m/s. `since` and `force_until` in s are the last touch and the last time with a
+    force. `max_force`, `max_indentation` and the energy `lost` are those since that touch.
     """
 
     time: Float[Array, ""]
@@ -153,10 +149,9 @@ def incidence_of(pairs: Pairs, bodies: int, dtype: Any) -> Float[Array, "pairs b
 
 
 class Touching(eqx.Module):
-    """The equations of a cluster in its units.
-
-    `apart` and `depth` belong to its start, `incidence` to its pairs. `in_line`: whether the bodies
-    are spheres and walls in one dimension, without shells.
+    """The equations of a cluster in its units. `apart` and `depth` belong to its start, `incidence`
+    to its pairs. `in_line`: whether the bodies are spheres and walls in one dimension, without
+    shells.
     """
 
     law: AbstractLaw
@@ -250,9 +245,8 @@ class Touching(eqx.Module):
     def motion(
         self, at: Geometry, velocity: PerBody, modes: Modes, time: Float[Array, ""]
     ) -> tuple[PerBody, PerPair, Float[Array, ""]]:
-        """Return the accelerations, the damping power of each pair, and the power supplied.
-
-        Weight and prescribed bodies supply that power.
+        """Return the accelerations, the damping power of each pair, and the power supplied. Weight
+        and prescribed bodies supply that power.
         """
         force = self.force(at.depth, at.rate, modes)
         lost = jnp.zeros_like(force)

@@ -1,5 +1,4 @@
 """The motion of a cluster between two events as a field in its clock's variable, with event gaps.
-
 The gaps fall through zero at events. A state is one vector.
 """
 

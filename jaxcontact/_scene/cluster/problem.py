@@ -11,21 +11,14 @@ from jaxtyping import Array, Bool, Float, Int
 from .equations import ClusterState, Drive, Pairs, PerBody, Units
 
 APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST, PAUSED = range(6)
-"""The values of `ClusterEnd.status`.
-
-- APART: all pairs are open.
-- TIME_IS_UP: `until` was reached.
-- NOT_CONVERGED: the numbers cannot be trusted.
-- CHANGED: a pair touched or opened, with `until_change`.
-- AT_REST: each touching body rests on one plane with zero normal velocity.
-- PAUSED: the step limit was reached, for example by a ball sliding in a shell; another call
-  continues.
-"""
+"""The values of `ClusterEnd.status`. APART: all pairs are open. TIME_IS_UP: `until` was reached.
+NOT_CONVERGED: the numbers cannot be trusted. CHANGED: a pair touched or opened, with
+`until_change`. AT_REST: each touching body rests on one plane with zero normal velocity. PAUSED:
+the step limit was reached, for example by a ball sliding in a shell; another call continues."""
 
 
 class Problem(NamedTuple):
     """A cluster with its start, in SI units; differentiable with respect to every float.
-
     `to_the_end`: whether the solve continues at rest.
     """
 
@@ -43,10 +36,9 @@ class Problem(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """The static rules of a coupled solve.
-
-    `peak`: whether v0 follows its peak. `until_change` and `max_steps` determine its end.
-    `in_line`: whether all bodies are walls and spheres outside of each other in one dimension.
+    """The static rules of a coupled solve. `peak`: whether v0 follows its peak. `until_change` and
+    `max_steps` determine its end. `in_line`: whether all bodies are walls and spheres outside of
+    each other in one dimension.
     """
 
     peak: bool
@@ -73,9 +65,8 @@ class ClusterEnd(NamedTuple):
 
 
 def units_of(problem: Problem) -> Units:
-    """Return units in which lengths and speeds of the softest pair are about one.
-
-    They have no derivative.
+    """Return units in which lengths and speeds of the softest pair are about one. They have no
+    derivative.
     """
     contact, state, pairs = problem.contact, problem.state, problem.pairs
     used, n = pairs.used, contact.exponent

@@ -90,9 +90,8 @@ def touched(
     *,
     v0: str | float = "peak",
 ) -> ClusterState:
-    """Return a cluster at time 0, with some pairs just touching (δ = 0) and the others open.
-
-    v0 rises for pairs that touch without closing yet.
+    """Return a cluster at time 0, with some pairs just touching (δ = 0) and the others open. v0
+    rises for pairs that touch without closing yet.
     """
     apart = pairs.between(position)
     relative = velocity[pairs.first] - velocity[pairs.second]

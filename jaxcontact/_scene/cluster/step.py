@@ -20,11 +20,8 @@ from .rest import rest_of
 
 _TOGETHER = 0.65
 _NEAR = 0.4
-"""Powers of rounding, both relative to the step.
-
-The first is the distance between simultaneous events. The second is the distance from a state to an
-event that the cubic of the step bridges.
-"""
+"""Powers of rounding, both relative to the step. The first is the distance between simultaneous
+events. The second is the distance from a state to an event that the cubic of the step bridges."""
 
 _BEGIN = 0.35
 _BEGIN_FOR = 1e-8
@@ -35,9 +32,8 @@ _stop = jax.lax.stop_gradient
 
 @dataclasses.dataclass(frozen=True)
 class Solve:
-    """The constants of a solve: its `field` in the frame of the cluster, and its units.
-
-    `frame` is the velocity of the cluster.
+    """The constants of a solve: its `field` in the frame of the cluster, and its units. `frame` is
+    the velocity of the cluster.
     """
 
     problem: Problem
@@ -57,10 +53,9 @@ class Solve:
 
 
 class Carry(NamedTuple):
-    """The state of the loop.
-
-    `y` is the state vector, and `size` the next step. `free` is the size that the error alone
-    allows. `whole` is the step in which an event was first seen, 0 if none is being sought.
+    """The state of the loop. `y` is the state vector, and `size` the next step. `free` is the size
+    that the error alone allows. `whole` is the step in which an event was first seen, 0 if none is
+    being sought.
     """
 
     y: Float[Array, " numbers"]
@@ -87,11 +82,9 @@ class Carry(NamedTuple):
 
 
 class _Tried(NamedTuple):
-    """A trial step.
-
-    `y` is its end, and `error` is in units of the allowed error; `fine` if accepted. `outset` and
-    `toward` are the slopes at its ends. `now` holds the quantities at its end, and `slope` their
-    slopes.
+    """A trial step. `y` is its end, and `error` is in units of the allowed error; `fine` if
+    accepted. `outset` and `toward` are the slopes at its ends. `now` holds the quantities at its
+    end, and `slope` their slopes.
     """
 
     y: Array
@@ -107,10 +100,9 @@ class _Tried(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """The events of a step.
-
-    `event`: whether it ends on one. `taken`: whether it is accepted. `happens` marks the events on
-    which it ends. `next_one` is the distance to the first of the `sought` events.
+    """The events of a step. `event`: whether it ends on one. `taken`: whether it is accepted.
+    `happens` marks the events on which it ends. `next_one` is the distance to the first of the
+    `sought` events.
     """
 
     y: Array

@@ -31,17 +31,14 @@ CLEAR = 1.001
 """The factor by which cells are wider than necessary, so that rounding does not matter."""
 
 AROUND = 5
-"""The least number of cells along a periodic axis.
-
-With fewer, a cell's neighbours might have more than one nearest image.
-"""
+"""The least number of cells along a periodic axis. With fewer, a cell's neighbours might have more
+than one nearest image."""
 
 
 class Grid(eqx.Module):
-    """The static part of cells.
-
-    `axes` marks the axes along which space is divided. `cells` is the largest number of cells,
-    `capacity` that of spheres in each, and `filling` the average number of spheres in each.
+    """The static part of cells. `axes` marks the axes along which space is divided. `cells` is the
+    largest number of cells, `capacity` that of spheres in each, and `filling` the average number of
+    spheres in each.
     """
 
     axes: tuple[bool, ...] = eqx.field(static=True)
@@ -51,9 +48,8 @@ class Grid(eqx.Module):
 
 
 class Lattice(eqx.Module):
-    """The geometry of cells: the corner `low` of the first, `width` and `number`, (D,) each.
-
-    An undivided axis has one cell. `fits`: whether that many cells are available.
+    """The geometry of cells: the corner `low` of the first, `width` and `number`, (D,) each. An
+    undivided axis has one cell. `fits`: whether that many cells are available.
     """
 
     low: Float[Array, " D"]
@@ -64,11 +60,9 @@ class Lattice(eqx.Module):
 
 
 class Cells(eqx.Module):
-    """The spheres in their cells.
-
-    `cell` (N, D) is the cell of every sphere, counted along each axis without wrapping. `table`
-    lists the spheres of each cell, -1 for free places. `full`: whether a cell had no room; then
-    neither is valid.
+    """The spheres in their cells. `cell` (N, D) is the cell of every sphere, counted along each
+    axis without wrapping. `table` lists the spheres of each cell, -1 for free places. `full`:
+    whether a cell had no room; then neither is valid.
     """
 
     grid: Grid
@@ -117,9 +111,8 @@ def cells_of(
 def row_of(
     lattice: Lattice, layout: Layout, grid: Grid, cell: Float[Array, "M D"]
 ) -> Int[Array, " M"]:
-    """Return the row of the table that belongs to a cell.
-
-    A divided axis that is not periodic has a border of cells that are always empty.
+    """Return the row of the table that belongs to a cell. A divided axis that is not periodic has a
+    border of cells that are always empty.
     """
     row = jnp.zeros(cell.shape[0], int)
     for axis, periodic in enumerate(layout.periodic):
@@ -149,10 +142,8 @@ def placed(layout: Layout, numbers: Numbers, grid: Grid, position: Float[Array, 
 
 
 class Shift(NamedTuple):
-    """A move of a sphere to a `cell` (D,).
-
-    `row` and `place` give its old and new place in the table, and `entry` the value written there.
-    `full`: whether there is no room.
+    """A move of a sphere to a `cell` (D,). `row` and `place` give its old and new place in the
+    table, and `entry` the value written there. `full`: whether there is no room.
     """
 
     cell: Float[Array, " D"]
@@ -165,10 +156,8 @@ class Shift(NamedTuple):
 def shift_of(
     layout: Layout, cells: Cells, i: Int[Array, ""], position: Float[Array, "1 D"], leaves: Array
 ) -> Shift:
-    """Return the move of sphere i to its current cell.
-
-    If it leaves and is in the same cell, cells are useless: their skin is less than a rounding
-    error.
+    """Return the move of sphere i to its current cell. If it leaves and is in the same cell, cells
+    are useless: their skin is less than a rounding error.
     """
     cell = cells_of(cells.lattice, layout, position)
     both = jnp.concatenate([cells.cell[i][None], cell])
@@ -198,7 +187,6 @@ def shifted(cells: Cells, i: Int[Array, ""], shift: Shift) -> Cells:
 
 def everywhere(layout: Layout) -> tuple[int, ...]:
     """Return the bodies that can be met from any cell: shells, and steadily moving fixed spheres.
-
     The latter do not search, so that spheres in the cells that they enter would not find them.
     """
     shells = range(layout.visible, layout.spheres)
@@ -208,9 +196,8 @@ def everywhere(layout: Layout) -> tuple[int, ...]:
 def neighbours(
     layout: Layout, cells: Cells, who: Int[Array, " M"]
 ) -> tuple[Int[Array, "M C"], Bool[Array, "M C"]]:
-    """Return the spheres of the cells around some spheres, and a mask of the valid entries.
-
-    The bodies met `everywhere` come last.
+    """Return the spheres of the cells around some spheres, and a mask of the valid entries. The
+    bodies met `everywhere` come last.
     """
     ranges = [(-1, 0, 1) if cut else (0,) for cut in cells.grid.axes]
     steps = np.array(list(itertools.product(*ranges)), float)

@@ -19,9 +19,8 @@ Lane = Float[Array, "..."]
 
 
 def wall_time(gap: Lane, rate: Lane, acceleration: Lane, noise: Lane) -> Lane:
-    """Return the time at which gap + rate τ + ½ acceleration τ² vanishes.
-
-    At touch, a rate of at most `noise`, a few rounding errors of the speeds, counts as zero.
+    """Return the time at which gap + rate τ + ½ acceleration τ² vanishes. At touch, a rate of at
+    most `noise`, a few rounding errors of the speeds, counts as zero.
     """
     half = acceleration / 2
     still = (gap <= 0) & (jnp.abs(rate) <= noise)
@@ -42,9 +41,8 @@ def wall_time(gap: Lane, rate: Lane, acceleration: Lane, noise: Lane) -> Lane:
 def sphere_time(
     apart: Lane, rate: Lane, distance: Lane, noise: Lane, *, shells: bool = True
 ) -> Lane:
-    """Return the time until |apart + rate τ| shrinks to `distance`; vectors along the last axis.
-
-    In a shell, with a negative `distance`, it is the time until the length grows to its magnitude.
+    """Return the time until |apart + rate τ| shrinks to `distance`; vectors along the last axis. In
+    a shell, with a negative `distance`, it is the time until the length grows to its magnitude.
     Without `shells` no distance is negative.
     """
     along = jnp.sum(apart * rate, axis=-1)
@@ -143,7 +141,6 @@ def image_horizon(
     apart: Lane, rate: Lane, acceleration: Lane, distance: Lane, period: Lane
 ) -> Lane:
     """Return a time before which no other image along an axis of length `period` can be met.
-
     `apart` is the distance along the axis to the nearest image. Another image is met at the
     earliest after a displacement of period - |apart| - distance.
     """

@@ -13,11 +13,8 @@ from ..result import traced
 from .cells import AROUND, SKIN, Grid, Lattice, cells_of, lattice_of, row_of
 
 MANY = 256
-"""The least number of spheres for cells.
-
-Measured: with so few in a three-dimensional box cells save almost nothing. With 2048 discs an
-impact is six times cheaper.
-"""
+"""The least number of spheres for cells. Measured: with so few in a three-dimensional box cells
+save almost nothing. With 2048 discs an impact is six times cheaper."""
 
 FILLING = {1: 3.0, 2: 3.0, 3: 1.0}
 """The average number of spheres in a cell, by the number of divided axes."""

@@ -30,10 +30,9 @@ _AWAY = 64
 
 
 class _Gap(NamedTuple):
-    """A gap that vanishes at a touch, and its bounds.
-
-    `room` is the gap, `slope` its rate, and `bend` the bound b on its curvature, which holds for a
-    time `lasts`. `least` is a step that is safe in any direction.
+    """A gap that vanishes at a touch, and its bounds. `room` is the gap, `slope` its rate, and
+    `bend` the bound b on its curvature, which holds for a time `lasts`. `least` is a step that is
+    safe in any direction.
     """
 
     room: Lane
@@ -124,10 +123,9 @@ def shaking_wall_time(
     horizon: Lane,
     wanted: Bool[Array, "..."],
 ) -> Lane:
-    """Return the time to the touch of vibrating walls, up to `horizon`.
-
-    Rows are bodies, columns are walls. `gap` and `rate` refer to a wall that would continue at its
-    mean velocity from its position `now`. The time is infinite unless `wanted`.
+    """Return the time to the touch of vibrating walls, up to `horizon`. Rows are bodies, columns
+    are walls. `gap` and `rate` refer to a wall that would continue at its mean velocity from its
+    position `now`. The time is infinite unless `wanted`.
     """
     bend = jnp.maximum(motion.strongest - acceleration, 0)
     envelope = motion.above(now)

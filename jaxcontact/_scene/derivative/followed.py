@@ -1,7 +1,6 @@
-"""A run with its derivative.
-
-With concrete numbers it runs from Python. Each row of its log then becomes a matrix, and their
-product carries tangents along. With traced numbers it is one program, which is replayed.
+"""A run with its derivative. With concrete numbers it runs from Python. Each row of its log then
+becomes a matrix, and their product carries tangents along. With traced numbers it is one program,
+which is replayed.
 """
 
 from __future__ import annotations
@@ -33,10 +32,9 @@ def followed(
     from_python: Callable[[Given], tuple[Rules, Known]],
     at_once: Callable[[Given], Known],
 ) -> tuple[Rules, Numbers, Known]:
-    """Return the final rules of a run, the numbers of its scene, and its outcome.
-
-    The numbers are those given. They are returned with the log, so that cotangents of both are
-    added within the program that transposes the rows.
+    """Return the final rules of a run, the numbers of its scene, and its outcome. The numbers are
+    those given. They are returned with the log, so that cotangents of both are added within the
+    program that transposes the rows.
     """
     beneath = traced(given)
 

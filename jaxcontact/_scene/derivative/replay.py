@@ -64,10 +64,9 @@ class _Row(NamedTuple):
 
 
 class _Ways(NamedTuple):
-    """The maps of tangents through a row; None if there are no such rows.
-
-    `hit` maps the tangents of the bodies before an impact to those of its outcome. `call` maps
-    those of a call's input to its output.
+    """The maps of tangents through a row; None if there are no such rows. `hit` maps the tangents
+    of the bodies before an impact to those of its outcome. `call` maps those of a call's input to
+    its output.
     """
 
     hit: Callable[[_Row, Flying], Outcome] | None

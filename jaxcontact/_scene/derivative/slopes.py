@@ -1,7 +1,6 @@
-"""The rows of a log as differentiable functions: isolated impacts and coupled calls.
-
-Each depends only on the numbers of the scene and on its own bodies. Its matrix is therefore small,
-however large the scene.
+"""The rows of a log as differentiable functions: isolated impacts and coupled calls. Each depends
+only on the numbers of the scene and on its own bodies. Its matrix is therefore small, however large
+the scene.
 """
 
 from __future__ import annotations
@@ -55,9 +54,8 @@ def struck(
     tolerance: Float[Array, ""],
     by_formula: bool = False,
 ) -> tuple[Callable[[Numbers, Flying], Outcome], Flying]:
-    """Return the impact of a row as a function, and the bodies before it.
-
-    Rows without an impact use two approaching bodies.
+    """Return the impact of a row as a function, and the bodies before it. Rows without an impact
+    use two approaching bodies.
     """
     place = two_that_meet(layout, facts.choice.time)
     before = jax.tree.map(lambda a, b: jnp.where(counts, a, b), known.before, place)
@@ -111,10 +109,8 @@ def two_of(layout: Layout, facts: Facts) -> Int[Array, "2"]:
 
 
 class Own(NamedTuple):
-    """The numbers of a scene on which a row depends.
-
-    These are the numbers of its spheres, and shared ones: walls, gravity, laws. The positions of
-    shaken fixed spheres are also shared.
+    """The numbers of a scene on which a row depends. These are the numbers of its spheres, and
+    shared ones: walls, gravity, laws. The positions of shaken fixed spheres are also shared.
     """
 
     radius: Float[Array, " M"]
@@ -174,7 +170,6 @@ def with_own(layout: Layout, numbers: Numbers, who: Int[Array, " M"], own: Own) 
 
 class Matrices(NamedTuple):
     """The derivatives of rows as matrices, for impacts and for calls; None if there are none.
-
     `slot` is the index of a row's matrix within its kind.
     """
 

@@ -49,9 +49,8 @@ def begins(
 
 
 def calls_first(state: State) -> Bool[Array, ""]:
-    """Return whether the next call of the active solve precedes all events of other spheres.
-
-    A known touch is part of that call.
+    """Return whether the next call of the active solve precedes all events of other spheres. A
+    known touch is part of that call.
     """
     coupling = state.coupling
     assert coupling is not None

@@ -24,17 +24,14 @@ from .next_event import simultaneous
 from .state import Coupling, State
 
 _CALLS = 64
-"""The number of calls into which the first third of an impact may be divided.
-
-It matters if there is no place for all spheres within reach in that time.
-"""
+"""The number of calls into which the first third of an impact may be divided. It matters if there
+is no place for all spheres within reach in that time."""
 
 
 class Company(NamedTuple):
-    """The `seats` of a call, and its limits.
-
-    The call may last for `alone` s before other spheres must be considered. `crowded`: whether
-    there are too few places, or an image of a member is within reach.
+    """The `seats` of a call, and its limits. The call may last for `alone` s before other spheres
+    must be considered. `crowded`: whether there are too few places, or an image of a member is
+    within reach.
     """
 
     seats: Seats
@@ -171,10 +168,8 @@ def _seated(
     who: Int[Array, " M"],
     filled: Int[Array, ""],
 ) -> tuple[Seats, Bool[Array, ""]]:
-    """Return the places of the members, in neighbouring images; in a line by their order.
-
-    The flag is True if those in a line span more than half a period: the last might then meet the
-    first.
+    """Return the places of the members, in neighbouring images; in a line by their order. The flag
+    is True if those in a line span more than half a period: the last might then meet the first.
     """
     count, members = layout.spheres, who.shape[0]
     present = jnp.arange(members) < filled

@@ -1,7 +1,6 @@
-"""The slots of a coupled solve: a number of spheres, all walls, and the pairs that can meet.
-
-If the solve has room for all spheres and no axis is periodic, each sphere has its own slot and
-joins or leaves by a flag. Otherwise the bodies near a contact are gathered into the slots.
+"""The slots of a coupled solve: a number of spheres, all walls, and the pairs that can meet. If the
+solve has room for all spheres and no axis is periodic, each sphere has its own slot and joins or
+leaves by a flag. Otherwise the bodies near a contact are gathered into the slots.
 """
 
 from __future__ import annotations
@@ -18,10 +17,8 @@ from ..cluster.equations import ClusterState, Pairs
 
 
 class Seats(NamedTuple):
-    """The assignment of slots.
-
-    `who` (M,) holds the spheres, of which those `present` are in the solve. `shift` (M, D) is the
-    number of periods between each sphere and its solved image.
+    """The assignment of slots. `who` (M,) holds the spheres, of which those `present` are in the
+    solve. `shift` (M, D) is the number of periods between each sphere and its solved image.
     """
 
     who: Int[Array, " M"]
@@ -72,9 +69,8 @@ def empty_seats(layout: Layout, numbers: Numbers, members: int) -> Seats:
 
 
 def index_of(layout: Layout, seats: Seats) -> Int[Array, " M"]:
-    """Return the sphere in each slot, or a unique number from N on for empty slots.
-
-    Each number occurs once, so that it can index a write.
+    """Return the sphere in each slot, or a unique number from N on for empty slots. Each number
+    occurs once, so that it can index a write.
     """
     members = seats.who.shape[0]
     return jnp.where(seats.present, seats.who, layout.spheres + jnp.arange(members))
@@ -123,10 +119,9 @@ def pairs_of(layout: Layout, numbers: Numbers, members: int, seats: Seats) -> Pa
 
 
 class Change(NamedTuple):
-    """The change of members between two calls.
-
-    `joined` (M,) marks slots with a new body, and `fresh` (P,) marks new pairs. `source` (M,) and
-    `pair_source` (P,) are the previous slots of bodies and pairs that stay; None if none moves.
+    """The change of members between two calls. `joined` (M,) marks slots with a new body, and
+    `fresh` (P,) marks new pairs. `source` (M,) and `pair_source` (P,) are the previous slots of
+    bodies and pairs that stay; None if none moves.
     """
 
     joined: Bool[Array, " M"]

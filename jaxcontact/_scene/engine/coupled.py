@@ -1,7 +1,6 @@
-"""The coupled solve of the spheres near a contact, for everything but isolated impacts.
-
-Its slots are those of `cluster_slots`: spheres, then walls. Every pair that can meet has a slot, so
-that bodies can join and leave. A call ends when a pair touches or opens, or at a given time.
+"""The coupled solve of the spheres near a contact, for everything but isolated impacts. Its slots
+are those of `cluster_slots`: spheres, then walls. Every pair that can meet has a slot, so that
+bodies can join and leave. A call ends when a pair touches or opens, or at a given time.
 """
 
 from __future__ import annotations
@@ -280,9 +279,8 @@ def masses(layout: Layout, numbers: Numbers, seats: Seats) -> Float[Array, " M"]
 def work_of_walls(
     layout: Layout, numbers: Numbers, seats: Seats, began: ClusterState, end: ClusterEnd
 ) -> Float[Array, ""]:
-    """Return the work of moving walls and fixed spheres in one call, in J.
-
-    It is all work except that of gravity.
+    """Return the work of moving walls and fixed spheres in one call, in J. It is all work except
+    that of gravity.
     """
     if numbers.motion is None and not layout.driven:
         return jnp.zeros((), numbers.dtype)

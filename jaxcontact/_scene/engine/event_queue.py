@@ -24,9 +24,8 @@ def expecting(
     grid: Grid | None,
     needed: Bool[Array, ""] | None = None,
 ) -> State:
-    """Return the state with new cells, or none, and all events out of date.
-
-    Unless `needed`, the events are kept.
+    """Return the state with new cells, or none, and all events out of date. Unless `needed`, the
+    events are kept.
     """
     cells = None
     if grid is not None:
@@ -44,9 +43,8 @@ def out_of_date(time: Float[Array, " M"]) -> Events:
 
 
 class Due(NamedTuple):
-    """The next event: its body, its partner, and whether it is an impact.
-
-    `least` is the least of all times; `time` is that of the event, which may differ by rounding.
+    """The next event: its body, its partner, and whether it is an impact. `least` is the least of
+    all times; `time` is that of the event, which may differ by rounding.
     """
 
     least: Float[Array, ""]
@@ -78,10 +76,9 @@ def up_to_date(
     until: Float[Array, ""],
     end: Float[Array, ""],
 ) -> tuple[State, Due]:
-    """Search stale spheres again until the next event is an impact or is later than `until`.
-
-    Events are searched only here. Two spheres are searched at a time, since both bodies of an
-    impact are out of date; in small scenes one at a time.
+    """Search stale spheres again until the next event is an impact or is later than `until`. Events
+    are searched only here. Two spheres are searched at a time, since both bodies of an impact are
+    out of date; in small scenes one at a time.
     """
 
     def unfinished(carry: tuple[Events, Cells | None, Due]) -> Array:
@@ -122,18 +119,15 @@ def up_to_date(
 
 
 _FEW = 8
-"""The number of spheres up to which one is searched at a time.
-
-In a batch of small scenes each row counts, and all runs wait for the one with most to search.
-"""
+"""The number of spheres up to which one is searched at a time. In a batch of small scenes each row
+counts, and all runs wait for the one with most to search."""
 
 
 def _both(
     layout: Layout, events: Events, i: Int[Array, ""], now: Float[Array, ""]
 ) -> tuple[Int[Array, "2"], Int[Array, "2"]]:
-    """Return a sphere and another one that is out of date at the same time, and their rows.
-
-    If there is no other one, its row does not exist.
+    """Return a sphere and another one that is out of date at the same time, and their rows. If
+    there is no other one, its row does not exist.
     """
     everyone = jnp.arange(layout.spheres)
     marked = (events.partner == OUT_OF_DATE) & (events.time <= now) & (everyone != i)

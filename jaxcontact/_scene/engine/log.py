@@ -17,11 +17,9 @@ from .coupled import Call, as_numbers, blank_state
 
 
 class Together(NamedTuple):
-    """The numbers of a call of the coupled solve.
-
-    `spheres` are its members before it, with the v0 `held` by those at rest. `began` and `end` are
-    its first and last states, with flags as numbers. `work` is that of moving walls in J, and
-    `error` the estimated error in m/s.
+    """The numbers of a call of the coupled solve. `spheres` are its members before it, with the v0
+    `held` by those at rest. `began` and `end` are its first and last states, with flags as numbers.
+    `work` is that of moving walls in J, and `error` the estimated error in m/s.
     """
 
     spheres: Flying
@@ -58,7 +56,6 @@ class Figures(NamedTuple):
 
 class Facts(NamedTuple):
     """The discrete choices of the rows: the bodies, their supports afterwards, and the call.
-
     `tied`: whether another impact competed with this one at the same time. `rival` in s is the time
     to the next competing event of either body, or since its last event.
     """
@@ -78,10 +75,8 @@ class Log(NamedTuple):
 
 
 class Known(NamedTuple):
-    """The outcome of an event loop: its `log` with `written` rows.
-
-    `status` and `now` are those at its end. `more`: whether events are left. `valid`: whether the
-    scene was valid.
+    """The outcome of an event loop: its `log` with `written` rows. `status` and `now` are those at
+    its end. `more`: whether events are left. `valid`: whether the scene was valid.
     """
 
     log: Log

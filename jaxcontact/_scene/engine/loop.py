@@ -35,9 +35,7 @@ from .state import ACCUMULATED, CROWDED, PATIENCE, RUNNING, TWO_SUPPORTS, Coupli
 
 SLOW = 2.0**14
 """The limit of closing speeds for accumulation, in rounding errors of the largest speed.
-
-Simultaneous impacts below it have accumulated.
-"""
+Simultaneous impacts below it have accumulated."""
 
 
 def begun(layout: Layout, numbers: Numbers, rules: Rules, grid: Grid | None = None) -> State:
@@ -65,9 +63,8 @@ def _amid(
     grid: Grid | None,
     underway: Underway,
 ) -> State:
-    """Return a start within isolated impacts.
-
-    Their touch, before time zero, is the next event of the bodies in them.
+    """Return a start within isolated impacts. Their touch, before time zero, is the next event of
+    the bodies in them.
     """
     on, spheres = underway.counts, Flying(state.position, state.velocity, state.time)
     led = Flying(underway.position, underway.velocity, underway.time)
@@ -103,9 +100,8 @@ def _expecting(
 
 
 def with_places(layout: Layout, numbers: Numbers, members: int, state: State) -> State:
-    """Return the state with empty slots for a coupled solve.
-
-    A run without slots that stopped because it needed one can continue.
+    """Return the state with empty slots for a coupled solve. A run without slots that stopped
+    because it needed one can continue.
     """
     no, zero = jnp.asarray(False), jnp.zeros((), numbers.dtype)
     nobody, seats = blank_choice(layout, numbers.dtype), empty_seats(layout, numbers, members)
@@ -133,7 +129,6 @@ def advance(
     written: Int[Array, ""] | None = None,
 ) -> tuple[State, Log, Int[Array, ""]]:
     """Process impacts up to `end` (inclusive), or until a log or cell is full or the run stuck.
-
     Rows are appended to the `written` ones. Returns the state, the log and the new number of rows.
     """
     rows = log.facts.tied.shape[0]
@@ -174,10 +169,8 @@ def advance(
 
 
 class _Met(NamedTuple):
-    """The effect of an impact, before it is written.
-
-    It holds the two bodies `before` and after it, the choices, the supports, and the status.
-    `alone`: whether the impact is isolated.
+    """The effect of an impact, before it is written. It holds the two bodies `before` and after it,
+    the choices, the supports, and the status. `alone`: whether the impact is isolated.
     """
 
     before: Flying
@@ -202,10 +195,9 @@ def _event(
     tolerance: Float[Array, ""],
     needed: Bool[Array, ""],
 ) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
-    """Process the impact that is due; the last value is True if there is one.
-
-    `needed`: whether the lane needs it. The arrays of all spheres are read in a branch before they
-    are written; otherwise they would be copied.
+    """Process the impact that is due; the last value is True if there is one. `needed`: whether the
+    lane needs it. The arrays of all spheres are read in a branch before they are written; otherwise
+    they would be copied.
     """
     until = end
     if state.coupling is not None:
@@ -334,10 +326,9 @@ def _choice(
 def _tail(
     layout: Layout, numbers: Numbers, choice: Choice, before: Flying, tolerance: Float[Array, ""]
 ) -> Bool[Array, ""]:
-    """Return whether a ball comes to rest on a wall.
-
-    If gravity presses it to a wall and e < 1 is constant, it bounces infinitely often in a finite
-    time. Once the next bounce is lower than `tolerance` radii, that time is summed.
+    """Return whether a ball comes to rest on a wall. If gravity presses it to a wall and e < 1 is
+    constant, it bounces infinitely often in a finite time. Once the next bounce is lower than
+    `tolerance` radii, that time is summed.
     """
     if not layout.settles:
         return choice.tail

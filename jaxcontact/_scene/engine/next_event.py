@@ -200,7 +200,6 @@ def _of_shaken(
     layout: Layout, numbers: Numbers, those: _Those
 ) -> tuple[_Columns, Float[Array, " M"]]:
     """Return the contacts of spheres with shaken fixed ones, and a time limit for other images.
-
     Before that time no other image of these is met.
     """
     assert numbers.shaking is not None
@@ -244,10 +243,9 @@ def _moves(numbers: Numbers, who: Int[Array, " M"]) -> Bool[Array, " M"]:
 def among_others(
     layout: Layout, numbers: Numbers, coupling: Coupling, events: Events, now: Float[Array, ""]
 ) -> Events:
-    """Return events without those that involve moving spheres of the coupled solve.
-
-    Those spheres leave their flight paths. The others search again at the time of their second best
-    event. A fixed sphere stays where it would be anyway.
+    """Return events without those that involve moving spheres of the coupled solve. Those spheres
+    leave their flight paths. The others search again at the time of their second best event. A
+    fixed sphere stays where it would be anyway.
     """
     seats = coupling.seats
     moves = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)] > 0

@@ -31,10 +31,8 @@ _PIECE = 256
 """The number of impacts between two returns to Python."""
 
 _PATIENCE = 2048
-"""The number of impacts that run in a quickly compiled program, over one plus the slots.
-
-It is not a time: the two programs round differently, and a script must reproduce its numbers.
-"""
+"""The number of impacts that run in a quickly compiled program, over one plus the slots. It is not
+a time: the two programs round differently, and a script must reproduce its numbers."""
 
 _RUN: dict[Any, int] = {}
 """The number of impacts of each kind that have run in a quickly compiled program."""
@@ -42,9 +40,8 @@ _RUN: dict[Any, int] = {}
 
 @eqx.filter_jit
 def all_at_once(rules: Rules, given: Given, grid: Grid | None, room: int) -> Known:
-    """Run the whole event loop as one program with room for so many impacts.
-
-    If a cell is full, the run continues without cells.
+    """Run the whole event loop as one program with room for so many impacts. If a cell is full, the
+    run continues without cells.
     """
     layout, numbers, valid, end, tolerance = given
     numbers, end = jax.tree.map(
@@ -66,10 +63,8 @@ def all_at_once(rules: Rules, given: Given, grid: Grid | None, room: int) -> Kno
 def from_python(
     rules: Rules, given: Given, start: State | None, most: int | None, tell: Tell, grows: bool
 ) -> tuple[Rules, Known]:
-    """Run the event loop from Python; return the final rules and the outcome.
-
-    It writes at `most` so many rows. If it `grows`, the capacity of coupled solves is increased as
-    needed.
+    """Run the event loop from Python; return the final rules and the outcome. It writes at `most`
+    so many rows. If it `grows`, the capacity of coupled solves is increased as needed.
     """
     layout, numbers = given[:2]
     state = _begun(layout, numbers, rules) if start is None else start
@@ -84,10 +79,9 @@ def from_python(
 def _piece_by_piece(
     wanted: Rules, given: Given, state: State, most: int | None, tell: Tell
 ) -> tuple[Rules, Known]:
-    """Run one program repeatedly until all impacts are found.
-
-    With many spheres or periodic axes most scenes need no coupled solve. The program is then one
-    without, until a coupled solve is needed.
+    """Run one program repeatedly until all impacts are found. With many spheres or periodic axes
+    most scenes need no coupled solve. The program is then one without, until a coupled solve is
+    needed.
     """
     layout, numbers, valid, end, tolerance = given
     rules = wanted
@@ -124,9 +118,8 @@ def _piece_by_piece(
 def _piece(
     layout: Layout, numbers: Numbers, rules: Rules, state: State, *given: Array
 ) -> tuple[State, Log, Array, Array]:
-    """Run a piece, by the quickly compiled program at first.
-
-    Once pieces of its kind have run long enough, a faster program is compiled.
+    """Run a piece, by the quickly compiled program at first. Once pieces of its kind have run long
+    enough, a faster program is compiled.
     """
     kind = jax.tree.structure((layout, numbers, rules, state)), numbers.dtype
     done = _RUN.get(kind, 0)
@@ -163,9 +156,8 @@ _blank = quick(blank_log)
 def _with_room(
     layout: Layout, numbers: Numbers, state: State, before: float
 ) -> tuple[State, float]:
-    """Return the run with new cells after one was full, and the time at which that was.
-
-    If they were also full at the time `before`, cells are useless and omitted.
+    """Return the run with new cells after one was full, and the time at which that was. If they
+    were also full at the time `before`, cells are useless and omitted.
     """
     assert state.cells is not None
     now, position = _here(layout, numbers, state)
@@ -184,9 +176,8 @@ def _here(layout: Layout, numbers: Numbers, state: State) -> tuple[Array, Array]
 def _one_log(
     layout: Layout, numbers: Numbers, rules: Rules, pieces: Sequence[tuple[Log, int]]
 ) -> Log:
-    """Return the log of several pieces, with blank rows at its end.
-
-    Pieces from before the first coupled solve get blank rows for calls.
+    """Return the log of several pieces, with blank rows at its end. Pieces from before the first
+    coupled solve get blank rows for calls.
     """
     total = sum(count for _, count in pieces)
     # Logs whose lengths are powers of two share the programs that read them.

@@ -20,10 +20,8 @@ RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER = range(6)
 
 
 class Rules(eqx.Module):
-    """The static rules of a run.
-
-    `soft`: whether impacts take time. `v0` is its rule, and `members` the capacity of a coupled
-    solve in spheres, 0 without one.
+    """The static rules of a run. `soft`: whether impacts take time. `v0` is its rule, and `members`
+    the capacity of a coupled solve in spheres, 0 without one.
     """
 
     soft: bool = eqx.field(static=True)
@@ -51,11 +49,9 @@ class Coupling(NamedTuple):
 
 
 class Events(NamedTuple):
-    """The stored events, (N,) each.
-
-    `partner` is negative if the event is only a search. `count` is the partner's number of impacts
-    when it was found, and `speed` the closing speed. `second` is the time of the second best
-    impact, or of the best one if the event is only a search.
+    """The stored events, (N,) each. `partner` is negative if the event is only a search. `count` is
+    the partner's number of impacts when it was found, and `speed` the closing speed. `second` is
+    the time of the second best impact, or of the best one if the event is only a search.
     """
 
     time: Float[Array, " N"]

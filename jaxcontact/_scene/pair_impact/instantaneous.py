@@ -1,8 +1,6 @@
-"""An instantaneous impact: the states of two bodies after it from those before it.
-
-It is written for differentiation. The touch time is known, and corrected by Newton steps that are
-zero in value and carry the derivatives of the root. States, normal and time therefore vary
-together.
+"""An instantaneous impact: the states of two bodies after it from those before it. It is written
+for differentiation. The touch time is known, and corrected by Newton steps that are zero in value
+and carry the derivatives of the root. States, normal and time therefore vary together.
 """
 
 from __future__ import annotations
@@ -41,7 +39,6 @@ class Choice(NamedTuple):
 
 class Outcome(NamedTuple):
     """The outcome of an impact: the two bodies after it, each at its own time, and its numbers.
-
     `wall_work` in J is the work of a moving wall or fixed sphere on the body. `way` and `status` (a
     `Status`) are whole numbers.
     """
@@ -68,10 +65,9 @@ def two_that_meet(layout: Layout, time: Lane) -> Flying:
 
 
 class Meeting(NamedTuple):
-    """Two bodies at their touch.
-
-    `flying` holds their states, and `normal` is the unit vector from the second to the first.
-    `closing` is the closing speed, and `driven` the velocity of a wall along its normal.
+    """Two bodies at their touch. `flying` holds their states, and `normal` is the unit vector from
+    the second to the first. `closing` is the closing speed, and `driven` the velocity of a wall
+    along its normal.
     """
 
     flying: Flying

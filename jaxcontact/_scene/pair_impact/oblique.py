@@ -51,10 +51,8 @@ class Rebound(NamedTuple):
 
 
 def _goal(rtol: Number, share: float) -> Number:
-    """Return a share of `rtol`, but no less than the precision allows.
-
-    A formula needs a tenth. A step needs a hundredth, as the error of the outcome is about ten
-    times larger.
+    """Return a share of `rtol`, but no less than the precision allows. A formula needs a tenth. A
+    step needs a hundredth, as the error of the outcome is about ten times larger.
     """
     return jnp.maximum(share * rtol, 20 * float(jnp.finfo(rtol.dtype).eps))
 
@@ -191,9 +189,8 @@ def _solved(
 
 
 def _back(form: AbstractForm, exponent: Specialised, closed: ScaledImpact) -> Number:
-    """Return the time at which the bodies of a free impact are at x = 0 again.
-
-    After a force without tension vanishes, they move at constant speed.
+    """Return the time at which the bodies of a free impact are at x = 0 again. After a force
+    without tension vanishes, they move at constant speed.
     """
     depth = form.end_indentation(exponent.value, closed.restitution)
     if depth is None:
@@ -222,10 +219,9 @@ def _free(closed: ScaledImpact, back: Number, error: Number) -> RadialOutcome:
 def _corrected(
     free: RadialOutcome, change: Change, doubt: Change, ratio: Number, sliding: Number
 ) -> RadialOutcome:
-    """Return the free impact with the correction for a weak push and turning.
-
-    The error of velocities is that of e and of the direction. The error of positions, relative to
-    v_n T, results from the errors of the duration and the turn.
+    """Return the free impact with the correction for a weak push and turning. The error of
+    velocities is that of e and of the direction. The error of positions, relative to v_n T, results
+    from the errors of the duration and the turn.
     """
     # If the bound is infinite, the numbers are meaningless and not used.
     trusted = jnp.isfinite(doubt.restitution)

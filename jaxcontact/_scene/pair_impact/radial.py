@@ -56,9 +56,8 @@ def _radial_state(y: State) -> Moving:
 
 
 class Radial(eqx.Module):
-    """The scaled radial problem of one lane, and the tolerance of a step.
-
-    `skip` is 1 if the solution is not needed.
+    """The scaled radial problem of one lane, and the tolerance of a step. `skip` is 1 if the
+    solution is not needed.
     """
 
     form: AbstractForm
@@ -153,10 +152,8 @@ class Radial(eqx.Module):
 
     def rest(self) -> tuple[Number, Bool[Array, ""]]:
         """Return the static indentation under the push, and whether bodies creep to it; 0 if
-        unknown.
-
-        Near rest y'' + c x^(n-p) y' + n x^(n-1) y = 0. The bodies creep to it, or oscillate about
-        it.
+        unknown. Near rest y'' + c x^(n-p) y' + n x^(n-1) y = 0. The bodies creep to it, or
+        oscillate about it.
         """
         n, static = self._n, self.motion.static_indentation()
         damping = self.form.damping(n, jnp.asarray(True))

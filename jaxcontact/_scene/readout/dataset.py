@@ -48,10 +48,8 @@ def dataset(
     reached: Array,
     wall_work: Array,
 ) -> xarray.Dataset:
-    """Return the states and impacts of a single run as a dataset.
-
-    `bodies` are the numbers of its spheres. Raises ImportError without xarray, ValueError for a
-    batch of runs.
+    """Return the states and impacts of a single run as a dataset. `bodies` are the numbers of its
+    spheres. Raises ImportError without xarray, ValueError for a batch of runs.
     """
     try:
         import xarray

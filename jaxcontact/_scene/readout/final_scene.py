@@ -53,9 +53,8 @@ def end_of(choice: None, course: Course) -> Start:
 
 
 def _underway(course: Course, last: Entries) -> Underway:
-    """Return the isolated impacts in progress at the end, with the states before them.
-
-    Another run solves these impacts again from their touch.
+    """Return the isolated impacts in progress at the end, with the states before them. Another run
+    solves these impacts again from their touch.
     """
     layout, log, time = course.layout, course.log, course.length
     inside = (last.row >= 0) & (last.began > time)

@@ -37,10 +37,9 @@ class States(NamedTuple):
 
 
 class Entries(NamedTuple):
-    """The last event of every sphere before given times, (T, N).
-
-    `row` is that of the log, or -1. `held` is the v0 of a sphere at rest. For a sphere within an
-    isolated impact, `began` lies in the future.
+    """The last event of every sphere before given times, (T, N). `row` is that of the log, or -1.
+    `held` is the v0 of a sphere at rest. For a sphere within an isolated impact, `began` lies in
+    the future.
     """
 
     position: Array

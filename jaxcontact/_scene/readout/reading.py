@@ -32,10 +32,9 @@ class Reading(NamedTuple):
 
 
 def read(course: Course, asked: Float[Array, " T"], rows: int | None) -> Reading:
-    """Return the results, with the table of impacts padded to so many `rows`.
-
-    With concrete numbers the table has no blank rows. Motion inside contacts is compiled only if
-    one of the times needs it.
+    """Return the results, with the table of impacts padded to so many `rows`. With concrete numbers
+    the table has no blank rows. Motion inside contacts is compiled only if one of the times needs
+    it.
     """
     reading = derived(_by_choice, course, asked, rows, decide=_from_log)
     if traced(reading.total):
@@ -53,9 +52,8 @@ def _first(impacts: Impacts, total: int) -> Impacts:
 
 
 def _from_log(course: Course, asked: Array, rows: int | None) -> tuple[Reading, tuple[bool, bool]]:
-    """Return the results from Python, with two flags for `_by_choice`.
-
-    They say whether a requested time, and whether an end of the run, is inside a contact.
+    """Return the results from Python, with two flags for `_by_choice`. They say whether a requested
+    time, and whether an end of the run, is inside a contact.
     """
     count, length = asked.shape[0], np.asarray(course.length)
     ends = np.stack([np.zeros_like(length), length])

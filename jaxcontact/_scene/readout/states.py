@@ -22,9 +22,7 @@ from .inside_contacts import Entries, States, at_rest, in_contacts, stored_at_en
 
 _LEAST, _FEW = 512, 128
 """The least number of times in a program, and the largest number of spheres for which it applies.
-
-With it a run, its plots and its animations share one program.
-"""
+With it a run, its plots and its animations share one program."""
 
 
 def moment_at(course: Course, times: Float[Array, " T"]) -> Moment:
@@ -90,11 +88,9 @@ def _moment(course: Course, times: Array, states: States) -> Moment:
 
 
 def states_at(course: Course, times: Float[Array, " T"]) -> States:
-    """Return the states at given times; at an instantaneous impact those after it.
-
-    The last impact of each sphere is found by binary search in a list sorted by sphere and time.
-    This avoids an array of times, spheres and impacts. Inside a contact the motion is solved from
-    the touch.
+    """Return the states at given times; at an instantaneous impact those after it. The last impact
+    of each sphere is found by binary search in a list sorted by sphere and time. This avoids an
+    array of times, spheres and impacts. Inside a contact the motion is solved from the touch.
     """
     layout, numbers, rules = course.layout, course.numbers, course.rules
     if not rules.soft:
@@ -107,9 +103,8 @@ def states_at(course: Course, times: Float[Array, " T"]) -> States:
 
 
 def states_in_log(course: Course, times: Float[Array, " T"]) -> tuple[States, Bool[Array, " T"]]:
-    """Return the states outside of contacts, and which of the times are inside one.
-
-    At the end time of a coupled call the state is in the log.
+    """Return the states outside of contacts, and which of the times are inside one. At the end time
+    of a coupled call the state is in the log.
     """
     layout, numbers, rules = course.layout, course.numbers, course.rules
     found = looked_up(course, times)
