@@ -43,8 +43,8 @@ class Impact(eqx.Module):
     - `duration`, `compression_time`: of contact, and until the indentation is largest, in s.
     - `max_force`: in N, the largest force of the whole contact.
     - `energy_loss`: in J.
-    - `min_force`: in N, the least force, negative if the contact pulls. None for laws without
-      tension.
+    - `min_force`: in N, the least force, negative if the contact pulls. None for laws that cannot
+      pull.
     - `status`: see `Status`.
     - `error_estimate`: the larger one of the estimated relative errors of restitution and duration.
       None for methods without an estimate.
