@@ -9,25 +9,24 @@ from importlib.metadata import version
 from pathlib import Path
 
 VARIABLE = "JAXCONTACT_CACHE"
-"""Names another folder; empty, nothing is kept. JAX's own variable wins over it."""
+"""Names another folder; if empty, nothing is kept. JAX's own variable takes precedence."""
 
 _STORE = "jax_compilation_cache_dir"
 
 
 def cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
-    """Keep compiled programs on disk: the next process reads what this one has compiled.
+    """Keep compiled programs on disk, so that the next process can read them.
 
-    `folder`: where; None for the user's cache folder, which the commands use, too. The environment
-    variable JAXCONTACT_CACHE names another one, and switches it off where it is empty. A folder
-    that JAX keeps its programs in already (`jax_compilation_cache_dir`) stays, unless `folder` is
-    given.
+    `folder` is the location; None uses the user's cache folder, as the commands do. The environment
+    variable JAXCONTACT_CACHE names another one; if it is empty, nothing is kept. A folder that JAX
+    already uses (`jax_compilation_cache_dir`) stays, unless `folder` is given.
 
-    Programs are kept for one version of JAX and one kind of processor. They run as they are read:
-    name no folder that somebody else can write to. Returns the folder; None where none is used.
+    Programs are valid for one version of JAX and one kind of processor. They run as they are read:
+    never use a folder to which others can write. Returns the folder, or None if none is used.
     Raises ValueError for a folder that cannot be written to. Source: JAX's persistent compilation
     cache.
     """
-    # Loaded here: the command line asks for the names in this file before it needs JAX.
+    # Imported here: the command line asks for the names in this file before it needs JAX.
     import jax
     from jax.experimental.compilation_cache import compilation_cache
 
@@ -40,7 +39,7 @@ def cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
             return None
     programs = _made(folder)
     jax.config.update(_STORE, str(programs))
-    # Many small programs are compiled: together they are the wait.
+    # Many small programs are compiled, whose total compile time matters.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.02)
     # JAX looks for its store once, at the first program.
     compilation_cache.reset_cache()
@@ -48,7 +47,7 @@ def cache(folder: str | os.PathLike[str] | None = None) -> Path | None:
 
 
 def users_folder() -> Path | None:
-    """Where files are kept for the user; None where none are to be kept."""
+    """Return the folder for the user's cached files; None if nothing is to be kept."""
     given = os.environ.get(VARIABLE)
     if given == "":
         return None
@@ -60,7 +59,7 @@ def users_folder() -> Path | None:
 
 
 def _made(parent: str | os.PathLike[str]) -> Path:
-    """The folder in `parent` for this processor and this JAX."""
+    """Return the folder in `parent` for this processor and this JAX."""
     try:
         folder = Path(parent) / f"programs-{version('jaxlib')}-{_processor()}"
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,7 +76,7 @@ def _made(parent: str | os.PathLike[str]) -> Path:
 
 
 def _processor() -> str:
-    """Ten digits for what this processor can do: a home may be shared with others."""
+    """Return ten digits that identify the processor's features; a home may be shared."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         about = next(line for line in lines if line.startswith(("flags", "Features")))

@@ -1,4 +1,4 @@
-"""Scalar roots: between two points, or from a guess, with their own derivatives, lane by lane."""
+"""Scalar roots with implicit derivatives, lane by lane: in a bracket, or from a guess."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ Lane = Float[Array, "..."]
 def implicit_root(
     residual: Callable[..., Lane], guess: Callable[..., Lane], iterations: int
 ) -> Callable[..., Lane]:
-    """A function `x(*parameters)` that solves `residual(x, *parameters) = 0` lane by lane.
-
-    A fixed number of Newton steps from a good guess, without a branch. They are a loop, so that the
-    residual is compiled once. Derivatives as in `with_implicit_derivative`.
+    """Return a function `x(*parameters)` that solves `residual(x, *parameters) = 0` lane by lane.
+    It takes a fixed number of Newton steps from a good guess, without a branch. They are a loop, so
+    that the residual is compiled once. Derivatives are as in `with_implicit_derivative`.
     """
 
     def newton(*parameters: Lane) -> Lane:
@@ -39,10 +38,9 @@ def expanded_root(
     guess: Callable[..., Lane],
     iterations: int,
 ) -> Callable[..., Lane]:
-    """As `implicit_root`, for a residual that comes with its first three derivatives in x.
-
-    They cost next to nothing where the residual is an integral, and Householder's steps of order
-    four need half the evaluations.
+    """Return `implicit_root` for a residual that comes with its first three derivatives in x. These
+    derivatives are almost free if the residual is an integral. Householder's steps of order four
+    then need half the evaluations.
     """
 
     def householder(*parameters: Lane) -> Lane:
@@ -65,11 +63,12 @@ def with_implicit_derivative(
     residual: Callable[..., Lane],
     with_slope: Callable[..., tuple[Lane, Lane]] | None = None,
 ) -> Callable[..., Lane]:
-    """`find(*parameters)`, which returns a root x of `residual(x, *parameters)`, differentiable.
+    """Return `find(*parameters)`, a root x of `residual(x, *parameters)`, made differentiable.
 
-    The derivative is the implicit one, `dx = -(∂R/∂p dp)/(∂R/∂x)`, written in terms of the root
-    itself, so that it is right in both modes and to any order; `find` is never differentiated.
-    Parameters are pytrees of arrays. `with_slope` is R and ∂R/∂x where they are known together.
+    The derivative is the implicit one, `dx = -(∂R/∂p dp)/(∂R/∂x)`. It is written in terms of the
+    root itself, so that it is correct in both modes and to any order. `find` is never
+    differentiated. Parameters are pytrees of arrays. `with_slope` returns R and ∂R/∂x together, if
+    available.
     """
     root = jax.custom_jvp(find)
 
@@ -95,10 +94,10 @@ def _with_slope(
 def bracketed_root(
     function: Callable[[Lane], Lane], at_zero: Lane, at_one: Lane, iterations: int
 ) -> Lane:
-    """The root in [0, 1] of a function with the values `at_zero` > 0 > `at_one` at the ends.
+    """Return the root in [0, 1] of a function with the values `at_zero` > 0 > `at_one` at the ends.
 
-    Regula falsi that halves the value of an end kept twice (Illinois): it keeps the bracket, has
-    order 1.4, and ends where the root no longer moves, after `iterations` at the latest. Not for
+    Regula falsi, halving the value of an end that is kept twice (Illinois). It keeps the bracket,
+    has order 1.4, and ends if the root no longer moves, at the latest after `iterations`. Not for
     differentiation.
     """
     zero = varying(at_zero, jnp.zeros_like(at_zero))
@@ -108,8 +107,8 @@ def bracketed_root(
         count, moved, *_ = carry
         return (count <= iterations) & (moved > rounding)
 
-    # A value decides in the step after the one that computes it. In the same step XLA may compute
-    # it several times, once for each use, and a value near zero not always with the same sign.
+    # A value is used in the step after its computation. In the same step XLA may compute it once
+    # for each use, and a value near zero may then differ in sign.
     def narrow(carry: tuple[Lane, ...]) -> tuple[Lane, ...]:
         count, _, middle, value, low, low_value, high, high_value, side = carry
         up = value > 0
@@ -117,7 +116,7 @@ def bracketed_root(
         low_value = jnp.where(up, value, jnp.where(kept_low, low_value / 2, low_value))
         high_value = jnp.where(up, jnp.where(kept_high, high_value / 2, high_value), value)
         low, high = jnp.where(up, middle, low), jnp.where(up, high, middle)
-        # The first step begins with the value at zero, which is no news of the root.
+        # The first step starts with the value at zero, which is no new information.
         side = jnp.where(count == 0, zero, jnp.where(up, zero + 1, zero - 1))
         chord = low + (high - low) * ratio(low_value, low_value - high_value)
         moved = jnp.where(count == 0, zero + 2, jnp.abs(chord - middle))
@@ -128,6 +127,6 @@ def bracketed_root(
 
 
 def ratio(numerator: Lane, denominator: Lane) -> Lane:
-    """Their quotient, 0 where the denominator is 0."""
+    """Return the quotient, 0 if the denominator is 0."""
     nonzero = denominator != 0
     return jnp.where(nonzero, numerator / jnp.where(nonzero, denominator, 1), 0)

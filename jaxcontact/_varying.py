@@ -12,11 +12,11 @@ Tree = TypeVar("Tree")
 
 
 def varying(number: Float[Array, ""], tree: Tree) -> Tree:
-    """`tree` as it is, but dependent on `number` and so on its lane, if only formally.
+    """Return `tree` unchanged, but formally dependent on `number` and thus on its lane.
 
-    What a loop starts with is often a constant that differs from lane to lane from the first pass
-    on. Under `vmap` JAX finds that out by tracing the body, and all loops in it, once more for
-    each loop. The compiler removes the choice between equals.
+    The start of a loop is often a constant that differs between lanes from the first pass on. Under
+    `vmap` JAX detects that by tracing the body, and all loops in it, once more for each loop. The
+    compiler removes the choice between equal values.
     """
     either = jnp.isnan(jax.lax.stop_gradient(number))
     return jax.tree.map(lambda leaf: jnp.where(either, leaf, leaf), tree)

@@ -1,4 +1,4 @@
-"""One impact: methods that solve it, and the functions that people call."""
+"""A single impact: solution methods and public functions."""
 
 from .front_door import problem_of as problem_of
 from .front_door import uniform as uniform

@@ -1,4 +1,4 @@
-"""What `impact`, `restitution` and `trajectory` share: checks, conversion, and the scaled lanes."""
+"""Inputs of `impact`, `restitution` and `trajectory`: checks, conversion, scaling."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FORCE = Range(inside=0.0)
 
 
 class Problem(NamedTuple):
-    """An impact to solve, as it was given: `lanes_of` brings it to one precision and rank."""
+    """An impact as given; `lanes_of` converts it to one precision and rank."""
 
     law: AbstractLaw
     contact: Contact
@@ -38,7 +38,7 @@ class Problem(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The broadcast shape of everything."""
+        """The broadcast shape of all inputs."""
         return np.broadcast_shapes(*map(np.shape, jax.tree.leaves(self)))
 
 
@@ -48,10 +48,9 @@ def problem_of(
     velocity: ArrayLike,
     external_force: ArrayLike | None = None,
 ) -> Problem:
-    """Check what can be checked without looking into arrays.
-
-    Raises ValueError for what is no law, contact or number, for a Python or NumPy scalar out of
-    range, an exponent that the law is not made for, and shapes that do not broadcast.
+    """Check the arguments as far as possible without reading arrays. Raises ValueError if an
+    argument is not a law, contact or number, and for a Python or NumPy scalar out of range. It also
+    raises it for an exponent that the law does not support, and for shapes that do not broadcast.
     """
     require_law(law)
     require_contact(contact)
@@ -73,13 +72,14 @@ def problem_of(
 
 
 def uniform(tree: Any) -> Any:
-    """`tree` with its numbers in one precision, the highest among them, and of one rank."""
-    # A Python number left in a law is a value, not a choice: another one must not compile anew.
+    """Return `tree` with all numbers in the highest precision among them, and of one rank."""
+    # A Python number in a law is data: a new value must not trigger a compilation.
     tree = jax.tree.map(lambda x: jnp.asarray(float(x)) if type(x) in (float, int) else x, tree)
     leaves = [leaf for leaf in jax.tree.leaves(tree) if eqx.is_inexact_array(leaf)]
-    # A Python number is weakly typed and follows the arrays; alone it has the default precision.
+    # A Python number is weakly typed and follows the arrays. Without arrays it has the default
+    # precision.
     strong = [leaf.dtype for leaf in leaves if not leaf.weak_type]
-    # Numbers of a fit are double; without double precision they are used in single.
+    # Fitted numbers are double. If x64 is disabled they are used in single precision.
     dtype = jax.dtypes.canonicalize_dtype(max(strong, key=lambda d: d.itemsize, default=float))
     rank = max((leaf.ndim for leaf in leaves), default=0)
 
@@ -94,11 +94,11 @@ def uniform(tree: Any) -> Any:
 
 
 class Lanes(eqx.Module):
-    """A problem in scaled units, and which lanes of it are valid.
+    """A problem in scaled units, with a mask of its valid lanes.
 
-    `form` and the exponent `n`, the external force `push` in scaled units (None without one) and
-    the `scale`, unbroadcast: a number that is the same in all lanes is a scalar. `shape`: that of
-    the problem. `peak`: whether damping refers to the largest closing speed since touch.
+    `form`, the exponent `n`, the external force `push` (None if there is none) and the `scale` are
+    not broadcast. A number equal in all lanes stays a scalar. `shape` is that of the problem.
+    `peak`: whether damping refers to the largest closing speed since touch.
     """
 
     form: AbstractForm
@@ -111,34 +111,34 @@ class Lanes(eqx.Module):
 
     @property
     def n(self) -> float | Float[Array, "..."]:
-        """The exponent, a float where it is concrete."""
+        """The exponent; a float if it is concrete."""
         return self.exponent.value
 
     @property
     def knows_no_damping(self) -> bool:
-        """Whether the force is one of which it is not known that its damping only takes energy."""
+        """True if the damping of the force is not known to be dissipative."""
         return self.form.damping(self.n, jnp.asarray(True)) is None
 
     @property
     def may_gain(self) -> bool:
-        """Whether an impact may end faster than it began: by its force, as nothing pushes."""
+        """True if an impact may end faster than it began, without an external force."""
         return self.push is None and self.knows_no_damping
 
     def motion(self) -> Motion:
-        """The equation of motion of the lanes, for methods that solve one lane."""
-        # XLA would fold a solve of constants (Hertz's law has no other numbers), for forty seconds.
-        # Number by number: a barrier around all would give a tangent to each that has none.
+        """Return the equation of motion of the lanes, for methods that solve one lane."""
+        # XLA would constant-fold a solve without inputs, such as Hertz's law, which takes forty
+        # seconds. A barrier for each number avoids tangents for numbers that have none.
         numbers = (self.form, self.exponent, self.push)
         form, exponent, push = jax.tree.map(jax.lax.optimization_barrier, numbers)
         return Motion(form, exponent, push, peak=self.peak)
 
 
 def lanes_of(problem: Problem, peak: bool = False, speeds: Range = SPEED) -> Lanes:
-    """The scaled problem; in lanes with invalid input valid numbers replace it.
+    """Return the scaled problem, with valid numbers in place of invalid input.
 
-    `peak`: whether damping refers to the largest closing speed since touch, which a push makes
-    larger than that at touch. It matters for the Hunt-Crossley family. `speeds`: those that are
-    valid.
+    `peak`: whether damping refers to the largest closing speed since touch. An external force makes
+    it larger than the speed at touch. It matters for the Hunt-Crossley family. `speeds` is the
+    valid range of closing speeds.
     """
     problem = uniform(problem)
     contact = problem.contact
@@ -179,7 +179,7 @@ def lanes_of(problem: Problem, peak: bool = False, speeds: Range = SPEED) -> Lan
 
 
 def _same_at_all_speeds(law: AbstractLaw) -> bool:
-    """Whether a law tells its α without contact and speed."""
+    """Return whether a law has an α that is independent of contact and speed."""
     try:
         jax.eval_shape(lambda law: law.damping_factor(None, None), law)
     except (TypeError, ValueError):

@@ -41,36 +41,44 @@ def impact(
     method: str | AbstractMethod = "auto",
     external_force: ArrayLike | None = None,
 ) -> Impact:
-    """One impact of two bodies: m δ'' = -F(δ, δ') + external force, δ(0) = 0, δ'(0) = velocity.
+    """Solve an impact of two bodies: m δ'' = -F(δ, δ') + external force, δ(0) = 0, δ'(0) = v0.
 
-    Arguments: the law; the contact; the closing `velocity` v0 in m/s, at least
-    `VELOCITY_THRESHOLD`. All numbers in them broadcast. `external_force` in N, constant, positive
-    when it pushes the bodies together (the weight of a falling ball).
+    - `law`, `contact`: the contact law and the contact.
+    - `velocity`: the closing speed v0 in m/s, at least `VELOCITY_THRESHOLD`.
+    - `method`: a name, or an object with the options of a method.
+    - `external_force`: in N, constant, positive if it pushes the bodies together (the weight of a
+      falling ball).
 
-    `method`: a name, or an object that holds the options of a method. "exact" (`jc.Exact`), the
-    closed form of the Hunt-Crossley family, the oscillator laws and viscoelastic spheres; "event"
-    (`jc.Event`), an adaptive solve that ends with the contact, for every law and under a push;
-    "phase" (`jc.Phase`), fixed steps over the phase angle with an error estimate, for laws that
-    follow the contact to δ = 0; "auto", the cheapest that is right: "exact" where there is a closed
-    form, "event" elsewhere. `Impact.method` says which it was. Derivatives of event solves are best
-    at `jc.Event(rtol=1e-11)`.
+    All numbers broadcast. The methods are:
 
-    Returns an `Impact` in the broadcast shape. Bad lanes are flagged in `.status`, their numbers
-    NaN, their neighbours untouched. Raises ValueError for a Python scalar out of range, an exponent
-    the law is not made for, or a method that does not apply.
+    - "exact" (`jc.Exact`): the closed form of the Hunt-Crossley family, the oscillator laws and
+      viscoelastic spheres.
+    - "event" (`jc.Event`): an adaptive solve that ends with the contact, for every law and with an
+      external force.
+    - "phase" (`jc.Phase`): fixed steps over the phase angle with an error estimate, for laws whose
+      contact lasts until δ = 0.
+    - "auto": "exact" if there is a closed form, else "event".
 
-    Source: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596, and the
-    references of the laws.
+    `Impact.method` names the method used. For derivatives of event solves use
+    `jc.Event(rtol=1e-11)`.
+
+    Returns an `Impact` in the broadcast shape. Failed lanes are flagged in `.status`, and their
+    numbers are NaN; other lanes are unaffected. Raises ValueError for a Python scalar out of range,
+    an exponent that the law does not support, or a method that does not apply.
+
+    Source: the energy integral of Hunt & Crossley (1975), doi 10.1115/1.3423596, and the references
+    of the laws.
     """
     problem = problem_of(law, contact, velocity, external_force)
     return _impact(problem, method_of(method))
 
 
 def _impact(problem: Problem, method: AbstractMethod) -> Impact:
-    """By one program, which is called sooner, where there is a formula; by two where there is none.
+    """Solve by one program if there is a formula, which is faster to call, else by two.
 
-    Of these a small one knows the law, and laws share the other, the solve of their form. Of the
-    two, a derivative would have the second one move with everything that the first one returns.
+    With two programs, a small one evaluates the law, and laws of one form share the solve. Under
+    differentiation one program is used, since the second of two would differentiate by all outputs
+    of the first.
     """
     if any(isinstance(number, Tracer) for number in jax.tree.leaves(problem)):
         return _at_once(problem, method)
@@ -82,11 +90,11 @@ def _impact(problem: Problem, method: AbstractMethod) -> Impact:
 
 
 class Landing(NamedTuple):
-    """What an impact does to bodies that move on under a push, beside its `impact`.
+    """The effect of an impact on bodies that continue under a push, beside its `impact`.
 
-    `end_indentation` in m, at which a force that only pushes vanishes; None where the contact lasts
-    until δ = 0. `spare_energy` in J, with which the bodies come to δ = 0, negative where it does
-    not suffice; None without a push.
+    `end_indentation` in m is where a force without tension vanishes; None if the contact lasts
+    until δ = 0. `spare_energy` in J is the kinetic energy at δ = 0, negative if the bodies do not
+    reach it; None without a push.
     """
 
     impact: Impact
@@ -96,7 +104,7 @@ class Landing(NamedTuple):
 
 @program
 def landing(problem: Problem, method: AbstractMethod, peak: bool = False) -> Landing:
-    """An impact, where it ends, and with which energy; `peak` as in `lanes_of`."""
+    """Return an impact with its end indentation and spare energy; `peak` as in `lanes_of`."""
     lanes = lanes_of(problem, peak)
     chosen = method.chosen(lanes.form, lanes.push is not None)
     scaled = chosen.solve(lanes)
@@ -106,7 +114,7 @@ def landing(problem: Problem, method: AbstractMethod, peak: bool = False) -> Lan
         depth = lanes.form.end_indentation(lanes.n, scaled.restitution)
     good = hit.status == int(Status.SEPARATED)
     if scaled.spare_energy is not None and lanes.knows_no_damping:
-        # On the way to δ = 0 and back a constant push gives nothing.
+        # A constant push does no net work on the way to δ = 0 and back.
         most = jnp.square(1 + chosen.error(scaled.restitution.dtype)) / 2
         gained = good & (scaled.spare_energy > most)
         status = jnp.where(gained, int(Status.GAINED), hit.status)
@@ -148,8 +156,8 @@ def _solved(lanes: Lanes, method: AbstractMethod) -> Impact:
 
 def _summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impact:
     scale, fill = lanes.scale, functools.partial(jnp.broadcast_to, shape=lanes.shape)
-    # Of these two alone: what is not used must stay dead code. A force that is not finite shows.
-    # What stays has neither, wherever the solve of its way out came to.
+    # A force that is not finite shows in these two. Unused outputs must stay dead code. A settled
+    # contact has neither value, regardless of its solve.
     finite = jnp.isfinite(scaled.restitution + scaled.duration)
     solved = scaled.converged & (finite | scaled.settled)
     parted = int(Status.SEPARATED)
@@ -162,7 +170,7 @@ def _summary(lanes: Lanes, method: AbstractMethod, scaled: ScaledImpact) -> Impa
     good = lanes.valid & solved
 
     def result(value: Float[Array, "..."], unit: Float[Array, "..."]) -> Float[Array, "..."]:
-        # An infinite time stays out of the product: 0 times inf is no derivative of the unit.
+        # An infinite time is kept out of the product, since 0 * inf would spoil its derivative.
         usable = good & jnp.isfinite(value)
         product = jnp.where(usable, value, 1) * unit
         return fill(jnp.where(usable, product, jnp.where(good, value, jnp.nan)))
@@ -194,15 +202,15 @@ def restitution(
     *,
     method: str | AbstractMethod = "auto",
 ) -> Float[Array, "..."]:
-    """The restitution e a law delivers in a free impact, and nothing else: no time is computed.
+    """Return the restitution e that a law delivers in a free impact, without impact times.
 
-    For the Hunt-Crossley family e solves `α(1+e) = ln[(1+α)/(1-αe)]`, whatever the exponent; for
-    the oscillator laws it is elementary. `contact` and the closing `velocity` in m/s are needed
-    only where e depends on them; other laws are solved with `impact`.
+    For the Hunt-Crossley family e solves `α(1+e) = ln[(1+α)/(1-αe)]`, independent of the exponent.
+    For the oscillator laws it is elementary. Other laws are solved with `impact`. `contact` and the
+    closing `velocity` in m/s are needed only if e depends on them.
 
-    Returns e in the broadcast shape, dimensionless, NaN in bad lanes. `method` as in `impact`.
-    Raises ValueError for a Python scalar out of range or a missing argument. Inverse, for the exact
-    law: `exact_damping_factor`. Source: see `impact`.
+    Returns e in the broadcast shape, dimensionless, NaN in failed lanes. `method` is as in
+    `impact`. Raises ValueError for a Python scalar out of range or a missing argument. The inverse
+    for the exact law is `exact_damping_factor`. Source: see `impact`.
     """
     require_law(law)
     if contact is not None:
@@ -248,7 +256,7 @@ def _restitution(
     lanes = lanes_of(problem, speeds=speeds)
     e = method.chosen(lanes.form, pushed=False).restitution(lanes.form)
     if e is None:
-        # Under this jit whatever else the solve computes is dead code, and removed.
+        # Under this jit, unused outputs of the solve are dead code and removed.
         return _solved(lanes, method).restitution
     return jnp.broadcast_to(jnp.where(lanes.valid, e, jnp.nan), problem.shape)
 
@@ -256,12 +264,12 @@ def _restitution(
 def restitution_at_any_speed(
     law: AbstractLaw, contact: Contact, velocity: Float[Array, "..."]
 ) -> Float[Array, "..."]:
-    """As `restitution`, at all speeds above zero: no speed is too small in units of one's own."""
+    """Return `restitution` for all speeds above zero, without the usual lower limit."""
     return _restitution(problem_of(law, contact, velocity), method_of("auto"), POSITIVE)
 
 
 def restitution_is_constant(law: AbstractLaw, contact: Contact | None) -> bool:
-    """Whether e is known to be the same at every speed: its form gives it without one."""
+    """Return whether e is known to be the same at every speed."""
     try:
         found = jax.eval_shape(lambda law: law.form(contact, None).restitution(), law)
     except (TypeError, ValueError):  # the law needs the speed
@@ -273,11 +281,11 @@ def restitution_is_constant(law: AbstractLaw, contact: Contact | None) -> bool:
 def restitutions(
     laws: tuple[Callable[..., AbstractLaw], ...], e: Float[Array, "laws n"]
 ) -> list[Float[Array, " n"] | None]:
-    """The restitution that each law delivers for its own row of parameters e.
+    """Return the restitution of each law for its own row of parameters e.
 
-    None for a law whose restitution also depends on the contact or the speed; NaN where a parameter
-    is out of range. Laws whose forms differ only in their numbers are solved together, since it
-    takes longer to compile a solve than to run it.
+    An entry is None if the restitution also depends on the contact or the speed. It is NaN for
+    parameters out of range. Laws whose forms have the same structure are solved together, because
+    compiling a solve takes longer than running it.
     """
     groups: dict[Any, list[tuple[int, list[Array]]]] = collections.defaultdict(list)
     for k, made in enumerate(laws):

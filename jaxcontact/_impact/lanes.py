@@ -1,4 +1,4 @@
-"""Solving lane by lane what is written for one lane, with sensitivities for both modes."""
+"""Batched solves of single-lane functions, with derivatives for both modes."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ Out = TypeVar("Out")
 
 
 def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
-    """`solve` for every lane of `problem`, whose leaves broadcast against each other.
-
-    The outcome has the broadcast shape. Leaves that are the same in all lanes are not repeated by
-    the caller, so that a batch costs as many solves as there are different problems.
+    """Apply `solve` to every lane of `problem`, whose leaves broadcast against each other. The
+    outcome has the broadcast shape. Callers leave leaves that are equal in all lanes unbroadcast,
+    so that a batch costs only its distinct problems.
     """
     leaves, structure = jax.tree.flatten(problem)
     shape = np.broadcast_shapes(*(leaf.shape for leaf in leaves))
@@ -34,17 +33,17 @@ def over_lanes(solve: Callable[[In], Out], problem: In) -> Out:
 
 @eqx.filter_jit
 def _traced_once(solve: Callable[[In], Out], problem: In) -> Out:
-    """`solve(problem)`, which JAX traces once for all batches and derivatives of equal solves."""
+    """Return `solve(problem)`; JAX traces equal solves once for all batches and derivatives."""
     return solve(problem)
 
 
 def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
-    """`solve` with a derivative rule that is linear in the tangents, so that it transposes.
+    """Return `solve` with a derivative rule that is linear in the tangents, so that it transposes.
 
-    `solve` must be differentiable in forward mode. The slopes by all numbers that vary are carried
-    along the one solve, and multiply tangents going forward or cotangents going back. A while loop
-    alone could do only one of the two. A scaled impact has one to four numbers; a leaf may also be
-    an array.
+    `solve` must be differentiable in forward mode. The slopes with respect to all varying numbers
+    are carried along in one solve. They multiply the tangents in forward mode and the cotangents in
+    reverse mode. A while loop alone supports only forward mode. A scaled impact has one to four
+    numbers; a leaf may also be an array.
     """
 
     def differentiable(problem: In) -> Out:
@@ -52,15 +51,15 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
         place = next(k for k, leaf in enumerate(leaves) if eqx.is_inexact_array(leaf))
         kinds: list[Any] = []
 
-        # Flags and counts are returned as numbers: a derivative rule cannot return integers.
+        # A derivative rule cannot return integers, so flags and counts are returned as numbers.
         def as_numbers(*leaves: jax.Array) -> Out:
             outcome = _traced_once(solve, jax.tree.unflatten(structure, leaves))
-            # Kept here, because another trace of the solve for its types would take seconds.
+            # The types are kept here, because another trace of the solve would take seconds.
             kinds[:] = [jax.tree.map(jnp.result_type, outcome)]
             return jax.tree.map(lambda out: out.astype(leaves[place].dtype), outcome)
 
-        # Every output depends on the input, if only formally: a rule whose outcome is constant in
-        # part fails under jit of vmap (jax 0.10.2).
+        # Every output formally depends on the input: a rule with partly constant outcomes fails
+        # under jit of vmap (jax 0.10.2).
         def of_lane(*leaves: jax.Array) -> Out:
             either = jnp.isnan(leaves[place].reshape(-1)[0])
             return jax.tree.map(lambda out: jnp.where(either, out, out), as_numbers(*leaves))
@@ -81,7 +80,7 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
 def _slopes_along(
     solve: Callable[..., Out], primals: tuple[jax.Array, ...], tangents: tuple
 ) -> tuple[Out, Out, jax.Array]:
-    """The outcome, its slopes by all numbers that vary, and the tangents of these."""
+    """Return the outcome, its slopes by all varying numbers, and the tangents of these."""
     varying = [i for i, t in enumerate(tangents) if not isinstance(t, SymbolicZero)]
     numbers = [primals[i] for i in varying]
     cuts = np.cumsum([number.size for number in numbers])
@@ -99,7 +98,7 @@ def _slopes_along(
     along = jnp.concatenate([tangents[i].reshape(-1) for i in varying])
     basis = jnp.eye(cuts[-1], dtype=along.dtype)
     if cuts[-1] == 1:
-        # A batch of one direction would be traced once more, and compiled with an axis of one.
+        # A batch of one direction would need another trace and an axis of length one.
         outcome, slope = sensitivity(basis[0])
         return outcome, jax.tree.map(lambda s: s[None], slope), along
     outcome, slopes = jax.vmap(sensitivity, out_axes=(None, 0))(basis)

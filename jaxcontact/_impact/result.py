@@ -1,4 +1,4 @@
-"""What an impact returns."""
+"""The result of an impact."""
 
 from __future__ import annotations
 
@@ -20,31 +20,36 @@ NUMBERS = (
 
 
 class Status(enum.IntEnum):
-    """How an impact ended; the values of `Impact.status`."""
+    """The values of `Impact.status`: the outcomes of an impact."""
 
     SEPARATED = 0
     """The bodies separated."""
     SETTLED = 1
-    """They stay in contact: restitution and rebound are zero, the duration is infinite."""
+    """The bodies stay in contact: restitution and rebound are zero, the duration is infinite."""
     NOT_CONVERGED = 2
-    """The numbers cannot be trusted and are NaN; try another method, or more `steps`."""
+    """The solve did not converge; the numbers are NaN. Try another method, or more `steps`."""
     INVALID_INPUT = 3
-    """A parameter of this lane is out of its range; its numbers are NaN."""
+    """A parameter of this lane is out of range; its numbers are NaN."""
     GAINED = 4
-    """The bodies separated faster than they met, e > 1, without an external force: the law adds
+    """The bodies separated faster than they met, e > 1, without an external force. The law adds
     energy. The numbers are those of the law as written. Check the sign of its damping."""
 
 
 class Impact(eqx.Module):
     """The summary of an impact; every array has the broadcast shape of law, contact and speed.
 
-    `restitution` e = -v(+)/v(-), dimensionless; `rebound_velocity` in m/s; `duration` of contact
-    and `compression_time` until the indentation is largest, in s; `max_indentation` in m;
-    `max_force` in N, the largest force of the whole contact; `energy_loss` in J; `min_force` in N,
-    the least force, negative where the contact pulls, of laws that may pull and None for others;
-    `status`, see `Status`; `error_estimate`, the relative error estimated for restitution and
-    duration (the larger one), for methods that estimate it; `steps`, the accepted steps, for
-    methods that step. `method` names what was used.
+    - `restitution`: e = -v(+)/v(-), dimensionless.
+    - `rebound_velocity` in m/s, and `max_indentation` in m.
+    - `duration`, `compression_time`: of contact, and until the indentation is largest, in s.
+    - `max_force`: in N, the largest force of the whole contact.
+    - `energy_loss`: in J.
+    - `min_force`: in N, the least force, negative if the contact pulls. None for laws that cannot
+      pull.
+    - `status`: see `Status`.
+    - `error_estimate`: the larger one of the estimated relative errors of restitution and duration.
+      None for methods without an estimate.
+    - `steps`: the number of accepted steps. None for closed forms.
+    - `method`: the name of the method used.
     """
 
     restitution: Float[Array, "..."]
@@ -80,7 +85,7 @@ def _show(value: Array) -> str:
 
 
 def status_words(value: Array | np.ndarray) -> str:
-    """The names of `Status`, with their counts where there are several lanes."""
+    """Return the names of `Status` values, with counts if there are several lanes."""
     if isinstance(value, Tracer) or not eqx.is_array(value):
         return str(value)
     kinds, counts = np.unique(np.asarray(value), return_counts=True)

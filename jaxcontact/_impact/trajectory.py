@@ -1,4 +1,4 @@
-"""A whole impact as a function of time."""
+"""An impact as a function of time."""
 
 from __future__ import annotations
 
@@ -29,12 +29,15 @@ if TYPE_CHECKING:
 
 
 class Energy(eqx.Module):
-    """Where the energy is, in J: shape (..., samples).
+    """The energies of an impact in J, shape (..., samples).
 
-    `kinetic` = ½ m δ'²; `elastic` = ∫ F(δ, 0) dδ, what the contact stores; `dissipated`, the work
-    of damping, integrated along the motion; `external`, the work of the external force. `total` =
-    kinetic + elastic + dissipated - external is the initial energy ½ m v0² up to the tolerance: an
-    independent check of the solve.
+    - `kinetic`: ½ m δ'².
+    - `elastic`: ∫ F(δ, 0) dδ, stored in the contact.
+    - `dissipated`: the work of damping, integrated along the motion.
+    - `external`: the work of the external force.
+
+    `total` = kinetic + elastic + dissipated - external equals the initial energy ½ m v0² up to the
+    tolerance. This is an independent check of the solve.
     """
 
     kinetic: Float[Array, "..."]
@@ -51,9 +54,11 @@ class Energy(eqx.Module):
 class Trajectory(eqx.Module):
     """An impact sampled uniformly in time, from touch to separation; shape (..., samples).
 
-    `time` in s, `indentation` in m, `velocity` δ' in m/s (positive while closing), `force` in N,
-    `energy`, see `Energy`; `status` as in `Impact`, shape (...). A contact that settles is followed
-    until its second turn, when that is certain.
+    - `time` in s, `indentation` in m, and `force` in N.
+    - `velocity`: δ' in m/s, positive while closing.
+    - `energy`, `status`: see `Energy`; the status is as in `Impact`, shape (...).
+
+    A contact that settles is followed until its second turn, at which settling is certain.
     """
 
     time: Float[Array, "..."]
@@ -73,15 +78,17 @@ def trajectory(
     method: str | AbstractMethod = "auto",
     external_force: ArrayLike | None = None,
 ) -> Trajectory:
-    """The motion of an impact: m δ'' = -F(δ, δ') + external force, δ(0) = 0, δ'(0) = velocity.
+    """Compute the motion of an impact: m δ'' = -F(δ, δ') + external force, δ(0) = 0, δ'(0) = v0.
 
-    Arguments as for `impact`; `samples` ≥ 2 moments, equally spaced, the first at touch and the
-    last at separation; a contact that creeps for ever has no such moment and is not converged.
-    `method`: "event" (or "auto", which is the same here) or a `jc.Event` with its options. Between
-    the steps of the solver the motion is computed by a step of order 8, not by interpolation.
+    - `law`, `contact`, `velocity`, `external_force`: as for `impact`.
+    - `samples`: at least 2 equally spaced moments, the first at touch and the last at separation.
+    - `method`: "event", or "auto", which is the same here, or a `jc.Event` with options.
 
-    Returns a `Trajectory`; bad lanes are flagged in `.status`, their numbers NaN. Raises ValueError
-    as `impact` does, and for other methods. Source: see `impact`.
+    Between the solver's steps the motion is computed by a step of order 8, not by interpolation. A
+    contact that creeps forever has no separation and counts as not converged.
+
+    Returns a `Trajectory`. Failed lanes are flagged in `.status`, and their numbers are NaN. Raises
+    ValueError as `impact` does, and for other methods. Source: see `impact`.
     """
     samples = require_count("samples", samples, 2)
     problem = problem_of(law, contact, velocity, external_force)
@@ -119,7 +126,7 @@ def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
     good = along_samples(lanes.valid & solved)
 
     def result(value: Array, unit: Array) -> Array:
-        # One path may stand for all lanes, which differ in their units alone.
+        # One path may represent all lanes, which then differ only in their units.
         value = value.reshape((1,) * (len(shape) + 1 - value.ndim) + value.shape)
         filled = jnp.where(good, value * along_samples(unit), jnp.nan)
         return jnp.broadcast_to(filled, (*shape, samples))
@@ -131,7 +138,7 @@ def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
         velocity=result(path.v, scale.speed),
         force=result(path.force, scale.force),
         energy=Energy(
-            # The unit of energy is ½ m v0²: the scaled energies, in units of m v0², count double.
+            # The unit of energy is ½ m v0²: scaled energies in units of m v0² count double.
             kinetic=result(jnp.square(path.v), scale.energy),
             elastic=result(2 * path.elastic, scale.energy),
             dissipated=result(2 * path.loss, scale.energy),
@@ -142,7 +149,7 @@ def _trajectory(problem: Problem, how: Event, samples: int) -> Trajectory:
 
 
 def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
-    # Loaded here, with diffrax.
+    # Imported here, because it needs diffrax.
     from .methods.event_solve import Solve, solve_legs, was_followed
 
     motion = motion.ready()
@@ -155,7 +162,7 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
         on_way_in = moment <= turn.t
         path = jax.tree.map(lambda leaf: jnp.where(on_way_in, leaf[0], leaf[1]), legs.path)
         state = _state_at(motion, path, jax.lax.stop_gradient(moment), moment, on_way_in)
-        # Touch and separation are known: no sample may lie outside the contact by its rounding.
+        # Touch and separation are known, so rounding must not put a sample outside the contact.
         inside = state._replace(w=jnp.maximum(state.w, 0))
         return state, motion.force(state, on_way_in), motion.stored(inside)
 
@@ -181,7 +188,7 @@ def _path(motion: Motion, how: Event, many: bool, samples: int) -> _Path:
 def _state_at(
     motion: Motion, path: Steps, frozen_moment: Number, moment: Number, compressing: Array
 ) -> State:
-    """The state at a time, one step of the right size after the last accepted state before it."""
+    """Return the state at a time, one step after the last accepted state before it."""
     before = path.taken & (path.states.t <= frozen_moment)
     left = jnp.clip(jnp.sum(before) - 1, 0, jnp.sum(path.taken) - 2)
     moments = jax.lax.stop_gradient(path.moments)
@@ -195,7 +202,7 @@ def _state_at(
         iterations=20,
     )
     fraction = jax.lax.stop_gradient(jnp.clip(fraction, 0, 1))
-    # One Newton step changes no digit of the fraction, and gives it its derivative.
+    # One Newton step does not change the fraction, but gives it its derivative.
     reached = motion.later(start, fraction * size, compressing)
     clock = jax.lax.stop_gradient(motion.rate(reached, compressing).t * size)
     missing = moment - reached.t

@@ -1,4 +1,4 @@
-"""Compiled functions that are called with little delay, and derivatives outside of the trace."""
+"""Compiled functions with little call overhead, and derivatives outside of a trace."""
 
 from .compiled import FEW as FEW
 from .compiled import quick as quick

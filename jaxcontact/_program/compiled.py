@@ -1,4 +1,4 @@
-"""Compiled functions: what runs once is compiled quickly, what runs long as well as it can be."""
+"""Compiled functions: short runs compile quickly, long runs are optimised fully."""
 
 from __future__ import annotations
 
@@ -17,13 +17,12 @@ Out = TypeVar("Out")
 
 
 FEW = 256
-"""Numbers whose computation takes less time than the compiler needs to make it faster."""
+"""Up to this count of numbers, full optimisation takes longer than the computation."""
 
 
 def untraced() -> bool:
-    """Whether what is computed now is no part of another program, nor of a derivative.
-
-    Options of the compiler belong to whole programs.
+    """Return whether the current computation is outside of any other program or derivative.
+    Compiler options belong to whole programs.
     """
     return jax.extend.core.get_opaque_trace_state(convention="") == _OUTERMOST
 
@@ -33,10 +32,9 @@ with jax.core.eval_context():
 
 
 def side_by_side(jobs: Iterable[Callable[[], Out]]) -> Generator[Out, None, None]:
-    """The outcomes of jobs in their order, of which two run at a time.
-
-    What takes most of a job is the compiler, which leaves Python free for another one. Settings of
-    JAX that hold for the caller's thread alone do not hold in a job.
+    """Yield the results of jobs in order, running two at a time. Most of a job is compilation,
+    which leaves Python free for another one. JAX settings that hold only for the caller's thread do
+    not hold in a job.
     """
     with concurrent.futures.ThreadPoolExecutor(2) as pool:
         running = [pool.submit(job) for job in jobs]
@@ -49,15 +47,14 @@ def side_by_side(jobs: Iterable[Callable[[], Out]]) -> Generator[Out, None, None
 
 
 def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
-    """`equinox.filter_jit` for what takes longer to compile than to run, and is not traced itself.
-
-    On a processor XLA makes each loop by way of MLIR; its older way, direct, compiles in half the
-    time. Searches compiled so run 1.4 times as long.
+    """Return `equinox.filter_jit` of a function that takes longer to compile than to run. It must
+    not be traced itself. On a CPU, XLA compiles each loop through MLIR; its older, direct way takes
+    half the time. Searches compiled so run 1.4 times as long.
     """
 
     @functools.cache
     def compiled() -> Callable[..., Out]:
-        # It passes what it does not name on to `jax.jit`, which its type leaves out.
+        # It passes unknown arguments on to `jax.jit`, which its type omits.
         jit: Any = eqx.filter_jit
         return jit(function, compiler_options=soon_options())
 
@@ -69,10 +66,9 @@ def soon_compiled(function: Callable[..., Out]) -> Callable[..., Out]:
 
 
 def quick(function: Callable[..., Out], most: float = math.inf) -> Callable[..., Out]:
-    """`equinox.filter_jit` for what runs once or a few times: compiled in a quarter of the time.
-
-    Within another program, or a derivative, it is part of what is compiled there. For more numbers
-    than `most` among the arguments it is compiled as usual.
+    """Return `equinox.filter_jit` of a function that runs a few times, compiled four times faster.
+    Within another program or a derivative, it is compiled as a part of it. If the arguments hold
+    more numbers than `most`, it is compiled as usual.
     """
 
     @functools.cache
@@ -90,7 +86,7 @@ def quick(function: Callable[..., Out], most: float = math.inf) -> Callable[...,
 
 @functools.cache
 def soon_options() -> dict[str, Any] | None:
-    """Options of the compiler for processors; none where this version of JAX does not know them."""
+    """Return CPU compiler options; None for other devices, or if this JAX has no such options."""
     if jax.default_backend() != "cpu":
         return None
     options: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False}
@@ -103,7 +99,7 @@ def soon_options() -> dict[str, Any] | None:
 
 @functools.cache
 def quick_options() -> dict[str, Any] | None:
-    """As `soon_options`, without LLVM's passes and moving out of loops, which help long runs."""
+    """Return `soon_options` without LLVM passes and loop hoisting, which only help long runs."""
     soon = soon_options()
     if soon is None:
         return None

@@ -1,7 +1,6 @@
-"""Linear maps with data, as one primitive of JAX: applied by programs that are compiled quickly.
-
-Where a derivative is taken outside of any trace its map is applied once or a few times, so that
-compiling is its price. Of the transposed map only what is asked for is compiled.
+"""Linear maps with data as one JAX primitive, applied by quickly compiled programs. A derivative
+outside of any trace applies its map only a few times, so that compilation is its main cost. Of a
+transposed map only the requested part is compiled.
 """
 
 from __future__ import annotations
@@ -19,19 +18,19 @@ from jaxtyping import Array
 from .compiled import quick
 
 Apply = Callable[[list[Array], list[Array]], list[Array]]
-"""Of what is known and of tangents, in which it is linear; equal ones share their programs."""
+"""A function of data and tangents, linear in the tangents; equal ones share their programs."""
 
 
 class Map(NamedTuple):
-    """`function(static, known, along)`: tangents of floats, from trees of what is `known` and of
-    tangents, with None for those that are zero; linear in the tangents.
+    """A linear map `function(static, known, along)` of tangents. `known` is a tree of data, and
+    `along` one of tangents, with None for zeros. It returns the tangents of floats.
     """
 
     function: Callable[[Any, Any, Any], Any]
     static: Any
 
     def __call__(self, known: Any, along: Any, like: Any) -> Any:
-        """Applied to tangents, in which it may be transposed; `like`: floats that it returns."""
+        """Apply the map to tangents, so that it transposes; `like` has its output's structure."""
         data, structure = jax.tree.flatten(known)
         tangents, shape = jax.tree.flatten(along)
         floats, out = jax.tree.flatten(like)
@@ -53,7 +52,7 @@ class _OfTrees(NamedTuple):
 
 
 class _Transposed(NamedTuple):
-    """From cotangents of those outcomes that are `asked`, to those of the `inputs`."""
+    """The map from cotangents of the outcomes `asked` to those of the `inputs`."""
 
     apply: Apply
     inputs: tuple[jax.core.ShapedArray, ...]
@@ -78,8 +77,8 @@ class _Batched(NamedTuple):
 
 
 class _Varied(NamedTuple):
-    """The derivative of a map with fixed tangents by some of what it knows: what is known, and the
-    tangents, are all known to it.
+    """The derivative of a map with respect to some of its data, with fixed tangents. Both the data
+    and the tangents of the map are data to it.
     """
 
     apply: Apply

@@ -1,15 +1,16 @@
-"""Derivatives outside of the trace: what is differentiated runs as from Python.
+"""Derivatives outside of a trace: the differentiated function runs as from Python.
 
-Beneath `jax.grad`, `jax.jvp`, `jax.jacfwd` or `jax.hessian`, outside of `jit` and `vmap`, the
-numbers that a derivative is taken at are known. These are the rules:
+Under `jax.grad`, `jax.jvp`, `jax.jacfwd` or `jax.hessian`, outside of `jit` and `vmap`, the numbers
+at which a derivative is taken are concrete. These are the rules:
 
-- `grad`, `jvp`, `jacfwd`, `jacrev`: a function looks at its numbers, loops in Python and uses
-  programs that are compiled quickly. Its derivative is a linear map: of a few scalars the product
-  with slopes, found by the same program as the outcome (`program`); else a `Map`, whose data are
-  what the function knows, applied by a program of its own in the mode that is asked for.
-- Second derivatives: beneath two of them the outcome is still found as from Python, and a `Map` is
-  differentiated by its data. A `program` of scalars is differentiated as any other function.
-- `jit`, `vmap`: nothing is known. A function is differentiated as any other, or by a rule for it.
+- `grad`, `jvp`, `jacfwd`, `jacrev`: a function reads its numbers, loops in Python and uses quickly
+  compiled programs. Its derivative is a linear map. For a few scalars it is the product with
+  slopes, which the same program computes with the outcome (`program`). Otherwise it is a `Map` on
+  the function's data, applied by a program of its own in the requested mode.
+- Second derivatives: under two of them the outcome is still computed as from Python, and a `Map` is
+  differentiated by its data. A `program` of scalars is differentiated like any other function.
+- `jit`, `vmap`: no numbers are concrete. A function is differentiated like any other, or by its
+  rule.
 """
 
 from __future__ import annotations
@@ -28,15 +29,14 @@ Out = TypeVar("Out")
 
 
 def traced(tree: Any) -> bool:
-    """Whether a tree holds a traced number."""
+    """Return whether a tree holds a traced number."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(tree))
 
 
 def known_beneath(leaves: list[Any]) -> bool:
-    """Whether numbers are known beneath one derivative that is taken of some of them.
-
-    The rule of a derivative sees them. In a program that is traced it is not called; in a batch, or
-    for a second derivative, it sees tracers.
+    """Return whether numbers are concrete under one derivative with respect to some of them. The
+    rule of a derivative receives them. In a traced program it is not called. In a batch, or for a
+    second derivative, it receives tracers.
     """
     known = []
 
@@ -52,8 +52,8 @@ def known_beneath(leaves: list[Any]) -> bool:
 def with_rule(
     function: Callable[..., Out], rule: Callable[[tuple, tuple], tuple[Out, Any]]
 ) -> Callable[..., Out]:
-    """`function` with the derivative of a `rule`: from arguments and their tangents, None where
-    they are zero, to the outcome and its tangents, None for what does not move.
+    """Return `function` with the derivative given by a `rule`. The rule maps arguments and their
+    tangents, None if zero, to the outcome and its tangents, None if zero.
     """
     found = jax.custom_jvp(function)
 
@@ -66,8 +66,8 @@ def with_rule(
 
 
 class Found(eqx.Module):
-    """What a function returns, and the `choice` that it made by its numbers (hashable); None where
-    they are not concrete.
+    """The result of a function, and the hashable `choice` that it made by its numbers. The choice
+    is None if the numbers are not concrete.
     """
 
     value: Any
@@ -80,11 +80,9 @@ def outside(
     along_with: Callable[[Any, Found, Any], Any],
     given: Any,
 ) -> Found:
-    """`find(traced, given)`, differentiable by every float in `given`.
-
-    Where numbers are concrete the derivative of the value is the linear map that `slopes` returns,
-    from tangents, None for those that are zero, to tangents, None for what does not move; elsewhere
-    it is `along_with(given, found, tangents)`.
+    """Return `find(traced, given)`, differentiable by every float in `given`. With concrete numbers
+    the derivative is the linear map of tangents that `slopes` returns. Zero tangents are None in
+    its input and output. Otherwise it is `along_with(given, found, tangents)`.
     """
     arrays, static = eqx.partition(given, eqx.is_array)
 
@@ -100,7 +98,7 @@ def outside(
 
     def rule(primals: tuple, tangents: tuple) -> tuple[Found, Found]:
         (arrays,), (along,) = primals, tangents
-        # Of what is known another transformation, as `vmap`, would make tracers.
+        # Another transformation such as `vmap` would turn concrete numbers into tracers.
         known = (found if traced(arrays) else plainly)(arrays)
         given = eqx.combine(arrays, static)
         if known.choice is None:
@@ -118,10 +116,9 @@ def derived(
     *given: Any,
     decide: Callable[..., tuple[Any, Any]] | None = None,
 ) -> Any:
-    """`function(choice, *given)`, with a derivative that is compiled quickly.
-
-    Where numbers are concrete `decide(*given)` is that value in the way of Python, and the choice
-    that it made; elsewhere the choice is None.
+    """Return `function(choice, *given)`, with a quickly compiled derivative. With concrete numbers
+    `decide(*given)` returns the value as computed from Python, and the choice made. Otherwise the
+    choice is None.
     """
 
     def find(traced: bool, given: Any) -> Found:
@@ -150,7 +147,7 @@ def _pushed(static: Any, known: Any, along: Any) -> Any:
 
 
 def _along(function: Callable[[Any], Any], given: Any, along: Any) -> Any:
-    """The tangents of the floats of `function(given)`, along those that are not None."""
+    """Return the tangents of the floats of `function(given)`, along those that are not None."""
     moves = jax.tree.map(lambda t: t is not None, along, is_leaf=lambda t: t is None)
     moving, rest = eqx.partition(given, jax.tree.map(bool, moves))
 

@@ -1,4 +1,4 @@
-"""Compiled functions that are called with little delay, with derivatives of known scalars."""
+"""Compiled functions with little call overhead, with derivatives of concrete scalars."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ Out = TypeVar("Out")
 
 
 def program(function: Callable[..., Out]) -> Callable[..., Out]:
-    """`function(numbers, *choices)`, compiled for the types of its arguments.
+    """Return `function(numbers, *choices)`, compiled for the types of its arguments.
 
-    Leaves that are no arrays are choices for which it is compiled anew, as by `equinox.filter_jit`;
-    but a float among the `numbers` is one more number. Where there are no such choices `jax.jit`
-    takes the arguments leaf by leaf, which is several times faster. The outcome holds arrays alone.
+    Leaves that are not arrays are static choices, as in `equinox.filter_jit`; a float among the
+    `numbers` is a number. Without such choices `jax.jit` takes the arguments leaf by leaf, which is
+    several times faster. The outcome must hold only arrays.
 
-    A few numbers are computed by a program that is compiled in half the time. Where a derivative is
-    taken of known scalars, as by `jax.grad` outside of `jit`, one such program computes the outcome
-    and its slopes, and the derivative is their product with the tangents.
+    A few numbers are computed by a program that compiles in half the time. A derivative of concrete
+    scalars, as by `jax.grad` outside of `jit`, needs one such program for the outcome and its
+    slopes. The derivative is the product of the slopes with the tangents.
     """
     with_choices = eqx.filter_jit(function)
 
@@ -58,9 +58,8 @@ def program(function: Callable[..., Out]) -> Callable[..., Out]:
 
 
 def _of_leaves(function: Callable[..., Out], structure: Any) -> Callable[..., Out]:
-    """`function` of the leaves of its arguments.
-
-    Of classes in Python, JAX takes as long to flatten them as to run a small program.
+    """Return `function` as a function of the leaves of its arguments. JAX takes as long to flatten
+    Python classes as to run a small program.
     """
 
     @functools.wraps(function)
@@ -73,10 +72,9 @@ def _of_leaves(function: Callable[..., Out], structure: Any) -> Callable[..., Ou
 def _differentiable(
     function: Callable[..., Out], kinds: tuple[Any, ...]
 ) -> Callable[..., Out] | None:
-    """`function` of known scalars, differentiated by the program of its outcome and its slopes.
-
-    None where it depends on tracers that are no arguments, such as those in a law that a user
-    defines beneath a derivative: they would have no slopes.
+    """Return `function` of concrete scalars, with outcome and slopes from one program. Returns None
+    if it depends on tracers that are not arguments, which would have no slopes. An example is a law
+    that a user defines under a derivative.
     """
     traced = jax.jit(function)
     if any(isinstance(x, jax.core.Tracer) for x in jax.make_jaxpr(traced)(*kinds).consts):
@@ -98,13 +96,13 @@ def _differentiable(
 
 
 def _plain(number: Any) -> Any:
-    # The fast way into a compiled function knows no subclasses of float, of which JAX has one.
+    # The fast path into a compiled function rejects subclasses of float, and JAX has one.
     return float(number) if isinstance(number, float) else number
 
 
 @jax.jit
 def _sums(slopes: list[list[jax.Array]], along: list[jax.Array]) -> list[jax.Array]:
-    """Of each column of slopes, its product with the tangents."""
+    """Return the product of each column of slopes with the tangents."""
     return [
         functools.reduce(operator.add, (s * t for s, t in zip(column, along, strict=True)))
         for column in zip(*slopes, strict=True)
@@ -114,7 +112,7 @@ def _sums(slopes: list[list[jax.Array]], along: list[jax.Array]) -> list[jax.Arr
 def _slopes(
     function: Callable[..., Out], moves: tuple[bool, ...], *numbers: Any
 ) -> tuple[Out, list[list[jax.Array]]]:
-    """The outcome, and the slopes of its floats by each of the scalars that move."""
+    """Return the outcome, and the slopes of its floats by each of the varying scalars."""
     moving = tuple(itertools.compress(numbers, moves))
 
     def of_moving(*moving: Any) -> tuple[list[jax.Array], Out]:
@@ -135,7 +133,7 @@ def _slopes(
 
 
 _MOST_STRUCTURES = 256
-"""Programs of a function that are kept: for laws of a user's own, one for each function in them."""
+"""The number of programs kept for a function; a user's law adds one for each function in it."""
 
 
 @functools.cache

@@ -1,4 +1,4 @@
-"""Scenes of many bodies: from impact to impact."""
+"""Event-driven simulation of scenes with many bodies."""
 
 from .bodies.bodies import Box as Box
 from .bodies.bodies import Plane as Plane

@@ -1,4 +1,4 @@
-"""A run as it was searched: all that is read afterwards is read from it."""
+"""The record of a finished run, from which all results are read."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from .result import Ending
 
 
 class Course(eqx.Module):
-    """The scene, the rules and the `tolerance` of a run, and what is `known` of it. It went until
-    `last`, and was to last for `length`.
+    """The scene, the rules and the `tolerance` of a run, and its outcome `known`. The run ended at
+    `last`; its requested duration is `length`.
     """
 
     layout: Layout
@@ -28,27 +28,27 @@ class Course(eqx.Module):
 
     @property
     def log(self) -> Log:
-        """Its rows."""
+        """The log of the run."""
         return self.known.log
 
     @property
     def counts(self) -> Bool[Array, " K"]:
-        """Which rows of the log are written."""
+        """A mask of the log rows that are written."""
         return jnp.arange(self.log.facts.tied.shape[0]) < self.known.written
 
     @property
     def calls(self) -> Bool[Array, " K"] | None:
-        """Which rows are calls of the coupled solve; None where there is none."""
+        """A mask of the rows that are calls of the coupled solve; None if there are none."""
         call = self.log.facts.call
         return None if call is None else call.is_call & self.counts
 
     @property
     def ends(self) -> Float[Array, "2"]:
-        """The times of its start and its end."""
+        """The start and end times of the run."""
         return jnp.stack([jnp.zeros_like(self.length), self.length])
 
     def ending(self) -> tuple[Int[Array, ""], Float[Array, ""]]:
-        """How the run ended (an `Ending`), and up to which time its values hold."""
+        """Return the `Ending` of the run and the time up to which its values hold."""
         # A run may end while bodies are in contact.
         searched, valid = self.known.status, self.known.valid
         stuck = (searched != RUNNING) & (searched != OVER)

@@ -1,4 +1,4 @@
-"""Scenes in files of TOML."""
+"""Scenes in TOML files."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from .bodies.scene import Scene
 from .simulate import simulate
 
 TIMES = 201
-"""Times at which states are wanted, if a file does not say."""
+"""The number of output times if a file gives none."""
 
 _PERIODIC = "a list with a length in m, or false, for each axis"
 
 
 def examples() -> dict[str, str]:
-    """The texts of the scenes that ship with the package, by name."""
+    """Return the texts of the scenes that ship with the package, by name."""
     folder = importlib.resources.files("jaxcontact.data") / "scenes"
     files = sorted(folder.iterdir(), key=lambda file: file.name)
     return {file.name.removesuffix(".toml"): file.read_text("utf-8") for file in files}
@@ -47,24 +47,26 @@ def examples() -> dict[str, str]:
 def read_scene(
     file: str | os.PathLike[str] | None = None, *, example: str | None = None
 ) -> tuple[Scene, dict[str, Any]]:
-    """A scene from a file of TOML, and the arguments with which to `simulate` it.
+    """Read a scene from a TOML file, with the arguments for `simulate`.
 
     ```python
     scene, how = jc.read_scene("my.toml")  # or example="line", "table" or "box"
     run = jc.simulate(scene, **how)
     ```
 
-    At the top the file has `duration` and, if wanted, the other arguments of `simulate` and
-    `Scene`; `times` may be a count of even times (201 if not given), and `periodic` has false for
-    an axis that is not. Tables `[[sphere]]`, `[[plane]]`, `[[box]]` and `[[random_spheres]]` have
-    the arguments of what they name; bodies are numbered kind by kind, in the order in which the
-    kinds appear. `law` is the name of a law without parameters, or a table with its `name` and
-    parameters. Each `[[pair]]` has two names as `bodies`, and a `law`, a `stiffness` or both for
-    them. A `material` is the name of a table `[material.NAME]`; a `motion` is a table with
-    `kind = "vibration"` or "steady" and its arguments.
+    The top level has `duration` and, optionally, the other arguments of `simulate` and `Scene`.
+    `times` may be a count of evenly spaced times (default 201). `periodic` has false for each axis
+    that is not periodic.
 
-    Raises ValueError, which names the file, the table and the key, for what is unknown, missing or
-    out of range; OSError for a file that cannot be read.
+    Tables `[[sphere]]`, `[[plane]]`, `[[box]]`, `[[shell]]` and `[[random_spheres]]` have the
+    arguments of the Python objects. Bodies are numbered kind by kind, in the order in which the
+    kinds appear. `law` is the name of a law without parameters, or a table with its `name` and
+    parameters. Each `[[pair]]` has two names as `bodies`, and a `law`, a `stiffness` or both. A
+    `material` is the name of a table `[material.NAME]`. A `motion` is a table with `kind =
+    "vibration"` or "steady" and its arguments.
+
+    Raises ValueError for entries that are unknown, missing or out of range; the message names the
+    file, the table and the key. Raises OSError for a file that cannot be read.
     """
     if (file is None) == (example is None):
         raise ValueError(
@@ -100,7 +102,7 @@ class _Place(NamedTuple):
         return _Place(self.source, table)
 
     def require_known(self, what: str, name: Any, known: Iterable[str]) -> None:
-        """Raise ValueError for a name that is not known, with the one that may be meant."""
+        """Raise ValueError for an unknown name, with the likely one as a suggestion."""
         known = list(known)
         if name in known:
             return
@@ -115,7 +117,7 @@ class _Place(NamedTuple):
         return value
 
     def made(self, function: Callable[..., Any], given: Mapping[str, Any]) -> Any:
-        """What a function makes of a table; its errors, and missing keys, name the table."""
+        """Call a function with the entries of a table; errors and missing keys name the table."""
         arguments = inspect.signature(function).parameters
         for name in given:
             self.require_known("a key", name, arguments)
@@ -131,7 +133,7 @@ class _Place(NamedTuple):
 def _read(top: _Place, content: dict[str, Any]) -> tuple[Scene, dict[str, Any]]:
     kinds = {cls.__name__.lower(): cls for cls in AbstractBody.__subclasses__()}
     for_scene = [n for n in inspect.signature(Scene).parameters if n != "bodies"]
-    # Who watches a run is no part of it.
+    # Progress output is not part of a file.
     for_run = [n for n in inspect.signature(simulate).parameters if n not in ("scene", "progress")]
     tables = [*kinds, random_spheres.__name__, "pair", "material"]
     for name in content:
@@ -164,7 +166,7 @@ def _table_of(top: _Place, name: str, value: Any) -> dict[str, Any]:
 
 
 def _tables(top: _Place, kind: str, listed: Any) -> Iterable[tuple[_Place, dict[str, Any]]]:
-    """The tables of one kind, each with its place."""
+    """Return the tables of one kind, each with its place in the file."""
     if not isinstance(listed, list) or not all(isinstance(one, dict) for one in listed):
         raise top.error(f"{kind!r} must be tables [[{kind}]], but is {rendered(listed)}.")
     return [(top.inside(f"[[{kind}]] number {k}"), one) for k, one in enumerate(listed, 1)]
@@ -173,7 +175,7 @@ def _tables(top: _Place, kind: str, listed: Any) -> Iterable[tuple[_Place, dict[
 def _filled(
     place: _Place, table: Mapping[str, Any], materials: Mapping[str, Material]
 ) -> dict[str, Any]:
-    """A table of a body with the material and the motion that it names."""
+    """Return the table of a body with its named material and motion resolved."""
     given = dict(table)
     if "material" in given:
         place.require_known("'material'", given["material"], materials)
@@ -210,7 +212,7 @@ def _law(place: _Place, value: Any) -> AbstractLaw:
 
 
 def _by_pair(top: _Place, content: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """The law and the stiffness of a scene: one for all, or by pair with one for the others."""
+    """Return the law and the stiffness of a scene: one for all, or by pair with a default."""
     found: dict[str, Any] = {}
     if "law" in given:
         found["law"] = _law(top.inside("[law]"), given["law"])
@@ -239,14 +241,14 @@ def _by_pair(top: _Place, content: Mapping[str, Any], given: Mapping[str, Any]) 
 
 
 def _periodic(place: _Place, value: Any) -> list[Any]:
-    """Lengths, with None where the file says false: TOML knows no None."""
+    """Return the lengths, with None where the file has false, since TOML has no None."""
     if not isinstance(value, list):
         raise place.error(f"'periodic' must be {_PERIODIC}, but is {rendered(value)}.")
     return [None if one is False else one for one in value]
 
 
 def _run_given(top: _Place, given: dict[str, Any]) -> dict[str, Any]:
-    """The arguments of `simulate`, with times."""
+    """Return the arguments of `simulate`, with explicit times."""
     if "duration" not in given:
         raise top.error("the key 'duration' must be given, but is missing.")
     try:

@@ -1,4 +1,4 @@
-"""What a run leaves behind: states, impacts, and how far they can be trusted."""
+"""The result of a run: states, impacts and status flags."""
 
 from __future__ import annotations
 
@@ -18,58 +18,63 @@ from .readout.columns import write_csv
 
 
 class Ending(enum.IntEnum):
-    """How a run ended; the values of `Run.status`."""
+    """The values of `Run.status`: the endings of a run."""
 
     COMPLETED = 0
-    """It reached its duration."""
+    """The run reached its duration."""
     TOO_MANY_IMPACTS = 1
-    """There was no room for another impact: its values are NaN. Give a larger `max_impacts`."""
+    """More impacts than the capacity: all values are NaN. Pass a larger `max_impacts`."""
     ACCUMULATED = 2
-    """Impacts accumulated where no series is known for them: what comes after is NaN."""
+    """Impacts accumulated without a known series: later values are NaN."""
     INVALID_INPUT = 3
-    """A number of the scene is out of its range, or bodies overlap at the start: all is NaN."""
+    """A number of the scene is out of range, or bodies overlap at the start: all values are NaN."""
     NOT_CONVERGED = 4
-    """An impact could not be solved to its tolerance: what comes after is NaN."""
+    """An impact did not converge to its tolerance: later values are NaN."""
     CROWDED = 5
-    """Too many bodies came together for `max_cluster`, of which those that touch at rest count, or
-    in a way that is left out (docs/scenes_how.md): what comes after is NaN. Give a larger
-    `max_cluster`."""
+    """More spheres than `max_cluster` came together, or in an unsupported way (docs/scenes_how.md).
+    Spheres in contact at rest count. Later values are NaN. Pass a larger `max_cluster`."""
     WALL_TOO_ABRUPT = 6
-    """A wall, a fixed sphere or a shell exceeds its `max_acceleration`: what comes after is NaN."""
+    """A wall, a fixed sphere or a shell exceeds its `max_acceleration`: later values are NaN."""
 
 
 class Way(enum.IntEnum):
-    """How an impact was solved; the values of `Impacts.way`."""
+    """The values of `Impacts.way`: the solution methods of an impact."""
 
     INSTANTANEOUS = 0
-    """Out of time, with the law's restitution at its closing speed."""
+    """Without duration, with the law's restitution at the closing speed."""
     SERIES = 1
-    """The last of a series of bounces on a wall, whose time is summed: the ball rests there."""
+    """The last of a series of bounces on a wall. Its time is summed and the ball rests there."""
     CLOSED_FORM = 2
-    """Soft, head-on: by the law's own solution."""
+    """Finite duration, head-on: the law's closed form."""
     CORRECTED = 3
-    """Soft, slightly oblique or under a weak force: the law's own solution, and a series for what
-    that changes."""
+    """Finite duration, slightly oblique or weakly forced: closed form plus a series correction."""
     RADIAL = 4
-    """Soft, oblique: the radial equation with its angular momentum."""
+    """Finite duration, oblique: the radial equation with the angular momentum."""
     COUPLED = 5
-    """Soft, with others in contact or under forces: the coupled equations of motion."""
+    """Finite duration, with other contacts or forces: the coupled equations of motion."""
 
 
 class Impacts(eqx.Module):
-    """The impacts of a run in order of time, one in each row of the arrays (K,).
+    """The impacts of a run in order of time, one for each row of the arrays (K,).
 
-    `time` of touch in s; `first` and `second`, the bodies by their number in the scene, and the
-    `face` of a box (-1 where there is none); `closing_speed` in m/s; `restitution` delivered;
-    `duration` in s (of a series of bounces, until it ends); `max_force` in N, infinite for an
-    impact out of time; `energy_loss` in J; `turn` of the line of centres in rad; `way`, see `Way`;
-    `error_estimate`, relative to the closing speed (in a coupled solve, of all its contacts
-    together); `tied`: another impact of one of the bodies
-    happened at the same time, and their order was chosen. A contact that comes to rest has e = 0
-    and an infinite duration; a coupled one that goes on at the end of the run has neither (NaN). Of
-    an impact that began before the run (`time` < 0) or goes on at its end `energy_loss` is what is
-    lost within the run. In a coupled solve `closing_speed` is the v0 of the law. Rows with `valid`
-    False are blank.
+    - `time`: of touch, in s.
+    - `first`, `second`: the bodies by their number in the scene.
+    - `face`: the face of a box, -1 for other bodies.
+    - `closing_speed`: in m/s. In a coupled solve it is the v0 of the law.
+    - `restitution`: as delivered.
+    - `duration`: in s. For a series of bounces, up to its end.
+    - `max_force`: in N, infinite for an instantaneous impact.
+    - `energy_loss`: in J, within the run.
+    - `turn`, `way`: the turn of the line of centres in rad, and the solution method, see `Way`.
+    - `error_estimate`: relative to the closing speed. In a coupled solve it includes all its
+      contacts.
+    - `tied`: True if one of the bodies had another impact at the same time, so that their order was
+      chosen.
+    - `valid`: False in blank rows.
+
+    A contact that comes to rest has e = 0 and an infinite duration. A coupled contact still in
+    progress at the end of the run has NaN for both. An impact may begin before the run (`time` < 0)
+    or continue past its end. Its `energy_loss` is then only the part within the run.
     """
 
     time: Float[Array, " K"]
@@ -92,9 +97,8 @@ class Impacts(eqx.Module):
         return self.time.shape[-1]
 
     def to_dict(self) -> dict[str, np.ndarray]:
-        """The columns of the rows that are valid, as NumPy arrays by name.
-
-        Raises ValueError for the impacts of a batch of runs: take one with `jax.tree.map`.
+        """Return the columns of the valid rows as NumPy arrays by name. Raises ValueError for a
+        batch of runs: select one with `jax.tree.map`.
         """
         keep = np.asarray(self.valid)
         if keep.ndim != 1:
@@ -107,7 +111,7 @@ class Impacts(eqx.Module):
         return columns
 
     def _in_words(self) -> dict[str, np.ndarray]:
-        """The columns of `to_dict` for people: with the names of bodies, and `way` by its name."""
+        """Return the columns of `to_dict` with the names of bodies, and `way` by name."""
         columns, names = self.to_dict(), np.array(self.names)
         ways = np.array([way.name for way in Way])
         told = {}
@@ -118,9 +122,8 @@ class Impacts(eqx.Module):
         return told
 
     def to_dataframe(self) -> Any:
-        """The rows that are valid as a data frame of pandas, with names of bodies and ways.
-
-        Raises ImportError without pandas, which comes with `pip install 'jaxcontact[data]'`.
+        """Return the valid rows as a pandas data frame, with the names of bodies and ways. Raises
+        ImportError without pandas, which `pip install 'jaxcontact[data]'` installs.
         """
         try:
             import pandas
@@ -131,9 +134,8 @@ class Impacts(eqx.Module):
         return pandas.DataFrame(self._in_words())
 
     def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
-        """Write the rows that are valid, with names of bodies and ways.
-
-        `path` names a file, which then appears whole or not at all, or is an open one.
+        """Write the valid rows as CSV, with the names of bodies and ways. `path` is an open file or
+        a file name. A named file appears whole or not at all.
         """
         write_csv(self._in_words(), path)
 
@@ -166,7 +168,7 @@ class Impacts(eqx.Module):
 
 
 class Moment(NamedTuple):
-    """States at some times: `time` (T,), `position` and `velocity` (T, N, D), `energy` (T,)."""
+    """States at given times: `time` (T,), `position` and `velocity` (T, N, D), `energy` (T,)."""
 
     time: Float[Array, " T"]
     position: Float[Array, "T N D"]
@@ -175,7 +177,7 @@ class Moment(NamedTuple):
 
 
 def ending_words(status: Any) -> str:
-    """The name of an ending; several with their counts."""
+    """Return the name of an ending, or several names with their counts."""
     if isinstance(status, Tracer) or not eqx.is_array(status):
         return str(status)
     kinds, counts = np.unique(np.asarray(status), return_counts=True)
@@ -186,6 +188,6 @@ def ending_words(status: Any) -> str:
 
 
 def flagged(value: Array, good: Array) -> Array:
-    """`value` where `good` along its leading axes, else NaN."""
+    """Return `value` where `good` along its leading axes, else NaN."""
     shape = good.shape + (1,) * (value.ndim - good.ndim)
     return jnp.where(good.reshape(shape), value, jnp.nan)

@@ -1,4 +1,4 @@
-"""What a scene goes on from where it is the end of a run: what rests, and what is in contact."""
+"""The state from which a scene continues a finished run: resting spheres and contacts."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from .cluster.equations import ClusterState
 
 
 class Contacts(NamedTuple):
-    """A coupled solve in progress at time zero, if it is `active`: the spheres `who` (M,) have its
-    places, those that are `present`, `shift` (M, D) periods away; the rest is as in `Coupling`.
+    """A coupled solve in progress at time zero, if `active`. Its places hold the spheres `who`
+    (M,), of which those `present` count. They are shifted by `shift` (M, D) periods. The other
+    fields are as in `Coupling`.
     """
 
     active: Bool[Array, ""]
@@ -26,9 +27,9 @@ class Contacts(NamedTuple):
 
 
 class Underway(NamedTuple):
-    """The isolated impacts that are on at time zero: of every sphere the body that it meets,
-    `partner`, or -1, and when they touched, `touch` < 0 in s; its `position` and `velocity` after
-    what it met before that, at the `time` of that.
+    """The isolated impacts in progress at time zero. `partner` is the other body of each sphere's
+    impact, or -1. `touch` < 0 is the time of touch in s. `position` and `velocity` are the values
+    after the sphere's previous event, at `time`.
     """
 
     partner: Int[Array, " N"]
@@ -39,14 +40,14 @@ class Underway(NamedTuple):
 
     @property
     def counts(self) -> Bool[Array, " N"]:
-        """Which spheres are in one."""
+        """A mask of the spheres in such an impact."""
         return self.partner >= 0
 
 
 class Start(eqx.Module):
-    """Of every sphere the wall that it rests on, `support`, or -1, and the v0 `held` in m/s; the
-    `contacts` in progress, and the isolated impacts that are `underway`. `soft`: whether impacts
-    took time in the run that ended so.
+    """The start state of a scene that continues a run. `support` is the wall on which each sphere
+    rests, or -1, and `held` its v0 in m/s. `contacts` is the coupled solve in progress, and
+    `underway` holds the isolated impacts. `soft` is True if impacts took time in the previous run.
     """
 
     support: Int[Array, " N"]
@@ -57,12 +58,14 @@ class Start(eqx.Module):
 
     @property
     def leans(self) -> bool:
-        """Whether anything rests, or is in a coupled solve, of a start that is known."""
+        """True if a sphere rests or a coupled solve is active; needs concrete values."""
         active = self.contacts is not None and bool(self.contacts.active)
         return active or bool(np.any(np.asarray(self.support) >= 0))
 
     def as_needed(self) -> Start | None:
-        """What places and velocities do not say; None where they say it all."""
+        """Return the part of the start state that positions and velocities do not determine.
+        Returns None if there is none.
+        """
         underway = self.underway
         if underway is not None and not np.any(np.asarray(underway.partner) >= 0):
             underway = None
@@ -71,5 +74,5 @@ class Start(eqx.Module):
         return Start(self.support, self.held, self.contacts, underway, self.soft)
 
     def without_contacts(self) -> Start:
-        """The same where none goes on."""
+        """Return the same start without a coupled solve."""
         return Start(self.support, self.held, None, self.underway, self.soft)

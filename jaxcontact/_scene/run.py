@@ -29,15 +29,21 @@ if TYPE_CHECKING:
 
 
 class Run(eqx.Module):
-    """The motion of a scene.
+    """The motion of a scene, as `simulate` returns it.
 
-    `time` (T,) in s; `position` (T, N, D) in m and `velocity` (T, N, D) in m/s of the N spheres in
-    the order given, fixed ones too; `energy` (T,) in J, kinetic, weight and stored in contacts;
-    `impacts`, see `Impacts`; `margin`, see `Margin`; `status`, see `Ending`; `reached` in s, up to
-    which the values hold; `wall_work` in J, what moving walls, fixed spheres and shells did to the
-    others, so that the energy at the end is that at the start and `wall_work` less what the impacts
-    lost. `at(times)` gives the state at any times; `final` is the scene at the end, from which
-    another run goes on.
+    N is the number of spheres, in the order given, including fixed ones.
+
+    - `time` (T,): in s.
+    - `position` (T, N, D), `velocity` (T, N, D): in m and m/s.
+    - `energy` (T,): in J, the sum of kinetic energy, gravitational energy and energy stored in
+      contacts.
+    - `impacts`, `margin`, `status`: see `Impacts`, `Margin` and `Ending`.
+    - `reached`: the time in s up to which the values hold.
+    - `wall_work`: the work in J of moving walls, fixed spheres and shells on the others. The final
+      energy equals the initial energy plus `wall_work` less the impact losses.
+
+    `at(times)` returns the state at any times. `final` is the scene at the end, from which another
+    run continues.
     """
 
     time: Float[Array, " T"]
@@ -54,11 +60,11 @@ class Run(eqx.Module):
     _course: Course
 
     def at(self, time: ArrayLike) -> Moment:
-        """The state at any times between 0 and the duration.
+        """Return the states at any times between 0 and the duration.
 
-        `time` in s, a number or an array (T,). At an impact out of time the values are those after
-        it. NaN outside of the run, and after a time that a flagged run did not reach. Raises
-        ValueError for what is no number or has more than one axis.
+        `time` in s is a number or an array (T,). At an instantaneous impact the values are those
+        after it. Values are NaN outside the run, and beyond the time that a flagged run reached.
+        Raises ValueError for non-numbers and for more than one axis.
         """
         asked = as_parameter(time, "time")
         if asked.ndim > 1:
@@ -71,16 +77,16 @@ class Run(eqx.Module):
 
     @property
     def margin(self) -> Margin:
-        """How far a derivative can be trusted."""
+        """Measures of how far a derivative can be trusted."""
         return Margin(*self._nearest, self._course)
 
     @property
     def final(self) -> Scene:
-        """The scene at the end of the run: its spheres where they are then, with their speeds.
+        """The scene at the end of the run, with the final positions and velocities of the spheres.
 
-        What rests goes on to rest, and what is in contact goes on: another run of this scene has
-        its contacts, with the time of their touch before zero, and what they lose from now on. An
-        isolated impact is taken from its touch once more.
+        Resting spheres continue to rest, and contacts in progress continue. Another run of this
+        scene lists those contacts with a touch time before zero, and with the energy lost from now
+        on. An isolated impact is solved again from its touch.
         """
         start: Start | None = derived(end_of, self._course)
         end = self.at(self.duration)
@@ -102,12 +108,13 @@ class Run(eqx.Module):
         )
 
     def to_xarray(self) -> xarray.Dataset:
-        """The states and impacts of a single run as an `xarray.Dataset`, with units.
+        """Return the states and impacts of a single run as an `xarray.Dataset` with units.
 
-        `position` and `velocity` (time, sphere, axis), `energy` (time), and the columns of
-        `impacts` (impact), with the time as `impact_time`; `sphere`, `first` and `second` are
-        numbers of bodies, whose names are `body_name`. Raises ImportError without xarray, which
-        comes with `pip install 'jaxcontact[data]'`, ValueError for a batch of runs.
+        `position` and `velocity` have the axes (time, sphere, axis), and `energy` has (time). The
+        columns of `impacts` have (impact), with the time as `impact_time`. `sphere`, `first` and
+        `second` are numbers of bodies, whose names are `body_name`. Raises ImportError without
+        xarray, which `pip install 'jaxcontact[data]'` installs. Raises ValueError for a batch of
+        runs.
         """
         return dataset(
             self.scene,
@@ -120,11 +127,12 @@ class Run(eqx.Module):
         )
 
     def to_csv(self, path: str | os.PathLike[str] | TextIO | BinaryIO) -> None:
-        """Write a table with a row for each time: `time`, `energy`, then `position[k,d]` in m and
-        `velocity[k,d]` in m/s of sphere k along axis d.
+        """Write a CSV table with a row for each time.
 
-        `path` names a file, which then appears whole or not at all, or is an open one. Raises
-        ValueError for a batch of runs. `impacts.to_csv` writes the impacts.
+        The columns are `time` in s, `energy` in J, then `position[k,d]` in m and `velocity[k,d]` in
+        m/s of sphere k along axis d. `path` is an open file or a file name. A named file appears
+        whole or not at all. Raises ValueError for a batch of runs. `impacts.to_csv` writes the
+        impacts.
         """
         if self.time.ndim != 1:
             raise ValueError(
@@ -151,7 +159,7 @@ class Run(eqx.Module):
 
 
 def _later(body: AbstractBody, time: Array) -> AbstractBody:
-    """A body at a later time; what is known is computed by NumPy, which compiles nothing."""
+    """Return a body at a later time; concrete numbers use NumPy, which needs no compilation."""
     if body.motion is None or traced((body, time)):
         return body.after(time)
 

@@ -44,10 +44,10 @@ from .result import traced
 from .run import Run
 
 ROOM = 256
-"""Impacts that a traced run has room for."""
+"""The number of impacts that a traced run can hold."""
 
 _CALLS = 4
-"""Rows of the log for each impact that a coupled solve may need."""
+"""The number of log rows for each impact, as a coupled solve may need several."""
 
 
 @refuses_unknown
@@ -63,40 +63,43 @@ def simulate(
     max_cluster: int | None = None,
     progress: bool | Listener | None = None,
 ) -> Run:
-    """Follow a scene from impact to impact: flights by formula, times of impact in closed form.
+    """Simulate a scene from impact to impact, with closed-form flights and impact times.
 
-    Arguments: the scene; its `duration` in s; `times` (T,) in s at which states are wanted,
-    ascending, within the duration (the start and the end if not given); `rtol`, the tolerance of
-    each impact: velocities relative to the closing speed.
+    - `scene`: the `Scene`.
+    - `duration`: in s.
+    - `times` (T,): output times in s, ascending and within the duration. Default: start and end.
+    - `rtol`: the tolerance of each impact, for velocities relative to the closing speed.
+    - `instantaneous`: if True, impacts take no time.
+    - `v0`: the speed that the damping of a law refers to. "peak" is the largest closing speed since
+      touch, which is the speed at touch in a free impact. "touch" is the speed at touch. A number
+      in m/s is a lower bound on the speed at touch.
+    - `max_impacts`: the capacity for impacts. From Python the default grows as needed, also for
+      derivatives. Under `jit` and `vmap` it is fixed (default 256), and `impacts` are padded to it.
+      A run that exceeds it is flagged and NaN.
+    - `max_cluster`: the capacity of a coupled solve in spheres, at least 2. The default is 8; from
+      Python a run that needs more is then repeated with 16 and 32.
+    - `progress`: for runs from Python. None shows the number of impacts on stderr after a second,
+      in a terminal or notebook. True always shows it, False never. A function is called with that
+      number and None, as the total is unknown.
 
-    An isolated impact lasts as long as its law says, and the line of centres turns meanwhile: by
-    closed form where it is head-on, else by the radial equation with its angular momentum. Whatever
-    is not isolated is a coupled solve: a third body near, gravity across a wall, a contact that
-    comes to rest. It has room for `max_cluster` spheres, two at the least: those in contact and
-    those that they may reach soon; a run that needs more is flagged (`Ending.CROWDED`). If it is
-    not given it is 8, and from Python a run that needs more begins anew with room for 16 or 32.
-    `v0` is the speed that the damping of a law refers to: "peak", the largest closing speed since
-    touch, which in a free impact is that at touch; "touch", that at touch; a number, that at touch
-    or this least one in m/s.
+    An isolated impact has the duration that its law gives it, and the line of centres turns
+    meanwhile. Head-on impacts have a closed form. Oblique ones use the radial equation with the
+    angular momentum.
 
-    With `instantaneous` impacts are out of time: each has the law's e at its own closing speed.
-    Impacts at the same time are taken pair by pair, the largest closing speed first, and marked.
-    Where a ball bounces on a wall with a constant e < 1 under gravity, and the next bounce would be
-    lower than `rtol` radii, the time of the infinitely many bounces is summed and the ball rests
-    on the wall, along which it slides. Where impacts accumulate in any other way the run stops, and
-    is flagged.
+    All other impacts use a coupled solve: a third body nearby, gravity along a wall's normal, a
+    contact that comes to rest. It holds the spheres in contact and those that they may reach soon.
+    A run that needs more than `max_cluster` is flagged (`Ending.CROWDED`).
 
-    `max_impacts` is the room for impacts: from Python, and for its derivatives there, it grows by
-    itself; under `jit` and `vmap` it is fixed (256 if not given), `impacts` are padded to it, and a
-    run that needs more is flagged and NaN.
+    With `instantaneous=True` each impact uses the law's restitution at its closing speed.
+    Simultaneous impacts are processed pair by pair, the largest closing speed first, and marked as
+    tied. A ball may bounce on a wall under gravity with a constant e < 1. Once the next bounce
+    would be lower than `rtol` radii, the time of the infinite series is summed. The ball then rests
+    on the wall and slides along it. If impacts accumulate in any other way, the run stops and is
+    flagged.
 
-    `progress` of a run from Python: None shows the impacts on stderr after a second, if that is a
-    terminal or a notebook; True does so anywhere, False nowhere; a function is called with their
-    number and None, as the whole is not known.
-
-    Returns a `Run`, differentiable by all numbers of the scene in both modes; the derivative is
-    that of the order of impacts that happened (`Run.margin`). Bad lanes are flagged in `status`,
-    and NaN. Raises ValueError for what is out of range.
+    Returns a `Run`, differentiable in forward and reverse mode with respect to every number of the
+    scene. The derivative is that of the order of impacts that occurred (`Run.margin`). Failed lanes
+    are flagged in `status` and NaN. Raises ValueError for arguments out of range.
 
     Source: event-driven simulation with one stored event a body, Lubachevsky (1991),
     doi 10.1016/0021-9991(91)90222-7.
@@ -133,7 +136,7 @@ def simulate(
     numbers, valid, length, asked, last = numbers_of_it
     within = jax.device_put(np.asarray(tolerance, numbers.dtype))
     grows = max_cluster is None and _places_of(scene, 0) == 0
-    # A call of the coupled solve ends where any pair touches or opens.
+    # A call of the coupled solve ends when any pair touches or opens.
     calls = _CALLS if rules.members and not plain else 1
     room = ROOM if most is None else most
 
@@ -171,13 +174,13 @@ def simulate(
 
 
 def _places_of(scene: Scene, otherwise: int) -> int:
-    """For how many spheres the coupled solve that a scene begins in has room."""
+    """Return the capacity of the coupled solve that a scene starts in, else `otherwise`."""
     contacts = None if scene._start is None else scene._start.contacts
     return otherwise if contacts is None else contacts.who.shape[0]
 
 
 def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
-    """The scene, with what it goes on from where that is of use."""
+    """Return the scene with its start state removed where that is not used."""
     start = scene._start
     if start is None or start.soft == soft:
         if start is not None and start.contacts is not None:
@@ -195,19 +198,22 @@ def _going_on(scene: Scene, soft: bool, members: int) -> Scene:
             "Argument `instantaneous` must be False for a scene that goes on from soft contacts, "
             "but is True."
         )
-    # A ball that rested out of time has no indentation yet.
+    # A ball that rested after instantaneous impacts has no indentation.
     return eqx.tree_at(lambda scene: scene._start, scene, None)
 
 
 def _v0(given: Any) -> str | float:
-    """The rule of v0: "peak", "touch" or a floor in m/s; ValueError for anything else."""
+    """Return the rule for v0: "peak", "touch" or a lower bound in m/s.
+
+    Raises ValueError for anything else.
+    """
     if isinstance(given, str):
         return require_choice("v0", given, ("peak", "touch"))
     return require_number("v0", given, POSITIVE)
 
 
 def _times(given: Any, duration: Array) -> Array:
-    """The times asked for; ValueError unless they ascend within the duration."""
+    """Return the output times; raises ValueError unless they ascend within the duration."""
     if given is None:
         if isinstance(duration, Tracer):
             return jnp.stack([jnp.zeros_like(duration), duration])
@@ -231,21 +237,21 @@ def _times(given: Any, duration: Array) -> Array:
 
 @quick
 def _started(given: Parts, layout: Layout, rules: Rules, *times: Array) -> tuple[Any, ...]:
-    """What `_numbers` says, and the state at the start."""
+    """Return the values of `_numbers` and the state at the start."""
     known = _numbers(given, layout, rules, *times)
     return *known, begun(layout, known[0], rules)
 
 
 @quick
 def _seen(scene: Scene, layout: Layout, rules: Rules, *times: Array) -> tuple[Any, ...]:
-    """As `_started`, of a scene beneath a derivative."""
+    """Return the values of `_started` for a scene under differentiation."""
     known = _unseen(None, scene, layout, rules, *times)
     return *known, begun(layout, known[0], rules)
 
 
 @quick
 def _unseen(choice: None, scene: Scene, layout: Layout, *given: Any) -> tuple[Any, ...]:
-    """What `_numbers` says of a scene that nobody has looked at: bodies may overlap."""
+    """Return the values of `_numbers` for a scene with unchecked values, which may overlap."""
     numbers, valid, length, *rest = _numbers(given_in(scene), layout, *given)
     valid = valid & (first_overlap(layout, jax.lax.stop_gradient(numbers)) == 0)
     valid = valid & POSITIVE.holds(length)
@@ -255,8 +261,10 @@ def _unseen(choice: None, scene: Scene, layout: Layout, *given: Any) -> tuple[An
 def _numbers(
     given: Parts, layout: Layout, rules: Rules, length: Array, asked: Array
 ) -> tuple[Numbers, Array, Array, Array, Array]:
-    """The numbers of a scene and whether they are valid, the duration and the times in their
-    precision, and until when the run goes.
+    """Return the numbers of a scene and their validity, the duration, the times and the last time.
+
+    Duration and times have the precision of the numbers. The last time is earlier than the duration
+    if a motion exceeds its bound.
     """
     contacts = rules.soft or not all(layout.constant)
     numbers, valid = gathered(given, layout, contacts, rules.soft)

@@ -1,4 +1,4 @@
-"""Motions that are solved until an event ends them: fields and guards in, the end out."""
+"""Motions solved until an event ends them: fields and guards in, the end out."""
 
 from .field import Field as Field
 from .field import Flags as Flags

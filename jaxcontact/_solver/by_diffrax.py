@@ -1,4 +1,4 @@
-"""The same march by diffrax: with a solver or an adjoint of a user's choice."""
+"""The march with a solver or an adjoint of the user's choice, by diffrax."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ import optimistix as optx
 from .field import Field, Packed, Record, in_time
 from .march import Marched, Seen, Tolerance
 
-# Far beyond any end: a nominal one close to the event makes the step controller stall.
+# Far beyond any end: a nominal end close to the event would stall the step controller.
 _FAR = 1e12
 
 
 class _Watching(diffrax.AbstractWrappedSolver):
-    """A solver that is watched: the starts of the last two steps, and what was seen before."""
+    """A solver with a watch; its state holds the start of the last step and the watch's record."""
 
     solver: Any
     see: Callable[[Any, Record, Record], Any]
@@ -27,7 +27,7 @@ class _Watching(diffrax.AbstractWrappedSolver):
 
     @property
     def term_structure(self) -> Any:
-        """That of the solver, as everything else."""
+        """The term structure of the wrapped solver, like all other properties."""
         return self.solver.term_structure
 
     @property
@@ -67,7 +67,7 @@ class _Watching(diffrax.AbstractWrappedSolver):
         solver_state: tuple[Any, Record, Any],
         made_jump: Any,
     ) -> tuple[Record, Record | None, Any, tuple[Any, Record, Any], diffrax.RESULTS]:
-        # The start of a step is certain to be accepted. A step that is not leaves no memory.
+        # The start of a step is certainly accepted. A rejected step leaves no record.
         inner, last, seen = solver_state
         seen = self.see(seen, last, y0)
         after, error, dense, inner, result = self.solver.step(
@@ -86,24 +86,23 @@ def march_by_diffrax(
     solver: diffrax.AbstractSolver | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
 ) -> Marched:
-    """As `march`, which takes no solver and goes forward alone."""
+    """Solve as `march` does, with an optional solver and adjoint."""
     dtype = packed.start.dtype
 
     def slope(t: object, vector: Record, field: Field) -> Record:
         return packed.record(in_time(field, packed.moment(vector)))
 
     def guard(which: int) -> Callable[..., Any]:
-        # diffrax compares it with a Python 0.0, which has the default precision.
+        # diffrax compares it with a Python 0.0 of default precision.
         kind = jnp.zeros(()).dtype
         return lambda t, y, field, **kwargs: packed.guards(field, y)[which].astype(kind)
 
     opened = packed.guards(field, packed.start)
     count = opened.size
     all_steps = [diffrax.SubSaveAt(t0=True, steps=True)] if keep else []
-    # Python numbers would give the time the default precision, and the state with it. A first step
-    # given as an array would be checked at run time, by a callback: the controller chooses it. A
-    # root finder of diffrax would bring a callback into the derivative: the solve ends with the
-    # step that contains the event.
+    # Python numbers would give time and state the default precision. A first step given as an array
+    # would be checked at run time by a callback, so the controller chooses it. A root finder would
+    # bring a callback into the derivative, so the solve ends with the step that contains the event.
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(slope),
         _Watching(_ready(solver, tolerance, adjoint is not None), see, begun),
@@ -130,10 +129,10 @@ def march_by_diffrax(
 
 
 def _ready(solver: Any, tolerance: Tolerance, backwards: bool) -> Any:
-    """The solver, Dopri8 by default, with what diffrax fills in where nothing wraps it."""
+    """Return the solver, by default Dopri8, with the settings of an unwrapped one."""
     solver = diffrax.Dopri8() if solver is None else solver
     if isinstance(solver, diffrax.AbstractRungeKutta):
-        # The fast loop over the stages has no reverse mode, which a given adjoint may need.
+        # The fast loop over the stages has no reverse mode, which an adjoint may need.
         kind = "bounded" if backwards else "lax"
         solver = eqx.tree_at(lambda s: s.scan_kind, solver, kind, is_leaf=lambda x: x is None)
     if isinstance(solver, diffrax.AbstractImplicitSolver):

@@ -1,4 +1,4 @@
-"""A motion that is solved until an event ends it."""
+"""The interface of a motion that is solved until an event ends it."""
 
 from __future__ import annotations
 
@@ -21,45 +21,42 @@ State = TypeVar("State")
 Kept = TypeVar("Kept")
 
 Record = Any
-"""A moment as a solve keeps it: one vector, or a `Moment`."""
+"""A moment as a solve stores it: one vector, or a `Moment`."""
 
 
 class Field(Protocol[State]):
-    """An autonomous motion: a pytree, by whose arrays a solve is differentiable.
-
-    States are pytrees of arrays of one precision.
+    """An autonomous motion: a pytree, whose arrays a solve is differentiable by. States are pytrees
+    of arrays of one precision.
     """
 
     def rate(self, state: State) -> State:
-        """The slope of a state."""
+        """Return the slope of a state."""
         ...
 
     def guards(self, state: State) -> tuple[Number, ...]:
-        """Each positive until it ends the motion, and negative shortly after.
-
-        A step sees their signs at its ends. One that may close and open again within a step needs a
-        guard beside it that does not.
+        """Return guards, each positive until it ends the motion, and negative shortly after. Only
+        their signs at the ends of a step are checked. A guard that may close and open again within
+        a step needs another one beside it that does not.
         """
         ...
 
     @property
     def one_way(self) -> bool:
-        """Whether the guard that closes falls all the way in the step before: then no search."""
+        """True if the closing guard falls throughout the step before; then no search is needed."""
         ...
 
     @property
     def clamped(self) -> bool:
-        """Whether a force may be clamped to zero where the motion ends."""
+        """True if a force may be clamped to zero at the end of the motion."""
         ...
 
     def continued(self, inside: State) -> Field[State]:
-        """The motion under a force that no clamp ends, from a state shortly before the end."""
+        """Return the motion under the unclamped force, from a state shortly before the end."""
         ...
 
     def jumps(self, inside: State, end: State, closed: Flags) -> Bool[Array, ""]:
-        """Whether the force of a `continued` motion jumps to zero at its end, where it is clamped.
-
-        The guards that `closed` then say nothing of the end from the state `inside` before it.
+        """Return whether the force of a `continued` motion jumps to zero at its end by a clamp. The
+        guards that `closed` then do not determine the end from the state `inside` before it.
         """
         ...
 
@@ -72,12 +69,12 @@ class Moment(NamedTuple, Generic[State]):
 
 
 class Packed(NamedTuple, Generic[State]):
-    """How a solve keeps its moments, from a `start` on.
+    """The storage of moments in a solve, from a `start` on.
 
-    As one vector a moment costs a loop one instruction where a state costs several. `many`: they
-    stay as they are, and the stages of a step are written out: longer to compile, and a fraction
-    of the time in a batch. `moment`: the moment that a record keeps. `backwards`: whether
-    derivatives may go back through the steps.
+    A moment stored as one vector costs a loop one instruction; a state costs several. With `many`
+    lanes moments stay pytrees, and the stages of a step are written out. This takes longer to
+    compile, but a fraction of the run time in a batch. `moment` recovers a moment from its record.
+    `backwards`: whether derivatives may go back through the steps.
     """
 
     start: Record
@@ -87,7 +84,7 @@ class Packed(NamedTuple, Generic[State]):
 
     @staticmethod
     def of(start: State, many: bool = False, backwards: bool = False) -> Packed[State]:
-        """That of all moments from a state on, the first at time zero."""
+        """Return the storage for moments from a state on, the first one at time zero."""
         first = jax.tree.leaves(start)[0].reshape(-1)[0]
         begun = varying(first, Moment(jnp.zeros_like(first), start))
         if many:
@@ -95,23 +92,23 @@ class Packed(NamedTuple, Generic[State]):
         return Packed(*ravel_pytree(begun), many, backwards)
 
     def record(self, moment: Moment[State]) -> Record:
-        """What is kept of a moment."""
+        """Return the record of a moment."""
         return moment if self.many else ravel_pytree(moment)[0]
 
     def tau(self, record: Record) -> Number:
-        """The time in a record."""
+        """Return the time in a record."""
         return record.tau if self.many else record[0]
 
     def state(self, record: Record) -> State:
-        """The state in a record."""
+        """Return the state in a record."""
         return self.moment(record).state
 
     def guards(self, field: Field[State], record: Record) -> Float[Array, " guards"]:
-        """All guards."""
+        """Return all guards of a record."""
         return jnp.stack(field.guards(self.state(record)))
 
     def each(self, function: Callable[[Record], Array], *records: Record) -> Sequence[Array]:
-        """`function` of several records, compiled once where compiling counts."""
+        """Apply `function` to several records, compiled once if compile time matters."""
         if self.many:
             return [function(record) for record in records]
         return list(jax.vmap(function)(jnp.stack(records)))
@@ -119,7 +116,7 @@ class Packed(NamedTuple, Generic[State]):
     def step(
         self, rate: Callable[[Any, Moment[State]], Moment[State]]
     ) -> Callable[[Any, Record, Number], tuple[Record, Record]]:
-        """`step(field, record, size)`: the record a step later, and its error."""
+        """Return `step(field, record, size)`: the record a step later, and its error."""
 
         def few(field: Any, record: Record, size: Number) -> tuple[Record, Record]:
             def slope(record: Record) -> Record:
@@ -131,8 +128,8 @@ class Packed(NamedTuple, Generic[State]):
             one = jax.lax.stop_gradient(jnp.where(jnp.isnan(size), size, 1))
 
             def slope(_: int, moment: Moment[State]) -> Moment[State]:
-                # XLA computes a quotient once. What it takes for cheap it would compute again for
-                # every later stage, which is four times the work.
+                # XLA computes a quotient only once. It would recompute cheap expressions for every
+                # later stage, which is four times the work.
                 tau, state = rate(field, moment)
                 return Moment(tau, jax.tree.map(lambda leaf: leaf / one, state))
 
@@ -142,15 +139,15 @@ class Packed(NamedTuple, Generic[State]):
 
         if self.many:
             return many
-        # Under `vmap` a record stays a vector, but the stages are written out all the same.
+        # Under `vmap` a record stays a vector, but the stages are still written out.
         return few if self.backwards else ByLanes(few, many)
 
 
 def chosen(first: Bool[Array, ""], yes: Kept, no: Kept) -> Kept:
-    """`yes` or `no`, leaf by leaf."""
+    """Return `yes` or `no`, leaf by leaf."""
     return jax.tree.map(functools.partial(jnp.where, first), yes, no)
 
 
 def in_time(field: Field[State], moment: Moment[State]) -> Moment[State]:
-    """The slope of a motion, whose time passes at the rate 1."""
+    """Return the slope of a motion, with time passing at the rate 1."""
     return Moment(jnp.ones_like(moment.tau), field.rate(moment.state))

@@ -16,31 +16,30 @@ from .._varying import varying
 from .field import Field, Flags, Moment, Number, Packed, Record, chosen, in_time
 from .march import Marched
 
-# Mostly one; more at a corner between two guards.
+# Usually one suffices; more at a corner between two guards.
 _ITERATIONS = 60
-# Of the step: from so close to the end the last one, of order 8, is exact.
+# The share of a step: this close to the end, the last step of order 8 is exact.
 _NEAR = 1e-2
-# Of the time that is left: guards that close within so much of it close together.
+# The share of the remaining time: guards that close within it close together.
 _TOGETHER = 1e-4
 
 
 class _Falling(eqx.Module):
-    """A motion with what falls to zero at its end in place of time.
-
-    Source: Hénon (1982), doi 10.1016/0167-2789(82)90034-3.
+    """A motion with a falling guard as the independent variable in place of time. Source: Hénon
+    (1982), doi 10.1016/0167-2789(82)90034-3.
     """
 
     field: Any
     closed: Flags
 
     def nearest(self, state: Any) -> Number:
-        """The smallest guard of those that close."""
+        """Return the smallest of the closing guards."""
         guards = self.field.guards(state)
         chosen = (jnp.where(c, guard, 1) for c, guard in zip(self.closed, guards, strict=True))
         return functools.reduce(jnp.minimum, chosen)
 
     def slopes(self, moment: Moment) -> Moment:
-        """Of the moment by what falls."""
+        """Return the slopes of the moment with respect to the guard."""
         rate = self.field.rate(moment.state)
         _, fall = jax.jvp(self.nearest, (moment.state,), (rate,))
         pace = 1 / jnp.where(fall != 0, fall, 1)
@@ -48,10 +47,9 @@ class _Falling(eqx.Module):
 
 
 def land(field: Field, packed: Packed, last: Marched) -> tuple[Record, Bool[Array, ""]]:
-    """The moment in which the first guard closes, and its state; without one the end of the step.
-
-    The last step has the guard as its variable, and ends at its zero: with all of its derivatives.
-    The flag says whether there are any.
+    """Return the moment in which the first guard closes; without one, the end of the step. The last
+    step has the guard as its variable and ends at its zero, with all of its derivatives. The flag
+    is True if there are derivatives.
     """
     before, closed, smooth = last.before, last.closed, jnp.asarray(True)
     if not field.one_way:
@@ -65,9 +63,8 @@ def land(field: Field, packed: Packed, last: Marched) -> tuple[Record, Bool[Arra
 
 
 class _Search(NamedTuple):
-    """A moment of the step, and how far off it is; a bracket of the end, with the guards there.
-
-    `low` and `high` hold values and slopes by the fraction of the step.
+    """A moment of the step, its distance from the end, and a bracket of the end. `low` and `high`
+    hold values and slopes of the guards at the bracket, by the fraction of the step.
     """
 
     count: Number
@@ -84,10 +81,9 @@ class _Search(NamedTuple):
 def _searched(
     field: Field, packed: Packed, last: Marched
 ) -> tuple[Field, Record, Flags, Bool[Array, ""]]:
-    """A moment of the last step close to the end, and which guards close there.
-
-    By cubic interpolation within a bracket, mostly once: it knows values and slopes at both ends.
-    And the motion that goes on smoothly there, if any.
+    """Return a moment of the last step close to the end, and the guards that close there. Cubic
+    interpolation within a bracket, with values and slopes at both ends, usually needs one step. The
+    result includes the motion that continues smoothly there, and whether it is smooth.
     """
     stop = jax.lax.stop_gradient
     frozen, ends = stop((field, last.closed))
@@ -105,12 +101,12 @@ def _searched(
         fraction = _crossing(at)
         there, _ = step(*searched, fraction * length)
         now = look(stop(there))
-        # Bodies may part and come back within the step: that shows in between alone.
+        # A guard may close and open again within the step, which only a moment in between shows.
         closed = at.closed | ((at.low[0] > 0) & (now[0] <= 0))
         value, slope = now[:, _foremost(now[0], closed)]
         open_ = value > 0
         begin, end = jnp.where(open_, fraction, at.begin), jnp.where(open_, at.end, fraction)
-        # The end is no farther than the bracket is long, which counts where nothing else tells.
+        # The distance is bounded by the length of the bracket, which counts if the slope is zero.
         off = jnp.where(slope == 0, jnp.inf, jnp.abs(ratio(value, slope)))
         return _Search(
             at.count + 1,
@@ -125,7 +121,7 @@ def _searched(
         )
 
     def unsettled(at: _Search) -> Bool[Array, ""]:
-        # The last step from here is exact, but not across a corner or a clamp.
+        # The last step from here is exact, except across a corner or a clamp.
         near = close
         if not field.clamped:
             near = jnp.where(jnp.sum(at.closed) == 1, _NEAR, close)
@@ -153,9 +149,8 @@ def _foremost(values: Array, closed: Flags) -> Array:
 
 
 def _crossing(at: _Search) -> Number:
-    """Where the guard that closed most reaches zero: the cubic of the moment by its values.
-
-    The middle of the bracket where that lies outside of it.
+    """Return the root of the most negative guard, by a cubic of the moment in its value. It is the
+    middle of the bracket if that root lies outside.
     """
     first = _foremost(at.high[0], at.closed)
     (value, early), (beyond, late) = at.low[:, first], at.high[:, first]
@@ -170,8 +165,7 @@ def _crossing(at: _Search) -> Number:
 
 
 def _first(field: Field, state: Any, closed: Flags) -> Flags:
-    """Which guard closes first from a state on; the foremost of those that close together.
-
+    """Return the guard that closes first from a state on; the first in order of those together.
     Beyond a corner another guard may have no slope.
     """
     frozen = jax.lax.stop_gradient(field)

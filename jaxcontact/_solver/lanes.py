@@ -1,4 +1,4 @@
-"""One computation in two forms: one for a few lanes, one for many."""
+"""One computation in two forms: for a few lanes and for many."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ from jax.custom_derivatives import SymbolicZero
 
 Out = TypeVar("Out")
 
-# From so many lanes on, what runs faster pays for the time that it takes to compile.
+# From this number of lanes on, faster execution outweighs the longer compilation.
 MANY = 1000
 
 
 class ByLanes(eqx.Module, Generic[Out]):
-    """`few`, which compiles soon, or `many` within batches of many lanes: the same values.
-
-    Under `vmap` alone a lane does not know that it is one of many. Differentiable forward, to any
-    order; so are both.
+    """The same function in two forms: `few`, which compiles quickly, or `many`, for large batches.
+    `vmap` alone does not give a function the number of lanes. Differentiable in forward mode to any
+    order, like both forms.
     """
 
     few: Callable[..., Out]
@@ -40,10 +39,9 @@ class ByLanes(eqx.Module, Generic[Out]):
 
 @dataclasses.dataclass(frozen=True)
 class _Choice:
-    """`few(numbers, rest)`, or `many`, within `lanes` so far.
-
-    `vary` tells from the flags of the arguments that differ along an axis which outcomes do. A
-    derivative is one of both functions, and not of what may be batched.
+    """The choice of `few(numbers, rest)` or `many`, within `lanes` so far. `vary` maps flags of the
+    arguments that differ along an axis to those of the outcomes. A derivative is taken of both
+    functions, not of their batched forms.
     """
 
     few: Callable[..., Any]
@@ -98,7 +96,7 @@ class _Choice:
             return along
 
         def vary(numbers: Any, rest: Any) -> Any:
-            # A value does not vary where its tangents alone do.
+            # A value does not vary if only its tangents do.
             (values, changes), (still, rest) = numbers, rest
             either = list(map(operator.or_, values, changes))
             return tuple(self.vary(whole(list(moving), still), rest) for moving in (values, either))

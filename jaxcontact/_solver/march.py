@@ -15,15 +15,15 @@ from .field import Field, Flags, Number, Packed, Record, chosen, in_time
 
 Seen = TypeVar("Seen")
 
-# Of diffrax's step control, which is that of Hairer, Nørsett & Wanner (1993), section II.4.
+# As in diffrax's step control, which is that of Hairer, Nørsett & Wanner (1993), section II.4.
 _SAFETY, _SHRINKS, _GROWS = 0.9, 0.2, 10.0
 _ORDER = 8
-# The first step of a motion whose scales are one, in units of the tolerance's eighth root.
+# The first step of a motion whose scales are one, in units of the eighth root of the tolerance.
 _FIRST = 1.3
 
 
 class Tolerance(NamedTuple):
-    """What the error of a step may be, `rtol` of a number and `atol`, and how many steps."""
+    """The allowed error of a step, relative `rtol` and absolute `atol`, and the number of steps."""
 
     rtol: Number
     atol: Number | float
@@ -31,11 +31,11 @@ class Tolerance(NamedTuple):
 
 
 class Marched(NamedTuple):
-    """Where a march came to: the step that passed the end, `before` and `after`.
+    """The result of a march: the step that passed the end, `before` and `after`.
 
-    `closed`: which guards closed in it, none where no step passed an end. `steps`: of those that
-    were accepted. `seen`: what the watch saw of their starts. `path`: all of their starts, None
-    where nobody asked.
+    `closed` marks the guards that closed in it, none if no step passed an end. `steps` is the
+    number of accepted steps. `seen` is the watch's record of their starts. `path` holds all of
+    their starts, None unless requested.
     """
 
     before: Record
@@ -60,10 +60,9 @@ def march(
     see: Callable[[Seen, Record, Record], Seen],
     keep: bool = False,
 ) -> Marched:
-    """Steps of order 8 from the start of a motion until a guard closes.
-
-    `see(seen, before, now)` looks at every accepted state once, and at the one before it. `keep`:
-    whether all are returned.
+    """Take steps of order 8 from the start of a motion until a guard closes. `see(seen, before,
+    now)` is called once for every accepted state, with the state before it. `keep`: whether all
+    states are returned.
     """
     stop = jax.lax.stop_gradient
     step, start = packed.step(in_time), packed.start
@@ -94,11 +93,11 @@ def march(
             def put(path: Array, leaf: Array) -> Array:
                 return path.at[last.steps].set(leaf)
 
-            # One that is not accepted leaves the same.
+            # A rejected step stores the same state again.
             now = now._replace(path=jax.tree.map(put, last.path, here))
         off = jnp.where(jnp.isfinite(off), jnp.maximum(off, 1e-12), 1e12)
         least, most = jnp.where(fine, 1, _SHRINKS), jnp.where(fine, _GROWS, _SAFETY)
-        # Its eighth root by square roots, which take a quarter of the time of a power.
+        # The eighth root by square roots takes a quarter of the time of a power.
         root = jnp.sqrt(jnp.sqrt(jnp.sqrt(off)))
         factor = jnp.clip(_SAFETY / root, least, most)
         return _Way(now, way.size * factor, way.tries + 1)
@@ -116,7 +115,7 @@ def march(
 
 
 def _norm(error: Record, before: Record, after: Record, tolerance: Tolerance) -> Number:
-    """The mean of the errors in units of what they may be; time has none."""
+    """Return the root mean square of the errors in units of the allowed ones; time has none."""
 
     def squares(error: Array, before: Array, after: Array) -> Number:
         largest = jnp.maximum(jnp.abs(before), jnp.abs(after))

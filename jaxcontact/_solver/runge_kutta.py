@@ -20,7 +20,7 @@ Computed = TypeVar("Computed")
 
 
 class Tableau(NamedTuple):
-    """Where in a step the stages lie, what leads to each, and what makes the step and its error."""
+    """The coefficients of a step: stage times, and weights of stages, solution and error."""
 
     nodes: np.ndarray
     matrix: np.ndarray
@@ -30,8 +30,8 @@ class Tableau(NamedTuple):
 
 @functools.cache
 def tableau() -> Tableau:
-    """That of Dopri8, without its last stage, which serves dense output only."""
-    # Loaded here: a closed form needs no solver, and diffrax takes as long to load as JAX.
+    """Return the tableau of Dopri8, without its last stage, which only serves dense output."""
+    # Imported here: a closed form needs no solver, and diffrax takes as long to load as JAX.
     import diffrax
 
     given = diffrax.Dopri8.tableau
@@ -44,14 +44,13 @@ def tableau() -> Tableau:
 
 
 def step(rate: Callable[[State], State], state: State, size: Array) -> State:
-    """The state one step of `size` later: for the few steps that are taken out of order."""
+    """Return the state one step of `size` later, for the few steps outside of a march."""
     return step_in_loop(rate, state, size)[0]
 
 
 def step_in_loop(rate: Callable[[State], State], state: State, size: Array) -> tuple[State, State]:
-    """The state one step of `size` later, and how far the embedded method of order 7 is from it.
-
-    The stages are a loop, which compiles `rate` once instead of thirteen times.
+    """Return the state one step of `size` later, and its difference from the order-7 method. The
+    stages are a loop, which compiles `rate` once instead of thirteen times.
     """
     rule = tableau()
     stages = len(rule.nodes)
@@ -77,18 +76,18 @@ def step_in_loop(rate: Callable[[State], State], state: State, size: Array) -> t
 
 
 def _put(index: Array, buffer: Array, slope: Array) -> Array:
-    # Unlike `at`, without a check of the place at every stage.
+    # Unlike `at`, this does not check the index at every stage.
     return jax.lax.dynamic_update_index_in_dim(buffer, slope, index, 0)
 
 
 def step_and_slope(
     rate: Callable[[Array], Array], state: Array, size: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Of a vector: the state one step of `size` later, how far the embedded method of order 7 is
-    from it, and the slopes at both ends.
+    """Return the step of a vector, its error, and the slopes at both ends.
 
-    The stages are a loop, which compiles `rate` once. The state of the last one is the end of the
-    step, so that the slope there costs no `rate` of its own.
+    The error is the difference from the embedded method of order 7. The stages are a loop, which
+    compiles `rate` once. The state of the last stage is the end of the step, so that the slope
+    there costs no extra call of `rate`.
     """
     rule, stages = tableau(), len(tableau().nodes)
     matrix = np.zeros((stages + 1, stages + 1))
@@ -114,12 +113,11 @@ def step_and_slope(
 def step_written_out(
     rate: Callable[[int, State], State], state: State, size: Array | float
 ) -> tuple[State, State]:
-    """The state one step of `size` later, and how far the embedded method of order 7 is from it.
-
+    """Return the state one step of `size` later, and its difference from the order-7 method.
     `rate(j, state)` is the derivative at stage j. The stages are written one after another.
     """
     slopes: list[State] = []
-    # A number known beforehand costs nothing in the weights.
+    # A concrete number costs nothing within the weights.
     within, outside = (size, 1.0) if isinstance(size, float) else (1.0, size)
 
     def change(weights: np.ndarray) -> State:
@@ -143,10 +141,9 @@ def step_written_out(
 def step_with_error(
     rate: Callable[[int, State], tuple[State, Array]], state: State, size: float, always: Array
 ) -> tuple[State, State, Array]:
-    """A step that is written out, its error, and whether all stages were good.
-
-    `rate(j, state)` is the derivative at stage j, and whether it is good. `always` is a flag that
-    is true, but not known to be while compiling; see `_computed_once`.
+    """Return a written-out step, its error, and whether all stages were good. `rate(j, state)` is
+    the derivative at stage j, and whether it is good. `always` is a flag that is true, but not
+    known to be true at compile time; see `_computed_once`.
     """
     good = [always]
 
@@ -160,11 +157,11 @@ def step_with_error(
 
 
 def _computed_once(values: Computed, always: Array) -> Computed:
-    """`values`, which the compiler for processors must not compute again where they are used.
+    """Return `values`, such that the CPU compiler does not recompute them at each use.
 
-    Every later stage uses the slopes of the earlier ones, and XLA fuses into each use all that
-    leads to it: four times the work, measured. It drops an optimization barrier before it fuses,
-    but does not look through a branch. Graphics processors would wait for the branch.
+    Every later stage uses the slopes of the earlier ones. XLA fuses their whole computation into
+    each use: four times the work, measured. It removes an optimization barrier before it fuses, but
+    does not fuse through a branch. On GPUs the branch would cause a wait.
     """
     zeros = functools.partial(jax.tree.map, jnp.zeros_like)
 

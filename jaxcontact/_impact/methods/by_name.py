@@ -15,18 +15,18 @@ from .phase import Phase
 class Exact(AbstractMethod):
     """The closed form, for free impacts of laws that have one; no options.
 
-    These are the Hunt-Crossley family, the oscillator laws (Kelvin-Voigt, Tsuji, Antypov-Elliott,
-    Thornton, Jankowski), Kuwabara and Kono's law for n = 1 and, by series certified to 1e-12, for
-    n = 3/2, and any law whose form has a `solve`. Raises ValueError for other laws and
-    with an external force. Source: the energy integral of Hunt & Crossley (1975),
-    doi 10.1115/1.3423596, and the references of the laws.
+    It covers the Hunt-Crossley family and the oscillator laws (Kelvin-Voigt, Tsuji,
+    Antypov-Elliott, Thornton, Jankowski). It covers Kuwabara and Kono's law for n = 1 and, by
+    series certified to 1e-12, for n = 3/2. It also covers any law whose form has a `solve`. Raises
+    ValueError for other laws and with an external force. Source: the energy integral of Hunt &
+    Crossley (1975), doi 10.1115/1.3423596, and the references of the laws.
     """
 
     name: ClassVar[str] = "exact"
     has_formula: ClassVar[bool] = True
 
     def chosen(self, form: AbstractForm, pushed: bool) -> Exact:
-        """Itself, where the form has a closed form and nothing pushes."""
+        """Return the method itself if the form has a closed form and no external force acts."""
         if pushed or not form.closed_form:
             why = (
                 "an external force acts" if pushed else "the law has none (see `jaxcontact.Exact`)"
@@ -38,18 +38,18 @@ class Exact(AbstractMethod):
         return self
 
     def solve(self, lanes: Lanes) -> ScaledImpact:
-        """The closed form."""
+        """Return the closed-form outcome."""
         solved = lanes.form.solve(lanes.n)
         assert solved is not None  # `chosen` refuses forms without one
         return solved
 
     def restitution(self, form: AbstractForm) -> Lane | None:
-        """The e of the form, without its times."""
+        """Return the e of the form, without impact times."""
         return form.restitution()
 
 
 class Auto(AbstractMethod):
-    """The cheapest method that is right: the closed form if there is one, or an event solve."""
+    """The cheapest correct method: the closed form if there is one, else an event solve."""
 
     name: ClassVar[str] = "auto"
     has_formula: ClassVar[bool] = True
@@ -65,7 +65,7 @@ NAMED: dict[str, AbstractMethod] = {m.name: m for m in (Auto(), Exact(), Phase()
 
 
 def method_of(method: str | AbstractMethod) -> AbstractMethod:
-    """The method object that `method` names or is; ValueError for anything else."""
+    """Return the method object that `method` names or is; raises ValueError for anything else."""
     if isinstance(method, AbstractMethod):
         return method
     if isinstance(method, str) and method in NAMED:
@@ -78,7 +78,10 @@ def method_of(method: str | AbstractMethod) -> AbstractMethod:
 
 
 def stepping_method(method: str | AbstractMethod) -> Event:
-    """The event method with the options of `method`; ValueError for methods that follow no path."""
+    """Return the event method with the options of `method`.
+
+    Raises ValueError for methods that do not compute a path.
+    """
     how = method_of(method)
     if isinstance(how, Auto):
         return Event()

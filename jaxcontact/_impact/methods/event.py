@@ -25,12 +25,13 @@ if TYPE_CHECKING:
 
 Out = TypeVar("Out")
 
-# The rtol from which on somebody wants derivatives: for values alone more powers of w cost steps.
+# At this rtol and below, derivatives are assumed to matter: then x is a higher power of w, which
+# costs steps.
 _FOR_SLOPES = 1e-10
 
 
 def _of_diffrax(kind: str, name: str) -> Any:
-    """A field for what diffrax has several of; None for the default."""
+    """Return a field for a diffrax object of some kind; None for the default."""
 
     def convert(value: Any) -> Any:
         if value is None:
@@ -43,14 +44,17 @@ def _of_diffrax(kind: str, name: str) -> Any:
 
 
 class Event(AbstractMethod):
-    """An adaptive solve that ends with the contact: for every law, and with an external force.
+    """An adaptive solve that ends with the contact, for every law and with an external force.
 
-    `rtol`, `atol`: tolerances of the outcome in scaled units, in (0, 1); None for 1e-9 (1e-5 in
-    float32, whose rounding allows no less) and for `rtol`. Take 1e-11 for derivatives. `solver`: a
-    diffrax solver, None for Dopri8. `adjoint`: a diffrax adjoint; None for sensitivities that serve
-    forward and reverse mode. `max_steps`: the most steps of each half, at least 2. Numbers may be
-    Python, NumPy or JAX scalars. Raises ValueError for an option out of its range. Source:
-    diffrax, Kidger (2021), doi 10.48550/arXiv.2202.02435.
+    - `rtol`, `atol`: tolerances of the outcome in scaled units, in (0, 1). The default `rtol` is
+      1e-9, and 1e-5 in float32, whose rounding allows no less. The default `atol` is `rtol`. Use
+      1e-11 for derivatives.
+    - `solver`: a diffrax solver. Default: Dopri8.
+    - `adjoint`: a diffrax adjoint. Default: sensitivities for forward and reverse mode.
+    - `max_steps`: the largest number of steps of each half, at least 2.
+
+    Numbers may be Python, NumPy or JAX scalars. Raises ValueError for an option out of its range.
+    Source: diffrax, Kidger (2021), doi 10.48550/arXiv.2202.02435.
     """
 
     rtol: float | None = tolerance_field("rtol")
@@ -61,32 +65,32 @@ class Event(AbstractMethod):
     name: ClassVar[str] = "event"
 
     def chosen(self, form: AbstractForm, pushed: bool) -> Event:
-        """Itself, for every form."""
+        """Return the method itself, for every form."""
         return self
 
     def error(self, dtype: Any) -> float:
-        """A hundred times the relative tolerance."""
+        """Return a hundred times the relative tolerance."""
         return 100 * self.tolerances(dtype)[0]
 
     def solve(self, lanes: Lanes) -> ScaledImpact:
-        """The outcome of every different lane."""
-        # Loaded here, with diffrax: a closed form does without.
+        """Return the outcome of every distinct lane."""
+        # Imported here, because the closed form does not need diffrax.
         from .event_solve import solve_event
 
         return self.over(lanes.motion(), solve_event)
 
     def over(self, motion: Motion, solve_lane: Callable[..., Out]) -> Out:
-        """`solve_lane(motion, how=self, many=)` for every different lane, with derivatives."""
+        """Apply `solve_lane(motion, how=self, many=)` to every distinct lane, with derivatives."""
         ours = self.solver is None and self.adjoint is None
         shape = np.broadcast_shapes(*(leaf.shape for leaf in jax.tree.leaves(motion)))
         lane = eqx.Partial(solve_lane, how=self, many=ours and math.prod(shape) >= MANY)
         rtol, _ = self.tolerances(jax.tree.leaves(motion)[0].dtype)
         motion = dataclasses.replace(motion, smooth=rtol <= _FOR_SLOPES)
-        # An adjoint of the user's brings its own derivatives.
+        # A user's adjoint provides its own derivatives.
         return over_lanes(lane if self.adjoint is not None else with_sensitivity(lane), motion)
 
     def tolerances(self, dtype: Any) -> tuple[float, float]:
-        """The relative and absolute tolerance in a precision."""
+        """Return the relative and absolute tolerance in a precision."""
         double = dtype == jnp.float64
         floor = 0.0 if double else 1e-5
         rtol = max(self.rtol or (1e-9 if double else 1e-5), floor)

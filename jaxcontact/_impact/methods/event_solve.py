@@ -1,4 +1,4 @@
-"""What the event method solves: from touch to the turn, and from there to the end."""
+"""The solve of the event method: from touch to the turn, and from there to the end."""
 
 from __future__ import annotations
 
@@ -24,10 +24,11 @@ from ..motion.watch import Nearest, Watch
 from ..motion.way import Way
 from .stiff import Followed, follow_on
 
-# The controller bounds the error of a step. Measured, the outcome is up to twenty times worse.
+# The controller bounds the error of a step. The measured error of the outcome is up to twenty times
+# larger.
 _SAFETY = 0.02
-# Energies that differ by more than this, in units of rtol, come from a solve that missed something:
-# measured up to 12.
+# A larger energy imbalance, in units of rtol, means that the solve missed something. The largest
+# one measured is 12.
 _IMBALANCE = 100
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
 
 
 class Options(Protocol):
-    """What a solve asks of its method, `Event`."""
+    """The options that a solve needs from its method, `Event`."""
 
     @property
     def solver(self) -> diffrax.AbstractSolver | None:
@@ -47,16 +48,16 @@ class Options(Protocol):
 
     @property
     def max_steps(self) -> int:
-        """The most steps of each half."""
+        """The largest number of steps of each half."""
         ...
 
     def tolerances(self, dtype: Any) -> tuple[float, float]:
-        """The relative and absolute tolerance in a precision."""
+        """Return the relative and absolute tolerance in a precision."""
         ...
 
 
 class Steps(NamedTuple):
-    """All accepted states of a leg, and when, in regularised time; which of them are real."""
+    """All accepted states of a leg and their regularised times; `taken` marks the real ones."""
 
     moments: Float[Array, " steps"]
     states: State
@@ -66,9 +67,9 @@ class Steps(NamedTuple):
 class Leg(eqx.Module):
     """One half of an impact: its last state, whether its event ended it, and its number of steps.
 
-    `nearest`: the states around the largest force, and `least` those around the least one, None
-    where the contact cannot pull. `creeps`: whether a state showed that the bodies
-    creep to rest. `path`: all states, None where nobody asked for them.
+    `nearest` holds the states around the largest force. `least` holds those around the least force,
+    None if the contact cannot pull. `creeps`: whether the bodies were found to creep to rest.
+    `path` holds all states, None unless requested.
     """
 
     end: State
@@ -81,7 +82,7 @@ class Leg(eqx.Module):
 
 
 class Solve(NamedTuple):
-    """How a leg is solved: the method, whether for many lanes, and whether all states are kept."""
+    """The settings of a leg's solve: method, whether for many lanes, whether to keep states."""
 
     how: Options
     many: bool
@@ -89,7 +90,7 @@ class Solve(NamedTuple):
 
 
 def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> Leg:
-    """From touch to the turn if `compressing`, from the turn to the end otherwise."""
+    """Solve from touch to the turn if `compressing`, else from the turn to the end."""
     how, dtype = solve.how, start.w.dtype
     way = Way(motion, compressing)
     packed = Packed.of(start, solve.many, how.adjoint is not None)
@@ -105,7 +106,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
         from ..._solver.by_diffrax import march_by_diffrax
 
         last = march_by_diffrax(*given, how.solver, how.adjoint)
-    # Where no step was accepted the leg stays where it started.
+    # If no step was accepted, the leg stays at its start.
     watch, moved = last.seen, last.steps > 0
     if watch.dip is not None:
         frozen, after = jax.lax.stop_gradient((way, last.after))
@@ -131,7 +132,7 @@ def solve_leg(motion: Motion, start: State, compressing: Flag, solve: Solve) -> 
 
 
 def _tolerance(motion: Motion, how: Options, dtype: Any) -> Tolerance:
-    """Of a step: neither it nor a root can be more accurate than rounding."""
+    """Return the tolerance of a step; neither a step nor a root is more accurate than rounding."""
     finest = 10 * float(jnp.finfo(dtype).eps)
     rtol, atol = (_finest(tolerance, dtype) for tolerance in how.tolerances(dtype))
     ending, speed = jax.lax.stop_gradient(motion.smallness())
@@ -140,7 +141,7 @@ def _tolerance(motion: Motion, how: Options, dtype: Any) -> Tolerance:
 
 
 def _kept(packed: Packed[State], last: Marched, end: Record) -> Steps:
-    """All states until the last but one, and the end after it."""
+    """Return all states up to the start of the last step, and the end after them."""
     moments = jax.vmap(packed.moment)(last.path)
     index = jnp.arange(moments.tau.size)
     steps = jnp.sum((index < last.steps) & (moments.tau <= packed.tau(last.before)))
@@ -151,11 +152,11 @@ def _kept(packed: Packed[State], last: Marched, end: Record) -> Steps:
 
 
 class Legs(NamedTuple):
-    """The legs of an impact, stacked: the way in, the way out and, where the force of a contact may
-    vanish and return before the bodies are apart, the way out from there.
+    """The legs of an impact, stacked: compression, restitution and possibly a second way out.
 
-    `compressing`: whether each is the way in. `returned`: whether the last leg took place. None
-    where there are two.
+    The second way out starts where a force that vanished returns before the bodies are apart.
+    `compressing`: whether each leg is the compression. `returned`: whether the last leg took place;
+    None if there are only two.
     """
 
     leg: Leg
@@ -164,15 +165,16 @@ class Legs(NamedTuple):
 
 
 def solve_legs(motion: Motion, solve: Solve, start: State | None = None) -> Legs:
-    """All legs of an impact, from touch or a later `start`, by the same compiled solve."""
-    # A sampled motion has two.
+    """Solve all legs of an impact, from touch or a later `start`, with one compiled solve."""
+    # A sampled motion has two legs.
     third = motion.may_return and not solve.keep
     start = motion.start() if start is None else start
 
     def run(carry: tuple[State, Number], compressing: Flag) -> tuple[Any, Any]:
         state, deepest = carry
         leg = solve_leg(motion, state, compressing, solve)
-        # The event puts the velocity at the turn within its tolerance of zero: now it is zero.
+        # The event finds the velocity at the turn within its tolerance of zero. Here it is set to
+        # zero.
         following = motion.still(leg.end)
         if not third:
             return (following, deepest), (leg, None)
@@ -191,10 +193,9 @@ def solve_legs(motion: Motion, solve: Solve, start: State | None = None) -> Legs
 def was_followed(
     motion: Motion, arrived: Bool[Array, "2"], end: State, balance: Balance, how: Options
 ) -> Bool[Array, ""]:
-    """Whether both legs reached their ends, and their energies add up.
-
-    What always parts but was turned round, by rounding at the end of a slow way out, was not
-    followed to its end; what creeps back for ever has none.
+    """Return whether both legs reached their ends, and their energies balance. A contact that must
+    separate but reversed because of rounding counts as not converged. A contact that creeps forever
+    has no end time.
     """
     allowed = _IMBALANCE * how.tolerances(end.t.dtype)[0]
     good = jnp.all(arrived) & (balance.error <= allowed)
@@ -204,10 +205,10 @@ def was_followed(
 
 
 def follow(motion: Motion, legs: Leg, creeps: Bool[Array, ""], how: Options) -> Followed:
-    """Both legs to their ends, those that are too stiff for explicit steps by implicit ones."""
+    """Return both legs solved to their ends; stiff ones are continued by implicit steps."""
     turn, end = (jax.tree.map(operator.itemgetter(leg), legs.end) for leg in (0, 1))
     followed = Followed(turn, end, legs.arrived[:2], creeps, jnp.sum(legs.steps[:2]))
-    # A solver or an adjoint of the user's is not replaced.
+    # A user's solver or adjoint is not replaced.
     if not motion.may_creep or how.solver is not None or how.adjoint is not None:
         return followed
     dtype = turn.w.dtype
@@ -215,7 +216,7 @@ def follow(motion: Motion, legs: Leg, creeps: Bool[Array, ""], how: Options) -> 
 
 
 def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
-    """The outcome of one lane, of `many` or of few."""
+    """Return the outcome of one lane, of `many` or of few."""
     motion, start = risen(motion) if motion.peak else (motion, None)
     motion = motion.ready()
     legs, flags, returned = solve_legs(motion, Solve(how, many), start)
@@ -225,17 +226,17 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     max_indentation = turn.w**motion.order
     last, arrived = followed.end, followed.arrived
     if returned is not None:
-        # Not where implicit steps have taken the way out again.
+        # Not if implicit steps have solved the way out again.
         returned = returned & (followed.end.t == legs.end.t[1])
         last = chosen(returned, jax.tree.map(operator.itemgetter(2), legs.end), last)
         arrived = arrived & jnp.stack([flags[0], ~returned | legs.arrived[2]])
     end = at_end(motion, last, arrived[1], max_indentation)
-    # Apart from the solve, so that it is removed where the largest force is not used.
+    # Separate from the solve, so that it is removed as dead code if the largest force is unused.
     packed = Packed.of(turn, many, how.adjoint is not None)
     forces = jax.vmap(lambda near, flag: largest_near(Way(motion, flag), packed, near))(
         legs.nearest, flags
     )
-    # With so much damping that implicit steps are taken the force is largest in the beginning.
+    # With damping strong enough for implicit steps, the force is largest at the beginning.
     largest = jnp.maximum(forces[0], forces[1])
     if returned is not None:
         largest = jnp.where(returned, jnp.maximum(largest, forces[2]), largest)
@@ -245,7 +246,7 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
     converged = was_followed(motion, arrived, end, balance, how)
     settled = motion.settled(end)
     if motion.push is not None:
-        # What has too little energy to part stays, wherever the solve of its way out came to.
+        # A contact with too little energy to separate stays, regardless of its solve.
         held = followed.arrived[0] & (motion.held(turn) | motion.held(end))
         rtol, _ = how.tolerances(turn.w.dtype)
         known = jnp.where(
@@ -256,28 +257,27 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
         known = known & turn_is_sharp(motion, turn, _finest(rtol, turn.w.dtype), rtol)
         converged = ((converged | held) & known) | creeps
         settled = settled | held | creeps
-        # What creeps to rest never turns: where a turn was found it is one of rounding, and the
-        # way out of it is none.
+        # A contact that creeps to rest never turns: any turn found is due to rounding, and its way
+        # out is invalid.
         static = motion.static_indentation()
         if static is not None:
             max_indentation = jnp.where(creeps, static, max_indentation)
         max_force = jnp.where(creeps, jnp.maximum(forces[0], motion.push), max_force)
         compression_time = jnp.where(creeps, jnp.inf, compression_time)
     if motion.may_return:
-        # A force that returns once more has no leg left.
+        # A force that returns a second time has no leg left.
         onwards = onward(motion, end, max_indentation)
         converged = converged & (settled | ~onwards.returns)
     if motion.always_parts:
-        # Nothing but a creep for ever keeps these bodies together.
+        # Only creep forever keeps these bodies together.
         settled = motion.creeps_back()
         converged = converged | (settled & followed.arrived[0])
     if motion.may_creep:
-        # Where explicit steps were left before the force was largest nobody has seen how large it
-        # was. Elsewhere they arrived, or the solve has not converged.
+        # If the explicit solver stopped before the force peak, the peak is unknown. Otherwise it
+        # arrived, or the solve has not converged.
         left = jax.tree.map(operator.itemgetter(0), legs.end)
-        # What creeps to rest slows down in the end: then its force is more than the push. The
-        # largest one among the states will do, so that the one between them is computed only where
-        # it is used.
+        # Bodies that creep to rest slow down, so their force finally exceeds the push. The largest
+        # force at the states suffices here; the peak between them is then computed only if used.
         rtol, _ = how.tolerances(turn.w.dtype)
         least = (1 - 10 * rtol) * (0 if motion.push is None else motion.push)
         above = creeps_early & (legs.nearest.force[0] >= least)
@@ -304,7 +304,7 @@ def solve_event(motion: Motion, how: Options, many: bool) -> ScaledImpact:
 
 
 def _least_force(motion: Motion, packed: Packed[State], least: Nearest | None) -> Number | None:
-    """The least force of the way out, which is not above that at touch."""
+    """Return the least force of the way out, which is at most the force at touch."""
     if least is None:
         return None
     near, out = jax.tree.map(operator.itemgetter(1), least), Way(motion, jnp.asarray(False))
@@ -312,5 +312,5 @@ def _least_force(motion: Motion, packed: Packed[State], least: Nearest | None) -
 
 
 def _finest(tolerance: float, dtype: Any) -> float:
-    """The tolerance of a step for one of the outcome; no step is more accurate than rounding."""
+    """Return the tolerance of a step for a tolerance of the outcome, not below rounding."""
     return max(_SAFETY * tolerance, 10 * float(jnp.finfo(dtype).eps))

@@ -1,4 +1,4 @@
-"""The interface of methods: options, whether a method applies, and its solve."""
+"""The interface of methods: options, applicability, and solve."""
 
 from __future__ import annotations
 
@@ -18,41 +18,39 @@ from ..front_door import Lanes
 class AbstractMethod(eqx.Module):
     """A way to solve an impact, with its options as fields.
 
-    A subclass sets `name` (which `Impact.method` repeats), gives `chosen` and `solve`, and works as
-    the `method` of `impact`, `restitution` and `bounce`. Options that are Python values are
-    declared with `eqx.field(static=True)`: methods with equal options share compiled code.
+    A subclass sets `name`, which `Impact.method` repeats, and implements `chosen` and `solve`. It
+    then works as the `method` of `impact`, `restitution` and `bounce`. Declare options that are
+    Python values with `eqx.field(static=True)`: methods with equal options share compiled code.
     """
 
     name: eqx.AbstractClassVar[str]
     has_formula: ClassVar[bool] = False
-    """Whether the method may be a formula, which compiles in less time than the solve of a form."""
+    """True if the method may use a formula, which compiles faster than the solve of a form."""
 
     @abc.abstractmethod
     def chosen(self, form: AbstractForm, pushed: bool) -> AbstractMethod:
-        """The method that solves this form, `pushed` by an external force or not: mostly `self`.
-
-        Raises ValueError where the method does not apply; the message names one that does.
+        """Return the method that solves this form, usually `self`. `pushed`: whether an external
+        force acts. Raises ValueError if the method does not apply; the message names one that does.
         """
 
     @abc.abstractmethod
     def solve(self, lanes: Lanes) -> ScaledImpact:
-        """The scaled outcome, in a shape that broadcasts to that of the problem.
-
-        `lanes.form`, `lanes.n` and `lanes.push` (None without external force) are the scaled
-        problem; lanes with invalid input hold valid numbers in its place.
+        """Return the scaled outcome, in a shape that broadcasts to that of the problem.
+        `lanes.form`, `lanes.n` and `lanes.push` (None without an external force) are the scaled
+        problem. Lanes with invalid input hold valid substitutes.
         """
 
     def error(self, dtype: Any) -> float:
-        """The error of restitutions that is taken for rounding."""
+        """Return the excess of e over 1 that counts as numerical error."""
         return math.sqrt(jnp.finfo(dtype).eps)
 
     def restitution(self, form: AbstractForm) -> Lane | None:
-        """The e of a free impact where no solve is necessary for it; None where one is."""
+        """Return the e of a free impact if it needs no solve, else None."""
         return None
 
 
 def tolerance_field(name: str) -> Any:
-    """A field for a tolerance: a Python float, from any concrete real scalar; None stays None."""
+    """Return a field for a tolerance: a Python float from any concrete real scalar, or None."""
 
     def convert(value: Any) -> float | None:
         return None if value is None else require_number(name, value, FRACTION)
@@ -61,6 +59,6 @@ def tolerance_field(name: str) -> Any:
 
 
 def count_field(name: str, default: int) -> Any:
-    """A field for a number of steps: a Python int, from any concrete whole scalar."""
+    """Return a field for a number of steps: a Python int from any concrete whole scalar."""
     convert = functools.partial(require_count, name, least=2)
     return eqx.field(static=True, default=default, converter=convert)

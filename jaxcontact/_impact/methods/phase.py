@@ -1,8 +1,8 @@
-"""The phase method: the phase angle is the independent variable, without event and branch.
+"""The phase method: the phase angle is the independent variable, without events and branches.
 
-In a free contact that pushes, the polar angle ψ of the point (w, u) runs from 0 at touch over π/2
-at the turn to π at separation, without turning back. Integrating r, t and τ over it with the
-same steps for every lane needs neither an event nor a step controller.
+Consider a free contact with a pushing force, and the polar angle ψ of the point (w, u). It
+increases monotonically from 0 at touch over π/2 at the turn to π at separation. Integrating r, t
+and τ over ψ with the same steps in every lane needs neither an event nor a step controller.
 """
 
 from __future__ import annotations
@@ -29,14 +29,17 @@ from .method import AbstractMethod, count_field, tolerance_field
 
 
 class Phase(AbstractMethod):
-    """`steps` fixed steps of order 8 over the phase angle, with an error estimate.
+    """A number `steps` of fixed steps of order 8 over the phase angle, with an error estimate.
 
-    For free impacts that last until δ = 0: the Hunt-Crossley family, and laws with tension. Every
-    lane takes the same steps, which suits graphics processors. `steps`: even, half for each way.
-    `tolerance`: the estimated relative error above which a lane counts as not converged; None for
-    1e-6 (1e-4 in float32). Raises ValueError for an option out of its range, for a
-    clamped contact and for one with an external force. Source of the steps: Prince
-    & Dormand (1981), doi 10.1016/0771-050X(81)90010-3.
+    It solves free impacts that last until δ = 0: the Hunt-Crossley family, and laws with tension.
+    All lanes take the same steps, which suits GPUs.
+
+    - `steps`: even, half of them for each way.
+    - `tolerance`: a lane with a larger estimated relative error counts as not converged. Default:
+      1e-6, and 1e-4 in float32.
+
+    Raises ValueError for an option out of its range, for a clamped contact and with an external
+    force. Source of the steps: Prince & Dormand (1981), doi 10.1016/0771-050X(81)90010-3.
     """
 
     steps: int = count_field("steps", 32)
@@ -51,7 +54,7 @@ class Phase(AbstractMethod):
             )
 
     def chosen(self, form: AbstractForm, pushed: bool) -> Phase:
-        """Itself, where the contact lasts until δ = 0."""
+        """Return the method itself if the contact lasts until δ = 0."""
         if pushed or not form.follows_phase_angle:
             raise ValueError(
                 "Argument `method` must be 'event' or 'auto' here, but is 'phase': the phase angle "
@@ -60,18 +63,18 @@ class Phase(AbstractMethod):
         return self
 
     def error(self, dtype: Any) -> float:
-        """The tolerance of the error estimate."""
+        """Return the tolerance of the error estimate."""
         return self.tolerance or (1e-6 if dtype == jnp.float64 else 1e-4)
 
     def solve(self, lanes: Lanes) -> ScaledImpact:
-        """The outcome of every different lane."""
+        """Return the outcome of every distinct lane."""
         tolerance = self.error(lanes.scale.length.dtype)
         solve = eqx.Partial(solve_phase, steps=self.steps, tolerance=tolerance)
         return over_lanes(with_sensitivity(solve), lanes.motion())
 
 
 class Polar(NamedTuple):
-    """What is integrated over the angle: r, the time t, the regularised time τ, the energy lost."""
+    """The variables integrated over the angle: r, time t, regularised time τ and lost energy."""
 
     radius: Number
     t: Number
@@ -80,12 +83,12 @@ class Polar(NamedTuple):
 
 
 def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
-    """The outcome of one lane in an even number of `steps`.
+    """Return the outcome of one lane in an even number of `steps`.
 
     The error estimate compares the method of order 8 with the embedded one of order 7, summed over
-    the steps. It is an estimate for the poorer of the two: measured, it exceeds the error of the
-    result by 10 to 14000 times while that is below 1e-4. Lanes in which the angle turns back, or
-    the estimate exceeds `tolerance`, are not converged.
+    the steps. It therefore estimates the error of the less accurate one. Measured, it exceeds the
+    error of the result by 10 to 14000 times while that error is below 1e-4. A lane counts as not
+    converged if the angle turns back or the estimate exceeds `tolerance`.
     """
     start = motion.start()
     # The unit of w in the plane of the angle.
@@ -120,7 +123,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
 
     zero = varying(unit, jnp.zeros_like(unit))
     touch = Polar(start.u, zero, zero, start.loss)
-    # Not `jnp.ones`: the compiler must not see that it is true everywhere.
+    # Not `jnp.ones`: the compiler must not know that all entries are true.
     always = jnp.arange(steps) >= 0
     (last, error, forward), (polars, t_errors) = jax.lax.scan(
         advance,
@@ -143,7 +146,7 @@ def solve_phase(motion: Motion, steps: int, tolerance: float) -> ScaledImpact:
     legs = jnp.asarray(np.arange(half + 1) + np.array([[0], [half]]))
     forces = jax.vmap(peak)(legs, jnp.array([True, False]))
     least = -jnp.maximum(peak(legs[1], jnp.asarray(False), -1), 0) if motion.may_pull else None
-    # Strong damping makes the way in much the shorter one.
+    # With strong damping the compression is much the shorter half.
     of_time = jnp.maximum(error[1] / last.t, t_errors[half - 1] / polars.t[half])
     estimate = jnp.maximum(error[0], of_time)
     end = jax.tree.map(lambda leaf: leaf[steps], states)

@@ -1,8 +1,9 @@
-"""What strong damping makes slow and stiff, by Radau's collocation.
+"""Implicit steps for strongly damped, stiff motion, by Radau collocation.
 
-The velocity relaxes at the rate c x^(n-p), and then the bodies creep, mostly back with c v = -x^p,
-for a time that may be 1e12 times longer: an explicit method would take its steps from the first of
-these times. Radau IIA with seven nodes has order 13 and takes some forty steps for both.
+The velocity relaxes at the rate c x^(n-p). Then the bodies creep, usually back with c v = -x^p,
+over a time up to 1e12 times longer. The first of these times limits the steps of an explicit
+method. Radau IIA with seven nodes has order 13 and takes about forty steps for both.
+
 Source: Hairer & Wanner (1996), Solving ordinary differential equations II, section IV.8,
 doi 10.1007/978-3-642-05221-7.
 """
@@ -28,15 +29,14 @@ from ..motion.motion import Motion, Number, State
 _STAGES = 7
 _MOST_STEPS = 400
 _NEWTON = 12
-# How often a step that passes an event is taken again: each time it goes 2 % beyond, at most.
+# The number of times a step that passes an event is repeated, each time to at most 2 % beyond it.
 _SHORTENED = 3
 _ITERATIONS = 60
 
 
 def _rule() -> tuple[np.ndarray, ...]:
-    """Nodes in (0, 1], the matrix of collocation, and what turns values into Legendre coefficients.
-
-    The last ones are of the polynomial through 0 and the nodes.
+    """Return the nodes in (0, 1], the collocation matrix, its inverse, and Legendre coefficients.
+    The last matrix maps values to the coefficients of the polynomial through 0 and the nodes.
     """
     s = _STAGES
     top = np.zeros(s + 1)
@@ -64,7 +64,7 @@ class _Step(NamedTuple):
 
 
 class _Progress(NamedTuple):
-    """The last accepted step, the size of the next one, and how the leg goes."""
+    """The last accepted step, the size of the next one, and the progress of the leg."""
 
     last: _Step
     next_size: Number
@@ -75,9 +75,8 @@ class _Progress(NamedTuple):
 
 
 class Followed(NamedTuple):
-    """Where both legs end, whether events ended them, and the steps.
-
-    `creeps`: whether the bodies creep to rest without a turn.
+    """The ends of both legs, whether events ended them, and the number of steps. `creeps`: whether
+    the bodies creep to rest without a turn.
     """
 
     turn: State
@@ -88,10 +87,9 @@ class Followed(NamedTuple):
 
 
 def follow_on(motion: Motion, explicit: Followed, rtol: float) -> Followed:
-    """Both legs as explicit steps have left them, those solved on that were stuck or stiff.
-
-    The way in goes on where it was left; the way out is solved again from the turn. It also ends
-    where the push holds the bodies for good. Differentiable in forward mode.
+    """Return both legs after explicit steps, with stuck or stiff ones solved by implicit steps. The
+    compression continues from its last state; the way out is solved again from the turn. The way
+    out also ends if the push holds the bodies permanently. Differentiable in forward mode.
     """
 
     def go_on(before: tuple[State, Bool[Array, ""], Bool[Array, ""]], leg: tuple) -> tuple:
@@ -99,7 +97,7 @@ def follow_on(motion: Motion, explicit: Followed, rtol: float) -> Followed:
         compressing, end, arrived, likely = leg
         needed = useful & (again | likely | ~arrived)
         start = jax.tree.map(functools.partial(jnp.where, compressing), end, motion.still(state))
-        # A branch: even a solve that takes no step costs more than most explicit legs.
+        # A branch, since even a solve without steps costs more than most explicit legs.
         end, arrived, steps = jax.lax.cond(
             needed,
             lambda: _solved(motion, start, compressing, rtol, needed),
@@ -125,7 +123,7 @@ def follow_on(motion: Motion, explicit: Followed, rtol: float) -> Followed:
 def _solved(
     motion: Motion, start: State, compressing: Flag, rtol: float, needed: Bool[Array, ""]
 ) -> tuple[State, Bool[Array, ""], Int[Array, ""]]:
-    """The end of a leg, whether an event ended it, and the steps; nothing where not `needed`."""
+    """Return the end of a leg, whether an event ended it, and the steps; none unless `needed`."""
     nothing = jax.tree.map(lambda leaf: jnp.zeros(_STAGES, leaf.dtype), start)
     first = _Progress(
         last=_Step(start, jnp.zeros_like(start.t), nothing),
@@ -147,7 +145,8 @@ def _solved(
         factor = jnp.where(good, factor, 0.25)
         closing = _closing(motion, step, compressing)
         meets = fine & jnp.any(closing)
-        # A step that goes far beyond the end is poor before it, too: it is taken again, short.
+        # A step far beyond the end is also inaccurate before it, so it is repeated with a smaller
+        # size.
         again = meets & (progress.shortened < _SHORTENED)
         lost = _force_is_lost(motion, state)
         fine, met = fine & ~again, meets & ~again & ~lost
@@ -173,19 +172,18 @@ def _solved(
 
 
 def _force_is_lost(motion: Motion, state: State) -> Bool[Array, ""]:
-    """Whether the force lies below the smallest number though it still changes a free motion.
-
-    The damping's force changes the speed v at the rate r v, in regularised time, and r w/v of it
-    until the end.
+    """Return whether the force has underflowed although it still changes a free motion. In
+    regularised time the damping force changes the speed v at the rate r v. Until the end it changes
+    v by a share r w/v.
     """
     if motion.push is not None:
         return jnp.asarray(False)
     c, p = motion.damping_back()
     rate = c * signed_power(state.w, motion.order * (motion.n - p + 1) - 1)
-    # At the turn v is zero for a moment.
+    # At the turn v is momentarily zero.
     speed = jnp.maximum(jnp.abs(motion.velocity(state)), motion.creeping_speed(state))
     numbers = jnp.finfo(state.w.dtype)
-    # The spring's force takes some part of it away.
+    # The spring force uses up some part of it.
     return (rate * speed < 100 * numbers.tiny) & (
         motion.order * rate * state.w > numbers.eps * speed
     )
@@ -196,7 +194,7 @@ def _after(step: _Step) -> State:
 
 
 def _nodes_of(step: _Step) -> State:
-    """The states at the nodes."""
+    """Return the states at the nodes."""
     return jax.tree.map(operator.add, _repeated(step.start), step.increments)
 
 
@@ -205,7 +203,7 @@ def _repeated(state: State) -> State:
 
 
 def _within(step: _Step, fraction: Number) -> State:
-    """The state at a fraction of a step."""
+    """Return the state at a fraction of a step."""
     at = 2 * fraction - 1
     values = [jnp.ones_like(at), at]
     for j in range(1, _STAGES):
@@ -220,7 +218,7 @@ def _within(step: _Step, fraction: Number) -> State:
 
 
 def _scales(motion: Motion, start: State) -> Float[Array, "2"]:
-    """In units of which w and u are solved: w itself, and the creeping speed where u may vanish."""
+    """Return the units of w and u: w itself, and the creeping speed where u may vanish."""
     least = motion.creeping_speed(start) if motion.form.tension else jnp.zeros_like(start.u)
     return jax.lax.stop_gradient(jnp.stack([start.w, jnp.maximum(jnp.abs(start.u), least)]))
 
@@ -228,7 +226,7 @@ def _scales(motion: Motion, start: State) -> Float[Array, "2"]:
 def _collocated(
     motion: Motion, start: State, compressing: Flag, size: Number
 ) -> tuple[_Step, Bool[Array, ""]]:
-    """One step of Radau's method, and whether Newton's iteration found it."""
+    """Return one step of Radau's method, and whether Newton's iteration converged."""
     dtype = start.w.dtype
     inverse, eye = jnp.asarray(_INVERSE, dtype), jnp.eye(2, dtype=dtype)
     scales = _scales(motion, start)
@@ -249,7 +247,7 @@ def _collocated(
 
     def solved(z: Array, right: Array) -> Array:
         jacobian = jax.vmap(jax.jacfwd(lambda node: slopes(*frozen, node)))(z)
-        # Broadcast, since these are no sums.
+        # Broadcasting, since these products are not contractions.
         alone = jnp.eye(_STAGES, dtype=dtype)[:, None, :, None] * jacobian[:, :, None, :]
         blocks = inverse[:, None, :, None] * eye[None, :, None, :] - size * alone
         flat = blocks.reshape(2 * _STAGES, 2 * _STAGES)
@@ -270,7 +268,7 @@ def _collocated(
 
     guess = (jnp.zeros((_STAGES, 2), dtype), jnp.full_like(size, jnp.inf), jnp.zeros((), int))
     z, moved, _ = jax.lax.while_loop(unsolved, improve, varying(start.w, guess))
-    # One more step of Newton's moves only rounding, and carries the derivative.
+    # One more Newton step changes only rounding, and carries the derivative.
     z = jax.lax.stop_gradient(z)
     z = z - solved(z, residual(motion, start, z))
     change = jax.vmap(lambda node: rate(motion, start, node))(z)
@@ -284,7 +282,7 @@ def _collocated(
 
 
 def _error(motion: Motion, step: _Step) -> Number:
-    """The Legendre coefficient of the highest degree beside the largest number in the step."""
+    """Return the highest Legendre coefficient relative to the largest increment of the step."""
 
     def of(increments: Array, least: Number) -> Number:
         highest = contraction(jnp.asarray(_COEFFICIENTS[-1], increments.dtype), increments)
@@ -295,14 +293,14 @@ def _error(motion: Motion, step: _Step) -> Number:
 
 
 def _closing(motion: Motion, step: _Step, compressing: Flag) -> Bool[Array, "nodes gaps"]:
-    """Which gaps that are open at the start are closed at which node."""
+    """Return which gaps that are open at the start are closed at which node."""
     before = jnp.stack(motion.gaps(step.start, compressing))
     after = jnp.stack(jax.vmap(lambda s: motion.gaps(s, compressing))(_nodes_of(step)), 1)
     return (before > 0)[None, :] & ~(after > 0)
 
 
 def _node_beyond(motion: Motion, step: _Step, compressing: Flag, closing: Array) -> Number:
-    """A fraction of a step that lies a little beyond the first gap that closes, by its chord."""
+    """Return a fraction of a step slightly beyond the first gap that closes, from its chord."""
     first = jnp.argmax(jnp.any(closing, 1))
     nodes = jnp.asarray(np.concatenate([[0.0], _NODES]), step.size.dtype)
     low, high = nodes[first], nodes[first + 1]
@@ -318,11 +316,11 @@ def _node_beyond(motion: Motion, step: _Step, compressing: Flag, closing: Array)
 
 
 def _landing(motion: Motion, step: _Step, compressing: Flag, met: Bool[Array, ""]) -> Number:
-    """The fraction of a step at which the first gap closes; 1 where none does."""
+    """Return the fraction of a step at which the first gap closes; 1 if none does."""
     closing = _closing(motion, step, compressing)
     first = jnp.argmax(jnp.any(closing, 1))
     nodes = jnp.asarray(np.concatenate([[0.0], _NODES]), step.size.dtype)
-    # Where no gap closes any bracket will do.
+    # If no gap closes, any bracket serves.
     low, high = nodes[first], nodes[first + 1]
     which = closing[first] & met
 

@@ -1,1 +1,1 @@
-"""The scaled motion during an impact, its ends, and what a solve watches."""
+"""The scaled motion during an impact, its end, and the quantities watched during a solve."""

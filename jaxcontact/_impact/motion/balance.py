@@ -1,4 +1,4 @@
-"""The energy of an integrated impact: what is lost, what is left, and whether it adds up."""
+"""The energy balance of an integrated impact: loss, remainder and imbalance."""
 
 from __future__ import annotations
 
@@ -9,17 +9,16 @@ import jax.numpy as jnp
 from ..._forms import Flag
 from .motion import Motion, Number, State
 
-# Where the energies have a weight of 1e-12, they are left out.
+# Energies with a weight below 1e-12 are left out.
 _HOPELESS = 1e3
-# How much more the energies are doubted than the speed: under a pull their errors are those of a
-# place, measured ten times larger.
+# The factor by which energies are trusted less than the speed. Under a pull their error is that of
+# a position, measured to be ten times larger.
 _CAUTION = 4
 
 
 class Balance(NamedTuple):
-    """The `restitution` e and the `energy_loss`, in units of the initial energy.
-
-    `error`: by how much the energies do not add up, relative to the largest energy of the motion.
+    """The `restitution` e and the `energy_loss`, in units of the initial energy. `error` is the
+    energy imbalance relative to the largest energy of the motion.
     """
 
     restitution: Number
@@ -28,15 +27,15 @@ class Balance(NamedTuple):
 
 
 def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
-    """The energies at the end: e² = 1 + 2Γx - 2 (damping's work + ∫ f(x, 0) dx).
+    """Return the energies at the end: e² = 1 + 2Γx - 2 (work of damping + ∫ f(x, 0) dx).
 
-    The energy lost is what damping took and the elastic energy that a contact without tension
-    abandons at its end. e is a mean of what the velocity and the energies say, which trusts the
-    energies where little is lost: that keeps the digits of 1 - e, and those of e under a force that
-    moves the bodies much faster than they came.
+    The energy loss is the work of damping plus the elastic energy left in a contact without tension
+    at its end. The restitution is a weighted mean of the values from velocity and from energy, with
+    most weight on the energy if little is lost. That keeps the digits of 1 - e. It also keeps the
+    digits of e under a force that makes the bodies much faster than they came.
     """
     speed, push = -motion.velocity(end), motion.push
-    # The root for x = 0 may lie below it, by rounding.
+    # Rounding may put the root for x = 0 below it.
     at = end._replace(w=jnp.maximum(end.w, 0))
     taken = motion.lost(end)
     lost = 2 * (taken if motion.one_way else taken + motion.stored(at))
@@ -46,14 +45,14 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
         gained = 2 * push * at.w**motion.order
         left, changed = left + gained, changed + jnp.abs(gained)
         largest = largest + 2 * jnp.maximum(push, 0) * max_indentation
-    # The error of e² is that of its energies on one way, 2 e times that of the speed on the other.
-    # They are weighed, not switched: a fit would stop at the seam.
+    # The energy route has the error of its energies in e², the velocity route 2 e times that of the
+    # speed. The weights are smooth, because a fit would stop at a switch.
     scale = 2 * speed * jnp.sqrt(largest)
     trust = _trust(changed, scale, left > 0)
     by_energy = jnp.sqrt(jnp.where(trust > 0, left, 1))
     weighed = speed + trust * (by_energy - speed)
-    # Where nearly all is lost, what is left tells better how much; but a sum of what cannot be
-    # negative keeps its digits, which a difference from the work of the push does not.
+    # If nearly everything is lost, the remainder gives a better loss. A sum of non-negative terms
+    # keeps its digits, but a difference from the work of the push does not.
     rest = 1 + gained - jnp.square(speed)
     loss = rest + _trust(lost, scale + jnp.abs(gained)) * (lost - rest)
     error = jnp.abs(left - jnp.square(speed)) / largest
@@ -61,7 +60,7 @@ def balance_of(motion: Motion, end: State, max_indentation: Number) -> Balance:
 
 
 def _trust(energies: Number, other: Number, possible: Flag | bool = True) -> Number:
-    """The weight of what is known by `energies`, where its alternative has the error of `other`."""
+    """Return the weight of the value from `energies` if its alternative has the error `other`."""
     known = possible & (energies < _HOPELESS * other)
     doubt = _CAUTION * energies / jnp.where(known, other, 1)
     return jnp.where(known, 1 / (1 + jnp.square(jnp.square(doubt))), 0)

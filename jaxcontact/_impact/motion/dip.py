@@ -1,4 +1,4 @@
-"""The end of a contact that lies between two steps, neither of which shows it."""
+"""The end of a contact between two steps, neither of which shows it."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from .way import Way
 
 
 class Dip(NamedTuple):
-    """Where the force of a way out first had a minimum within a step, if it was `found`.
+    """The step of a way out in which the force first had a minimum, if it was `found`.
 
-    A force that may not pull ends the contact where it vanishes. Under a push the bodies may slow
-    down so much that it would soon be positive again. The step begins at `start`, is of the given
-    `size` and has `slopes` at its ends. `gap` and `slope` are those of the force at the last state.
+    A force without tension ends the contact where it vanishes. Under a push the bodies may slow
+    down so much that it soon becomes positive again. The step begins at `start`, has the given
+    `size`, and has `slopes` at its ends. `gap` and `slope` are those of the force at the last
+    state.
     """
 
     gap: Number
@@ -31,11 +32,11 @@ class Dip(NamedTuple):
 
     @staticmethod
     def begin(start: Record, zero: Number) -> Dip:
-        """Nothing seen yet of a motion from `start` on."""
+        """Return an empty record for a motion from `start` on."""
         return Dip(zero, zero, jnp.isnan(zero), start, zero, jnp.zeros(2, zero.dtype))
 
     def seen(self, motion: Motion, packed: Packed[State], last: Record, now: Record) -> Dip:
-        """With the moment `now`, which followed on `last`."""
+        """Return the record with the moment `now`, which follows `last`."""
         gap, slope = _gap(*jax.lax.stop_gradient((motion, packed.state(now))))
         turns = ~self.found & (self.slope < 0) & (slope > 0) & (self.gap > 0) & (gap > 0)
         size = jax.lax.stop_gradient(packed.tau(now) - packed.tau(last))
@@ -49,7 +50,7 @@ class Dip(NamedTuple):
         )
 
     def bottom(self, way: Way, packed: Packed[State]) -> tuple[Bool[Array, ""], Record]:
-        """Whether the force vanishes at its minimum, and that moment, which is no event yet."""
+        """Return whether the force vanishes at its minimum, and that moment."""
         way, start = jax.lax.stop_gradient((way, self.start))
         size, step = jnp.where(self.found, self.size, 1), packed.step(in_time)
 
@@ -66,6 +67,6 @@ class Dip(NamedTuple):
 
 
 def _gap(motion: Motion, state: State) -> tuple[Number, Number]:
-    """What vanishes with the force, and its slope."""
+    """Return a quantity that vanishes with the force, and its slope."""
     state = state._replace(loss=None)
     return jax.jvp(motion.gap_of_force, (state,), (motion.rate(state, jnp.asarray(False)),))

@@ -1,4 +1,4 @@
-"""The end of a contact, without what rounding left of the gap that ended it."""
+"""The end of a contact, without the rounding error of the gap that ended it."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from ..._elementary import power
 from .balance import balance_of
 from .motion import Motion, Number, State
 
-# How often the place and the speed of an end are found from each other. With x^p = c v and
-# v² = E + 2Γx an error of v comes back as Γx/(p v²) < 1/(2p) of itself, p ≥ 1.
+# The number of rounds in which place and speed of an end are computed from each other. With x^p = c
+# v and v² = E + 2Γx an error of v shrinks by the factor Γx/(p v²) < 1/(2p), p ≥ 1.
 _ROUNDS = 3
 
 
 def at_end(motion: Motion, end: State, arrived: Bool[Array, ""], max_indentation: Number) -> State:
-    """The end of a way out, as exactly as its own formulas tell it.
-
-    The search puts a moment within the rounding of a whole step, in which place and speed may
-    change much more than they are at the end.
+    """Return the end of a way out, computed from its own formulas. The search locates a moment
+    within the rounding of a whole step. Place and speed may change within it by much more than
+    their values at the end.
     """
     parted = arrived & (motion.velocity(end) < 0) & ~motion.settled(end)
     end = _at_touch(motion, end, parted & motion.parts_at_touch())
@@ -47,10 +46,9 @@ def _at_touch(motion: Motion, end: State, parted: Bool[Array, ""]) -> State:
 def _where_force_vanishes(
     motion: Motion, end: State, parted: Bool[Array, ""], max_indentation: Number
 ) -> State:
-    """Weak damping ends a contact at x^p = -c v: with the speed that the energies say there.
-
-    After a strong push the speed has the rounding of one much larger, and the place with it, whose
-    work under the push is a part of e.
+    """Return the end of a weakly damped contact at x^p = -c v, with the speed from the energies.
+    After a strong push the speed has the rounding of a much larger one. The place inherits it, and
+    the work of the push over that place is a part of e.
     """
     assert motion.softness is not None
     softness, p = motion.softness

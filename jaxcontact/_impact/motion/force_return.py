@@ -1,4 +1,4 @@
-"""The motion after a force that only pushes has vanished: to x = 0, unless the force returns."""
+"""The motion after a force without tension has vanished: to x = 0, or until the force returns."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from ..._elementary import power
 from ..._implicit import bracketed_root
 from .motion import Motion, Number, State
 
-# Moments at which the force is looked at, the last but one at 1e-6 of the depth. A force that comes
-# and goes between two of them, or returns later, is missed.
+# The number of moments at which the force is sampled, the last but one at 1e-6 of the depth. A
+# force present only between two of them, or returning later, is missed.
 _SAMPLES = 32
 
 
 class Onward(NamedTuple):
-    """How a motion without contact force goes on: whether the force `returns`, and the state then.
-
-    `reaches`: whether the motion would come to x = 0 without it.
+    """The motion without contact force: whether the force `returns`, and the state then. `reaches`:
+    whether the motion would come to x = 0 without it.
     """
 
     returns: Bool[Array, ""]
@@ -30,10 +29,9 @@ class Onward(NamedTuple):
 
 
 def onward(motion: Motion, end: State, max_indentation: Number) -> Onward:
-    """The motion x'' = Γ from the state in which the force vanished.
-
-    The moment of the return is a constant to the derivative: where the force is zero, the motion
-    with it and that without it are the same to first order.
+    """Return the motion x'' = Γ from the state in which the force vanished. The moment of return is
+    a constant to the derivative. At zero force the motions with and without it agree to first
+    order.
     """
     k = motion.order
     depth, speed = jnp.maximum(end.w, 0) ** k, -motion.velocity(end)
@@ -41,7 +39,7 @@ def onward(motion: Motion, end: State, max_indentation: Number) -> Onward:
     square = jnp.square(speed) - 2 * pull * depth
     reaches = square >= 0
     root = jnp.sqrt(jnp.where(reaches, square, 0))
-    # To x = 0, or until the bodies stand.
+    # To x = 0, or until the bodies are at rest.
     landing = 2 * depth / jnp.where(speed + root > 0, speed + root, 1)
     longest = jnp.where(reaches, landing, speed / jnp.where(pull > 0, pull, 1))
 
@@ -50,7 +48,7 @@ def onward(motion: Motion, end: State, max_indentation: Number) -> Onward:
         x = depth + (motion.velocity(end) + time * pull / 2) * time
         w = power(jnp.maximum(x, 0), 1 / k)
         freed = end._replace(w=w, u=motion.velocity(end) + time * pull + motion.creep(w))
-        # Damping takes what the elastic force would have given.
+        # Damping absorbs the work that the elastic force would have done.
         kept = None if end.loss is None else end.loss + motion.stored(end) - motion.stored(freed)
         return freed._replace(t=end.t + time, loss=kept)
 
@@ -60,12 +58,13 @@ def onward(motion: Motion, end: State, max_indentation: Number) -> Onward:
         return frozen.pulling(at(frozen, still, fraction * longest), jnp.asarray(False))
 
     passed = jnp.arange(_SAMPLES + 1, dtype=depth.dtype) / _SAMPLES
-    # Closer near x = 0, where a spring may win over damping that falls faster: at x = 0 neither.
+    # Samples are denser near x = 0, where a spring may exceed damping that falls faster. At x = 0
+    # both vanish.
     fractions = jnp.where(reaches, 1 - (1 - passed) ** 4, passed)
     forces = jax.vmap(force)(fractions[1:])
     present = (forces > 0) & ~(reaches & (passed[1:] == 1))
     first = jnp.argmax(present)
-    # What is left of an elastic contact at x = 0 is rounding.
+    # An elastic contact has only rounding left at x = 0.
     rounding = math.sqrt(jnp.finfo(depth.dtype).eps)
     deep = (end.w > 0) & (still.w**k > rounding * deepest) & (speed > 0)
     returns = deep & jnp.any(present)
@@ -74,8 +73,8 @@ def onward(motion: Motion, end: State, max_indentation: Number) -> Onward:
     floor = jnp.where(returns, last / 100, 0.5)
 
     def missing(part: Number) -> Number:
-        # Over the time passed, since the force is zero in the beginning, too. A law that clamps its
-        # own force has no sign before the return.
+        # Divided by the time passed, since the force is also zero at the beginning. A law that
+        # clamps its own force has no sign before the return.
         fraction = low + part * size
         lacking = -force(fraction) / jnp.where(fraction > 0, fraction, 1)
         lacking = jnp.where(lacking >= 0, jnp.maximum(lacking, floor), lacking)

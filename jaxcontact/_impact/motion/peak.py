@@ -1,4 +1,4 @@
-"""The largest force along a solved stretch of motion, between its steps too."""
+"""The largest force along a solved stretch of motion, including between its steps."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .way import Way
 
 
 def largest_force(way: Way, moments: Moment[State], sign: int = 1) -> Number:
-    """The largest force among consecutive moments and between them; of -F where `sign` is -1."""
+    """Return the largest force at and between consecutive moments; of -F if `sign` is -1."""
     moments = Moment(moments.tau, moments.state._replace(loss=None))
     forces = jax.vmap(lambda state: sign * way.motion.force(state, way.compressing))(moments.state)
     best = jnp.argmax(jax.lax.stop_gradient(forces))
@@ -26,12 +26,11 @@ def largest_force(way: Way, moments: Moment[State], sign: int = 1) -> Number:
 
 
 def largest_near(way: Way, packed: Packed[State], near: Nearest, sign: int = 1) -> Number:
-    """The largest force near the best of three neighbouring states, to the accuracy of a step; of
-    -F where `sign` is -1.
+    """Return the largest force near the best of three neighbouring states; of -F if `sign` is -1.
 
-    The step that holds the maximum is taken again by one Runge-Kutta step of a fraction θ, chosen
-    so that the force is stationary. A stationary value does not move with θ to first order, so θ
-    may be a constant to the derivative.
+    It is as accurate as a step. The step that contains the maximum is repeated with one Runge-Kutta
+    step of a fraction θ at which the force is stationary. A stationary value does not depend on θ
+    to first order, so θ is a constant to the derivative.
     """
     frozen, fixed = jax.lax.stop_gradient((way, near))
     step = packed.step(in_time)
@@ -43,7 +42,7 @@ def largest_near(way: Way, packed: Packed[State], near: Nearest, sign: int = 1) 
         return sign * way.motion.force(packed.state(vector), way.compressing)
 
     slopes = packed.each(slope, fixed.before, fixed.at, fixed.after)
-    # From the best state to the next one, or to it from the one before.
+    # From the best state to the next one, or from the previous one to it.
     rising = slopes[1] > 0
     left = chosen(rising, fixed.at, fixed.before)
     size = packed.tau(chosen(rising, fixed.after, fixed.at)) - packed.tau(left)
@@ -52,7 +51,7 @@ def largest_near(way: Way, packed: Packed[State], near: Nearest, sign: int = 1) 
     def later(fraction: Number) -> Number:
         return slope(step(frozen, left, fraction * size)[0])
 
-    # Without a change of sign the maximum is at an end, at touch for a law that jumps there.
+    # Without a sign change the maximum is at an end: at touch, for a law whose force jumps there.
     inside = (first > 0) & (last < 0)
     theta = jnp.where(inside, bracketed_root(later, first, last, iterations=100), 0)
     start = chosen(rising, near.at, near.before)
@@ -61,10 +60,9 @@ def largest_near(way: Way, packed: Packed[State], near: Nearest, sign: int = 1) 
 
 
 def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""], sign: int = 1) -> Number:
-    """w dF/dτ beside F dw/dτ along the motion: from -1 to 1, of the sign of dF/dτ.
-
-    Positive at touch, where a force that is a power of x has no slope of its own; bounded, because
-    regula falsi crawls where one end is much steeper than the other.
+    """Return w dF/dτ relative to F dw/dτ along the motion, in [-1, 1], with the sign of dF/dτ. It
+    is positive at touch, where a force that is a power of x has no slope. It is bounded, because
+    regula falsi is slow if one end is much steeper than the other.
     """
     rate = motion.rate(state, compressing)
     force, change = jax.jvp(lambda s: sign * motion.force(s, compressing), (state,), (rate,))
@@ -76,5 +74,5 @@ def _steepness(motion: Motion, state: State, compressing: Bool[Array, ""], sign:
 
 
 def is_rising(motion: Motion, state: State, compressing: Bool[Array, ""]) -> Bool[Array, ""]:
-    """Whether the force rises with x, by more than the nearly constant one of creeping bodies."""
+    """Return whether the force rises with x by more than the nearly constant force of creep."""
     return _steepness(motion, state, compressing) > 0.01

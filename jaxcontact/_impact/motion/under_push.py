@@ -1,4 +1,4 @@
-"""What rounding leaves of an impact under a force that makes the bodies faster than they came."""
+"""Checks of rounding errors in an impact under a push that makes the bodies faster."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ from jaxtyping import Array, Bool
 
 from .motion import Motion, State
 
-# In units of rounding of the largest energy: by how much the energy at the end is off, measured.
+# The measured error of the final energy, in rounding errors of the largest energy.
 _ROUNDING = 50
-# What an impact may lack of its initial energy when it settles, and its duration of itself, in
-# units of rtol.
+# Tolerances in units of rtol: for the share of the initial energy left when an impact settles, and
+# for the relative error of its duration.
 _SPENT, _LATE = 100, 10
-# How far beyond rest bodies must go before they turn: in tolerances of a step, for a velocity that
-# is zero within them; and in the same over rtol, for a time that is known as well as its condition
-# allows. Near critical damping that time was off, relatively, by up to 1.3e-3 of a tolerance over
-# the way beyond (400 lanes).
+# The least overshoot beyond rest for a turn. The first number is in step tolerances, for a velocity
+# that is zero within them. The second is in the same over rtol, for an accurate turn time. Near
+# critical damping its relative error was up to 1.3e-3 of a tolerance over the overshoot (400
+# lanes).
 _BEYOND, _BEYOND_IN_TIME = 10, 5e-6
 
 
 def end_is_sharp(motion: Motion, turn: State, end: State, rtol: float) -> Bool[Array, ""]:
-    """Whether rounding moves the end of a pushed contact by less than 10 rtol of its duration.
-
-    At the end the speed v is off by dv = eps Γ x/v, x that of the turn, and the duration T by dv/Γ
-    at most, and by T dv/v.
+    """Return whether rounding changes the end time of a pushed contact by less than 10 rtol. The
+    error of the speed v at the end is dv = eps Γ x/v, with the x of the turn. The error of the
+    duration T is at most dv/Γ, and at most T dv/v.
     """
     if motion.push is None:
         return jnp.asarray(True)
@@ -34,17 +33,15 @@ def end_is_sharp(motion: Motion, turn: State, end: State, rtol: float) -> Bool[A
 
 
 def is_spent(motion: Motion, end: State, rtol: float) -> Bool[Array, ""]:
-    """Whether damping has taken the energy of the impact, as it has where bodies settle.
-
-    What has not lost it but was turned inwards was turned by rounding.
+    """Return whether damping has taken the energy of the impact, as in a settled contact. A contact
+    that turned inwards without this loss turned because of rounding.
     """
     return 2 * motion.lost(end) >= 1 - _SPENT * rtol
 
 
 def turn_is_sharp(motion: Motion, turn: State, finest: float, rtol: float) -> Bool[Array, ""]:
-    """Whether bodies that turn do so far enough beyond their place at rest to tell when.
-
-    Near critical damping they go beyond it by next to nothing, and are still there for long.
+    """Return whether bodies overshoot their rest position far enough to determine the turn time.
+    Near critical damping the overshoot is almost zero, and the bodies stay there for long.
     """
     static = motion.static_indentation()
     if motion.push is None or static is None:

@@ -1,4 +1,4 @@
-"""What a solve remembers of its way instead of all its states."""
+"""The quantities recorded during a solve instead of all its states."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from .way import Way
 
 
 class Nearest(NamedTuple):
-    """The moment of the largest force so far, and those before and after it, packed.
-
-    `fresh`: whether none has come after it yet.
+    """The moment of the largest force so far, and those before and after it, packed. `fresh`:
+    whether the moment after it is still missing.
     """
 
     force: Number
@@ -27,7 +26,7 @@ class Nearest(NamedTuple):
     fresh: Bool[Array, ""]
 
     def seen(self, last: Record, now: Record, force: Number) -> Nearest:
-        """With the moment `now`, which followed on `last`."""
+        """Return the record with the moment `now`, which follows `last`."""
         larger = force > self.force
         return Nearest(
             force=jnp.where(larger, force, self.force),
@@ -39,10 +38,9 @@ class Nearest(NamedTuple):
 
 
 class Watch(NamedTuple):
-    """The largest force and the least; whether the bodies creep to rest; a dip of the force.
-
-    `least` is None where the contact cannot pull, and has -F as its force; `creeps` and `dip` are
-    None where there is no push, or the force cannot vanish.
+    """The largest and the least force; whether the bodies creep to rest; a dip of the force.
+    `least` has -F as its force, and is None if the contact cannot pull. `creeps` and `dip` are None
+    without a push or if the force cannot vanish.
     """
 
     nearest: Nearest
@@ -52,7 +50,7 @@ class Watch(NamedTuple):
 
     @staticmethod
     def begin(motion: Motion, packed: Packed[State]) -> Watch:
-        """Nothing seen yet of a motion."""
+        """Return an empty record of a motion."""
         start, zero = packed.start, packed.tau(packed.start)
         no = jnp.isnan(zero)
         nearest = Nearest(jnp.full_like(zero, -jnp.inf), start, start, start, no)
@@ -64,7 +62,7 @@ class Watch(NamedTuple):
         )
 
     def seen(self, way: Way, packed: Packed[State], last: Record, now: Record) -> Watch:
-        """With the accepted moment `now`, which followed on `last`."""
+        """Return the record with the accepted moment `now`, which follows `last`."""
         frozen, state = jax.lax.stop_gradient((way.motion, packed.state(now)))
         creeps, dip = self.creeps, self.dip
         if creeps is not None:

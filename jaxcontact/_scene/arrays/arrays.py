@@ -1,4 +1,4 @@
-"""A scene as arrays of one precision: what the engine works on."""
+"""A scene as arrays of one precision, for the engine."""
 
 from __future__ import annotations
 
@@ -29,14 +29,16 @@ Lane = Float[Array, "..."]
 
 
 class Layout(eqx.Module):
-    """What is static of a scene: N spheres, W walls, and what kinds of things there are.
+    """The static part of a scene: N spheres, W walls, and their kinds.
 
-    Bodies of the engine are the spheres in order, shells as fixed spheres of negative radius (of
-    the N the first `visible` are none), then the walls: `body` and `face` say which body
-    of the scene each of them is. `laws` and `stiffnesses` are tables by kind, () where one law or
-    stiffness serves all; `constant` says of which laws e is the same at all speeds. Of the walls:
-    which are `moving`, and which of these are accelerated (`vibrating`). Of the fixed spheres, by
-    their numbers: which are `driven`, and which of these are accelerated (`shaken`).
+    The engine numbers the spheres first, in order, then shells as fixed spheres of negative radius,
+    then the walls. N includes the shells; the first `visible` are true spheres. `body` and `face`
+    give the body of the scene and the face of a box for each number.
+
+    `laws` and `stiffnesses` are tables by kind, or () if one law or stiffness serves all.
+    `constant` marks laws whose restitution is independent of speed. `moving` marks walls in motion,
+    and `vibrating` those that are accelerated. `driven` lists the fixed spheres in motion, and
+    `shaken` those that are accelerated.
     """
 
     spheres: int = eqx.field(static=True)
@@ -59,37 +61,37 @@ class Layout(eqx.Module):
 
     @property
     def settles(self) -> bool:
-        """Whether a sphere that bounces out of time may come to rest on a wall."""
+        """True if a ball may come to rest on a wall after instantaneous impacts."""
         return self.walls > 0 and self.gravity and any(self.constant)
 
     def chosen(self, table: tuple[tuple[int, ...], ...], i: Array, j: Array) -> Array:
-        """The entry of a table for bodies i and j."""
+        """Return the entry of a table for bodies i and j."""
         kinds, entries = jnp.asarray(self.kinds), jnp.asarray(table).ravel()
         return rows_of(entries, rows_of(kinds, i) * len(table) + rows_of(kinds, j))
 
     def shaken_row(self, who: Int[Array, "..."]) -> Int[Array, "..."]:
-        """Which of those that are `shaken` some spheres are; how many there are for all others."""
+        """Return the index of spheres among the `shaken`; the number of these for all others."""
         rows = np.full(self.spheres, len(self.shaken))
         rows[list(self.shaken)] = np.arange(len(self.shaken))
         return rows_of(jnp.asarray(rows), who)
 
 
 class Walls(NamedTuple):
-    """Where walls are at some time: `offset` in m, and their `velocity` along the normal in m/s."""
+    """The walls at one time: `offset` in m, and `velocity` along the normal in m/s."""
 
     offset: Lane
     velocity: Lane
 
 
 class Numbers(eqx.Module):
-    """The numbers of a scene that its motion depends on, all of one precision.
+    """The numbers of a scene that determine its motion, all of one precision.
 
-    Of the B = N + W bodies: `inverse_mass` (0 where fixed), `curvature` 1/R (0 of walls) and
-    `compliance` (Hertz), None where not needed. `restitution` by law where it is constant, else 0.
-    `offset` of walls at time zero; their `motion`, None where all of them stand; the `shaking` of
-    fixed spheres that are accelerated, None where none is. `pull`: the acceleration of what is in
-    flight, and of what rests on each wall. `start`: what rests or is in contact at
-    time zero, None where nothing is.
+    For B = N + W bodies: `inverse_mass` is 0 for fixed ones, and `compliance` is that of Hertz's
+    contact, None if not needed. `restitution` has a number for each law: its constant e, else 0.
+    `offset` is that of the walls at time zero. `motion` is that of the walls, None if all are at
+    rest. `shaking` is the motion of accelerated fixed spheres, None if there are none. `pull` is
+    the acceleration in flight, followed by that of a sphere at rest on each wall. `start` holds
+    rest and contacts at time zero, None if there are none.
     """
 
     position: Float[Array, "N D"]
@@ -116,7 +118,7 @@ class Numbers(eqx.Module):
         return self.position.dtype
 
     def walls_at(self, time: Lane, which: Int[Array, ""] | None = None) -> Walls:
-        """The walls at a time, or one of them."""
+        """Return the walls at a time, or one of them."""
         offset = self.offset if which is None else rows_of(self.offset, which)
         if self.motion is None:
             return Walls(offset, jnp.zeros_like(offset))
@@ -128,7 +130,7 @@ class Numbers(eqx.Module):
     def shaken_at(
         self, layout: Layout, time: Float[Array, ""]
     ) -> tuple[Float[Array, "K D"], Float[Array, "K D"]]:
-        """Where the fixed spheres that are accelerated are at a time, and how fast."""
+        """Return the positions and velocities of the accelerated fixed spheres at a time."""
         assert self.shaking is not None
         start = self.position[np.array(layout.shaken)]
         return start + self.shaking.shift(time), self.shaking.velocity(time)
@@ -136,8 +138,8 @@ class Numbers(eqx.Module):
     def bent_at(
         self, layout: Layout, who: Int[Array, ""], now: Float[Array, ""], time: Float[Array, ""]
     ) -> tuple[Float[Array, " D"], Float[Array, " D"]]:
-        """By how much a sphere departs until `time` later from going on at the velocity that it
-        has `now`, and its velocity; zeros for one that is not `shaken`.
+        """Return a sphere's deviation from uniform motion between `now` and `time` later. The
+        second value is the change of its velocity. Both are zero unless the sphere is `shaken`.
         """
         assert self.shaking is not None
         row = layout.shaken_row(who)
@@ -149,7 +151,7 @@ class Numbers(eqx.Module):
 
 
 def layout_of(scene: Scene) -> Layout:
-    """The static part of a scene."""
+    """Return the static part of a scene."""
     spheres = [k for k, body in enumerate(scene.bodies) if isinstance(body, Sphere)]
     shells = [k for k, body in enumerate(scene.bodies) if isinstance(body, Shell)]
     visible, spheres = len(spheres), spheres + shells
@@ -179,7 +181,7 @@ def layout_of(scene: Scene) -> Layout:
 
 
 def curved(scene: Scene) -> list[Sphere | Shell]:
-    """Spheres and shells, as the engine numbers them."""
+    """Return spheres and shells in the order of the engine."""
     shells = [body for body in scene.bodies if isinstance(body, Shell)]
     return [*scene.spheres, *shells]
 
@@ -192,16 +194,16 @@ def _is_constant(law: AbstractLaw) -> bool:
 
 @functools.lru_cache(maxsize=256)
 def _is_constant_by_kind(structure: Any, kinds: tuple[Any, ...]) -> bool:
-    """Traced once a kind of law: its numbers do not matter."""
+    """Return whether e is constant; traced once for each kind of law."""
     leaves = [jax.ShapeDtypeStruct(*kind) for kind in kinds]
     law = jax.tree.unflatten(structure, leaves)
     return restitution_is_constant(law, None)
 
 
 def contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact | None:
-    """The contact of bodies i and j; None where no stiffness is known."""
+    """Return the contact of bodies i and j; None if no stiffness is known."""
     inverse = rows_of(numbers.inverse_mass, i) + rows_of(numbers.inverse_mass, j)
-    # Two fixed bodies never meet; any mass will do.
+    # Two fixed bodies never meet, so any mass serves.
     mass = 1 / jnp.where(inverse > 0, inverse, 1)
     if numbers.stiffness is not None:
         stiffness = numbers.stiffness[0]
@@ -219,7 +221,7 @@ def contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact 
 
 
 def known_contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Contact:
-    """The contact of bodies i and j in a scene of which every stiffness is known."""
+    """Return the contact of bodies i and j in a scene with known stiffness."""
     contact = contact_of(layout, numbers, i, j)
     assert contact is not None
     return contact
@@ -228,20 +230,20 @@ def known_contact_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> Co
 def laws_of(
     layout: Layout, numbers: Numbers, i: Array, j: Array
 ) -> tuple[Sequence[AbstractLaw], Int[Array, ""]]:
-    """A law of every kind there is, and which of them is that of bodies i and j."""
+    """Return a law of every kind, and the kind of the law of bodies i and j."""
     if len(numbers.laws) == 1:
         return numbers.laws, jnp.asarray(0)
     return one_of_each(numbers.laws, layout.chosen(layout.laws, i, j))
 
 
 def law_of(layout: Layout, numbers: Numbers, i: Array, j: Array) -> AbstractLaw:
-    """The law of bodies i and j, by its force."""
+    """Return the law of bodies i and j, selected through its force."""
     laws, kind = laws_of(layout, numbers, i, j)
     return laws[0] if len(laws) == 1 else MixedLaw(tuple(laws), kind.astype(numbers.dtype))
 
 
 def least_speed(numbers: Numbers) -> Float[Array, ""]:
-    """A rounding of the speeds of a scene in m/s, as they are at the start or weight makes them."""
+    """Return one rounding error of the scene's speeds in m/s, from the start and from weight."""
     radius = jnp.max(jnp.abs(numbers.radius))
     pull = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity))) * radius
     square = jnp.max(jnp.square(numbers.velocity)) + pull
@@ -252,7 +254,7 @@ def least_speed(numbers: Numbers) -> Float[Array, ""]:
 def restitution_of(
     layout: Layout, numbers: Numbers, i: Array, j: Array, closing: Lane
 ) -> Float[Array, ""]:
-    """The e that the law of bodies i and j delivers at a closing speed."""
+    """Return the restitution e of bodies i and j at a closing speed."""
     which = layout.chosen(layout.laws, i, j) if layout.laws else None
     if all(layout.constant):
         return numbers.restitution[0] if which is None else rows_of(numbers.restitution, which)
@@ -270,8 +272,8 @@ def restitution_of(
 
 
 def first_overlap(layout: Layout, numbers: Numbers) -> Float[Array, ""]:
-    """The deepest overlap of two bodies beyond rounding, in m; 0 where there is none, or where
-    contacts go on from a run.
+    """Return the deepest overlap of two bodies beyond rounding, in m; 0 if there is none. It is
+    also 0 if the scene continues a run.
     """
     if numbers.start is not None:
         return jnp.zeros((), numbers.dtype)
@@ -297,7 +299,7 @@ def first_overlap(layout: Layout, numbers: Numbers) -> Float[Array, ""]:
 def nearest_image(
     layout: Layout, numbers: Numbers, apart: Float[Array, "N D"]
 ) -> tuple[Float[Array, "N D"], Float[Array, "N D"]]:
-    """Distances to the nearest image along periodic axes, and how many periods were taken off."""
+    """Return distances to the nearest periodic image, and the number of periods subtracted."""
     if not any(layout.periodic):
         return apart, jnp.zeros_like(apart)
     axes = jnp.asarray(layout.periodic)[None]

@@ -1,4 +1,4 @@
-"""Where spheres are in flight: on parabolas, or as their motion is prescribed."""
+"""Spheres in flight: on parabolas, or in prescribed motion."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ Lane = Float[Array, "..."]
 
 
 class Flying(NamedTuple):
-    """Bodies in flight, each at its own `time` (M,): `position` and `velocity` (M, D).
-
-    Of the two of an impact a wall repeats the first.
+    """Bodies in flight, each at its own `time` (M,): `position` and `velocity` (M, D). In an impact
+    with a wall, the second row repeats the first.
     """
 
     position: Lane
@@ -26,7 +25,7 @@ class Flying(NamedTuple):
 
 
 def where_each(counts: Bool[Array, " M"], one: Flying, other: Flying) -> Flying:
-    """Of every body the one state where it `counts`, else the other."""
+    """Return `one` for each body that `counts`, else `other`."""
     return jax.tree.map(
         lambda a, b: jnp.where(counts.reshape(-1, *(1,) * (a.ndim - 1)), a, b), one, other
     )
@@ -35,7 +34,7 @@ def where_each(counts: Bool[Array, " M"], one: Flying, other: Flying) -> Flying:
 def accelerations(
     layout: Layout, numbers: Numbers, who: Int[Array, " M"], support: Int[Array, " M"]
 ) -> Float[Array, "M D"]:
-    """Gravity of free spheres, less what the walls that they rest on hold."""
+    """Return gravity of the free spheres, less the normal part for those that rest on walls."""
     if not layout.gravity:
         return jnp.zeros((who.shape[0], layout.dimensions), numbers.dtype)
     pull = rows_of(numbers.pull, support + 1)
@@ -52,9 +51,8 @@ def at_once(
     support: Int[Array, " M"],
     time: Lane,
 ) -> tuple[Flying, Float[Array, "M D"]]:
-    """Some spheres in flight at one time, and their accelerations by gravity.
-
-    Fixed ones that are accelerated are where their motion says, whatever was known of them.
+    """Return spheres in flight at one time, and their accelerations by gravity. Accelerated fixed
+    spheres are placed by their motion, regardless of `flying`.
     """
     pull = accelerations(layout, numbers, who, support)
     passed = (time - flying.time)[:, None]

@@ -1,7 +1,5 @@
-"""The numbers of a scene, gathered from its bodies.
-
-Bodies of one structure are stacked by NumPy, so that one small program computes the numbers of few
-bodies or of thousands.
+"""The numbers of a scene, gathered from its bodies. NumPy stacks bodies of one structure, so that
+one small program serves a few bodies or thousands.
 """
 
 from __future__ import annotations
@@ -26,22 +24,22 @@ from .movers import Movers
 
 
 class Alike(eqx.Module):
-    """Bodies of one structure as one `body`, whose numbers are stacked where there are several;
-    `which` of the scene they are. A body that has a motion is by itself.
+    """Bodies of one structure as one `body` with stacked numbers, if there are several. `which`
+    lists their numbers in the scene. A body with a motion is always alone.
     """
 
     body: AbstractBody
     which: tuple[int, ...] = eqx.field(static=True)
 
     def each(self, of: Callable[[Any], Any]) -> Any:
-        """A function of every one of them, stacked."""
+        """Return a function of each body, stacked."""
         if len(self.which) > 1:
             return jax.vmap(of)(self.body)
         return jax.tree.map(lambda x: jnp.asarray(x)[None], of(self.body))
 
 
 class Parts(eqx.Module):
-    """What the numbers of a scene are computed from: leaves of one precision."""
+    """The inputs of a scene's numbers, with leaves of one precision."""
 
     bodies: tuple[Alike, ...]
     laws: tuple[Any, ...]
@@ -58,7 +56,7 @@ class Parts(eqx.Module):
 
 
 def given_in(scene: Scene) -> Parts:
-    """The bodies of a scene, stacked, and what else its numbers are computed from."""
+    """Return the stacked bodies of a scene and its other inputs."""
     dtype = _precision(scene)
     alike: dict[Any, list[int]] = {}
     for k, body in enumerate(scene.bodies):
@@ -89,7 +87,7 @@ def _together(bodies: Sequence[AbstractBody], which: Sequence[int]) -> AbstractB
         return bodies[which[0]]
 
     def stacked(*values: Any) -> Any:
-        # Thousands of bodies are stacked by NumPy, in no time, unless something is traced.
+        # NumPy stacks thousands of bodies at almost no cost, unless something is traced.
         if any(isinstance(value, Tracer) for value in values):
             return jnp.stack(values)
         return np.stack([np.asarray(value) for value in values])
@@ -100,18 +98,18 @@ def _together(bodies: Sequence[AbstractBody], which: Sequence[int]) -> AbstractB
 def numbers_of(
     scene: Scene, layout: Layout, *, contacts: bool, soft: bool = False
 ) -> tuple[Numbers, Bool[Array, ""]]:
-    """The numbers of a scene, and whether they are valid; see `gathered`."""
+    """Return the numbers of a scene and whether they are valid; see `gathered`."""
     return gathered(given_in(scene), layout, contacts, soft)
 
 
 def gathered(
     given: Parts, layout: Layout, contacts: bool, soft: bool
 ) -> tuple[Numbers, Bool[Array, ""]]:
-    """The numbers of a scene, and whether they are valid; benign ones replace invalid ones.
+    """Return the numbers of a scene, and whether they are valid.
 
-    `contacts`: whether a stiffness is needed for every pair; `soft`: whether impacts take time, so
-    that nobody asks for the restitution of a law. Raises ValueError where a stiffness is needed and
-    none is known.
+    Invalid law parameters are replaced by valid ones. `contacts`: whether every pair needs a
+    stiffness. `soft`: whether impacts take time, so that restitutions are not needed. Raises
+    ValueError if a stiffness is needed and none is known.
     """
     dtype, dimensions, count = given.dtype, layout.dimensions, layout.spheres
     curved = [alike for alike in given.bodies if isinstance(alike.body, Sphere | Shell)]
@@ -187,7 +185,7 @@ def _flat(arrays: Sequence[Array]) -> Array:
 
 
 def _in_order(groups: Sequence[Alike], order: Sequence[int], parts: Sequence[Any]) -> Any:
-    """The rows of groups of bodies, one after the other as in the `order` of the scene's bodies."""
+    """Return the rows of groups of bodies in the `order` of the scene's bodies."""
     known = {k: row for row, k in enumerate(k for alike in groups for k in alike.which)}
     rows = np.array([known[k] for k in order], int)
     plain = np.array_equal(rows, np.arange(len(known)))
@@ -200,7 +198,7 @@ def _in_order(groups: Sequence[Alike], order: Sequence[int], parts: Sequence[Any
 
 
 def _walls_in(given: Parts, layout: Layout) -> tuple[Array, Array, list[Along | None]]:
-    """Normals and offsets of all walls, and their motions."""
+    """Return the normals and offsets of all walls, and their motions."""
     rows: dict[tuple[int, int], tuple[Array, Array, Along | None]] = {}
     for alike in given.bodies:
         known: list[tuple[int, Along | None]] = []
@@ -214,7 +212,7 @@ def _walls_in(given: Parts, layout: Layout) -> tuple[Array, Array, list[Along | 
         for place, k in enumerate(alike.which):
             for (face, motion), (normal, offset) in zip(known, walls, strict=True):
                 rows[k, face] = normal[place], offset[place], motion
-    # Under a trace a box does not know which of its sides are open: the layout does.
+    # Under a trace a box cannot see which of its sides are open; the layout can.
     names = zip(layout.body[layout.spheres :], layout.face[layout.spheres :], strict=True)
     found = [rows[name] for name in names]
     if not found:
@@ -225,7 +223,7 @@ def _walls_in(given: Parts, layout: Layout) -> tuple[Array, Array, list[Along | 
 
 
 def _velocity(body: Sphere | Shell) -> Any:
-    # That of one that is accelerated is known at each time.
+    # The velocity of an accelerated body depends on time and is computed later.
     if body.motion is not None and not body.motion.vibrates:
         return body.motion.along(None).speed
     own = body.velocity if isinstance(body, Sphere) else None
@@ -233,12 +231,12 @@ def _velocity(body: Sphere | Shell) -> Any:
 
 
 def replaced(numbers: Numbers, valid: Bool[Array, ""]) -> Numbers:
-    """The numbers, each replaced by 1 in a scene that is not valid."""
+    """Return the numbers, all replaced by 1 if the scene is not valid."""
     return jax.tree.map(lambda x: jnp.where(valid, x, jnp.ones_like(x)), numbers)
 
 
 def _precision(scene: Scene) -> Any:
-    """The highest precision among the numbers of a scene."""
+    """Return the highest precision among the numbers of a scene."""
     leaves = [leaf for leaf in jax.tree.leaves(scene) if eqx.is_inexact_array(leaf)]
     strong = [leaf.dtype for leaf in leaves if not leaf.weak_type]
     return jax.dtypes.canonicalize_dtype(max(strong, key=lambda d: d.itemsize, default=float))
@@ -261,7 +259,7 @@ def _sound_laws(laws: Sequence[Any], dtype: Any) -> tuple[Bool[Array, ""], tuple
 
 
 def _along(body: Sphere | Shell, dimensions: int) -> Along:
-    """The motion of one that is accelerated, in space."""
+    """Return the motion of an accelerated body in space."""
     assert body.motion is not None
     motion = body.motion.along(None)
     speed, amplitude = (jnp.broadcast_to(x, dimensions) for x in (motion.speed, motion.amplitude))

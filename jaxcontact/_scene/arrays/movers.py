@@ -1,4 +1,4 @@
-"""How bodies move that are prescribed, all at once: walls along their normals, others in space."""
+"""The prescribed motions of all bodies: walls along their normals, others in space."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ..bodies.motion import Own
 Lane = Float[Array, "..."]
 
 CHECKED = 4096
-"""Intervals of a run at whose ends the bound of an acceleration is looked at."""
+"""The number of intervals of a run at whose ends the acceleration bound is checked."""
 
 _ROUNDINGS = 64
 
 
 class Movers(eqx.Module):
-    """How bodies move by themselves: V t + A (sin(ω t + φ) - sin φ); 0 of those that stand; of some
-    of them a function of the user's `own` beside.
+    """The prescribed motions V t + A (sin(ω t + φ) - sin φ) of W bodies; 0 for those at rest.
 
-    Of W walls V and A are numbers along the normals, (W,); of W spheres and shells vectors, (W, D).
-    ω and φ are (W,). Times are numbers, or arrays whose last axis is that of the bodies.
+    `own` adds users' functions. V and A are numbers along the normals of walls, (W,), or vectors
+    for spheres and shells, (W, D). ω and φ are (W,). Times are numbers, or arrays whose last axis
+    is that of the bodies.
     """
 
     speed: Float[Array, "..."]
@@ -35,7 +35,7 @@ class Movers(eqx.Module):
     own: tuple[Own | None, ...]
 
     def in_rows(self) -> Movers:
-        """With an axis for those that meet them before all others."""
+        """Return the motions with a leading axis for the bodies that meet them."""
         rows = (self.speed[None], self.amplitude[None], self.rate[None], self.phase[None])
         return Movers(*rows, self.own)
 
@@ -44,15 +44,15 @@ class Movers(eqx.Module):
         return self.amplitude.ndim > self.rate.ndim
 
     def _per_axis(self, lane: Lane) -> Lane:
-        """A number for every body, beside its vectors where it has any."""
+        """Return a number for every body in a shape that multiplies its vector, if it has one."""
         return lane[..., None] if self._in_space else lane
 
     def _size(self, lane: Lane) -> Lane:
-        """The lengths of vectors, or of numbers."""
+        """Return the lengths of vectors, or the magnitudes of numbers."""
         return jnp.sqrt(jnp.sum(jnp.square(lane), axis=-1)) if self._in_space else jnp.abs(lane)
 
     def _with_own(self, lane: Lane, time: Lane, of: Callable[[Own, Array], Array]) -> Lane:
-        """A quantity with that of the user's functions."""
+        """Return a quantity with the contribution of the users' functions added."""
         if all(own is None for own in self.own):
             return lane
         shape = jnp.broadcast_shapes(jnp.shape(time), self.rate.shape)
@@ -69,17 +69,17 @@ class Movers(eqx.Module):
         return lane + jnp.stack(columns, axis=len(shape) - 1).astype(lane.dtype)
 
     def shift(self, time: Lane) -> Lane:
-        """The displacement since time zero, in m."""
+        """Return the displacement since time zero, in m."""
         steady = self.speed * self._per_axis(time * jnp.ones_like(self.rate))
         return steady + self._swung(jnp.zeros((), self.rate.dtype), time)
 
     def velocity(self, time: Lane) -> Lane:
-        """In m/s."""
+        """Return the velocity in m/s."""
         turned = self._per_axis(self.rate * jnp.cos(self.rate * time + self.phase))
         return self._with_own(self.speed + self.amplitude * turned, time, Own.velocity)
 
     def acceleration(self, time: Lane) -> Lane:
-        """In m/s²."""
+        """Return the acceleration in m/s²."""
         turned = self._per_axis(jnp.square(self.rate) * jnp.sin(self.rate * time + self.phase))
         return self._with_own(-self.amplitude * turned, time, Own.acceleration)
 
@@ -90,12 +90,12 @@ class Movers(eqx.Module):
         return self._with_own(high, now + time, lambda own, t: own.place(t) - own.place(now))
 
     def swing(self, now: Lane, time: Lane) -> tuple[Lane, Lane]:
-        """What is not steady: the displacement from a time `now` to `time` later, and its rate."""
+        """Return the unsteady part: displacement from `now` to `time` later, and its rate."""
         return self._swung(now, time), self.velocity(now + time) - self.speed
 
     def above(self, now: Lane) -> Lane:
-        """How much higher than `now` a wall may come beside its steady motion, in m; how far from
-        where it is a sphere may come.
+        """Return the largest unsteady displacement after `now`, in m. For a wall it is the rise
+        along the normal. For a sphere it is the distance in any direction.
         """
         turned = jnp.sin(self.rate * now + self.phase)
         if self._in_space:
@@ -105,20 +105,20 @@ class Movers(eqx.Module):
         return reach + self._where_own(jnp.inf)
 
     def _where_own(self, value: Any) -> Lane:
-        """A number for every body: that of those that move by a function, 0 of the others."""
+        """Return `value` for bodies that move by a user's function, and 0 for the others."""
         rows = [0.0 if own is None else value for own in self.own]
         column = jnp.stack([jnp.asarray(x, self.rate.dtype) for x in rows])
         return column.reshape(self.rate.shape)
 
     @property
     def bounds(self) -> Lane:
-        """Of the accelerations of the user's functions; 0 of other bodies."""
+        """The acceleration bounds of the users' functions; 0 for other bodies."""
         zero = jnp.zeros((), self.rate.dtype)
         column = jnp.stack([zero if own is None else own.bound for own in self.own])
         return column.reshape(self.rate.shape)
 
     def fastest(self, now: Lane, lasting: Lane) -> Lane:
-        """The largest speed there may be for a time from now on, in m/s."""
+        """Return a bound on the speed for a duration `lasting` after `now`, in m/s."""
         fixed = self._size(self.speed) + self._size(self.amplitude) * jnp.abs(self.rate)
         if all(own is None for own in self.own):
             return fixed
@@ -128,20 +128,19 @@ class Movers(eqx.Module):
 
     @property
     def strongest(self) -> Lane:
-        """The largest acceleration there is, in m/s²."""
+        """A bound on the acceleration, in m/s²."""
         fixed = self._size(self.amplitude) * jnp.square(self.rate)
         return fixed if all(own is None for own in self.own) else fixed + self.bounds
 
     @property
     def accelerated(self) -> Lane:
-        """Which bodies are."""
+        """A mask of the accelerated bodies."""
         return (self.rate > 0) | (self._where_own(1.0) > 0)
 
     def kept_until(self, end: Float[Array, ""]) -> Float[Array, ""]:
-        """The first time at which a user's function is seen to exceed its bound; infinite where
-        none does up to the `end`.
-
-        Seen by the acceleration itself, or by what it did to speed and place in an interval.
+        """Return the first time up to `end` at which a user's function exceeds its bound. The time
+        is infinite if there is none. Both the acceleration and its effect on speed and place over
+        an interval are checked.
         """
         times = jnp.linspace(0, 1, CHECKED + 1, dtype=end.dtype) * end
         step = end / CHECKED

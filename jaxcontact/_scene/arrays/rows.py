@@ -1,4 +1,4 @@
-"""Rows of arrays whose numbers are known to be in bounds: without a check of each number."""
+"""Access to array rows whose indices are known to be in bounds, without checks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _Mode = jax.lax.GatherScatterMode
 
 
 def rows_of(arrays: Tree, who: Array | np.ndarray) -> Tree:
-    """Some rows of all arrays of a tree, or one, all of which exist."""
+    """Return some rows, or one row, of all arrays of a tree; all of them must exist."""
     if who.ndim == 0:
         return jax.tree.map(
             lambda all: jax.lax.dynamic_index_in_dim(
@@ -35,8 +35,8 @@ def rows_of(arrays: Tree, who: Array | np.ndarray) -> Tree:
 
 
 def with_rows(arrays: Tree, who: Int[Array, " M"], rows: Any) -> Tree:
-    """The arrays with some of their rows replaced; a number beyond the last row is nobody's. No
-    number comes twice.
+    """Return the arrays with some rows replaced; indices beyond the last row are ignored. No index
+    may occur twice.
     """
     place = _indices(who)
 
@@ -51,12 +51,12 @@ def with_rows(arrays: Tree, who: Int[Array, " M"], rows: Any) -> Tree:
 
 
 def _indices(who: Array | np.ndarray) -> Array:
-    """The numbers of rows as gathers and scatters take them: made once for all arrays."""
+    """Return row indices in the form for gathers and scatters, made once for all arrays."""
     return jnp.asarray(who, np.int32)[..., None]
 
 
 def with_row(arrays: Tree, which: Int[Array, ""], row: Any) -> Tree:
-    """The arrays with one row replaced, which exists."""
+    """Return the arrays with one existing row replaced."""
 
     def put(all: Array, one: Array) -> Array:
         start = (which, *(0,) * (all.ndim - 1))

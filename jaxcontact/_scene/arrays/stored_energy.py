@@ -15,9 +15,9 @@ Lane = Float[Array, ""]
 
 
 def stored_in(law: AbstractLaw, contact: Contact, depth: Lane, speed: Lane) -> Lane:
-    """∫ F(δ, 0) dδ from 0 to `depth` in J, 0 for an open contact; `speed` is the v0 of the law.
-
-    Gauss's rule in u = √(δ/depth), in which a force with a multiple of δ^½ is a polynomial.
+    """Return ∫ F(δ, 0) dδ from 0 to `depth` in J; `speed` is the v0 of the law. The energy of an
+    open contact is 0. Gauss's rule is applied in u = √(δ/depth), in which forces with powers of δ^½
+    are polynomials.
     """
     nodes, weights = np.polynomial.legendre.leggauss(16)
     depth = jnp.maximum(depth, 0)

@@ -1,1 +1,1 @@
-"""Bodies of a scene, what acts between them, and how they move by themselves."""
+"""Bodies of a scene, their interactions, and their prescribed motions."""

@@ -1,4 +1,4 @@
-"""What a scene is made of: spheres, and the walls and shells they hit."""
+"""The bodies of a scene: spheres, planes, boxes and shells."""
 
 from __future__ import annotations
 
@@ -20,8 +20,10 @@ from .motion import AbstractMotion, Along, begun, checked, in_space, later
 
 
 class Wall(NamedTuple):
-    """A flat wall at time zero: its `face` of a box or -1, the unit `normal` (D,) to the free side,
-    the `offset` n·p in m, and how it goes on along the normal; None where it stands.
+    """A flat wall at time zero.
+
+    `face` is its number in a box, or -1. The unit `normal` (D,) points to the free side, and
+    `offset` is n·p in m. `motion` is its motion along the normal, None for a wall at rest.
     """
 
     face: int
@@ -31,7 +33,7 @@ class Wall(NamedTuple):
     vibrates: bool
 
     def offset_at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The offset at some times in s, in m, of a wall whose numbers are known."""
+        """Return the offset in m at given times in s; needs concrete numbers."""
         offset = np.full(time.shape, float(self.offset))
         if self.motion is None:
             return offset
@@ -46,7 +48,7 @@ class Wall(NamedTuple):
 class AbstractBody(eqx.Module):
     """A body of a scene: a name, a material, and a place.
 
-    A subclass tells which of its fields are places, and the `walls` it makes.
+    A subclass names the fields that are places, and returns its flat `walls`.
     """
 
     name: eqx.AbstractVar[str | None]
@@ -56,15 +58,15 @@ class AbstractBody(eqx.Module):
 
     @property
     def dimensions(self) -> int:
-        """The number of dimensions of the space it is in."""
+        """The number of space dimensions."""
         return getattr(self, self._places[0]).shape[0]
 
     def walls(self) -> list[Wall]:
-        """The flat walls it consists of."""
+        """Return the flat walls of the body."""
         return []
 
     def after(self, time: Array) -> Self:
-        """The same body at a later time, if its motion is prescribed."""
+        """Return the same body at a later time, moved by its prescribed motion."""
         if self.motion is None:
             return self
         moved, motion = self.motion.after(time)
@@ -80,13 +82,18 @@ class AbstractBody(eqx.Module):
 class Sphere(AbstractBody):
     """A sphere (a disc in two dimensions, an interval in one).
 
-    Arguments: `radius` R > 0 in m; `position` of the centre in m, one to three numbers, whose count
-    is the dimension of the scene; `velocity` in m/s, zero if not given; `mass` m > 0 in kg, which
-    wins over the density of the `material` (a `Material`); `name`, for tables by pair and messages.
-    With `fixed=True` the mass is infinite: a mass or a velocity beside it is an error, and it may
-    have a `motion`, whoever it hits: a `Steady`, or a `Vibration` or a `Prescribed` of vectors, by
-    which it is displaced from its `position`. Numbers are leaves. Raises ValueError for what is out
-    of range or not finite, and where no mass is known.
+    - `radius`: R > 0 in m.
+    - `mass`: m > 0 in kg. It overrides the density of the `material`.
+    - `position`: of the centre in m, one to three numbers. Their count is the dimension of the
+      scene.
+    - `velocity`: in m/s, zero by default.
+    - `material`, `name`: a `Material`, and a name for tables by pair and messages.
+    - `fixed`: if True the mass is infinite. A mass or a velocity is then an error.
+    - `motion`: of a fixed sphere, unaffected by impacts. A `Steady`, or a `Vibration` or
+      `Prescribed` of vectors, which displaces it from its `position`.
+
+    Numbers are leaves. Raises ValueError for values out of range or not finite, and if no mass is
+    known.
     """
 
     radius: Float[Array, ""]
@@ -149,7 +156,7 @@ class Sphere(AbstractBody):
         return begun(self.position, self.motion)
 
     def moved_to(self, position: Array, velocity: Array) -> Sphere:
-        """The same sphere at another place."""
+        """Return the same sphere at another place, with another velocity unless it is fixed."""
         if self.fixed:
             return eqx.tree_at(lambda body: body.position, self, position)
         return eqx.tree_at(
@@ -160,7 +167,7 @@ class Sphere(AbstractBody):
         )
 
     def inertia(self) -> Float[Array, ""] | None:
-        """Its mass in kg; None where it is fixed."""
+        """Return the mass in kg; None for a fixed sphere."""
         if self.fixed:
             return None
         if self.mass is not None:
@@ -170,12 +177,15 @@ class Sphere(AbstractBody):
 
 
 class Plane(AbstractBody):
-    """A plane (a line in two dimensions, a point in one), with one free side.
+    """A plane (a line in two dimensions, a point in one) with one free side.
 
-    Arguments: a `point` on it in m; a `normal` that points to the free side, of any length but
-    zero; `material`, None for a rigid plane; `name`; `motion`, a `Steady`, a `Vibration` or a
-    `Prescribed`, None for a plane that stands. Numbers are leaves. Raises ValueError for numbers
-    that are not finite, dimensions that differ, or a zero normal.
+    - `point`: a point on it, in m.
+    - `normal`: points to the free side, of any non-zero length.
+    - `material`, `name`: None for a rigid plane, and a name for tables by pair and messages.
+    - `motion`: a `Steady`, a `Vibration` or a `Prescribed`; None for a plane at rest.
+
+    Numbers are leaves. Raises ValueError for numbers that are not finite, different dimensions, or
+    a zero normal.
     """
 
     point: Float[Array, " D"]
@@ -214,11 +224,13 @@ class Plane(AbstractBody):
 class Box(AbstractBody):
     """A container: spheres are between `low` and `high` along every axis.
 
-    Arguments: `low` < `high` in m, one to three numbers each; an infinite number leaves its side
-    open; `material`, None for rigid walls; `name`; `motion` of all walls at once, a `Steady`, or
-    a `Vibration` or a `Prescribed` of vectors, None for a box that stands. Face 2k is that at
-    `low[k]`, face 2k+1 that at `high[k]`. Numbers are leaves. Raises ValueError for NaN, dimensions
-    that differ, or a low that is not below its high.
+    - `low` < `high`: in m, one to three numbers each. An infinite number leaves that side open.
+    - `material`, `name`: None for rigid walls, and a name for tables by pair and messages.
+    - `motion`: of all walls together. A `Steady`, or a `Vibration` or `Prescribed` of vectors; None
+      for a box at rest.
+
+    Face 2k is at `low[k]`, face 2k+1 at `high[k]`. Numbers are leaves. Raises ValueError for NaN,
+    different dimensions, or a `low` that is not below its `high`.
     """
 
     low: Float[Array, " D"]
@@ -267,10 +279,13 @@ class Box(AbstractBody):
 class Shell(AbstractBody):
     """The inside of a fixed sphere (of a circle in two dimensions, an interval in one).
 
-    Arguments: `centre` in m, one to three numbers; `radius` R > 0 in m; `material`, None for a
-    rigid shell; `name`; `motion`, a `Steady`, or a `Vibration` or a `Prescribed` of vectors, None
-    for a shell that stands. Spheres are inside of it. Numbers are leaves. Raises ValueError for
-    what is out of range or not finite.
+    - `centre`: in m, one to three numbers.
+    - `radius`: R > 0 in m.
+    - `material`, `name`: None for a rigid shell, and a name for tables by pair and messages.
+    - `motion`: a `Steady`, or a `Vibration` or `Prescribed` of vectors; None for a shell at rest.
+
+    Spheres are inside it. Numbers are leaves. Raises ValueError for values out of range or not
+    finite.
     """
 
     centre: Float[Array, " D"]
@@ -302,7 +317,7 @@ class Shell(AbstractBody):
         return begun(self.centre, self.motion)
 
     def centre_at(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The centre at some times in s, (T, D) in m, of a shell whose numbers are known."""
+        """Return the centre (T, D) in m at given times in s; needs concrete numbers."""
         if self.motion is None:
             return np.broadcast_to(np.asarray(self.centre, float), (*time.shape, self.dimensions))
         places = jax.vmap(lambda t: begun(*later(self.centre, self.motion, t)))
@@ -310,7 +325,7 @@ class Shell(AbstractBody):
 
 
 def words(bodies: Sequence[AbstractBody], k: int) -> str:
-    """A body as messages name it."""
+    """Return a body's description for messages."""
     body = bodies[k]
     name = "" if body.name is None else f" {body.name!r}"
     return f"{type(body).__name__}{name} (number {k})"
@@ -325,7 +340,7 @@ def _require_as_many(name: str, given: Any, found: Array, other: str, known: Arr
 
 
 def _untraced(numbers: Array) -> Any:
-    """Known numbers for NumPy, which compiles nothing; others as they are."""
+    """Return concrete numbers as NumPy arrays, which need no compilation, and others unchanged."""
     return numbers if isinstance(numbers, Tracer) else np.asarray(numbers)
 
 

@@ -1,4 +1,4 @@
-"""One thing for all pairs of bodies, or a table of them by the names of the pair."""
+"""One value for all pairs of bodies, or a table by the names of the pair."""
 
 from __future__ import annotations
 
@@ -14,9 +14,8 @@ DEFAULT = "default"
 
 
 class PairTable(eqx.Module):
-    """Values by pair: `table[a][b]` is the place in `values` for bodies of the kinds a and b.
-
-    The kind of a body is its name, or the lack of one. -1 where no value is known.
+    """Values by pair: `table[a][b]` is the index in `values` for bodies of kinds a and b. The kind
+    of a body is its name; all unnamed bodies are one kind. -1 marks pairs without a value.
     """
 
     values: tuple[Any, ...]
@@ -24,12 +23,12 @@ class PairTable(eqx.Module):
 
     @property
     def alike(self) -> bool:
-        """Whether one value serves all pairs."""
+        """True if one value serves all pairs."""
         return len(self.values) == 1 and all(k == 0 for row in self.table for k in row)
 
 
 def kinds_of(names: Sequence[str | None]) -> tuple[tuple[str | None, ...], tuple[int, ...]]:
-    """The different names in order, and the kind of each body."""
+    """Return the distinct names in order, and the kind of each body."""
     different = tuple(dict.fromkeys(names))
     return different, tuple(different.index(name) for name in names)
 
@@ -41,10 +40,11 @@ def pair_table(
     kinds: Sequence[str | None],
     meeting: Sequence[tuple[int, int]],
 ) -> PairTable:
-    """The table of an argument: one value for all pairs, or a mapping by names in either order.
+    """Return the table of an argument: one value for all pairs, or a mapping by names.
 
-    `check` converts a value; `meeting` are the pairs of kinds that may meet. Raises ValueError for
-    names that no body has, pairs given twice, and pairs that meet without a value.
+    The names of a pair may be in either order. `check` converts a value, and `meeting` lists the
+    pairs of kinds that may meet. Raises ValueError for unknown names, pairs given twice, and pairs
+    that meet without a value.
     """
     count = len(kinds)
     if not isinstance(given, Mapping):

@@ -1,4 +1,4 @@
-"""Numbers and vectors of bodies and motions, on entry."""
+"""Checks of numbers and vectors given for bodies and motions."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from jaxtyping import Array
 from ..._parameter import Range, as_parameter, rendered
 
 _stacked = jax.jit(lambda *parts: jnp.stack(parts))
-"""One small program in place of one for each number."""
+"""One small program instead of one for each number."""
 
 REAL_OR_INFINITE = "numbers, without NaN"
 
 
 def one_number(value: Any, name: str, allowed: Range) -> Array:
-    """A scalar leaf in its range; ValueError for anything else."""
+    """Return a scalar leaf within its range; raises ValueError for anything else."""
     number = as_parameter(value, name, allowed)
     if number.shape != ():
         raise ValueError(f"Argument `{name}` must be one number, but is {rendered(value)}.")
@@ -29,8 +29,10 @@ def one_number(value: Any, name: str, allowed: Range) -> Array:
 
 
 def vector(value: Any, name: str, *, finite: bool = True) -> Array:
-    """One to three numbers as an array, finite or only not NaN; ValueError for anything else."""
-    # NumPy cannot read a list that holds traced numbers.
+    """Return one to three numbers as an array; raises ValueError for anything else. The numbers
+    must be finite, or only not NaN if `finite` is False.
+    """
+    # NumPy cannot read a list of traced numbers.
     if isinstance(value, list | tuple) and any(isinstance(one, jax.Array) for one in value):
         parts = [as_parameter(one, name) for one in value]
         if any(part.shape != () for part in parts):

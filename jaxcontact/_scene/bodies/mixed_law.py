@@ -1,4 +1,4 @@
-"""Laws of several kinds in one scene: which of them a pair of bodies has."""
+"""Several kinds of laws in one scene, selected by pair."""
 
 from __future__ import annotations
 
@@ -14,14 +14,13 @@ from ..._laws import AbstractLaw, force_of
 
 
 class MixedLaw(AbstractLaw):
-    """One law of each kind, and the number of the `kind` that is meant, as a float: its force.
-
-    Where solves have forms of their own for a kind, they take it from `one_of_each` instead.
+    """One law of each kind; the `kind` of the selected one is a float. Its force is that of the
+    selected law. Solves that are specialised by kind use `one_of_each` instead.
     """
 
     laws: tuple[AbstractLaw, ...]
     kind: Float[Array, "..."]
-    tension = True  # whether each law pulls is in its force
+    tension = True  # each law's force includes its own tension
 
     @property
     def damped(self) -> bool:
@@ -45,9 +44,8 @@ class MixedLaw(AbstractLaw):
 def one_of_each(
     laws: Sequence[AbstractLaw], which: Int[Array, ""]
 ) -> tuple[list[AbstractLaw], Int[Array, ""]]:
-    """A law of every kind, and the kind that law number `which` has.
-
-    That of its kind is the law itself; of every other kind it is any one, whose numbers are valid.
+    """Return a law of every kind, and the kind of law number `which`. The entry of that kind is the
+    law itself. The other entries are arbitrary laws of their kinds, with valid numbers.
     """
     structures = [jax.tree.structure(law) for law in laws]
     kinds = list(dict.fromkeys(structures))

@@ -1,4 +1,4 @@
-"""How walls, fixed spheres and shells move by themselves: what is prescribed, whoever they hit."""
+"""Prescribed motions of walls, fixed spheres and shells, unaffected by impacts."""
 
 from __future__ import annotations
 
@@ -18,8 +18,10 @@ from .entry import one_number, vector
 
 
 class Own(eqx.Module):
-    """A function of the user's in units of `length` m and `tick` s: d(began + tick t)/length, with
-    |d''| ≤ `bound` in m/s²; along a wall's `normal`, n·d, where there is one.
+    """A user's displacement function in units of `length` m and `tick` s.
+
+    It is d(began + tick t)/length, or n·d/length along the `normal` of a wall. `bound` limits |d''|
+    in m/s².
     """
 
     displacement: Callable[[Any, Any], Any] = eqx.field(static=True)
@@ -31,37 +33,38 @@ class Own(eqx.Module):
     tick: Array
 
     def place(self, time: Array) -> Array:
-        """At one time."""
+        """Return the displacement at one time."""
         moved = self.displacement(self.began + self.tick * time, self.args)
         if self.normal is not None and jnp.ndim(moved) > 0:
             moved = jnp.sum(self.normal * moved)
         return moved / self.length
 
     def velocity(self, time: Array) -> Array:
-        """At one time."""
+        """Return the velocity at one time."""
         return jax.jvp(self.place, (time,), (jnp.ones_like(time),))[1]
 
     def acceleration(self, time: Array) -> Array:
-        """At one time."""
+        """Return the acceleration at one time."""
         return jax.jvp(self.velocity, (time,), (jnp.ones_like(time),))[1]
 
     def push(self, time: Array) -> Array:
-        """The acceleration at one time in space, (D,)."""
+        """Return the acceleration (D,) in space at one time."""
         along = self.acceleration(time)
         return along if self.normal is None else along * self.normal
 
     def later(self, time: Array) -> Own:
-        """From a time on."""
+        """Return the motion with a later time zero."""
         return eqx.tree_at(lambda own: own.began, self, self.began + self.tick * time)
 
     def scaled(self, length: Array, tick: Array) -> Own:
-        """In other units, for what was in m and s."""
+        """Return the motion in other units; it must be in m and s."""
         return eqx.tree_at(lambda own: (own.length, own.tick), self, (length, tick))
 
 
 class Along(NamedTuple):
-    """A motion V t + A (sin(ω t + φ) - sin φ) from where it is at t = 0, or a function of the
-    user's `own`: along a normal, with numbers V and A, or in space, with vectors.
+    """A motion V t + A (sin(ω t + φ) - sin φ) relative to t = 0, plus a user's function `own`.
+
+    V and A are numbers along a normal, or vectors in space.
     """
 
     speed: Any
@@ -72,45 +75,45 @@ class Along(NamedTuple):
 
 
 def still() -> Along:
-    """No motion."""
+    """Return a motion at rest."""
     zero = np.zeros(())
     return Along(zero, zero, zero, zero)
 
 
 class AbstractMotion(eqx.Module):
-    """A prescribed motion: the displacement of a body from the place it is given at.
+    """A prescribed motion: the displacement of a body from the place where it is given.
 
-    That of a wall counts along its normal; a sphere or a shell, which has none, moves in space.
+    A wall uses the component along its normal. Spheres and shells move in space.
     """
 
     @property
     @abc.abstractmethod
     def dimensions(self) -> int | None:
-        """The number of dimensions of the space it is in; None where any will do."""
+        """The number of space dimensions; None if any number fits."""
 
     @property
     @abc.abstractmethod
     def vibrates(self) -> bool:
-        """Whether it is accelerated."""
+        """True if the motion is accelerated."""
 
     @abc.abstractmethod
     def start(self, normal: Array | None) -> Array:
-        """The displacement at time zero, in m."""
+        """Return the displacement in m at time zero."""
 
     @abc.abstractmethod
     def along(self, normal: Array | None) -> Along:
-        """The motion from then on."""
+        """Return the motion from time zero on."""
 
     @abc.abstractmethod
     def after(self, time: Array) -> tuple[Array | None, AbstractMotion]:
-        """What goes on after a time: the displacement of the place, and the motion from there."""
+        """Return the displacement of the place after a time, and the motion from then on."""
 
 
 class Steady(AbstractMotion):
-    """A wall, a fixed sphere or a shell that moves at constant velocity: displacement d(t) = V t.
+    """A motion of a wall, fixed sphere or shell at constant velocity: d(t) = V t.
 
-    Argument: `velocity` V in m/s, as many numbers as the scene has dimensions. Raises ValueError
-    for what is not finite.
+    Argument: `velocity` V in m/s, one number for each dimension of the scene. Raises ValueError for
+    values that are not finite.
     """
 
     velocity: Float[Array, " D"]
@@ -138,12 +141,15 @@ class Steady(AbstractMotion):
 
 
 class Vibration(AbstractMotion):
-    """A wall, a fixed sphere or a shell that shakes: displacement d(t) = A sin(2π f t + φ) from the
-    place it is given at.
+    """A harmonic motion of a wall, fixed sphere or shell: displacement d(t) = A sin(2π f t + φ).
 
-    Arguments: `amplitude` A in m, as many numbers as the scene has dimensions, or for a plane one
-    number, along its normal; `frequency` f > 0 in Hz; `phase` φ in rad. Numbers are leaves. Raises
-    ValueError for what is out of range or not finite.
+    - `amplitude`: A in m, one number for each dimension of the scene, or for a plane one number
+      along its normal.
+    - `frequency`: f > 0 in Hz.
+    - `phase`: φ in rad.
+
+    The displacement is relative to the place where the body is given. Numbers are leaves. Raises
+    ValueError for values out of range or not finite.
     """
 
     amplitude: Float[Array, " D"] | Float[Array, ""]
@@ -188,7 +194,7 @@ class Vibration(AbstractMotion):
 
 
 def checked(value: Any, dimensions: int) -> AbstractMotion | None:
-    """The motion of a body of so many dimensions; ValueError for what is none."""
+    """Return the motion of a body in so many dimensions; raises ValueError if it does not fit."""
     if value is None:
         return None
     motion = require_kind(
@@ -203,7 +209,7 @@ def checked(value: Any, dimensions: int) -> AbstractMotion | None:
 
 
 def in_space(value: Any, dimensions: int, body: str) -> AbstractMotion | None:
-    """The motion of a body that has no normal along which it could move."""
+    """Return the motion of a body without a normal; raises ValueError for a scalar motion."""
     motion = checked(value, dimensions)
     if motion is not None and motion.dimensions is None:
         raise ValueError(
@@ -214,14 +220,14 @@ def in_space(value: Any, dimensions: int, body: str) -> AbstractMotion | None:
 
 
 def begun(place: Array, motion: AbstractMotion | None) -> Array:
-    """Where a body that moves in space is at time zero."""
+    """Return the position at time zero of a body that moves in space."""
     return place + motion.start(None) if motion is not None and motion.vibrates else place
 
 
 def later(
     place: Array, motion: AbstractMotion | None, time: Array
 ) -> tuple[Array, AbstractMotion | None]:
-    """The place that a body is given at and its motion, from a time on."""
+    """Return the place where a body is given and its motion, from a later time on."""
     if motion is None:
         return place, None
     moved, after = motion.after(time)

@@ -1,4 +1,4 @@
-"""Whether bodies lie apart at the start."""
+"""Checks that bodies do not overlap at the start."""
 
 from __future__ import annotations
 
@@ -14,16 +14,15 @@ from numpy.typing import NDArray
 from .bodies import AbstractBody, Shell, Sphere, words
 
 ROUNDINGS = 64
-"""How many roundings of the positions and radii a depth may have that is no overlap."""
+"""The tolerated overlap, in roundings of the positions and radii."""
 
 _MOST_TIMES = 1_000_000
-"""At which walls are compared."""
+"""The largest number of times at which wall distances are compared."""
 
 
 def require_apart(bodies: Sequence[AbstractBody], periodic: Sequence[Array | None]) -> None:
-    """Raise ValueError for the first pair that overlaps by more than rounding.
-
-    Fixed bodies may lie in each other. Where anything is traced nothing is compared.
+    """Raise ValueError for the first pair that overlaps by more than rounding. Fixed bodies may
+    overlap each other. Nothing is compared if any value is traced.
     """
     found = [(k, body) for k, body in enumerate(bodies) if isinstance(body, Sphere)]
     spheres = [k for k, _ in found]
@@ -64,7 +63,7 @@ def _require_gap(
     moves: NDArray[np.bool_],
     least: Any,
 ) -> None:
-    """Raise ValueError where the gap of a moving sphere to a body is an overlap."""
+    """Raise ValueError if the gap of a moving sphere to a body is an overlap."""
     bad = (gap < least) & moves
     if np.any(bad):
         worst = int(np.argmin(np.where(bad, gap, np.inf)))
@@ -72,10 +71,9 @@ def _require_gap(
 
 
 def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array) -> None:
-    """Raise ValueError where a moving wall runs into one that faces it, within the duration.
-
-    Looked for at 64 times a period of the fastest wall, and 1024 times in all at the least. Where
-    anything is traced nothing is compared.
+    """Raise ValueError if a moving wall meets a facing wall within the duration. Distances are
+    sampled 64 times a period of the fastest wall, and at least 1024 times in all. Nothing is
+    compared if any value is traced.
     """
     walls = [(k, wall) for k, body in enumerate(bodies) for wall in body.walls()]
     if all(wall.motion is None for _, wall in walls):
@@ -104,7 +102,7 @@ def require_clear_of_each_other(bodies: Sequence[AbstractBody], duration: Array)
 def minimum_image(
     apart: NDArray[np.float64], periodic: Sequence[Array | None]
 ) -> NDArray[np.float64]:
-    """The shortest of the images of distances (..., D) in periodic space."""
+    """Return the shortest images of distances (..., D) in periodic space."""
     lengths = np.array([np.inf if length is None else float(length) for length in periodic])
     finite = np.where(np.isfinite(lengths), lengths, 1.0)
     return apart - np.where(np.isfinite(lengths), finite * np.round(apart / finite), 0.0)

@@ -1,4 +1,4 @@
-"""Bodies that move as a function of the user's says."""
+"""Bodies that move by a user's function."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .motion import AbstractMotion, Along, Own, still
 
 @dataclasses.dataclass(frozen=True)
 class _Told:
-    """The function with all of `args` that is no array; it is compared by value."""
+    """The function with the part of `args` that is not an array; compared by value."""
 
     function: Callable[[Any, Any], Any]
     rest: tuple[Any, ...]
@@ -31,18 +31,19 @@ class _Told:
 
 
 class Prescribed(AbstractMotion):
-    """A wall, a fixed sphere or a shell that moves as a function says: displacement d(t) from the
-    place it is given at.
+    """A motion of a wall, fixed sphere or shell by a user's function: displacement d(t).
 
-    Arguments: `displacement(t, args)`, a JAX function of the time in s with two derivatives, which
-    returns the displacement in m, as many numbers as the scene has dimensions, or for a plane one
-    number, along its normal; `max_acceleration` b > 0 in m/s², a bound |d''(t)| ≤ b, which the
-    search for touches relies on; `args`, what the function takes besides, as a network of equinox:
-    numbers in it are leaves, all else must be hashable.
-    The function is static: define it once, and give what changes in `args`. A run is flagged
-    (`Ending.WALL_TOO_ABRUPT`) from the moment at which the bound does not hold, looked for at 4097
-    times of the run. Raises ValueError for what is no function, returns no displacement, or is out
-    of range.
+    - `displacement(t, args)`: a JAX function of the time in s with two derivatives. It returns the
+      displacement in m from the place where the body is given: one number for each dimension, or
+      for a plane one number along its normal.
+    - `max_acceleration`: b > 0 in m/s², a bound |d''(t)| ≤ b. The search for touches relies on it.
+    - `args`: further arguments of the function, such as an equinox network. Numbers in it are
+      leaves; everything else must be hashable.
+
+    The function is static: define it once, and pass changing values in `args`. The bound is checked
+    at 4097 times of the run. From its first violation on, the run is flagged
+    (`Ending.WALL_TOO_ABRUPT`). Raises ValueError if `displacement` is not a function or does not
+    return a displacement, and for values out of range.
     """
 
     args: Any
@@ -69,7 +70,7 @@ class Prescribed(AbstractMotion):
         try:
             shape = self._shape()
         except TypeError as error:
-            # Most of all where it takes other arguments.
+            # Most often the function takes other arguments.
             raise ValueError(
                 "Argument `displacement` must be a function of the time and of `args`, but "
                 f"{rendered(displacement)} cannot be called so: {error}"
@@ -81,7 +82,7 @@ class Prescribed(AbstractMotion):
             )
 
     def _shape(self) -> tuple[int, ...] | None:
-        """The shape of a displacement; None where it is no array of floating point."""
+        """Return the shape of a displacement; None unless it is a floating-point array."""
         found = jax.eval_shape(lambda t: self.displacement(t, self.args), self._began)
         known = isinstance(found, jax.ShapeDtypeStruct)
         return found.shape if known and jnp.issubdtype(found.dtype, jnp.floating) else None

@@ -1,4 +1,4 @@
-"""Spheres at random places of a box, without overlap."""
+"""Spheres at random places in a box, without overlap."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from .bodies import Box, Sphere
 from .entry import vector
 
 _TRIES = 1000
-"""Places that are tried for a sphere: where one in two hundred is free, it is found by 99 %."""
+"""The number of trials for each sphere: if 1/200 of the box is free, 99 % of spheres succeed."""
 
 _CLEARANCE = 1e-9
-"""Of a radius: surfaces are at least so far apart, so that rounding makes no overlap."""
+"""The least distance of surfaces, relative to the radius, so that rounding makes no overlap."""
 
 Places = NDArray[np.float64]
 
@@ -46,26 +46,32 @@ def random_spheres(
     name: str | None = None,
     seed: int = 0,
 ) -> list[Sphere]:
-    """Spheres that lie in a box at random and do not overlap, at rest or with thermal velocities.
+    """Place spheres at random in a box without overlap, at rest or with thermal velocities.
 
-    Arguments: `count`; the corners `low` and `high` of the box in m, finite, one to three numbers
-    each; `radius` in m and `mass` in kg, one for all or (count,); instead of masses a `material`
-    with a density; `speed` in m/s, at rest if not given; `periodic`, as in `Scene`, whose lengths
-    must be those of the box: along such an axis spheres may lie across the ends; a `name` for all;
-    `seed`: the same seed gives the same spheres.
+    - `count`: the number of spheres.
+    - `low`, `high`: the corners of the box in m, finite, one to three numbers each.
+    - `radius`, `mass`: in m and kg, one for all or (count,).
+    - `material`: a `Material`. Its density may replace `mass`.
+    - `speed`: in m/s; at rest if not given.
+    - `periodic`: as in `Scene`, with the lengths of the box. Along such an axis spheres may cross
+      the ends.
+    - `name`: one name for all spheres.
+    - `seed`: the same seed gives the same spheres.
 
-    Places are drawn evenly, the largest spheres first, and kept where they are free (random
-    sequential addition); that fills some 45 % of a wide box in two dimensions and 30 % in three.
-    Where a sphere finds no place every one gets a cell of its own instead, and an even place in it,
-    which fills more but looks ordered. Velocities are normal with variances as 1/m (equipartition);
-    then the total momentum is taken out, and they are scaled so that ½ Σ m v² = ½ Σ m speed².
+    Uniform positions are drawn, the largest spheres first, and kept if they are free (random
+    sequential addition). This fills about 45 % of a wide box in two dimensions and 30 % in three.
+    If a sphere finds no place, each sphere gets a cell of its own and a uniform position in it.
+    Cells allow a higher density but look ordered.
 
-    Raises ValueError for what is out of range, for spheres that do not fit (with what did), and for
-    a speed of fewer than two spheres.
+    Velocities are normal with variances proportional to 1/m (equipartition). The total momentum is
+    then removed, and the velocities are scaled so that ½ Σ m v² = ½ Σ m speed².
+
+    Raises ValueError for values out of range, for spheres that do not fit, and for `speed` with
+    fewer than two spheres.
     """
     count = require_count("count", count, 1)
     for corner, word in ((low, "low"), (high, "high")):
-        vector(corner, word)  # finite, which the corners of a `Box` need not be
+        vector(corner, word)  # must be finite, unlike the corners of a `Box`
     box = Box(low, high)
     lower = np.asarray(box.low, float)
     size = np.asarray(box.high, float) - lower
@@ -107,7 +113,7 @@ def random_spheres(
 
 
 def _one_for_each(name: str, given: ArrayLike, count: int) -> Places:
-    """Positive numbers (count,) from one for all or one for each."""
+    """Return positive numbers (count,) from one for all or one for each."""
     numbers = as_numbers(given, name)
     if numbers.shape not in ((), (count,)) or not np.all(POSITIVE.holds(numbers)):
         raise ValueError(
@@ -118,7 +124,7 @@ def _one_for_each(name: str, given: ArrayLike, count: int) -> Places:
 
 
 def _around(periodic: Sequence[float | None] | None, size: Places) -> NDArray[np.bool_]:
-    """Along which axes the ends of the box meet."""
+    """Return a mask of the periodic axes."""
     if periodic is None:
         return np.zeros(len(size), bool)
     if not isinstance(periodic, list | tuple) or len(periodic) != len(size):
@@ -141,7 +147,7 @@ def _around(periodic: Sequence[float | None] | None, size: Places) -> NDArray[np
 def _places(
     random: np.random.Generator, size: Places, radii: Places, around: NDArray[np.bool_]
 ) -> Places:
-    """Places (count, D) above the lower corner; ValueError where they do not fit."""
+    """Return positions (count, D) above the lower corner; raises ValueError if they do not fit."""
     room = np.where(around, size, size - 2 * np.max(radii))
     if np.any(room < 0):
         raise ValueError(
@@ -168,8 +174,8 @@ def _places(
 def _added(
     random: np.random.Generator, size: Places, reach: Places, around: NDArray[np.bool_]
 ) -> Places:
-    """Places by random sequential addition, the largest first; fewer where one finds none."""
-    # Those that can touch a sphere lie in its cell or the ones beside it.
+    """Place spheres by random sequential addition, the largest first, until one finds no place."""
+    # Spheres that can touch a given one lie in its cell or in a neighbouring cell.
     number = np.maximum(1, np.floor(size / (2 * np.max(reach)))).astype(int)
     side, dimensions = size / number, len(size)
     order = np.argsort(-reach, kind="stable")
@@ -195,7 +201,7 @@ def _added(
 def _beside(
     here: tuple[int, ...], number: NDArray[np.int_], around: NDArray[np.bool_]
 ) -> Iterator[tuple[int, ...]]:
-    """A cell and its neighbours, each once, across the ends where these meet."""
+    """Return a cell and its neighbours, each once, across periodic ends."""
     ranges = []
     for place, count, meets in zip(here, number.tolist(), around.tolist(), strict=True):
         near = range(place - 1, place + 2)
@@ -204,14 +210,14 @@ def _beside(
 
 
 def _cells(size: Places, reach: float, count: int) -> NDArray[np.int_] | None:
-    """How many cells along each axis, each as wide as a sphere, make at least `count`; the widest.
+    """Return the numbers of cells along each axis that make at least `count` of the widest cells.
 
-    None where there are no such cells.
+    Cells must be as wide as a sphere. Returns None if there are too few.
     """
     most = np.floor(size / (2 * reach)).astype(int)
     if np.prod(most) < count:
         return None
-    # The widths at which one cell more fits along some axis.
+    # The widths at which one more cell fits along some axis.
     widths = {length / n for length, m in zip(size, most, strict=True) for n in range(1, m + 1)}
     for width in sorted(widths, reverse=True):
         number = np.minimum(np.maximum(1, np.floor(size / width * (1 + 1e-12))), most).astype(int)
@@ -223,7 +229,7 @@ def _cells(size: Places, reach: float, count: int) -> NDArray[np.int_] | None:
 def _in_cells(
     random: np.random.Generator, size: Places, reach: Places, number: NDArray[np.int_]
 ) -> Places:
-    """An even place in a cell of its own for every sphere."""
+    """Place every sphere uniformly in a cell of its own."""
     chosen = random.permutation(int(np.prod(number)))[: len(reach)]
     corner = np.stack(np.unravel_index(chosen, tuple(number)), axis=1)
     side, margin = size / number, reach[:, None]
@@ -233,7 +239,7 @@ def _in_cells(
 def _thermal(
     random: np.random.Generator, masses: Places, shape: tuple[int, ...], speed: float
 ) -> Places:
-    """Velocities in equilibrium without total momentum, with ½ Σ m v² = ½ Σ m speed²."""
+    """Return equilibrium velocities without total momentum, with ½ Σ m v² = ½ Σ m speed²."""
     mass = masses[:, None]
     velocity = random.normal(size=shape) / np.sqrt(mass)
     velocity -= np.sum(mass * velocity, axis=0) / np.sum(mass)

@@ -1,4 +1,4 @@
-"""A scene: bodies, what acts between them, gravity, and periodic axes."""
+"""A scene: bodies, their interactions, gravity, and periodic axes."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from .overlap import require_apart
 
 
 class Scene(eqx.Module):
-    """Bodies without friction, and what acts between them.
+    """Frictionless bodies and their interactions.
 
-    Arguments: `bodies`, a list of `Sphere`, `Plane`, `Box` and `Shell`, in one, two or three
-    dimensions; `law`, a contact law for all pairs, or a mapping by pair, `{("ball", "table"): law,
-    "default": law}`, with the names of bodies in either order (a name may be shared); `stiffness` K
-    in N/mⁿ, for all pairs or by pair in the same way, None for Hertz's, from radii and materials (a
-    wall without material is rigid); `exponent` n in [1, 3]; `gravity` in m/s², a vector;
-    `periodic`, the length in m of each axis along which space repeats, None for the others.
+    - `bodies`: a list of `Sphere`, `Plane`, `Box` and `Shell`, in one, two or three dimensions.
+    - `law`: a contact law for all pairs, or a mapping by pair, `{("ball", "table"): law, "default":
+      law}`. The names of a pair may be in either order, and bodies may share a name.
+    - `stiffness`: K in N/mⁿ, for all pairs or by pair in the same way. None uses Hertz's stiffness
+      from radii and materials; a wall without material is rigid.
+    - `exponent`: n in [1, 3].
+    - `gravity`: in m/s², a vector.
+    - `periodic`: the length in m of each periodic axis, None for the others. It must exceed four
+      radii of every sphere, so that a pair meets through one image at a time.
 
-    Every number in it is a leaf. A length of `periodic` must exceed four radii of every sphere, so
-    that a pair meets by one image at a time.
-
-    Raises ValueError for bodies that overlap at the start by more than rounding (named, with the
-    depth), dimensions that differ, pairs that can meet without a law or a stiffness, and where
-    nothing moves. Traced values are not compared: bad ones are flagged by `simulate`.
+    Every number is a leaf. Raises ValueError for bodies that overlap at the start by more than
+    rounding, for different dimensions, and if nothing moves. Pairs that can meet without a law or a
+    stiffness also raise it. Traced values are not compared; `simulate` flags bad ones.
     """
 
     bodies: tuple[AbstractBody, ...]
@@ -95,7 +95,7 @@ class Scene(eqx.Module):
 
     @property
     def spheres(self) -> tuple[Sphere, ...]:
-        """The spheres, in the order given; row k of a position belongs to the k-th of them."""
+        """The spheres in the order given; row k of a position belongs to the k-th sphere."""
         return tuple(body for body in self.bodies if isinstance(body, Sphere))
 
     def __repr__(self) -> str:
@@ -136,7 +136,7 @@ def _bodies(given: Any) -> tuple[AbstractBody, ...]:
 
 
 def _meeting(bodies: Sequence[AbstractBody], kinds: Sequence[int]) -> list[tuple[int, int]]:
-    """The pairs of kinds of which two bodies can meet: one of them must move."""
+    """Return the pairs of kinds that can meet: one of the bodies must move."""
     count = max(kinds) + 1
     total, moving = [0] * count, [0] * count
     for body, kind in zip(bodies, kinds, strict=True):

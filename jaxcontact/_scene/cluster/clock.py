@@ -1,10 +1,9 @@
-"""The clock of a coupled solve: in which variable the motion is smooth where a contact begins and
-where one ends.
+"""The clock of a coupled solve: a variable in which motion is smooth near touch and opening.
 
-A force δ^n has a branch point in time where a pair touches and where it opens; steps of high order
-would have to shrink towards it. With dt = 2 w ds the powers of δ are smooth in s, where w = s at a
-touch, so that t = s², and w = √δ of the pair that opens first, so that dw/ds = δ': the pair is open
-at w = 0, which is a plain root. Far from both w = ½.
+A force δ^n has a branch point in time where a pair touches and where it opens. High-order steps
+would have to shrink towards it. With dt = 2 w ds the powers of δ are smooth in s, for two choices
+of w. After a touch w = s, so that t = s². Before an opening w = √δ of the pair that opens first, so
+that dw/ds = δ'. The pair opens at w = 0, which is a simple root. Far from both w = ½.
 """
 
 from __future__ import annotations
@@ -17,17 +16,17 @@ from jaxtyping import Array, Bool, Float
 from .equations import Modes, PerPair
 
 LONG_AGO = -1e30
-"""The time of a touch that is none."""
+"""The time of the last touch if there was none."""
 
 
 class Clock(NamedTuple):
-    """Whether w is that of the last touch, or of the one pair that is `leaving`."""
+    """The choice of w: after the last touch if `touch`, or of the one pair that is `leaving`."""
 
     touch: Bool[Array, ""]
     leaving: Bool[Array, " pairs"]
 
     def rate(self, closing: PerPair) -> Float[Array, ""]:
-        """dw/ds."""
+        """Return dw/ds."""
         one = jnp.ones((), closing.dtype)
         opens = jnp.sum(jnp.where(self.leaving, closing, 0))
         return jnp.where(self.touch, one, opens)
@@ -41,9 +40,8 @@ def chosen(
     closing: PerPair,
     age: Float[Array, ""],
 ) -> tuple[Clock, Float[Array, ""]]:
-    """The clock of the branch point that is nearest in time, with its w.
-
-    `age`: the time since the last touch, 0 at one.
+    """Return the clock of the branch point nearest in time, with its w. `age` is the time since the
+    last touch, 0 at a touch.
     """
     unloads = modes.closed & (closing < 0) & (depth > 0)
     left = jnp.where(unloads, depth / jnp.where(unloads, -closing, 1), jnp.inf)

@@ -1,4 +1,4 @@
-"""What lies between the ends of a step, by the values and slopes there: zeros, how high it gets."""
+"""Cubic interpolation of a step from values and slopes at its ends: roots and maxima."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ _ITERATIONS = 5
 
 
 def to_root(size: Float[Array, ""], left: Lanes, falls: Lanes, right: Lanes, fall: Lanes) -> Lanes:
-    """How far behind the right end the cubic falls to zero, negative where it has done so before;
-    infinite where it does not fall. `falls` and `fall` are the slopes at the left and the right.
+    """Return the offset from the right end at which the cubic falls to zero. It is negative for a
+    root within the step, and infinite if the cubic does not fall. `falls` and `fall` are the slopes
+    at the left and the right.
     """
     mean = (right - left) / size
     second = (2 * fall + falls - 3 * mean) / size
@@ -33,7 +34,7 @@ def to_root(size: Float[Array, ""], left: Lanes, falls: Lanes, right: Lanes, fal
 def highest(
     size: Float[Array, ""], left: Lanes, rises: Lanes, right: Lanes, falls: Lanes
 ) -> tuple[Lanes, Array]:
-    """The maximum between the ends, and whether it lies inside."""
+    """Return the maximum between the ends, and whether it lies inside."""
     a, b, d = rises * size, falls * size, right - left
     second, third = 3 * d - 2 * a - b, a + b - 2 * d
     inside = (a > 0) & (b < 0)
@@ -47,9 +48,9 @@ def highest(
 def ceiling(
     size: Float[Array, ""], left: Lanes, rises: Lanes, right: Lanes, falls: Lanes
 ) -> tuple[Lanes, Array]:
-    """Where the tangents at the ends meet, and whether that is above both.
-
-    What bends down all the way, as the indentation of two bodies in flight does, stays below.
+    """Return the height at which the end tangents intersect, and whether it is above both ends. A
+    function with negative curvature throughout, such as the indentation of two bodies in flight,
+    stays below it.
     """
     inside = (rises > 0) & (falls < 0)
     bend = jnp.where(inside, rises - falls, 1)

@@ -1,11 +1,11 @@
-"""Bodies that touch, as one system of equations: m_i a_i = m_i g_i + Σ F_k n_k over its pairs.
+"""Touching bodies as one system of equations: m_i a_i = m_i g_i + Σ F_k n_k over its pairs.
 
 A pair k has the indentation δ, along the normal n from the second body to the first,
 
     δ = d - |x_first - x_second|   (spheres),        δ = d - n·(x_first - x_second)   (a plane),
 
 the rate δ' = -n·(v_first - v_second) and the force F(δ, δ', v0) of its law. Everything is in units
-of a length X, a speed V and a mass m of the cluster; the law alone is given SI quantities.
+of a length X, a speed V and a mass m of the cluster. Only the law receives SI quantities.
 """
 
 from __future__ import annotations
@@ -26,21 +26,24 @@ from ..bodies.motion import Own
 from ..bodies.side import side
 
 _SLOWEST = 1e-9
-"""The least v0, in units of speed: one of zero has no damping."""
+"""The least v0 in units of speed; v0 = 0 would have no damping."""
 
 PerPair = Float[Array, " pairs"]
 PerBody = Float[Array, "bodies dim"]
 
 
 class Pairs(NamedTuple):
-    """Which bodies of a cluster can touch, P slots.
+    """The bodies of a cluster that can touch, in P slots.
 
-    `first` and `second`: their places; a plane is a second body without inverse mass, at any point
-    of it. `distance` in m at which they touch: R1 + R2, negative in a shell (see `_side`), or the
-    radius for a plane. `normal`, shape
-    (P, D): of a plane, of unit length, to its free side; any finite numbers for spheres. `flat`:
-    whether the second is a plane. `used`: False for slots that hold no pair. `away` (P, D) in m:
-    how far the image of the second that is meant is from where it is; None without periodic axes.
+    - `first`, `second`: their slots. A plane is a second body without inverse mass, at any of its
+      points.
+    - `distance`: in m at touch. R1 + R2, negative in a shell (see `side`), or the radius for a
+      plane.
+    - `normal` (P, D): of a plane, of unit length, to its free side; arbitrary finite numbers for
+      spheres.
+    - `flat`: whether the second body is a plane.
+    - `used`: False for slots without a pair.
+    - `away` (P, D): the offset in m of the image of the second body; None without periodic axes.
     """
 
     first: Int[Array, " pairs"]
@@ -52,17 +55,17 @@ class Pairs(NamedTuple):
     away: Float[Array, "pairs dim"] | None = None
 
     def between(self, position: PerBody) -> Float[Array, "pairs dim"]:
-        """From the second bodies to the first."""
+        """Return the vectors from the second bodies to the first."""
         apart = rows_of(position, self.first) - rows_of(position, self.second)
         return apart if self.away is None else apart - self.away
 
 
 class Drive(NamedTuple):
-    """The accelerations -a sin(ω t + φ) of prescribed bodies, t from the start.
+    """The accelerations -a sin(ω t + φ) of prescribed bodies, with t from the start.
 
-    `strength` a (M, D), `rate` ω and `phase` φ (M,); whether a body `moves` (M,), and whether it is
-    accelerated, `shakes`. Functions of the user's `own`, each with the body that it accelerates
-    beside, of a number from M on where that is not there.
+    `strength` is a (M, D), `rate` ω and `phase` φ are (M,). `moves` and `shakes` (M,) mark bodies
+    that move and that are accelerated. `own` holds users' functions, each with the number of the
+    body that it accelerates, M or larger for an absent one.
     """
 
     strength: Float[Array, "bodies dim"]
@@ -74,13 +77,13 @@ class Drive(NamedTuple):
 
 
 class ClusterState(NamedTuple):
-    """Where a cluster is, in SI units; also where it may go on from.
+    """The state of a cluster in SI units, from which a solve can continue.
 
-    `time` in s; `position` and `velocity`, (M, D). Of every pair: its `indentation` δ in m, which
-    the solve goes on from (differences of positions have fewer digits), negative where it is open;
-    whether it is `closed`; whether its v0 is still `rising` with δ'; the `latched` v0 in m/s;
-    `since` and `force_until` in s, the last touch and when a force last acted;
-    `max_force`, `max_indentation` and `lost`, the energy, since that touch.
+    `time` is in s; `position` and `velocity` are (M, D). Each pair has an `indentation` δ in m,
+    negative if open. The solve continues from it, since differences of positions have fewer digits.
+    `closed`: whether the pair is in contact. `rising`: whether its v0 still follows δ'; `latched`
+    is that v0 in m/s. `since` and `force_until` in s are the last touch and the last time with a
+    force. `max_force`, `max_indentation` and the energy `lost` are those since that touch.
     """
 
     time: Float[Array, ""]
@@ -98,7 +101,7 @@ class ClusterState(NamedTuple):
 
 
 class Units(NamedTuple):
-    """Of length in m, speed in m/s, mass in kg, and what follows from them."""
+    """The units of length in m, speed in m/s and mass in kg, and derived ones."""
 
     length: Float[Array, ""]
     speed: Float[Array, ""]
@@ -106,22 +109,22 @@ class Units(NamedTuple):
 
     @property
     def time(self) -> Float[Array, ""]:
-        """In s."""
+        """The unit of time in s."""
         return self.length / self.speed
 
     @property
     def force(self) -> Float[Array, ""]:
-        """In N."""
+        """The unit of force in N."""
         return self.mass * self.speed * (self.speed / self.length)
 
     @property
     def energy(self) -> Float[Array, ""]:
-        """In J."""
+        """The unit of energy in J."""
         return self.mass * self.speed * self.speed
 
 
 class Modes(NamedTuple):
-    """What is fixed between two events: which pairs are closed, and where v0 is taken from."""
+    """The modes between two events: the closed pairs, and the source of their v0."""
 
     closed: Bool[Array, " pairs"]
     rising: Bool[Array, " pairs"]
@@ -129,7 +132,7 @@ class Modes(NamedTuple):
 
 
 class Geometry(NamedTuple):
-    """Of the pairs: indentation, its rate, unit normals, and what turning adds to δ''."""
+    """The geometry of pairs: indentation, its rate, unit normals, and the turning part of δ''."""
 
     depth: PerPair
     rate: PerPair
@@ -138,7 +141,7 @@ class Geometry(NamedTuple):
 
 
 def incidence_of(pairs: Pairs, bodies: int, dtype: Any) -> Float[Array, "pairs bodies"]:
-    """1 at the first body of a pair, -1 at the second."""
+    """Return 1 at the first body of a pair, -1 at the second."""
     numbered = jnp.arange(bodies)[None]
     first, second = pairs.first[:, None] == numbered, pairs.second[:, None] == numbered
     signs = first.astype(dtype) - second.astype(dtype)
@@ -146,10 +149,9 @@ def incidence_of(pairs: Pairs, bodies: int, dtype: Any) -> Float[Array, "pairs b
 
 
 class Touching(eqx.Module):
-    """The equations of a cluster in its units; `apart` and `depth` belong to its start, `incidence`
-    to its pairs.
-
-    `in_line`: whether the bodies are spheres and walls in one dimension, without shells.
+    """The equations of a cluster in its units. `apart` and `depth` belong to its start, `incidence`
+    to its pairs. `in_line`: whether the bodies are spheres and walls in one dimension, without
+    shells.
     """
 
     law: AbstractLaw
@@ -165,16 +167,16 @@ class Touching(eqx.Module):
     in_line: bool = eqx.field(static=True)
 
     def _between(self, vectors: PerBody) -> Float[Array, "pairs dim"]:
-        """Those of the first bodies less those of the second."""
+        """Return the vectors of the first bodies minus those of the second."""
         return small_product(self.incidence, vectors)
 
     def geometry(self, moved: PerBody, velocity: PerBody) -> Geometry:
-        """Of all pairs, once the bodies have `moved` from the start."""
+        """Return the geometry of all pairs after the bodies have `moved` from the start."""
         pairs = self.pairs
         both = self._between(jnp.concatenate([moved, velocity], axis=1))
         dim = moved.shape[1]
         change, relative = both[:, :dim], both[:, dim:]
-        # A pair that is none, or a plane, gets a length that divides.
+        # Unused pairs and planes get a length that is safe to divide by.
         curved = (pairs.used & ~pairs.flat)[:, None]
         before = jnp.where(curved, self.apart, 1)
         if self.in_line:
@@ -196,7 +198,7 @@ class Touching(eqx.Module):
         return Geometry(depth, rate, normal, swirl)
 
     def force(self, depth: PerPair, rate: PerPair, modes: Modes) -> PerPair:
-        """Of the closed pairs."""
+        """Return the forces of the closed pairs."""
         units = self.units
         speed = jnp.where(modes.rising, jnp.maximum(rate, 0), modes.latched)
         speed = jnp.maximum(speed, _SLOWEST)
@@ -208,7 +210,7 @@ class Touching(eqx.Module):
         return jnp.where(modes.closed & self.pairs.used, force, 0)
 
     def stored(self, depth: PerPair, modes: Modes) -> PerPair:
-        """∫ F(δ, 0) dδ of the closed pairs, by a Gauss rule in √δ."""
+        """Return ∫ F(δ, 0) dδ of the closed pairs, by a Gauss rule in √δ."""
         nodes, weights = np.polynomial.legendre.leggauss(16)
         u = jnp.asarray((1 + nodes) / 2, depth.dtype)
         depth = jnp.maximum(depth, 0)
@@ -218,7 +220,7 @@ class Touching(eqx.Module):
     def accelerations(
         self, geometry: Geometry, force: PerPair, time: Float[Array, ""]
     ) -> tuple[PerBody, PerBody]:
-        """Of the bodies under the forces of the pairs, and the sums of those forces."""
+        """Return the accelerations of the bodies, and the sums of the contact forces on them."""
         pushed = small_product(self.incidence.T, force[:, None] * geometry.normal)
         acceleration = self.acceleration + self.inverse_mass[:, None] * pushed
         if self.drive is not None:
@@ -229,22 +231,22 @@ class Touching(eqx.Module):
         return acceleration, pushed
 
     def on_planes(self, closed: Bool[Array, " pairs"]) -> Bool[Array, ""]:
-        """Whether each body that touches anything touches one plane."""
+        """Return whether each body in contact touches one plane and nothing else."""
         bodies = jnp.arange(self.inverse_mass.shape[0])
         closed = closed & self.pairs.used
         planes = closed[:, None] & (self.pairs.first[:, None] == bodies[None])
         return jnp.all(self.pairs.flat | ~closed) & jnp.all(jnp.sum(planes, axis=0) <= 1)
 
     def second(self, geometry: Geometry, acceleration: PerBody) -> PerPair:
-        """δ'' of the pairs."""
+        """Return δ'' of the pairs."""
         relative = self._between(acceleration)
         return -jnp.sum(geometry.normal * relative, axis=1) - geometry.swirl
 
     def motion(
         self, at: Geometry, velocity: PerBody, modes: Modes, time: Float[Array, ""]
     ) -> tuple[PerBody, PerPair, Float[Array, ""]]:
-        """The accelerations, the power that the damping of each pair takes, and the power that
-        weight and prescribed bodies bring in.
+        """Return the accelerations, the damping power of each pair, and the power supplied. Weight
+        and prescribed bodies supply that power.
         """
         force = self.force(at.depth, at.rate, modes)
         lost = jnp.zeros_like(force)
@@ -258,7 +260,7 @@ class Touching(eqx.Module):
         return acceleration, lost, work
 
     def kinetic(self, velocity: PerBody) -> Float[Array, ""]:
-        """½ Σ m v² of the bodies that are free."""
+        """Return ½ Σ m v² of the free bodies."""
         free = self.inverse_mass > 0
         mass = jnp.where(free, 1 / jnp.where(free, self.inverse_mass, 1), 0)
         return jnp.sum(mass[:, None] * jnp.square(velocity)) / 2

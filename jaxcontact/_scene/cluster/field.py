@@ -1,7 +1,5 @@
-"""The motion of a cluster between two events as a field in the variable of its clock, and the gaps
-that fall through zero where an event is.
-
-A state is one vector.
+"""The motion of a cluster between two events as a field in its clock's variable, with event gaps.
+The gaps fall through zero at events. A state is one vector.
 """
 
 from __future__ import annotations
@@ -18,11 +16,11 @@ from .equations import Geometry, Modes, PerBody, PerPair, Touching, Units, incid
 from .problem import Problem, Rules, scaled
 
 WORK, TIME, W = -3, -2, -1
-"""Where in the vector of a state they stand."""
+"""The indices of work, time and w in the vector of a state."""
 
 
 class Parts(NamedTuple):
-    """Where in the vector of a state its parts lie; without damping nothing is `lost`."""
+    """The layout of a state vector; without damping it has no `lost` part."""
 
     bodies: int
     dim: int
@@ -32,7 +30,7 @@ class Parts(NamedTuple):
     def packed(
         self, moved: PerBody, velocity: PerBody, lost: PerPair, rest: list[Float[Array, ""]]
     ) -> Float[Array, " numbers"]:
-        """Of `rest`: the work, the time and w."""
+        """Return the state vector; `rest` holds the work, the time and w."""
         taken = [lost] if self.damped else []
         return jnp.concatenate([moved.ravel(), velocity.ravel(), *taken, jnp.stack(rest)])
 
@@ -50,7 +48,7 @@ class Parts(NamedTuple):
 
 
 class Look(NamedTuple):
-    """What is asked of a state where a step ends, or the slopes of it in s."""
+    """The quantities needed at the end of a step, or their slopes in s."""
 
     depth: PerPair
     rate: PerPair
@@ -60,7 +58,7 @@ class Look(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Field:
-    """The equations of a cluster for its state as a vector; the time is up at `until`."""
+    """The equations of a cluster for its state as a vector, up to the time `until`."""
 
     system: Touching
     parts: Parts
@@ -68,12 +66,12 @@ class Field:
     until: Float[Array, ""]
 
     def geometry(self, y: Array, clock: Clock) -> Geometry:
-        """Of all pairs; the depth of the one that leaves is that of the clock."""
+        """Return the geometry of all pairs; the leaving pair has the depth of the clock."""
         at = self.system.geometry(self.parts.moved(y), self.parts.velocity(y))
         return at._replace(depth=jnp.where(clock.leaving, jnp.square(y[W]), at.depth))
 
     def rate(self, y: Array, modes: Modes, clock: Clock) -> Array:
-        """d/ds."""
+        """Return d/ds of a state."""
         velocity, at = self.parts.velocity(y), self.geometry(y, clock)
         acceleration, lost, work = self.system.motion(at, velocity, modes, y[TIME])
         one = jnp.ones((), y.dtype)
@@ -81,14 +79,14 @@ class Field:
         return (2 * y[W] * per_time).at[W].set(clock.rate(at.rate))
 
     def look(self, y: Array, modes: Modes, clock: Clock) -> Look:
-        """At one state."""
+        """Return the quantities of one state."""
         at = self.geometry(y, clock)
         force = self.system.force(at.depth, at.rate, modes)
         acceleration, _ = self.system.accelerations(at, force, y[TIME])
         return Look(at.depth, at.rate, self.system.second(at, acceleration), force)
 
     def looked(self, y: Array, modes: Modes, clock: Clock, toward: Array) -> tuple[Look, Look]:
-        """With its slopes along `toward`."""
+        """Return the quantities of one state, and their slopes along `toward`."""
         if self.rules.peak:
             return jax.jvp(lambda y: self.look(y, modes, clock), (y,), (toward,))
         # No event needs the slope of δ''.
@@ -100,13 +98,13 @@ class Field:
     def force_slope(
         self, modes: Modes, at: tuple[PerPair, PerPair], along: tuple[PerPair, PerPair]
     ) -> PerPair:
-        """The slope of the forces where depths and their rates change `along`."""
+        """Return the slope of the forces if depths and their rates change `along`."""
         return jax.jvp(lambda d, r: self.system.force(d, r, modes), at, along)[1]
 
     def gaps(
         self, modes: Modes, clock: Clock, at: Look, w: Array, latched: Any, left: Array
     ) -> Any:
-        """What falls through zero at an event, or its slope, for slopes."""
+        """Return the gaps that fall through zero at events, or their slopes if slopes are given."""
         meets = jnp.where(clock.leaving, w, jnp.where(modes.closed, at.depth, -at.depth))
         if not self.rules.peak:
             return jnp.concatenate([meets, left[None]])
@@ -114,7 +112,7 @@ class Field:
         return jnp.concatenate([meets, latches, left[None]])
 
     def passed(self, modes: Modes, at: Look, gaps: Array) -> Bool[Array, " events"]:
-        """Which gaps are negative because of an event: those of rounding go the other way."""
+        """Return which gaps are negative because of an event, not because of rounding."""
         used = self.system.pairs.used
         inwards = jnp.where(modes.closed, at.rate < 0, at.rate > 0)
         meets, last = used & inwards, jnp.ones(1, bool)
@@ -124,7 +122,7 @@ class Field:
         return (gaps < 0) & jnp.concatenate([meets, latches, last])
 
     def energy(self, y: Array, modes: Modes) -> Float[Array, ""]:
-        """Of the bodies and of the contacts, with what these lost."""
+        """Return the energy of bodies and contacts, plus the losses."""
         velocity = self.parts.velocity(y)
         depth = self.system.geometry(self.parts.moved(y), velocity).depth
         stored = jnp.sum(self.system.stored(depth, modes))
@@ -132,7 +130,7 @@ class Field:
 
 
 def field_of(problem: Problem, rules: Rules, units: Units) -> Field:
-    """The field of a problem in its units."""
+    """Return the field of a problem in its units."""
     state, pairs, (bodies, dim) = problem.state, problem.pairs, problem.state.position.shape
     free = (problem.inverse_mass > 0)[:, None]
     system = Touching(

@@ -1,4 +1,4 @@
-"""What a coupled solve is asked, the units that it is solved in, and what it answers."""
+"""The input of a coupled solve, its units, and its result."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from jaxtyping import Array, Bool, Float, Int
 from .equations import ClusterState, Drive, Pairs, PerBody, Units
 
 APART, TIME_IS_UP, NOT_CONVERGED, CHANGED, AT_REST, PAUSED = range(6)
-"""`ClusterEnd.status`. All pairs are open; `until` was reached; the numbers cannot be trusted; a
-pair touched or opened, where `until_change` asked for that; what touches, each body a plane of its
-own, does not move along the normal any more; all steps were taken on a way that goes on, as that of
-a ball that slides in a shell: another call goes on from here."""
+"""The values of `ClusterEnd.status`. APART: all pairs are open. TIME_IS_UP: `until` was reached.
+NOT_CONVERGED: the numbers cannot be trusted. CHANGED: a pair touched or opened, with
+`until_change`. AT_REST: each touching body rests on one plane with zero normal velocity. PAUSED:
+the step limit was reached, for example by a ball sliding in a shell; another call continues."""
 
 
 class Problem(NamedTuple):
-    """A cluster with its start, in SI units; every float of it may be differentiated. `to_the_end`:
-    whether it goes on where it comes to rest.
+    """A cluster with its start, in SI units; differentiable with respect to every float.
+    `to_the_end`: whether the solve continues at rest.
     """
 
     law: Any
@@ -36,8 +36,9 @@ class Problem(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """What is static: whether v0 follows its peak, where a solve ends, and whether all bodies are
-    spheres outside of each other, and walls, in one dimension.
+    """The static rules of a coupled solve. `peak`: whether v0 follows its peak. `until_change` and
+    `max_steps` determine its end. `in_line`: whether all bodies are walls and spheres outside of
+    each other in one dimension.
     """
 
     peak: bool
@@ -47,11 +48,11 @@ class Rules(NamedTuple):
 
 
 class ClusterEnd(NamedTuple):
-    """The `state` at the end, its `status`, and how it was reached.
+    """The `state` at the end, its `status`, and its statistics.
 
-    `error_estimate`: the larger one of what the steps add up to, relative to the speeds, and of the
-    energy that is missing, relative to the energy of the cluster; `error`, the same in m/s. `work`
-    in J, of gravity and of prescribed bodies on the free ones.
+    `error_estimate` is the larger of two errors: the summed step errors relative to the speeds, and
+    the energy imbalance relative to the cluster's energy. `error` is the same in m/s. `work` in J
+    is that of gravity and prescribed bodies on the free ones.
     """
 
     state: ClusterState
@@ -64,7 +65,9 @@ class ClusterEnd(NamedTuple):
 
 
 def units_of(problem: Problem) -> Units:
-    """Such that lengths and speeds of the softest start are about one; they have no derivative."""
+    """Return units in which lengths and speeds of the softest pair are about one. They have no
+    derivative.
+    """
     contact, state, pairs = problem.contact, problem.state, problem.pairs
     used, n = pairs.used, contact.exponent
     mass = 1 / jnp.max(problem.inverse_mass)

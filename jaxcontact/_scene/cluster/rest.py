@@ -1,4 +1,4 @@
-"""Whether bodies in contact have come to rest."""
+"""The test whether bodies in contact have come to rest."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from .equations import PerBody, PerPair, Touching
 from .problem import AT_REST, PAUSED
 
 ASLEEP = PAUSED + 1
-"""Nothing moves any more, whatever leans on what, until the time is up."""
+"""All bodies are at rest, however they support each other, until the time is up."""
 
 _STILL = 100
-"""In tolerances of a step: speeds, and accelerations beside those of a contact."""
+"""The limit of speeds and of relative accelerations at rest, in step tolerances."""
 
 
 def rest_of(
@@ -22,25 +22,25 @@ def rest_of(
     moving: tuple[PerBody, PerBody],
     tolerance: Float[Array, ""],
 ) -> Int[Array, ""]:
-    """AT_REST where each body that touches anything touches one plane and is still `along` the
-    normal (δ' and δ'' of the pairs): it can be left to slide. ASLEEP where bodies lean on others
-    and all of them are still; -1 otherwise.
+    """Return the kind of rest: AT_REST, ASLEEP or -1.
 
-    `moving`: the velocities and accelerations of the bodies, in units of the cluster.
+    AT_REST: each body in contact touches one plane, and δ' and δ'' of the pairs, `along`, vanish.
+    It can then slide by formula. ASLEEP: bodies support each other and all are at rest. `moving`
+    holds the velocities and accelerations of the bodies, in units of the cluster.
     """
     rate, second = along
     still = jnp.abs(rate) + jnp.abs(second) < _STILL * tolerance
     at_rest = jnp.all(still | ~(closed & system.pairs.used))
-    # Beside a contact's own the weight may be next to nothing; what it moves is not asleep.
+    # The weight may be tiny relative to contact accelerations. A body moved by it is not asleep.
     speed, pace = moving
     weight = jnp.sqrt(jnp.max(jnp.sum(jnp.square(system.acceleration), axis=1)))
     weight = jnp.where(weight > 0, jnp.minimum(weight, 1), 1)
     stands = jnp.abs(speed) + jnp.abs(pace) / weight < _STILL * tolerance
-    # Nor is anything near a fixed sphere that moves.
+    # A cluster with a moving fixed sphere is not asleep, either.
     fixed = (system.inverse_mass == 0)[:, None]
     asleep = jnp.all(jnp.where(fixed, jnp.abs(speed) < _STILL * tolerance, stands))
     if system.drive is not None:
-        # What a wall shakes is never at rest.
+        # A body on a shaking wall is never at rest.
         shakes, pairs = system.drive.shakes, system.pairs
         shaken = shakes[pairs.first] | shakes[pairs.second]
         at_rest = at_rest & ~jnp.any(closed & pairs.used & shaken)

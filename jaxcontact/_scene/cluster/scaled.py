@@ -1,4 +1,4 @@
-"""The door of the coupled solve: its tolerance, its units of input and its start."""
+"""The entry point of the coupled solve: tolerance, units of input and start."""
 
 from __future__ import annotations
 
@@ -39,18 +39,22 @@ def cluster(
 ) -> ClusterEnd:
     """Follow a cluster of touching bodies until all its pairs are open, or until a time in s.
 
-    Arguments: the law and the contact (effective masses, stiffnesses), scalars or one number a
-    pair; the `pairs`; the inverse masses in 1/kg, 0 for fixed and prescribed bodies, which go on at
-    their velocity; the acceleration of each body by gravity in m/s²; the `state` to start from; the
-    time to end at. `rtol` bounds the error of velocities, relative to the speeds in the cluster; in
-    float32 no less than 1e-5 is reached. `v0`: "peak", the largest closing speed since touch;
-    "touch", the speed at touch; a number, the least speed in m/s at touch. With `until_change` the
-    solve also ends where a pair touches or opens. `drive` says which prescribed bodies are
-    accelerated; None where none is. `in_line` allows for a shorter way in one dimension, where
-    there are no shells. With `to_the_end` it goes on where it comes to rest.
+    - `law`, `contact`: the law, and effective masses and stiffnesses; scalars or one number a pair.
+    - `pairs`: the pairs that can touch.
+    - `inverse_mass`: in 1/kg, 0 for fixed and prescribed bodies, which keep their velocity.
+    - `acceleration`: of each body by gravity, in m/s².
+    - `state`, `until`: the start, and the end time in s.
+    - `rtol`: bounds the error of velocities relative to the speeds in the cluster; at least 1e-5 in
+      float32.
+    - `v0`: "peak", the largest closing speed since touch; "touch", the speed at touch; a number,
+      the least speed at touch in m/s.
+    - `until_change`: if True, the solve also ends if a pair touches or opens.
+    - `drive`: the accelerations of prescribed bodies; None if there are none.
+    - `in_line`: if True, a shorter computation in one dimension without shells is used.
+    - `to_the_end`: if True, the solve continues at rest.
 
-    One lane; batch it with `vmap`. Differentiable in both modes: the solve carries the
-    sensitivities to all that varies. Nothing is raised; see `ClusterEnd.status`.
+    One lane; batch with `vmap`. Differentiable in both modes: the solve carries the sensitivities
+    to all varying numbers. Nothing is raised; see `ClusterEnd.status`.
     """
     dtype = state.position.dtype
     pairs_shape = pairs.used.shape
@@ -86,9 +90,8 @@ def touched(
     *,
     v0: str | float = "peak",
 ) -> ClusterState:
-    """The start of a cluster at time 0, with some pairs just touching (δ = 0) and the others open.
-
-    v0 rises for pairs that touch without closing yet.
+    """Return a cluster at time 0, with some pairs just touching (δ = 0) and the others open. v0
+    rises for pairs that touch without closing yet.
     """
     apart = pairs.between(position)
     relative = velocity[pairs.first] - velocity[pairs.second]

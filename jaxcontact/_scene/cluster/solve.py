@@ -1,11 +1,11 @@
-"""Several touching bodies as one coupled solve, from event to event.
+"""The coupled solve of several touching bodies, from event to event.
 
-Between two events the motion of `_touching` is smooth but for the powers of δ at touch and opening,
-which `_cluster_clock` makes smooth. In its variable steps of order 8 are taken. A step that passes
-an event is tried again, up to the root of the cubic through its ends, until it ends there.
+Between two events the motion of `equations` is smooth except for powers of δ at touch and opening.
+The variable of `clock` makes them smooth, and steps of order 8 are taken in it. A step that passes
+an event is repeated up to the root of the cubic through its ends, until it ends there.
 
-Events: a pair touches or opens; the closing speed of a pair stops rising, so that its v0 is
-latched, or rises above the latched one; the time is up.
+Events are a touch or opening of a pair, and the end of the time. They also include the closing
+speed of a pair: if it stops rising, v0 is latched; if it exceeds the latched v0, v0 rises again.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _stop = jax.lax.stop_gradient
 
 
 def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
-    """A cluster from its state to its end."""
+    """Solve a cluster from its state to its end."""
     free = (problem.inverse_mass > 0)[:, None]
     velocity = problem.state.velocity
     frame = _stop(jnp.sum(jnp.where(free, velocity, 0), axis=0, keepdims=True))
@@ -45,7 +45,7 @@ def solve_cluster(problem: Problem, rules: Rules) -> ClusterEnd:
 
 
 def _first(solve: Solve) -> Carry:
-    """Where a solve starts."""
+    """Return the initial state of the loop."""
     problem, field, units, finest = solve.problem, solve.field, solve.units, solve.finest
     state, pairs, begin = problem.state, problem.pairs, solve.begin
     dtype = state.position.dtype
@@ -57,11 +57,11 @@ def _first(solve: Solve) -> Carry:
     nobody = jnp.zeros_like(modes.closed)
     here = field.look(y, modes, Clock(jnp.asarray(True), nobody))
     if field.rules.peak:
-        # A closing speed that is the largest one yet, and grows, is what v0 follows.
+        # v0 follows a closing speed that is the largest so far and increases.
         largest = modes.closed & (here.rate >= modes.latched - 16 * finest)
         modes = modes._replace(rising=modes.rising | (largest & (here.second > 0)))
     force = field.force_slope(modes, (here.depth, here.rate), (here.rate, here.second))
-    # Whether a pair touches just now, but for rounding.
+    # True if a pair touches just now, up to rounding.
     just = jnp.abs(state.since - state.time) <= 8 * finest * jnp.abs(state.time)
     just = jnp.any(modes.closed & just)
     touched = jnp.where(just, zero, jnp.asarray(LONG_AGO, dtype))
@@ -95,7 +95,7 @@ def _first(solve: Solve) -> Carry:
 
 
 def _state_at(solve: Solve, end: Carry) -> tuple[ClusterState, Array]:
-    """The state that a solve ended in, in SI units, and how it ended."""
+    """Return the final state of a solve in SI units, and its status."""
     problem, units, parts, frame = solve.problem, solve.units, solve.field.parts, solve.frame
     state, free = problem.state, (problem.inverse_mass > 0)[:, None]
     at = solve.field.system.geometry(parts.moved(end.y), parts.velocity(end.y))
@@ -116,7 +116,7 @@ def _state_at(solve: Solve, end: Carry) -> tuple[ClusterState, Array]:
         lost=units.energy * parts.lost(end.y),
     )
     asleep = end.status == ASLEEP
-    # What goes on at its velocity has it without rounding.
+    # A body with constant velocity keeps it without rounding.
     steady = ~free if problem.drive is None else ~free & ~problem.drive.shakes[:, None]
     velocity = jnp.where(steady, state.velocity, done.velocity)
     done = done._replace(
@@ -124,7 +124,7 @@ def _state_at(solve: Solve, end: Carry) -> tuple[ClusterState, Array]:
         velocity=jnp.where(asleep & free, 0, velocity),
     )
     status = jnp.where(asleep, TIME_IS_UP, end.status)
-    # Steps that got it farther than a contact's own time did not die out.
+    # A solve that got farther than a contact's own time made progress.
     unfinished_status = jnp.where(end.y[TIME] > 1, PAUSED, NOT_CONVERGED)
     return done, jnp.where(end.status < 0, unfinished_status, status)
 
@@ -132,9 +132,9 @@ def _state_at(solve: Solve, end: Carry) -> tuple[ClusterState, Array]:
 def _judged(
     solve: Solve, first: Carry, end: Carry, done: ClusterState, status: Array
 ) -> ClusterEnd:
-    """The end with its work, and with an error that says whether it can be trusted."""
+    """Return the end with its work and its error estimate, which determines convergence."""
     problem, units, tolerance = solve.problem, solve.units, solve.problem.tolerance
-    # The energies at both ends; those of contacts that are over are left out of the state.
+    # The energies at both ends; those of finished contacts are not in the state.
     ends = ((c.y, c.modes) for c in (first, end))
     both = jax.tree.map(lambda *ends: jnp.stack(ends), *ends)
     before, now = jax.vmap(solve.field.energy)(*_stop(both))
@@ -142,7 +142,7 @@ def _judged(
     error = jnp.maximum(end.error, missing / jnp.maximum(before, jnp.abs(end.y[WORK])))
     good = jnp.all(jnp.isfinite(end.y)) & (error <= 1e5 * tolerance)
     status = jnp.where(good, status, NOT_CONVERGED)
-    # In the frame of the cluster its work is another one, by what the forces change in momentum.
+    # The work differs in the frame of the cluster, by the frame velocity times the momentum change.
     free = (problem.inverse_mass > 0)[:, None]
     mass = jnp.where(free, 1 / jnp.where(free, problem.inverse_mass[:, None], 1), 0)
     gain = jnp.sum(mass * solve.frame * (done.velocity - problem.state.velocity))

@@ -1,4 +1,4 @@
-"""One step of a coupled solve: tried, taken where it is good, and ended on an event it meets."""
+"""One step of a coupled solve: trial, acceptance, and landing on an event."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from .rest import rest_of
 
 _TOGETHER = 0.65
 _NEAR = 0.4
-"""Powers of rounding: of the distance between simultaneous events, and of that from a state to an
-event that the cubic through the ends of the step bridges, both beside the step."""
+"""Powers of rounding, both relative to the step. The first is the distance between simultaneous
+events. The second is the distance from a state to an event that the cubic of the step bridges."""
 
 _BEGIN = 0.35
 _BEGIN_FOR = 1e-8
-"""The first step, in units of the contact's duration about, and the tolerance it is for."""
+"""The first step, in units of about the contact's duration, and the tolerance that it is for."""
 
 _stop = jax.lax.stop_gradient
 
 
 @dataclasses.dataclass(frozen=True)
 class Solve:
-    """What does not change in a solve: its `field` in the frame of the cluster, whose velocity is
-    `frame`, and units.
+    """The constants of a solve: its `field` in the frame of the cluster, and its units. `frame` is
+    the velocity of the cluster.
     """
 
     problem: Problem
@@ -43,7 +43,7 @@ class Solve:
 
     @property
     def finest(self) -> float:
-        """A rounding of one."""
+        """The rounding error of 1."""
         return float(jnp.finfo(self.frame.dtype).eps)
 
     @property
@@ -53,8 +53,9 @@ class Solve:
 
 
 class Carry(NamedTuple):
-    """Where a solve is: the state `y`, `size` of the next step, `free`, what its error alone would
-    allow, and `whole`, the step in which an event was first seen, 0 where none is being sought.
+    """The state of the loop. `y` is the state vector, and `size` the next step. `free` is the size
+    that the error alone allows. `whole` is the step in which an event was first seen, 0 if none is
+    being sought.
     """
 
     y: Float[Array, " numbers"]
@@ -81,8 +82,9 @@ class Carry(NamedTuple):
 
 
 class _Tried(NamedTuple):
-    """A step: its end `y`, its `error` in units of what is allowed and whether that is `fine`; the
-    slopes `outset` and `toward` of its ends, and what is seen at the end `now`, with its `slope`.
+    """A trial step. `y` is its end, and `error` is in units of the allowed error; `fine` if
+    accepted. `outset` and `toward` are the slopes at its ends. `now` holds the quantities at its
+    end, and `slope` their slopes.
     """
 
     y: Array
@@ -98,8 +100,9 @@ class _Tried(NamedTuple):
 
 
 class _Found(NamedTuple):
-    """The events of a step: whether it ends on one (`event`) or is `taken` otherwise, which of them
-    `happens`, and how far the first of those `sought` is, `next_one`.
+    """The events of a step. `event`: whether it ends on one. `taken`: whether it is accepted.
+    `happens` marks the events on which it ends. `next_one` is the distance to the first of the
+    `sought` events.
     """
 
     y: Array
@@ -114,7 +117,7 @@ class _Found(NamedTuple):
 
 
 class _Changed(NamedTuple):
-    """After the events of a step: the state, the modes, and which pairs touch and open."""
+    """The state and the modes after the events of a step, and which pairs touch and open."""
 
     y: Array
     modes: Modes
@@ -126,7 +129,7 @@ class _Changed(NamedTuple):
 
 
 def advance(solve: Solve, c: Carry) -> Carry:
-    """One step further, or the same place with a shorter step."""
+    """Take one step, or retry with a shorter one."""
     field = solve.field
     tried = _tried(solve, c)
     found = _found(solve, c, tried)
@@ -175,23 +178,24 @@ def advance(solve: Solve, c: Carry) -> Carry:
 
 
 def _tried(solve: Solve, c: Carry) -> _Tried:
-    """A step, its error, and what is seen at its end; whether an event may hide within."""
+    """Try a step; return its error, its end, and whether an event may be hidden in it."""
     field, modes, clock = solve.field, c.modes, c.clock
     tolerance, finest = solve.problem.tolerance, solve.finest
     y, error, outset, toward = step_and_slope(lambda y: field.rate(y, modes, clock), c.y, c.size)
     error = _stop(jnp.max(jnp.abs(error) / (tolerance + 20 * finest * jnp.abs(y))))
     now, slope = field.looked(y, modes, clock, toward)
-    # A pair may touch and open again within a step, unless a bound of its depth says no: in a
-    # long step through a close pass the cubic through the ends is far too low.
+    # A pair may touch and open again within a step, unless a bound on its depth excludes it. In a
+    # long step past a close approach the cubic through the ends is much too low.
     passing, used = y[TIME] - c.y[TIME], field.system.pairs.used
     peak, inside = ceiling(passing, c.look.depth, c.look.rate, now.depth, now.rate)
     hidden = ~modes.closed & inside & (peak > 0)
-    # Or open and touch again. Where a step ends between, the rate at its end says nothing.
+    # It may also open and touch again. If a step ends in between, the rate at its end does not show
+    # that.
     out, parts = highest(passing, -c.look.depth, -c.look.rate, -now.depth, -now.rate)
     hidden = hidden | (modes.closed & ~clock.leaving & parts & (out > 16 * finest))
     grazed = jnp.any(used & hidden)
     if field.rules.peak:
-        # So is a closing speed that exceeds its peak and falls again.
+        # A closing speed that exceeds its peak and falls again may be hidden, too.
         faster, _ = highest(passing, c.look.rate, c.look.second, now.rate, now.second)
         hidden = modes.closed & ~modes.rising & (now.second < 0)
         grazed = grazed | jnp.any(used & hidden & (faster > modes.latched + finest**_TOGETHER))
@@ -200,7 +204,7 @@ def _tried(solve: Solve, c: Carry) -> _Tried:
 
 
 def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
-    """The first event of a step, and the state moved to it where it is near."""
+    """Find the first event of a step, and move the state to it if it is near."""
     field, modes, clock = solve.field, c.modes, c.clock
     y, toward, outset, fine = tried.y, tried.toward, tried.outset, tried.fine
     finest, until = solve.finest, field.until
@@ -219,14 +223,14 @@ def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
     next_one = left[first]
     whole = jnp.where(seeking, c.whole, c.size)
     small = jnp.abs(next_one) <= near * whole
-    # Where a gap falls slowly its rounding hides the moment: that is all that can be known.
+    # If a gap falls slowly, its rounding hides the exact time; this is the attainable accuracy.
     known = sought & (left <= next_one) & (jnp.abs(gaps) <= 16 * finest)
     stuck = jnp.any(known) | (anything & (c.size < finest))
     event = fine & (small | stuck)
     taken = fine & (event | ~anything)
     at_once = jnp.where(jnp.any(known), known, crossed)
     happens = event & jnp.where(small, sought & (left <= next_one + together * whole), at_once)
-    # The root varies with all that the gap varies with.
+    # The root depends on everything that the gap depends on.
     moved = jnp.where(small, next_one, 0)
     at_root, steep = gaps[first] + moved * fall[first], _stop(fall[first])
     varies = event & small & (steep < 0)
@@ -239,11 +243,11 @@ def _found(solve: Solve, c: Carry, tried: _Tried) -> _Found:
 
 
 def _changed(solve: Solve, c: Carry, tried: _Tried, found: _Found) -> _Changed:
-    """What changes: all pairs that are on their event at once."""
+    """Apply all events on which the step ends."""
     field, modes, y, happens = solve.field, c.modes, found.y, found.happens
     parts = field.parts
     meets = happens[: parts.pairs]
-    # At the event: the depth is what the clock goes on from.
+    # At the event the depth is that from which the clock continues.
     there = field.geometry(y, c.clock)
     now, closing = tried.now._replace(depth=there.depth, rate=there.rate), there.rate
     touches, opens = meets & ~modes.closed, meets & modes.closed
@@ -272,14 +276,14 @@ def _onward(
     free_clock: Clock,
     w: Float[Array, ""],
 ) -> dict[str, Any]:
-    """The next step, and the clock that it is taken by."""
+    """Return the next step, and its clock."""
     error, fine, event, begin = tried.error, tried.fine, found.event, solve.begin
     next_one, anything, seeking = found.next_one, found.anything, found.seeking
     any_touch, opens = jnp.any(changed.touches), jnp.any(changed.opens)
     target = _stop(c.size + next_one)
     inside = (target > 0.01 * c.size) & (target < c.size)
     back = jnp.where(inside, target, c.size / 2)
-    # Where steps have been getting harder the next one is expected to be harder again.
+    # If steps have become harder, the next one is expected to be harder again.
     trend = c.size / c.last_size * ((c.last_error + 1e-6) / (error + 1e-6)) ** (1 / 8)
     grown = c.size * factor(error) * jnp.where(fine, jnp.clip(trend, 0.7, 1.0), 1)
     grown = jnp.where(tried.grazed, c.size / 2, grown)
@@ -290,7 +294,7 @@ def _onward(
     free = jnp.where(event & any_touch, begin, free)
     size = jnp.where(fine, size, free)
     keep = fine & ~event & (anything | (seeking & (next_one > 0) & jnp.isfinite(next_one)))
-    # Another clock, unless a step goes on to an event.
+    # The clock changes, unless a step continues to an event.
     anew = found.taken & ~keep
     scale = jnp.where(anew & (w > 0), _stop(changed.y[W] / w), 1)
     opened = event & opens & ~any_touch
@@ -316,7 +320,7 @@ def _onward(
 def _records(
     solve: Solve, c: Carry, tried: _Tried, changed: _Changed, time: Float[Array, ""]
 ) -> dict[str, Any]:
-    """The record of every pair. A pair opens where nothing goes on in s."""
+    """Return the records of every pair; slopes in time are special where w vanishes."""
     units, modes, now, passing = solve.units, c.modes, changed.now, tried.passing
     start, touches = solve.problem.state.time, changed.touches
     now_w, zero = tried.y[W], jnp.zeros_like(now.rate)
@@ -329,7 +333,7 @@ def _records(
     deepest = jnp.where(modes.closed, units.length * jnp.maximum(tried.peak, now.depth), 0)
     fresh = jnp.where(touches, 0, 1).astype(zero.dtype)
     acts = modes.closed & (c.look.force != 0)
-    # A force that vanishes while the pair is closed does so about where its slope leads to.
+    # A force that vanishes in a closed pair ends about where its slope predicts.
     vanishes = acts & (now.force == 0) & ~changed.opens & (c.slope.force < 0)
     lasted = -c.look.force / jnp.where(vanishes, c.slope.force, -1)
     lasted = jnp.where(vanishes, jnp.minimum(lasted, passing), passing)

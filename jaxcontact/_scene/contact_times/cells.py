@@ -1,14 +1,14 @@
-"""Cells: of many spheres only those of neighbouring cells are searched, and none is missed.
+"""Cells: only spheres of neighbouring cells are searched, and no contact is missed.
 
-Space is cut into cells at least as wide as two of the largest spheres, so that whatever touches
-is in the same cell or in one next to it. A sphere belongs to its cell until it is a skin beyond
-its faces: from the middle of a cell to its faces and the skin is half a cell and a bit, so that it
-does not flutter between two of them. To leave is an event: the sphere is put down in its new cell
-and searched again among its new neighbours. So of every pair in neighbouring cells the one that was
-searched last knows the impact, and pairs that are not cannot meet before one of them leaves.
+Space is divided into cells at least as wide as two of the largest spheres. Touching bodies are
+therefore in the same cell or in neighbouring ones. A sphere belongs to its cell until it is a skin
+beyond its faces. This hysteresis keeps it from alternating between two cells. Leaving is an event:
+the sphere is moved to its new cell and searched among its new neighbours. For every pair in
+neighbouring cells the body searched last therefore stores the impact. Other pairs cannot meet
+before one of them leaves its cell.
 
-Along an axis that is not periodic the outermost cells reach to infinity, so that cells need no box.
-Shapes are fixed: so many cells, so many spheres in each. A cell that has no room stops the run.
+Along an axis that is not periodic the outermost cells extend to infinity, so that cells need no
+box. Numbers and capacities of cells are fixed. A full cell stops the run.
 """
 
 from __future__ import annotations
@@ -25,19 +25,20 @@ from ..arrays.arrays import Layout, Numbers
 from .closed_form import wall_time
 
 SKIN = 1 / 16
-"""How far beyond the faces of its cell a sphere may go, in widths of the cell."""
+"""The distance beyond the faces of its cell that a sphere may go, in widths of the cell."""
 
 CLEAR = 1.001
-"""How much wider cells are than they must be: rounding has no say in who is next to whom."""
+"""The factor by which cells are wider than necessary, so that rounding does not matter."""
 
 AROUND = 5
-"""Cells that a periodic axis must have at the least, for one image to be nearest to a cell's
-neighbours."""
+"""The least number of cells along a periodic axis. With fewer, a cell's neighbours might have more
+than one nearest image."""
 
 
 class Grid(eqx.Module):
-    """What is static of cells: along which axes space is cut, how many cells there are at the most,
-    how many spheres each has room for, and how many there are to be on average.
+    """The static part of cells. `axes` marks the axes along which space is divided. `cells` is the
+    largest number of cells, `capacity` that of spheres in each, and `filling` the average number of
+    spheres in each.
     """
 
     axes: tuple[bool, ...] = eqx.field(static=True)
@@ -47,9 +48,8 @@ class Grid(eqx.Module):
 
 
 class Lattice(eqx.Module):
-    """Where cells are: the corner `low` (D,) of the first, the `width` (D,) and the `number` (D,).
-
-    Along an axis that is not cut there is one. `fits`: whether that many have room.
+    """The geometry of cells: the corner `low` of the first, `width` and `number`, (D,) each. An
+    undivided axis has one cell. `fits`: whether that many cells are available.
     """
 
     low: Float[Array, " D"]
@@ -60,9 +60,9 @@ class Lattice(eqx.Module):
 
 
 class Cells(eqx.Module):
-    """Who is where: the `cell` (N, D) of every sphere, counted along each axis without wrapping;
-    the spheres of each cell in a `table`, -1 where a place is free; and whether one had no room
-    (`full`), after which neither holds.
+    """The spheres in their cells. `cell` (N, D) is the cell of every sphere, counted along each
+    axis without wrapping. `table` lists the spheres of each cell, -1 for free places. `full`:
+    whether a cell had no room; then neither is valid.
     """
 
     grid: Grid
@@ -75,7 +75,7 @@ class Cells(eqx.Module):
 def lattice_of(
     layout: Layout, numbers: Numbers, grid: Grid, position: Float[Array, "N D"]
 ) -> Lattice:
-    """Cells around the places of spheres, as wide as the filling of the grid asks for."""
+    """Return cells around the spheres, as wide as the filling of the grid requires."""
     position = position[: layout.visible]
     cut, periodic = jnp.asarray(grid.axes), jnp.asarray(layout.periodic)
     least = CLEAR * 2 * jnp.max(numbers.radius) / (1 - 2 * SKIN)
@@ -84,7 +84,7 @@ def lattice_of(
     length = jnp.where(cut, jnp.maximum(length, least), 1)
     volume = jnp.prod(length) * (grid.filling / layout.visible)
     width = jnp.maximum(least, volume ** (1 / max(sum(grid.axes), 1)))
-    # Some numbers are none in a scene that is not valid; no more than so many cells are counted.
+    # An invalid scene may have NaN here. The count is limited to the number of cells.
     ratio = jnp.clip(length / width, 1, grid.cells)
     number = jnp.where(cut, jnp.where(periodic, jnp.floor(ratio), jnp.ceil(ratio)), 1.0)
     around = jnp.all(~cut | ~periodic | (number >= AROUND))
@@ -101,7 +101,7 @@ def lattice_of(
 def cells_of(
     lattice: Lattice, layout: Layout, position: Float[Array, "M D"]
 ) -> Float[Array, "M D"]:
-    """The cells that places are in, along each axis; 0 along one that is not cut."""
+    """Return the cells of positions along each axis; 0 along an undivided axis."""
     cell = jnp.floor((position - lattice.low[None]) / lattice.width[None])
     inside = jnp.clip(cell, 0, lattice.number[None] - 1)
     many = (lattice.number > 1)[None]
@@ -111,9 +111,8 @@ def cells_of(
 def row_of(
     lattice: Lattice, layout: Layout, grid: Grid, cell: Float[Array, "M D"]
 ) -> Int[Array, " M"]:
-    """The row of the table that belongs to a cell.
-
-    Around an axis that is cut and not periodic lies a border of cells that are always empty.
+    """Return the row of the table that belongs to a cell. A divided axis that is not periodic has a
+    border of cells that are always empty.
     """
     row = jnp.zeros(cell.shape[0], int)
     for axis, periodic in enumerate(layout.periodic):
@@ -128,7 +127,7 @@ def row_of(
 
 
 def placed(layout: Layout, numbers: Numbers, grid: Grid, position: Float[Array, "N D"]) -> Cells:
-    """All spheres in their cells; shells are in none."""
+    """Return all spheres in their cells; shells are in none."""
     count = layout.visible
     lattice = lattice_of(layout, numbers, grid, position)
     cell = cells_of(lattice, layout, position)
@@ -143,8 +142,8 @@ def placed(layout: Layout, numbers: Numbers, grid: Grid, position: Float[Array, 
 
 
 class Shift(NamedTuple):
-    """A sphere on its way to a `cell` (D,): from which row and place of the table to which, what is
-    written there, and whether that cannot be.
+    """A move of a sphere to a `cell` (D,). `row` and `place` give its old and new place in the
+    table, and `entry` the value written there. `full`: whether there is no room.
     """
 
     cell: Float[Array, " D"]
@@ -157,9 +156,8 @@ class Shift(NamedTuple):
 def shift_of(
     layout: Layout, cells: Cells, i: Int[Array, ""], position: Float[Array, "1 D"], leaves: Array
 ) -> Shift:
-    """Sphere i on its way to the cell that it is in now.
-
-    If it leaves, and is nowhere else, cells are no use: their skin is less than a rounding.
+    """Return the move of sphere i to its current cell. If it leaves and is in the same cell, cells
+    are useless: their skin is less than a rounding error.
     """
     cell = cells_of(cells.lattice, layout, position)
     both = jnp.concatenate([cells.cell[i][None], cell])
@@ -174,13 +172,13 @@ def shift_of(
 
 
 def staying(cells: Cells, i: Int[Array, ""]) -> Shift:
-    """Sphere i where it is: nothing is written to a row that the table does not have."""
+    """Return a move of sphere i to where it is; it writes to a row that does not exist."""
     nowhere, place = jnp.full(2, cells.grid.cells), jnp.zeros(2, int)
     return Shift(cells.cell[i], nowhere, place, i, jnp.zeros_like(cells.full))
 
 
 def shifted(cells: Cells, i: Int[Array, ""], shift: Shift) -> Cells:
-    """The cells with sphere i in another one."""
+    """Return the cells after the move of sphere i."""
     (old, new), (out, into) = shift.row, shift.place
     table = cells.table.at[old, out].set(-1).at[new, into].set(shift.entry)
     cell = cells.cell.at[i].set(shift.cell)
@@ -188,8 +186,8 @@ def shifted(cells: Cells, i: Int[Array, ""], shift: Shift) -> Cells:
 
 
 def everywhere(layout: Layout) -> tuple[int, ...]:
-    """What is met from any cell: shells, and fixed spheres that move, which search for no one, so
-    that those in the cells that they come to would not know of them.
+    """Return the bodies that can be met from any cell: shells, and steadily moving fixed spheres.
+    The latter do not search, so that spheres in the cells that they enter would not find them.
     """
     shells = range(layout.visible, layout.spheres)
     return tuple(sorted({*shells, *layout.driven} - {*layout.shaken}))
@@ -198,8 +196,8 @@ def everywhere(layout: Layout) -> tuple[int, ...]:
 def neighbours(
     layout: Layout, cells: Cells, who: Int[Array, " M"]
 ) -> tuple[Int[Array, "M C"], Bool[Array, "M C"]]:
-    """The spheres of the cells around some spheres, and which entries are any; after them come all
-    that are met `everywhere`.
+    """Return the spheres of the cells around some spheres, and a mask of the valid entries. The
+    bodies met `everywhere` come last.
     """
     ranges = [(-1, 0, 1) if cut else (0,) for cut in cells.grid.axes]
     steps = np.array(list(itertools.product(*ranges)), float)
@@ -221,7 +219,7 @@ def leaving(
     velocity: Float[Array, "M D"],
     pull: Float[Array, "M D"],
 ) -> Float[Array, " M"]:
-    """The time until spheres are a skin beyond the faces of their cells."""
+    """Return the time until spheres are a skin beyond the faces of their cells."""
     lattice, cell = cells.lattice, cells.cell[who]
     middle = lattice.low[None] + (cell + 0.5) * lattice.width[None]
     reach = (0.5 + SKIN) * lattice.width[None]

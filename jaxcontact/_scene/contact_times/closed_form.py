@@ -1,8 +1,8 @@
-"""When two bodies touch next: times of impact in closed form.
+"""Contact times of two bodies in closed form.
 
-A time is the least τ ≥ 0 at which the gap vanishes while it shrinks; infinite where there is none.
-Bodies that touch and approach meet now; bodies that touch and recede do not meet by that touch. A
-gap that rounding made negative is a touch: it is neither found a second time nor missed.
+A time is the least τ ≥ 0 at which the gap vanishes while it shrinks; it is infinite if there is
+none. Bodies that touch and approach meet now. Bodies that touch and recede do not meet by that
+touch. A gap that is negative by rounding is a touch: it is neither found twice nor missed.
 """
 
 from __future__ import annotations
@@ -19,9 +19,8 @@ Lane = Float[Array, "..."]
 
 
 def wall_time(gap: Lane, rate: Lane, acceleration: Lane, noise: Lane) -> Lane:
-    """The time to the touch of gap + rate τ + ½ acceleration τ², linear or quadratic.
-
-    A rate of at most `noise`, a few roundings of the speeds it comes from, is none.
+    """Return the time at which gap + rate τ + ½ acceleration τ² vanishes. At touch, a rate of at
+    most `noise`, a few rounding errors of the speeds, counts as zero.
     """
     half = acceleration / 2
     still = (gap <= 0) & (jnp.abs(rate) <= noise)
@@ -30,7 +29,7 @@ def wall_time(gap: Lane, rate: Lane, acceleration: Lane, noise: Lane) -> Lane:
     touching = gap <= 0
     root = jnp.sqrt(jnp.maximum(square, 0))
     closing = rate < 0
-    # c/(-b + √D): no cancellation where b < 0.
+    # The form c/(-b + √D) avoids cancellation for b < 0.
     meets = closing & ((square >= 0) | touching)
     first = 2 * gap / jnp.where(closing, root - rate, 1)
     falls = ~closing & (half < 0)
@@ -42,9 +41,9 @@ def wall_time(gap: Lane, rate: Lane, acceleration: Lane, noise: Lane) -> Lane:
 def sphere_time(
     apart: Lane, rate: Lane, distance: Lane, noise: Lane, *, shells: bool = True
 ) -> Lane:
-    """The time until |apart + rate τ| shrinks to `distance`; vectors along the last axis.
-
-    In a shell, with a negative `distance`, until it grows to that; without `shells` there is none.
+    """Return the time until |apart + rate τ| shrinks to `distance`; vectors along the last axis. In
+    a shell, with a negative `distance`, it is the time until the length grows to its magnitude.
+    Without `shells` no distance is negative.
     """
     along = jnp.sum(apart * rate, axis=-1)
     square = jnp.sum(jnp.square(rate), axis=-1)
@@ -53,7 +52,7 @@ def sphere_time(
     touching = gap <= 0
     closing = along < jnp.where(touching, -noise * length, 0)
     safe = jnp.where(closing, square, 1)
-    # The discriminant by the nearest approach p: from p² < d² no digits are lost far away.
+    # The discriminant uses the nearest approach p: the test p² < d² loses no digits far away.
     nearest = apart - rate * (along / safe)[..., None]
     discriminant = safe * (jnp.square(distance) - jnp.sum(jnp.square(nearest), axis=-1))
     meets = closing & (touching | (discriminant > 0))
@@ -62,7 +61,7 @@ def sphere_time(
     outside = jnp.where(meets, jnp.maximum(time, 0), jnp.inf)
     if not shells:
         return outside
-    # Inside of a shell whatever moves leaves at last: at the later of the two roots.
+    # Inside a shell a moving body always reaches the surface, at the later of the two roots.
     moves = square > 0
     room = jnp.maximum(-distance - length, 0) * (length - distance)
     root = jnp.sqrt(jnp.square(along) + square * room)
@@ -78,11 +77,11 @@ def sphere_time(
 def curved_time(
     apart: Lane, rate: Lane, acceleration: Lane, distance: Lane, noise: Lane, horizon: Lane
 ) -> Lane:
-    """As `sphere_time` for a relative `acceleration`, up to `horizon`: the first root of a quartic.
+    """Return `sphere_time` with a relative `acceleration`, up to `horizon`: a root of a quartic.
 
-    The second derivative of |apart + rate τ + ½ acceleration τ²|² is a quadratic; between its roots
-    the first is monotone, and between the roots of that the function itself, so that every root is
-    bracketed and none is missed.
+    The second derivative of |apart + rate τ + ½ acceleration τ²|² is a quadratic. Between its roots
+    the first derivative is monotone. Between the roots of that, the function itself is. Every root
+    is therefore bracketed, and the first one is found.
     """
     half = acceleration / 2
     length = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
@@ -111,7 +110,7 @@ def curved_time(
     other = 2 * c2 / jnp.where(q != 0, q, 1)
     lower = jnp.clip(jnp.minimum(one, other), zero, end)
     upper = jnp.clip(jnp.maximum(one, other), zero, end)
-    # All intervals side by side, so that a search is in the program once.
+    # All intervals are searched together, so that the search is in the program once.
     bends = jnp.stack([zero, lower, upper, end])
     turns = _crossing(jax.vmap(slope), bends[:-1], bends[1:])
     ends = jnp.concatenate([zero[None], turns, end[None]])
@@ -124,7 +123,7 @@ def curved_time(
 
 
 def _crossing(function: Callable[[Lane], Lane], low: Lane, high: Lane) -> Lane:
-    """The sign change of a monotone function in [low, high] by halving; `high` without one."""
+    """Return the sign change of a monotone function in [low, high] by bisection; `high` if none."""
     below = function(low) > 0
     changes = below != (function(high) > 0)
 
@@ -141,10 +140,9 @@ def _crossing(function: Callable[[Lane], Lane], low: Lane, high: Lane) -> Lane:
 def image_horizon(
     apart: Lane, rate: Lane, acceleration: Lane, distance: Lane, period: Lane
 ) -> Lane:
-    """A time before which no other image along an axis of length `period` can be met.
-
-    `apart` is the distance along the axis to the nearest image. Another one is met at the earliest
-    after a displacement of period - |apart| - distance.
+    """Return a time before which no other image along an axis of length `period` can be met.
+    `apart` is the distance along the axis to the nearest image. Another image is met at the
+    earliest after a displacement of period - |apart| - distance.
     """
     room = jnp.maximum(period - jnp.abs(apart) - distance, 0)
     speed, half = jnp.abs(rate), jnp.abs(acceleration) / 2

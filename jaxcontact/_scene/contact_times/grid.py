@@ -1,4 +1,4 @@
-"""Whether a run has cells, and how many with how much room: decided before it starts."""
+"""The choice of cells before a run: whether to use them, their number and their capacity."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from ..result import traced
 from .cells import AROUND, SKIN, Grid, Lattice, cells_of, lattice_of, row_of
 
 MANY = 256
-"""Spheres from which there are cells. Measured: among so few in a box in three dimensions they are
-worth next to nothing, among 2048 discs an impact is six times cheaper."""
+"""The least number of spheres for cells. Measured: with so few in a three-dimensional box cells
+save almost nothing. With 2048 discs an impact is six times cheaper."""
 
 FILLING = {1: 3.0, 2: 3.0, 3: 1.0}
-"""Spheres in a cell on average, by the number of axes that are cut."""
+"""The average number of spheres in a cell, by the number of divided axes."""
 
 _DENSEST = {1: (1.0, 1.0), 2: (0.9069, math.pi / 4), 3: (0.7405, math.pi / 6)}
 """The densest packing of equal spheres, and the volume of a sphere of diameter one."""
 
 _BLOCK = 4
-"""Capacities are multiples of it, so that runs share their programs."""
+"""Capacities are multiples of this number, so that runs share their programs."""
 
 
 def grid_of(
     layout: Layout, numbers: Numbers, position: Array | None = None, full: Grid | None = None
 ) -> Grid | None:
-    """Cells for spheres at their places, those of the start if not given; None where they are few,
-    or too crowded in cells as wide as the largest of them need.
+    """Return cells for spheres at their positions, by default those at the start.
 
-    After cells that were `full` there is more room. With traced numbers as for spheres of one size
-    that fill some space evenly.
+    Returns None if there are few spheres, or if cells as wide as the largest of them need would
+    hold too many. After `full` cells there is more room. With traced numbers equal spheres that
+    fill a space evenly are assumed.
     """
     position = numbers.position if position is None else position
     count, dimensions = layout.visible, layout.dimensions
@@ -65,7 +65,7 @@ def grid_of(
     capacity = _blocks(max(most + 2, min(packed, 1.5 * most + 1)))
     cells = _power_of_two(lattice.needed)
     if full is not None and full.axes == cut:
-        # No smaller, so that the programs serve again.
+        # No smaller than before, so that the programs can be reused.
         cells, capacity = max(cells, full.cells), max(capacity, full.capacity)
     return _worth(layout, Grid(cut, cells, capacity, FILLING[sum(cut)]))
 
@@ -79,7 +79,7 @@ def _rows_of(lattice: Lattice, layout: Layout, grid: Grid, position: Array) -> A
 
 
 def _worth(layout: Layout, grid: Grid) -> Grid | None:
-    """The grid, unless neighbours are hardly fewer than all."""
+    """Return the grid, unless neighbours are nearly all spheres."""
     found = 3 ** sum(grid.axes) * grid.capacity
     return grid if 2 * found <= layout.visible else None
 

@@ -1,10 +1,10 @@
-"""When a body touches one that shakes: by steps that cannot pass the touch.
+"""Contact times with a shaking body, by steps that cannot pass the touch.
 
-From a gap g that changes at the rate g', with g'' ≥ -b, nothing is touched before g + g' τ - ½ b τ²
-vanishes. b is the largest acceleration that the body may have, and gravity; what is outside of a
-sphere goes around it, which only widens the gap. Inside of a shell the gap is taken of squares,
-q = ρ² - |x|², with q'' = -2 |x'|² - 2 x·x''. Nor is anything touched before the mean place is as
-near as the amplitude. Near a touch these steps are Newton's.
+Let a gap g change at the rate g', with g'' ≥ -b. Then nothing is touched before g + g' τ - ½ b τ²
+vanishes. b is the largest acceleration of the body plus gravity. Motion around a sphere only widens
+the gap. Inside a shell the gap is one of squares, q = ρ² - |x|², with q'' = -2 |x'|² - 2 x·x''.
+Nothing is touched, either, before the distance to the mean place is the amplitude. Near a touch
+these steps are those of Newton's method.
 """
 
 from __future__ import annotations
@@ -23,15 +23,16 @@ from .closed_form import wall_time
 Lane = Float[Array, "..."]
 
 _PARTS = 1e-6
-"""Of the largest acceleration, above which one at a touch is told from none."""
+"""The share of the largest acceleration above which that at a touch counts as non-zero."""
 
 _AWAY = 64
-"""Times the rounding of a speed that bodies which part must have before the search goes on."""
+"""The speed that separating bodies must have before the search continues, in rounding errors."""
 
 
 class _Gap(NamedTuple):
-    """What vanishes at a touch, its `slope` in time, the `bend` b that bounds its curvature, for
-    how long that `lasts`, and the `least` step, which is safe whatever the direction.
+    """A gap that vanishes at a touch, and its bounds. `room` is the gap, `slope` its rate, and
+    `bend` the bound b on its curvature, which holds for a time `lasts`. `least` is a step that is
+    safe in any direction.
     """
 
     room: Lane
@@ -41,10 +42,11 @@ class _Gap(NamedTuple):
     least: Lane | float
 
     def step(self) -> Lane:
-        """For how long nothing is touched."""
+        """Return a duration in which nothing is touched."""
         room = jnp.maximum(self.room, 0)
         root = jnp.sqrt(jnp.square(self.slope) + 2 * self.bend * room)
-        # No cancellation where it closes; where nothing bends and nothing closes, never.
+        # This form avoids cancellation for closing gaps. It is infinite without curvature and
+        # closing.
         closes, bends = self.slope < 0, self.bend > 0
         ahead = 2 * room / jnp.where(closes, root - self.slope, 1)
         away = (self.slope + root) / jnp.where(bends, self.bend, 1)
@@ -62,11 +64,11 @@ def _marched(
     horizon: Lane,
     wanted: Bool[Array, "..."],
 ) -> Lane:
-    """The time of the touch up to a `horizon`, infinite where there is none; `curve`: g'' now.
+    """Return the time of the touch up to a `horizon`, else infinity; `curve` is g'' now.
 
-    A rate of at most `noise`, a few roundings of the speeds it comes from, is none; nor is a gap of
-    at most `rounding`. Bodies that touch, and neither close nor part by speed or acceleration, wait
-    until one of them moves, which is looked for at `CHECKED` times.
+    A rate of at most `noise`, a few rounding errors of the speeds, counts as zero. So does a gap of
+    at most `rounding`. Touching bodies that neither close nor separate wait until one of them
+    moves. This is checked at `CHECKED` times.
     """
     here = gap(jnp.zeros_like(noise))
     slow = jnp.abs(here.slope) <= noise
@@ -74,7 +76,7 @@ def _marched(
     meets = jnp.where(still, curve < 0, (here.room <= 0) & (here.slope < 0))
     parts = still & (curve > _PARTS * here.bend)
     waits = wanted & still & ~parts & ~meets
-    # From a touch that parts a first step leads away, to where that is no rounding any more.
+    # From a touch that separates, the first step leads to a gap above rounding.
     start = jnp.where(parts, _AWAY * noise / jnp.where(parts, curve, 1), 0)
     deep = jnp.minimum(here.room, 0) - rounding
 
@@ -85,12 +87,13 @@ def _marched(
         t, on, waits, stride = carry
         at = jnp.where(waits, t + stride, t)
         there, by, least = gap(at), step(at), finest(at)
-        # What waits goes on where nothing has moved, is away where it parts, or was met before.
+        # A waiting pair continues while nothing has moved, is free once it separates, or has met
+        # before.
         away = waits & (there.slope > noise) & (there.room > rounding)
         met = waits & (there.room < deep)
         begins = met & (stride <= least)
         found = ~waits & (there.slope < 0) & ((there.room <= 0) | (by <= least))
-        # Past a graze that rounding made a touch the first steps would be none.
+        # After a graze that rounding made a touch, the first steps would have zero length.
         flies = jnp.where(on & ~found, t + jnp.maximum(by, least), t)
         t = jnp.where(waits, jnp.where(met & ~begins, t, at), flies)
         on = on & ~found & ~begins & (t <= horizon)
@@ -104,7 +107,7 @@ def _marched(
 
 
 def _finest(motion: Movers, now: Lane) -> Callable[[Lane], Lane]:
-    """The rounding of a time after `now`."""
+    """Return a function for the rounding error of a time after `now`."""
     period = 1 / jnp.where(motion.rate > 0, motion.rate, 1)
     return lambda t: 2 * jnp.finfo(t.dtype).eps * (now + t + period)
 
@@ -120,11 +123,9 @@ def shaking_wall_time(
     horizon: Lane,
     wanted: Bool[Array, "..."],
 ) -> Lane:
-    """The time to the touch of walls that vibrate, up to `horizon`; rows of bodies, columns of
-    walls.
-
-    `gap` and `rate` are those to a wall that would go on at its mean velocity from where it is
-    `now`. Where it is not `wanted` there is none.
+    """Return the time to the touch of vibrating walls, up to `horizon`. Rows are bodies, columns
+    are walls. `gap` and `rate` refer to a wall that would continue at its mean velocity from its
+    position `now`. The time is infinite unless `wanted`.
     """
     bend = jnp.maximum(motion.strongest - acceleration, 0)
     envelope = motion.above(now)
@@ -156,11 +157,11 @@ def shaking_sphere_time(
     horizon: Lane,
     wanted: Bool[Array, "..."],
 ) -> Lane:
-    """The time to the touch of fixed spheres and shells that are accelerated, up to `horizon`; rows
-    of bodies, columns of those; vectors along the last axis.
+    """Return the time to the touch of accelerated fixed spheres and shells, up to `horizon`.
 
-    `apart` is from where they are `now`, `rate` as if they stood there. A negative `distance` is
-    that in a shell. Where it is not `wanted` there is none.
+    Rows are bodies, columns are these spheres and shells; vectors are along the last axis. `apart`
+    is measured from their positions `now`, and `rate` as if they stood there. A shell has a
+    negative `distance`. The time is infinite unless `wanted`.
     """
     pull = jnp.sqrt(jnp.sum(jnp.square(acceleration), axis=-1))
     strongest, reach = pull + motion.strongest, motion.above(now)
@@ -186,28 +187,26 @@ def shaking_sphere_time(
     across = jnp.sum(jnp.square(speed), axis=-1) - jnp.square(along)
     drawn = jnp.sum(apart * (acceleration - motion.acceleration(now)), axis=-1)
     curve, noise = sign * (drawn + across) / length, noise + jnp.zeros_like(distance)
-    # Of the gap of squares in a shell.
+    # For the gap of squares in a shell.
     times = jnp.where(sign > 0, 1, 2 * length)
     given = (times * curve, times * noise, times * rounding)
     return _marched(there, step, *given, _finest(motion, now), horizon, wanted)
 
 
 def _gap(apart: Lane, rate: Lane, distance: Lane, bend: Lane) -> _Gap:
-    """Of a sphere and one that it is outside of, or a shell, where relative accelerations are at
-    most `bend`.
-    """
+    """Return the gap to a sphere from outside or to a shell; accelerations are at most `bend`."""
     inside = distance < 0
     length = jnp.sqrt(jnp.sum(jnp.square(apart), axis=-1))
     along = jnp.sum(apart * rate, axis=-1)
     gap = side(distance) * length - distance
-    # While the speed in a shell has not grown by more than itself and √(ρ b).
+    # The bound holds until the speed in a shell has grown by itself plus √(ρ b).
     fast = jnp.sqrt(jnp.sum(jnp.square(rate), axis=-1))
     reach = jnp.where(inside, -distance, 0)
     bends = bend > 0
     grown = fast + jnp.where(bends, fast + jnp.sqrt(reach * bend), 0)
     lasts = jnp.where(inside & bends, (grown - fast) / jnp.where(bends, bend, 1), jnp.inf)
     within = 2 * (jnp.square(grown) + reach * bend)
-    # However it moves in there, it comes no farther than by its speed.
+    # In any direction, the body moves no farther than its speed allows.
     room = jnp.maximum(gap, 0)
     total = fast + jnp.sqrt(jnp.square(fast) + 2 * bend * room)
     least = jnp.where(inside & (total > 0), 2 * room / jnp.where(total > 0, total, 1), 0)

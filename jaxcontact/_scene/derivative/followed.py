@@ -1,5 +1,6 @@
-"""A run with its derivative: it goes as from Python, then each row of its log becomes a matrix, and
-their chain carries tangents along; where numbers are not concrete it is one program, replayed.
+"""A run with its derivative. With concrete numbers it runs from Python. Each row of its log then
+becomes a matrix, and their product carries tangents along. With traced numbers it is one program,
+which is replayed.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from .replay import chained, pushed
 from .slopes import Kept, Matrices, matrices
 
 Given = tuple[Layout, Numbers, Array, Array, Array]
-"""The scene, whether it is valid, the end, and the tolerance."""
+"""The scene, its numbers, their validity, the end time, and the tolerance."""
 
 
 def followed(
@@ -31,10 +32,9 @@ def followed(
     from_python: Callable[[Given], tuple[Rules, Known]],
     at_once: Callable[[Given], Known],
 ) -> tuple[Rules, Numbers, Known]:
-    """The course of a scene, the rules that it ended with, and its numbers.
-
-    These are those given; as an outcome beside the log they are read with it, so that what comes
-    back to both is added within the program that takes it back through the rows.
+    """Return the final rules of a run, the numbers of its scene, and its outcome. The numbers are
+    those given. They are returned with the log, so that cotangents of both are added within the
+    program that transposes the rows.
     """
     beneath = traced(given)
 
@@ -53,7 +53,7 @@ def followed(
         layout, numbers, _, _, tolerance = given
         _, course = found.value
         if traced(course.written):
-            # A `vmap` over tangents alone, between two derivatives, makes tracers of all.
+            # A `vmap` over tangents alone, between two derivatives, turns everything into tracers.
             return lambda along: along_with(given, found, along)
         hits, calls, slot = _kinds(course)
         parts = (layout, rules, numbers, course.log, hits, calls, slot, tolerance)
@@ -90,7 +90,7 @@ _pushed = eqx.filter_jit(pushed)
 
 
 def _shortened(course: Known) -> Known:
-    """The course with fewer blank rows, where it has few others: a derivative goes through all."""
+    """Return the outcome of a short run with fewer blank rows; a derivative visits all rows."""
     if int(course.written) > _FEW_ROWS:
         return course
     log = jax.tree.map(lambda x: np.asarray(x)[:_FEW_ROWS], course.log)
@@ -98,11 +98,11 @@ def _shortened(course: Known) -> Known:
 
 
 _FEW_ROWS = 32
-"""Rows with which short runs share the programs of their derivatives."""
+"""The number of rows with which short runs share the programs of their derivatives."""
 
 
 def _kinds(course: Known) -> tuple[Kept | None, Kept | None, Int[Array, " K"]]:
-    """The rows of each kind, and where each row is among its own."""
+    """Return the rows of each kind, and the place of each row among its kind."""
     facts = course.log.facts
     rows, written = facts.tied.shape[0], int(course.written)
     is_call = np.zeros(rows, bool) if facts.call is None else np.asarray(facts.call.is_call)
@@ -136,6 +136,6 @@ def _chain(static: Any, known: Any, along: Numbers) -> tuple[Numbers, Figures]:
 
 
 def _whole(along: Numbers, numbers: Numbers) -> Numbers:
-    """Tangents with zeros in place of None."""
+    """Return tangents with zeros in place of None."""
     floats = eqx.filter(numbers, eqx.is_inexact_array)
     return eqx.combine(along, jax.tree.map(jnp.zeros_like, floats))

@@ -1,9 +1,9 @@
-"""The derivative of a run: its impacts once more, one after the other, for tangents only.
+"""The derivative of a run: its impacts replayed in order, for tangents only.
 
-The search is never differentiated. Around what it wrote down stands a rule that is linear in the
-tangents: row by row, those of the two bodies before the impact and those of the numbers of the
-scene give those after it. Being linear it transposes, so that one search serves both modes; being
-taken at the states written down it does not drift away from them, however chaotic the scene is.
+The search is never differentiated. A rule that is linear in the tangents acts on its log. Row by
+row it maps the tangents before an impact, and those of the scene's numbers, to the tangents after
+it. Since it is linear it transposes, so that one search serves both modes. It uses the recorded
+states and therefore does not drift from them, even in a chaotic scene.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ def differentiable(
     written: Int[Array, ""],
     tolerance: Float[Array, ""],
 ) -> Log:
-    """The log, whose figures have the derivatives by `numbers`."""
+    """Return the log with the derivatives of its figures with respect to `numbers`."""
     leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
-    # What is traced, and no number, is an argument of the rule.
+    # Traced arrays that are not floats are arguments of the rule.
     others, rest = eqx.partition(rest, eqx.is_array)
 
     @jax.custom_jvp
@@ -64,8 +64,9 @@ class _Row(NamedTuple):
 
 
 class _Ways(NamedTuple):
-    """How tangents go through a row: of the bodies before an impact to those of its outcome, of
-    what enters a call to what it does; None for what there is none of.
+    """The maps of tangents through a row; None if there are no such rows. `hit` maps the tangents
+    of the bodies before an impact to those of its outcome. `call` maps those of a call's input to
+    its output.
     """
 
     hit: Callable[[_Row, Flying], Outcome] | None
@@ -81,7 +82,7 @@ def pushed(
     tolerance: Float[Array, ""],
     along: Numbers,
 ) -> Figures:
-    """Tangents of the figures, each row solved once more for its own."""
+    """Return the tangents of the figures; each row is solved again for its own."""
     leaves, rest = eqx.partition(numbers, eqx.is_inexact_array)
 
     def hit(row: _Row, before: Flying) -> Outcome:
@@ -114,7 +115,7 @@ def chained(
     matrices: Matrices,
     along: Numbers,
 ) -> Figures:
-    """Tangents of the figures by the matrices of the rows."""
+    """Return the tangents of the figures by the matrices of the rows."""
     hits, calls = matrices.hits, matrices.calls
 
     def hit(row: _Row, before: Flying) -> Outcome:
@@ -179,7 +180,7 @@ def _chained(
         assert called is not None and at is not None
         seats = called.decided.seats
         who, index = jnp.minimum(seats.who, layout.spheres - 1), index_of(layout, seats)
-        # At the places of this call, in which it began; they may be those of other bodies before.
+        # In the slots of this call; before it they may have held other bodies.
         before = rearranged(carry.coupled, called.decided.change, members)
         spheres, held = jax.tree.map(lambda x: x[who], (carry.spheres, carry.held))
         began, end, work, place = ways.call(row, Entering(spheres, held, before))
@@ -219,7 +220,7 @@ def _chained(
 
 
 def _begun(layout: Layout, numbers: Numbers, log: Log, along: Numbers) -> _Carry:
-    """The tangents at the start of a run."""
+    """Return the tangents at the start of a run."""
     held = jnp.zeros(layout.spheres, along.position.dtype)
     start = Flying(along.position, along.velocity, held)
     coupled = None

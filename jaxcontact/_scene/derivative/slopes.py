@@ -1,7 +1,6 @@
-"""The rows of a log as functions of what they vary with: an isolated impact, a coupled call.
-
-Each depends on the numbers of the scene and on the bodies that it takes in, alone: its matrix is as
-large as these, however large the scene.
+"""The rows of a log as differentiable functions: isolated impacts and coupled calls. Each depends
+only on the numbers of the scene and on its own bodies. Its matrix is therefore small, however large
+the scene.
 """
 
 from __future__ import annotations
@@ -30,9 +29,7 @@ from ..pair_impact.soft import soft
 
 
 class Done(NamedTuple):
-    """A call: the states that it began from and ended with, the work of moving walls, and the
-    places of its spheres.
-    """
+    """The output of a call: first and last state, the work of moving walls, and positions."""
 
     began: ClusterState
     end: ClusterState
@@ -41,7 +38,7 @@ class Done(NamedTuple):
 
 
 class Entering(NamedTuple):
-    """The spheres of a call, the v0 held by those that rest, and the state before it."""
+    """The input of a call: its spheres, the v0 held by those at rest, and the previous state."""
 
     spheres: Flying
     held: Array
@@ -57,7 +54,9 @@ def struck(
     tolerance: Float[Array, ""],
     by_formula: bool = False,
 ) -> tuple[Callable[[Numbers, Flying], Outcome], Flying]:
-    """The impact of a row, and the bodies before it, which are some that meet where none is."""
+    """Return the impact of a row as a function, and the bodies before it. Rows without an impact
+    use two approaching bodies.
+    """
     place = two_that_meet(layout, facts.choice.time)
     before = jax.tree.map(lambda a, b: jnp.where(counts, a, b), known.before, place)
 
@@ -77,11 +76,11 @@ def called(
     counts: Bool[Array, ""],
     tolerance: Float[Array, ""],
 ) -> tuple[Callable[[Numbers, Entering], Done], Entering]:
-    """The call of a row, and what enters it."""
+    """Return the call of a row as a function, and its input."""
     row, at, members = facts.call, known.coupled, rules.members
     assert row is not None and at is not None
-    # Rest, and the last of all steps, come at a time that rounding decides, so that this solve
-    # would stop at another one: it goes to the time that is known.
+    # The time of rest, and that of the last step, depend on rounding. This solve would stop at
+    # another time, so it runs to the known one.
     stops = row.rest | row.paused
     decided = row.decided._replace(
         choice=facts.choice,
@@ -104,14 +103,14 @@ def called(
 
 
 def two_of(layout: Layout, facts: Facts) -> Int[Array, "2"]:
-    """The spheres of an impact, N for a wall."""
+    """Return the spheres of an impact, N for a wall."""
     second = facts.choice.second
     return jnp.stack([facts.choice.first, jnp.minimum(second, layout.spheres)])
 
 
 class Own(NamedTuple):
-    """The numbers of a scene that a row varies with: those of its spheres, and those that are
-    nobody's: walls, gravity, laws. The places of fixed spheres that are shaken are everyone's.
+    """The numbers of a scene on which a row depends. These are the numbers of its spheres, and
+    shared ones: walls, gravity, laws. The positions of shaken fixed spheres are also shared.
     """
 
     radius: Float[Array, " M"]
@@ -123,7 +122,7 @@ class Own(NamedTuple):
 
 
 def own(layout: Layout, numbers: Numbers, who: Int[Array, " M"]) -> Own:
-    """Those of some spheres; zeros in places where nobody is."""
+    """Return the numbers of some spheres; zeros for empty slots."""
 
     def at(all: Array) -> Array:
         return all.at[who].get(mode="fill", fill_value=0)
@@ -147,7 +146,7 @@ def own(layout: Layout, numbers: Numbers, who: Int[Array, " M"]) -> Own:
 
 
 def with_own(layout: Layout, numbers: Numbers, who: Int[Array, " M"], own: Own) -> Numbers:
-    """The numbers of a scene with those of a row."""
+    """Return the numbers of a scene with those of a row inserted."""
 
     def put(all: Array, new: Array) -> Array:
         return all.at[who].set(new, mode="drop", unique_indices=True)
@@ -170,8 +169,8 @@ def with_own(layout: Layout, numbers: Numbers, who: Int[Array, " M"], own: Own) 
 
 
 class Matrices(NamedTuple):
-    """The derivatives of rows as matrices, those of impacts and those of calls; None where there
-    are none. `slot`: where in its kind the matrix of a row is.
+    """The derivatives of rows as matrices, for impacts and for calls; None if there are none.
+    `slot` is the index of a row's matrix within its kind.
     """
 
     hits: Float[Array, "H outcomes inputs"] | None
@@ -180,12 +179,12 @@ class Matrices(NamedTuple):
 
 
 def flat(tree: Any) -> Float[Array, " size"]:
-    """The floats of a tree as one vector, without the flags of states."""
+    """Return the floats of a tree as one vector, without the flags of states."""
     return ravel_pytree(_without_flags(tree))[0]
 
 
 def unflat(vector: Float[Array, " size"], like: Any) -> Any:
-    """The inverse of `flat`, with zeros for flags."""
+    """Return the inverse of `flat`, with zeros for flags."""
     moved = ravel_pytree(_without_flags(like))[1](vector)
     return jax.tree.map(
         lambda x, y: jnp.zeros_like(y) if x is None else x,
@@ -201,7 +200,7 @@ def _without_flags(tree: Any) -> Any:
 
 
 class Kept(NamedTuple):
-    """Rows of one kind, padded: their numbers in the log, and which of them count."""
+    """Rows of one kind, padded: their numbers in the log, and a mask of the valid ones."""
 
     row: Int[Array, " R"]
     counts: Bool[Array, " R"]
@@ -218,7 +217,7 @@ def matrices(
     tolerance: Float[Array, ""],
     by_formula: bool,
 ) -> Matrices:
-    """Those of all rows, each by what it varies with."""
+    """Return the matrices of all rows, each with respect to its own inputs."""
 
     def of(known: Figures, facts: Facts, counts: Array, is_call: bool) -> Array:
         given: Any
@@ -255,5 +254,5 @@ def matrices(
 
 
 def seated(layout: Layout, seats: Seats) -> Int[Array, " M"]:
-    """Who sits in a call, a number from N on where nobody does."""
+    """Return the sphere in each slot of a call, or a number from N on for empty slots."""
     return index_of(layout, seats)

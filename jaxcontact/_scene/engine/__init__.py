@@ -1,1 +1,1 @@
-"""The search of a run: which event is next, isolated impacts and coupled solves, and the log."""
+"""The event loop of a run: the next event, isolated impacts, coupled solves, and the log."""

@@ -1,4 +1,4 @@
-"""The coupled solve within a run: its begin, one call of it, and what others may do meanwhile."""
+"""The coupled solve within a run: its start, its calls, and the other spheres meanwhile."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def begins(
     choice: Choice,
     closing: Float[Array, ""],
 ) -> Coupling:
-    """After a touch that is not isolated and `starts` a solve, or joins the one in progress."""
+    """Return the coupling after a touch that is not isolated, if it `starts` or joins a solve."""
     pace = pace_of(layout, numbers, choice, closing)
     pace = jnp.where(before.active, jnp.minimum(before.pace, pace), pace)
     after = before._replace(
@@ -49,8 +49,8 @@ def begins(
 
 
 def calls_first(state: State) -> Bool[Array, ""]:
-    """Whether the next call of the solve in progress comes before all events of others; a touch
-    that is known is part of it.
+    """Return whether the next call of the active solve precedes all events of other spheres. A
+    known touch is part of that call.
     """
     coupling = state.coupling
     assert coupling is not None
@@ -67,7 +67,7 @@ def called(
     tolerance: Float[Array, ""],
     needed: Bool[Array, ""],
 ) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
-    """One call of the coupled solve, until a pair touches or opens or others must be asked."""
+    """Make one call of the coupled solve, until a pair touches or opens or other events are due."""
     count, members, coupling = layout.spheres, rules.members, state.coupling
     assert coupling is not None
     now = jnp.where(coupling.starts, coupling.choice.time, coupling.state.time)
@@ -81,7 +81,7 @@ def called(
     closed = touching(layout, numbers, members, seats, there, support, now)
     closed = closed | (coupling.touches & meets(layout, members, seats, coupling.choice))
 
-    # Who leaves is searched anew, before anything else.
+    # A sphere that leaves is searched before anything else.
     going_on = coupling._replace(seats=seats)
     inside = seated(layout, going_on)
     leaves = seated(layout, coupling) & ~inside & ~coupling.starts
@@ -119,7 +119,7 @@ def called(
     stop = jnp.where(company.crowded, CROWDED, stop)
     stop = jnp.where(failed, NOT_CONVERGED, stop)
     position = after.position[:members] + seats.shift * numbers.period[None]
-    # What the contacts may hold: the motion that is missing, and what was brought in.
+    # A bound on the energy stored in contacts: the missing kinetic energy plus the work received.
     mass = masses(layout, numbers, seats)
     motion = [jnp.sum(jnp.square(x.velocity[:members]), axis=-1) for x in (began, after)]
     missing = jnp.sum(mass * (motion[0] - motion[1])) / 2 + jnp.maximum(done.work, 0)
@@ -137,7 +137,7 @@ def called(
         status=stop,
         coupling=Coupling(~ends, no, no, coupling.choice, seats, coupling.pace, reserve, after),
     )
-    # While the solve goes on nothing else happens to those in it.
+    # During the solve nothing else happens to the spheres in it.
     ended = out_of_date(jnp.broadcast_to(after.time, (members,)))
     known = rows_of(events, who)
     found = jax.tree.map(lambda new, old: jnp.where(ends, new, old), ended, known)

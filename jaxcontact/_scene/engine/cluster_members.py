@@ -1,9 +1,9 @@
-"""Who has a place in a coupled solve of some of the spheres: those that it may reach soon.
+"""The members of a coupled solve of some of the spheres.
 
-Bodies in contact are at its core. Before it has reached others, none of them is faster than all
-their energy would make it; what they may reach soon belongs to them, with its energy, and so on,
-the nearest in time first. Everyone else flies on by formula, and the solve ends before it could
-meet a body in it.
+Bodies in contact form its core. The speed of each sphere is bounded by the total energy of the
+cluster. Spheres that the cluster could reach within `pace` join it, nearest in time first, and add
+their energy. All other spheres stay in closed-form flight, and the solve ends before it could meet
+one of them.
 """
 
 from __future__ import annotations
@@ -24,13 +24,14 @@ from .next_event import simultaneous
 from .state import Coupling, State
 
 _CALLS = 64
-"""Into how many calls the first third of an impact may be cut, where there is no place for all that
-it may reach in that time."""
+"""The number of calls into which the first third of an impact may be divided. It matters if there
+is no place for all spheres within reach in that time."""
 
 
 class Company(NamedTuple):
-    """The `seats` of a call, the time in s that it may last before others must be asked again, and
-    whether there are too few places, or an image of one of them is in reach.
+    """The `seats` of a call, and its limits. The call may last for `alone` s before other spheres
+    must be considered. `crowded`: whether there are too few places, or an image of a member is
+    within reach.
     """
 
     seats: Seats
@@ -41,7 +42,7 @@ class Company(NamedTuple):
 def pace_of(
     layout: Layout, numbers: Numbers, choice: Choice, closing: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """A third of the duration of an impact, about: X/v with X = (μ v²/K)^(1/(n+1)), in s."""
+    """Return about a third of an impact's duration: X/v with X = (μ v²/K)^(1/(n+1)), in s."""
     contact = known_contact_of(layout, numbers, choice.first, choice.second)
     n = contact.exponent
     speed = jnp.maximum(closing, least_speed(numbers))
@@ -51,7 +52,7 @@ def pace_of(
 def company_of(
     layout: Layout, numbers: Numbers, members: int, state: State, now: Float[Array, ""]
 ) -> Company:
-    """Who has a place in the next call of the coupled solve."""
+    """Return the members of the next call of the coupled solve."""
     coupling, count = state.coupling, layout.spheres
     assert coupling is not None
     ready = state.time <= now + simultaneous(numbers, now)
@@ -77,12 +78,12 @@ def company_of(
     if numbers.shaking is not None:
         gain = gain.at[np.array(layout.shaken)].set(numbers.shaking.strongest * coupling.pace)
     if layout.driven:
-        # As does a fixed sphere that moves.
+        # So does a fixed sphere that moves.
         fast = jnp.where(moves, 0, flying + gain)
         more = jnp.where(moves, more + 2 * jnp.max(fast), gain)
 
     def fastest(who: Array, filled: Array) -> Array:
-        """How fast those that have a place may become."""
+        """Return a bound on the speeds of the members."""
         sure = jnp.minimum(who, count - 1)
         seated = jnp.arange(members) < filled
         energy = jnp.sum(jnp.where(seated, kinetic[sure], 0)) + coupling.reserve
@@ -90,7 +91,7 @@ def company_of(
         return jnp.where(seated, fast, 0)
 
     def arrivals(who: Array, after: Array, filled: Array) -> Array:
-        """When the others may be reached, or reach a body that is not at the core."""
+        """Return the earliest times at which others may be reached, or reach a non-core body."""
         sure = jnp.minimum(who, count - 1)
         seated = jnp.arange(members) < filled
         fast = fastest(who, filled)
@@ -110,7 +111,7 @@ def company_of(
         closes = (side(distance) * jnp.sum(apart * rate, axis=-1) < 0) | (bend > 0)
         closes = closes & ~core[sure][:, None] & (meeting > 0)
         free = jnp.where(closes, gap / jnp.where(meeting > 0, meeting, 1), jnp.inf)
-        # What is fixed passes nothing on.
+        # A fixed body transmits nothing.
         reached = jnp.where(moves[sure][:, None] & (speed > 0), reached, jnp.inf)
         times = jnp.minimum(reached, free)
         times = jnp.where(seated[:, None], times, jnp.inf)
@@ -135,8 +136,8 @@ def company_of(
     crowded = (jnp.sum(core) > members) | (alone <= coupling.pace / _CALLS)
     seats, wide = _seated(layout, numbers, there, coupling, who, filled)
     if any(layout.periodic):
-        # Of a pair the image that is nearest may touch, at half a period or less; no other one
-        # comes as near before two of them have gone what is left of the half.
+        # Only the nearest image of a pair, at half a period or less, may touch. No other image
+        # comes as near before two bodies have covered the rest of that half.
         half = jnp.min(jnp.where(jnp.asarray(layout.periodic), numbers.period, jnp.inf)) / 2
         radius = numbers.radius[jnp.minimum(seats.who, count - 1)]
         room = half - 2 * jnp.max(jnp.where(seats.present, jnp.abs(radius), 0))
@@ -146,7 +147,7 @@ def company_of(
 
 
 def _core(layout: Layout, coupling: Coupling) -> Bool[Array, " N"]:
-    """The spheres that are in contact."""
+    """Return which spheres are in contact."""
     count, members = layout.spheres, coupling.seats.who.shape[0]
     one, other = bodies_of(layout, members, coupling.seats.who)
     closed = coupling.state.closed & ~coupling.starts
@@ -167,9 +168,8 @@ def _seated(
     who: Int[Array, " M"],
     filled: Int[Array, ""],
 ) -> tuple[Seats, Bool[Array, ""]]:
-    """The places of those chosen, next to each other in their images; in a line by their order.
-
-    Whether those in a line span more than half a period: the last might meet the first.
+    """Return the places of the members, in neighbouring images; in a line by their order. The flag
+    is True if those in a line span more than half a period: the last might then meet the first.
     """
     count, members = layout.spheres, who.shape[0]
     present = jnp.arange(members) < filled
@@ -182,7 +182,7 @@ def _seated(
         same = (who[:, None] == old.who[None]) & old.present[None] & present[:, None]
         stays = jnp.any(same, axis=1) & ~coupling.starts
         before = old.shift[jnp.argmax(same, axis=1)]
-        # Next to one that stays, or to the first.
+        # Next to a member that stays, or to the first one.
         anchor = jnp.argmax(stays)
         base = position[anchor] - jnp.where(stays[anchor], before[anchor], 0) * numbers.period
         near = nearest_image(layout, numbers, position - base[None])[1]

@@ -1,7 +1,6 @@
-"""The places of a coupled solve: so many spheres, all walls, and the pairs of them that can meet.
-
-Where the solve has room for all spheres and no axis is periodic, everyone has a place of its own
-and comes and goes by flags. Else the bodies near a contact are gathered into the places.
+"""The slots of a coupled solve: a number of spheres, all walls, and the pairs that can meet. If the
+solve has room for all spheres and no axis is periodic, each sphere has its own slot and joins or
+leaves by a flag. Otherwise the bodies near a contact are gathered into the slots.
 """
 
 from __future__ import annotations
@@ -18,8 +17,8 @@ from ..cluster.equations import ClusterState, Pairs
 
 
 class Seats(NamedTuple):
-    """Who sits where: spheres `who` (M,), of which those are in the solve that are `present`; how
-    many periods each of them is away from the image that is solved, `shift` (M, D).
+    """The assignment of slots. `who` (M,) holds the spheres, of which those `present` are in the
+    solve. `shift` (M, D) is the number of periods between each sphere and its solved image.
     """
 
     who: Int[Array, " M"]
@@ -28,17 +27,17 @@ class Seats(NamedTuple):
 
 
 def in_line(layout: Layout) -> bool:
-    """Whether spheres keep their order, so that only neighbours meet."""
+    """Return whether spheres keep their order, so that only neighbours meet."""
     return layout.dimensions == 1 and layout.visible == layout.spheres and not layout.driven
 
 
 def everyone(layout: Layout, members: int) -> bool:
-    """Whether every sphere has a place of its own."""
+    """Return whether every sphere has a slot of its own."""
     return members == layout.spheres and not any(layout.periodic)
 
 
 def places(layout: Layout, members: int) -> tuple[np.ndarray, np.ndarray]:
-    """First and second place of every pair that can meet, (P,) each; walls come after spheres."""
+    """Return the first and second slot of every pair that can meet, (P,) each; walls come last."""
     own = everyone(layout, members) and not in_line(layout)
     fixed = layout.fixed if own else (False,) * members
     pairs = [
@@ -55,14 +54,14 @@ def places(layout: Layout, members: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def own_places(layout: Layout, numbers: Numbers) -> Int[Array, " N"]:
-    """Who sits where if everyone has a place: in a line, by the order in it."""
+    """Return the sphere of each slot if all spheres have one; in a line, by their order."""
     if in_line(layout):
         return jnp.argsort(numbers.position[:, 0])
     return jnp.arange(layout.spheres)
 
 
 def empty_seats(layout: Layout, numbers: Numbers, members: int) -> Seats:
-    """Nobody is present."""
+    """Return seats with no sphere present."""
     who = jnp.full(members, layout.spheres)
     if everyone(layout, members):
         who = own_places(layout, numbers)
@@ -70,22 +69,22 @@ def empty_seats(layout: Layout, numbers: Numbers, members: int) -> Seats:
 
 
 def index_of(layout: Layout, seats: Seats) -> Int[Array, " M"]:
-    """The sphere in each place, and some number from N on in those where nobody is present: where
-    to put what the places hold, each number once.
+    """Return the sphere in each slot, or a unique number from N on for empty slots. Each number
+    occurs once, so that it can index a write.
     """
     members = seats.who.shape[0]
     return jnp.where(seats.present, seats.who, layout.spheres + jnp.arange(members))
 
 
 def put(all: Array, index: Int[Array, " M"], new: Array) -> Array:
-    """What the places hold, at their spheres."""
+    """Write the contents of the slots to their spheres."""
     return with_rows(all, index, new)
 
 
 def bodies_of(
     layout: Layout, members: int, who: Int[Array, "*K M"]
 ) -> tuple[Int[Array, "*K P"], Int[Array, "*K P"]]:
-    """First and second body of every pair, numbered as those of the engine."""
+    """Return the first and second body of every pair, numbered as in the engine."""
     first, second = places(layout, members)
     walls = jnp.broadcast_to(
         layout.spheres + jnp.arange(layout.walls), (*who.shape[:-1], layout.walls)
@@ -99,7 +98,7 @@ def bodies_of(
 
 
 def pairs_of(layout: Layout, numbers: Numbers, members: int, seats: Seats) -> Pairs:
-    """The pairs; those of bodies that are elsewhere are not used."""
+    """Return the pairs; those with an absent body are not used."""
     first, second = places(layout, members)
     one, other = bodies_of(layout, members, seats.who)
     flat = second >= members
@@ -120,9 +119,9 @@ def pairs_of(layout: Layout, numbers: Numbers, members: int, seats: Seats) -> Pa
 
 
 class Change(NamedTuple):
-    """From one call to the next: which places hold a body that `joined` (M,), which pairs are
-    `fresh` (P,), and where a body and a pair that stay were before, `source` (M,) and
-    `pair_source` (P,); None where all stay where they were.
+    """The change of members between two calls. `joined` (M,) marks slots with a new body, and
+    `fresh` (P,) marks new pairs. `source` (M,) and `pair_source` (P,) are the previous slots of
+    bodies and pairs that stay; None if none moves.
     """
 
     joined: Bool[Array, " M"]
@@ -134,7 +133,7 @@ class Change(NamedTuple):
 def change_of(
     layout: Layout, members: int, old: Seats, new: Seats, starts: Bool[Array, ""]
 ) -> Change:
-    """What changes between two calls; at a start all bodies join."""
+    """Return the change between two calls; at a start all bodies join."""
     first, second = places(layout, members)
     if everyone(layout, members):
         joined = new.present & (starts | ~old.present)
@@ -154,7 +153,7 @@ def change_of(
 
 
 def joining(layout: Layout, members: int, joined: Bool[Array, " M"]) -> Change:
-    """Some join, and the others keep their places."""
+    """Return the change in which some bodies join and the others keep their slots."""
     first, second = places(layout, members)
     walls = jnp.concatenate([joined, jnp.zeros(layout.walls, bool)])
     fresh = walls[first] | walls[second]
@@ -164,17 +163,17 @@ def joining(layout: Layout, members: int, joined: Bool[Array, " M"]) -> Change:
 
 
 def unchanged(layout: Layout, members: int) -> Change:
-    """Nobody moves."""
+    """Return the change in which all bodies stay."""
     return joining(layout, members, jnp.zeros(members, bool))
 
 
 def in_place(change: Change) -> Change:
-    """The same for a state that is in the places of this call already."""
+    """Return the change for a state that is already in the slots of this call."""
     return change._replace(source=None, pair_source=None)
 
 
 def rearranged(state: ClusterState, change: Change, members: int) -> ClusterState:
-    """A state with its bodies and pairs in the places of the next call."""
+    """Return a state with its bodies and pairs in the slots of the next call."""
     if change.source is None:
         return state
     walls = jnp.arange(members, state.position.shape[0])

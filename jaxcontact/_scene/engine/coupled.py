@@ -1,7 +1,6 @@
-"""The spheres near a contact as one coupled solve: what is not an isolated impact.
-
-The places are those of `_slots`, spheres, then walls; every pair that can meet has one, so that
-bodies join and leave. A call goes on until a pair touches or opens, or another time is up.
+"""The coupled solve of the spheres near a contact, for everything but isolated impacts. Its slots
+are those of `cluster_slots`: spheres, then walls. Every pair that can meet has a slot, so that
+bodies can join and leave. A call ends when a pair touches or opens, or at a given time.
 """
 
 from __future__ import annotations
@@ -26,14 +25,16 @@ from ..pair_impact.instantaneous import Choice, meeting_of, two_that_meet
 from .cluster_slots import Change, Seats, bodies_of, in_line, pairs_of, places, put, rearranged
 
 MOST = 8
-"""Spheres that a coupled solve has room for, if not said otherwise."""
+"""The default capacity of a coupled solve in spheres."""
 
 
 class Call(NamedTuple):
-    """The decisions about one call: `starts` a solve at the touch of `choice`, or goes on; who is
-    in it and who has come; `closed` (P,): the pairs of those that come which are in contact at
-    once. It ends at the time `until` in s, if nothing happens before; `to_the_end`: rest is
-    nothing. In a log the choice is that of the row.
+    """The discrete choices about one call.
+
+    It `starts` a solve at the touch of `choice`, or continues one. `seats` holds its members, and
+    `change` the new ones. `closed` (P,) marks the new pairs that are in contact at once. The call
+    ends at the time `until` in s, if no event happens before. `to_the_end`: whether it continues at
+    rest. In a log the choice is that of the row.
     """
 
     starts: Bool[Array, ""]
@@ -45,7 +46,7 @@ class Call(NamedTuple):
     to_the_end: Bool[Array, ""]
 
     def where(self, needed: Bool[Array, ""]) -> Call:
-        """The call, without a step where it is not `needed`: in a batch another lane needs one."""
+        """Return the call, without members unless `needed`; other lanes of a batch may need one."""
         seats = self.seats._replace(present=self.seats.present & needed)
         return self._replace(seats=seats)
 
@@ -53,7 +54,7 @@ class Call(NamedTuple):
 def placed(
     layout: Layout, numbers: Numbers, seats: Seats, spheres: Flying, time: Array
 ) -> tuple[Array, Array]:
-    """Positions and velocities in all places; a wall stands at the foot of its normal."""
+    """Return positions and velocities of all slots; a wall is at the foot of its normal."""
     walls = numbers.walls_at(time)
     image = spheres.position - seats.shift * numbers.period[None]
     position = jnp.concatenate([image, walls.offset[:, None] * numbers.normal])
@@ -62,14 +63,14 @@ def placed(
 
 
 def meets(layout: Layout, members: int, seats: Seats, choice: Choice) -> Bool[Array, " P"]:
-    """The pair of an impact."""
+    """Return the pair of an impact."""
     one, other = bodies_of(layout, members, seats.who)
     straight = (choice.first == one) & (choice.second == other)
     return straight | ((choice.first == other) & (choice.second == one))
 
 
 def _resting(layout: Layout, members: int, support: Int[Array, " M"]) -> Bool[Array, " P"]:
-    """The pairs of a sphere and the wall that it rests on."""
+    """Return the pairs of a sphere and the wall on which it rests."""
     first, second = places(layout, members)
     on_it = (support[first] == second - members) & (support[first] >= 0)
     return on_it & jnp.asarray(second >= members)
@@ -84,7 +85,7 @@ def touching(
     support: Int[Array, " M"],
     time: Float[Array, ""],
 ) -> Bool[Array, " P"]:
-    """The pairs that touch by rounding and do not part, and the bodies that rest on a wall."""
+    """Return the pairs that touch within rounding and do not separate, or are at rest on a wall."""
     first, second = places(layout, members)
     pairs = pairs_of(layout, numbers, members, seats)
     position, velocity = placed(layout, numbers, seats, there, time)
@@ -102,7 +103,7 @@ def touching(
 
 
 def _imaged(layout: Layout, numbers: Numbers, pairs: Pairs, position: Array) -> Pairs:
-    """The pairs, each of two bodies in their images that are nearest to each other."""
+    """Return the pairs with the nearest images of their bodies."""
     if not any(layout.periodic):
         return pairs
     shift = nearest_image(layout, numbers, pairs.between(position))[1]
@@ -110,7 +111,7 @@ def _imaged(layout: Layout, numbers: Numbers, pairs: Pairs, position: Array) -> 
 
 
 def _gap(pairs: Pairs, apart: Array, rate: Array) -> tuple[Array, Array]:
-    """The gaps of pairs, and the rates at which they open."""
+    """Return the gaps of pairs, and the rates at which they open."""
     flat = pairs.flat
     between = jnp.where(flat[:, None] | ~pairs.used[:, None], 1, apart)
     length = side(pairs.distance) * jnp.sqrt(jnp.sum(jnp.square(between), axis=-1))
@@ -134,18 +135,18 @@ def call(
     max_steps: int = MOST_STEPS,
     derived: bool = True,
 ) -> tuple[ClusterState, ClusterEnd]:
-    """One call of the coupled solve: the state that it starts from, and how it ends.
+    """Make one call of the coupled solve; return its initial state and its end.
 
-    `spheres`, `support` and the v0 `held` by those that rest are of the bodies in the places. The
-    time of the touch that starts it is known; where its derivative is asked for it is `derived`
-    from the two bodies.
+    `spheres`, `support` and `held`, the v0 of spheres at rest, belong to the bodies in the slots.
+    The time of the touch that starts it is known. If its derivative is needed, it is `derived` from
+    the two bodies.
     """
     seats, change = decided.seats, decided.change
     who = jnp.minimum(seats.who, layout.spheres - 1)
     pairs = pairs_of(layout, numbers, members, seats)
     first, second = places(layout, members)
 
-    # The time: of the touch that starts it, or where the last call ended.
+    # The time of the touch that starts it, or of the end of the last call.
     assert decided.choice is not None
     touch = decided.choice.time
     if derived:
@@ -153,7 +154,7 @@ def call(
     time = jnp.where(decided.starts, touch, before.time)
     before = rearranged(before, change, members)
 
-    # Those that come, by their formulas; their pairs are fresh.
+    # New bodies come from their flight formulas; their pairs are fresh.
     there = at_once(layout, numbers, who, spheres, support, time)[0]
     joined = jnp.concatenate([change.joined, jnp.zeros(layout.walls, bool)])
     came = (joined | decided.starts)[:, None]
@@ -167,8 +168,8 @@ def call(
     none = jnp.zeros(members, numbers.dtype)
     height = jnp.sum(there.position[first] * pairs.normal, axis=-1)
     sunk = pairs.distance - height + jnp.concatenate([none, numbers.walls_at(time).offset])[second]
-    # What touches beside the pair whose touch says when this begins, or later than a solve began,
-    # does so at a time that is not its own: the depth, which is rounding, has the derivative.
+    # The start time belongs to one pair. Other pairs that touch then, or join later, do not touch
+    # at a time of their own. Their depth, which is rounding, carries the derivative.
     apart = pairs.between(position)
     depth = -_gap(pairs, apart, jnp.zeros_like(apart))[0]
     depth = depth - jax.lax.stop_gradient(depth)
@@ -190,7 +191,7 @@ def call(
         }
     )
     if pairs.away is not None:
-        # Which image is meant of what is apart may be another one than in the last call.
+        # The nearest image of an open pair may differ from that in the last call.
         depth = jnp.where(begin.closed, begin.indentation, start.indentation)
         begin = begin._replace(indentation=depth)
 
@@ -200,7 +201,7 @@ def call(
     pull = jnp.where(seats.present[:, None], pull, 0)
     pull = jnp.concatenate([pull, jnp.zeros((layout.walls, layout.dimensions), numbers.dtype)])
     one, other = bodies_of(layout, members, seats.who)
-    # A pair that is none is given the numbers of one.
+    # Unused slots get the numbers of a used pair.
     some = jnp.argmax(pairs.used)
     one, other = (jnp.where(pairs.used, body, rows_of(body, some)) for body in (one, other))
     contact = jax.vmap(lambda i, j: known_contact_of(layout, numbers, i, j))(one, other)
@@ -210,17 +211,17 @@ def call(
         rtol=rtol, v0=v0, until_change=True, drive=_drive(layout, numbers, seats, begin.time),
         in_line=in_line(layout), to_the_end=decided.to_the_end, max_steps=max_steps,
     )  # fmt: skip
-    # Without rounding, so that no other call is needed.
+    # The exact time, without rounding, so that no further call is needed.
     over = jnp.where(end.status == TIME_IS_UP, decided.until, end.state.time)
     return begin, end._replace(state=end.state._replace(time=over))
 
 
 def _touch(layout: Layout, numbers: Numbers, spheres: Flying, decided: Call) -> Float[Array, ""]:
-    """The time of the touch that starts a solve."""
+    """Return the time of the touch that starts a solve."""
     seats, choice = decided.seats, decided.choice
     assert choice is not None
     one = jnp.argmax(seats.who == choice.first)
-    # A wall has no place: the first body stands in for it, as another one may be ahead in time.
+    # A wall has no slot. The first body replaces it, as another body may be ahead in time.
     other = jnp.argmax(seats.who == choice.second)
     two = jnp.stack([one, jnp.where(choice.second < layout.spheres, other, one)])
     nobody = two_that_meet(layout, choice.time)
@@ -230,7 +231,7 @@ def _touch(layout: Layout, numbers: Numbers, spheres: Flying, decided: Call) -> 
 
 
 def _drive(layout: Layout, numbers: Numbers, seats: Seats, time: Array) -> Drive | None:
-    """How the slots are driven from a time on; None where no wall moves and no sphere is shaken."""
+    """Return the drive of the slots from a time on; None without moving walls or shaken spheres."""
     walls, spheres = numbers.motion, numbers.shaking
     if walls is None and spheres is None:
         return None
@@ -247,7 +248,7 @@ def _drive(layout: Layout, numbers: Numbers, seats: Seats, time: Array) -> Drive
         phase = phase.at[members:].set(walls.rate * time + walls.phase)
         own += [(one, members + w) for w, one in enumerate(walls.own) if one is not None]
     if spheres is not None:
-        # Where each of them sits, beyond all slots if it is not there.
+        # The slot of each shaken sphere, beyond all slots if it is absent.
         named = jnp.asarray(layout.shaken)
         sits = (seats.who[None] == named[:, None]) & seats.present[None]
         nowhere = slots + jnp.arange(len(layout.shaken))
@@ -269,7 +270,7 @@ def _drive(layout: Layout, numbers: Numbers, seats: Seats, time: Array) -> Drive
 
 
 def masses(layout: Layout, numbers: Numbers, seats: Seats) -> Float[Array, " M"]:
-    """Of the spheres that are present; 0 of fixed ones."""
+    """Return the masses of the spheres present; 0 for fixed ones."""
     inverse = rows_of(numbers.inverse_mass, jnp.minimum(seats.who, layout.spheres - 1))
     free = seats.present & (inverse > 0)
     return jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)
@@ -278,8 +279,8 @@ def masses(layout: Layout, numbers: Numbers, seats: Seats) -> Float[Array, " M"]
 def work_of_walls(
     layout: Layout, numbers: Numbers, seats: Seats, began: ClusterState, end: ClusterEnd
 ) -> Float[Array, ""]:
-    """What moving walls and fixed spheres that move did in one call: all work but that of gravity,
-    in J.
+    """Return the work of moving walls and fixed spheres in one call, in J. It is all work except
+    that of gravity.
     """
     if numbers.motion is None and not layout.driven:
         return jnp.zeros((), numbers.dtype)
@@ -291,18 +292,18 @@ def work_of_walls(
 
 
 def as_numbers(state: ClusterState) -> ClusterState:
-    """The state with its flags as 0 and 1, for a log whose figures have derivatives."""
+    """Return the state with its flags as 0 and 1, for a log whose figures have derivatives."""
     dtype = state.position.dtype
     return state._replace(closed=state.closed.astype(dtype), rising=state.rising.astype(dtype))
 
 
 def as_flags(state: ClusterState) -> ClusterState:
-    """The inverse of `as_numbers`."""
+    """Return the inverse of `as_numbers`."""
     return state._replace(closed=state.closed > 0.5, rising=state.rising > 0.5)
 
 
 def blank_state(layout: Layout, members: int, dtype: Any) -> ClusterState:
-    """A state of zeros, with all pairs open."""
+    """Return a state of zeros, with all pairs open."""
     slots, pairs = members + layout.walls, places(layout, members)[0].shape[0]
     vector, each = jnp.zeros((slots, layout.dimensions), dtype), jnp.zeros(pairs, dtype)
     flags = jnp.zeros(pairs, bool)
@@ -314,7 +315,7 @@ def blank_state(layout: Layout, members: int, dtype: Any) -> ClusterState:
 def stored_energy(
     layout: Layout, numbers: Numbers, members: int, seats: Seats, state: ClusterState
 ) -> Float[Array, ""]:
-    """The elastic energy of all contacts, Σ ∫ F(δ, 0) dδ."""
+    """Return the elastic energy of all contacts, Σ ∫ F(δ, 0) dδ."""
 
     def one(i: Array, j: Array, depth: Array, closed: Array, speed: Array) -> Array:
         contact = known_contact_of(layout, numbers, i, j)

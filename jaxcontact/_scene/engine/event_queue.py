@@ -1,4 +1,4 @@
-"""Which event comes next: stored events that are none are searched anew until one is an impact."""
+"""The choice of the next event: stale events are searched again until one is an impact."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def expecting(
     grid: Grid | None,
     needed: Bool[Array, ""] | None = None,
 ) -> State:
-    """The state with all spheres put down in other cells, or in none, and all events out of date;
-    where that is not `needed` with the events there are.
+    """Return the state with new cells, or none, and all events out of date. Unless `needed`, the
+    events are kept.
     """
     cells = None
     if grid is not None:
@@ -37,14 +37,14 @@ def expecting(
 
 
 def out_of_date(time: Float[Array, " M"]) -> Events:
-    """Events that are none, to be searched anew at some times."""
+    """Return events marked out of date, to be searched at given times."""
     far, none = jnp.full_like(time, jnp.inf), jnp.full(time.shape, OUT_OF_DATE)
     return Events(time, none, jnp.zeros_like(none), far, far)
 
 
 class Due(NamedTuple):
-    """The event that comes next: the `least` of all times and its own, which differ by rounding;
-    whose, with whom, and whether it is an impact.
+    """The next event: its body, its partner, and whether it is an impact. `least` is the least of
+    all times; `time` is that of the event, which may differ by rounding.
     """
 
     least: Float[Array, ""]
@@ -55,10 +55,10 @@ class Due(NamedTuple):
 
 
 def next_event(layout: Layout, numbers: Numbers, events: Events, count: Int[Array, " N"]) -> Due:
-    """The least time; of several at once the largest closing speed."""
+    """Return the event of least time; of simultaneous ones that with the largest closing speed."""
     least = jnp.min(events.time)
     together = events.time <= least + simultaneous(numbers, least)
-    # Two plain reductions are twice as fast as one that carries an index along.
+    # Two plain reductions are twice as fast as one that carries an index.
     speed = jnp.where(together, events.speed, -jnp.inf)
     everyone = jnp.arange(layout.spheres)
     i = jnp.min(jnp.where(speed == jnp.max(speed), everyone, layout.spheres - 1))
@@ -76,11 +76,9 @@ def up_to_date(
     until: Float[Array, ""],
     end: Float[Array, ""],
 ) -> tuple[State, Due]:
-    """Search again the spheres whose events come first and are none, until one is an impact, or
-    none comes before a time `until`: the one place where events are searched.
-
-    Two spheres at a time, as the two bodies of an impact are both out of date; few spheres one by
-    one.
+    """Search stale spheres again until the next event is an impact or is later than `until`. Events
+    are searched only here. Two spheres are searched at a time, since both bodies of an impact are
+    out of date; in small scenes one at a time.
     """
 
     def unfinished(carry: tuple[Events, Cells | None, Due]) -> Array:
@@ -94,7 +92,7 @@ def up_to_date(
         events, cells, due = carry
         here = state._replace(events=events, cells=cells)
         i, now = due.first, jnp.maximum(due.time, state.now)
-        # It always is; but what is read in a branch is read before anything is written.
+        # Always true here; but reads in a branch precede all writes.
         wanted = due.least <= until
         if cells is not None:
 
@@ -121,15 +119,15 @@ def up_to_date(
 
 
 _FEW = 8
-"""Spheres of which one is searched at a time: in a batch of small scenes, where each row counts,
-all runs wait for the one that has most to search."""
+"""The number of spheres up to which one is searched at a time. In a batch of small scenes each row
+counts, and all runs wait for the one with most to search."""
 
 
 def _both(
     layout: Layout, events: Events, i: Int[Array, ""], now: Float[Array, ""]
 ) -> tuple[Int[Array, "2"], Int[Array, "2"]]:
-    """A sphere, and another one that is out of date at the same time; their rows, none of one that
-    is not there.
+    """Return a sphere and another one that is out of date at the same time, and their rows. If
+    there is no other one, its row does not exist.
     """
     everyone = jnp.arange(layout.spheres)
     marked = (events.partner == OUT_OF_DATE) & (events.time <= now) & (everyone != i)
@@ -139,7 +137,7 @@ def _both(
 
 
 def in_branch(wanted: Bool[Array, ""], of: Callable[[], Any]) -> Any:
-    """What a function returns where it is wanted, else zeros. It is traced once."""
+    """Return the result of a function if it is wanted, else zeros; it is traced once."""
     kinds: list[Any] = []
 
     def yes() -> Any:
@@ -148,7 +146,7 @@ def in_branch(wanted: Bool[Array, ""], of: Callable[[], Any]) -> Any:
         return out
 
     def no() -> Any:
-        # JAX traces this one after the other.
+        # JAX traces this branch after the other one.
         return jax.tree.map(lambda kind: jnp.zeros(*kind), kinds[0], is_leaf=_is_kind)
 
     return jax.lax.cond(wanted, yes, no)

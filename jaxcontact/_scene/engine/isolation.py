@@ -1,4 +1,4 @@
-"""Whether an impact is one of two bodies alone, so that the pair's own solution serves."""
+"""The test whether an impact involves only two bodies, so that the pair's solution applies."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..pair_impact.instantaneous import Choice, Outcome
 from .state import Rules, State
 
 REACH = 4.0
-"""How many times farther than it could a third body must be for an impact to be isolated."""
+"""The safety factor on the distance of a third body from an isolated impact."""
 
 
 def isolated(
@@ -26,11 +26,11 @@ def isolated(
     now: Float[Array, ""],
     tolerance: Float[Array, ""],
 ) -> Bool[Array, ""]:
-    """Whether two bodies meet without a third one, by forces that the pair's own solution knows.
+    """Return whether two bodies meet alone, under forces that the pair solution covers.
 
-    No body is faster than all the energy there is would make it; during the impact, none can come
-    as far as a quarter of its distance. What shakes changes its velocity meanwhile by less than a
-    tenth of `tolerance`; as little does the v0 of the damping depend on when it is taken.
+    Speeds are bounded by the total energy. During the impact no body may cover a quarter of its
+    distance. The velocity of a shaking body may change by at most a tenth of `tolerance`. So may
+    the v0 of the damping, between touch and peak.
     """
     count = layout.spheres
     inverse = numbers.inverse_mass[:count]
@@ -55,7 +55,7 @@ def isolated(
         # A wall gives a body at most twice its own velocity.
         fastest = fastest + jnp.where(moves, 2 * jnp.max(motion.fastest(now, last)), 0)
     if layout.driven:
-        # As does a fixed sphere that moves.
+        # So does a fixed sphere that moves.
         driven = jnp.where(moves, 0, jnp.sqrt(jnp.sum(jnp.square(velocity), axis=-1)))
         if numbers.shaking is not None:
             gain = numbers.shaking.strongest * last
@@ -68,15 +68,15 @@ def isolated(
         change = motion.strongest[jnp.clip(choice.second - count, 0)] * last
         alone = alone & ~(is_wall & (10 * change > tolerance * outcome.closing))
     if layout.spheres > layout.visible and rules.v0 == "peak" and _damped(numbers):
-        # What passes along the inside of a shell closes faster and faster at first. The pair's
-        # solution takes v0 at touch.
+        # The closing speed of a body along the inside of a shell rises at first. The pair solution
+        # uses v0 at touch.
         distance = numbers.radius[choice.first] + numbers.radius[second]
         rate = velocity[choice.first] - velocity[second]
         across = jnp.maximum(jnp.sum(jnp.square(rate)) - jnp.square(outcome.closing), 0)
         gain = across / jnp.abs(distance) * last
         steady = (distance > 0) | (10 * gain <= tolerance * outcome.closing)
         alone = alone & (is_wall | steady)
-    # What is fixed passes nothing on.
+    # A fixed body transmits nothing.
     for one, counts in ((choice.first, jnp.asarray(True)), (second, ~is_wall & moves[second])):
         apart = nearest_image(layout, numbers, position[one][None] - position)[0]
         distance = numbers.radius[one] + numbers.radius
@@ -99,7 +99,8 @@ def isolated(
         bend = pull[who[0]] - pull[who[1]]
         if layout.walls:
             face = numbers.normal[jnp.clip(choice.second - count, 0)]
-            # Along a wall gravity does not matter. Across it the pair's solution takes v0 at touch.
+            # Gravity along a wall has no effect. For gravity normal to it the pair solution uses v0
+            # at touch.
             weight = jnp.sum(face * pull[who[0]])
             bend = jnp.where(is_wall, face * (0 if rules.v0 == "touch" else weight), bend)
         alone = alone & jnp.all(bend == 0)

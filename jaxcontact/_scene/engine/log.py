@@ -1,4 +1,4 @@
-"""What a run writes down: one row an impact, with the bodies before and after it."""
+"""The log of a run: one row for each impact, with the bodies before and after it."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from .coupled import Call, as_numbers, blank_state
 
 
 class Together(NamedTuple):
-    """A call of the coupled solve: the spheres in it before, with the v0 `held` by those that rest;
-    the state that it `began` from, and that at its `end`, with flags as numbers; the `work` of
-    moving walls in J, and the `error` in m/s that was estimated.
+    """The numbers of a call of the coupled solve. `spheres` are its members before it, with the v0
+    `held` by those at rest. `began` and `end` are its first and last states, with flags as numbers.
+    `work` is that of moving walls in J, and `error` the estimated error in m/s.
     """
 
     spheres: Flying
@@ -31,9 +31,11 @@ class Together(NamedTuple):
 
 
 class Called(NamedTuple):
-    """The decisions about a call: whether the row is one, what its spheres rested on before it, and
-    what was `decided` beside the choice of the row; whether the bodies are apart after it, or at
-    `rest`, or whether it was only `paused`.
+    """The discrete choices of a call.
+
+    `is_call`: whether the row is a call. `support` holds the walls on which its spheres rested
+    before it. `decided` holds the choices beside that of the row. After the call, `ends`: the
+    bodies are apart or at rest; `rest`: they are at rest; `paused`: it stopped at its step limit.
     """
 
     is_call: Any
@@ -53,10 +55,9 @@ class Figures(NamedTuple):
 
 
 class Facts(NamedTuple):
-    """The decisions of the rows: what met, what each body rests on after it, how it was solved.
-
-    `tied`: whether another impact competed with this one at the same time; `rival`, the time until
-    the next event of either body would have been, or since its last one, in s.
+    """The discrete choices of the rows: the bodies, their supports afterwards, and the call.
+    `tied`: whether another impact competed with this one at the same time. `rival` in s is the time
+    to the next competing event of either body, or since its last event.
     """
 
     choice: Choice
@@ -67,15 +68,15 @@ class Facts(NamedTuple):
 
 
 class Log(NamedTuple):
-    """The rows of a run; those from `count` on are blank."""
+    """The rows of a run; unwritten ones are blank."""
 
     figures: Figures
     facts: Facts
 
 
 class Known(NamedTuple):
-    """What a search wrote down: its `log` with `written` rows; its `status` and its time, `now`, at
-    its end; whether there is `more` to come, and whether the run was `valid`.
+    """The outcome of an event loop: its `log` with `written` rows. `status` and `now` are those at
+    its end. `more`: whether events are left. `valid`: whether the scene was valid.
     """
 
     log: Log
@@ -87,9 +88,7 @@ class Known(NamedTuple):
 
 
 def blank_log(rows: int, layout: Layout, dtype: Any, members: int) -> Log:
-    """A log with room for so many rows, of calls of the coupled solve, too, unless that has room
-    for no `members`.
-    """
+    """Return a blank log with some rows, and with room for calls if there are `members`."""
     dimensions = layout.dimensions
     vector = jnp.zeros((rows, 2, dimensions), dtype)
     pair, one = jnp.zeros((rows, 2), dtype), jnp.zeros(rows, dtype)
@@ -108,14 +107,14 @@ def blank_log(rows: int, layout: Layout, dtype: Any, members: int) -> Log:
 
 
 def blank_choice(layout: Layout, dtype: Any) -> Choice:
-    """The choice of nobody."""
+    """Return a placeholder choice."""
     zero, no = jnp.asarray(0), jnp.asarray(False)
     image, time = jnp.zeros(layout.dimensions, dtype), jnp.zeros((), dtype)
     return Choice(zero, zero, jnp.full(2, -1), image, time, no)
 
 
 def blank_calls(layout: Layout, members: int, dtype: Any) -> tuple[Together, Called]:
-    """One row without a call."""
+    """Return one row without a call."""
     dimensions = layout.dimensions
     vector, each = jnp.zeros((members, dimensions), dtype), jnp.zeros(members, dtype)
     state, no = as_numbers(blank_state(layout, members, dtype)), jnp.asarray(False)
@@ -131,13 +130,13 @@ def blank_calls(layout: Layout, members: int, dtype: Any) -> tuple[Together, Cal
 def last_call(
     log: Log, written: Int[Array, ""], times: Float[Array, " T"]
 ) -> tuple[Int[Array, " T"], Bool[Array, " T"]]:
-    """The last call that began before each time, and whether there is one."""
+    """Return the last call that began before each time, and whether there is one."""
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
     number = jnp.arange(called.is_call.shape[0])
     is_call = called.is_call & (number < written)
     began = jnp.where(is_call, together.began.time, jnp.inf)
-    # What a run began in is there from the first moment, after impacts that were on before.
+    # A contact in which the run began is active from the first moment, after impacts begun earlier.
     at_once = is_call & (number == jnp.argmax(is_call)) & ~called.decided.starts
     earlier = (began[None] < times[:, None]) | (at_once & (began == 0))[None]
     # Of calls that began at the same time, the last one.

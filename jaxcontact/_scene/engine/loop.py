@@ -1,10 +1,11 @@
-"""The search: which impact comes next, one stored event a body, fixed shapes.
+"""The event loop: the next impact by one stored event a body, with fixed shapes.
 
-Each sphere stores the time and the partner of its next event, and how many impacts the partner had
-had when it was found. The least time is taken; if the partner has met something else since, the
-event is out of date and only searched again. Otherwise both bodies are moved to the impact, and
-their two rows are searched anew, among all bodies or those of cells around them. Of every pair the
-one that was searched last knows the impact, so that none is missed, and there is no table of pairs.
+Each sphere stores the time and the partner of its next event. It also stores the number of impacts
+that the partner had when the event was found. The least time comes first. If the partner has had
+another impact since, the event is out of date and only searched again. Otherwise both bodies are
+moved to the impact, and their two rows are searched anew, among all bodies or those of nearby
+cells. For every pair the body searched last stores the impact. No impact is missed, and no table of
+pairs is needed.
 """
 
 from __future__ import annotations
@@ -33,14 +34,12 @@ from .next_event import AGAIN, NOISE, seated, simultaneous
 from .state import ACCUMULATED, CROWDED, PATIENCE, RUNNING, TWO_SUPPORTS, Coupling, Rules, State
 
 SLOW = 2.0**14
-"""Roundings of the largest speed below which closing speeds of simultaneous impacts have died out:
-the impacts have accumulated."""
+"""The limit of closing speeds for accumulation, in rounding errors of the largest speed.
+Simultaneous impacts below it have accumulated."""
 
 
 def begun(layout: Layout, numbers: Numbers, rules: Rules, grid: Grid | None = None) -> State:
-    """The start: all spheres at time zero, all events out of date, and the contacts that the run
-    begins in.
-    """
+    """Return the start: all spheres at time zero, all events out of date, with initial contacts."""
     count, given = layout.spheres, numbers.start
     zero = jnp.zeros(count, numbers.dtype)
     whole = jnp.zeros(count, int)
@@ -64,8 +63,8 @@ def _amid(
     grid: Grid | None,
     underway: Underway,
 ) -> State:
-    """A start in the middle of isolated impacts: their touch, before time zero, is the next event
-    of the bodies that are in them.
+    """Return a start within isolated impacts. Their touch, before time zero, is the next event of
+    the bodies in them.
     """
     on, spheres = underway.counts, Flying(state.position, state.velocity, state.time)
     led = Flying(underway.position, underway.velocity, underway.time)
@@ -84,25 +83,25 @@ def _amid(
 def _expecting(
     layout: Layout, numbers: Numbers, rules: Rules, state: State, grid: Grid | None
 ) -> State:
-    """The start with the contacts that the run begins in, and its cells."""
+    """Return the start with its initial contacts and its cells."""
     start = jnp.zeros((), numbers.dtype)
     if not rules.members:
         return expecting(layout, numbers, state, start, grid)
     state = with_places(layout, numbers, rules.members, state)
     assert state.coupling is not None
     coupling = going_on(state.coupling, numbers.start)
-    # The search comes before the first call.
+    # The search precedes the first call.
     start = jnp.where(coupling.active, jnp.minimum(coupling.state.time, start), start)
     state = expecting(layout, numbers, state._replace(coupling=coupling), start, grid)
-    # While a solve goes on nothing else happens to those in it.
+    # During a solve nothing else happens to the spheres in it.
     inside = coupling.active & seated(layout, coupling)
     waits = state.events._replace(time=jnp.where(inside, jnp.inf, state.events.time))
     return state._replace(events=waits)
 
 
 def with_places(layout: Layout, numbers: Numbers, members: int, state: State) -> State:
-    """The state with so many places for a coupled solve, in which nobody is; a run that went on
-    without, and stopped where it needed one, goes on.
+    """Return the state with empty slots for a coupled solve. A run without slots that stopped
+    because it needed one can continue.
     """
     no, zero = jnp.asarray(False), jnp.zeros((), numbers.dtype)
     nobody, seats = blank_choice(layout, numbers.dtype), empty_seats(layout, numbers, members)
@@ -114,7 +113,7 @@ def with_places(layout: Layout, numbers: Numbers, members: int, state: State) ->
 
 
 def goes_on(state: State, end: Float[Array, ""]) -> Bool[Array, ""]:
-    """Whether anything is to come up to the `end`, once all events up to there are searched."""
+    """Return whether events are left up to `end`, once all events up to there are searched."""
     more = jnp.min(state.events.time) <= end
     return more if state.coupling is None else more | state.coupling.active
 
@@ -129,9 +128,8 @@ def advance(
     tolerance: Float[Array, ""],
     written: Int[Array, ""] | None = None,
 ) -> tuple[State, Log, Int[Array, ""]]:
-    """Impacts up to `end` (inclusive), until the log is full, the run is stuck or a cell is full.
-
-    Rows are written after those there are. Returns how many there are then.
+    """Process impacts up to `end` (inclusive), or until a log or cell is full or the run stuck.
+    Rows are appended to the `written` ones. Returns the state, the log and the new number of rows.
     """
     rows = log.facts.tied.shape[0]
 
@@ -142,7 +140,7 @@ def advance(
 
     def step(carry: tuple[State, Due, Log, Array]) -> tuple[State, Due, Log, Array]:
         state, due, log, written = carry
-        # In a batch a run that is over only waits.
+        # In a batch a finished run only waits.
         given, needed = (layout, numbers, rules, state), unfinished(carry)
         if state.coupling is None:
             state, figures, facts, fresh = _event(*given, due, end, tolerance, needed)
@@ -155,7 +153,7 @@ def advance(
         log = with_row(log, written, Log(figures, facts))
         until = end
         if state.coupling is not None:
-            # Later than this the coupled solve goes first.
+            # After this time the coupled solve comes first.
             active, later = state.coupling.active, jnp.minimum(state.coupling.state.time, end)
             until = jnp.where(active, later, end)
             until = jnp.where(calls_first(state), -jnp.inf, until)
@@ -164,15 +162,15 @@ def advance(
 
     start = jnp.zeros((), int) if written is None else written
     none = jnp.zeros((), int)
-    # Nothing is known to be due before the first search.
+    # No event is due before the first search.
     nothing = Due(state.now, state.now, none, none + AGAIN, none > 0)
     state, _, log, written = jax.lax.while_loop(unfinished, step, (state, nothing, log, start))
     return state, log, written
 
 
 class _Met(NamedTuple):
-    """What an impact does, before it is written: the two bodies `before` and after it, the decision
-    about it, what each rests on, and whether the run goes on; `alone`: whether it is isolated.
+    """The effect of an impact, before it is written. It holds the two bodies `before` and after it,
+    the choices, the supports, and the status. `alone`: whether the impact is isolated.
     """
 
     before: Flying
@@ -197,10 +195,9 @@ def _event(
     tolerance: Float[Array, ""],
     needed: Bool[Array, ""],
 ) -> tuple[State, Figures, Facts, Bool[Array, ""]]:
-    """The impact that is due, and whether there is one; `needed`: whether anything asks for it.
-
-    What is read from the arrays of all spheres is read in a branch, and only then written, or
-    these arrays would be copied.
+    """Process the impact that is due; the last value is True if there is one. `needed`: whether the
+    lane needs it. The arrays of all spheres are read in a branch before they are written; otherwise
+    they would be copied.
     """
     until = end
     if state.coupling is not None:
@@ -213,7 +210,7 @@ def _event(
         fresh = fresh & ~state.cells.full
     now = jnp.maximum(due.time, state.now)
     is_sphere = partner < count
-    # A wall has no row: the first body stands in for it.
+    # A wall has no row; the first body replaces it.
     who = jnp.stack([i, jnp.where(is_sphere, jnp.maximum(partner, 0), i)])
     given = (layout, numbers, rules, state, due, who, now, tolerance, fresh & needed)
     met = in_branch(fresh, lambda: _met(*given))
@@ -222,7 +219,7 @@ def _event(
     starts = fresh & ~met.alone
     there = happens & jnp.stack([happens, is_sphere])
     rows = jnp.where(there, who, count + jnp.arange(2))
-    # Their events are out of date: the search that follows finds them first.
+    # Their events are out of date, so that the following search finds them first.
     before = (state.position, state.velocity, state.time, state.support, state.count, state.owed)
     owed, events = jnp.broadcast_to(outcome.energy_loss, (2,)), out_of_date(jnp.stack([now, now]))
     after = (*outcome.after, met.support, met.count, owed)
@@ -265,7 +262,7 @@ def _met(
     tolerance: Float[Array, ""],
     needed: Bool[Array, ""],
 ) -> _Met:
-    """The impact that is due; where it is not `needed` a soft one takes no step."""
+    """Compute the impact that is due; unless `needed`, its solve takes no step."""
     partner = due.partner
     spheres = Flying(state.position, state.velocity, state.time)
     known = (spheres, state.support, state.count, state.events)
@@ -275,7 +272,7 @@ def _met(
         outcome = soft(layout, numbers, before, choice, tolerance, needed)
         alone = isolated(layout, numbers, rules, state, choice, outcome, now, tolerance)
         if numbers.start is not None:
-            # Of what was on before the run it is known.
+            # Impacts that began before the run are known to be isolated.
             alone = alone | ((now < 0) & (outcome.status == 0))
         crowded = jnp.asarray(False)
     else:
@@ -284,7 +281,7 @@ def _met(
         alone = jnp.asarray(True)
         support, crowded = _supports(layout, numbers, choice, outcome)
 
-    # An event of the other one that is no impact does not compete.
+    # An event of the partner that is not an impact does not compete.
     own = (events.partner[1] == who[0]) | (events.partner[1] < 0)
     competing = jnp.where(own, events.second[1], events.time[1])
     is_sphere = partner < layout.spheres
@@ -317,7 +314,7 @@ def _choice(
     support: Int[Array, "2"],
     now: Float[Array, ""],
 ) -> Choice:
-    """The decisions about an impact: who meets, and in which image."""
+    """Return the discrete choices about an impact: its bodies and their image."""
     image = jnp.zeros(layout.dimensions, numbers.dtype)
     if any(layout.periodic):
         place = at_once(layout, numbers, who, before, support, now)[0].position
@@ -329,10 +326,9 @@ def _choice(
 def _tail(
     layout: Layout, numbers: Numbers, choice: Choice, before: Flying, tolerance: Float[Array, ""]
 ) -> Bool[Array, ""]:
-    """Whether a ball comes to rest on a wall.
-
-    On one that gravity presses it to, with a constant e < 1, it bounces for ever in a finite time.
-    Where the next bounce is lower than `tolerance` radii its time is summed.
+    """Return whether a ball comes to rest on a wall. If gravity presses it to a wall and e < 1 is
+    constant, it bounces infinitely often in a finite time. Once the next bounce is lower than
+    `tolerance` radii, that time is summed.
     """
     if not layout.settles:
         return choice.tail
@@ -350,7 +346,7 @@ def _tail(
         e = rows_of(numbers.restitution, law)
         rests = rests & rows_of(jnp.asarray(layout.constant), law)
     if any(layout.vibrating):
-        # On a wall that shakes the bounces are not those of a series.
+        # On a shaking wall the bounces do not form a series.
         rests = rests & ~rows_of(jnp.asarray(layout.vibrating), wall)
     low = jnp.square(e * closing) <= 2 * weight * tolerance * rows_of(numbers.radius, choice.first)
     return rests & (e < 1) & low
@@ -359,7 +355,7 @@ def _tail(
 def _supports(
     layout: Layout, numbers: Numbers, choice: Choice, outcome: Outcome
 ) -> tuple[Int[Array, "2"], Bool[Array, ""]]:
-    """The walls that the two bodies rest on after the impact, and whether one needs two walls."""
+    """Return the walls that support the two bodies after the impact, and whether one needs two."""
     support = choice.support
     if not (layout.settles or numbers.start is not None):
         return support, jnp.asarray(False)

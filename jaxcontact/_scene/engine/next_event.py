@@ -1,4 +1,4 @@
-"""The next event of some spheres: the least of the times at which they meet all other bodies."""
+"""The next event of some spheres: the earliest contact with any other body."""
 
 from __future__ import annotations
 
@@ -19,19 +19,17 @@ from .cluster_slots import index_of, put
 from .state import Coupling, Events, State
 
 NOISE = 16
-"""Roundings of a speed below which bodies that touch neither close nor part."""
+"""The rounding errors of a speed below which touching bodies neither close nor separate."""
 
 TIED = 64
-"""Roundings of a time within which two events are simultaneous."""
+"""The rounding errors of a time within which two events are simultaneous."""
 
 AGAIN, LEAVES, OUT_OF_DATE = -1, -2, -3
-"""Partners that are none: only search again, or a sphere leaves its cell, or its way is another one
-since the search.
-"""
+"""Markers in place of a partner: search again, leave the cell, or path changed since the search."""
 
 
 def simultaneous(numbers: Numbers, time: Float[Array, ""]) -> Float[Array, ""]:
-    """How far apart two times may be that are one but for rounding."""
+    """Return the largest difference between two times that are equal up to rounding."""
     finite = jnp.where(jnp.isfinite(time), jnp.abs(time), 0)
     return TIED * jnp.finfo(numbers.dtype).eps * finite
 
@@ -44,7 +42,7 @@ def searched(
     now: Float[Array, ""],
     end: Float[Array, ""],
 ) -> Events:
-    """The next events of some spheres, searched among all bodies, or those of cells around them."""
+    """Search the next events of some spheres among all bodies, or those of nearby cells."""
     count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
     others, valid = None, jnp.asarray(True)[None, None]
     names = jnp.arange(count)[None]
@@ -79,7 +77,7 @@ def searched(
         times = straight
     other = valid & (names != who[:, None])
     if layout.shaken:
-        # Those have columns of their own.
+        # Shaken spheres have columns of their own.
         other = other & (layout.shaken_row(names) == len(layout.shaken))
     if any(layout.fixed):
         all_move = _of(numbers.inverse_mass[:count] > 0, others).reshape(-1, size[1])
@@ -91,7 +89,7 @@ def searched(
 
     horizon = jnp.full(who.shape, jnp.inf, numbers.dtype)
     for axis in range(layout.dimensions):
-        # Of spheres in cells beside each other one image is nearest.
+        # Spheres in neighbouring cells have one nearest image.
         cut = state.cells is not None and state.cells.grid.axes[axis]
         near = size[1] - len(everywhere(layout)) if cut else 0
         if layout.periodic[axis] and near < size[1]:
@@ -115,11 +113,11 @@ def searched(
         columns.append(_of_walls(layout, numbers, state, those))
     times, closing, names = jax.tree.map(lambda *x: jnp.concatenate(x, axis=-1), *columns)
     if any(layout.fixed):
-        # A fixed sphere is found by those that move.
+        # Spheres in motion find the fixed ones.
         times = jnp.where(_moves(numbers, who)[:, None], times, jnp.inf)
 
-    # Of several at once the one that closes fastest, and of these the first by number: the order
-    # of the columns has no say.
+    # Of simultaneous events the fastest closing one is chosen, then the lowest number. The result
+    # does not depend on the order of the columns.
     least = jnp.min(times, axis=-1, keepdims=True)
     within = TIED * eps * (jnp.abs(now) + jnp.where(jnp.isfinite(least), least, 0))
     together = times <= least + within
@@ -142,9 +140,7 @@ def searched(
 
 
 class _Columns(NamedTuple):
-    """Of bodies that spheres may meet: the `times` from now, how fast they close then, and their
-    numbers, (M, C) each.
-    """
+    """Contacts with other bodies, (M, C) each: `times` from now, closing speeds, and numbers."""
 
     times: Float[Array, "M C"]
     closing: Float[Array, "M C"]
@@ -152,7 +148,7 @@ class _Columns(NamedTuple):
 
 
 class _Those(NamedTuple):
-    """The spheres that are searched `now`, up to an `end`: where they are, and how they move."""
+    """The spheres that are searched `now`, up to `end`, with their positions and motions."""
 
     who: Int[Array, " M"]
     position: Float[Array, "M D"]
@@ -163,7 +159,7 @@ class _Those(NamedTuple):
 
 
 def _of_walls(layout: Layout, numbers: Numbers, state: State, those: _Those) -> _Columns:
-    """When spheres touch the walls that they do not rest on."""
+    """Return the contacts of spheres with walls on which they do not rest."""
     who, position, velocity, pull, now, end = those
     count, eps = layout.spheres, jnp.finfo(numbers.dtype).eps
     height = jnp.sum(position[:, None] * numbers.normal[None], axis=-1)
@@ -203,8 +199,8 @@ def _of_walls(layout: Layout, numbers: Numbers, state: State, those: _Those) -> 
 def _of_shaken(
     layout: Layout, numbers: Numbers, those: _Those
 ) -> tuple[_Columns, Float[Array, " M"]]:
-    """When spheres touch the fixed ones that are accelerated, wherever these are, and the time
-    before which they meet no other image of these.
+    """Return the contacts of spheres with shaken fixed ones, and a time limit for other images.
+    Before that time no other image of these is met.
     """
     assert numbers.shaking is not None
     who, position, velocity, pull, now, end = those
@@ -240,19 +236,20 @@ def _of_shaken(
 
 
 def _moves(numbers: Numbers, who: Int[Array, " M"]) -> Bool[Array, " M"]:
-    """Which spheres are not fixed."""
+    """Return which spheres are not fixed."""
     return rows_of(numbers.inverse_mass, who) > 0
 
 
 def among_others(
     layout: Layout, numbers: Numbers, coupling: Coupling, events: Events, now: Float[Array, ""]
 ) -> Events:
-    """Events without those with spheres in the coupled solve, which fly on another way: others
-    search again when their second best event would be. A fixed one is where it would be anyway.
+    """Return events without those that involve moving spheres of the coupled solve. Those spheres
+    leave their flight paths. The others search again at the time of their second best event. A
+    fixed sphere stays where it would be anyway.
     """
     seats = coupling.seats
     moves = numbers.inverse_mass[jnp.minimum(seats.who, layout.spheres - 1)] > 0
-    # The partner of an empty place is none.
+    # An empty slot is no partner.
     who = jnp.where(seats.present & coupling.active & moves, seats.who, layout.spheres)
     is_sphere = events.partner < layout.spheres
     off = is_sphere & jnp.any(events.partner[:, None] == who[None], axis=1)
@@ -265,7 +262,7 @@ def among_others(
 
 
 def seated(layout: Layout, coupling: Coupling) -> Bool[Array, " N"]:
-    """The spheres that are in the coupled solve."""
+    """Return which spheres are in the coupled solve."""
     nobody = jnp.zeros(layout.spheres, bool)
     return put(nobody, index_of(layout, coupling.seats), coupling.seats.present)
 
@@ -277,7 +274,7 @@ def flown(
     who: Int[Array, " M"] | None,
     now: Float[Array, ""],
 ) -> tuple[Float[Array, "M D"], Float[Array, "M D"], Float[Array, "M D"]]:
-    """Where some spheres, or all, are now; their velocities and accelerations."""
+    """Return current positions, velocities and accelerations of some spheres, or of all."""
     flying = Flying(_of(state.position, who), _of(state.velocity, who), _of(state.time, who))
     named = jnp.arange(layout.spheres) if who is None else who
     there, pull = at_once(layout, numbers, named, flying, _of(state.support, who), now)
@@ -285,5 +282,5 @@ def flown(
 
 
 def _of(all: Array, who: Int[Array, "..."] | None) -> Array:
-    """Some rows of an array, or all of them, without a copy."""
+    """Return some rows of an array, or all of them without a copy."""
     return all if who is None else rows_of(all, who.reshape(-1))

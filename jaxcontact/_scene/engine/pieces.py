@@ -1,4 +1,4 @@
-"""The search of a run, as one program, or from Python, piece by piece."""
+"""The event loop as one program, or from Python in pieces."""
 
 from __future__ import annotations
 
@@ -25,24 +25,23 @@ from .next_event import flown
 from .state import CROWDED, RUNNING, Rules, State
 
 _MOST_GROWN = 32
-"""Places to which a coupled solve grows by itself."""
+"""The largest capacity to which a coupled solve grows automatically."""
 
 _PIECE = 256
-"""Impacts between two looks of Python at a run."""
+"""The number of impacts between two returns to Python."""
 
 _PATIENCE = 2048
-"""Impacts that run in a program that was compiled quickly, over one and the places of a coupled
-solve. Not a time: the two programs round differently, and a script shall repeat its numbers."""
+"""The number of impacts that run in a quickly compiled program, over one plus the slots. It is not
+a time: the two programs round differently, and a script must reproduce its numbers."""
 
 _RUN: dict[Any, int] = {}
-"""How many impacts of a kind have run in a program that was compiled quickly."""
+"""The number of impacts of each kind that have run in a quickly compiled program."""
 
 
 @eqx.filter_jit
 def all_at_once(rules: Rules, given: Given, grid: Grid | None, room: int) -> Known:
-    """The whole run as one program with room for so many impacts.
-
-    Where a cell is full the run goes on without cells.
+    """Run the whole event loop as one program with room for so many impacts. If a cell is full, the
+    run continues without cells.
     """
     layout, numbers, valid, end, tolerance = given
     numbers, end = jax.tree.map(
@@ -64,8 +63,8 @@ def all_at_once(rules: Rules, given: Given, grid: Grid | None, room: int) -> Kno
 def from_python(
     rules: Rules, given: Given, start: State | None, most: int | None, tell: Tell, grows: bool
 ) -> tuple[Rules, Known]:
-    """The run from its `start`, of at `most` so many rows, and the rules that it ended with: with
-    more places in coupled solves where it `grows`.
+    """Run the event loop from Python; return the final rules and the outcome. It writes at `most`
+    so many rows. If it `grows`, the capacity of coupled solves is increased as needed.
     """
     layout, numbers = given[:2]
     state = _begun(layout, numbers, rules) if start is None else start
@@ -80,10 +79,9 @@ def from_python(
 def _piece_by_piece(
     wanted: Rules, given: Given, state: State, most: int | None, tell: Tell
 ) -> tuple[Rules, Known]:
-    """The run: one program goes on until all impacts are there.
-
-    Among many spheres or in a periodic space most scenes need no coupled solve: there the program
-    is one without, until one is needed.
+    """Run one program repeatedly until all impacts are found. With many spheres or periodic axes
+    most scenes need no coupled solve. The program is then one without, until a coupled solve is
+    needed.
     """
     layout, numbers, valid, end, tolerance = given
     rules = wanted
@@ -120,8 +118,8 @@ def _piece_by_piece(
 def _piece(
     layout: Layout, numbers: Numbers, rules: Rules, state: State, *given: Array
 ) -> tuple[State, Log, Array, Array]:
-    """A piece of a run: by the program that is compiled in a fraction of the time, until pieces of
-    its kind have run so long that a faster one is worth its compilation.
+    """Run a piece, by the quickly compiled program at first. Once pieces of its kind have run long
+    enough, a faster program is compiled.
     """
     kind = jax.tree.structure((layout, numbers, rules, state)), numbers.dtype
     done = _RUN.get(kind, 0)
@@ -141,7 +139,7 @@ def _onward(
     end: Array,
     tolerance: Array,
 ) -> tuple[State, Log, Array, Array]:
-    """A piece with its own log; how many rows that has, and whether there is more to come."""
+    """Return a piece with its own log, the number of its rows, and whether events are left."""
     end = jnp.where(valid, end, -1)
     log = blank_log(_PIECE, layout, numbers.dtype, rules.members)
     state, log, written = advance(layout, numbers, rules, state, log, end, tolerance)
@@ -158,8 +156,8 @@ _blank = quick(blank_log)
 def _with_room(
     layout: Layout, numbers: Numbers, state: State, before: float
 ) -> tuple[State, float]:
-    """The run with other cells where one is full, and when that was; without cells where they were
-    full at the same time `before`, so that they are no use.
+    """Return the run with new cells after one was full, and the time at which that was. If they
+    were also full at the time `before`, cells are useless and omitted.
     """
     assert state.cells is not None
     now, position = _here(layout, numbers, state)
@@ -170,7 +168,7 @@ def _with_room(
 
 @quick
 def _here(layout: Layout, numbers: Numbers, state: State) -> tuple[Array, Array]:
-    """When the next event is, and where all spheres are then."""
+    """Return the time of the next event, and the positions of all spheres then."""
     now = jnp.maximum(jnp.min(state.events.time), state.now)
     return now, flown(layout, numbers, state, None, now)[0]
 
@@ -178,12 +176,11 @@ def _here(layout: Layout, numbers: Numbers, state: State) -> tuple[Array, Array]
 def _one_log(
     layout: Layout, numbers: Numbers, rules: Rules, pieces: Sequence[tuple[Log, int]]
 ) -> Log:
-    """The log of several pieces, with blank rows at its end.
-
-    Pieces from before there was a coupled solve get blank rows for calls.
+    """Return the log of several pieces, with blank rows at its end. Pieces from before the first
+    coupled solve get blank rows for calls.
     """
     total = sum(count for _, count in pieces)
-    # Rows of lengths that are powers of two share the programs that read them.
+    # Logs whose lengths are powers of two share the programs that read them.
     room = 1 << max(total - 1, 0).bit_length()
     blank = _blank(1, layout, numbers.dtype, rules.members)
 

@@ -1,4 +1,4 @@
-"""Where a run is: the spheres, the event that each expects, and the coupled solve if any."""
+"""The state of a run: the spheres, their next events, and the coupled solve if any."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ..pair_impact.instantaneous import Choice
 from .cluster_slots import Seats
 
 PATIENCE = 64
-"""Impacts per body without progress in time after which a run stops."""
+"""The number of impacts for each body without progress in time after which a run stops."""
 
 RUNNING, ACCUMULATED, TWO_SUPPORTS, CROWDED, NOT_CONVERGED, OVER = range(6)
-"""Why a search goes on or stops; OVER: bodies are in contact at the end."""
+"""The status of an event loop; OVER: bodies are in contact at the end."""
 
 
 class Rules(eqx.Module):
-    """What is static of a run: whether impacts take time, what v0 is, and for how many spheres a
-    coupled solve has room: 0 where there is none.
+    """The static rules of a run. `soft`: whether impacts take time. `v0` is its rule, and `members`
+    the capacity of a coupled solve in spheres, 0 without one.
     """
 
     soft: bool = eqx.field(static=True)
@@ -30,11 +30,12 @@ class Rules(eqx.Module):
 
 
 class Coupling(NamedTuple):
-    """The coupled solve in progress: whether it is `active`, whether it `starts`, and whether the
-    pair of `choice` `touches` now; who is in it, and its state.
+    """The coupled solve in progress.
 
-    `pace` in s: a part of the duration of its first contact; `reserve` in J, a bound of the energy
-    that is stored in contacts.
+    `active`: whether there is one. `starts`: whether it is about to start. `touches`: whether the
+    pair of `choice` touches now. `seats` and `state` are its members and their state. `pace` in s
+    is a part of the duration of its first contact. `reserve` in J is a bound on the energy stored
+    in contacts.
     """
 
     active: Bool[Array, ""]
@@ -48,9 +49,9 @@ class Coupling(NamedTuple):
 
 
 class Events(NamedTuple):
-    """The stored events, (N,) each: `time`, `partner` (negative: only search again), the partner's
-    count of impacts then, the closing `speed`, and the time of the `second` best impact (of the
-    best, where the event is none).
+    """The stored events, (N,) each. `partner` is negative if the event is only a search. `count` is
+    the partner's number of impacts when it was found, and `speed` the closing speed. `second` is
+    the time of the second best impact, or of the best one if the event is only a search.
     """
 
     time: Float[Array, " N"]
@@ -61,7 +62,7 @@ class Events(NamedTuple):
 
 
 class State(NamedTuple):
-    """The spheres, each at its own time, their events, and the cells they are in, if any."""
+    """The spheres, each at its own time, their events, and their cells, if any."""
 
     position: Float[Array, "N D"]
     velocity: Float[Array, "N D"]

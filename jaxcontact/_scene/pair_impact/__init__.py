@@ -1,1 +1,1 @@
-"""One isolated impact of two bodies."""
+"""An isolated impact of two bodies."""

@@ -1,8 +1,6 @@
-"""One instantaneous impact: from the states of two bodies before it to those after it.
-
-It is written for the derivative: the time of the touch is known, and corrected by Newton's
-steps that are zero in value and have the root's derivatives, so that states, normal and time all
-vary together.
+"""An instantaneous impact: the states of two bodies after it from those before it. It is written
+for differentiation. The touch time is known, and corrected by Newton steps that are zero in value
+and carry the derivatives of the root. States, normal and time therefore vary together.
 """
 
 from __future__ import annotations
@@ -24,11 +22,11 @@ Lane = Float[Array, "..."]
 
 
 class Choice(NamedTuple):
-    """What is decided about an impact before it is computed, and has no derivative.
+    """The discrete choices about an impact, made before it is computed; they have no derivative.
 
-    Bodies `first` and `second` (a wall from N on); the `support` (2,) of both, the wall each one
-    rests on or -1; `image`, how many periods the first is away from the second along each axis;
-    `time` of the touch in s; `tail`: whether the impacts that follow are summed.
+    `first` and `second` are the bodies, walls from N on. `support` (2,) is the wall on which each
+    one rests, or -1. `image` is the number of periods between the two along each axis, and `time`
+    that of the touch in s. `tail`: whether the series of following bounces is summed.
     """
 
     first: Int[Array, ""]
@@ -40,10 +38,9 @@ class Choice(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What an impact does: the two bodies after it, each at its own time, and its numbers.
-
-    `wall_work` in J is what a wall or a fixed sphere that moves does to the body. `way` and
-    `status` (a `Status`) are whole numbers.
+    """The outcome of an impact: the two bodies after it, each at its own time, and its numbers.
+    `wall_work` in J is the work of a moving wall or fixed sphere on the body. `way` and `status` (a
+    `Status`) are whole numbers.
     """
 
     after: Flying
@@ -61,15 +58,16 @@ class Outcome(NamedTuple):
 
 
 def two_that_meet(layout: Layout, time: Lane) -> Flying:
-    """Two bodies that close, where there is no impact: all derivatives of theirs are finite."""
+    """Return two approaching bodies, with finite derivatives, for rows without an impact."""
     ones = jnp.ones((1, layout.dimensions), time.dtype)
     away = jnp.concatenate([ones, -ones])
     return Flying(away, -away, jnp.stack([time, time]))
 
 
 class Meeting(NamedTuple):
-    """Two bodies at their touch: their states then, the unit `normal` from the second to the first,
-    the rate at which they close, the time, and the velocity of a wall along its normal.
+    """Two bodies at their touch. `flying` holds their states, and `normal` is the unit vector from
+    the second to the first. `closing` is the closing speed, and `driven` the velocity of a wall
+    along its normal.
     """
 
     flying: Flying
@@ -80,12 +78,12 @@ class Meeting(NamedTuple):
 
 
 def _delay(relative: Callable[[Lane], tuple[Lane, Lane]], distance: Lane) -> Lane:
-    """The correction of a time of touch that is a root already: zero, with the root's derivatives.
+    """Return the correction of a known touch time: zero, with the derivatives of the root.
 
-    `relative`: the distance vector and its rate after a delay. Newton's steps from a root move by
-    its rounding; two of them, differentiated, have the first three derivatives of the root. A rule
-    of its own would be lost where JAX splits a scan for second derivatives. A touch that does not
-    close has no derivative in time.
+    `relative` returns the distance vector and its rate after a delay. Newton steps from a root move
+    it only by rounding. Two of them carry the first three derivatives of the root. A custom rule
+    would be lost where JAX splits a scan for second derivatives. A touch that does not close has no
+    derivative in time.
     """
     delay = jnp.zeros_like(distance)
     for _ in range(2):
@@ -98,12 +96,12 @@ def _delay(relative: Callable[[Lane], tuple[Lane, Lane]], distance: Lane) -> Lan
 
 
 def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Meeting:
-    """The touch of two bodies, with the derivative of its time and of its normal."""
+    """Return the touch of two bodies, with the derivatives of its time and normal."""
     count = layout.spheres
     second = jnp.minimum(choice.second, count - 1)
     who = jnp.stack([choice.first, second])
     if layout.shaken:
-        # Where there is no impact both are one body, which must not be put in the same place twice.
+        # Without an impact both bodies are the same one, which must not be written twice.
         nobody = choice.first == choice.second
         who = jnp.where(nobody, layout.fixed.index(False), who)
     there, pull = at_once(layout, numbers, who, before, choice.support, choice.time)
@@ -127,7 +125,7 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
             bent, turned = numbers.bent_at(layout, who[1], choice.time, delay)
             away, rates = away - bent, rates - turned
         if layout.walls:
-            # A wall is met as a point of it would be, below the body along the normal.
+            # A wall is met at its point below the body along the normal.
             moving = numbers.walls_at(choice.time + delay, wall)
             above = height + (rise + bend / 2 * delay) * delay - moving.offset
             away = jnp.where(is_wall, face * above, away)
@@ -139,7 +137,7 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
     normal = side(distance) * away / jnp.sqrt(jnp.sum(jnp.square(away)))
     closing = -jnp.sum(normal * rates)
     time = choice.time + delay
-    # Rounding must not put a touch before what led to it.
+    # Rounding must not put a touch before the events that led to it.
     late = jnp.max(before.time) - time
     time = time + jax.lax.stop_gradient(jnp.maximum(late, 0))
     if any(layout.moving):
@@ -149,11 +147,11 @@ def meeting_of(layout: Layout, numbers: Numbers, before: Flying, choice: Choice)
 
 
 def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Outcome:
-    """An impact out of time: the law's e at its closing speed, along the line of centres.
+    """Return an instantaneous impact with the law's e at its closing speed, along the normal.
 
-    v1 += (1+e) μ u/m1 n, v2 -= (1+e) μ u/m2 n, with the closing speed u > 0, μ = m1 m2/(m1+m2) and
-    the unit normal n from the second body to the first. Energy lost: ½ μ u² (1-e²). A wall that
-    moves at w along its normal does the work (1+e) μ u w.
+    v1 += (1+e) μ u/m1 n, v2 -= (1+e) μ u/m2 n. Here u > 0 is the closing speed, μ = m1 m2/(m1+m2),
+    and n the unit normal from the second body to the first. The energy loss is ½ μ u² (1-e²). A
+    wall that moves at w along its normal does the work (1+e) μ u w.
     """
     meeting = meeting_of(layout, numbers, before, choice)
     closing = jnp.maximum(meeting.closing, 0)
@@ -186,7 +184,7 @@ def hit(layout: Layout, numbers: Numbers, before: Flying, choice: Choice) -> Out
 def driven_work(
     layout: Layout, numbers: Numbers, choice: Choice, meeting: Meeting, after: Lane
 ) -> Lane:
-    """What a fixed sphere that moves at V does to the one that it hits: m (v' - v)·V, in J."""
+    """Return the work m (v' - v)·V of a fixed sphere that moves at V, in J."""
     if not layout.driven:
         return jnp.zeros_like(meeting.closing)
     second = jnp.minimum(choice.second, layout.spheres - 1)
@@ -196,7 +194,7 @@ def driven_work(
 
 
 def _tail(layout: Layout, numbers: Numbers, choice: Choice, e: Lane, closing: Lane) -> Lane:
-    """The time of the bounces that are summed, 2 e u/(g (1-e)); 0 where none are."""
+    """Return the duration of the summed bounces, 2 e u/(g (1-e)); 0 without such a series."""
     if not layout.settles:
         return jnp.zeros_like(closing)
     face = rows_of(numbers.normal, jnp.clip(choice.second - layout.spheres, 0))

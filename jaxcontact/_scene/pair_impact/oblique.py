@@ -1,4 +1,4 @@
-"""One isolated soft impact of two bodies: by a formula, or by the radial problem."""
+"""An isolated impact of two bodies with finite duration: by a formula, or by the radial problem."""
 
 from __future__ import annotations
 
@@ -19,19 +19,23 @@ from ..._parameter import POSITIVE, Specialised
 from .radial import Number, Radial, RadialOutcome, solve_radial
 
 CLOSED_FORM, CORRECTED, RADIAL = range(3)
-"""How an impact was solved: `Rebound.way`."""
+"""The values of `Rebound.way`: the solution methods of an impact."""
 
 
 class Rebound(NamedTuple):
     """The outcome of one impact of two bodies, in SI units.
 
-    `restitution` e' = outgoing over incoming normal speed, where the indentation is zero again;
-    `turn` ψ in rad of the line of centres; `elapsed` in s until the indentation is zero again,
-    `duration` in s until the force ends (the same but for clamped laws); `max_force` in N;
-    `max_indentation` in m; `energy_loss` in J; `error_estimate` of the velocities, relative to the
-    normal speed; `way`, CLOSED_FORM, CORRECTED or RADIAL; `status`, a `jaxcontact._impact.Status`.
-    Numbers are NaN where the status is neither SEPARATED nor SETTLED; a settled contact has e' = 0
-    and infinite times.
+    - `restitution`: e' = outgoing over incoming normal speed, when the indentation is zero again.
+    - `turn`: the turn ψ of the line of centres in rad.
+    - `elapsed`: in s until the indentation is zero again.
+    - `duration`: in s until the force ends; it differs from `elapsed` only for clamped laws.
+    - `max_force` in N, `max_indentation` in m, `energy_loss` in J.
+    - `error_estimate`: of the velocities, relative to the normal speed.
+    - `way`: CLOSED_FORM, CORRECTED or RADIAL.
+    - `status`: a `jaxcontact._impact.Status`.
+
+    Numbers are NaN unless the status is SEPARATED or SETTLED. A settled contact has e' = 0 and
+    infinite times.
     """
 
     restitution: Number
@@ -47,9 +51,8 @@ class Rebound(NamedTuple):
 
 
 def _goal(rtol: Number, share: float) -> Number:
-    """A share of `rtol`, no less than what the precision holds.
-
-    A tenth is wanted of a formula; a hundredth of a step, as its outcome is some ten times worse.
+    """Return a share of `rtol`, but no less than the precision allows. A formula needs a tenth. A
+    step needs a hundredth, as the error of the outcome is about ten times larger.
     """
     return jnp.maximum(share * rtol, 20 * float(jnp.finfo(rtol.dtype).eps))
 
@@ -67,25 +70,30 @@ def oblique(
     free: bool = False,
     by_formula: bool = False,
 ) -> Rebound:
-    """One isolated impact of two bodies: how fast they part, when, and how far they have turned.
+    """Solve one isolated impact of two bodies: rebound speed, duration, and turn.
 
-    Arguments, all scalars of one lane (batch with `vmap`): the law; the contact with its effective
-    mass; the closing speeds along the normal, > 0, and across it, in m/s; the `distance` R1 + R2 of
-    the centres in m, infinite for a plane, negative inside of a shell; a constant `pull` in N along
-    the normal, positive when it presses the bodies together. `rtol` bounds the estimated error of
-    velocities relative to `normal_speed`; in float32 no less than 1e-5 is reached. Where it is not
-    `needed`, as in some lanes of a batch, no step is made, and the outcome means nothing. `free`
-    says that the bodies are known to meet head-on without a pull: a closed form is then all there
-    is in the program. `by_formula` says that a formula is known to be good enough, if the form has
-    any: the radial problem is then left out.
+    All arguments are scalars of one lane; batch with `vmap`.
 
-    The closed form is taken where turning and pull change less than rtol/10, else a formula that
-    corrects it where the form has one and what that leaves out is less, else the radial problem is
-    solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve
-    carries its sensitivities. Nothing is raised; see `Rebound.status`.
+    - `law`, `contact`: the law, and the contact with the effective mass.
+    - `normal_speed`, `tangential_speed`: along the normal, > 0, and across it, in m/s.
+    - `distance`: R1 + R2 in m, infinite for a plane, negative inside a shell.
+    - `pull`: a constant force in N along the normal, positive if it presses the bodies together.
+    - `rtol`: bounds the estimated error of velocities relative to `normal_speed`; at least 1e-5 in
+      float32.
+    - `needed`: if False, as in some lanes of a batch, no step is taken and the outcome is
+      meaningless.
+    - `free`: if True, the impact is known to be head-on without a pull. The program then holds only
+      the closed form.
+    - `by_formula`: if True, a formula is known to be accurate enough. The program then omits the
+      radial problem if the form has a formula.
+
+    The closed form is used if turning and pull change less than rtol/10. Otherwise a correction
+    formula is used, if the form has one whose remainder is that small. Otherwise the radial problem
+    is solved. The law's v0 is the speed at touch. Differentiable in both modes: the solve carries
+    its sensitivities. Nothing is raised; see `Rebound.status`.
     """
     problem = uniform(problem_of(law, contact, normal_speed))
-    # In a scene no speed is too small: its units may be any.
+    # A scene has no lower limit on speeds, as its units are arbitrary.
     lanes = lanes_of(problem, speeds=POSITIVE)
     scale, dtype = lanes.scale, problem.velocity.dtype
     given = (jnp.asarray(value, dtype) for value in (tangential_speed, distance, pull))
@@ -148,7 +156,7 @@ def _solved(
     needed: bool | Bool[Array, ""],
     by_formula: bool,
 ) -> tuple[RadialOutcome, Int[Array, ""]]:
-    """By the cheapest way that is good enough, and which it is; `sliding` is v_t/v_n."""
+    """Return the outcome of the cheapest accurate way, and that way; `sliding` is v_t/v_n."""
     form, exponent, push, swirl, ratio = numbers
     way, formula, goal = jnp.full(swirl.shape, RADIAL), None, _goal(rtol, 0.1)
     if closed is not None:
@@ -175,15 +183,14 @@ def _solved(
     credible = out.error <= jnp.maximum(100 * rtol, 1e3 * tolerance)
     out = out._replace(done=out.done & (out.settled | credible))
     if formula is not None:
-        # A contact that stays has no numbers to select.
+        # A settled contact has no numbers to select.
         out = jax.tree.map(lambda a, b: jnp.where(way == RADIAL, b, a), formula, out)
     return out, way
 
 
 def _back(form: AbstractForm, exponent: Specialised, closed: ScaledImpact) -> Number:
-    """When the bodies of a free impact are at x = 0 again.
-
-    From the indentation at which a force that only pushes vanishes they move at constant speed.
+    """Return the time at which the bodies of a free impact are at x = 0 again. After a force
+    without tension vanishes, they move at constant speed.
     """
     depth = form.end_indentation(exponent.value, closed.restitution)
     if depth is None:
@@ -193,7 +200,7 @@ def _back(form: AbstractForm, exponent: Specialised, closed: ScaledImpact) -> Nu
 
 
 def _free(closed: ScaledImpact, back: Number, error: Number) -> RadialOutcome:
-    """The free impact, `back` at x = 0, in place of one that it is so far from."""
+    """Return the free impact, which reaches x = 0 at `back`, as an outcome with the given error."""
     loss, e = closed.energy_loss, closed.restitution
     return RadialOutcome(
         restitution=e,
@@ -212,12 +219,11 @@ def _free(closed: ScaledImpact, back: Number, error: Number) -> RadialOutcome:
 def _corrected(
     free: RadialOutcome, change: Change, doubt: Change, ratio: Number, sliding: Number
 ) -> RadialOutcome:
-    """The free impact under a weak push and turning.
-
-    The error of velocities is that of e and of the direction, that of positions, relative to v_n T,
-    comes from how long it takes and how far the line of centres turns.
+    """Return the free impact with the correction for a weak push and turning. The error of
+    velocities is that of e and of the direction. The error of positions, relative to v_n T, results
+    from the errors of the duration and the turn.
     """
-    # Where the bound is infinite the numbers mean nothing, and are not taken.
+    # If the bound is infinite, the numbers are meaningless and not used.
     trusted = jnp.isfinite(doubt.restitution)
     change = jax.tree.map(lambda x: jnp.where(trusted, x, 0), change)
     e = free.restitution + change.restitution
@@ -233,7 +239,7 @@ def _corrected(
         duration=free.duration + change.duration,
         max_force=free.max_force + change.max_force,
         max_indentation=free.max_indentation + change.max_indentation,
-        # Push and turning take as much energy on the way out as they bring in.
+        # Push and turning remove as much energy on the way out as they add on the way in.
         energy_loss=free.energy_loss - change.restitution * (e + free.restitution),
         error=jax.lax.stop_gradient(error + peaks),
     )

@@ -1,17 +1,17 @@
-"""One isolated soft impact of two bodies that pass each other: the radial problem.
+"""An isolated oblique impact of two bodies with finite duration: the radial problem.
 
 A frictionless pair feels a central force. With r = d - δ, the effective mass μ and the angular
 momentum L = μ v_t d its motion is
 
     r'' = F/μ + L²/(μ² r³) - P/μ,        ψ = ∫ L/(μ r²) dt,
 
-for a constant force P that presses the bodies together. When r is back at d the tangential speed
-is again v_t: the velocities after the impact are R(ψ) (-e' v_n n + v_t t), exactly. In the units
-of `Scale` and with x = w^k, dt = w^(k-1) dτ as in `_forms`, κ = X/d and c = κ (v_t/v_n)² it reads
+for a constant force P that presses the bodies together. When r is back at d, the tangential speed
+is again v_t. The velocities after the impact are then exactly R(ψ) (-e' v_n n + v_t t). In the
+units of `Scale`, let x = w^k, dt = w^(k-1) dτ as in `_forms`, κ = X/d and c = κ (v_t/v_n)²:
 
     w' = v/k,   v' = w^(k-1) (Γ - c/(1-κx)³) - pull(w, v),   t' = w^(k-1),   θ' = w^(k-1)/(1-κx)².
 
-In a shell r = |d| + δ: all of this holds with a negative d, and c presses the bodies together.
+In a shell r = |d| + δ. All of this holds with a negative d, and c presses the bodies together.
 
 Source: the central-force problem, Landau & Lifshitz, Mechanics, sections 13 and 14; event-driven
 soft spheres: Müller & Pöschel (2013), doi 10.1103/PhysRevE.87.033301.
@@ -37,28 +37,27 @@ from .step import State, factor
 
 Number = Float[Array, ""]
 
-# The phases of a contact: until the force is largest, until the turn, until the force ends, and
-# until the bodies are where they touched, without a force.
+# The phases of a contact: until the force peak, until the turn, until the force ends, and until the
+# bodies are back at the distance of touch without a force.
 _RISES, _CLOSES, _OPENS, _COASTS = range(4)
 _W, _U, _T, _THETA, _LOSS = range(5)
 _MOST_STEPS = 400
-# A Newton correction this small beside the step that passed the event is the last one, as a power
-# of rounding: its square is then below rounding.
+# A Newton correction below this power of rounding, relative to the step that passed the event, is
+# the last one. Its square is then below rounding.
 _ON_EVENT = 0.65
-# A contact that the push holds and that moves no faster than this, in units of its speed at touch,
-# creeps to rest and never turns.
+# A contact held by the push and no faster than this, in units of its speed at touch, creeps to rest
+# without a turn.
 _CREEPS = 1e-7
 
 
 def _radial_state(y: State) -> Moving:
-    """What the motion without swirl needs to know."""
+    """Return the part of the state that the motion without swirl needs."""
     return Moving(y[_W], y[_U], y[_T], y[_LOSS])
 
 
 class Radial(eqx.Module):
-    """The scaled radial problem of one lane, and the tolerance of a step.
-
-    `skip` is 1 where nobody needs the solution.
+    """The scaled radial problem of one lane, and the tolerance of a step. `skip` is 1 if the
+    solution is not needed.
     """
 
     form: AbstractForm
@@ -71,7 +70,7 @@ class Radial(eqx.Module):
     prepared: Number | None = None
 
     def ready(self) -> Radial:
-        """The same with what does not change beforehand, as `Motion.ready`."""
+        """Return the problem with its constants computed in advance, as `Motion.ready` does."""
         return dataclasses.replace(self, prepared=self.motion.ready().prepared)
 
     @property
@@ -84,34 +83,34 @@ class Radial(eqx.Module):
 
     @property
     def motion(self) -> Motion:
-        """The same without swirl."""
+        """The problem without swirl."""
         return Motion(self.form, self.exponent, self.push, prepared=self.prepared)
 
     def velocity(self, y: State) -> Number:
-        """x' at a state."""
+        """Return x' at a state."""
         return self.motion.velocity(_radial_state(y))
 
     def still(self, y: State) -> State:
-        """The state with the velocity 0."""
+        """Return the state with zero velocity."""
         return y.at[_U].set(self.motion.still(_radial_state(y)).u)
 
     def indentation(self, y: State) -> Number:
-        """x at a state."""
+        """Return x at a state."""
         return y[_W] ** self._order
 
     def start(self) -> State:
-        """The moment of touch."""
+        """Return the state at touch."""
         touch = self.motion.start()
         return jnp.stack([touch.w, touch.u, touch.t, touch.t, touch.t])
 
     def rate(self, y: State, phase: Int[Array, ""]) -> State:
-        """d(w, u, t, θ, loss)/dτ; without a force in the last phase."""
+        """Return d(w, u, t, θ, loss)/dτ; without a force in the last phase."""
         w, k, n, compressing = y[_W], self._order, self._n, phase < _OPENS
         motion, state, velocity = self.motion, _radial_state(y), self.velocity(y)
         straight = motion.rate(state, compressing)
         assert straight.loss is not None
         apart = 1 - self.ratio * w**k
-        # What a clamped contact still stores when its force ends is given up on the way out.
+        # The energy still stored in a clamped contact when its force ends is lost on the way out.
         given_up = -self.form.pull(w, jnp.zeros_like(w), n, jnp.asarray(True)) * velocity
         coasts = phase == _COASTS
         loss = jnp.where(coasts, given_up, straight.loss)
@@ -120,11 +119,11 @@ class Radial(eqx.Module):
         return jnp.stack([straight.w, change, straight.t, straight.t / apart**2, loss])
 
     def force(self, y: State, phase: Int[Array, ""]) -> Number:
-        """The scaled force at a state."""
+        """Return the scaled force at a state."""
         return self.motion.force(_radial_state(y), phase < _OPENS)
 
     def gap(self, y: State, phase: Int[Array, ""]) -> Number:
-        """What falls through zero where a phase ends."""
+        """Return the gap that falls through zero at the end of a phase."""
         rise = jax.jvp(lambda y: self.force(y, phase), (y,), (self.rate(y, phase),))[1]
         apart = y[_W]
         if not self.form.tension:
@@ -134,7 +133,7 @@ class Radial(eqx.Module):
         return jnp.select([phase == _RISES, phase == _CLOSES], gaps, apart)
 
     def energy(self, y: State) -> Number:
-        """What is conserved: kinetic, stored, lost, and the potentials of push and swirl."""
+        """Return the conserved energy: kinetic, stored, lost, and potentials of push and swirl."""
         x = self.indentation(y)
         outwards = x * (2 - self.ratio * x) / (2 * jnp.square(1 - self.ratio * x))
         potential = self.swirl * outwards - self.push * x
@@ -142,19 +141,19 @@ class Radial(eqx.Module):
         return jnp.square(self.velocity(y)) / 2 + stored + y[_LOSS] + potential
 
     def held(self, y: State) -> Bool[Array, ""]:
-        """Whether too little energy is left to part against the push."""
+        """Return whether too little energy is left to separate against the push."""
         left = self.energy(y) - y[_LOSS]
         return self.pressed & (left < -1e-12)
 
     @property
     def pressed(self) -> Bool[Array, ""]:
-        """Whether push and swirl hold the bodies together."""
+        """True if push and swirl together press the bodies together."""
         return self.push - self.swirl > 0
 
     def rest(self) -> tuple[Number, Bool[Array, ""]]:
-        """The indentation at rest under the push, and whether bodies creep to it; 0 if unknown.
-
-        Near rest y'' + c x^(n-p) y' + n x^(n-1) y = 0: they creep to it, or swing about it.
+        """Return the static indentation under the push, and whether bodies creep to it; 0 if
+        unknown. Near rest y'' + c x^(n-p) y' + n x^(n-1) y = 0. The bodies creep to it, or
+        oscillate about it.
         """
         n, static = self._n, self.motion.static_indentation()
         damping = self.form.damping(n, jnp.asarray(True))
@@ -183,10 +182,10 @@ class _Carry(NamedTuple):
     y: State
     phase: Int[Array, ""]
     size: Number
-    """Of the next step to try; `free` is what the error alone would allow."""
+    """The size of the next step to try; `free` is the size that the error alone allows."""
     free: Number
     whole: Number
-    """The step in which an event was first seen; 0 where none is being sought."""
+    """The step in which an event was first seen; 0 if none is being sought."""
     max_force: Number
     max_indentation: Number
     duration: Number
@@ -197,11 +196,11 @@ class _Carry(NamedTuple):
 
 
 def solve_radial(problem: Radial) -> RadialOutcome:
-    """One lane, from touch until x = 0 again, by adaptive steps that end on the events.
+    """Solve one lane, from touch until x = 0 again, by adaptive steps that end on the events.
 
-    A step that passes an event is tried again with a length corrected by Newton's method, until it
-    ends there. The last correction is part of the derivative: it makes the moment of the event
-    depend on the parameters as it should.
+    A step that passes an event is repeated with a length corrected by Newton's method, until it
+    ends there. The last correction is part of the derivative, so that the event time depends
+    correctly on the parameters.
     """
     problem = problem.ready()
     dtype, tolerance = problem.push.dtype, problem.tolerance
@@ -227,14 +226,14 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         crossed = gap < 0
         whole = jnp.where(seeking, c.whole, c.size)
         small = jnp.abs(left) <= on_event * whole
-        # On the event, from either side. A step of no length can get no nearer.
+        # On the event, from either side. A step of zero length cannot get closer.
         event = fine & (((crossed | seeking) & small & ~flat) | (crossed & (c.size < 1e-13)))
         taken = fine & (event | ~crossed)
         moved = jnp.where(event & small, left, 0)
         y = jnp.where(event, y + slope * moved, y)
         turned = event & (phase == _CLOSES)
         y = jnp.where(turned, problem.still(y), y)
-        # Next: shorter where the error asks for it, to the event where one was passed, else longer.
+        # Next: shorter if the error requires it, to the event if one was passed, else longer.
         target = stop(c.size + left)
         inside = (target > 0.01 * c.size) & (target < c.size)
         back = jnp.where(inside, target, c.size / 2)
@@ -271,7 +270,7 @@ def solve_radial(problem: Radial) -> RadialOutcome:
     start = problem.start()
     zero = jnp.zeros_like(start[_T])
     skipped = problem.skip > 0
-    # A strong outward pull ends a contact early: at x of the order of its inverse.
+    # A strong outward pull ends a contact early, at x of the order of its inverse.
     early = jnp.sqrt(1 + jnp.abs(problem.push) + jnp.abs(problem.swirl))
     begin = stop(jnp.asarray(0.1, dtype) / early)
     # The force of an overdamped linear contact is largest at touch.
@@ -291,14 +290,14 @@ def solve_radial(problem: Radial) -> RadialOutcome:
         settled=jnp.zeros((), bool),
     )
     end = jax.lax.while_loop(unfinished, advance, varying(start[_T], first))
-    # A push may bring in more energy than the bodies came with.
+    # A push may add more energy than the bodies had.
     largest = 1 + (jnp.abs(problem.push) + jnp.abs(problem.swirl)) * problem.indentation(end.y)
     imbalance = jnp.abs(stop((problem.energy(end.y) - problem.energy(start)) / largest))
     e = -problem.velocity(end.y)
     # The error of ½e² as an error of e.
     doubt = jnp.minimum(imbalance / jnp.maximum(stop(e), 1e-6), jnp.sqrt(2 * imbalance))
     settled = end.settled
-    # What creeps to rest has no turn: its largest indentation is the static one.
+    # Bodies that creep to rest do not turn: their largest indentation is the static one.
     creeps = settled & (end.phase < _OPENS)
     deepest = jnp.where(creeping, static, problem.indentation(end.y))
     deepest = jnp.where(creeps, deepest, end.max_indentation)

@@ -1,4 +1,4 @@
-"""One isolated soft impact of two bodies, from their states at touch to those at separation."""
+"""An isolated impact of two bodies with finite duration, from touch to separation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .instantaneous import Choice, Outcome, driven_work, meeting_of
 from .oblique import oblique
 
 _HEAD_ON = 1e-8
-"""Sliding over closing speed below which an impact is head-on."""
+"""The ratio of sliding to closing speed below which an impact counts as head-on."""
 
 Lane = Float[Array, "..."]
 
@@ -31,13 +31,14 @@ def soft(
     needed: Bool[Array, ""],
     by_formula: bool = False,
 ) -> Outcome:
-    """An impact with its own duration, exact for a central force: `oblique` says how it is solved.
+    """Solve an impact with finite duration, exact for a central force; `oblique` does the solve.
 
-    The line of centres turns by ψ while the centre of mass moves on: with the unit vectors n along
-    the line and s along the sliding velocity at touch, the bodies part at distance d along R(ψ) n
-    with the velocity R(ψ) (-e' v_n n + v_s s). A moving wall is met in its own frame.
-    Where it is not `needed`, as in some lanes of a batch, nothing is solved. `by_formula`: whether
-    it is known to need no radial problem.
+    The line of centres turns by ψ while the centre of mass moves on. Let n be the unit vector along
+    the line and s that along the sliding velocity at touch. The bodies separate at distance d along
+    R(ψ) n, with the velocity R(ψ) (-e' v_n n + v_s s). A moving wall is treated in its own frame.
+
+    If it is not `needed`, as in some lanes of a batch, nothing is solved. `by_formula`: whether the
+    radial problem is known to be unnecessary.
     """
     count = layout.spheres
     meeting = meeting_of(layout, numbers, before, choice)
@@ -51,14 +52,14 @@ def soft(
     closing = jnp.maximum(meeting.closing, least_speed(numbers))
     across = relative + meeting.closing * normal
     square = jnp.sum(jnp.square(across))
-    # A head-on impact is taken as the limit of oblique ones: turn and sliding are proportional, and
-    # all else is even in the sliding speed, so that this one changes nothing but finds the ratio.
+    # A head-on impact is the limit of oblique ones. Turn and sliding are proportional, and all else
+    # is even in the sliding speed. The small sliding speed set here only yields that ratio.
     straight = square <= jnp.square(_HEAD_ON * closing)
     sideways = jnp.sqrt(jnp.where(straight, 1, square))
     sideways = jnp.where(straight, jax.lax.stop_gradient(_HEAD_ON * closing), sideways)
     distance = jnp.sum(rows_of(numbers.radius, who))
     contact = known_contact_of(layout, numbers, choice.first, choice.second)
-    # What presses a body to a wall acts in the contact; along the wall it does not.
+    # A force that presses a body to a wall acts in the contact; its part along the wall does not.
     pressing = jnp.where(is_wall, -jnp.sum(normal * pull[0]), 0)
     given = (
         contact,
@@ -67,7 +68,7 @@ def soft(
         jnp.where(is_wall, jnp.inf, distance),
         pressing * contact.mass,
     )
-    # Each kind of law has solutions of its own.
+    # Each kind of law has its own solutions.
     free = layout.dimensions == 1 and not layout.gravity
     laws, kind = laws_of(layout, numbers, choice.first, choice.second)
     solves = [
@@ -88,7 +89,7 @@ def soft(
     passed = clean.elapsed
     inverse = rows_of(numbers.inverse_mass, jnp.stack([choice.first, choice.second]))
     share = inverse / jnp.sum(inverse)
-    # The centre of mass falls freely, or rests where the second body is fixed or a wall.
+    # The centre of mass falls freely, or rests if the second body is fixed or a wall.
     drift = share[1] * flying.velocity[0] + share[0] * steady
     fall = share[1] * pull[0] + share[0] * jnp.where(is_wall, 0, pull[1])
     moved_by = drift * passed + fall * jnp.square(passed) / 2
@@ -100,12 +101,12 @@ def soft(
     other = middle + centre - share[1] * distance * along - image
     fast = falls + share[0] * away
     slow = falls - share[1] * away
-    # Along a wall gravity goes on; its normal part was in the contact.
+    # Gravity along a wall continues; its normal part acted in the contact.
     level = pull[0] - jnp.sum(pull[0] * normal) * normal
     on_wall = flying.position[0] + across * passed + level * jnp.square(passed) / 2
     off_wall = across + level * passed + parting * normal
     if any(layout.moving):
-        # All of this in the frame of the wall, which goes on at its velocity.
+        # These results are in the frame of the wall, which continues at its velocity.
         on_wall, off_wall = on_wall + steady * passed, off_wall + steady
     position = jnp.stack([jnp.where(is_wall, on_wall, first), other])
     velocity = jnp.stack([jnp.where(is_wall, off_wall, fast), slow])

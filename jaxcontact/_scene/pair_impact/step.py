@@ -1,4 +1,4 @@
-"""How long the next step of an adaptive solve of scenes may be."""
+"""Step size control of the adaptive solves of scenes."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from jaxtyping import Array, Float
 
 State = Float[Array, " numbers"]
 _ORDER = 8
-"""Of the Runge-Kutta method."""
+"""The order of the Runge-Kutta method."""
 
 
 def factor(error: Float[Array, ""]) -> Float[Array, ""]:
-    """By how much the next step may be longer; `error` is in units of what is allowed."""
+    """Return the factor for the next step size; `error` is in units of the allowed error."""
     safe = jnp.where(jnp.isfinite(error), jnp.maximum(error, 1e-12), 1e12)
     return jnp.clip(0.9 * safe ** (-1 / _ORDER), 0.2, 5.0)

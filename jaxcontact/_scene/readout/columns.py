@@ -1,4 +1,4 @@
-"""Columns of numbers and words as a text file."""
+"""Columns of numbers and words as CSV text."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ from ..._text.files import write_all
 def write_csv(
     columns: Mapping[str, np.ndarray], path: str | os.PathLike[str] | TextIO | BinaryIO
 ) -> None:
-    """Write columns (K,) with a head; a file that is named appears whole or not at all.
-
-    Every number is the shortest text that reads back to it, in its own precision. Raises ValueError
-    for what is neither a path nor an open file.
+    """Write columns (K,) with a header to a path or an open file. A named file appears whole or not
+    at all. Every number is the shortest text that reads back to it, in its own precision. Raises
+    ValueError if `path` is neither a path nor an open file.
     """
     if not hasattr(path, "write"):
         write_all({require_path("path", path): functools.partial(write_csv, columns)})

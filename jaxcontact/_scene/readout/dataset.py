@@ -1,4 +1,4 @@
-"""A run as a dataset of xarray."""
+"""A run as an xarray dataset."""
 
 from __future__ import annotations
 
@@ -48,9 +48,8 @@ def dataset(
     reached: Array,
     wall_work: Array,
 ) -> xarray.Dataset:
-    """States and impacts of a single run; `bodies` are the numbers of its spheres.
-
-    Raises ImportError without xarray, ValueError for a batch of runs.
+    """Return the states and impacts of a single run as a dataset. `bodies` are the numbers of its
+    spheres. Raises ImportError without xarray, ValueError for a batch of runs.
     """
     try:
         import xarray
@@ -87,7 +86,7 @@ def dataset(
 
 
 def _attributes(name: str) -> dict[str, Any]:
-    """What a dataset says of a quantity: its words, its unit, or the names of its flags."""
+    """Return the attributes of a quantity: long name and unit, or the names of its flags."""
     if name == "way":
         return {
             "long_name": "how the impact was solved",

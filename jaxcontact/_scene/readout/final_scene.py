@@ -1,4 +1,4 @@
-"""What a run ends with, and how another one goes on from there."""
+"""The final state of a run, and the start of another run from it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .states import looked_up
 
 @quick
 def end_of(choice: None, course: Course) -> Start:
-    """What a run ends with, for another run to go on from."""
+    """Return the final state of a run as the start state of another one."""
     layout, numbers, rules, time = course.layout, course.numbers, course.rules, course.length
     figures, facts = course.log
     last = jax.tree.map(lambda x: x[0], looked_up(course, time[None]))
@@ -41,7 +41,7 @@ def end_of(choice: None, course: Course) -> Start:
         shift=seats.shift,
         pace=pace_of(layout, numbers, met, closing),
         reserve=stored_energy(layout, numbers, rules.members, seats, state),
-        # What was lost so far belongs to the run that ended.
+        # The energy lost so far belongs to the finished run.
         state=state._replace(
             time=state.time - time,
             since=state.since - time,
@@ -53,8 +53,8 @@ def end_of(choice: None, course: Course) -> Start:
 
 
 def _underway(course: Course, last: Entries) -> Underway:
-    """The isolated impacts that are on at a time: what led to them, from which another run takes
-    them once more.
+    """Return the isolated impacts in progress at the end, with the states before them. Another run
+    solves these impacts again from their touch.
     """
     layout, log, time = course.layout, course.log, course.length
     inside = (last.row >= 0) & (last.began > time)
@@ -74,7 +74,7 @@ def _underway(course: Course, last: Entries) -> Underway:
 
 
 def going_on(coupling: Coupling, start: Start | None) -> Coupling:
-    """The coupling at the start of a run, with the contacts that it begins in."""
+    """Return the coupling at the start of a run, with the contacts in progress."""
     if start is None or start.contacts is None:
         return coupling
     known = start.contacts

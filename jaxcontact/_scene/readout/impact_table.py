@@ -21,10 +21,11 @@ from ..result import Ending, Impacts, Way, flagged
 def table_of(
     course: Course, status: Int[Array, ""], rows: int | None
 ) -> tuple[Impacts, tuple[Array, Array], Int[Array, ""]]:
-    """The impacts in order of time, padded to `rows`, without names of bodies; the smallest time
-    between rivals and the smallest closing speed, see `Margin`; and how many impacts there are.
+    """Return the impacts in order of time, without names, padded to `rows`.
 
-    Without `rows` there is one for every row of the log and every pair of a coupled solve.
+    The second value holds the smallest time between rivals and the smallest closing speed, see
+    `Margin`. The third is the number of impacts. Without `rows` there is one row for every row of
+    the log and every pair of a coupled solve.
     """
     found, layout = _isolated(course), course.layout
     if course.calls is not None:
@@ -54,7 +55,7 @@ def table_of(
 
 
 def _began_in(together: Together, counts: Bool[Array, " K"]) -> Int[Array, "K P"]:
-    """The row of the call in which a contact began: the first one at that time."""
+    """Return the row of the call in which a contact began: the first one at that time."""
     began = jnp.where(counts, together.began.time, -jnp.inf)
     row = jnp.searchsorted(jax.lax.cummax(began), together.end.since)
     return jnp.minimum(row, began.shape[0] - 1)
@@ -63,7 +64,7 @@ def _began_in(together: Together, counts: Bool[Array, " K"]) -> Int[Array, "K P"
 def _doubt(
     together: Together, counts: Bool[Array, " K"], since: Int[Array, "K P"]
 ) -> Float[Array, "K P"]:
-    """What the calls of a contact, from its touch to its end, add up to, in m/s."""
+    """Return the summed errors of all calls of a contact, from touch to end, in m/s."""
     error = jnp.where(counts, jax.lax.stop_gradient(together.error), 0)
     before = jnp.cumsum(error) - error
     return (before + error)[:, None] - before[since]
@@ -76,10 +77,11 @@ def _rested(
     together: Together,
     since: Int[Array, "K P"],
 ) -> Bool[Array, "K P"]:
-    """Whether a sphere lay on a wall before its contact there began in a call, and was not hit.
+    """Return whether a sphere already rested on the wall before the contact, and was not hit.
 
-    A solve that others begin takes in what rests near them: that is no impact. What it lost then is
-    rounding, beside the energy of motion in the call and what all contacts lost.
+    A coupled solve also includes spheres that rest nearby; their contacts are not impacts. Their
+    energy loss is rounding, relative to the kinetic energy in the call plus the losses of all
+    contacts.
     """
     seats, lost = called.decided.seats, jax.lax.stop_gradient(together.end.lost)
     members = seats.who.shape[1]
@@ -100,7 +102,7 @@ def _rested(
 
 
 def _isolated(course: Course) -> Impacts:
-    """The impacts out of coupled solves; bodies are those of the engine, and so is a `face`."""
+    """Return the impacts outside of coupled solves, with the engine's numbers of bodies."""
     outcome, facts, valid = course.log.figures.outcome, course.log.facts, course.counts
     if course.calls is not None:
         valid = valid & ~course.calls
@@ -124,7 +126,7 @@ def _isolated(course: Course) -> Impacts:
 
 
 def _coupled(course: Course) -> Impacts:
-    """The contacts that ended in a coupled solve, or came to rest there; what lay still is none."""
+    """Return the contacts that ended or came to rest in coupled solves, without lasting rest."""
     layout, numbers, is_call = course.layout, course.numbers, course.calls
     called, together = course.log.facts.call, course.log.figures.coupled
     assert called is not None and together is not None and is_call is not None
@@ -140,7 +142,7 @@ def _coupled(course: Course) -> Impacts:
     since = _began_in(together, is_call)
     opened = (began.closed > 0.5) & ~(end.closed > 0.5)
     rests = (end.closed > 0.5) & called.rest[:, None]
-    # At the end of the run a contact may still go on.
+    # At the end of the run a contact may still be in progress.
     last = (jnp.arange(rows) == course.known.written - 1) & ~called.ends
     lasts = (end.closed > 0.5) & last[:, None]
     apart = end.position[:, first] - end.position[:, second]

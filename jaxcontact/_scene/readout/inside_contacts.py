@@ -1,4 +1,4 @@
-"""The states of spheres that are in contact, solved from their touch."""
+"""The states of spheres in contact, solved from their touch."""
 
 from __future__ import annotations
 
@@ -37,10 +37,9 @@ class States(NamedTuple):
 
 
 class Entries(NamedTuple):
-    """Of every sphere at some times: what it last did, (T, N); `row` of the log, or -1; the v0
-    `held` by one that rests.
-
-    A sphere that is inside of an isolated impact has not `began` yet.
+    """The last event of every sphere before given times, (T, N). `row` is that of the log, or -1.
+    `held` is the v0 of a sphere at rest. For a sphere within an isolated impact, `began` lies in
+    the future.
     """
 
     position: Array
@@ -62,10 +61,11 @@ def in_contacts(
     here: States,
     written: Int[Array, ""],
 ) -> States:
-    """The states with those of spheres in isolated impacts and in coupled solves.
+    """Return the states, including spheres in isolated impacts and in coupled solves.
 
-    All are calls of the coupled solve, so that it is compiled once: N lanes a time for the isolated
-    impacts, each by its first body, and one for the solve in progress where the run has any.
+    All are calls of the coupled solve, so that it is compiled once. Each time has N lanes for the
+    isolated impacts, each assigned to its first body. One more lane holds the solve in progress, if
+    the run has any.
     """
     count = layout.spheres
     members = rules.members or min(2, count)
@@ -74,7 +74,7 @@ def in_contacts(
     away, nothing = jnp.zeros((count, layout.dimensions), numbers.dtype), jnp.zeros_like(times[0])
 
     def pair(row: Array, until: Array, who: Array) -> tuple[tuple, Array]:
-        """The isolated impact of a row, as a call; whether `who` is its first body."""
+        """Return the isolated impact of a row as a call, and whether `who` is its first body."""
         choice, before = jax.tree.map(lambda x: x[row], (log.facts.choice, log.figures.before))
         seats = _seats_of_two(layout, numbers, members, choice, before)
         is_first, is_second = seats.who == choice.first, seats.who == choice.second
@@ -93,7 +93,7 @@ def in_contacts(
         return (spheres, none, held, blank, decided), who == choice.first
 
     def going_on(row: Array, until: Array) -> tuple[tuple, Array]:
-        """The call of a row, up to a time; whether it lasts until then."""
+        """Return the call of a row up to a time, and whether it lasts until then."""
         rows = (together, log.facts.call, log.facts.choice)
         known, facts, choice = jax.tree.map(lambda x: x[row], rows)
         assert known is not None and facts is not None
@@ -138,7 +138,7 @@ def in_contacts(
     columns = (jnp.maximum(found.row, 0), inside)
     lanes, called, some = count, (), jnp.any(inside)
     if together is not None and log.facts.call is not None:
-        # Of the last lane the impact is none.
+        # The last lane holds no isolated impact.
         lanes, blank = count + 1, jnp.zeros((total, 1), int)
         columns = tuple(jnp.concatenate([x, blank.astype(x.dtype)], axis=1) for x in columns)
         called = last_call(log, written, times)
@@ -180,7 +180,7 @@ def stored_at_ends(
     times: Float[Array, " T"],
     written: Int[Array, ""],
 ) -> Float[Array, " T"]:
-    """The energy stored in contacts that go on at the times at which a call of theirs ended."""
+    """Return the energy stored in contacts in progress, at times when one of their calls ended."""
     rows, lasts = last_call(log, written, times)
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
@@ -202,9 +202,7 @@ def at_rest(
     times: Float[Array, " T"],
     elsewhere: Array,
 ) -> Float[Array, " T"]:
-    """The energy stored in the contacts of spheres that rest on walls, (T,), but for those that
-    are `elsewhere` (T, N).
-    """
+    """Return the energy (T,) of spheres at rest on walls, except those `elsewhere` (T, N)."""
     if not layout.walls:
         return jnp.zeros(found.row.shape[0], numbers.dtype)
 
@@ -227,7 +225,7 @@ def at_rest(
 def _seats_of_two(
     layout: Layout, numbers: Numbers, members: int, choice: Choice, before: Flying
 ) -> Seats:
-    """The places of the bodies of an isolated impact; the second may be a wall."""
+    """Return the places of the bodies of an isolated impact; the second may be a wall."""
     blank = empty_seats(layout, numbers, members)
     if everyone(layout, members):
         present = (blank.who == choice.first) | (blank.who == choice.second)

@@ -1,4 +1,4 @@
-"""How far a derivative of a run can be trusted."""
+"""Measures of how far a derivative of a run can be trusted."""
 
 from __future__ import annotations
 
@@ -21,17 +21,20 @@ from ..result import Ending, flagged, traced
 from .states import any_inside, states_at, states_in_log
 
 _MOST = 24
-"""Directions that are tried at most."""
+"""The largest number of directions in the bidiagonalisation."""
 
 
 class Margin(eqx.Module):
-    """How close a run came to another course of events, and how much it magnifies; scalars.
+    """The distance of a run from another sequence of events, and its sensitivity; scalars.
 
-    `time` in s, the smallest time by which an impact came before or after a rival of one of its
-    bodies; `closing_speed` in m/s, the smallest of all impacts. A derivative is that of the order
-    of events that happened: a change of the input that moves a time of impact by more than `time`
-    may leave it. Both are infinite where there was none. `growth`: how much larger the run makes a
-    small change of its start.
+    - `time`: in s, the smallest time by which an impact preceded or followed a rival of one of its
+      bodies.
+    - `closing_speed`: in m/s, the smallest one of all impacts.
+    - `growth`: the largest factor by which the run amplifies a small change of its start.
+
+    A derivative holds for the sequence of events that occurred. An input change that moves an
+    impact by more than `time` may change that sequence. `time` and `closing_speed` are infinite if
+    there was no impact.
     """
 
     time: Float[Array, ""]
@@ -40,18 +43,19 @@ class Margin(eqx.Module):
 
     @property
     def growth(self) -> Float[Array, ""]:
-        """The largest factor by which the run magnifies a small change of its start.
+        """The largest factor by which the run amplifies a small change of its start.
 
-        The largest singular value of the derivative of z(T) by z(0), z = (x, T v): positions in m
-        of all spheres that are free, and their velocities times the duration T. Flights alone have
-        (1 + √5)/2, for any T; among spheres every hit multiplies by about 2 + 2 l/(r cos φ), with l
-        the path between hits, r the sum of the radii and φ the angle to the normal. Rounding is
-        magnified alike: a run of growth G has lost log10 G digits. NaN where the run did not reach
-        its end.
+        It is the largest singular value of the derivative of z(T) with respect to z(0), z = (x, T
+        v). Here x are the positions of all free spheres in m, and T v their velocities times the
+        duration. Flight alone has (1 + √5)/2 for any T. Each hit between spheres multiplies by
+        about 2 + 2 l/(r cos φ). Here l is the path between hits, r the sum of the radii and φ the
+        angle to the normal.
 
-        It is computed here, and only here, by Lanczos's bidiagonalisation along the impacts that
-        happened: exact for up to 12 numbers that say where spheres are, else a lower bound that is
-        near for a growth that matters. A soft run compiles a program of its own for it.
+        Rounding is amplified alike: a run of growth G has lost log10 G digits. The value is NaN if
+        the run did not complete. It is computed on access by Lanczos bidiagonalisation along the
+        recorded impacts. It is exact for up to 12 position coordinates, and else a lower bound that
+        is close if the growth is large. A run with finite-duration impacts compiles a separate
+        program.
 
         Source: Golub & Kahan (1965), doi 10.1137/0702016.
         """
@@ -62,10 +66,10 @@ class Margin(eqx.Module):
 
 
 def _growth(course: Course) -> Array:
-    """The growth of a run, or of each run of a batch."""
+    """Return the growth of a run, or of each run of a batch."""
     coupled, inside = course.rules.members > 0, course.rules.soft
     if not traced(course):
-        # What did not happen is not compiled.
+        # Only the parts that occurred are compiled.
         coupled = course.log.facts.call is not None and bool(jnp.any(_each(_any_calls, course)))
         inside = inside and bool(jnp.any(_each(_ends_inside, course)))
     if not coupled:
@@ -89,17 +93,17 @@ def _any_calls(course: Course) -> Array:
 
 
 def _ends_inside(course: Course) -> Array:
-    """Whether bodies are in contact at the end."""
+    """Return whether bodies are in contact at the end."""
     return any_inside(course, course.length[None])
 
 
 def _largest_inside(course: Course) -> Array:
-    """As `_largest` where bodies may be in contact at the end."""
+    """Return `_largest` for a run in which bodies may be in contact at the end."""
     return _largest(course, inside=True)
 
 
 def _largest(course: Course, inside: bool = False) -> Array:
-    """The largest singular value, by Golub and Kahan's bidiagonalisation."""
+    """Return the largest singular value by Golub-Kahan bidiagonalisation."""
     course = jax.tree.map(lambda x: jax.lax.stop_gradient(x) if eqx.is_array(x) else x, course)
     layout, numbers, rules = course.layout, course.numbers, course.rules
     end, completed = course.length, course.ending()[0] == int(Ending.COMPLETED)
@@ -116,7 +120,7 @@ def _largest(course: Course, inside: bool = False) -> Array:
             velocity=numbers.velocity.at[free].set(start[1] / end),
         )
         if amid is not None:
-            # What is in an impact at the start varies with what led to it.
+            # A sphere within an impact at the start varies with the state before that impact.
             led = amid._replace(
                 position=amid.position.at[free].set(start[0]),
                 velocity=amid.velocity.at[free].set(start[1] / end),
@@ -140,7 +144,7 @@ def _largest(course: Course, inside: bool = False) -> Array:
     pull = jax.linear_transpose(push, start)
 
     def length(change: Array) -> Array:
-        # Of what may be near the largest number there is.
+        # The squares could overflow without the scaling.
         largest = jnp.max(jnp.abs(change))
         safe = jnp.where(largest > 0, largest, 1)
         return safe * jnp.sqrt(jnp.sum(jnp.square(change / safe)))
@@ -155,14 +159,14 @@ def _largest(course: Course, inside: bool = False) -> Array:
         pushed, size = along(push(change) - beside[k] * pushed)
         back = pull(pushed)[0] - size * change
         for _ in range(2):
-            # Rounding brings back what was tried before.
+            # Rounding reintroduces earlier directions, so they are removed again.
             back = back - jnp.tensordot(jnp.tensordot(tried, back, back.ndim), tried, 1)
         back, rest = along(back)
         tried = tried.at[k + 1].set(back)
         return tried, pushed, diagonal.at[k].set(size), beside.at[k + 1].set(rest)
 
     steps = min(start.size, _MOST)
-    # No direction is special to a random one.
+    # A random direction has a component along every singular vector.
     change = along(jax.random.normal(jax.random.key(0), start.shape, start.dtype))[0]
     tried = jnp.zeros((steps + 1, *start.shape), start.dtype).at[0].set(change)
     none = jnp.zeros(steps + 1, start.dtype)
@@ -170,6 +174,6 @@ def _largest(course: Course, inside: bool = False) -> Array:
     _, _, diagonal, beside = jax.lax.fori_loop(0, steps, step, first)
     small = jnp.diag(diagonal[:steps]) + jnp.diag(beside[1:steps], 1)
     growth = jnp.linalg.svd(small, compute_uv=False)[0]
-    # A derivative beyond the largest number there is.
+    # The derivative may overflow.
     growth = jnp.where(jnp.isfinite(growth), growth, jnp.inf)
     return flagged(growth, completed)

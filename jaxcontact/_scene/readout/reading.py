@@ -1,4 +1,4 @@
-"""What a run tells, read from its log: how it ended, states at some times, impacts and work."""
+"""The results of a run, read from its log: status, states at given times, impacts and work."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .wall_work import work_of
 
 
 class Reading(NamedTuple):
-    """What a `Run` is made of; how many `total` impacts there are."""
+    """The contents of a `Run`; `total` is the number of impacts."""
 
     status: Int[Array, ""]
     reached: Float[Array, ""]
@@ -32,10 +32,9 @@ class Reading(NamedTuple):
 
 
 def read(course: Course, asked: Float[Array, " T"], rows: int | None) -> Reading:
-    """All of it, with the table of impacts padded to so many `rows`.
-
-    Of numbers that are concrete it has no more rows than there are impacts, and motion inside of
-    contacts is compiled only where a time is inside of one.
+    """Return the results, with the table of impacts padded to so many `rows`. With concrete numbers
+    the table has no blank rows. Motion inside contacts is compiled only if one of the times needs
+    it.
     """
     reading = derived(_by_choice, course, asked, rows, decide=_from_log)
     if traced(reading.total):
@@ -53,7 +52,9 @@ def _first(impacts: Impacts, total: int) -> Impacts:
 
 
 def _from_log(course: Course, asked: Array, rows: int | None) -> tuple[Reading, tuple[bool, bool]]:
-    """As from Python; whether a time, and whether an end of the run, is inside of a contact."""
+    """Return the results from Python, with two flags for `_by_choice`. They say whether a requested
+    time, and whether an end of the run, is inside a contact.
+    """
     count, length = asked.shape[0], np.asarray(course.length)
     ends = np.stack([np.zeros_like(length), length])
     every, inside = told_in_log(course, np.concatenate([np.asarray(asked), ends]))
@@ -67,7 +68,7 @@ def _from_log(course: Course, asked: Array, rows: int | None) -> tuple[Reading, 
 def _by_choice(
     choice: tuple[bool, bool] | None, course: Course, asked: Array, rows: int | None
 ) -> Reading:
-    """As one program, which has what was chosen, or all that may be needed."""
+    """Return the results from one program with the parts chosen, or with all parts."""
     if choice is not None:
         inside, cut = choice
         now = moment(course, asked) if inside else moment_in_log(course, asked)[0]
@@ -90,5 +91,5 @@ def _told(course: Course, now: Any, rows: int | None) -> Reading:
 
 @quick
 def _tabled(course: Course) -> Reading:
-    """All but the states."""
+    """Return everything but the states."""
     return _told(course, None, None)

@@ -21,12 +21,12 @@ from ..result import Moment, flagged
 from .inside_contacts import Entries, States, at_rest, in_contacts, stored_at_ends
 
 _LEAST, _FEW = 512, 128
-"""Times that a program has room for at the least, and spheres up to which it does, so that a run,
-its plots and its films share it."""
+"""The least number of times in a program, and the largest number of spheres for which it applies.
+With it a run, its plots and its animations share one program."""
 
 
 def moment_at(course: Course, times: Float[Array, " T"]) -> Moment:
-    """The states at some times. Motion inside of contacts is compiled only where it is needed."""
+    """Return the states at given times; motion inside contacts is compiled only if needed."""
     return derived(_moment_at, course, times, decide=_moment_by_choice)
 
 
@@ -37,13 +37,13 @@ def _moment_by_choice(course: Course, times: Array) -> tuple[Moment, bool]:
 
 
 def told_in_log(course: Course, times: ArrayLike) -> tuple[Moment, np.ndarray]:
-    """As `moment_in_log`, for NumPy: by one program for all counts of times up to some."""
+    """Return `moment_in_log` as NumPy arrays, with one program for all small numbers of times."""
     least = _LEAST if course.layout.spheres <= _FEW else 1
     return _by_room(moment_in_log, course, times, least)
 
 
 def told(course: Course, times: ArrayLike) -> Moment:
-    """As `moment`, for NumPy."""
+    """Return `moment` as NumPy arrays."""
     return _by_room(moment, course, times, 1)
 
 
@@ -66,7 +66,7 @@ def _moment_at(inside: bool | None, course: Course, times: Array) -> Moment:
 
 @quick
 def moment_in_log(course: Course, times: Float[Array, " T"]) -> tuple[Moment, Bool[Array, " T"]]:
-    """The states at times that are not inside of a contact, and which of the times are."""
+    """Return the states outside of contacts, and which of the times are inside one."""
     times = times.astype(course.numbers.dtype)
     states, inside = states_in_log(course, times)
     return _moment(course, times, states), inside
@@ -74,7 +74,7 @@ def moment_in_log(course: Course, times: Float[Array, " T"]) -> tuple[Moment, Bo
 
 @quick
 def moment(course: Course, times: Float[Array, " T"]) -> Moment:
-    """The states at any times, inside of contacts, too."""
+    """Return the states at any times, including inside contacts."""
     times = times.astype(course.numbers.dtype)
     return _moment(course, times, states_at(course, times))
 
@@ -88,11 +88,9 @@ def _moment(course: Course, times: Array, states: States) -> Moment:
 
 
 def states_at(course: Course, times: Float[Array, " T"]) -> States:
-    """The states at some times; at an impact out of time those after it.
-
-    Of every sphere the last impact up to that time is looked up, by halving, in a list that is
-    sorted by sphere and time: no table of times, spheres and impacts. Inside of a contact its
-    motion is solved from the touch.
+    """Return the states at given times; at an instantaneous impact those after it. The last impact
+    of each sphere is found by binary search in a list sorted by sphere and time. This avoids an
+    array of times, spheres and impacts. Inside a contact the motion is solved from the touch.
     """
     layout, numbers, rules = course.layout, course.numbers, course.rules
     if not rules.soft:
@@ -105,9 +103,8 @@ def states_at(course: Course, times: Float[Array, " T"]) -> States:
 
 
 def states_in_log(course: Course, times: Float[Array, " T"]) -> tuple[States, Bool[Array, " T"]]:
-    """The states at times that are not inside of a contact, and which of the times are.
-
-    At the time at which a call of the coupled solve ended its state is in the log.
+    """Return the states outside of contacts, and which of the times are inside one. At the end time
+    of a coupled call the state is in the log.
     """
     layout, numbers, rules = course.layout, course.numbers, course.rules
     found = looked_up(course, times)
@@ -126,7 +123,7 @@ def states_in_log(course: Course, times: Float[Array, " T"]) -> tuple[States, Bo
 def _in_flight(
     layout: Layout, numbers: Numbers, times: Float[Array, " T"], found: Entries
 ) -> States:
-    """The states of spheres that fly or rest."""
+    """Return the states of spheres in flight or at rest."""
     count, dimensions = layout.spheres, layout.dimensions
     who = jnp.tile(jnp.arange(count), times.shape[0])
     pull = accelerations(layout, numbers, who, found.support.reshape(-1))
@@ -140,7 +137,7 @@ def _in_flight(
 def _prescribed(
     layout: Layout, numbers: Numbers, times: Float[Array, " T"], states: States
 ) -> States:
-    """The states, with fixed spheres that are accelerated where their motion says."""
+    """Return the states, with accelerated fixed spheres placed by their motion."""
     if not layout.shaken:
         return states
     place, rate = jax.vmap(lambda time: numbers.shaken_at(layout, time))(times)
@@ -152,7 +149,7 @@ def _prescribed(
 
 
 def any_inside(course: Course, times: Float[Array, " T"]) -> Bool[Array, ""]:
-    """Whether any of the times lies inside of a contact that takes time."""
+    """Return whether any of the times lies inside a contact of finite duration."""
     return jnp.any(_inside(course, times, looked_up(course, times)))
 
 
@@ -165,7 +162,7 @@ def _inside(course: Course, times: Float[Array, " T"], found: Entries) -> Bool[A
 
 
 def looked_up(course: Course, times: Float[Array, " T"]) -> Entries:
-    """The last impacts of all spheres. At a soft touch nothing has happened yet."""
+    """Return the last events of all spheres; a soft impact counts only after its touch."""
     layout, numbers, log = course.layout, course.numbers, course.log
     count, rows = layout.spheres, log.facts.tied.shape[0]
     figures, facts = log
@@ -214,7 +211,7 @@ def looked_up(course: Course, times: Float[Array, " T"]) -> Entries:
 
 
 def _resting(layout: Layout, log: Log) -> tuple[Int[Array, "K M"], Float[Array, "K M"]]:
-    """The walls that spheres rest on after a call, -1 where there are none, and the v0 held."""
+    """Return the walls that spheres rest on after a call, or -1, and the v0 held."""
     called, together = log.facts.call, log.figures.coupled
     assert called is not None and together is not None
     rows, members = called.decided.seats.who.shape
@@ -233,7 +230,7 @@ def _energy_of(
     position: Float[Array, "T N D"],
     velocity: Float[Array, "T N D"],
 ) -> Float[Array, " T"]:
-    """Kinetic energy and weight of all free spheres, ½ m v² - m g·x, in J."""
+    """Return kinetic energy plus weight of all free spheres, ½ m v² - m g·x, in J."""
     inverse = numbers.inverse_mass[: layout.spheres]
     free = inverse > 0
     mass = jnp.where(free, 1 / jnp.where(free, inverse, 1), 0)

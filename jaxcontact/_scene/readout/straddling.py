@@ -1,4 +1,4 @@
-"""What isolated impacts that are on at the start or at the end of a run do within it."""
+"""The share of a run in isolated impacts that cross its start or its end."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from .states import looked_up
 
 @quick
 def booked(course: Course, ends: Moment) -> Course:
-    """A run whose impacts take time, with what each of them loses and gets from moving bodies
-    within it: from its start on, and up to its end, at which the states are `ends`.
+    """Return a run with the energy loss and wall work of its impacts limited to the run.
 
-    At a time τ after the touch a pair has lost E(0) + W - E(τ) - ∫ F dδ, with E kinetic energy and
-    weight and W = V·(m Δv - m g τ), the work of a body that moves at V.
+    Impacts that cross the start lose the part before it. Impacts that cross the end count up to it;
+    the states there are `ends`. At a time τ after touch a pair has lost E(0) + W - E(τ) - ∫ F dδ. E
+    is kinetic energy plus weight, and W = V·(m Δv - m g τ) is the work of a body that moves at V.
     """
     layout, numbers, log = course.layout, course.numbers, course.log
     found = looked_up(course, ends.time)

@@ -1,4 +1,4 @@
-"""What moving walls do: in contacts, and to the spheres that rest on them."""
+"""The work of moving walls, in contacts and on spheres that rest on them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .states import looked_up
 
 
 def work_of(course: Course, status: Int[Array, ""], reached: Float[Array, ""]) -> Float[Array, ""]:
-    """What moving walls did in a run, in J; NaN where the run is not known."""
+    """Return the work of moving walls in a run in J; NaN if the impacts are not all known."""
     figures, counts = course.log.figures, course.counts
     work = jnp.sum(jnp.where(counts, figures.outcome.wall_work, 0))
     if figures.coupled is not None:
@@ -23,7 +23,7 @@ def work_of(course: Course, status: Int[Array, ""], reached: Float[Array, ""]) -
 
 
 def _carried(course: Course, reached: Float[Array, ""]) -> Float[Array, ""]:
-    """Of walls on the spheres that rest on them: N·w = -m (g·n) w for as long as they rest."""
+    """Return the work on spheres at rest on walls: the power -m (g·n) w times the duration."""
     layout, numbers, (figures, facts) = course.layout, course.numbers, course.log
     assert numbers.motion is not None
     inverse = numbers.inverse_mass[: layout.spheres]
