@@ -64,7 +64,7 @@ def with_sensitivity(solve: Callable[[In], Out]) -> Callable[[In], Out]:
             either = jnp.isnan(leaves[place].reshape(-1)[0])
             return jax.tree.map(lambda out: jnp.where(either, out, out), as_numbers(*leaves))
 
-        solved = jax.custom_jvp(as_numbers)
+        solved = jax.custom_jvp(of_lane)
 
         def rule(primals: tuple[jax.Array, ...], tangents: tuple) -> tuple[Out, Out]:
             outcome, slopes, along = _slopes_along(of_lane, primals, tangents)

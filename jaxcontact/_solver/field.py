@@ -46,6 +46,11 @@ class Field(Protocol[State]):
         ...
 
     @property
+    def smooth(self) -> bool:
+        """True if all guards are smooth up to their zeros, with a slope there."""
+        ...
+
+    @property
     def clamped(self) -> bool:
         """True if a force may be clamped to zero at the end of the motion."""
         ...

@@ -123,7 +123,7 @@ def _searched(
     def unsettled(at: _Search) -> Bool[Array, ""]:
         # The last step from here is exact, except across a corner or a clamp.
         near = close
-        if not field.clamped:
+        if field.smooth:
             near = jnp.where(jnp.sum(at.closed) == 1, _NEAR, close)
         return jnp.any(ends) & (at.count < _ITERATIONS) & (at.off > near * at.fraction)
 
@@ -135,7 +135,9 @@ def _searched(
     if packed.backwards:
         there, _ = step(field, last.before, at.fraction * length)
     if not field.clamped:
-        return field, there, at.closed, jnp.asarray(True)
+        # Only the guard that was searched for is certain to have a slope at its zero.
+        only = jnp.arange(ends.size) == _foremost(at.high[0], at.closed)
+        return field, there, at.closed & only, jnp.asarray(True)
     short = jnp.minimum(at.fraction / 2, close / jnp.where(length > 0, length, 1))
     inside, _ = step(field, last.before, (at.fraction - short) * length)
     state = packed.state(stop(inside))

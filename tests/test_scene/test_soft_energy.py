@@ -1,5 +1,7 @@
 """Impacts of finite duration: energy over many of them, rest and waking, a batch."""
 
+import sys
+
 import equinox as eqx
 import numpy as np
 import pytest
@@ -170,7 +172,7 @@ def test_crowds_are_refused_or_given_room(monkeypatch):
     assert run.status == jc.Ending.CROWDED
     assert np.all(np.isfinite(run.position[0])) and np.all(np.isnan(run.position[1]))
     # From Python the size grows, unless an explicit one was given.
-    monkeypatch.setattr("jaxcontact._scene.simulate.MOST", 2)
+    monkeypatch.setattr(sys.modules["jaxcontact._scene.simulate"], "MOST", 2)
     run = jc.simulate(scene, 1.0, times=[0.1, 1.0])
     assert run.status == jc.Ending.COMPLETED
     # Elastic balls in a row, as in `test_cluster`.

@@ -4,6 +4,7 @@ import dataclasses
 import os
 import signal
 import subprocess
+import sys
 import time
 
 import jax.numpy as jnp
@@ -179,7 +180,7 @@ def test_another_version_is_refused(store, monkeypatch):
 def test_processes_must_see_the_same_store(tmp_path, monkeypatch):
     """Two processes with a disk each would end with half of the blocks."""
     alone = Workers(process=1, processes=2)
-    monkeypatch.setattr("jaxcontact._sweep.sweep.workers_of", lambda mesh: alone)
+    monkeypatch.setattr(sys.modules["jaxcontact._sweep.sweep"], "workers_of", lambda mesh: alone)
     monkeypatch.setattr(Workers, "meet", lambda self, where: None)
     with pytest.raises(ValueError, match=r"process 1 does not find .* blocks"):
         many(store=tmp_path / "sweep.zarr")

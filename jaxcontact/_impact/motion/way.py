@@ -37,6 +37,12 @@ class Way(eqx.Module):
         return False
 
     @property
+    def smooth(self) -> bool:
+        """False for a general force that may vanish before x = 0: its gap has a corner there."""
+        motion = self.motion
+        return motion.form.tension or motion.one_way or motion.softness is not None
+
+    @property
     def clamped(self) -> bool:
         """True if the law may clamp its own force to zero."""
         return self.motion.may_clamp
