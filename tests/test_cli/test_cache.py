@@ -39,7 +39,8 @@ def test_programs_are_kept_and_damaged_ones_made_again(tmp_path):
     kept = programs(tmp_path)
     assert kept
     assert command(tmp_path) == first
-    assert programs(tmp_path) == kept
+    # A small program is kept only if its compilation takes a fiftieth of a second.
+    assert kept.items() <= programs(tmp_path).items()
     for path in kept:
         path.write_bytes(b"damaged")
     assert command(tmp_path) == first
@@ -97,7 +98,7 @@ compiled = []
 jax.monitoring.register_event_listener(lambda event, **_: compiled.append(event))
 import jaxcontact as jc
 folder = jc.cache(sys.argv[1])
-jc.impact(jc.HuGuo(e=0.7), jc.Contact(1.0, 1.4e8), 4.2)
+jc.impact(jc.HuGuo(e=0.7), jc.Contact(1.0, 1.4e8), 4.2, method="event")
 print(compiled.count({COMPILED!r}), folder)
 """
 

@@ -26,6 +26,7 @@ class Swing(eqx.Module):
 
     omega: jax.Array
     one_way: bool = eqx.field(static=True)
+    smooth = True
     clamped = False
 
     def rate(self, state):
@@ -40,6 +41,7 @@ class Dive(eqx.Module):
 
     depth: jax.Array
     one_way = False
+    smooth = True
     clamped = False
 
     def rate(self, state):
