@@ -94,6 +94,20 @@ def test_restitution_and_force_are_newtons():
     np.testing.assert_allclose(step[1], expected[:, 2], rtol=1e-7)
 
 
+def test_a_force_that_returns_ends_the_contact_once():
+    """The force and x vanish together in the end: only x has a slope there.
+
+    Solves that took the force for the end were off by up to 1e123, and not flagged.
+    """
+    c = np.array([0.03, 0.2, 0.7, 0.3, 0.5]) * MASS * SPEED / LENGTH
+    d = np.array([0.01348, 0.05, 0.03, 0.05, 0.03]) * LENGTH
+    _, (e, force) = solved({"c": jnp.asarray(c), "d": jnp.asarray(d)})
+    lanes = zip(c, d, strict=True)
+    expected = np.array([truth(lambda x, c=c, d=d: manual_step(x, d, c)) for c, d in lanes])
+    np.testing.assert_allclose(e, expected[:, 0], rtol=COMES_BACK)
+    np.testing.assert_allclose(force, expected[:, 2], rtol=1e-7)  # of 20,001 samples
+
+
 @pytest.mark.slow(reason="derivatives of event solves for each dashpot")
 def test_derivatives_are_those_of_newtons():
     zero = jax.tree.map(jnp.zeros_like, PLACE)
