@@ -135,9 +135,11 @@ def _searched(
     if packed.backwards:
         there, _ = step(field, last.before, at.fraction * length)
     if not field.clamped:
-        # Only the guard that was searched for is certain to have a slope at its zero.
-        only = jnp.arange(ends.size) == _foremost(at.high[0], at.closed)
-        return field, there, at.closed & only, jnp.asarray(True)
+        closed = at.closed
+        if not field.smooth:
+            # Only the guard that was searched for is certain to have a slope at its zero.
+            closed &= jnp.arange(ends.size) == _foremost(at.high[0], closed)
+        return field, there, closed, jnp.asarray(True)
     short = jnp.minimum(at.fraction / 2, close / jnp.where(length > 0, length, 1))
     inside, _ = step(field, last.before, (at.fraction - short) * length)
     state = packed.state(stop(inside))
