@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
@@ -78,7 +79,7 @@ class Stops(Layout[Stop]):
             for row in rows
         ]
         for row, one in zip(rows, records, strict=True):
-            fall = (2 * one.drop_height / STANDARD_GRAVITY) ** 0.5
+            fall = math.sqrt(2 * one.drop_height / STANDARD_GRAVITY)
             if one.seconds <= fall:
                 row.refuse(
                     "rest_time_s",

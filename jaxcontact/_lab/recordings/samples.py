@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from types import MappingProxyType
 
@@ -64,7 +65,7 @@ class Samples(Intervals):
         samples = samples[:, None] / size
         rate = (time.size - 1) / float(time[-1] - time[0])
         # Written times are rounded; instruments sample at whole rates.
-        rate = float(round(rate)) if abs(rate - round(rate)) < 1e-4 * rate**0.5 else rate
+        rate = float(round(rate)) if abs(rate - round(rate)) < 1e-4 * math.sqrt(rate) else rate
         audio = Audio(
             *(rate, time.size, 1, "a column of samples"),
             lambda start, count: samples[start : start + count],

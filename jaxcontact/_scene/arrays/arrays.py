@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -248,7 +249,7 @@ def least_speed(numbers: Numbers) -> Float[Array, ""]:
     pull = jnp.sqrt(jnp.sum(jnp.square(numbers.gravity))) * radius
     square = jnp.max(jnp.square(numbers.velocity)) + pull
     small = jnp.finfo(numbers.dtype)
-    return jax.lax.stop_gradient(small.eps * jnp.sqrt(square + float(small.tiny) ** 0.5))
+    return jax.lax.stop_gradient(small.eps * jnp.sqrt(square + math.sqrt(small.tiny)))
 
 
 def restitution_of(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import jax
@@ -76,7 +77,7 @@ def units_of(problem: Problem) -> Units:
     depth = jnp.where(used & state.closed, jnp.maximum(state.indentation, 0), 0)
     stored = jnp.max(contact.stiffness * depth ** (n + 1)) / mass
     pull = jnp.sqrt(jnp.max(jnp.sum(jnp.square(problem.acceleration), axis=1)))
-    tiny = float(jnp.finfo(pull.dtype).tiny) ** 0.5
+    tiny = math.sqrt(jnp.finfo(pull.dtype).tiny)
     static = (jnp.maximum(mass * pull, tiny) / contact.stiffness) ** (1 / n)
     weight = pull * jnp.max(jnp.where(used, static, 0))
     speed = jnp.sqrt(motion + stored + weight + tiny)
