@@ -6,7 +6,8 @@ time is measured separately. Errors are relative to the closed form, which the t
 
 `--equal LANES` compares at an equal error instead: `event`, plain diffrax and the numba kernel,
 each at its coarsest tolerance with e and the duration within 1e-9, for e from 0.2 to 0.99, under a
-push and for a user's own law.
+push and for a user's own law. All ways of a problem are measured in turn.
+`NUMBA_NUM_THREADS=1 taskset -c 1` holds them on one core.
 """
 
 from __future__ import annotations
@@ -134,8 +135,11 @@ def ordinary(number: Any) -> Any:
     return 1.5 * (1 - e) / e
 
 
-def at_equal_error(count: int) -> list[dict]:
-    """The cheapest setting of every way that keeps both errors within `WITHIN`, by problem."""
+def at_equal_error(count: int, only: str) -> list[dict]:
+    """The cheapest setting of every way that keeps both errors within `WITHIN`, by problem.
+
+    Ways other than `event` are those whose name and options contain `only`.
+    """
     # Numba is wanted here alone.
     from benchmarks.time_and_error.by_numba import NUMBA
 
@@ -149,32 +153,52 @@ def at_equal_error(count: int) -> list[dict]:
     rows = []
     for problem in problems:
         given = problem.lanes(count)
+        runs = []
         for way in (event, *peers, *NUMBA):
             for variant in way.variants:
+                if way is not event and only not in f"{way.name}, {variant}":
+                    continue
                 solve = way.prepared(problem, given, variant)
-                row = cheapest(problem, given, solve)
-                row = {"problem": problem.name, "way": way.name, "options": variant, **row}
-                print(row, flush=True)
-                rows.append(row)
+                row = {"problem": problem.name, "lanes": count, "way": way.name, "options": variant}
+                row |= coarsest(problem, given, solve)
+                if "rtol" in row:
+                    runs.append((solve, row))
+        rows += in_turn(runs, count)
     return rows
 
 
-def cheapest(problem: Problem, given: np.ndarray, solve: Callable) -> dict:
-    """Wall and CPU time at the coarsest tolerance that keeps both errors, {} where none does."""
+def coarsest(problem: Problem, given: np.ndarray, solve: Callable) -> dict:
+    """The coarsest tolerance that keeps both errors, and these; {} where none does."""
     for rtol in TOLERANCES:
         errors = problem.errors(given, jax.block_until_ready(solve(rtol)))
-        if max(errors.values()) > WITHIN:
-            continue
-        wall, processor = [], []
-        for _ in range(REPEATS):
-            start, used = time.perf_counter(), time.process_time()
-            jax.block_until_ready(solve(rtol))
-            wall.append(time.perf_counter() - start)
-            processor.append(time.process_time() - used)
-        times = {"us": wall, "processor_us": processor}
-        costs = {name: 1e6 * min(spent) / len(given) for name, spent in times.items()}
-        return {"rtol": rtol, **costs, **errors}
+        if max(errors.values()) <= WITHIN:
+            return {"rtol": rtol, **errors}
     return {}
+
+
+def in_turn(runs: list[tuple[Callable, dict]], count: int) -> list[dict]:
+    """Rows with the smallest wall and CPU time, and the ratio to the first row of the same round.
+
+    Every round measures all ways, since the speed of a machine changes within minutes. The ratio is
+    the median of the rounds.
+    """
+    spent = np.empty((REPEATS, len(runs), 2))
+    for times in spent:
+        for (solve, row), place in zip(runs, times, strict=True):
+            start, used = time.perf_counter(), time.process_time()
+            jax.block_until_ready(solve(row["rtol"]))
+            place[:] = time.perf_counter() - start, time.process_time() - used
+    costs = 1e6 * spent.min(0) / count
+    ratios = np.median(spent[..., 1] / spent[:, :1, 1], 0)
+    for (_, row), (wall, processor), ratio in zip(runs, costs, ratios, strict=True):
+        row |= {"us": wall, "processor_us": processor, "times_event": ratio}
+        print(
+            f"{row['problem']:15}{row['way'] + ', ' + row['options']:75}{row['rtol']:9.1e}"
+            f"{wall:9.2f}{processor:9.2f} us{ratio:8.2f} x  {row['error_e']:.0e} "
+            f"{row['error_duration']:.0e}",
+            flush=True,
+        )
+    return [row for _, row in runs]
 
 
 def main() -> None:
@@ -182,9 +206,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, help="JSON file to write")
     parser.add_argument("--equal", type=int, metavar="LANES", help="compare at an equal error")
+    parser.add_argument("--only", default="", help="ways of --equal whose name contains this")
     arguments = parser.parse_args()
     if arguments.equal:
-        at_equal_error(arguments.equal)
+        written(arguments.out, at_equal_error(arguments.equal, arguments.only))
         return
     rows = [measure(name) for name in WAYS]
     slowest = rows[0]["us_per_impact"]
@@ -197,6 +222,11 @@ def main() -> None:
             f"{row['times_scipy']:10.0f}  {row['error_e']:.0e}  "
             f"{'' if duration is None else f'{duration:.0e}'}"
         )
+    written(arguments.out, rows)
+
+
+def written(path: Path | None, rows: list[dict]) -> None:
+    """Print the machine, and write it with the rows to a JSON file."""
     machine = {
         "processor": platform.machine(),
         "device": str(jax.devices()[0].device_kind),
@@ -205,8 +235,8 @@ def main() -> None:
         "precision": "float64",
     }
     print(machine)
-    if arguments.out:
-        arguments.out.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
+    if path is not None:
+        path.write_text(json.dumps({"machine": machine, "rows": rows}, indent=1) + "\n")
 
 
 if __name__ == "__main__":
