@@ -22,7 +22,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -70,11 +70,14 @@ class Clock:
 
 
 class Result:
-    """Rows, written whole after each one."""
+    """Rows, written whole after each one. Those of other groups stay, if they are of this card."""
 
-    def __init__(self, path: Path):
-        self.path, self.rows = path, []
-        self.machine = machine()
+    def __init__(self, path: Path, groups: Sequence[str]):
+        self.path, self.machine = path, machine()
+        self.rows: list[Row] = []
+        known = json.loads(path.read_text()) if path.exists() else {"machine": {}, "rows": []}
+        if all(known["machine"].get(name) == self.machine.get(name) for name in ("card", "jax")):
+            self.rows += [row for row in known["rows"] if row["group"] not in groups]
 
     def keep(self, row: Row) -> None:
         self.rows.append(row)
@@ -293,7 +296,7 @@ def main(asked: list[str] | None = None) -> None:
     parser.add_argument("--write", action="store_true", help="only the page, of a known result")
     arguments = parser.parse_args(asked)
     if not arguments.write:
-        clock, result = Clock(arguments.limit), Result(arguments.out)
+        clock, result = Clock(arguments.limit), Result(arguments.out, arguments.only)
         for group in arguments.only:
             if group == FIRST:
                 first_calls(arguments.quick, clock, result)

@@ -23,15 +23,15 @@ XLA_PYTHON_CLIENT_PREALLOCATE=false python benchmarks/gpu.py --limit 280
 
 - **Times** are the best of three calls on data that are on the device; a sweep includes the
   transfer.
-- **× CPU** divides the rate by the best rate of the CPU at any size. **Cores** is how many cores the
-  CPU kept busy.
+- **× CPU** divides the rate by the best rate of the CPU at any size. **Cores** is how many of them
+  the CPU kept busy.
 - **Errors** are relative. Free impacts are compared with the closed form in every lane and with 40
   digits in 17 lanes, pushed ones with 40 digits in 17 lanes. Gradients are compared with those of
   the closed form, oblique pairs with SciPy. Scenes show the largest difference from the CPU.
 - **Tolerances**: event solves in float64 and plain diffrax use the coarsest power of ten that keeps
   1e-9 on a CPU, gradients 1e-9. In float32 an event solve uses its default, 1e-5.
-- **Compile times** are of programs that compile side by side. First calls run in fresh processes, up
-  to four at a time.
+- **Compile times** are of programs that compile side by side. First calls run in fresh processes,
+  up to four at a time.
 """
 PEERS = """
 ## Published peers
