@@ -154,10 +154,15 @@ def environment(**more: str) -> dict[str, str]:
     return {**{k: v for k, v in os.environ.items() if not k.startswith(ours)}, **more}
 
 
-def run(program: str, **more: str) -> None:
+def run(program: str, limit: float | None = None, **more: str) -> None:
     command = [sys.executable, "-W", "ignore", "-c", program]
     done = subprocess.run(
-        command, env=environment(**more), capture_output=True, text=True, check=False
+        command,
+        env=environment(**more),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=limit,
     )
     if done.returncode:
         raise RuntimeError(done.stderr[-2000:])
@@ -194,13 +199,15 @@ def counted_here() -> bool:
     return all(version(name) == at for name, at in COUNTED_AT.items())
 
 
-def seconds(program: str) -> float:
+def seconds(
+    program: str, clock: str = "process_time", limit: float | None = None, **more: str
+) -> float:
     """The CPU time of a first call, without that of the imports and of what comes before it."""
     before, _, call = program.rstrip().rpartition("\n")
     with tempfile.NamedTemporaryFile("r") as told:
-        start = "jax.block_until_ready(jnp.zeros(3) + 1)\nstart = time.process_time()"
-        end = f"print(time.process_time() - start, file=open({told.name!r}, 'w'))"
-        run(f"{before}\n{start}\njax.block_until_ready({call})\n{end}")
+        start = f"jax.block_until_ready(jnp.zeros(3) + 1)\nstart = time.{clock}()"
+        end = f"print(time.{clock}() - start, file=open({told.name!r}, 'w'))"
+        run(f"{before}\n{start}\njax.block_until_ready({call})\n{end}", limit, **more)
         return float(told.read())
 
 

@@ -87,25 +87,26 @@ def quick(function: Callable[..., Out], most: float = math.inf) -> Callable[...,
 @functools.cache
 def soon_options() -> dict[str, Any] | None:
     """Return CPU compiler options; None for other devices, or if this JAX has no such options."""
-    if jax.default_backend() != "cpu":
-        return None
-    options: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False}
-    try:
-        jax.jit(lambda x: x, compiler_options=options).lower(0.0).compile()
-    except jax.errors.JaxRuntimeError:
-        return None
-    return options
+    return _known({"xla_cpu_use_fusion_emitters": False})
 
 
 @functools.cache
 def quick_options() -> dict[str, Any] | None:
     """Return `soon_options` without LLVM passes and loop hoisting, which only help long runs."""
-    soon = soon_options()
-    if soon is None:
-        return None
-    return soon | {
+    options = {
         "xla_backend_optimization_level": 0,
         "xla_llvm_disable_expensive_passes": True,
         "xla_cpu_parallel_codegen_split_count": 1,
         "xla_disable_hlo_passes": "while-loop-invariant-code-motion,while-loop-constant-sinking",
     }
+    return {**(soon_options() or {}), **(_known(options) or {})} or None
+
+
+def _known(options: dict[str, Any]) -> dict[str, Any] | None:
+    if jax.default_backend() != "cpu":
+        return None
+    try:
+        jax.jit(lambda x: x, compiler_options=options).lower(0.0).compile()
+    except jax.errors.JaxRuntimeError:
+        return None
+    return options

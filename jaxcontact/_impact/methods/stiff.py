@@ -41,7 +41,8 @@ def _rule() -> tuple[np.ndarray, ...]:
     s = _STAGES
     top = np.zeros(s + 1)
     top[s], top[s - 1] = 1, -1
-    nodes = np.sort(legendre.legroots(top))
+    # NumPy 2.5 returns complex roots, also of a polynomial whose roots are real.
+    nodes = np.sort(np.real(legendre.legroots(top)))
     nodes[-1] = 1
     # Integrals from -1 of P_j are (P_(j+1) - P_(j-1))/(2j+1); half of that on [0, 1].
     integrals = np.stack(

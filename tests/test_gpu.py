@@ -1,0 +1,74 @@
+"""The benchmark for GPUs in short form on a CPU, and what a GPU is asked to compile."""
+
+import json
+
+import jax
+import pytest
+
+from benchmarks import gpu
+from benchmarks.gpu_page import page
+from benchmarks.gpu_tasks import TASKS
+from jaxcontact._program import compiled
+
+# Measured 3e-15 and 2e-7.
+WITHIN = {"float64": 1e-13, "float32": 1e-5}
+
+
+@pytest.fixture
+def measured(tmp_path, monkeypatch, usual_promotion):
+    """The closed form, and a task that cannot be made."""
+
+    def none(size, precision, platform):
+        raise MemoryError("no | room")
+
+    exact = next(task for task in TASKS if task.what == "exact")
+    monkeypatch.setattr(gpu, "TASKS", (exact._replace(make=none, what="broken"), exact))
+    out, into = tmp_path / "gpu.json", tmp_path / "gpu.md"
+    asked = ["--quick", "--only", "impacts", "--out", str(out), "--page", str(into)]
+    with jax.numpy_rank_promotion("allow"):
+        gpu.main(asked)
+    return json.loads(out.read_text()), into.read_text()
+
+
+def test_rows_have_an_error_and_a_failed_one_its_reason(measured):
+    result, written = measured
+    rows = [row for row in result["rows"] if row["platform"] == "cpu"]
+    broken, good = ([r for r in rows if r["what"] == what] for what in ("broken", "exact"))
+    assert {row["failed"] for row in broken} == {"MemoryError: no | room"}
+    assert {row["precision"] for row in good} == set(WITHIN)
+    for row in good:
+        assert row["error"] < WITHIN[row["precision"]] and row["rate"] > 0
+    assert "`MemoryError: no / room`" in written
+
+
+def test_no_row_starts_after_the_limit(tmp_path):
+    result = gpu.Result(tmp_path / "gpu.json", gpu.GROUPS)
+    gpu.measure_group("impacts", True, gpu.Clock(0.0), result)
+    assert all(row["failed"].startswith("TimeoutError") for row in result.rows) and result.rows
+
+
+def test_the_page_compares_with_the_best_rate_of_the_cpu(measured):
+    result, _ = measured
+    row = next(r for r in result["rows"] if r.get("rate") and r["precision"] == "float64")
+    faster = row | {"platform": "gpu", "rate": 7 * row["rate"]}
+    written = page({"machine": result["machine"], "rows": [*result["rows"], faster]})
+    assert "(7 times the CPU)" in written
+
+
+def test_the_page_is_that_of_the_result():
+    assert gpu.PAGE.read_text() == page(json.loads(gpu.RESULT.read_text()))
+
+
+def test_a_gpu_is_given_no_option_of_a_cpu(monkeypatch):
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    # Past the caches, which hold this process's answer.
+    monkeypatch.setattr(compiled, "soon_options", compiled.soon_options.__wrapped__)
+    assert compiled.soon_options() is None
+    assert compiled.quick_options.__wrapped__() is None
+
+
+def test_an_option_that_this_jax_lacks_leaves_the_others(monkeypatch):
+    assert compiled._known({"xla_no_such_option": True}) is None
+    # As from JAX 0.11 on, which has one way to emit loops.
+    monkeypatch.setattr(compiled, "soon_options", lambda: None)
+    assert "xla_backend_optimization_level" in compiled.quick_options.__wrapped__()
