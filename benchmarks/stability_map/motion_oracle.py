@@ -27,6 +27,8 @@ LANES_AT_ONCE = 1500
 
 _NEWTON = 14
 _LANDINGS = 60
+# Samples of the way without a force.
+_RETURNS = 64
 
 
 def solve(problem: Problem, tolerance: float = TOLERANCE) -> Truth:
@@ -312,6 +314,7 @@ class _Lanes:
         # If the force vanishes at x > 0 with too little energy to reach x = 0, the push holds the
         # bodies.
         parted &= ~(held & (event == 2))
+        parted[self._goes_on(i, parted & (event == 2) & (push > 0), x, ve)] = False
         settled = (was_out & ~parted & (held | back)) | creeps | forever
         done = parted | settled
         at = np.flatnonzero(done)
@@ -319,6 +322,42 @@ class _Lanes:
             clamped = event[at] == 2
             self._finish(i[at], parted[at], creeps[at], clamped, x[at], ve[at], stored[at])
         return done
+
+    def _goes_on(self, i: Array, clamped: Array, x: Array, v: Array) -> Array:
+        """Lanes whose force returns before x = 0 belong to the same contact: they start from there.
+
+        Without a force the bodies move by x'' = Γ. The first moment with x^p + c v > 0 is found
+        between samples, which are denser near x = 0.
+        """
+        at = np.flatnonzero(clamped)
+        index = i[at]
+        x, v, c = x[at], v[at], self.c[index]
+        push, p, k = self.given.push[index], self.given.p[index], self.k[index]
+        landing = 2 * x / (-v + np.sqrt(np.maximum(v * v - 2 * push * x, 0)))
+
+        def moved(time: Array) -> tuple[Array, Array]:
+            return x + (v + push * time / 2) * time, v + push * time
+
+        def acts(time: Array) -> Array:
+            place, speed = moved(time)
+            return absolute_power(np.maximum(place, TINY), p) + c * speed > 0
+
+        fractions = 1 - (1 - np.arange(1, _RETURNS, dtype=EXTENDED) / _RETURNS) ** 4
+        acting = np.array([acts(fraction * landing) for fraction in fractions])
+        first = np.argmax(acting, 0)
+        low = np.where(first > 0, fractions[np.maximum(first - 1, 0)], 0) * landing
+        high = fractions[first] * landing
+        for _ in range(_LANDINGS):
+            middle = (low + high) / 2
+            past = acts(middle)
+            low, high = np.where(past, low, middle), np.where(past, middle, high)
+        on = acting.any(0)
+        at, index = at[on], index[on]
+        place, speed = (one[on] for one in moved(high))
+        self.t[index] += high[on]
+        self.w[index] = absolute_power(place, 1 / k[on])
+        self.u[index] = speed + self.b[index] * absolute_power(place, p[on])
+        return at
 
     def _largest_force(self, i: Array, w: Array, force: Array, f: Array) -> None:
         """The largest force within the step, F = w^m g with polynomials w and g of the place.

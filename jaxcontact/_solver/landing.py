@@ -35,8 +35,9 @@ class _Falling(eqx.Module):
     def nearest(self, state: Any) -> Number:
         """Return the smallest of the closing guards."""
         guards = self.field.guards(state)
-        chosen = (jnp.where(c, guard, 1) for c, guard in zip(self.closed, guards, strict=True))
-        return functools.reduce(jnp.minimum, chosen)
+        pairs = zip(self.closed, guards, strict=True)
+        closing = (jnp.where(closes, guard, jnp.inf) for closes, guard in pairs)
+        return functools.reduce(jnp.minimum, closing)
 
     def slopes(self, moment: Moment) -> Moment:
         """Return the slopes of the moment with respect to the guard."""
@@ -53,8 +54,7 @@ def land(field: Field, packed: Packed, last: Marched) -> tuple[Record, Bool[Arra
     """
     before, closed, smooth = last.before, last.closed, jnp.asarray(True)
     if not field.one_way:
-        found = _searched(field, packed, last)
-        field, before, closed, smooth = found
+        field, before, closed, smooth = _searched(field, packed, last)
     arrived = jnp.any(closed)
     fall = _Falling(field, closed)
     lacking = jnp.where(arrived, fall.nearest(packed.state(before)), 0)
@@ -83,7 +83,7 @@ def _searched(
 ) -> tuple[Field, Record, Flags, Bool[Array, ""]]:
     """Return a moment of the last step close to the end, and the guards that close there. Cubic
     interpolation within a bracket, with values and slopes at both ends, usually needs one step. The
-    result includes the motion that continues smoothly there, and whether it is smooth.
+    result includes the motion that continues smoothly there, and whether it is smooth and found.
     """
     stop = jax.lax.stop_gradient
     frozen, ends = stop((field, last.closed))
@@ -131,7 +131,7 @@ def _searched(
     low, high = packed.each(look, *stop((last.before, last.after)))
     begin = _Search(zero, last.after, zero + 1, zero + 1, zero, zero + 1, low, high, ends)
     at = jax.lax.while_loop(unsettled, narrow, varying(length, begin))
-    there = at.there
+    there, found = at.there, at.count < _ITERATIONS
     if packed.backwards:
         there, _ = step(field, last.before, at.fraction * length)
     if not field.clamped:
@@ -139,13 +139,13 @@ def _searched(
         if not field.smooth:
             # Only the guard that was searched for is certain to have a slope at its zero.
             closed &= jnp.arange(ends.size) == _foremost(at.high[0], closed)
-        return field, there, closed, jnp.asarray(True)
+        return field, there, closed, found
     short = jnp.minimum(at.fraction / 2, close / jnp.where(length > 0, length, 1))
     inside, _ = step(field, last.before, (at.fraction - short) * length)
     state = packed.state(stop(inside))
     field = field.continued(state)
     smooth = ~field.jumps(state, packed.state(stop(there)), at.closed)
-    return field, inside, _first(field, state, at.closed), smooth
+    return field, inside, _first(field, state, at.closed), smooth & found
 
 
 def _foremost(values: Array, closed: Flags) -> Array:
@@ -164,7 +164,8 @@ def _crossing(at: _Search) -> Number:
     early, late = (jnp.where(flat, 1, slope) for slope in (early, late))
     way = part * (3 - 2 * part) * size + left * fall * (left / early - part / late)
     guess = at.begin + part * way
-    inside = (guess > at.begin) & (guess < at.end) & ~flat
+    # Where the slope changes much, the cubic may approach a wrong moment from one side.
+    inside = (guess > at.begin) & (guess < at.end) & ~flat & (jax.lax.rem(at.count, jnp.full_like(at.count, 3)) < 2)
     return jnp.where(inside, guess, at.begin + size / 2)
 
 
