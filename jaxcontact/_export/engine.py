@@ -64,10 +64,11 @@ def register_engine(kind: type[Kind]) -> type[Kind]:
 
 _OTHERS = {
     "isaac|physx|omniverse": "PhysX, which Isaac Sim and Isaac Lab use, takes restitution itself "
-    "as e, above its bounce threshold velocity (2 m/s by default in PhysX 4: issue 351 of "
-    "github.com/NVIDIAGameWorks/PhysX) and by the combine mode of both materials. Its "
-    "compliant contacts are a spring and a dashpot by implicit steps; their scheme was not found "
-    "out, and nothing is exported",
+    "as e, above its bounce threshold velocity (2 m/s by default in "
+    "PhysX 4: issue 351 of github.com/NVIDIAGameWorks/PhysX) and by the "
+    "combine mode of both materials. Its compliant contacts are a "
+    "spring and a dashpot by implicit steps; their scheme is unknown, "
+    "so nothing is exported",
     "genesis": "Genesis takes MuJoCo's solref and solimp as sol_params, in the positive "
     "format: export to 'mujoco', whose solref there is 2/damping and dampratio; Genesis "
     "was not run",

@@ -363,7 +363,7 @@ def _none_describes(best: Candidate, first: Candidate, good: list[Candidate], va
     head = f"The best is {best.name}{values}"
     if best is not first:
         head = f"{best.name} comes as close as any{values}"
-    rest = f"; {' or '.join(them)} may" if them else ", and none of these does"
+    rest = f"; {' or '.join(them)} may" if them else ", and no other fit does"
     return f"{head}. But it does not describe the data ({shown(best.p)}){rest}."
 
 

@@ -78,10 +78,9 @@ class AbstractLaw(eqx.Module):
             cls.tension = cast(bool, field)
         elif stated is None and cls.tension is None and not _is_abstract(cls):
             raise TypeError(
-                f"Law `{cls.__name__}` must say whether its contact may pull: set `tension = "
-                "False` in the class (a negative force counts as zero, and the contact ends where "
-                "the force vanishes) or `tension = True` (the force may pull, and the contact ends "
-                "where the indentation is back at zero)."
+                f"Law `{cls.__name__}` must set `tension` in the class: False (a negative force "
+                "counts as zero, and the contact ends at zero force) or True (the force may "
+                "pull, and the contact ends at zero indentation)."
             )
 
     @property

@@ -35,7 +35,7 @@ class AbstractRestitutionOfSpeed(AbstractHuntCrossley):
 
 @register_law(
     "thornton_plastic",
-    formula="that of e = √(6√3/5) √(1-r²/6) (r/(r+2√(6/5-r²/5)))^¼, r = v_y/v0",
+    formula="exact for e = √(6√3/5) √(1-r²/6) (r/(r+2√(6/5-r²/5)))^¼, r = v_y/v0",
     source="Thornton 1997, doi 10.1115/1.2787319",
     valid="spheres, elastic below v_y and perfectly plastic beyond; then e ~ v0^(-1/4)",
 )
@@ -75,7 +75,7 @@ def plastic_restitution(
 
 @register_law(
     "bridges",
-    formula="that of e = min(1, a (v0/v_r)^-p)",
+    formula="exact for e = min(1, a (v0/v_r)^-p)",
     source="Bridges, Hatzes & Lin 1984, doi 10.1038/309333a0",
     valid="a > 0; e = 1 below the speed v_r a^(1/p)",
 )
@@ -103,7 +103,7 @@ class Bridges(AbstractRestitutionOfSpeed):
 
 @register_law(
     "power_restitution",
-    formula="that of e = 1 - b (v0/v_r)^p",
+    formula="exact for e = 1 - b (v0/v_r)^p",
     source="empirical; p = 1/5 is Kuwabara & Kono's small loss, doi 10.1143/JJAP.26.1230",
     valid="b ≥ 0, where e > 0; p = 0 is a constant e",
 )

@@ -140,9 +140,9 @@ def local_folder(path: Any) -> Path:
     folder = require_path("store", path)
     if "://" in os.fspath(path):
         raise ValueError(
-            f"Argument `store` must be the path of a folder of this machine, but is {str(path)!r}: "
-            "remote stores are not served. Sweep into a local folder and copy it, or mount the "
-            "remote one."
+            "Argument `store` must be the path of a folder of this machine, but is "
+            f"{str(path)!r}: remote stores are not supported. Sweep into a local folder and copy "
+            "it, or mount the remote one."
         )
     return folder
 

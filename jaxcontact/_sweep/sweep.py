@@ -111,8 +111,8 @@ def sweep(
     if folder is not None and (reduce is not None or cost is not None):
         other = "reduce" if reduce is not None else "cost"
         raise ValueError(
-            f"Argument `store` must be None with `{other}`, but is {rendered(store)}: a store "
-            "holds every lane in its place."
+            f"Argument `store` must be None with `{other}`, but is {rendered(store)}, since a "
+            "store holds every lane in its place."
         )
     grid = grid_of(samples, axes)
     check_call(fn, grid)

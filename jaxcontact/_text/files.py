@@ -43,7 +43,9 @@ def write_all(contents: Mapping[pathlib.Path, bytes | Callable[[BinaryIO], objec
     """
     for path in contents:
         if is_special(path):
-            raise FileExistsError(f"{path} is a folder, a pipe or a device, no file to replace")
+            raise FileExistsError(
+                f"{path} must be a regular file, but is a folder, a pipe or a device"
+            )
     temporary: dict[pathlib.Path, str] = {}
     try:
         for path, content in contents.items():

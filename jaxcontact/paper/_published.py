@@ -20,7 +20,8 @@ class Published(NamedTuple):
     differs: str = ""
 
 
-_REGRESSION = "the paper does not say how its points were spaced; the band over samplings holds it"
+_REGRESSION = "the paper does not give the spacing of its points; the value lies in the band over "
+"samplings"
 
 PUBLISHED = (
     Published(
@@ -28,7 +29,7 @@ PUBLISHED = (
     ),
     Published(
         *("mass of the steel example", "sec. 4", "0.033", 0.033, 5e-4, "kg"),
-        "0.033 kg is the mass of one sphere; the effective mass of the two that K is for is half",
+        "0.033 kg is the mass of one sphere; the effective mass of the two spheres of K is half",
     ),
     Published("e of case 1", "sec. 4", "0.9", 0.9, 5e-2),
     Published("e of case 2", "sec. 4", "0.9", 0.9, 5e-2),

@@ -133,7 +133,7 @@ def _shown(result: Any, names: Any) -> _Normal | _Drawn:
         )
     if not result.converged:
         raise ValueError(
-            f"Argument `result` must be a fit that converged, but is none: {result.reason}."
+            f"Argument `result` must be a fit that converged, but it did not: {result.reason}."
         )
     certain = tuple(n for n, error in result.standard_errors.items() if np.isfinite(error))
     if names is None and not certain:

@@ -47,7 +47,7 @@ def energy(run: Run, *, ax: Axes | None = None) -> Axes:
         lw=1.2,
         ls="--",
         color=BLACK,
-        label="start less the losses of impacts",
+        label="start minus the losses of impacts",
     )
     ax.set_xlim(0, float(run.reached))
     put_label(ax.xaxis, "time")

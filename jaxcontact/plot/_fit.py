@@ -53,8 +53,8 @@ def fit(
     size, shapes = np.size(given), result.problem.shapes
     if given is None or np.ndim(given) != 1 or any(shape != (size,) for shape in shapes):
         raise ValueError(
-            "Argument `result` must be a fit over a one-dimensional `x`, one number for each point "
-            "of the data, but is none."
+            "Argument `result` must be a fit over a one-dimensional `x`, one number for each "
+            "point of the data, but has no such `x`."
         )
     place = np.asarray(given)
     used = np.reshape(np.asarray(result.problem.factor) > 0, (len(shapes), size))

@@ -120,7 +120,9 @@ def _path(law: AbstractLaw, contact: Contact | None, velocity: float | None) -> 
         contact = Contact(mass=1.0, stiffness=1.0, exponent=exponent)
     path = trajectory(law, contact, 1.0 if velocity is None else velocity, samples=_SAMPLES)
     if not np.isfinite(np.asarray(path.force)).all():
-        raise ValueError(f"Argument `law` must have an impact with an end, but {law!r} has none.")
+        raise ValueError(
+            f"Argument `law` must have an impact that ends, but that of {law!r} has none."
+        )
     return path
 
 

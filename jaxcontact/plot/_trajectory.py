@@ -48,8 +48,8 @@ def require_one_path(path: object) -> Trajectory:
     """Return a single trajectory with values to draw; ValueError for anything else."""
     if isinstance(path, Impact):
         raise ValueError(
-            "Argument `path` must be a `Trajectory`, but is an `Impact`, which has no course: give "
-            "`trajectory(law, contact, velocity)` (and to `plot.impact` both)."
+            "Argument `path` must be a `Trajectory`, but is an `Impact`, which has no time "
+            "history: give `trajectory(law, contact, velocity)`, and to `plot.impact` both."
         )
     one = require_kind("path", path, Trajectory, "a `Trajectory`")
     if one.time.ndim != 1:

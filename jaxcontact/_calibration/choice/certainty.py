@@ -123,14 +123,14 @@ def sure_sentence(
     """
     if sure is not None:
         but = " that does not contain it" if sure.containing else ""
-        return f" This is sure: every other law{but} is excluded (p < {EXCLUDED:g} each)."
+        return f" The choice is sure: every other law{but} is excluded (p < {EXCLUDED:g} each)."
     if best is None or fits[best].adequate is False:
         return ""
     standing = standing_of(fits, kinds, best)
     rest = [name for name in standing.rivals if name not in said]
     if rest:
         verb = "is" if len(rest) == 1 else "are"
-        return f" This is not sure: {' and '.join(rest)} {verb} not ruled out."
+        return f" The choice is not sure: {' and '.join(rest)} {verb} not ruled out."
     if not standing.rivals and fits[best].adequate is None:
-        return " This is not sure: whether it describes the data cannot be told."
+        return " The choice is not sure: the fit could not be tested."
     return ""

@@ -98,7 +98,7 @@ def choose_law(
     mark_outliers = require_flag("mark_outliers", mark_outliers)
     if how.get("transforms") is not None:
         raise ValueError(
-            "Argument `transforms` must be None: each law has its own, but it is "
+            "Argument `transforms` must be None, since each law has its own, but is "
             f"{rendered(how['transforms'])}."
         )
     v = column(velocity, "velocity", POSITIVE)

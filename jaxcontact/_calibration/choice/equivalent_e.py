@@ -32,7 +32,7 @@ class Asked:
     def sentence(self) -> str:
         """The law, and the e to set."""
         if self.e is None:
-            return f"{self.law:20} cannot: it delivers {self.least:.3g} to {self.most:.3g}"
+            return f"{self.law:20} out of range: it delivers {self.least:.3g} to {self.most:.3g}"
         error = "" if self.standard_error is None else f" ± {self.standard_error:.2g}"
         return f"{self.law:20} {self.e:.5f}{error}"
 

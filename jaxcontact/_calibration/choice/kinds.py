@@ -173,7 +173,7 @@ class ConstantC(AbstractKind):
 
     law: str = "constant_damping"
     name: str = "constant c"
-    unidentified = "c and K one by one: e(v) determines only c/K, and nothing of m"
+    unidentified = "c and K separately, and m: e(v) determines only c/K"
     transforms = MappingProxyType({"c": Positive()})
     own = (("c", "N s/m^(5/2)", frozenset({"stiffness"})),)
 
@@ -218,7 +218,7 @@ class Viscoelastic(AbstractKind):
 
     law: str = "kuwabara_kono"
     name: str = "Kuwabara-Kono"
-    unidentified = "A, K and m one by one: e(v) determines only A (K/m)^(2/5)"
+    unidentified = "A, K and m separately: e(v) determines only A (K/m)^(2/5)"
     transforms = MappingProxyType({"A": Positive()})
     own = (("A", "s", frozenset({"mass", "stiffness"})),)
 
@@ -254,7 +254,7 @@ class Plastic(AbstractKind):
 
     law: str = "thornton_plastic"
     name: str = "elastic-plastic"
-    unidentified = "the yield pressure, E, R and m one by one: e(v) determines only the yield speed"
+    unidentified = "yield pressure, E, R and m separately: e(v) determines only the yield speed"
     transforms = MappingProxyType({"yield_speed": Positive()})
 
     def serves(self, exponent: float | Array) -> bool:
@@ -345,7 +345,7 @@ class Dashpot(AbstractKind):
 
     law: str = "linear_dashpot"
     name: str = "linear dashpot"
-    unidentified = "c, K and m one by one: e(v) determines only c/(m^(3/5) K^(2/5))"
+    unidentified = "c, K and m separately: e(v) determines only c/(m^(3/5) K^(2/5))"
     transforms = MappingProxyType({"c": Positive()})
     own = (("c", "N s/m", frozenset({"mass", "stiffness"})),)
 
@@ -377,7 +377,7 @@ class Stepped(Dashpot):
 
     law: str = "step_damping"
     name: str = "step damping"
-    unidentified = "c_max, d, K and m one by one: e(v) determines only two combinations"
+    unidentified = "c_max, d, K and m separately: e(v) determines only two combinations"
     transforms = MappingProxyType({"c_max": Positive(), "d": Positive()})
     own = (
         ("c_max", "N s/m", frozenset({"mass", "stiffness"})),

@@ -206,10 +206,10 @@ class LawChoice(ChoiceData):
             lines.append(f"{self.yardstick[0].upper()}{self.yardstick[1:]}.")
         marked = int(self.marked.sum())
         if marked:
-            lines.append(f"{marked} of {len(self.marked)} points are outliers and left out.")
+            lines.append(f"{marked} of {len(self.marked)} points are outliers and are left out.")
         if self.best == self.laws[0].kind:
             e = self.constant.value
-            lines.append(f"Laws that deliver e = {e:.5f}, and the e to set in each:")
+            lines.append(f"Parameter e of each law that delivers e = {e:.5f}:")
             lines += [f"  {asked.sentence}" for asked in self.asked]
         if self.next_measurement:
             lines.append(f"{self.next_measurement[0].upper()}{self.next_measurement[1:]}.")

@@ -40,25 +40,26 @@ def what_settles(
     right, other = sorted((best, rivals[0]), key=lambda name: -len(fits[name].names))
     low, high = ends
     if not high > low:
-        return f"to tell {best} from {rivals[0]}, measure e at other speeds than {low:.3g} m/s"
+        return f"to distinguish {best} from {rivals[0]}, measure e at speeds other than {low:.3g} "
+        "m/s"
     speeds = np.geomspace(low, high, _PLACES)
     distance, share = _least_distance(fits[right], fits[other], speeds)
     # The noise of e, which is the first column.
     noise = float(np.nanmedian(scatter(fits[right])[: len(fits[right].problem.x)]))
-    between = f"to tell {best} from {rivals[0]}"
+    between = f"to distinguish {best} from {rivals[0]}"
     count = math.inf if distance == 0 else math.ceil(_WANTED * (noise / distance) ** 2)
     if count > _MANY:
         most = "nothing" if distance == 0 else f"{100 * distance:.1g} % of e at most"
         return (
-            f"{between}, measure e at other speeds than {low:.3g} to {high:.3g} m/s: there they "
-            f"differ by {most}, which the scatter of single readings hides"
+            f"{between}, measure e at speeds outside {low:.3g} to {high:.3g} m/s: inside, the "
+            f"difference of {most} is hidden by the scatter of single readings"
         )
     places = speeds[shared_out(share, _SHOWN) > 0]
     at = " and ".join(f"{v:.3g}" for v in places)
     count = float(f"{max(count, len(places) + 1):.2g}")
     return (
-        f"{between}, measure e at {at} m/s, equally often: about {count:g} independent readings "
-        f"that scatter as these do rule out {other}, if {right} is right"
+        f"{between}, measure e equally often at {at} m/s: about {count:g} independent readings "
+        f"with this scatter rule out {other} if {right} is right"
     )
 
 

@@ -60,7 +60,7 @@ class Design:
         if self.noncentrality is None:
             raise ValueError("`readings_for` needs a design made with a second law as `goal`.")
         if not self.noncentrality > 0:
-            raise ValueError(f"This plan has no number of readings: {self.meaning}")
+            raise ValueError(f"No number of readings separates the laws: {self.meaning}")
         places = {*zip(self.quantity, self.velocity.tolist(), strict=True)}
         # Each place of the plan is needed, and more of them than the other law has parameters.
         return max(len(places), math.ceil(len(self.velocity) * wanted / self.noncentrality))
@@ -71,16 +71,16 @@ class Design:
         if self.noncentrality is None:
             return ""
         if math.isnan(self.noncentrality):
-            return "λ is not known: the fit of the other law to this plan did not converge"
+            return "λ is unknown: the fit of the other law to this plan did not converge"
         if self.noncentrality > 0:
-            return f"{self.readings_for()} such readings tell them apart (λ = 40)"
+            return f"{self.readings_for()} such readings distinguish the laws (λ = 40)"
         left = " or ".join(name for name in QUANTITIES if name not in self.noise)
-        more = f"reading {left} as well (give its noise), or " if left else ""
+        more = f"read {left} as well (give its noise), or " if left else ""
         return (
-            "with other parameters the second law gives the same readings, however many there are. "
-            f"What may tell them apart: {more}holding what is known of the contact (its "
-            "stiffness). But laws K δⁿ (1 + α δ'/v0) of one parameter e are one law, differ only "
-            "in what they call e, and no reading tells them apart: use either"
+            "the second law gives the same readings with other parameters. To distinguish the "
+            f"laws, {more}hold a known number of the contact (its stiffness). Laws K δⁿ (1 + α "
+            "δ'/v0) of one parameter e differ only in their definition of e, so no reading "
+            "distinguishes them: use either"
         )
 
     def __repr__(self) -> str:
@@ -218,9 +218,9 @@ def _check(scaled: np.ndarray, space: Space, count: int, noise: Any) -> None:
     if lost.any():
         names = ", ".join(name for name, one in zip(space.names, lost, strict=True) if one)
         raise ValueError(
-            "Argument `noise` must be that of quantities which determine the parameters at the "
-            f"`candidates`, but {rendered(noise)} leaves {names} open; read another quantity, or "
-            "hold what is known by `fixed`."
+            "Argument `noise` must give quantities that determine all parameters at the "
+            f"`candidates`, but {rendered(noise)} does not determine {names}; read another "
+            "quantity, or hold a known number with `fixed`."
         )
 
 

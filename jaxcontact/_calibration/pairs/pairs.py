@@ -17,7 +17,7 @@ LEAST_PAIRS = 4
 
 _NEEDED = (
     "is needed",
-    "are needed (one parameter of the law, two of the noise, one to judge the fit by)",
+    "are needed (one parameter of the law, two of the noise, one to test the fit)",
 )
 
 
@@ -80,7 +80,7 @@ class Pairs:
         count = len(self)
         if count >= least:
             return
-        left_out = f"; {marked} more lie off the trend and are left out" if marked else ""
+        left_out = f"; {marked} more are off the trend and left out" if marked else ""
         raise self.fault(
             f"{count} usable {self.words[count != 1]}{self.owner}, but at least "
             f"{least} {_NEEDED[least > 1]}{left_out}; {self.rule}; add rows"

@@ -119,7 +119,7 @@ def by_triggers(first: Column, second: Column, expected: Column) -> Shared:
         at = rows + 2 * (np.cumsum(~follows)[rows] - 1)
         slopes[rows, at], slopes[rows, at + 1] = 1 / before, -1 / before - 1 / after
         slopes[rows, at + 2] = 1 / after
-    alone = "one trial does not tell how much trials differ: that is not in the standard errors"
+    alone = "standard errors exclude differences between trials, as there is only one trial"
     one = np.count_nonzero(~follows) == 1
     return Shared(slopes @ slopes.T, words, (alone,) if one else ())
 

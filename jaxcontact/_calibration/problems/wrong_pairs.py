@@ -75,7 +75,7 @@ def _note_wrong_pairs(found: Fit, wrong: int, count: int) -> Fit:
         return found
     pairs = f"{wrong} of {count} pairs lie more than {THRESHOLD:g} standard deviations off"
     if wrong <= _MOST_WRONG * count:
-        return dataclasses.replace(found, notes=(*found.notes, f"{pairs}, and are left out"))
+        return dataclasses.replace(found, notes=(*found.notes, f"{pairs} and are left out"))
     reason = f"{pairs}: the recording cannot be used"
     unknown = np.full_like(found.covariance, np.nan)
     return dataclasses.replace(

@@ -68,8 +68,8 @@ class Adams(Engine):
             snippet=f"IMPACT(DM(i, j), VR(i, j), x1, {numbers})",
             limit=(
                 f"for a model in N, {length} and s. i and j are the markers, x1 their distance at "
-                "touch (the radius of a ball on a plane, with DZ and VZ). e depends on speed, and "
-                "mostly rises with it where d is small. Not run: Adams needs a licence. A step of "
+                "touch (the radius of a ball on a plane, with DZ and VZ). e depends on speed, "
+                "and mostly rises with it for small d. Not run: Adams needs a licence. A step of "
                 "its integrator must resolve d."
             ),
             source="IMPACT and STEP in the Adams Solver documentation, MSC Software (Hexagon)",
@@ -97,7 +97,7 @@ def _delivering(wanted: Wanted, contact: Contact, depth: float, usual: float) ->
     if not math.isfinite(logarithm(high)) or logarithm(high) > 0:
         raise ValueError(
             f"Argument `d` must let IMPACT deliver the restitution {wanted.restitution:.6g}, but "
-            f"is {depth:g} m, with which no c_max was found; take a smaller one."
+            f"is {depth:g} m, for which no c_max was found; reduce it."
         )
     found = root_scalar(logarithm, bracket=(low, high), xtol=1e-13 * high, rtol=1e-13)
     return float(found.root)

@@ -39,9 +39,9 @@ class Bullet(Engine):
             steps=600,
             expected_error=0.009,
             limit=(
-                "for both bodies, and no restitution: that of rigid bodies loses up to all of "
-                "itself to the gap at the step of the touch. Linear: the duration is that of the "
-                "law, at this speed; the force is not, it jumps at touch. e is the same at all "
+                "for both bodies, with restitution 0: rigid-body restitution loses up to all of "
+                "its value to the gap at the step of touch. Linear: the duration is that of the "
+                "law at this speed; the force differs, it jumps at touch. e is the same at all "
                 "speeds, for this mass. The time step must resolve the contact."
             ),
             source="changeDynamics in the PyBullet Quickstart Guide, pybullet.org; "

@@ -69,9 +69,9 @@ class Yade(Engine):
                 "Law2_ScGeom_MindlinPhys_Mindlin()"
             ),
             limit=(
-                "for both materials. `radius` is YADE's effective one, R1 R2/(R1+R2), and half of "
-                "the sphere's against a wall or facet; the mass is the effective one. e does not "
-                "depend on speed; 0.136 at least. Not run: YADE is no Python package."
+                "for both materials. `radius` is YADE's effective one, R1 R2/(R1+R2), and half "
+                "of the sphere's against a wall or facet; the mass is the effective one. e does "
+                "not depend on speed; 0.136 at least. Not run: YADE is not a Python package."
             ),
             source=f"pkg/dem/HertzMindlin.cpp of gitlab.com/yade-dev/trunk; {_ANTYPOV}",
         )
@@ -103,10 +103,10 @@ class Chrono(Engine):
                 "system.SetContactForceModel(chrono.ChSystemSMC.Hertz)"
             ),
             limit=(
-                "for both materials, used by their properties and without adhesion. The effective "
-                "mass counts a fixed body with its own mass: make that a thousand times the "
-                "ball's. e does not depend on speed; 0.136 at least. Not run: Chrono comes by "
-                "conda, not as a wheel."
+                "for both materials, used by their properties and without adhesion. The "
+                "effective mass counts a fixed body with its own mass: make that a thousand "
+                "times the ball's. e does not depend on speed; 0.136 at least. Not run: Chrono "
+                "comes from conda, not as a wheel."
             ),
             source=(
                 f"ChContactSMC.h and ChSystemSMC.cpp of github.com/projectchrono/chrono; {_ANTYPOV}"
@@ -138,9 +138,9 @@ class MercuryDPM(Engine):
             ),
             scheme=Scheme.SEMI_IMPLICIT,
             limit=(
-                "Linear: the duration is that of the law, at this speed; the force is not, it "
+                "Linear: the duration is that of the law at this speed; the force differs, it "
                 "jumps at touch and pulls at the end. e is the same at all speeds, for this "
-                "effective mass. Not run: MercuryDPM is no Python package."
+                "effective mass. Not run: MercuryDPM is not a Python package."
             ),
             source=(
                 "LinearViscoelasticInteraction.cc of bitbucket.org/mercurydpm; Anagnostopoulos "

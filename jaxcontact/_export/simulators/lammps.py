@@ -164,8 +164,8 @@ DAMPINGS = {
     "mass_velocity": Damping(
         _mass_velocity,
         *("mass_velocity", "eta_n0", "1/s"),
-        "normal model hooke, linear: the duration is that of the law, at this speed; the force is "
-        f"not, it jumps at touch. {_CONSTANT} Not run.",
+        "normal model hooke, linear: the duration is that of the law at this speed; the force "
+        f"differs, it jumps at touch. {_CONSTANT} Not run.",
         "Anagnostopoulos 1988, doi 10.1002/eqe.4290160311",
         run=False,
         normal="hooke",

@@ -57,10 +57,10 @@ class MuJoCo(Engine):
             expected_error=0.009,
             scheme=Scheme.SEMI_IMPLICIT,
             limit=(
-                "for both geoms, here by default. Linear: the duration is that of the law, at this "
-                "speed; the force is not, it jumps at touch. e is the same at all speeds and "
-                "masses. The time step must resolve the contact; the usual steps of milliseconds "
-                "do not."
+                "for both geoms, here by default. Linear: the duration is that of the law at "
+                "this speed; the force differs, it jumps at touch. e is the same at all speeds "
+                "and masses. The time step must resolve the contact; the usual steps of "
+                "milliseconds do not."
             ),
             source="mujoco.readthedocs.io/en/stable/modeling.html#solver-parameters; "
             "Schwager & Pöschel 2007, doi 10.1007/s10035-007-0065-z",

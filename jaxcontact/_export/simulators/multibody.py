@@ -104,9 +104,9 @@ def _sap(wanted: Wanted) -> Draft:
         scheme=Scheme.IMPLICIT,
         limit=(
             "for both geometries, each with these numbers. Linear: the duration is that of the "
-            "law, at this speed; the force is not, it jumps at touch. e is the same at all speeds, "
-            "for this mass. Only for a discrete plant; stiffness that its time step does not "
-            "resolve is lowered by sap itself. Not run."
+            "law at this speed; the force differs, it jumps at touch. e is the same at all "
+            "speeds, for this mass. Only for a discrete plant; sap lowers a stiffness that its "
+            "time step does not resolve. Not run."
         ),
         source=(
             f"{_DRAKE}; contact_properties.cc of github.com/RobotLocomotion/drake; Castro et al. "
@@ -199,8 +199,8 @@ class Exudyn(Engine):
         asked = inverse(alpha)
         if not asked > 0:
             raise ValueError(
-                "Argument `impact_model` must be 2 here, but is 1: it delivers 0.48774 at least, "
-                f"and {wanted.restitution:g} is wanted."
+                "Argument `impact_model` must be 2 here, but is 1, which delivers at least "
+                f"0.48774: {wanted.restitution:g} is wanted."
             )
         return Draft(
             model=f"ObjectContactSphereSphere, impactModel {impact_model}",

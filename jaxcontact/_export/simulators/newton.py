@@ -51,10 +51,10 @@ class Newton(Engine):
             scheme=Scheme.SEMI_IMPLICIT,
             limit=(
                 "for both shapes, each with these numbers (Newton takes their means), and no "
-                "margin. Linear: the duration is that of the law, at this speed; the force is not, "
-                "it jumps at touch. e is the same at all speeds, for this mass. The time step must "
-                "resolve the contact. Of SolverMuJoCo the lines are those of engine mujoco, of the "
-                "other solvers none."
+                "margin. Linear: the duration is that of the law at this speed; the force "
+                "differs, it jumps at touch. e is the same at all speeds, for this mass. The "
+                "time step must resolve the contact. For SolverMuJoCo export to engine mujoco; "
+                "other solvers are not supported."
             ),
             source="eval_body_contact in newton/_src/solvers/semi_implicit/kernels_contact.py, "
             "github.com/newton-physics/newton",

@@ -222,8 +222,8 @@ def _check(fit: FitData) -> None:
     data = np.linalg.norm((fit.data * np.asarray(fit.problem.factor))[used])
     if np.linalg.norm(fit.z) <= _ROUNDING * data:
         raise ValueError(
-            "Argument `sigma` of `fit` must be given for a posterior of data that are met exactly, "
-            "which leave no noise."
+            "Argument `sigma` of `fit` must be given for a posterior of an exact fit, which "
+            "leaves the noise unknown."
         )
 
 
@@ -287,7 +287,7 @@ def _refuse_open(fit: FitData, curvature: np.ndarray, prior: Any) -> None:
     bound = next((name for name in parts if name in fit.at_bound), None)
     what = f"{bound}, which is at its bound" if bound else f"a change of {Direction(parts, labels)}"
     raise ValueError(
-        f"Argument `prior` must decide {what}, as the data do not: give mean and standard "
+        f"Argument `prior` must determine {what}, which the data do not: give mean and standard "
         f"deviation of {' or '.join(parts)}. It is {rendered(prior)}."
     )
 

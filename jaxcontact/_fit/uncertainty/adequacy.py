@@ -59,7 +59,7 @@ class Adequacy:
 
     def __str__(self) -> str:
         if self.adequate is None:
-            return f"whether the model describes the data cannot be told: {self.reason}"
+            return f"the model could not be tested: {self.reason}"
         verb = "describes" if self.adequate else "does not describe"
         return f"the model {verb} the data: {self.grounds}"
 
@@ -112,7 +112,7 @@ def adequacy_of(fit: FitData) -> Adequacy:
     threshold = np.inf if problem.threshold is None else float(problem.threshold)
     z = np.clip(fit.z, -threshold, threshold)
     if _is_exact(fit, z):
-        reason = "it meets them to one part in a million"
+        reason = "the residuals are below one part in a million"
         return dataclasses.replace(unknown, adequate=True, reason=reason)
     model, left, trial = basis_of(fit.jacobian[used]), z, _trials(fit, used)
     many = trial if trial is not None and trial.max() + 1 >= LEAST_GROUPS else None
@@ -166,9 +166,9 @@ def _scatter(
 def _lacking(dof: int, *, in_trials: bool) -> str:
     """Return why nothing could be tested."""
     if in_trials:
-        return "too few trials, or too little that they share of x"
+        return "too few trials, or too little overlap of their x"
     few = f"{dof} degrees of freedom" if dof > 1 else "one degree of freedom"
-    return f"{few}, and the noise is not known"
+    return f"{few}, and the noise is unknown"
 
 
 def _columns(fit: FitData) -> tuple[list[Column], str]:

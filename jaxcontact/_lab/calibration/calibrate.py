@@ -185,7 +185,7 @@ def calibrate(
         if len(pairs) < LEAST_PAIRS:
             outliers = none_marked(pairs)
         else:
-            tell(f"looking for spurious and missed triggers in {len(pairs)} pairs")
+            tell(f"searching {len(pairs)} pairs for spurious and missed triggers")
             outliers = find_outliers(pairs)
         keep = ~outliers.flagged
         kept_pairs = pairs.where(keep)

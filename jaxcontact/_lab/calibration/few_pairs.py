@@ -23,7 +23,7 @@ from ..._fit import Candidate, Positive, fit
 from ..._flight import Floats
 from ..._text.words import counted
 
-_UNKNOWN = "one pair does not tell its error"
+_UNKNOWN = "the error of a single pair is unknown"
 
 
 def none_marked(pairs: Pairs) -> Outliers:
@@ -113,8 +113,8 @@ def only_constant(
         line=line,
         free=Curve((level,), float(v.min()), float(v.max()), None),
         asked=asked_of(constant.value, constant.standard_error, delivered_by_laws()),
-        next_measurement=f"a choice among laws takes at least {LEAST_PAIRS} {words[1]}, at speeds "
-        f"that differ as much as those in your simulation; {pairs.rule}",
+        next_measurement=f"a choice among laws needs at least {LEAST_PAIRS} {words[1]}, over the "
+        f"range of speeds in your simulation; {pairs.rule}",
         fits={kind.name: found},
         kinds=(kind,),
         contact=contact,

@@ -20,12 +20,12 @@ def noise_note(s: SummaryData) -> str:
         return ""
     if FROM_FILE in s.recording.notes:
         return (
-            "the standard deviations in the file are taken as they are: a reduced chi² far above 1 "
-            "says that a law does not describe the pairs, or that they are too small"
+            "the standard deviations are those in the file: a reduced chi² far above 1 means "
+            "that a law does not describe the pairs or that the standard deviations are too small"
         )
     return (
-        "the scatter was fitted to the same pairs about a free trend: a reduced chi² near 1 says "
-        "that a law describes them as well as that trend, not that the noise is understood"
+        "the scatter was fitted to the same pairs about a free trend: a reduced chi² near 1 "
+        "means that a law describes them as well as that trend; it does not test the noise"
     )
 
 
@@ -62,7 +62,7 @@ def data_words(s: SummaryData, layout: Layout) -> list[tuple[str, str]]:
     if r.notes:
         words.append(("Read as", "; ".join(r.notes)))
     words.append(("Pairs", data_sentence(s)))
-    words.append(("", f"they come from {counted(len(r.trials), layout.cluster_words)}"))
+    words.append(("", f"from {counted(len(r.trials), layout.cluster_words)}"))
     if r.unpaired:
         one = r.unpaired == 1
         verbs = "has no successor and makes" if one else "have no successor and make"
@@ -75,7 +75,7 @@ def data_words(s: SummaryData, layout: Layout) -> list[tuple[str, str]]:
 
 def _scatter(s: SummaryData, scatter: float, layout: Layout) -> str:
     """Return the scatter of a usual pair and its components."""
-    said = f"{scatter_said(scatter)} of e in a usual pair"
+    said = f"{scatter_said(scatter)} of e in a typical pair"
     error = layout.reading_error
     if error is not None:
         said += (
@@ -90,25 +90,24 @@ def _scatter_of(s: SummaryData) -> str:
         return "the standard deviations in the file"
     if any(law.errors_by == "readings" for law in s.choice.laws):
         return LAYOUTS[s.recording.layout].known_errors[0]
-    return "fitted to the pairs that were kept"
+    return "fitted to the kept pairs"
 
 
 def drag_sentence(s: SummaryData, layout: Layout) -> str:
     """Return whether and how air drag was removed from the flights."""
     if not layout.uses_flight:
-        return "plays no part: the speeds are those at the impact itself"
+        return "no correction needed: the speeds are those at the impact"
     if s.drag is None:
         return (
-            "is left in: e contains what the air takes in flight, and for a light ball a trend of "
-            "e with speed is often that; give --mass --radius --drag-coefficient (in Python "
-            "`drag`) to take it out"
+            "not corrected: e includes the loss in flight, which often causes the trend of e "
+            "with speed of a light ball; to correct, give --mass --radius --drag-coefficient (in "
+            "Python `drag`)"
         )
     return (
-        f"taken out of the flights: quadratic, terminal speed "
-        f"{s.drag.terminal_speed(s.gravity):.3g} m/s "
-        f"(mass {s.drag.mass:g} kg, radius {s.drag.radius:g} m, coefficient "
-        f"{s.drag.coefficient:g}, air {s.drag.air_density:g} kg/m³; "
-        "standard errors below contain no error of these)"
+        "corrected in the flights: quadratic, terminal speed "
+        f"{s.drag.terminal_speed(s.gravity):.3g} m/s (mass {s.drag.mass:g} kg, radius "
+        f"{s.drag.radius:g} m, coefficient {s.drag.coefficient:g}, air {s.drag.air_density:g} "
+        "kg/m³; the standard errors exclude errors of these)"
     )
 
 
@@ -141,7 +140,7 @@ def _impacts(s: SummaryData) -> list[str]:
     if not rows:
         return []
     return [
-        "Impacts    each by itself, ± standard error; K of F = K δ^n (1 + α δ'/v0), n = "
+        "Impacts    one by one, ± standard error; K of F = K δ^n (1 + α δ'/v0), n = "
         f"{float(s.contact.exponent):g}",
         *text_table(rows, header=header, align=">>>>>>>>", indent=2),
     ]
@@ -149,17 +148,17 @@ def _impacts(s: SummaryData) -> list[str]:
 
 def marking_rule(s: SummaryData) -> str:
     """Return the rule by which pairs are marked."""
-    rule = f"more than {s.threshold:g} robust standard deviations off the trend"
+    rule = f"more than {s.threshold:g} robust standard deviations from the trend"
     # A table may be steep and curved.
     flights = LAYOUTS[s.recording.layout].uses_flight
-    return rule if flights else f"{rule} and off a smooth curve"
+    return rule if flights else f"{rule} and from a smooth curve"
 
 
 def none_marked_sentence(s: SummaryData) -> str:
     """Return the sentence for a recording without marked pairs."""
     if s.few:
-        return "no pair: of so few nothing tells which is wrong"
-    return f"none of {len(s.pairs)} pairs is {marking_rule(s)}"
+        return "no pair: too few to identify a wrong one"
+    return f"0 of {len(s.pairs)} pairs are {marking_rule(s)}"
 
 
 def marked_rows(s: SummaryData) -> tuple[Row, list[Row]]:
@@ -186,7 +185,7 @@ def _marked(s: SummaryData) -> list[str]:
         *wrapped(
             "Marked",
             f"{len(rows)} of {len(s.pairs)} pairs {'is' if len(rows) == 1 else 'are'} "
-            f"{marking_rule(s)}: left out of the fits (shown with them further down)",
+            f"{marking_rule(s)}: left out of the fits (results with them: below)",
         ),
         *text_table(rows, header=header, align="<>>><", indent=2),
     ]
@@ -196,8 +195,8 @@ def errors_sentence(s: SummaryData, layout: Layout) -> str:
     """Return how the standard errors were computed and what they account for."""
     if any(law.errors_by == "point" for law in s.choice.laws):
         return (
-            f"take pairs as independent: fewer than 8 {layout.cluster_words[1]} cannot tell how "
-            "they are correlated"
+            f"treat pairs as independent: fewer than 8 {layout.cluster_words[1]} do not determine "
+            "their correlation"
         )
     if any(law.errors_by == "readings" for law in s.choice.laws):
         return layout.known_errors[1]
@@ -217,7 +216,7 @@ def _fits(s: SummaryData, layout: Layout) -> list[str]:
             f"AICc {aicc[law.kind]:.1f}"
         )
         if law.converged:
-            word = {True: "yes", False: "NO", None: "cannot be told"}[law.adequate]
+            word = {True: "yes", False: "NO", None: "undecided"}[law.adequate]
             lines += wrapped("describes them", f"{word}: {law.grounds}", indent=20, lead="    ")
         answer = "yes" if law.converged else "NO"
         lines.append(f"    {'converged':<16}{answer}, in {law.steps} steps: {law.reason}")
@@ -277,10 +276,10 @@ def equivalents_sentence(choice: ChoiceData) -> str:
     unable = [f"{a.law} ({a.least:.3g} to {a.most:.3g})" for a in choice.asked if a.e is None]
     said = []
     if able:
-        where = f"laws deliver a constant e of {e:.4f} where their parameter e is"
+        where = f"parameter e of each law that delivers a constant e of {e:.4f}"
         said.append(f"{where}: {', '.join(able)}")
     if unable:
-        said.append(f"a constant e of {e:.4f} is not within reach of {', '.join(unable)}")
+        said.append(f"a constant e of {e:.4f} is out of range for {', '.join(unable)}")
     return "; ".join(said)
 
 
@@ -289,7 +288,7 @@ def line_sentence(choice: ChoiceData) -> str:
     line = choice.line
     if line.slope_error is None:
         if choice.count < 3:
-            return "a trend with speed takes at least three pairs"
+            return "a trend with speed needs at least three pairs"
         return "there is only one speed, so a trend with speed is not identifiable"
     return (
         f"a straight line (no law) has d ln e/dv = {line.slope:+.4f} ± {line.slope_error:.4f} "
@@ -329,11 +328,11 @@ def open_questions(s: SummaryData) -> list[str]:
     """Return what e(v) does not determine, law by law, and what would determine it."""
     lines = [f"{law.kind}: {law.unidentified}" for law in s.choice.laws]
     if len(s.given) < 2:
-        lines.append("give --stiffness for c, and --mass with it for A (in Python: arguments)")
+        lines.append("--stiffness determines c, and with --mass also A (in Python: arguments)")
     return lines
 
 
 def _open_questions(s: SummaryData) -> list[str]:
     if s.impacts:  # the forces determine K, and c and A with it
         return []
-    return ["What e(v) alone leaves open", *(f"  {line}" for line in open_questions(s))]
+    return ["Not determined by e(v) alone", *(f"  {line}" for line in open_questions(s))]

@@ -99,7 +99,7 @@ def headlines(s: SummaryData) -> list[str]:
     for point in asked:
         about = [] if wrong or not _interval(point) else [f"95 %: {_interval(point)}"]
         if not point.measured:
-            about.append("extrapolated: no pair is that " + _beyond(point, slow))
+            about.append("extrapolated: no pair is so " + _beyond(point, slow))
         if _spread(point) > 0:
             about.append(f"laws that are not ruled out: {_range(point.least, point.most)}")
         end = f" ({'; '.join(about)})" if about else ""
@@ -185,11 +185,11 @@ def meaning(s: SummaryData) -> list[str]:
     said = []
     wrong = s.chosen is not None and s.chosen.adequate is False
     if not wrong and any(one.low is not None for one in s.at):
-        what = "that of the mean e at a speed, if the law is right"
+        what = "for the mean e at a speed, given the law"
         if s.choice.count == 1:
-            what = "by the known error of the reading"
+            what = "from the known error of the reading"
         elif s.only_mean:
-            what = "that of the mean e, if it does not depend on the speed"
+            what = "for the mean e, if e does not depend on speed"
         said.append(f"The 95 % interval is {what}.")
     if s.scatter is not None:
         said.append(f"A single reading of e scatters by {scatter_said(s.scatter)}.")
@@ -236,19 +236,19 @@ def law_sentence(s: SummaryData) -> str:
     if s.only_mean:
         count = counted(choice.count, LAYOUTS[s.recording.layout].pair_words)
         verb = "does" if choice.count == 1 else "do"
-        said.append(f"{_capital(count)} {verb} not tell whether e depends on the speed")
+        said.append(f"A trend of e with speed cannot be tested with {count}")
         return ". ".join(said) + "."
     if choice.best is not None and choice.best != law.kind:
-        said.append(f"You asked for this law; of those compared the choice would be {choice.best}")
+        said.append(f"This law was requested; the best of the compared laws is {choice.best}")
     if law.adequate is False:
         good = [one.kind for one in choice.laws if one.adequate is True]
         rest = f"; {_join_names(good)} {'does' if len(good) == 1 else 'do'}" if good else ""
-        none = "" if good else ", and none of the others does"
+        none = "" if good else ", and no other law does"
         if not good and len(choice.laws) == 1:
             none = ""
         said.append(f"It does not describe the data ({law.grounds}){rest}{none}")
     elif law.adequate is None:
-        said.append(f"Whether it describes the data cannot be told: {law.grounds}")
+        said.append(f"It could not be tested: {law.grounds}")
     else:
         said.append("It describes the data")
     if choice.best == law.kind:
@@ -259,7 +259,7 @@ def law_sentence(s: SummaryData) -> str:
 def _certainty(s: SummaryData) -> list[str]:
     choice = s.choice
     if choice.sure:
-        return ["No doubt is left: every other law is ruled out, or contains this one"]
+        return ["The choice is sure: every other law is ruled out or contains this one"]
     if choice.rivals:
         return [f"Not ruled out: {_join_names(list(choice.rivals))}"]
     return []
@@ -296,12 +296,10 @@ def cautions(s: SummaryData) -> list[str]:
     warnings = []
     failed = [one.kind for one in (*s.choice.laws, *s.with_marked.laws) if not one.converged]
     if failed:
-        warnings.append(
-            f"NOT converged, and not to be believed: {', '.join(dict.fromkeys(failed))}"
-        )
+        warnings.append(f"NOT converged, do not use: {', '.join(dict.fromkeys(failed))}")
     above = sum(pair.restitution > 1 and not pair.marked for pair in s.pairs)
     if above and s.few:
-        warnings.append("an e above 1 is more than the ball had: a trigger may be missed")
+        warnings.append("e is above 1 in a pair: a trigger may be missing")
     if s.choice.better_possible:
         warnings.append("a free smooth curve fits better than every law: a better law is possible")
     caution = drag_caution(s)
@@ -315,4 +313,4 @@ def drag_caution(s: SummaryData) -> str | None:
         return None
     if s.choice.line.slope > -2 * error:
         return None
-    return "the drag of the air is left in: the fall of e with speed may be drag, not the contact"
+    return "air drag is not corrected and may cause the decrease of e with speed"

@@ -35,15 +35,15 @@ class CalibrationSummary(SummaryData):
         converged, or if mass or stiffness is unknown.
         """
         if self.law is None:
-            raise ValueError("Argument `law` must have a fit that converged, but none did.")
+            raise ValueError("Argument `law` must have a converged fit, but no fit converged.")
         kind = kind_of_law(self.law)
         missing = [name for name in ("mass", "stiffness") if name not in self.given]
         if contact is None and missing:
             words = " and ".join(f"`{name}`" for name in missing)
             raise ValueError(
-                f"Argument `contact` is needed: this calibration does not know {words}. It leaves "
-                f"open {kind.unidentified}. Give `contact=Contact(mass, stiffness)`, or calibrate "
-                f"with {words}."
+                f"Argument `contact` is needed: this calibration was made without {words} and "
+                f"does not determine {kind.unidentified}. Give `contact=Contact(mass, "
+                f"stiffness)`, or calibrate with {words}."
             )
         law = self.law if contact is None else law_in(self.law, self.contact, contact)
         kept = [pair.velocity for pair in self.pairs if not pair.marked]

@@ -145,6 +145,6 @@ def contact_note(given: tuple[str, ...]) -> str:
     """Return which contact numbers were not given and are 1."""
     missing = [name for name in ("mass", "stiffness") if name not in given]
     if len(missing) == 1:
-        return f"{missing[0]} was not given: 1 {_UNITS[missing[0]]} stands for it"
+        return f"{missing[0]} not given: 1 {_UNITS[missing[0]]} is a placeholder"
     units = " and ".join(f"1 {_UNITS[name]}" for name in missing)
-    return f"{' and '.join(missing)} were not given: {units} stand for them"
+    return f"{' and '.join(missing)} not given: {units} are placeholders"

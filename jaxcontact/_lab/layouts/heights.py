@@ -142,7 +142,7 @@ class Table(Layout[Point]):
     pair_words = ("pair of speed and restitution", "pairs of speed and restitution")
     cluster_words = ("row", "rows")
     pair_rule = "each row is a pair"
-    errors_words = "by row (sandwich), which allows for scatter that differs from row to row"
+    errors_words = "by row (sandwich), valid if the scatter differs between rows"
 
     def read(self, rows: Sequence[Row]) -> list[Point]:
         there = [name for name in (*self.measured, "sigma") if rows and name in rows[0].values]
@@ -155,7 +155,7 @@ class Table(Layout[Point]):
                 if in_percent(e)
                 else ""
             )
-            rows[i].refuse("restitution", f"{e[i]:g} cannot be, above 1.2{guess}")
+            rows[i].refuse("restitution", f"{e[i]:g} is above 1.2, the largest plausible e{guess}")
         return points
 
     def facts(self, records: Sequence[Point]) -> Mapping[str, str]:

@@ -61,8 +61,8 @@ class Instants(Intervals):
     )
     made_of = "intervals between the instants of bounces"
     pair_rule = (
-        "three instants in succession make a pair where ball, drop height and trial are equal and "
-        "`bounce` counts on by one"
+        "three instants make a pair if ball, drop height and trial agree and `bounce` is "
+        "consecutive"
     )
 
     def fits(self, made: Match, sheet: Sheet) -> bool:
@@ -107,7 +107,10 @@ class Instants(Intervals):
     def notes(self, records: Sequence[Interval]) -> tuple[str, ...]:
         told = {one.others for one in records if isinstance(one, Between) and one.others}
         paused = len({one.trial for one in records if ", " in one.trial})
-        return (*told, *[f"pauses part {counted(paused + 1, ('drop', 'drops'))}"] * bool(paused))
+        return (
+            *told,
+            *[f"{counted(paused + 1, ('drop', 'drops'))} separated by pauses"] * bool(paused),
+        )
 
 
 def _number(one: tuple[int, float, Row]) -> int:
@@ -124,4 +127,4 @@ def _bounces_in(rows: Sequence[Row]) -> tuple[Sequence[Row], str]:
         return rows, ""
     others = dict.fromkeys(text for text in labels if not _BOUNCE.fullmatch(text))
     shown = ", ".join(f"'{text}'" for text in itertools.islice(others, 6))
-    return mine, f"labels that name no bounce left out: {shown}" * bool(others)
+    return mine, f"labels other than bounces left out: {shown}" * bool(others)

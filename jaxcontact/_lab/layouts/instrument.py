@@ -71,14 +71,11 @@ class Records(Layout[Impact]):
     instead = MappingProxyType({"time": "; or give `rate`, the readings per second"})
     pair_words = ("impact", "impacts")
     cluster_words = ("impact", "impacts")
-    pair_rule = "each impact that is cut out of the record is one"
-    errors_words = (
-        "by impact (sandwich), which allows for scatter that differs from impact to impact"
-    )
+    pair_rule = "each impact found in the record is one"
+    errors_words = "by impact (sandwich), valid if the scatter differs between impacts"
     known_errors = (
-        "each impact is fitted to its readings, whose noise gives the errors; the scatter was "
-        "fitted beside them",
-        "by the noise of the readings of each impact, and the scatter from impact to impact",
+        "errors from the noise of the readings of each impact, scatter fitted",
+        "from the noise of the readings of each impact, and the scatter between impacts",
     )
 
     @property
@@ -113,15 +110,15 @@ class Records(Layout[Impact]):
         noise = shown(self.quantity, trace.noise)
         if not trace.doubtful:
             problem = (
-                f"no impact was found: no contact stands out of the noise of {noise} in "
+                f"no impact was found: nothing exceeds the noise of {noise} in "
                 f"{trace.time[-1] - trace.time[0]:.3g} s"
             )
         else:
             told = "; ".join(f"at {one.time:.4g} s {one.why}" for one in trace.doubtful[:_SHOWN])
-            problem = f"no impact was found that can be used: {told}"
+            problem = f"no usable impact was found: {told}"
             if any("readings of the contact" in one.why for one in trace.doubtful):
                 problem += (
-                    f"; a contact takes at least {LEAST_READINGS} readings, better 50: sample "
+                    f"; a contact needs at least {LEAST_READINGS} readings, better 50: sample "
                     f"faster than {1 / trace.step:.3g} Hz"
                 )
         rows[0].refuse(self.quantity, problem)
@@ -143,8 +140,8 @@ class Records(Layout[Impact]):
         found = counted(len(records), self.pair_words)
         notes = [
             *trace.notes,
-            f"{found} cut out of the record, at {times}{more} s, of about {per}; noise of one "
-            f"reading {shown(self.quantity, trace.noise)}",
+            f"{found} found, at {times}{more} s, of about {per}; noise of one reading "
+            f"{shown(self.quantity, trace.noise)}",
         ]
         if trace.doubtful:
             told = "; ".join(f"at {one.time:.4g} s {one.why}" for one in trace.doubtful[:_SHOWN])
@@ -155,8 +152,7 @@ class Records(Layout[Impact]):
 
     def pair(self, records: Sequence[Impact], flight: Flight) -> Paired[Impact]:
         raise RecordingError(
-            "holds records of impacts, from which e follows by a fit; use "
-            "`calibrate(recording, mass=...)`",
+            "holds records of impacts, whose e needs a fit; use `calibrate(recording, mass=...)`",
             "the recording",
         )
 

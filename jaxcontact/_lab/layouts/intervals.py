@@ -106,12 +106,11 @@ class Intervals(Layout[Interval]):
     pair_words = ("pair of successive intervals", "pairs of successive intervals")
     cluster_words = ("trial", "trials")
     pair_rule = (
-        "two intervals make a pair where ball, drop height and trial are equal and `bounce` counts "
-        "on by one"
+        "two intervals make a pair if ball, drop height and trial agree and `bounce` is consecutive"
     )
     errors_words = (
-        "by trial (cluster-robust sandwich): successive ratios share an interval and are "
-        "correlated within a trial, which this allows for"
+        "by trial (cluster-robust sandwich): successive ratios share an interval, which "
+        "correlates them within a trial"
     )
 
     @staticmethod
@@ -258,9 +257,9 @@ def _no_ball(factor: float, records: Sequence[Interval], column: str) -> str:
             * (column == "interval_s")
         )
     return (
-        f"intervals stay the same, {usual:.3g} s (the median), where {ball}; such are the steps of "
-        "a clock, of frames or of a sampled record: give the column that was measured at these "
-        "times, a height say, or more bounces"
+        f"intervals stay the same, {usual:.3g} s (the median), where {ball}; they may be the "
+        "steps of a clock, of frames or of samples: give the column measured at these times, "
+        "such as a height, or more bounces"
     )
 
 

@@ -113,9 +113,9 @@ class Layout(abc.ABC, Generic[R]):
     fitted: ClassVar[bool] = False
     instead: ClassVar[Mapping[str, str]] = MappingProxyType({})
     known_errors: ClassVar[Words] = (
-        "the errors of times are known; the scatter was fitted beside them",
-        "by the known errors of the times, which pairs share, a contact of a duration that is "
-        "not known, and the scatter of the bounces; how much trials differ, they do not tell",
+        "errors of times known, scatter fitted",
+        "from the known errors of the times, which pairs share, the unknown contact duration and "
+        "the scatter of the bounces; differences between trials are not included",
     )
 
     @abc.abstractmethod
@@ -168,8 +168,8 @@ class Layout(abc.ABC, Generic[R]):
         if rate is None:
             return self
         raise ValueError(
-            f"Argument `rate` must be None for {self.made_of}, which are no readings over time, "
-            f"but is {rate:g}."
+            f"Argument `rate` must be None for {self.made_of}, which have no sampling rate, but "
+            f"is {rate:g}."
         )
 
     def __repr__(self) -> str:
@@ -190,7 +190,7 @@ def bounces_of(rows: Sequence[Row], groups: Sequence[Hashable]) -> list[int]:
         first = seen.setdefault((group, bounce), row.number)
         if first != row.number:
             missing = "" if "trial" in row.values else "; name the trials in a column `trial`"
-            told = f"bounce {bounce} of this trial is in row {first} already{missing}"
+            told = f"bounce {bounce} of this trial is already in row {first}{missing}"
             row.refuse("bounce", told)
         bounces.append(bounce)
     return bounces

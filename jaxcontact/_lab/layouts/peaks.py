@@ -47,12 +47,10 @@ class Peaks(Layout[Peak]):
     made_of = "heights of successive flights"
     pair_words = ("pair of successive heights", "pairs of successive heights")
     cluster_words = ("trial", "trials")
-    pair_rule = (
-        "two heights make a pair where ball and trial are equal and `bounce` counts on by one"
-    )
+    pair_rule = "two heights make a pair if ball and trial agree and `bounce` is consecutive"
     errors_words = (
-        "by trial (cluster-robust sandwich): successive ratios share a height and are correlated "
-        "within a trial, which this allows for"
+        "by trial (cluster-robust sandwich): successive ratios share a height, which correlates "
+        "them within a trial"
     )
 
     def read(self, rows: Sequence[Row]) -> list[Peak]:
@@ -70,9 +68,8 @@ class Peaks(Layout[Peak]):
         if rises and (factor := not_shrinking(_chains(records), 2.0)) is not None:
             rows[0].refuse(
                 "height_m",
-                f"each height is {factor:.4g} times the one before (the median), where those of a "
-                "bouncing ball shrink; heights over time need their times beside them, in a "
-                "column `time`",
+                f"each height is {factor:.4g} times the one before (the median), but those of a "
+                "bouncing ball shrink; heights over time need a column `time`",
             )
         return records
 

@@ -83,8 +83,9 @@ class Stops(Layout[Stop]):
             if one.seconds <= fall:
                 row.refuse(
                     "rest_time_s",
-                    f"{one.seconds:g} s is not longer than the fall of {one.drop_height:g} m takes "
-                    f"alone, {fall:.3g} s; it counts from the release until the ball rests",
+                    f"{one.seconds:g} s does not exceed the time of a fall from "
+                    f"{one.drop_height:g} m, {fall:.3g} s; rest times count from the release "
+                    "until the ball rests",
                 )
         return records
 
@@ -96,7 +97,7 @@ class Stops(Layout[Stop]):
         }
 
     def notes(self, records: Sequence[Stop]) -> tuple[str, ...]:
-        return ("times count from the release; e is that of all bounces of a drop together",)
+        return ("times count from the release; e is one value for all bounces of a drop",)
 
     def pair(self, records: Sequence[Stop], flight: Flight) -> Paired[Stop]:
         height, time = np.array([(one.drop_height, one.seconds) for one in records]).T

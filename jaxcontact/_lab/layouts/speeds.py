@@ -51,7 +51,7 @@ class Speeds(Layout[Collision]):
     pair_words = ("pair of speeds", "pairs of speeds")
     cluster_words = ("row", "rows")
     pair_rule = "each row is a pair"
-    errors_words = "by row (sandwich), which allows for scatter that differs from row to row"
+    errors_words = "by row (sandwich), valid if the scatter differs between rows"
 
     def read(self, rows: Sequence[Row]) -> list[Collision]:
         records = [Collision(*row.place, *map(row.positive, self.measured)) for row in rows]

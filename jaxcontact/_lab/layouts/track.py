@@ -90,10 +90,10 @@ class Tracks(Layout[Flown]):
     made_of = "flight times between the impacts of a track"
     pair_words = ("impact between two flights", "impacts between two flights")
     cluster_words = ("drop", "drops")
-    pair_rule = "an impact counts where the track shows a flight before it and one after it"
+    pair_rule = "an impact counts if the track shows the flights before and after it"
     errors_words = (
-        "by drop (cluster-robust sandwich): successive ratios share a flight and are correlated "
-        "within a drop, which this allows for"
+        "by drop (cluster-robust sandwich): successive ratios share a flight, which correlates "
+        "them within a drop"
     )
 
     def at_rate(self, rate: float | None) -> Tracks:
@@ -234,12 +234,12 @@ def _nothing(frames: Frames, track: Track | None) -> str:
     whole = f"is a track of {count} in {seconds:.3g} s"
     if not track.skipped:
         return (
-            f"{whole} in which nothing falls to a lowest place and rises again: no bounce, or "
-            f"fewer than 4 frames to a flight{peaks}"
+            f"{whole} without a fall followed by a rise: no bounce, or fewer than 4 frames in a "
+            f"flight{peaks}"
         )
     first = "; ".join(f"at {one.time:.3f} s {one.why}" for one in track.skipped[:6])
     more = ", ..." if len(track.skipped) > 6 else ""
     return (
-        f"{whole} with no bounce between two flights that can be used ({first}{more}); each "
-        "flight needs at least 4 frames beside those of the impact: film faster, or drop higher"
+        f"{whole} without a usable bounce between two flights ({first}{more}); each flight needs "
+        "at least 4 frames besides those of the impact: film faster, or drop higher"
     )

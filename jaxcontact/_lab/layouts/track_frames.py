@@ -51,7 +51,7 @@ def _unit(rows: Sequence[Row]) -> str:
     units = {name: unit.si if (unit := rows[0].headings[name].unit) else "" for name in there}
     if len(set(units.values())) > 1:
         told = " and ".join(f"{name} in {unit or 'no unit'}" for name, unit in units.items())
-        rows[0].refuse("x", f"must have the unit of y, but there are {told}")
+        rows[0].refuse("x", f"must have the unit of y, but the units are {told}")
     return units.get("y", "")
 
 
@@ -76,8 +76,8 @@ def frames_of(rows: Sequence[Row], clock: Clock) -> Frames:
         row = next(one for one in rows if one.number == number)
         row.refuse(
             clock.column,
-            f"has two places at {row.text(clock.column)}; if there are several balls, name them in "
-            "a column `particle`, and choose one with `ball=`",
+            f"has two positions at {row.text(clock.column)}; name several balls in a column "
+            "`particle`, and choose one with `ball=`",
         )
     x = values[:, 1] if along else None
     return Frames(values[:, 0], values[:, 2], x, values[:, 3], unit=_unit(rows))

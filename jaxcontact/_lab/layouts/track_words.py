@@ -40,7 +40,7 @@ def camera_notes(drops: Sequence[Drop]) -> tuple[str, ...]:
         f"{counted(off, ('frame', 'frames'))} off the parabolas left out",
     ]
     if any(drop.frames.sign < 0 for drop in drops):
-        notes.append("heights count downwards, since the ball falls to larger ones")
+        notes.append("heights are counted downwards, as the ball falls to larger ones")
     return (*notes, _scale(drops), _tilt(drops), *_nearer(drops), *_air(drops))
 
 
@@ -51,13 +51,13 @@ def _scale(drops: Sequence[Drop]) -> str:
     known = f"at g = {STANDARD_GRAVITY:g} m/s²"
     if unit == "m":
         off, spread = fall / STANDARD_GRAVITY - 1, error / STANDARD_GRAVITY
-        told = f"heights fall with {with_error(fall, error)} m/s²"
+        told = f"the ball falls with {with_error(fall, error)} m/s²"
         if abs(off) <= _SURE * spread:
-            return f"{told}, as {STANDARD_GRAVITY:g} says"
+            return f"{told}, which agrees with g = {STANDARD_GRAVITY:g}"
         word = "long" if off > 0 else "short"
         return (
-            f"{told} where g is {STANDARD_GRAVITY:g}: lengths are {100 * abs(off):.2g} % too "
-            f"{word}; speeds follow from times and g, not from them"
+            f"{told}, but g is {STANDARD_GRAVITY:g}: lengths are {100 * abs(off):.2g} % too "
+            f"{word}; speeds do not use them, but times and g"
         )
     scale = 1e3 * STANDARD_GRAVITY / fall
     word = "a pixel" if unit == "px" else "a unit of height"
@@ -71,10 +71,10 @@ def _tilt(drops: Sequence[Drop]) -> str:
         if d.camera.tilt is not None and d.camera.tilt_error is not None
     ]
     if not tilts:
-        return "without x a rolled camera is not noticed, and e is off where the ball drifts"
+        return "without x a rolled camera cannot be detected, and biases e of a drifting ball"
     tilt, error = _mean(*zip(*tilts, strict=True))
     side = "left" if tilt > 0 else "right"
-    return f"the vertical leans to the {side} by {with_error(abs(tilt), error)}°, taken out"
+    return f"the vertical leans to the {side} by {with_error(abs(tilt), error)}°, corrected"
 
 
 def _nearer(drops: Sequence[Drop]) -> tuple[str, ...]:
@@ -82,7 +82,7 @@ def _nearer(drops: Sequence[Drop]) -> tuple[str, ...]:
     several = [drop for drop in drops if drop.impact.size > 1]
     notes = []
     if len(several) < len(drops):
-        notes.append("one impact alone does not tell e from a floor that rises in the picture")
+        notes.append("with one impact e cannot be separated from a floor that rises in the picture")
     if several:
         rise, error = _mean(*zip(*[drop.rise for drop in several], strict=True))
         growth, spread = _mean(*zip(*[drop.growth for drop in several], strict=True))
@@ -91,12 +91,12 @@ def _nearer(drops: Sequence[Drop]) -> tuple[str, ...]:
             word = "rises" if rise > 0 else "sinks"
             notes.append(
                 f"the floor {word} in the picture by {with_error(abs(rise), error)}{unit} in a "
-                "second, as where it is not level or the ball comes nearer: taken out"
+                "second (floor not level, or ball nearer): corrected"
             )
         if abs(growth) > _SURE * spread:
             word = "nearer" if growth > 0 else "farther away"
             shown = with_error(100 * abs(growth), 100 * spread)
-            notes.append(f"the ball comes {word}, by {shown} % in a second: taken out")
+            notes.append(f"the ball comes {word}, by {shown} % in a second: corrected")
     return tuple(notes)
 
 
@@ -107,7 +107,7 @@ def _air(drops: Sequence[Drop]) -> tuple[str, ...]:
         return ()
     speed = STANDARD_GRAVITY / math.sqrt(beta)
     told = with_error(speed, speed * error / beta / 2)
-    return (f"the air slows the ball, whose terminal speed is {told} m/s by its flights",)
+    return (f"air drag in the flights: terminal speed {told} m/s",)
 
 
 def skipped_notes(tracks: Sequence[Track]) -> tuple[str, ...]:
@@ -128,8 +128,8 @@ def wrong_lengths(drops: Sequence[Drop]) -> str:
         return ""
     slow = f"are times of slow motion, {ratio**-0.5:.3g} times too long? or " if ratio < 1 else ""
     return (
-        f"falls with {fall:.3g} m/s² where g is {STANDARD_GRAVITY:g}; {slow}are lengths in another "
-        "unit? then write it in the heading, 'y [px]' where it is not known"
+        f"falls with {fall:.3g} m/s², but g is {STANDARD_GRAVITY:g}; {slow}are lengths in another "
+        "unit? then write it in the heading, 'y [px]' if unknown"
     )
 
 

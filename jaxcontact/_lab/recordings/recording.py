@@ -260,7 +260,7 @@ def _check_sound(
             raise ValueError(f"Argument `{name}` must be None for a sound, which has no columns.")
     if rate is not None:
         raise ValueError(
-            "Argument `rate` must be None for a sound, whose file says it, but is "
+            "Argument `rate` must be None for a sound, whose file holds it, but is "
             f"{rendered(rate)}."
         )
 
@@ -393,7 +393,7 @@ def _how_to_say(sheet: Sheet, column: str = "velocity", used: Iterable[int] = ()
     if sheet.by_keyword or not sheet.names:
         return ""
     free = min({*range(len(sheet.names))} - {*used}, default=0) + 1
-    return f'; if a column holds it, say which, as in `columns="{column}={free}"`'
+    return f'; if a column holds it, name it, as in `columns="{column}={free}"`'
 
 
 def _without_headings(sheet: Sheet) -> RecordingError:

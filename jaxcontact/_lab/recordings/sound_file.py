@@ -100,14 +100,14 @@ def _nothing(sound: Sound) -> str:
     what = f"{_long(sound)} s of sound ({sound.words})"
     if not sound.others:
         return (
-            f"{what} in which nothing stands out of the background: no bounce was found; record "
-            "nearer to the ball, with automatic gain and noise reduction off"
+            f"{what} without a sound above the background: no bounce was found; record nearer to "
+            "the ball, with automatic gain and noise reduction off"
         )
     count = len(sound.others)
     first = ", ".join(f"{one.time:.3f}" for one in sound.others[:_SHOWN])
     sounds = "1 sound that stands" if count == 1 else f"{count} sounds that stand"
     return (
-        f"{what} with {sounds} out (at {first}{', ...' if count > _SHOWN else ''} s), "
-        "but no series of at least 4 bounces, whose intervals shrink by like factors; let the ball "
+        f"{what} with {sounds} out (at {first}{', ...' if count > _SHOWN else ''} s), but no "
+        "series of at least 4 bounces, whose intervals shrink by similar factors; let the ball "
         "bounce at least six times undisturbed, or give the intervals as a table"
     )

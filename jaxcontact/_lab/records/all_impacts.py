@@ -139,14 +139,14 @@ def require_mass(recording: Recording, mass: float | None, stiffness: float | No
     """Raise ValueError for a record without a mass, and for a given stiffness, which is fitted."""
     if stiffness is not None:
         raise ValueError(
-            "Argument `stiffness` must be None for a record, which gives it, but is "
+            "Argument `stiffness` must be None for a record, which determines it, but is "
             f"{rendered(stiffness)}."
         )
     if mass is None:
         raise ValueError(
-            f"Argument `mass` is needed for a record of {recording.layout.name}: it gives F or F/m "
-            "over time, and speeds, e and K only with the mass m of the body in kg (the effective "
-            f"mass, where both bodies move).{_weight(recording)}"
+            f"Argument `mass` is needed for a record of {recording.layout.name}: speeds, e and K "
+            "follow from it only with the mass of the body in kg (the effective mass if both "
+            f"bodies move).{_weight(recording)}"
         )
 
 
@@ -166,8 +166,8 @@ def _weight(recording: Recording) -> str:
     if weight < _AT_REST * error:
         return ""
     return (
-        f" At its end the plate carries {weight:.3g} N more than before: if the body lies on it, "
-        f"its mass is {weight / STANDARD_GRAVITY:.3g} kg."
+        f" At the end the plate carries {weight:.3g} N more than at the start: if the body lies "
+        f"on it, its mass is {weight / STANDARD_GRAVITY:.3g} kg."
     )
 
 
@@ -176,14 +176,14 @@ def _exponent(one: ImpactFit, contact: Contact) -> list[str]:
     other = with_free_exponent(one)
     error = other.standard_errors.get("contact.exponent", math.nan)
     if not other.converged or not math.isfinite(error):
-        return ["the clearest record does not tell the exponent n"]
+        return ["the clearest record does not determine the exponent n"]
     value, given = float(other.params.contact.exponent), float(contact.exponent)
     said = f"the shape of the clearest record has n = {value:.3f} ± {error:.3f}"
     if abs(value - given) <= _FAR * error:
         return [f"{said}, which agrees with the n = {given:g} of the fits"]
     return [
-        f"{said}, NOT the n = {given:g} of the fits: give --exponent {value:.2f} (in Python "
-        "exponent), or doubt K, speeds and e"
+        f"{said}, NOT the n = {given:g} of the fits: K, speeds and e may be wrong; try --exponent "
+        f"{value:.2f} (in Python exponent)"
     ]
 
 
@@ -200,8 +200,7 @@ def _shape(good: list[ImpactFit]) -> list[str]:
         ]
     if told < len(good):
         return [
-            f"{force} describes {told} of these {len(good)} records; of the others that cannot be "
-            "told"
+            f"{force} describes {told} of these {len(good)} records; the others could not be tested"
         ]
     return [f"{force} describes all {told} of these records"]
 
@@ -219,8 +218,8 @@ def _flights(good: list[ImpactFit], flight: Flight) -> list[str]:
         return []
     off = 100 * (float(np.median(ratios)) - 1)
     if good[0].impact.trace.quantity == "force":
-        what = "with a mass that is so much smaller" if off > 0 else "with a mass that is larger"
-        guess = f"; the flights would be right {what}" if abs(off) > 3 else ""
+        what = "smaller" if off > 0 else "larger"
+        guess = f"; they would agree with a {what} mass" if abs(off) > 3 else ""
     else:
         guess = ""
     return [

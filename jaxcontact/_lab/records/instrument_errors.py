@@ -93,8 +93,9 @@ def require_filterable(name: str, readings: Column | None) -> None:
         raise ValueError(f"Argument `low_pass_{name}` must be None without `{name}`.")
     if readings.size > _MOST:
         raise ValueError(
-            f"Argument `{name}` must have at most {_MOST} readings with `low_pass_{name}`, but has "
-            f"{readings.size}; give {_thin(readings.size)}: a filter leaves little between them."
+            f"Argument `{name}` must have at most {_MOST} readings with `low_pass_{name}`, but "
+            f"has {readings.size}; give {_thin(readings.size)}, as a filter leaves little between "
+            "them."
         )
 
 
@@ -184,8 +185,8 @@ def with_noise_of_instruments(
     if any(noise and noise.whole is not None for noise in noises):
         found = with_shared(found, _errors_of_z(found, columns, noises))
     said = [
-        f"readings of {one.name} come in steps of {one.step:.3g}, {part:.2g} of their scatter: "
-        "rounding is part of their noise"
+        f"readings of {one.name} are rounded to steps of {one.step:.3g}, {part:.2g} of their "
+        "scatter: their noise includes the rounding"
         for one in columns
         if (part := one.step / _scatter(found, one)) > _NOTICED
     ]

@@ -102,7 +102,7 @@ def fitted_impact(one: Impact, contact: Contact) -> ImpactFit | str:
         return f"its e would be {numbers[0].value:.3g}"
     end = float(found_law.start_time) + numbers[1].value
     if not time[0] < float(found_law.start_time) < end < time[-1]:
-        return "its contact reaches beyond what is free about it"
+        return "its contact extends beyond the free part of the record"
     # At the fitted speed: an error of the speed moves the stiffness with it, but not the force.
     ahead = slope[[0, 2]].copy()
     ahead[:, 2] = 0

@@ -89,7 +89,7 @@ def said(limits: Mapping[str, Limits]) -> list[str]:
     """Return notes on the limits."""
     return [
         f"{np.count_nonzero(one.at_limit)} of {one.at_limit.size} readings of {name} are at a "
-        "limit of the instrument and count as that or beyond"
+        "limit of the instrument and count as at or beyond it"
         for name, one in limits.items()
         if one.at_limit.any()
     ]

@@ -40,7 +40,7 @@ def pictures(calibration: Calibration) -> Html:
         parts.append(
             picture(
                 _drawn(lambda f: record(calibration, ax=f.subplots(2)), 2 * _HEIGHT),
-                "The record with the impacts that were cut out of it, and their fits",
+                "The record, its impacts and their fits",
             )
         )
     if tracks_of(one for pair in calibration.pairs.records for one in pair):
@@ -58,7 +58,7 @@ def pictures(calibration: Calibration) -> Html:
         parts.append(
             picture(
                 _drawn(lambda f: residuals(fit, ax=f.subplots(3)), 2 * _HEIGHT),
-                f"What is left of {best}: over the speed, in order, and against normal noise",
+                f"Residuals of {best}: over the speed, in order, and against normal noise",
             )
         )
     return element("div", *parts, class_="pictures")

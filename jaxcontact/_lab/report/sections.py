@@ -21,7 +21,7 @@ from ..calibration.summary import CalibrationSummary
 from ..recordings import LAYOUTS
 from .html import Html, definitions, element, joined, paragraphs, section, table
 
-_ADEQUATE = {True: "yes", False: "no", None: "cannot be told"}
+_ADEQUATE = {True: "yes", False: "no", None: "undecided"}
 
 
 def verdict(s: CalibrationSummary) -> Html:
@@ -60,7 +60,7 @@ def parameters(s: CalibrationSummary) -> Html:
         table(("parameter", "value ± standard error"), rows),
         paragraphs(
             f"standard errors {errors_sentence(s, layout)}",
-            f"not converged, and not to be believed: {', '.join(bad)}" if bad else "",
+            f"not converged, do not use: {', '.join(bad)}" if bad else "",
         ),
     )
 
@@ -70,7 +70,7 @@ def impacts(s: CalibrationSummary) -> Html:
     if not s.impacts:
         return Html("")
     return section(
-        "The impacts, each by itself",
+        "Impacts one by one",
         table(*impact_rows(s), left=0),
         paragraphs("± standard error; K is that of F = K δ^n (1 + α δ'/v0)"),
     )
@@ -99,22 +99,22 @@ def compared(s: CalibrationSummary) -> Html:
         table(head, rows, left=2),
         paragraphs(
             "lower is better; k counts parameters; held out is the root mean square of residual "
-            "over noise at speeds that were left out",
+            "over noise at speeds left out",
             noise_note(s),
             s.choice.verdict,
             s.choice.yardstick,
             line_sentence(s.choice),
         ),
-        element("h3", "Whether they describe the data"),
+        element("h3", "Tests of the laws"),
         definitions(grounds),
         element("h3", "e by speed") if s.by_speed else Html(""),
         table(*speed_rows(s), left=0),
-        element("h3", "The e to set in a law of constant e"),
+        element("h3", "Parameter e of laws with constant e"),
         paragraphs(equivalents_sentence(s.choice)),
         *(
             ()
             if s.impacts
-            else (element("h3", "What e(v) leaves open"), paragraphs(*open_questions(s)))
+            else (element("h3", "Not determined by e(v) alone"), paragraphs(*open_questions(s)))
         ),
     )
 
@@ -124,12 +124,12 @@ def treatment(s: CalibrationSummary) -> Html:
     words = [*data_words(s, LAYOUTS[s.recording.layout]), ("Gravity", f"{s.gravity:g} m/s²")]
     header, rows = marked_rows(s)
     if rows:
-        marked = f"{len(rows)} of {len(s.pairs)} pairs are {marking_rule(s)}, and were left out"
+        marked = f"{len(rows)} of {len(s.pairs)} pairs are {marking_rule(s)} and were left out"
     else:
         marked = none_marked_sentence(s)
     both = table(*side_by_side_rows(s), left=1) if rows else Html("")
     return section(
-        "What was done to the data",
+        "Data processing",
         definitions(_merge([*words, ("Marked", marked)])),
         table(header, rows, left=1),
         element("h3", "With and without the marked pairs") if rows else Html(""),

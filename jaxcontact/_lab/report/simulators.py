@@ -19,14 +19,14 @@ _EXACT = 5e-5
 def simulators(s: CalibrationSummary, radius: float | None, tell: Callable[[str], None]) -> Html:
     """Return the parameters for each simulator, or why they cannot be given."""
     if s.law is None:
-        return paragraphs("no fit converged, so there is no law to take to a simulator")
+        return paragraphs("no fit converged: there is no law to export")
     missing = [name for name in ("mass", "stiffness") if name not in s.given]
     if missing:
         words = " and ".join(f"--{name}" for name in missing)
         return paragraphs(
-            "a simulator also needs the mass and the stiffness of the contact, which e(v) does not "
-            f"tell: give {words} (in Python {' and '.join(missing)} of calibrate), and this "
-            f"section holds the lines to paste for {', '.join(engines())}; e(v) stays the same"
+            "a simulator also needs the mass and the stiffness of the contact, which e(v) does "
+            f"not determine: give {words} (in Python {' and '.join(missing)} of calibrate); this "
+            f"section then lists the settings for {', '.join(engines())}, and e(v) does not change"
         )
     parts, refused = [], []
     for engine in engines():
@@ -38,8 +38,8 @@ def simulators(s: CalibrationSummary, radius: float | None, tell: Callable[[str]
     return joined(
         [
             paragraphs(
-                "for each simulator the one set of parameters whose largest error of e over the "
-                "measured speeds is least"
+                "for each simulator, the parameters with the least maximum error of e over the "
+                "measured speeds"
             ),
             *parts,
             element("h3", "Not possible") if refused else "",

@@ -34,7 +34,7 @@ def with_clock(sheet: Sheet, rate: float) -> Sheet:
         )
     own = next((text for text in sheet.names if CLOCK.heading(text)), None)
     if own is not None:
-        raise sheet.fault("gives the times already; leave `rate` out", own)
+        raise sheet.fault("already gives the times; omit `rate`", own)
     return sheet.beside("time", lambda k, _: k / rate, f"{rate:g} readings per second")
 
 
@@ -80,8 +80,8 @@ def even(rows: Sequence[Row], time: Floats) -> tuple[Floats, tuple[str, ...]]:
     if steps[bad - 1] <= 0:
         rows[bad].refuse(
             "time",
-            f"{time[bad]:g} s does not come after {time[bad - 1]:g} s; are times written with too "
-            "few digits? leave the column out and give the readings per second as `rate`",
+            f"{time[bad]:g} s is not later than {time[bad - 1]:g} s; are times written with too "
+            "few digits? omit the column and give the readings per second as `rate`",
         )
     bad = int(np.argmax(steps)) + 1
     if steps[bad - 1] > 2 * step:

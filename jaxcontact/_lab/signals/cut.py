@@ -62,7 +62,7 @@ def cut(quantity: str, time: Floats, value: Floats) -> tuple[Trace, list[Cut]]:
     smooth = median_filter(value, 3)
     if smooth.max() - middle < middle - smooth.min():
         value, smooth, middle = -value, -smooth, -middle
-        notes.append("turned, since contacts are negative in the file")
+        notes.append("sign reversed, since contacts are negative in the file")
     noise = noise_of(value)
     width = _width(smooth, middle)
     level = _level(value, width)

@@ -54,8 +54,8 @@ def listen(source: pathlib.Path | bytes | Audio) -> Sound:
     audio = source if isinstance(source, Audio) else open_sound(source)
     if audio.rate < _LEAST_RATE:
         raise SoundError(
-            f"has {audio.rate:g} samples per second, but at least {_LEAST_RATE} are needed to tell "
-            "the time of an impact"
+            f"has {audio.rate:g} samples per second, but at least {_LEAST_RATE} are needed to "
+            "locate an impact"
         )
     if audio.seconds < _SHORT:
         raise SoundError(

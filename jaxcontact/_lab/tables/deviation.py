@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from .heading import Meaning, words
 
-FROM_FILE = "errors are the standard deviations in the file, taken as they are"
+FROM_FILE = "errors are the standard deviations in the file"
 """The note of a recording with standard deviations."""
 
 _BASES = (

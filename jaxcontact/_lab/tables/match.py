@@ -55,7 +55,7 @@ def as_told(columns: Any) -> Told:
     )
     if not good or not given:
         raise ValueError(
-            "Argument `columns` must say which column holds what, by number or heading, as in "
+            "Argument `columns` must map names to columns, by number or heading, as in "
             f"'speed=2,e=5' or {{'speed': 2, 'e': 'COR'}}, but is {rendered(columns)}."
         )
     return {
@@ -114,9 +114,9 @@ def _only_place(
         _check_beside(sheet, found[0], meaning, meanings, places)
     if len(found) > 1:
         first, second = (sheet.names[k] for k in found[:2])
-        problem = f"is there twice in the header{_say(name, found[0])}"
+        problem = f"appears twice in the header{_say(name, found[0])}"
         if first != second:
-            problem = f"may be {name}, and so may column {first}{_say(name, found[0])}"
+            problem = f"may be {name}, as may column {first}{_say(name, found[0])}"
         raise sheet.fault(problem, second)
     return found[0] if found else None
 
@@ -129,7 +129,7 @@ def _refuse_unknown_units(
         for name, meaning in meanings.items():
             if k not in places.values() and (unit := meaning.unknown_unit(text)):
                 problem = (
-                    f"{unit!r} is no unit of {name} that is known; convert the numbers, and write "
+                    f"{unit!r} is an unknown unit for {name}; convert the numbers and write "
                     f"{meaning.unit or '-'}"
                 )
                 raise sheet.fault(problem, text)
@@ -161,7 +161,7 @@ def _find_meaning(key: str, meanings: Mapping[str, Meaning]) -> tuple[str, Headi
 
 
 def _say(name: str, place: int) -> str:
-    return f'; say which one is meant with `columns="{name}={place + 1}"`'
+    return f'; choose one with `columns="{name}={place + 1}"`'
 
 
 def _place(sheet: Sheet, place: int | str) -> int:

@@ -71,7 +71,7 @@ class Row:
                 self.refuse(column, "is empty")
             return text
         if not isinstance(value, int | float) and np.ndim(value) > 0:
-            self.refuse(column, f"{rendered(value)} is no single value")
+            self.refuse(column, f"{rendered(value)} is not a single value")
         # 1.0 names the same trial as 1.
         whole = isinstance(value, float) and value.is_integer()
         text = str(int(value) if whole else value).strip()
@@ -126,7 +126,7 @@ class Row:
                 raise TypeError
             return text, float(value)
         except (TypeError, ValueError, OverflowError):
-            written = "; leave the unit out and write it in the heading" * _has_unit(value)
+            written = "; write the unit in the heading instead" * _has_unit(value)
             self.refuse(column, f"{rendered(text)} is not {kind}{written}")
 
     def _is_time(self, column: str) -> bool:
@@ -301,7 +301,7 @@ def _from_file(read: Callable[[], Any], source: str, known: Known, decimal: str 
         if content.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
             return _of_grid(workbook_grid(content, source, known, decimal), source)
         if is_sound(content[:16]):
-            raise RecordingError("is a sound, in which no such columns are found", source)
+            raise RecordingError("is a sound, which has no such columns", source)
         for beginning, words in _OTHER_KINDS.items():
             if content.startswith(beginning):
                 raise RecordingError(f"is {words}", source)

@@ -121,6 +121,6 @@ def _draw_differences(ax: Axes, u: np.ndarray, off: np.ndarray, forms: tuple[For
             if np.abs(share).max() < _CLOSE:
                 ax.plot(u[i], share, alpha=opacity, **form.look)
     ax.set_xlim(0, 1.02)
-    ax.title.set_text("form less numerical, case 2 pale")
+    ax.title.set_text("form minus numerical, case 2 pale")
     ax.set_xlabel("deformation / largest deformation")
     ax.set_ylabel("difference / impact velocity")
