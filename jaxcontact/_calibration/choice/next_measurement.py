@@ -49,7 +49,7 @@ def what_settles(
     between = f"to distinguish {best} from {rivals[0]}"
     count = math.inf if distance == 0 else math.ceil(_WANTED * (noise / distance) ** 2)
     if count > _MANY:
-        most = "nothing" if distance == 0 else f"{100 * distance:.1g} % of e at most"
+        most = f"{100 * distance:.1g} % of e at most"
         return (
             f"{between}, measure e at speeds outside {low:.3g} to {high:.3g} m/s: inside, the "
             f"difference of {most} is hidden by the scatter of single readings"

@@ -223,7 +223,7 @@ def _read(
     if problem.one_of and not any(name in read.values for name in problem.one_of):
         raise InputError(
             f"{arguments.file}: one of the columns {', '.join(problem.one_of)} is needed; if a "
-            f'column holds it, say which, as in --columns "{problem.one_of[0]}=2"'
+            f'column holds it, name it, as in --columns "{problem.one_of[0]}=2"'
         )
     values, notes = read.values, read.notes
     lone = [name for name in ("e", "duration", "max_force") if name in values] == ["e"]
