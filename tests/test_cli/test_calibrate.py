@@ -30,9 +30,9 @@ def test_the_shipped_ball(tmp_path, capsys):
     printed = capsys.readouterr()
     lines = printed.out.splitlines()
     assert "ball blue" in lines[0] and len(lines) <= 25
-    assert lines[2].startswith("e = 0.8799 at all speeds from 0.675 to 3.2 m/s (95 %: ± 0.0017)")
-    assert lines[3].startswith("e = 0.8799 at 2 m/s (95 %: ")
-    assert lines[4].startswith("e = 0.8799 at 6 m/s") and "no pair is that fast" in lines[4]
+    assert lines[2].startswith("e = 0.8799 ± 0.0017 (95 %) at 0.675 to 3.2 m/s")
+    assert lines[3].startswith("e = 0.8799 ± 0.0017 (95 %) at 2 m/s")
+    assert lines[4].startswith("e = 0.8799 ") and "no pair is so fast" in lines[4]
     assert "294 pairs" in printed.out and "23" in printed.out
     assert str(out / NUMBERS) in printed.out
     # The first line of progress comes before any compilation.
@@ -224,8 +224,8 @@ def test_a_fit_that_does_not_converge_is_said(good, tmp_path, capsys, monkeypatc
     assert main(["calibrate", str(good), *options]) == 1
     printed = capsys.readouterr().out
     assert "NO, in 2 steps: 2 steps were not enough" in printed
-    assert "No law could be fitted: e of 220 pairs is" in printed
-    assert "NOT converged, and not to be believed: constant e, constant c" in printed
+    assert "the median of 220 pairs from" in printed
+    assert "NOT converged, do not use: constant e, constant c" in printed
     loaded = jc.load_calibration(tmp_path / NUMBERS)
     assert not loaded.converged and loaded.law is None
 

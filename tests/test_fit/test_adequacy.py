@@ -186,7 +186,7 @@ def test_what_cannot_be_told_is_said():
     two = jc.fit(line, np.array([1.0, 2.0]), START, x=np.arange(2.0))
     assert two.adequate is None and "no degree of freedom" in two.adequacy.reason
     few = jc.fit(line, np.array([1.0, 2.0, 3.1]), START, x=np.arange(3.0))
-    assert few.adequate is None and "cannot be told: one degree of freedom" in repr(few)
+    assert few.adequate is None and "could not be tested: one degree of freedom" in repr(few)
     y = np.arange(6.0) + drawn(6, 1)[0]
     some = jc.fit(line, y, START, x=np.arange(6.0), groups=[0, 1, 2, 0, 1, 2])
     assert some.adequate is None and "too few trials" in str(some)
