@@ -32,7 +32,7 @@ def test_every_marked_pair_is_listed_with_its_rows(blue):
 def test_what_a_reader_needs_is_said(blue):
     text = " ".join(blue.report().split())
     for words in (
-        "is left in",
+        "not corrected",
         "--mass --radius --drag-coefficient",
         "e(v) determines only A (K/m)^(2/5)",
         "e(v) determines only c/K",
@@ -82,7 +82,7 @@ def test_drag_that_was_taken_out_and_numbers_that_were_given_are_said():
 
 
 def test_a_trend_with_the_drag_left_in_comes_with_a_warning():
-    caution = "may be drag, not the contact"
+    caution = "air drag is not corrected and may cause"
     ping = jc.read_recording(ball="pingpong")
     raw = jc.calibrate(ping, law="constant_damping")
     clear = jc.calibrate(ping, law="constant_damping", drag=DRAG)
@@ -123,7 +123,7 @@ def test_a_table_has_no_flights():
     v = np.arange(1.0, 9)
     e = 0.9 - 0.01 * v + 0.002 * (-1) ** v
     text = jc.calibrate(jc.read_recording(velocity=v, restitution=e)).report()
-    assert "plays no part" in text
+    assert "no correction needed" in text
     assert "none of 8 pairs" in text
     assert "With and without" not in text
 

@@ -144,7 +144,7 @@ def test_a_missing_column_is_named_if_it_is_needed(layout, column):
     assert "layout" not in error.problem and column in error.problem
     assert all(name in error.problem for name in LAYOUTS[layout].lacking(columns))
     assert str(error) == str(fault(read, text)).replace("f.csv, row 1", "the dict")
-    assert "if a column holds it, say which" in error.problem
+    assert "if a column holds it, name it" in error.problem
     named = f"is missing; the layout {layout!r} needs the columns "
     named += ", ".join(LAYOUTS[layout].measured)
     asked = fault(jc.read_recording, columns, layout=layout)
