@@ -37,9 +37,9 @@ bounce intervals of a small rubber ball.
 """
 
 EPILOG = """\
-The output is e with its 95 % interval at the slowest and the fastest measured speed (and at those of
---at), the law, the data, and the next measurement. The interval is for the mean e at a speed, given
-the law. --details prints all tables. For one to three pairs the output is the e of each and their
+The output is e with its 95 % interval at the slowest and the fastest measured speed (and at --at),
+the law, the data, and the next measurement. The interval is for the mean e at a speed, given the
+law. --details prints all tables. For one to three pairs the output is the e of each and their
 mean; a law needs four.
 
 FILE is a table: text (CSV and its relatives, decimal commas too), a spreadsheet or parquet. It has
@@ -56,7 +56,7 @@ one of these sets of columns, with headings by any usual name ("v", "COR", "spee
   velocity, restitution [ball, sigma]                  approach speed in m/s and e
   velocity, rebound_velocity [ball]                    speeds in m/s before and after an impact
   height_m [ball, trial, bounce]                       heights of successive flights
-  y, time | frame [x, ball | particle, trial]          positions of a ball in a video (a track), in m,
+  y, time | frame [x, ball | particle, trial]          positions of a ball in a video (track), in m,
                                                        pixels or any unit, counted up or down
   time, force | acceleration | indentation             readings of an instrument over time, with one
                                                        or several impacts
@@ -67,9 +67,9 @@ standard deviations are listed as not used. Rows in messages are lines of the fi
 row 1.
 
 FILE may also be a sound: WAV, and FLAC, OGG and MP3 with `pip install 'jaxcontact[sound]'`. Bounces
-are found by their shrinking intervals and similar sounds. Each drop is a trial. Bounces are timed to
-some microseconds, with errors that enter the fit. Doubtful sounds are listed and not used; sound.png
-shows them.
+are found by their shrinking intervals and similar sounds. Each drop is a trial. Times of
+bounces have errors of some microseconds, which enter the fit. Doubtful sounds are listed and not
+used; sound.png shows them.
 
 In a track from video (Tracker, OpenCV, trackpy) parabolas are fitted between the impacts. They give
 the times of impacts between frames, and e. A column of frame numbers needs --rate, in frames per
@@ -88,9 +88,9 @@ with their rows and left out; the result with them is shown as well.
 --law NAME: `constant_damping`, `power_damping`, `kuwabara_kono`, `thornton_plastic`,
 `power_restitution`, `bridges`, `linear_dashpot` or `step_damping` is compared with a constant e; a
 law with parameter e (see `jaxcontact laws`) delivers the constant e and is compared with all of
-them but the last three, which few recordings distinguish from the others. --law all, the default, does this
-for the exact constant e. Every law with parameter e delivers a constant e; the report lists the e to
-set in each.
+them but the last three, which few recordings distinguish from the others. --law all, the default,
+does this for the exact constant e. Every law with parameter e delivers a constant e; the report
+lists the e to set in each.
 
 e(v) alone determines only c/K of constant damping and only A (K/m)^(2/5) of Kuwabara-Kono.
 --stiffness determines c; --mass and --stiffness determine A.

@@ -15,8 +15,8 @@ from ..printing import print_json
 SUMMARY = "interactive page: e, n and damping of each law"
 
 DESCRIPTION = """\
-Write an interactive page for the browser. Sliders set e, n and damping; the page shows the loop of
-force and indentation, the delivered restitution and the peak force. It is one file and works offline.
+Write an interactive page for the browser. Sliders set e, n and damping; it shows the loop of
+force and indentation, the delivered restitution and the peak force. It is one file for offline use.
 """
 
 EPILOG = """\

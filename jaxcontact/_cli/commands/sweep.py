@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 SUMMARY = "impacts over ranges of parameters, as a table and a map"
 
 DESCRIPTION = """\
-Solve impacts over the grid of one or more ranges. Every number may be a range FROM:TO:COUNT, with evenly
-spaced values, or FROM:TO:COUNT:log, spaced by a factor. Writes all fields of the impacts, and draws
+Solve impacts over the grid of one or more ranges. Numbers may be ranges FROM:TO:COUNT, with evenly
+spaced values, or FROM:TO:COUNT:log, spaced by a factor. Write all fields of the impacts, and draw
 one of them: lines over one range, a map over two.
 """
 
