@@ -70,7 +70,7 @@ def test_a_file_is_read_as_it_was_saved():
     assert recording.layout.name == "force" and len(recording) == 4
     said = "; ".join(recording.notes)
     assert 'time = "abs time (ms)" / 1000' in said and 'force = "Fz [kN]" * 1000' in said
-    assert "turned" in said and "decimal commas" in said
+    assert "sign reversed" in said and "decimal commas" in said
     reading = impacts_of(recording)[0].reading
     assert reading.max() == pytest.approx(max(pieces()[0][1]), abs=2.5)
 
@@ -114,7 +114,7 @@ def test_what_cannot_be_used_is_refused():
         ({"time": 1e3 * time, "force": force}, r"is it in ms\? write the unit"),
         ({"time": np.round(time, 4), "force": force}, "too few digits.*`rate`"),
         ({"time": np.delete(time, slice(99, 300)), "force": force[201:]}, "s after the reading"),
-        ({"time": time, "ax [g]": force, "ay [g]": force}, 'say which .*"acceleration=2"'),
+        ({"time": time, "ax [g]": force, "ay [g]": force}, 'choose one .*"acceleration=2"'),
         ({"time": time, "Fx": force, "Fy": force}, "force.*is missing"),
         ({"time": time, "force": [*force[:-1], "x"]}, "row 10000.*'x' is not a number"),
         ({"time": time, "force": [*force[:-1], None]}, "row 10000.*is empty"),

@@ -96,7 +96,7 @@ WRONG = {
     ("sweep", *LAW, *SWEEP): "--field: 'forc' is not one of",
     ("design", *LAW, "--speeds", "1:2:3", "--noise", "E=0.1"): "--noise E: the quantities are e,",
     ("design", *LAW, "--speeds", "1:2:3", "--noise", "e=0.1", "--readings", "0"): "--readings must",
-    ("fit", "impacts", "{file}"): "--law is needed: the law where the fit starts",
+    ("fit", "impacts", "{file}"): "--law is needed, as the law from which the fit starts",
     ("fit", "impacts", "{file}", "--law", "hu_guo"): "--mass and --stiffness are needed",
     ("fit", "record", "{file}"): "column time: is missing; the columns time are needed",
     (

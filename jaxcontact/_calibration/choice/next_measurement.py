@@ -40,8 +40,9 @@ def what_settles(
     right, other = sorted((best, rivals[0]), key=lambda name: -len(fits[name].names))
     low, high = ends
     if not high > low:
-        return f"to distinguish {best} from {rivals[0]}, measure e at speeds other than {low:.3g} "
-        "m/s"
+        return (
+            f"to distinguish {best} from {rivals[0]}, measure e at speeds other than {low:.3g} m/s"
+        )
     speeds = np.geomspace(low, high, _PLACES)
     distance, share = _least_distance(fits[right], fits[other], speeds)
     # The noise of e, which is the first column.

@@ -29,10 +29,10 @@ REPORT = "calibration.md"
 SUMMARY = "fit laws to a recording of bounces"
 
 DESCRIPTION = """\
-Fit laws to a recording of bounces. The command converts it to pairs (approach speed, e), finds
-spurious and missed triggers by a robust rule, fits and compares a constant e and speed-dependent
-laws (constant damping, damping as a power of the speed, Kuwabara-Kono, elastic-plastic spheres,
-1 - b v^p), and writes calibration.png and calibration.json. The default FILE is the shipped one:
+Fit laws to a recording of bounces. The command converts it to pairs (approach speed, e), and
+finds spurious and missed triggers by a robust rule. It compares a constant e with speed-dependent
+laws: constant damping, damping as a power of the speed, Kuwabara-Kono, elastic-plastic spheres,
+1 - b v^p. It writes calibration.png and calibration.json. The default FILE is the shipped one:
 bounce intervals of a small rubber ball.
 """
 

@@ -19,7 +19,7 @@ SUMMARY = "plan the next measurements"
 
 DESCRIPTION = """\
 Plan the readings that best determine the parameters of a law and a contact, or that distinguish two
-laws: the quantities, the closing speeds among those available, and the number of readings.
+laws. The plan lists quantities, closing speeds among those available, and numbers of readings.
 """
 
 EPILOG = """\

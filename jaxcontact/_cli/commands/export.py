@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 SUMMARY = "settings for another simulator"
 
 DESCRIPTION = """\
-Print settings with which another simulator delivers the restitution of a law, as lines to paste,
-with the range of closing speeds over which they hold, and the error outside it.
+Print settings with which another simulator delivers the restitution of a law, as lines to paste.
+The output includes the range of closing speeds over which they hold, and the error outside it.
 """
 
 EPILOG = """\
