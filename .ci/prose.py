@@ -2,8 +2,9 @@
 
 It reads docstrings, comments and printed strings of Python files, and the text of Markdown pages.
 Printed are arguments of an exception that is raised, `help=`, and the constants `PRINTED`. Code
-blocks, tables, headings and generated parts of pages are skipped. It fails if a folder holds more
-findings than `ALLOWED`. `--all` prints the allowed findings too, `--count` the number of each folder.
+blocks, tables, headings and generated parts of pages are skipped. It fails if a folder holds
+more findings than `ALLOWED`. `--all` prints the allowed findings too, `--count` the number of each
+folder.
 """
 
 from __future__ import annotations

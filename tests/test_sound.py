@@ -177,7 +177,7 @@ def test_what_holds_no_bounces_is_refused_with_what_was_found():
 def test_words_that_begin_like_a_sound_are_a_table():
     for text in ("ID3;interval\n1;0.4\n2;0.3\n", "FORMAT,interval\na,0.4\nb,0.3\n"):
         assert len(jc.read_recording(io.BytesIO(text.encode()))) == 2
-    with pytest.raises(jc.RecordingError, match="is a sound, in which no such columns"):
+    with pytest.raises(jc.RecordingError, match="is a sound, which has no such columns"):
         read_columns(io.BytesIO(as_wave(truth())), ["time", "force"], needed=["time"])
 
 

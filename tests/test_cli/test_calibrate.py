@@ -56,7 +56,7 @@ def test_a_file_of_one_s_own(good, tmp_path, capsys):
     # The printed text, except for the line that names the files.
     title, _, rest = printed.out.rpartition("Written")[0].strip().partition("\n\n")
     assert page.startswith(f"# {' '.join(title.split())}\n") and rest in page
-    assert "none of 220 pairs" in printed.out
+    assert "0 of 220 pairs" in printed.out
     data = json.loads((tmp_path / "o" / NUMBERS).read_text())
     found = data["choice"]["laws"][0]["estimates"][0]
     assert abs(found["value"] - 0.88) < 4 * found["standard_error"]
@@ -104,7 +104,7 @@ def test_drag_mass_and_stiffness(tmp_path, capsys):
     options = ["--ball", "pingpong", *drag, "--stiffness", "1e6", "--law", "kuwabara_kono"]
     options += ["--details"]
     assert main(["calibrate", *options, "--out", str(tmp_path), "--quiet"]) == 0
-    assert "taken out of the flights" in capsys.readouterr().out
+    assert "corrected in the flights" in capsys.readouterr().out
     data = json.loads((tmp_path / NUMBERS).read_text())
     constant, viscous = data["choice"]["laws"]
     assert abs(constant["estimates"][0]["value"] - 0.955) < 0.002
@@ -169,7 +169,7 @@ BAD_OPTIONS = {
     "no such ball": (["--ball", "golf"], "has no ball 'golf'; it holds pingpong, blue, tennis"),
     "no such law": (["--law", "nonsense"], "--law: Argument `law` must be one of"),
     "half a drag": (["--radius", "0.02"], "also give --mass and --drag-coefficient"),
-    "mass alone": (["--mass", "0.1"], "or --stiffness, for A"),
+    "mass alone": (["--mass", "0.1"], "or --stiffness, to determine A"),
     "report": (
         ["--report", "ball.jpg"],
         "ball.jpg: the name must end in .html, .md, .txt",
