@@ -137,7 +137,7 @@ def test_what_is_no_track_is_refused_with_a_guess():
         ({"t": count, "y": height}, "are these frames.* then give the frames per second"),
         ({"y": height}, "time: is missing; .* number the frames in a column `frame`"),
         ({"t": np.tile(time, 2), "y": np.tile(height, 2)}, "two positions at .* column `particle`"),
-        ({"t": time, "y": 0 * height}, "no bounce, or fewer than 4 frames to a flight"),
+        ({"t": time, "y": 0 * height}, "no bounce, or fewer than 4 frames in a flight"),
         ({"t": time[::12], "y": height[::12]}, "fewer than 4 frames|at least 4 frames"),
         ({"t": time[:4], "h": [1, 0.6, 0.4, 0.2]}, r'4 frames, too few .*"height_m=\.\.\."'),
         ({"t": time, "y [m]": 100 * height}, "falls with .* are lengths in another unit"),
